@@ -18,7 +18,6 @@ from holdfast.core.errors import LibraryMissing, OutputError, UsageError, count_
 WRITERS = {
     "parquet": "holdfast.interop.tables",
     "mcap": "holdfast.interop.mcap_file",
-    "ros2": "holdfast.interop.ros2",
     "lerobot": "holdfast.interop.lerobot",
 }
 """Format -> the module that writes it and alone imports its library."""

@@ -63,7 +63,7 @@ VERBS = {
     "record": ("holdfast.cli.record", "record trials by keys and a protocol"),
     "study": (
         "holdfast.cli.study",
-        "run a study with a person: steps, trials, questionnaires, report",
+        "run a study with a person: steps, trials, report",
     ),
     "repair": ("holdfast.cli.repair", "repair trials after a kill or a power cut"),
     "watch": (

@@ -73,7 +73,6 @@ from holdfast.sessions.recorder.labels import relabel
 from holdfast.sessions.recorder.protocol import read_protocol
 from holdfast.sessions.study.journal import progress_of
 from holdfast.sessions.study.protocol import read_study
-from holdfast.sessions.study.questionnaires import read_questionnaire
 from holdfast.simulation import scene_file
 from holdfast.simulation.scene import Scene
 from holdfast.training.datasets.public_files import read_arrays, read_table
@@ -189,14 +188,6 @@ def study_card(data: bytes) -> None:
     assert study.minutes_after(0) <= study.minutes
     repetitions = sum(part.repetitions for part in study.parts)
     assert len(study.recording_protocol().tasks) == repetitions
-
-
-def questionnaire(data: bytes) -> None:
-    """A questionnaire, and the score of its lowest ratings."""
-    of = read_questionnaire(str(written("own.toml", data)))
-    score = of.score({item.name: of.lowest for item in of.items})
-    assert score is not None
-    assert 0.0 <= score <= 100.0
 
 
 def study_journal(data: bytes) -> None:
@@ -743,7 +734,6 @@ def small_card() -> bytes:
 
 
 STUDY_CARD = b"""first_step = 0
-questionnaires = ["sus"]
 [objects.cup]
 mass_g = 212
 actions = ["pull"]
@@ -759,16 +749,7 @@ kind = "record"
 minutes = 2
 say = "{object} {how}"
 """
-QUESTIONNAIRE = b"""lowest = 0
-highest = 10
-step = 5
-[[items]]
-name = "a"
-ask = "b"
-low = "c"
-high = "d"
-reversed = true
-"""
+
 JOURNAL = b"""{"event": "opened", "run": 1, "t_s": 0.0, "at": "2026"}
 {"event": "begun", "t_s": 0.5, "at": "2026", "part": 0, "kept": 1}
 {"event": "answer", "t_s": 1, "at": "2026", "part": 0, "item": "a", "rating": 5}
@@ -802,7 +783,6 @@ TARGETS = {
     "scene": Target(scene, (CARD, CARD + MORE_OF_A_CARD)),
     "protocol": Target(protocol, (PROTOCOL,)),
     "study_card": Target(study_card, (STUDY_CARD,)),
-    "questionnaire": Target(questionnaire, (QUESTIONNAIRE,)),
     "study_journal": Target(study_journal, (JOURNAL,)),
     "events": Target(events, (EVENTS,)),
     "calibration": Target(calibration, (CALIBRATION,)),

@@ -11,6 +11,7 @@ from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
 
+import bag_writer
 import numpy as np
 from xdf_file import markers, samples, stream_header, xdf_bytes
 
@@ -123,10 +124,10 @@ def bag_metadata(data: bytes) -> None:
 def small_bag() -> tuple[Path, bytes]:
     """A bag of two texts, and its metadata.yaml."""
     place = folder() / "bag"
-    with ros2.Writer(
-        place, version=9, storage_plugin=ros2.StoragePlugin.MCAP
+    with bag_writer.Writer(
+        place, version=9, storage_plugin=bag_writer.StoragePlugin.MCAP
     ) as writer:
-        bag = ros2._Bag(writer)
+        bag = bag_writer._Bag(writer)
         for k in range(2):
             bag.text("/what", k, "slip")
     return place, (place / "metadata.yaml").read_bytes()

@@ -96,7 +96,6 @@ READERS = {
         "scene",
         "protocol",
         "study_card",
-        "questionnaire",
         "study_journal",
         "events",
         "calibration",
@@ -114,7 +113,7 @@ READERS = {
     ),
     "artifact": Target(artifact_index, ()),
 }
-TOML = ("scene", "protocol", "study_card", "questionnaire", "hand_card", "cue_table")
+TOML = ("scene", "protocol", "study_card", "hand_card", "cue_table")
 
 
 THINNED = {"artifact": 48, "events": 4, "cue_table": 4, "study_journal": 3, "scene": 2}

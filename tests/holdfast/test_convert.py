@@ -29,7 +29,6 @@ from lossy_set import (
 )
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
-from mcap_ros2.decoder import DecoderFactory as Ros2Factory
 from packages import ROOT
 
 from holdfast.cli.convert import WRITERS
@@ -44,7 +43,6 @@ STEP_NS = round(1e9 / RATE_HZ)
 LIBRARIES = {
     "parquet": {"pyarrow"},
     "mcap": {"mcap", "mcap_protobuf", "foxglove_schemas_protobuf"},
-    "ros2": {"rosbags"},
 }
 
 
@@ -219,51 +217,6 @@ def test_the_mcap_package_reads_values_labels_and_losses(converted, recorded):
     assert "mark: load_onset (key)" in log
     assert [log.count(f"finger {k} is lost") for k in (1, 2, 3)] == [1, 2, 2]
     assert [log.count(f"finger {k} is back") for k in (1, 2, 3)] == [1, 2, 2]
-
-
-def test_the_ros_2_decoder_reads_wrenches_and_a_lost_finger_sends_none(
-    converted, recorded
-):
-    written = recorded[1][PULL]
-    (path,) = (converted("ros2") / PULL).glob("*.mcap")
-    found = messages(path, Ros2Factory())
-    for sensor in range(6):
-        rows = np.flatnonzero(written.valid[:, sensor])
-        topic = found[f"/holdfast/finger_{sensor + 1}"]
-        assert len(topic) == len(rows)
-        for row, (t_ns, message) in zip(rows, topic, strict=True):
-            stamp = message.header.stamp
-            assert stamp.sec * 1_000_000_000 + stamp.nanosec == t_ns
-            assert t_ns == START_S * 1_000_000_000 + row * STEP_NS
-            force = [getattr(message.wrench.force, axis) for axis in "xyz"]
-            expected = written.values[row, 3 * sensor : 3 * sensor + 3]
-            np.testing.assert_allclose(force, expected, rtol=1e-8)
-    labels = [message.data for _, message in found["/holdfast/situation"]]
-    assert labels == ["nothing", "grasp", "risky_slip", "unlabelled"]
-    assert json.loads(found["/holdfast/about"][0][1].data)["unit"] == "N"
-
-
-def test_ros_2_diagnostics_say_when_a_finger_is_lost(converted):
-    bag = converted("ros2") / PULL
-    (path,) = bag.glob("*.mcap")
-    topic = messages(path, Ros2Factory())["/diagnostics"]
-    lost = [
-        (
-            round((t_ns - START_S * 1e9) / STEP_NS),
-            [k for k, s in enumerate(one.status) if s.level],
-        )
-        for t_ns, one in topic
-    ]
-    assert lost == [
-        (0, []),
-        (30, [0, 1, 2, 3, 4, 5]),
-        (33, []),
-        (50, [1]),
-        (60, []),
-        (70, [2]),
-        (71, []),
-    ]
-    assert "storage_identifier: mcap" in (bag / "metadata.yaml").read_text()
 
 
 def test_lerobot_s_layout_holds_every_frame_and_nothing_filled(converted, recorded):

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bag_writer import StoragePlugin, Stores, Writer, get_typestore
 from command_line import Run
 from foreign_logs import Made, axes, made, write_sheet
-from own_data import write_meta, write_people_folders
+from own_data import write_people_folders
 from xdf_file import markers, samples, stream_header, xdf_bytes
 
 from holdfast.core.trial_file import read_trial
 from holdfast.interop.mcap_file import Writer as McapWriter
-from holdfast.interop.ros2 import StoragePlugin, Stores, Writer, get_typestore
 from holdfast.interop.tables import pa, pq
 from holdfast.training.datasets import load
 
@@ -27,7 +27,7 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_people_folders(tmp_path_factory.mktemp("own"))
 
 
-@pytest.mark.parametrize("form", ["parquet", "mcap", "ros2", "lerobot"])
+@pytest.mark.parametrize("form", ["parquet", "mcap", "lerobot"])
 def test_what_convert_writes_comes_back_with_its_labels(
     run: Run, own: Path, tmp_path: Path, form: str
 ) -> None:
@@ -52,34 +52,6 @@ def test_what_convert_writes_comes_back_with_its_labels(
         np.testing.assert_allclose(
             np.abs(one.samples[:, :3]), np.abs(first.samples[:, :3]), atol=0.02
         )
-
-
-@pytest.mark.parametrize(("unit", "said"), [("N", "N"), ("uT", "T")])
-def test_messages_of_ros_in_an_mcap_file_say_their_unit(
-    run: Run, own: Path, tmp_path: Path, unit: str, said: str
-) -> None:
-    trial = "soft-ball/pull/trial_1.csv"
-    place = tmp_path / "set" / trial
-    place.parent.mkdir(parents=True)
-    place.write_bytes((own / "p01" / trial).read_bytes())
-    write_meta(tmp_path / "set", unit=unit)
-    words = (
-        "convert",
-        tmp_path / "set",
-        "--to",
-        "ros2",
-        "--out",
-        tmp_path / "bags",
-        "--raw",
-    )
-    assert run(*words)[0] == 0
-    (bag,) = (tmp_path / "bags").rglob("*.mcap")
-    code, out, err = run("import", bag, "--out", tmp_path / "back", "--yes")
-    assert code == 0, out + err
-    assert f"# unit: {said}, by the file" in out
-    (back,) = (tmp_path / "back").rglob("trial_1.csv")
-    wanted = read_trial(place).raw
-    np.testing.assert_allclose(np.abs(read_trial(back).raw), np.abs(wanted), atol=1e-6)
 
 
 # -- plain files of others

@@ -21,7 +21,7 @@ from recorder_bench import (
     said,
     session,
 )
-from study_bench import SUS_ANSWERS, TALK, Study
+from study_bench import TALK, Study
 
 from holdfast.core import tactile_file
 from holdfast.core.errors import ChannelError, EmptyRecording, TimeError
@@ -84,7 +84,7 @@ def test_a_trial_of_a_labelled_set_can_be_recorded_again(people, tmp_path):
 
 def test_a_study_opens_a_trial_of_a_labelled_set_as_its_hand(people, tmp_path):
     study = Study(tmp_path, TALK, f"{people}#0")
-    study.run("   " + SUS_ANSWERS)
+    study.run("   ")
     assert said(study.messages, "the hand answers: 6 sensors")
 
 

@@ -9,7 +9,6 @@ import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from command_line import Run, fails
@@ -22,7 +21,7 @@ from recorder_bench import (
     wait_for,
     wait_on_terminal_for,
 )
-from study_bench import SUS_ANSWERS, TALK, TRIALS, Study
+from study_bench import TALK, TRIALS, Study
 
 from holdfast.core.errors import (
     CardError,
@@ -40,7 +39,7 @@ from holdfast.sessions.study.starting import write_participant_report
 from holdfast.sessions.study.withdrawal import withdraw
 from holdfast.training.datasets import load
 
-WHOLE_TALK = "   " + SUS_ANSWERS
+WHOLE_TALK = "   "
 
 
 @pytest.fixture
@@ -76,19 +75,12 @@ def run_killed(
             study.run(typed, pause_s=1.0)
 
 
-def sus_of(study: Study) -> dict[str, Any]:
-    """The one questionnaire of that protocol, as it was kept."""
-    text = (study.home / "questionnaires.json").read_text()
-    (sus,) = json.loads(text)["questionnaires"]
-    return dict(sus)
-
-
 # -- the steps
 
 
 def test_a_study_goes_from_step_to_step_and_ends(talk: Study) -> None:
     assert talk.run(WHOLE_TALK, pause_s=1.0) == Ending.FINISHED
-    assert talk.done() == [0, 1, 2, 3]
+    assert talk.done() == [0, 1, 2]
     entries = talk.entries()
     assert (entries[0]["event"], entries[-1]["event"]) == ("opened", "finished")
     assert (talk.home / "protocol.toml").read_text() == TALK
@@ -104,12 +96,10 @@ def test_a_study_goes_from_step_to_step_and_ends(talk: Study) -> None:
     assert times == sorted(times)
     assert times[1:5] == [0.0, 1.0, 1.0, 2.0]
     assert {entry["at"] for entry in entries} == {"2026-01-01T00:00:00Z"}
-    assert (sus_of(talk)["questionnaire"], sus_of(talk)["score"]) == ("sus", 75.0)
-    assert list(sus_of(talk)["ratings"].values()) == [4, 2] * 5
 
     assert talk.run("q") == Ending.FINISHED
     assert said(talk.messages, "every step of this person's study is done")
-    assert talk.done() == [0, 1, 2, 3]
+    assert talk.done() == [0, 1, 2]
 
 
 def test_the_time_that_is_left_counts_down_and_what_was_lost_is_said(
@@ -159,8 +149,8 @@ def test_an_arrow_key_ends_no_trial_and_begins_no_step(pressing) -> None:
 def test_a_study_that_was_quit_goes_on_in_its_step(talk: Study) -> None:
     assert talk.run(" q") == Ending.QUIT
     assert said(talk.messages, "goes on here with the same command")
-    assert talk.run("  " + SUS_ANSWERS) == Ending.FINISHED
-    assert talk.done() == [0, 1, 2, 3]
+    assert talk.run("  ") == Ending.FINISHED
+    assert talk.done() == [0, 1, 2]
     assert said(talk.messages, "goes on where it ended")
 
 
@@ -178,11 +168,11 @@ def test_a_study_that_is_killed_after_any_line_goes_on_and_ends_the_same(
 
         study = Study(tmp_path / str(last))
         run_killed(study, ends, WHOLE_TALK)
-        left = progress_of(study.entries(), study.home, 4)
-        typed = " " * (3 - min(left.part, 3)) + SUS_ANSWERS[2 * len(left.answers) :]
+        left = progress_of(study.entries(), study.home, 3)
+        typed = " " * (3 - min(left.part, 3))
         assert study.run(typed) == Ending.FINISHED, last
-        found = progress_of(study.entries(), study.home, 4)
-        assert (found.part, found.answers) == (wanted.part, wanted.answers), last
+        found = progress_of(study.entries(), study.home, 3)
+        assert found.part == wanted.part, last
         assert found.runs == 2
 
 
@@ -193,9 +183,9 @@ def test_a_line_that_was_torn_is_moved_aside_and_its_step_is_done_again(
     talk.run(" q")
     journal = talk.home / "study.jsonl"
     journal.write_bytes(journal.read_bytes()[:-25])
-    assert talk.run("  " + SUS_ANSWERS) == Ending.FINISHED
+    assert talk.run("  ") == Ending.FINISHED
     assert (talk.home / "study.jsonl.torn").exists()
-    assert talk.done() == [0, 1, 2, 3]
+    assert talk.done() == [0, 1, 2]
 
 
 STAMP = '"run": 1, "t_s": 1, "at": "2026"'
@@ -234,7 +224,7 @@ def test_a_card_that_was_edited_in_between_is_refused_with_the_one_to_go_on_with
     with pytest.raises(CardError, match=r"protocol\.toml"):
         write_participant_report(other.out, "p01", other.protocol, other.args.model)
     shutil.copy(talk.home / "protocol.toml", talk.path)
-    assert talk.run("  " + SUS_ANSWERS) == Ending.FINISHED
+    assert talk.run("  ") == Ending.FINISHED
 
 
 def test_two_terminals_do_not_run_one_person_s_study(talk: Study) -> None:
@@ -273,8 +263,7 @@ def test_where_no_key_can_be_pressed_any_more_the_study_can_go_on_later(
     assert said(talk.messages, "no key can be pressed any more")
     assert talk.run(" " + "nhalf a note") == Ending.QUIT
     assert talk.entries("note") == []
-    assert talk.run(" " + SUS_ANSWERS[:8]) == Ending.QUIT
-    assert talk.run(SUS_ANSWERS[8:]) == Ending.FINISHED
+    assert talk.run(" ") == Ending.FINISHED
 
 
 @CUT_OFF_STUDY.mark
@@ -310,20 +299,6 @@ def test_a_person_is_a_pseudonym(talk: Study, name: str) -> None:
     with pytest.raises(UsageError, match="pseudonym"):
         talk.run(" ")
     assert not talk.out.exists()
-
-
-# -- questionnaires
-
-
-def test_a_rating_off_the_scale_is_asked_again_and_keys_work_between_items(
-    talk: Study,
-) -> None:
-    typed = "   " + "9\nx\n4\n" + "3\nr\n2\n" + "n\ntired\n" + "-\n" + SUS_ANSWERS[6:]
-    assert talk.run(typed) == Ending.FINISHED
-    assert list(sus_of(talk)["ratings"].values()) == [4, 2, None, 2, 4, 2, 4, 2, 4, 2]
-    assert sus_of(talk)["score"] is None
-    assert said(talk.messages, "'9' is not on the scale")
-    assert talk.entries("note")[0]["text"] == "tired"
 
 
 # -- trials
@@ -614,7 +589,7 @@ def test_a_terminal_that_goes_away_leaves_a_study_that_goes_on(talk: Study) -> N
         os.close(master)
         assert run.wait(timeout=300) == 0
     assert talk.entries()[-1]["event"] == "quit"
-    assert talk.run("  " + SUS_ANSWERS) == Ending.FINISHED
+    assert talk.run("  ") == Ending.FINISHED
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import pytest
 from command_line import Run
 from hazard_marks import ADVERSE_EVENT
 from recorder_bench import said
-from study_bench import SUS_ANSWERS, TRIALS, Study, options
+from study_bench import TRIALS, Study, options
 
 from holdfast.cli import study as verb
 from holdfast.core.errors import DataNotFound
@@ -25,7 +25,7 @@ from holdfast.training.datasets import load
 if TYPE_CHECKING:
     from conftest import Built
 
-CARD = 'questionnaires = ["sus"]\n' + TRIALS
+CARD = TRIALS
 TASKS = (("hard-ball", "fall"), ("soft-ball", "pass"), ("soft-ball", "pull"))
 
 
@@ -39,7 +39,7 @@ def two(
     )
     study.args.model = eight_classes.model
     typed = "   shock & <awe>\n1\ny\n  nfirst <note>\n  s"
-    assert study.run(typed + "    " + SUS_ANSWERS, in_trials={40: "a"}) == "finished"
+    assert study.run(typed + "    ", in_trials={40: "a"}) == "finished"
     words = f"--source sim://{card}?seed=1 --rehearse --model {eight_classes.model}"
     other = options(study.path, study.out, *words.split(), "--person", "p02")
     assert verb.run(other) == 0
@@ -111,7 +111,7 @@ def test_trials_are_counted_by_how_they_ended_and_steps_by_what_was_done(
     assert (soft["planned"], soft["kept"], soft["interrupted"]) == (2, 2, 1)
     assert counts["soft-ball", "pull"]["kept"] == 0
     states = [one["state"] for one in figures["parts"]]
-    assert states == ["done"] * 4 + ["skipped"] + ["done"] * 3
+    assert states == ["done"] * 4 + ["skipped"] + ["done"] * 2
     assert [one["text"] for one in figures["notes"]] == ["first <note>"]
     assert "first &lt;note&gt;" in page
 
@@ -125,15 +125,6 @@ def test_a_rehearsal_takes_the_planned_time_and_says_that_it_is_one(two: Study) 
     assert all(
         spent_s == pytest.approx(planned_s, abs=0.1) for spent_s, planned_s in taken
     )
-    (sus,) = figures["questionnaires"]
-    assert (sus["score"], set(sus["ratings"].values())) == (None, {None})
-    assert "no score (10 items left out)" in page
-
-
-def test_the_score_of_a_questionnaire_stands_in_the_report(two: Study) -> None:
-    figures, page = report_of(two, "p01")
-    assert [one["score"] for one in figures["questionnaires"]] == [75.0]
-    assert "System Usability Scale: 75.0" in page
 
 
 def test_every_figure_of_the_model_adds_up_over_actions_and_cells(two: Study) -> None:

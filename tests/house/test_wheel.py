@@ -43,15 +43,6 @@ OF_FORMAT = {
         "lz4",
         "zstandard",
     ),
-    "ros2": (
-        "rosbags",
-        "lz4",
-        "zstandard",
-        "ruamel",
-        "apsw",
-        "backports",
-        "typing_extensions.py",
-    ),
     "lerobot": ("pandas", "pyarrow", "dateutil", "pytz", "six.py", "tzdata"),
 }
 """What the extra of a format puts into site-packages, with what that needs itself."""

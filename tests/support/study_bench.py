@@ -21,7 +21,6 @@ from holdfast.sessions.study.starting import run_parts
 
 TALK = """
 title = "Two steps of talk"
-questionnaires = ["sus"]
 before = ["Paper and pen"]
 [[steps]]
 title = "Welcome"
@@ -63,7 +62,6 @@ minutes = 2
 repetitions = 2
 hand_over = "{object}"
 """
-SUS_ANSWERS = "4\n2\n" * 5
 
 
 class Typing(Keys):

@@ -2,7 +2,6 @@
 
     OUT/<person>/study.jsonl         what happened, in order; a run goes on where the last one ended
     OUT/<person>/protocol.toml       the protocol as it was when the person began
-    OUT/<person>/questionnaires.json answers and scores
     OUT/<person>/report.html, .json  the report of this person
     OUT/withdrawn.jsonl              who withdrew, when, and which files were deleted
 

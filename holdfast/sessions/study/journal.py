@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from enum import StrEnum
-from operator import index
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +43,6 @@ class Event(StrEnum):
     NOTE = "note"
     ADVERSE = "adverse"
     DETAIL = "adverse_detail"
-    ANSWER = "answer"
     FAILED = "failed"
 
 
@@ -61,14 +59,13 @@ class Progress:
     """Where a study stands. part: the number of the part to do or under way, from 0.
 
     begun: it is under way. kept_before: part -> trials of its task that were kept when it first
-    began. spent_s: part -> time in it. answers: (part, item) -> rating.
+    began. spent_s: part -> time in it.
     """
 
     part: int = 0
     begun: bool = False
     kept_before: dict[int, int] = field(default_factory=dict)
     spent_s: dict[int, float] = field(default_factory=dict)
-    answers: dict[tuple[int, str], int | None] = field(default_factory=dict)
     finished: bool = False
     runs: int = 0
     _since_s: float | None = None
@@ -91,10 +88,6 @@ class Progress:
             self.begun = True
             # Of its first beginning: a step that is begun again has its trials already.
             self.kept_before.setdefault(self.part, int(entry.get("kept", 0)))
-        elif event == Event.ANSWER:
-            rating = entry["rating"]
-            item = int(entry["part"]), str(entry["item"])
-            self.answers[item] = None if rating is None else index(rating)
         elif event in (Event.NOTE, Event.DETAIL):
             # Checked here, so that a report never meets an entry without its text.
             str(entry["text"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from holdfast.core.errors import DataError, DataNotFound, ModelError
 from holdfast.core.reading import Json
@@ -14,7 +14,6 @@ from holdfast.sessions.recorder.folder import KEPT, REDONE
 from holdfast.sessions.recorder.labels import read_meta
 from holdfast.sessions.study.journal import JOURNAL, Event, Progress, progress_of
 from holdfast.sessions.study.protocol import StudyProtocol, read_study
-from holdfast.sessions.study.questionnaires import scores
 
 if TYPE_CHECKING:
     from holdfast.evaluation.outcomes import ParticipantFigures
@@ -84,7 +83,6 @@ class StudyOutcome:
     adverse: list[AdverseEvent]
     notes: list[Json]
     trials: list[TrialCounts]
-    questionnaires: list[dict[str, Any]]
     figures: ParticipantFigures | None
     no_figures: str
     thesis_protocol: bool
@@ -143,7 +141,6 @@ def outcome_of(
         adverse=_adverse(protocol, entries),
         notes=_notes(protocol, entries),
         trials=_trials(protocol, home),
-        questionnaires=scores(protocol, progress),
         figures=figures,
         no_figures=why,
         thesis_protocol=protocol.sha256 == read_study("thesis").sha256,

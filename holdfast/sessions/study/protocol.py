@@ -1,7 +1,6 @@
 """A study protocol (TOML): its steps in order, each with minutes and what the operator reads out.
 
     title = "One object, two actions"
-    questionnaires = ["sus"]          # after the last step, not in the minutes
 
     [objects.soft-ball]
     name = "soft ball"
@@ -9,7 +8,7 @@
 
     [[steps]]
     title = "Welcome"
-    kind = "say"                      # say, mount, video, questions, record, questionnaire
+    kind = "say"                      # say, mount, video, questions, record
     minutes = 2
     say = "We record what the hand feels."
 
@@ -23,8 +22,8 @@
     repetitions = 3
     say = "Please do this three times: {how}."
 
-A row of the kind `questions` belongs to the step before it; a questionnaire has no number. All
-others are counted from first_step (1). Protocols and questionnaires that ship are found by name.
+A row of the kind `questions` belongs to the step before it. All
+others are counted from first_step (1). Protocols that ship are found by name.
 """
 
 from __future__ import annotations
@@ -48,15 +47,12 @@ from holdfast.sessions.recorder.protocol import (
 
 PROTOCOLS = Path(__file__).with_name("protocols")
 """Folder of the study protocols that ship."""
-FORMS = Path(__file__).with_name("forms")
-"""Folder of the questionnaires that ship."""
 SAY = "say"
 MOUNT = "mount"
 VIDEO = "video"
 QUESTIONS = "questions"
 RECORD = "record"
-QUESTIONNAIRE = "questionnaire"
-KINDS = (SAY, MOUNT, VIDEO, QUESTIONS, RECORD, QUESTIONNAIRE)
+KINDS = (SAY, MOUNT, VIDEO, QUESTIONS, RECORD)
 TITLES = {
     SAY: SAY,
     MOUNT: "Mounting",
@@ -65,11 +61,11 @@ TITLES = {
     RECORD: "Recording",
 }
 """Of a row without a title, by its kind."""
-OPTIONAL_SECTIONS = ("title", "about", "before", "first_step", "questionnaires")
+OPTIONAL_SECTIONS = ("title", "about", "before", "first_step")
 SECTIONS = (*OPTIONAL_SECTIONS, "actions", "objects", "steps")
 TEXTS = ("title", "say", "show", "hand_over")
 """Texts of a row, in which braces are filled in."""
-CHOICES = ("kind", "minutes", "repetitions", "questionnaire", "object", "action")
+CHOICES = ("kind", "minutes", "repetitions", "object", "action")
 ROW_KEYS = (*CHOICES, *TEXTS)
 BLOCK_KEYS = ("objects", "each", "begin_object", "end_object")
 MOST_MINUTES = 600.0
@@ -106,7 +102,7 @@ def shipped_or_own(name: str, folder: Path, what: str) -> Path:
 class StudyPart:
     """One row of the protocol, such as "show a video", with all its texts filled in.
 
-    step: its number; None for a questionnaire. task, repetitions: of a trial. room_before,
+    step: its number; None for questions. task, repetitions: of a trial. room_before,
     room_after: reminders for the room, such as its video.
     """
 
@@ -119,14 +115,13 @@ class StudyPart:
     hand_over: str = ""
     task: Task | None = None
     repetitions: int = 0
-    questionnaire: str = ""
     room_before: str = ""
     room_after: str = ""
 
     @property
     def has_number(self) -> bool:
         """Whether it is a step of its own."""
-        return self.kind not in (QUESTIONS, QUESTIONNAIRE)
+        return self.kind != QUESTIONS
 
 
 @dataclass(frozen=True)
@@ -218,9 +213,6 @@ class _StudyReader(ProtocolReader):
         for number, row in enumerate(rows, 1):
             parts += self.parts(f"steps[{number}]", row)
 
-        for form in self.texts("questionnaires", raw):
-            parts.append(self.questionnaire("questionnaires", form))
-
         if len(parts) > MOST_PARTS:
             allowed = f"at most {MOST_PARTS} rows in all"
             raise self.refused("steps", len(parts), allowed)
@@ -274,9 +266,7 @@ class _StudyReader(ProtocolReader):
         for part in parts:
             # True counts as one.
             number += part.has_number
-            # Questionnaires stand between the steps, in none of them.
-            step = None if part.kind == QUESTIONNAIRE else number
-            numbered.append(replace(part, step=step))
+            numbered.append(replace(part, step=number))
 
         return numbered
 
@@ -327,8 +317,6 @@ class _StudyReader(ProtocolReader):
         kind = row.get("kind")
         if kind not in KINDS:
             raise self.refused(f"{key}.kind", kind, ", ".join(KINDS))
-        if kind == QUESTIONNAIRE:
-            return self.questionnaire(f"{key}.questionnaire", row.get("questionnaire"))
 
         task = None
         repetitions = 0
@@ -367,17 +355,6 @@ class _StudyReader(ProtocolReader):
             task=task,
             repetitions=repetitions,
         )
-
-    def questionnaire(self, key: str, name: Any) -> StudyPart:
-        """A questionnaire takes no planned time: it is not part of the protocol's minutes."""
-        shipped = names_in(FORMS)
-        # A questionnaire of one's own is given by its path.
-        is_file = isinstance(name, str) and Path(name).is_file()
-        if name not in shipped and not is_file:
-            allowed = f"{', '.join(shipped)}, or a TOML file"
-            raise self.refused(key, name, allowed)
-        title = f"Questionnaire: {Path(name).stem}"
-        return StudyPart(None, title, QUESTIONNAIRE, 0.0, questionnaire=name)
 
     def task(self, key: str, name: Any, action: Any) -> Task:
         # The empty hand is a task without an object.

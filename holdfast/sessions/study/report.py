@@ -1,4 +1,4 @@
-"""The report of one person: adverse events first, then recall, timelines, questionnaires."""
+"""The report of one person: adverse events first, then recall, timelines."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from pathlib import Path
 
 from holdfast.core.errors import count_of
 from holdfast.core.writing import write_whole
-from holdfast.evaluation.formats import number
 from holdfast.evaluation.html import write_page
 from holdfast.evaluation.pictures import timelines, trial
 from holdfast.sessions.study.console import clock_text
@@ -65,10 +64,5 @@ def summary_lines(outcome: StudyOutcome, page: Path) -> list[str]:
                 f"{count_of(one.false_alarms, 'false alarm')} in {one.minutes:.1f} min "
                 f"({figures.kind})"
             )
-
-    for form in outcome.questionnaires:
-        score = form["score"]
-        said = "no score" if score is None else f"{number(score, 1)} of 100"
-        lines.append(f"  {form['title']}: {said}")
 
     return [*lines, f"report: {page}"]

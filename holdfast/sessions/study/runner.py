@@ -11,8 +11,7 @@ from holdfast.core.errors import HoldfastError, count_of
 from holdfast.sessions.recorder.protocol import Task
 from holdfast.sessions.study.console import Console, Key, clock_text
 from holdfast.sessions.study.journal import Event, Journal
-from holdfast.sessions.study.protocol import QUESTIONNAIRE, StudyPart, StudyProtocol
-from holdfast.sessions.study.questionnaires import answer_items
+from holdfast.sessions.study.protocol import StudyPart, StudyProtocol
 from holdfast.sessions.study.trials import Trials
 from holdfast.sessions.study.withdrawal import withdraw
 
@@ -119,15 +118,11 @@ class Runner:
         """Do the part under way; returns MOVED, QUIT or WITHDRAWN."""
         ending = Ending.GOES_ON
         while not ending:
-            if part.kind == QUESTIONNAIRE:
-                key = answer_items(part.questionnaire, self.journal, self.console)
-                missing = 0
-            else:
-                # Counted from the disk each time: a trial that failed or was discarded is asked
-                # for again.
-                missing = self._missing(part)
-                self._prompt(part, missing)
-                key = self.console.key(self._left_s(), ends_part=not missing)
+            # Counted from the disk each time: a trial that failed or was discarded is asked for
+            # again.
+            missing = self._missing(part)
+            self._prompt(part, missing)
+            key = self.console.key(self._left_s(), ends_part=not missing)
             if key != Key.NEXT:
                 ending = self._operator(key, part)
             # Space means "begin the trial" until all repetitions are kept, then "go on".

@@ -34,7 +34,6 @@ from holdfast.sessions.study.journal import (
     opened_journal,
 )
 from holdfast.sessions.study.protocol import StudyProtocol
-from holdfast.sessions.study.questionnaires import write_answers
 from holdfast.sessions.study.runner import Ending, Runner
 from holdfast.sessions.study.trials import Trials
 from holdfast.sessions.study.withdrawal import require_not_withdrawn, withdraw
@@ -181,12 +180,7 @@ def run_parts(
         # Before the first part: a trial that a kill left is recorded again, and must not count.
         trials.repair()
         _open(home, protocol, console, journal)
-        ending = Runner(root, person, protocol, journal, console, trials, utc).run()
-        if ending != Ending.WITHDRAWN:
-            # Also after a quit: the file then holds the answers so far.
-            write_answers(home, protocol, journal.progress)
-
-    return ending
+        return Runner(root, person, protocol, journal, console, trials, utc).run()
 
 
 def _open(
