@@ -33,7 +33,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup hooks demo test lint lock clean dist docs docs-site screenshots hard-cases safety soak fuzz real loop distortions evaluate study models bench browser world
+.PHONY: help setup hooks demo test lint lock clean dist docs docs-site screenshots hard-cases safety soak real loop distortions evaluate study models bench browser world
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -73,9 +73,6 @@ models: setup  ## rebuild the default model from scenes, into models; RATE=50 fo
 	$(BIN)/holdfast train --data $(MADE)/thesis $(MADE)/broad $(MADE)/wide $(MADE)/everyday \
 	    --features pooled --windows dense --hold-out trial $(if $(filter-out default,$(SIZE)),--size $(SIZE)) --out $(MADE)
 	$(BIN)/holdfast export $(MADE) --force --out models/holdfast-$(RATE)hz$(if $(filter-out default,$(SIZE)),-$(SIZE)).onnx
-
-fuzz: setup  ## fuzz everything that comes from outside, SECONDS=60 each; what breaks it goes into build/fuzz
-	$(BIN)/python tests/fuzz/fuzz_run.py --seconds $(or $(SECONDS),60) $(ARGS)
 
 soak: setup  ## the long tests: a million steps, an hour of falls in real time, and the like; then the tests beside four busy loops
 	$(BIN)/python -m pytest -m soak $(ARGS)

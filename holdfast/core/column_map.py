@@ -34,7 +34,7 @@ import numpy as np
 from holdfast.core.contract import AXES, UNIT_OF, FloatArray, IntArray, Unit
 from holdfast.core.errors import CardError, ColumnError, NotANumber, listed
 from holdfast.core.hand_card import HandCard, read_hand_card
-from holdfast.core.reading import MOST_LEVELS, CardReader, Json, read_toml
+from holdfast.core.reading import CardReader, Json, read_toml
 from holdfast.core.toml_lines import line_naming, line_of, table_lines, toml_text
 
 NS_OF: Mapping[str, int] = MappingProxyType(
@@ -361,14 +361,13 @@ class MapReader(CardReader):
 def flat_fields(message: Any, prefix: str = "") -> dict[str, Any]:
     """The leaves of nested objects and lists by name, such as `imu.f.0`.
 
-    Leaves are numbers, texts, true, false and None. Raises ColumnError for more than MOST_FIELDS,
-    or where it nests too deep.
+    Leaves are numbers, texts, true, false and None. Raises ColumnError for more than MOST_FIELDS.
 
     >>> flat_fields({"t": 1, "f": [{"x": 2.5}]})
     {'t': 1, 'f.0.x': 2.5}
     """
     fields: dict[str, Any] = {}
-    for name, value in _leaves(message, prefix, MOST_LEVELS):
+    for name, value in _leaves(message, prefix):
         fields[name] = value
         if len(fields) > MOST_FIELDS:
             raise ColumnError(
@@ -378,15 +377,13 @@ def flat_fields(message: Any, prefix: str = "") -> dict[str, Any]:
     return fields
 
 
-def _leaves(value: Any, name: str, levels: int) -> Iterator[tuple[str, Any]]:
+def _leaves(value: Any, name: str) -> Iterator[tuple[str, Any]]:
     if not isinstance(value, dict | list | tuple):
         yield name, value
         return
-    if not levels:
-        raise ColumnError("a message nests too deep", next_step="send a plain object")
     inner = value.items() if isinstance(value, dict) else enumerate(value)
     for key, one in inner:
-        yield from _leaves(one, f"{name}.{key}" if name else str(key), levels - 1)
+        yield from _leaves(one, f"{name}.{key}" if name else str(key))
 
 
 def _is_turned(name: str) -> bool:

@@ -7,7 +7,6 @@
     |   |-- EmptyRecording            no rows, or too few to work with
     |   |-- ColumnError               columns missing, unknown, doubled or out of order
     |   |-- NotANumber                text where a number belongs
-    |   |-- TooLarge                  larger than such a file can be, or claims to be
     |   |-- TimeError                 time stands still, runs backwards, or has gaps
     |   |-- RateError                 a rate that does not fit the model, or carries no band
     |   |-- UnitError                 a unit that does not fit the model
@@ -160,10 +159,6 @@ class ColumnError(DataError):
 
 class NotANumber(DataError):
     """Text where a number belongs."""
-
-
-class TooLarge(DataError):
-    """Input larger than such a file can be, or that claims to be; refused before it is read."""
 
 
 class TimeError(DataError):

@@ -23,7 +23,6 @@ from queue import SimpleQueue
 
 from holdfast.core.contract import BoolArray, FloatArray, channel_names
 from holdfast.core.errors import ColumnError, EmptyRecording, NotANumber, OutputError
-from holdfast.core.reading import require_file
 from holdfast.core.trial_file import TIME_COLUMN, check_columns
 from holdfast.core.writing import write_whole
 
@@ -87,7 +86,6 @@ def move_aside(path: Path, data: bytes, kept_bytes: int) -> Path | None:
 
 def read_damaged(path: Path) -> bytes:
     """A file's bytes. Raises EmptyRecording without it, OutputError where it cannot be read."""
-    require_file(path)
     try:
         return path.read_bytes()
     except FileNotFoundError:

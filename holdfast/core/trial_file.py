@@ -28,7 +28,6 @@ from holdfast.core.errors import (
     count_of,
     listed,
 )
-from holdfast.core.reading import require_file, require_lines
 
 TIME_COLUMN = "Time"
 _CHANNEL = re.compile("[XYZ][0-9]{1,3}")
@@ -110,7 +109,6 @@ def read_trial(path: str | Path) -> Trial:
     Raises DataNotFound, EmptyRecording, ColumnError, NotANumber or TimeError; each names the place.
     """
     path = Path(path)
-    require_file(path)
     header = _header(path)
     check_columns(header, path)
     return trial_of(header, _table(path, header), path)
@@ -185,7 +183,6 @@ def _with_lost_rows(trial: Trial, place: IntArray) -> Trial:
 def _header(path: Path) -> list[str]:
     """The names of the columns. Raises DataNotFound, EmptyRecording or NotANumber."""
     try:
-        require_lines(path)
         with path.open(newline="", encoding="utf-8-sig") as lines:
             header = next(csv.reader(lines), [])
     except FileNotFoundError:

@@ -32,7 +32,7 @@ from holdfast.core.errors import (
     NotANumber,
     UnitError,
 )
-from holdfast.core.reading import json_of, require_file, text_of
+from holdfast.core.reading import json_of, text_of
 from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.core.writing import write_whole
 
@@ -434,7 +434,6 @@ class _File:
 
     def _content(self) -> Any:
         try:
-            require_file(self._path)
             return json_of(text_of(self._path))
         except FileNotFoundError:
             raise DataNotFound(

@@ -13,7 +13,7 @@ import numpy as np
 
 from holdfast.core.contract import UNITS, BoolArray, FloatArray, Sample, Unit
 from holdfast.core.errors import DataNotFound, UnitError
-from holdfast.core.reading import json_of, require_file, text_of
+from holdfast.core.reading import json_of, text_of
 from holdfast.core.source import SourceReading
 from holdfast.core.trial_file import read_trial
 from holdfast.core.trial_layout import TACTILE
@@ -59,7 +59,6 @@ class Replay:
 def open_replay(path: str | Path) -> Replay:
     """Open a trial's CSV file, or a trial folder that holds tactile.csv. Raises a DataError."""
     path = Path(path)
-    require_file(path)
     file = path / TACTILE if path.is_dir() else path
     if path.is_dir() and not file.is_file():
         raise DataNotFound(

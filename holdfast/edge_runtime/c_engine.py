@@ -1,13 +1,15 @@
 """A model's compiled C form as its engine: `holdfast run --engine c`, without onnxruntime.
 
-`holdfast export MODEL --to c --build` makes the library. It is loaded only for the very file that
-it was made of: the seal in it must be the file's. Then it replays the file's golden sequences, as
-onnxruntime does at every load.
+`holdfast export MODEL --to c --build` makes a folder with the library and `model.json`: the model's
+card, its golden sequences, its seal and the layout of the outputs. It is loaded only for the very
+file that it was made of: the seal in it must be the file's. Then it replays the golden sequences,
+as onnxruntime does at every load.
 """
 
 from __future__ import annotations
 
 import ctypes
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,22 +19,14 @@ import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.errors import GoldenMismatch, LibraryRefused
+from holdfast.core.reading import Json
 from holdfast.edge_runtime.graph import Outputs
-from holdfast.edge_runtime.model import check_golden, golden_input, read_model
-from holdfast.edge_runtime.model_file import SEAL_KEY, read_sealed
-from holdfast.edge_runtime.onnx_bytes import (
-    BOOL,
-    DOUBLE,
-    FLOAT,
-    INT32,
-    INT64,
-    OnnxModel,
-)
+from holdfast.edge_runtime.model import check_golden, golden_from_json, golden_input
+from holdfast.edge_runtime.model_file import card_of, digest_of, read_sealed
 
 LIBRARY = "libholdfast.so"
-OUTSIDE = ("features", "state_out")
-"""Outputs of the ONNX file that are no field of `holdfast_out`."""
-C_FIELDS = {DOUBLE: "f8", FLOAT: "f4", INT32: "i4", INT64: "i4", BOOL: "?"}
+ABOUT = "model.json"
+"""Beside the library: what `holdfast export --to c` writes of the model."""
 
 
 def default_folder(model: str | Path) -> Path:
@@ -52,16 +46,16 @@ class CompiledModel:
     """
 
     def __init__(self, path: str | Path, library: str | Path | None = None) -> None:
-        data = read_sealed(path)
-        self.card, golden, onnx = read_model(data, path)
-
+        digest = digest_of(read_sealed(path))
         where = Path(library) if library else default_folder(path) / LIBRARY
         self._library = _loaded(where)
-        self._out_type = _out_type(onnx)
+        about = _about(where.with_name(ABOUT))
+        self.card, self._out_type = card_of(about["card"], digest, path), _layout(about)
+        golden = golden_from_json(about["golden"])
 
         # The seal is compared before the library computes anything, so that another model never
         # answers.
-        self._require_same_model(onnx.metadata[SEAL_KEY], where)
+        self._require_same_model(digest, about["digest"], where)
         try:
             check_golden(golden, self._golden_answers(list(golden)))
         except GoldenMismatch as error:
@@ -77,11 +71,15 @@ class CompiledModel:
         shape = (hands, self.card.n_channels)
         return CStep(self._library, self._out_type, shape, outputs)
 
-    def _require_same_model(self, digest: str, where: Path) -> None:
-        """Raise LibraryRefused where the library is of another file, or of another version."""
+    def _require_same_model(self, digest: str, described: str, where: Path) -> None:
+        """Raise LibraryRefused where library and model.json are not of the file.
+
+        digest: of the file. described: of the file that model.json is of.
+        """
         compiled = self._library.holdfast_digest().decode("ascii", "replace")
         out_bytes = self._library.holdfast_out_bytes()
-        if compiled != digest or out_bytes != self._out_type.itemsize:
+        same = compiled == described == digest
+        if not same or out_bytes != self._out_type.itemsize:
             raise LibraryRefused(
                 f"the library is of model {compiled:.12}, the file is {digest:.12}",
                 where=where,
@@ -181,12 +179,28 @@ def _loaded(path: Path) -> ctypes.CDLL:
     return library
 
 
-def _out_type(onnx: OnnxModel) -> np.dtype[Any]:
-    """The layout of `holdfast_out`: the outputs of the file in their order, as C aligns them."""
-    fields: list[tuple[str, str, tuple[int, ...]]] = []
-    for name, spec in onnx.outputs.items():
-        if name not in OUTSIDE:
-            # of one hand: without the batch, which is a word
-            shape = tuple(size for size in spec.shape if isinstance(size, int))
-            fields.append((name, C_FIELDS[spec.element], shape))
-    return np.dtype(fields, align=True)
+def _about(path: Path) -> Json:
+    """model.json beside a library. Raises LibraryRefused."""
+    try:
+        about: Json = json.loads(path.read_text("utf-8"))
+        return about
+    except (OSError, ValueError) as error:
+        raise LibraryRefused(
+            f"cannot be read ({type(error).__name__})",
+            where=path,
+            cause="the library was built by an older version, or copied without this file",
+            next_step="build it again: holdfast export MODEL --to c --build --force",
+        ) from None
+
+
+def _layout(about: Json) -> np.dtype[Any]:
+    """The layout of `holdfast_out`, as model.json has it."""
+    outputs = about["outputs"]
+    return np.dtype(
+        {
+            "names": [one["name"] for one in outputs],
+            "formats": [(one["dtype"], tuple(one["shape"])) for one in outputs],
+            "offsets": [one["offset"] for one in outputs],
+            "itemsize": about["out_bytes"],
+        }
+    )

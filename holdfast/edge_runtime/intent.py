@@ -252,7 +252,7 @@ class IntentRecord:
 
 
 def read_intent(path: Path) -> IntentRecord:
-    """Read a file. Raises ColumnError, NotANumber, TooLarge, OSError."""
+    """Read a file. Raises ColumnError, NotANumber, OSError."""
     try:
         lines = text_of(path).split("\n")
     except UnicodeDecodeError:

@@ -1,9 +1,8 @@
 """A model file, opened: it is checked before it answers.
 
-In this order: its seal (model_file.py), its bytes and operators (onnx_bytes.py), its card, whether
-inputs and outputs are those of the card, then its golden sequences. The first four come before
-onnxruntime opens the file. The seal shows that a file is as it was sealed, not who sealed it: use
-model files from people you trust. `holdfast selftest MODEL --deep` looks further.
+In this order: its seal (model_file.py), its card, whether inputs and outputs are those of the card,
+then its golden sequences. The seal shows that a file is as it was sealed, not who sealed it: use
+model files from people you trust.
 
 Golden sequences are answers stored in the file and recomputed every time it is opened. Their input
 is made by an integer formula, so that it is the same to the last bit on every machine and never
@@ -15,8 +14,7 @@ from __future__ import annotations
 
 import base64
 import ctypes
-import gc
-import re
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,7 +24,7 @@ import numpy.typing as npt
 
 from holdfast.core.contract import SITUATIONS, BoolArray, FloatArray
 from holdfast.core.errors import GoldenMismatch, NotAModel
-from holdfast.core.reading import Json, json_of
+from holdfast.core.reading import Json
 from holdfast.edge_runtime.graph import Outputs, StepGraph, open_session, run_recording
 from holdfast.edge_runtime.model_file import (
     EMPTY,
@@ -35,17 +33,6 @@ from holdfast.edge_runtime.model_file import (
     check_runtime,
     read_card,
     read_sealed,
-    require_own_seal,
-)
-from holdfast.edge_runtime.onnx_bytes import (
-    BOOL,
-    DOUBLE,
-    FLOAT,
-    INT32,
-    INT64,
-    OnnxModel,
-    TensorSpec,
-    read_onnx,
 )
 
 if TYPE_CHECKING:
@@ -77,37 +64,31 @@ class Model:
 def _checked(path: str | Path) -> tuple[ModelCard, ort.InferenceSession]:
     """Card and session of a file that has passed all checks. Raises a ModelError."""
     data = read_sealed(path)
-    card, golden = read_model(data, path)[:2]
     try:
         session = open_session(data, arena=False)
+        metadata = session.get_modelmeta().custom_metadata_map
+    # onnxruntime raises several unrelated types of its own
+    except Exception as error:
+        reason = f"{error!s:.{LONGEST_REASON}}"
+        raise _refusal(f"onnxruntime cannot open it ({reason})", path) from None
+
+    card = read_card(metadata, path)
+    try:
+        _require_fit(session, card)
+    except ValueError as error:
+        raise _refusal(str(error), path) from None
+
+    golden = golden_of(metadata, str(path))
+    try:
         answers = golden_answers(
             session, card.n_channels, card.unit, card.settle_samples
         )
-    # onnxruntime raises several unrelated types of its own
     except Exception as error:
         reason = f"{error!s:.{LONGEST_REASON}}"
         raise _refusal(f"onnxruntime cannot run it ({reason})", path) from None
 
     check_golden(golden, answers, str(path))
     return card, session
-
-
-def read_model(data: bytes, path: str | Path) -> tuple[ModelCard, Outputs, OnnxModel]:
-    """Card, golden sequences and graph of a model file's bytes. Raises NotAModel."""
-    try:
-        onnx = read_onnx(data)
-        require_own_seal(data, onnx.metadata)
-    except ValueError as error:
-        raise _refusal(str(error), path) from None
-
-    card = read_card(onnx.metadata, path)
-    try:
-        _require_fit(onnx, card)
-    except ValueError as error:
-        raise _refusal(str(error), path) from None
-
-    golden = golden_from_json(onnx.metadata.get(GOLDEN_KEY, ""), str(path))
-    return card, golden, onnx
 
 
 def _refusal(what: str, path: str | Path) -> NotAModel:
@@ -125,8 +106,6 @@ def _give_back_memory() -> None:
 
     onnxruntime takes a forest apart node by node, and glibc keeps the freed pieces.
     """
-    # the parser of the bytes has left its objects
-    gc.collect()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)
@@ -134,7 +113,11 @@ def _give_back_memory() -> None:
 
 # -- inputs and outputs, by the card
 
-INPUTS = ("sample", "valid", "reset", "state")
+BOOL, DOUBLE, FLOAT = "tensor(bool)", "tensor(double)", "tensor(float)"
+INT32, INT64 = "tensor(int32)", "tensor(int64)"
+"""Types as onnxruntime names them."""
+Declared = tuple[str, Sequence[object]]
+"""Type and shape of an input or output; a word for the batch."""
 ANSWERS = (
     "votes",
     "situation",
@@ -146,88 +129,68 @@ ANSWERS = (
 )
 WEIGHS = ("p_class", "weight")
 """Outputs that the monitor reads: always (ANSWERS), and where the model knows light and heavy."""
-_HEAD = re.compile(r"p_[a-z0-9_]{1,60}")
-MOST_GOLDEN = 1_000_000
-"""Numbers of the golden input, which are made one by one; the default model has 4,536."""
 
 
-def _require_fit(model: OnnxModel, card: ModelCard) -> None:
-    """Raise ValueError where inputs and outputs are not those that the card names."""
-    taken = {*INPUTS, *ANSWERS, *WEIGHS, EMPTY, "features", "state_out"}
-    for name in card.heads:
-        # a further head is an output of its own, so its name must be new to the graph
-        if name in taken or not _HEAD.fullmatch(name):
-            raise ValueError(
-                f"its card names a head {name!r}, which cannot be the name of a further probability"
-            )
+def _require_fit(session: ort.InferenceSession, card: ModelCard) -> None:
+    """Raise ValueError where inputs and outputs are not those that the card names.
 
-    if model.inputs != _inputs_of(model, card):
+    The numbers of rows of the state and of features are free.
+    """
+    inputs = {one.name: (one.type, one.shape) for one in session.get_inputs()}
+    outputs = {one.name: (one.type, one.shape) for one in session.get_outputs()}
+    rows, features = _size(inputs, "state", 1), _size(outputs, "features", 1)
+    if not isinstance(rows, int) or not isinstance(features, int):
+        raise ValueError("the size of its state or features is open")
+    n = card.n_channels
+    state = (DOUBLE, ["B", rows, n])
+    if inputs != {
+        "sample": (DOUBLE, ["B", 1, n]),
+        "valid": (BOOL, ["B", 1, n // 3]),
+        "reset": (BOOL, ["B", 1, 1]),
+        "state": state,
+    }:
         raise ValueError("its inputs are not those that its card names")
 
-    wanted = _outputs_of(model, card)
-    if set(model.outputs) != set(wanted):
-        found = ", ".join(sorted(model.outputs))[:400]
-        named = ", ".join(sorted(wanted))[:400]
-        raise ValueError(f"its outputs are {found}, its card names {named}")
-
-    for name, expected in wanted.items():
-        if model.outputs[name] != expected:
+    wanted = {
+        **_outputs_of(card),
+        "features": (FLOAT, ["B", features]),
+        "state_out": state,
+    }
+    for name in {**wanted, **outputs}:
+        if outputs.get(name) != wanted.get(name):
             raise ValueError(
-                f"its output {name} has not the type and shape that its card says"
+                f"its output {name} is {outputs.get(name)}, its card says {wanted.get(name)}"
             )
 
-    steps = golden_length(card.settle_samples)
-    if steps * card.n_channels > MOST_GOLDEN:
-        raise ValueError(
-            f"its golden sequences have {steps} samples of {card.n_channels} channels"
-        )
+
+def _size(declared: Mapping[str, Declared], name: str, axis: int) -> object:
+    """A size that a file may choose; None where the tensor is missing, which fits no file."""
+    shape = declared.get(name, ("", ()))[1]
+    return shape[axis] if axis < len(shape) else None
 
 
-def _inputs_of(model: OnnxModel, card: ModelCard) -> dict[str, TensorSpec]:
-    """The inputs of a graph with this card. The number of rows of the state is free."""
-    state = model.inputs.get("state", TensorSpec(DOUBLE, ())).shape
-    # -1 fits no file, so a wrong shape is refused below
-    rows = -1
-    if len(state) == 3 and isinstance(state[1], int):
-        rows = state[1]
-    return {
-        "sample": TensorSpec(DOUBLE, ("B", 1, card.n_channels)),
-        "valid": TensorSpec(BOOL, ("B", 1, card.n_channels // 3)),
-        "reset": TensorSpec(BOOL, ("B", 1, 1)),
-        "state": TensorSpec(DOUBLE, ("B", rows, card.n_channels)),
-    }
-
-
-def _outputs_of(model: OnnxModel, card: ModelCard) -> dict[str, TensorSpec]:
-    """The outputs of a graph with this card. The number of features is free."""
-    features = model.outputs.get("features", TensorSpec(FLOAT, ())).shape
-    # -1 fits no file here too
-    n_features = -1
-    if len(features) == 2 and isinstance(features[1], int):
-        n_features = features[1]
-
+def _outputs_of(card: ModelCard) -> dict[str, Declared]:
+    """The outputs that a graph with this card must have."""
     n_classes = len(card.classes)
-    wanted = {
-        "settled": TensorSpec(BOOL, ("B",)),
-        "unknown": TensorSpec(BOOL, ("B",)),
-        "usable_sensors": TensorSpec(INT32, ("B",)),
-        "detectors": TensorSpec(BOOL, ("B", len(card.detectors))),
-        "features": TensorSpec(FLOAT, ("B", n_features)),
-        "votes": TensorSpec(FLOAT, ("B", n_classes)),
-        "p_situation": TensorSpec(FLOAT, ("B", len(SITUATIONS))),
-        "situation": TensorSpec(INT64, ("B",)),
-        "state_out": model.inputs["state"],
+    wanted: dict[str, Declared] = {
+        "settled": (BOOL, ["B"]),
+        "unknown": (BOOL, ["B"]),
+        "usable_sensors": (INT32, ["B"]),
+        "detectors": (BOOL, ["B", len(card.detectors)]),
+        "votes": (FLOAT, ["B", n_classes]),
+        "p_situation": (FLOAT, ["B", len(SITUATIONS)]),
+        "situation": (INT64, ["B"]),
     }
     if card.has_weight:
-        wanted["p_class"] = TensorSpec(FLOAT, ("B", n_classes))
-        wanted["weight"] = TensorSpec(BOOL, ("B",))
+        wanted["p_class"] = (FLOAT, ["B", n_classes])
+        wanted["weight"] = (BOOL, ["B"])
 
     if card.decides_by_force:
-        wanted[EMPTY] = TensorSpec(BOOL, ("B", 1))
+        wanted[EMPTY] = (BOOL, ["B", 1])
 
     for name in card.heads:
-        wanted[name] = TensorSpec(FLOAT, ("B",))
-        wanted[f"votes_{name}"] = TensorSpec(FLOAT, ("B", 2))
+        wanted[name] = (FLOAT, ["B"])
+        wanted[f"votes_{name}"] = (FLOAT, ["B", 2])
 
     return wanted
 
@@ -236,7 +199,6 @@ def _outputs_of(model: OnnxModel, card: ModelCard) -> dict[str, TensorSpec]:
 
 TOLERANCE = {np.dtype(np.float64): 1e-9, np.dtype(np.float32): 1e-6}
 AMPLITUDE = {"N": 1.0 / 64.0, "uT": 2.0, "count": 8.0}
-DTYPES = ("float64", "float32", "int64", "int32", "bool")
 SKIPPED = ("features", "state_out")
 """Not stored, because labels, votes and probabilities depend on each of them."""
 
@@ -308,24 +270,25 @@ def golden_to_json(answers: Outputs) -> Json:
     return stored
 
 
-def golden_from_json(text: str, where: str = "") -> Outputs:
-    """The inverse of `golden_to_json`, from the metadata's text. Raises NotAModel."""
-    answers: Outputs = {}
+def golden_of(metadata: Mapping[str, str], where: str = "") -> Outputs:
+    """The golden answers in a file's metadata. Raises NotAModel."""
     try:
-        for name, entry in json_of(text).items():
-            # numpy accepts many more names of types than a graph uses
-            if entry["dtype"] not in DTYPES:
-                raise ValueError(entry["dtype"])
-            data = base64.b64decode(entry["data"])
-            numbers = np.frombuffer(data, entry["dtype"])
-            answers[name] = numbers.reshape(entry["shape"])
-    except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
+        return golden_from_json(json.loads(metadata[GOLDEN_KEY]))
+    except (AttributeError, KeyError, TypeError, ValueError):
         raise NotAModel(
             "its golden sequences are missing or garbled",
             where=where,
             next_step="export the model again",
         ) from None
 
+
+def golden_from_json(stored: Json) -> Outputs:
+    """The inverse of `golden_to_json`. Raises KeyError, TypeError or ValueError."""
+    answers: Outputs = {}
+    for name, entry in stored.items():
+        data = base64.b64decode(entry["data"])
+        numbers = np.frombuffer(data, entry["dtype"])
+        answers[name] = numbers.reshape(entry["shape"])
     return answers
 
 

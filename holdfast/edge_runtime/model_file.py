@@ -7,6 +7,7 @@ the bytes alone, before any parser reads them.
 from __future__ import annotations
 
 import hashlib
+import json
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from holdfast.core.contract import CLASSES, RATES_HZ, SITUATIONS, UNITS, Unit
 from holdfast.core.errors import BrokenSeal, DataNotFound, NotAModel, RuntimeRefused
-from holdfast.core.reading import Json, json_of, model_path, require_file, shipped
+from holdfast.core.reading import Json, model_path, shipped
 from holdfast.edge_runtime.decision import LIMITS, DecisionRules
 from holdfast.edge_runtime.preparation import Preparation, preparation_from_json
 
@@ -39,11 +40,6 @@ OLDER_FILE = (
 CARD_SUFFIX = ".json"
 """The suffix of the card's file, which stands next to a model file for people to read."""
 DIGITS = 64
-MOST_BYTES = 512 << 20
-"""The largest model for a hand (100 trees, full depth) has a tenth of it.
-
-The limit of onnxruntime is 2 GiB.
-"""
 _MARKER = SEAL_KEY.encode() + b"\x12" + bytes([DIGITS])
 """The seal's key and the length of its value, as protobuf writes them (field 2, 64 bytes)."""
 
@@ -150,12 +146,8 @@ def _file_bytes(path: Path) -> bytes:
             next_step=f"name the model: {path.with_suffix('.onnx')}",
         )
 
-    require_file(path)
     try:
-        size = path.stat().st_size
-        with path.open("rb") as file:
-            # a device may claim size 0 and never end
-            data = file.read(min(size, MOST_BYTES))
+        return path.read_bytes()
     except FileNotFoundError:
         raise DataNotFound(
             "no such model file",
@@ -170,16 +162,6 @@ def _file_bytes(path: Path) -> bytes:
         raise NotAModel(
             f"cannot be read ({error.strerror})", where=path, next_step=next_step
         ) from None
-
-    if size > MOST_BYTES:
-        raise NotAModel(
-            f"larger than {MOST_BYTES >> 20} MiB, the largest size of a model",
-            where=path,
-            cause="it is another file",
-            next_step="check the path",
-        )
-
-    return data
 
 
 def _seal_at(data: bytes) -> int:
@@ -200,11 +182,10 @@ def _digest(data: bytes, start: int) -> bytes:
     return made.hexdigest().encode()
 
 
-def require_own_seal(data: bytes, metadata: dict[str, str]) -> None:
-    """Raise ValueError where the checked digits are not the seal that the metadata name."""
+def digest_of(data: bytes) -> str:
+    """The seal in the bytes of a model file that `read_sealed` gave."""
     start = _seal_at(data)
-    if metadata.get(SEAL_KEY, "").encode() != data[start : start + DIGITS]:
-        raise ValueError("its seal is not in its metadata")
+    return data[start : start + DIGITS].decode("ascii", "replace")
 
 
 def _foreign(data: bytes, path: Path) -> NotAModel | BrokenSeal:
@@ -255,10 +236,25 @@ SMALLEST, LARGEST = sys.float_info.min, sys.float_info.max
 READING = "a positive number in the model's unit"
 
 
-def read_card(metadata: dict[str, str], path: str | Path = "") -> ModelCard:
+def read_card(metadata: Mapping[str, str], path: str | Path = "") -> ModelCard:
     """The card in an opened file's metadata; NotAModel where something is missing or impossible."""
     try:
-        raw = json_of(metadata[CARD_KEY])
+        raw, digest = json.loads(metadata[CARD_KEY]), metadata[SEAL_KEY]
+    except (KeyError, ValueError) as error:
+        raise NotAModel(
+            f"its metadata are incomplete or wrong: {error}",
+            where=path,
+            next_step="export the model again",
+        ) from None
+    return card_of(raw, digest, path)
+
+
+def card_of(raw: Json, digest: str, path: str | Path = "") -> ModelCard:
+    """The card as it stands in a file's metadata, or in model.json of a C form. Raises NotAModel.
+
+    digest: the file's seal.
+    """
+    try:
         if raw["format"] != FORMAT:
             raise NotAModel(
                 f"the model file has format {raw['format']}, this version reads {FORMAT}",
@@ -267,7 +263,7 @@ def read_card(metadata: dict[str, str], path: str | Path = "") -> ModelCard:
             )
         spec = raw["spec"]
         return ModelCard(
-            model_id=metadata[SEAL_KEY][:12],
+            model_id=digest[:12],
             rate_hz=_above_zero(spec["rate_hz"], "a sampling rate", *RATES_HZ),
             unit=UNITS[UNITS.index(spec["unit"])],
             n_channels=3 * _count(spec["n_sensors"], least=1),

@@ -76,7 +76,7 @@ def adapted(base: bytes, adaptation: Adaptation) -> bytes:
     Raises VerificationFailed where the base could not be restored byte for byte.
     """
     model = onnx.load_from_string(base)
-    metadata = _metadata(model)
+    metadata = metadata_of(model)
     card = _card(json_of(metadata[CARD_KEY]), base, adaptation)
     if adaptation.correction is not None:
         add_correction(model, adaptation.correction)
@@ -97,7 +97,7 @@ def adapted(base: bytes, adaptation: Adaptation) -> bytes:
     return data
 
 
-def _metadata(model: onnx.ModelProto) -> dict[str, str]:
+def metadata_of(model: onnx.ModelProto) -> dict[str, str]:
     """In the order of the file, on which its bytes depend."""
     return {entry.key: entry.value for entry in model.metadata_props}
 
@@ -127,13 +127,13 @@ def _packed(metadata: dict[str, str]) -> str:
 
 def is_adapted(data: bytes) -> bool:
     """Whether a sealed file is an adapted one."""
-    return BASE_KEY in _metadata(onnx.load_from_string(data))
+    return BASE_KEY in metadata_of(onnx.load_from_string(data))
 
 
 def undone(data: bytes, where: str | Path = "") -> bytes:
     """The base of an adapted file, byte for byte. Raises NotAdapted."""
     model = onnx.load_from_string(data)
-    metadata = _metadata(model)
+    metadata = metadata_of(model)
     if BASE_KEY not in metadata:
         raise NotAdapted(
             "this file is not adapted", where=where, next_step="use it as it is"

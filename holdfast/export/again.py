@@ -22,7 +22,7 @@ from holdfast.core.reading import Json, json_of
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.edge_runtime.decision import LIMITS, DecisionRules
 from holdfast.edge_runtime.graph import Outputs, open_session, run_recording
-from holdfast.edge_runtime.model import golden_input, read_model
+from holdfast.edge_runtime.model import golden_input
 from holdfast.edge_runtime.model_file import (
     CARD_KEY,
     CARD_SUFFIX,
@@ -64,7 +64,6 @@ def export_again(
     VerificationFailed where the learner differs.
     """
     data = read_sealed(path)
-    read_model(data, path)
     require_writable(out.parent)
     card: Json = {}
     if hand is not None:

@@ -28,7 +28,7 @@ import numpy as np
 from holdfast.core.contract import AXES, FloatArray, Unit
 from holdfast.core.errors import DataError, NotANumber, needs_extra
 from holdfast.core.hand_card import hand_of_counts
-from holdfast.core.reading import Json, json_of, require_file
+from holdfast.core.reading import Json, json_of
 from holdfast.interop.logs.log import ForeignLog, Stream, columns_of
 from holdfast.interop.payload import TrialPayload, log_lines
 
@@ -338,7 +338,6 @@ Decode = Callable[[bytes], Any]
 
 def read_log(path: Path, name: str) -> ForeignLog:
     """Any MCAP file as a log: a stream a topic, without pictures. Raises NotANumber."""
-    require_file(path)
     messages: dict[str, list[Any]] = {}
     stamps: dict[str, list[int]] = {}
     decoders: dict[int, Decode | None] = {}
@@ -372,7 +371,7 @@ def read_log(path: Path, name: str) -> ForeignLog:
     streams = []
     for topic, rows in messages.items():
         try:
-            columns = columns_of(rows, topic, path)
+            columns = columns_of(rows, topic)
         except DataError:
             continue  # too many fields for readings of sensors
         t_ns = np.array(stamps[topic], dtype=np.uint64).astype(np.int64)

@@ -72,7 +72,7 @@ def streams_of(
     streams = []
     for topic, rows in messages.items():
         try:
-            columns = columns_of(rows, topic, path)
+            columns = columns_of(rows, topic)
         except ColumnError:
             continue  # an image, or the like
         if columns:

@@ -17,7 +17,7 @@ import numpy as np
 
 from holdfast.core.contract import channel_names
 from holdfast.core.errors import NotANumber, needs_extra
-from holdfast.core.reading import Json, json_of, require_file
+from holdfast.core.reading import Json, json_of
 from holdfast.core.trial_file import TIME_COLUMN
 from holdfast.interop.logs.log import Columns, ForeignLog, Stream
 from holdfast.interop.payload import NO_LABEL, TrialPayload
@@ -113,7 +113,6 @@ def read_columns(path: Path) -> tuple[Columns, Json]:
     A column of lists of one length, or of structs, becomes `name.0`, `name.1`, .. or `name.field`;
     a null is nan or "". Raises NotANumber for a file that is none.
     """
-    require_file(path)
     try:
         # the path itself may look like a set in pieces (a=1/), which only a folder is
         table = pq.ParquetFile(path).read()

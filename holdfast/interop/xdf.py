@@ -34,7 +34,7 @@ from holdfast.core.errors import (
     needs_extra,
 )
 from holdfast.core.lsl_streams import StreamFacts, order_of, unit_of
-from holdfast.core.reading import Json, require_file
+from holdfast.core.reading import Json
 from holdfast.core.trial_file import (
     LATEST_S,
     MIN_ROWS,
@@ -127,7 +127,6 @@ def _markers(stream: _Stream) -> list[Marker]:
 
 def _loaded(path: Path) -> list[_Stream]:
     """All streams of a file, `.xdf` or compressed `.xdfz`. Raises DataNotFound or NotANumber."""
-    require_file(path)
     if not path.is_file():
         raise DataNotFound("no such file", where=path, next_step="give an XDF file")
 

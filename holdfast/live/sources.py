@@ -21,7 +21,6 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import UnitError, UsageError
-from holdfast.core.reading import require_file
 from holdfast.core.source import Source
 from holdfast.drivers.replay import Replay, open_replay
 from holdfast.edge_runtime.preparation import Preparation
@@ -128,7 +127,6 @@ def open_source(
     else:
         require_meant(url)
         name = url.removeprefix(REPLAY)
-        require_file(Path(name))
         # a folder may have a number sign in its name
         if "#" in name and not Path(name).exists() and read_set is not None:
             return read_set(name, channels)

@@ -7,14 +7,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import onnx
+
 from holdfast.core.locked import require_open
 from holdfast.core.writing import write_whole
-from holdfast.edge_runtime.model import Model, read_model
-from holdfast.edge_runtime.model_file import CARD_SUFFIX, read_sealed
+from holdfast.edge_runtime.model import Model
+from holdfast.edge_runtime.model_file import CARD_SUFFIX, read_card, read_sealed
 from holdfast.export.adapted_file import (
     AdaptedVerification,
     adapted,
     is_adapted,
+    metadata_of,
     undone,
     verify_adapted,
 )
@@ -103,7 +106,7 @@ def _slips(slips: str | None, model: Model, begin: Stages) -> DataSet:
 
 def _write(path: Path, data: bytes) -> None:
     """The file, and its card next to it."""
-    # Read as the runtime does, so that the card shows what the file says.
-    card, _, _ = read_model(data, path)
+    # Read from the file, so that the card shows what it says.
+    card = read_card(metadata_of(onnx.load_from_string(data)), path)
     write_whole(path, data)
     write_whole(path.with_suffix(CARD_SUFFIX), readable_card(card.raw, path.name, data))

@@ -47,7 +47,6 @@ from holdfast.core.errors import (
     count_of,
     listed,
 )
-from holdfast.core.reading import require_lines
 from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.sessions.calibration import PUBLISHED_N, LoadSet, Probing, fit
 
@@ -103,7 +102,6 @@ def _numbers(path: Path, *, header: bool) -> tuple[list[str], FloatArray]:
     """(names of the columns, [M, K]) of a CSV file. Raises DataNotFound, NotANumber."""
     names: list[str] = []
     try:
-        require_lines(path)
         with path.open(encoding="utf-8-sig") as lines, warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # no rows: the callers raise
             if header:

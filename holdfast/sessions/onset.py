@@ -19,7 +19,7 @@ from holdfast.core.errors import (
     TimeError,
     UsageError,
 )
-from holdfast.core.reading import Json, require_lines
+from holdfast.core.reading import Json
 from holdfast.core.trial_layout import (
     EVENTS,
     HELD_ACTIONS,
@@ -132,7 +132,6 @@ def doubt(folder: Path) -> LabelError | None:
 def _starts_s(folder: Path, moved: Motion) -> float:
     """Monotonic time of the first tactile sample, s; without samples, of the first frame."""
     try:
-        require_lines(folder / TACTILE)
         with (folder / TACTILE).open(newline="", encoding="utf-8-sig") as lines:
             # The samples have the time of the same clock in host_ns.
             starts_s = 1e-9 * int(next(csv.DictReader(lines))["host_ns"])

@@ -289,16 +289,6 @@ def test_a_golden_answer_within_its_tolerance_is_accepted(
     Model(path)
 
 
-def test_a_graph_that_leaves_the_number_of_its_features_open_is_refused(
-    eight_classes: Built, tmp_path: Path
-) -> None:
-    model = onnx.load_from_string(content(eight_classes.model))
-    (features,) = [one for one in model.graph.output if one.name == "features"]
-    features.type.tensor_type.shape.dim[1].dim_param = "F"
-    data = with_metadata(model.SerializeToString())
-    assert isinstance(refused(tmp_path / "m.onnx", data), NotAModel)
-
-
 GARBLED: dict[str, dict[str, str | None]] = {
     "no card": {CARD_KEY: None},
     "a card that is no JSON": {CARD_KEY: "{"},

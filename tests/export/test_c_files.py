@@ -20,16 +20,15 @@ from small_model import card_of, for_the_hand, graph_of, resealed, sealed_bytes
 from holdfast.core.errors import CompilerFailed, NotCompilable, OutputError
 from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.c_engine import LIBRARY
-from holdfast.edge_runtime.onnx_bytes import Node
 from holdfast.export.c.exporting import find_compiler
-from holdfast.export.c.graph import read_graph
+from holdfast.export.c.graph import Node, read_graph
 from holdfast.export.c.source import c_source
 from holdfast.export.exporting import model_card, seal
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "c.md"
 BLOCK = re.compile(r"```(sh|c|text)\n(.*?)```", re.DOTALL)
-SOURCES = ["holdfast.c", "holdfast.h", "holdfast_selftest.c"]
+SOURCES = ["holdfast.c", "holdfast.h", "holdfast_selftest.c", "model.json"]
 Run = Callable[..., tuple[int, str, str]]
 
 
@@ -56,12 +55,12 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_the_command_writes_three_files_beside_the_model(run: Run, model: Path):
+def test_the_command_writes_four_files_beside_the_model(run: Run, model: Path):
     code, out, _ = run("export", model, "--to", "c")
     assert code == 0
     assert names(model.parent / "small-c") == SOURCES
     assert out.endswith(
-        f"C: {model.parent / 'small-c'} (holdfast.c, holdfast.h, holdfast_selftest.c)\n"
+        f"C: {model.parent / 'small-c'} (holdfast.c, holdfast.h, holdfast_selftest.c, model.json)\n"
     )
 
 
@@ -155,7 +154,7 @@ def test_an_answer_that_depends_on_more_than_the_features_is_refused(model: Path
 
 def test_an_output_that_is_only_a_part_of_another_tensor_is_refused(model: Path):
     graph = read_graph(model)
-    added = Node("", "Flatten", ("votes",), ("p_more",), {})
+    added = Node("Flatten", ("votes",), ("p_more",), {})
     tensors = {**graph.tensors, "p_more": graph.tensors["votes"]}
     with pytest.raises(NotCompilable, match="Flatten for p_more"):
         c_source(
@@ -170,7 +169,7 @@ def test_an_output_that_is_only_a_part_of_another_tensor_is_refused(model: Path)
 
 def test_a_node_that_nothing_reads_is_left_out(model: Path):
     graph = read_graph(model)
-    added = Node("", "Softmax", ("votes",), ("p_more",), {})
+    added = Node("Softmax", ("votes",), ("p_more",), {})
     tensors = {**graph.tensors, "p_more": graph.tensors["votes"]}
     more = replace(graph, nodes=(*graph.nodes, added), tensors=tensors)
     assert c_source(more).files["holdfast.c"] == c_source(graph).files["holdfast.c"]

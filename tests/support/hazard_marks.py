@@ -247,24 +247,11 @@ IMPOSSIBLE_SENSE = Hazard(
     "finite and within the ceiling, in C as in Python",
     "The force limit of the drive, whatever the request is",
 )
-FOREIGN_MODEL = Hazard(
-    OUTSIDE,
-    "A model file was altered and sealed again",
-    "At load its sizes, operators, inputs and outputs are checked, and its golden sequences are "
-    "replayed; `holdfast selftest --deep` checks shapes, constants and trees too",
-    "Deciding whose model files to trust: the seal shows integrity and not who made it",
-)
-HUGE_INPUT = Hazard(
-    OUTSIDE,
-    "Input is huge, or claims to be",
-    "It is refused by a typed error before memory or time is spent on it",
-    "Nothing",
-)
 AMBIGUOUS = Hazard(
     OUTSIDE,
     "A file or a stamp means two things, or holds a number that no clock, rate or size can be",
-    "It is refused by a typed error: a key that comes twice, a number that is not finite or needs "
-    "more than 64 bits, a rate outside 0.001 to 100,000 Hz, a stamp beyond 146 years",
+    "It is refused by a typed error: a number that is not finite, a rate outside 0.001 to "
+    "100,000 Hz, a stamp beyond 146 years",
     "Numbers that are possible but wrong",
 )
 TERMINAL_ESCAPES = Hazard(

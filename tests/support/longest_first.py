@@ -15,7 +15,6 @@ LONGEST = (
     "test_adapt",
     "test_record_camera",
     "test_readme",
-    "test_fuzz",
     "test_gripper_page",
     "test_closed_loop",
     "test_cli",

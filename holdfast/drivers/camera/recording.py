@@ -36,7 +36,7 @@ from holdfast.core.errors import (
     NotANumber,
     OutputError,
 )
-from holdfast.core.reading import Json, json_of, require_lines, text_of
+from holdfast.core.reading import Json, json_of, text_of
 from holdfast.core.writing import write_whole
 from holdfast.drivers.camera.sources import Frame, Lens, require_forward
 
@@ -129,7 +129,6 @@ def read_tracks(folder: Path) -> Tracks:
     """
     path = folder / TAGS
     try:
-        require_lines(path)
         with path.open(newline="", encoding="utf-8") as lines:
             rows = list(csv.reader(lines))
     except FileNotFoundError:

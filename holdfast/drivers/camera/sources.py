@@ -9,6 +9,7 @@ import math
 import os
 import sys
 import time
+import zipfile
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,7 +21,6 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.archives import NOT_AN_ARCHIVE, require_modest_archive
 from holdfast.core.errors import (
     CameraUnavailable,
     ColumnError,
@@ -356,7 +356,6 @@ def read_frames(path: Path) -> Stored:
 def _read_arrays(path: Path) -> tuple[npt.NDArray[Any], npt.NDArray[np.float64], Lens]:
     """`frames`, `time_s` and the lens of an .npz file, with arrays of any type and shape."""
     try:
-        require_modest_archive(path)
         with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             missing = [
                 name for name in ("frames", "time_s", *LENS) if name not in file.files
@@ -375,7 +374,7 @@ def _read_arrays(path: Path) -> tuple[npt.NDArray[Any], npt.NDArray[np.float64],
             where=path,
             next_step="check the path; watch takes oak or a .frames.npz",
         ) from None
-    except NOT_AN_ARCHIVE as error:
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise EmptyRecording(
             f"cannot be read as frames ({type(error).__name__})",
             where=path,

@@ -6,8 +6,7 @@ import math
 from collections.abc import Callable
 
 from holdfast.edge_runtime.model_file import EMPTY
-from holdfast.edge_runtime.onnx_bytes import Node
-from holdfast.export.c.graph import FEATURES, INPUTS, Graph, refusal
+from holdfast.export.c.graph import FEATURES, INPUTS, Graph, Node, refusal
 from holdfast.export.c.literals import Tables
 from holdfast.export.c.loops import write_loop
 from holdfast.export.c.memory import SCRATCH, Memory

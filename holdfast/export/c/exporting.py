@@ -15,7 +15,7 @@ from pathlib import Path
 
 from holdfast.core.errors import CompilerFailed, OutputError
 from holdfast.core.writing import require_writable, whole_folder, write_whole
-from holdfast.edge_runtime.c_engine import LIBRARY
+from holdfast.edge_runtime.c_engine import ABOUT, LIBRARY
 from holdfast.export.c.graph import read_graph
 from holdfast.export.c.source import CSource, c_source
 
@@ -51,7 +51,7 @@ def export_c(
 ) -> CExport:
     """Write the C form of a model. Raises a ModelError, CompilerFailed or OutputError."""
     graph = read_graph(model)
-    names = ["holdfast.c", "holdfast.h", "holdfast_selftest.c"]
+    names = ["holdfast.c", "holdfast.h", "holdfast_selftest.c", ABOUT]
     if build:
         names.append(LIBRARY)
 

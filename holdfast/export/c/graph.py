@@ -15,15 +15,28 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.errors import NotCompilable
+from holdfast.core.errors import NotCompilable, needs_extra
 from holdfast.edge_runtime.graph import Outputs
-from holdfast.edge_runtime.model import read_model
-from holdfast.edge_runtime.model_file import SEAL_KEY, ModelCard, read_sealed
-from holdfast.edge_runtime.onnx_bytes import BOOL, DTYPES, Node, OnnxModel
+from holdfast.edge_runtime.model import golden_of
+from holdfast.edge_runtime.model_file import SEAL_KEY, ModelCard, read_card, read_sealed
 
+with needs_extra("train"):
+    import onnx
+    from onnx import TensorProto, helper, numpy_helper
+
+BOOL, DOUBLE, FLOAT = TensorProto.BOOL, TensorProto.DOUBLE, TensorProto.FLOAT
+INT32, INT64 = TensorProto.INT32, TensorProto.INT64
 Array = npt.NDArray[Any]
+DTYPES: dict[int, type[np.generic]] = {
+    FLOAT: np.float32,
+    INT32: np.int32,
+    INT64: np.int64,
+    BOOL: np.bool_,
+    DOUBLE: np.float64,
+}
+"""Element type of ONNX -> numpy type."""
 ELEMENTS = {np.dtype(dtype): element for element, dtype in DTYPES.items()}
-"""numpy type -> element type of ONNX."""
+"""The same the other way."""
 INPUTS = ("sample", "valid", "state")
 """Tensors that the caller of a step owns."""
 FEATURES = "features"
@@ -31,6 +44,19 @@ FEATURES = "features"
 NEXT_STATE = "state_out"
 """The table of state that a step leaves to the next one."""
 Shape = tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Node:
+    """One operator; its attributes by name, lists as arrays.
+
+    `nodes_modes` of a forest marks the nodes that are branches.
+    """
+
+    op_type: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    attributes: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -96,18 +122,39 @@ def refusal(node: Node, what: str) -> NotCompilable:
 
 
 def read_graph(path: str | Path) -> Graph:
-    """The graph of a sealed file, all checks passed. Raises a ModelError."""
-    data = read_sealed(path)
-    card, golden, model = read_model(data, path)
-    model = replace(model, nodes=tuple(map(decoded, model.nodes)))
-    tensors = shapes_of(model)
+    """The graph of a sealed file. Raises a ModelError."""
+    model = onnx.load_from_string(read_sealed(path))
+    metadata = {one.key: one.value for one in model.metadata_props}
+    nodes = tuple(map(_node, model.graph.node))
+    tensors = shapes_of(model.graph, nodes)
     # a fresh state is all zero, and holdfast_init makes it: no step has to reset
     tensors["reset"] = Tensor(BOOL, (1, 1, 1), np.zeros((1, 1, 1), dtype=np.bool_))
-    nodes = _without_resets(model.nodes, tensors)
 
     # the caller owns the features and the state: they are no fields of the output struct
-    names = tuple(name for name in model.outputs if name not in (FEATURES, NEXT_STATE))
-    return Graph(card, model.metadata[SEAL_KEY], golden, nodes, tensors, names)
+    outputs = [one.name for one in model.graph.output]
+    names = tuple(name for name in outputs if name not in (FEATURES, NEXT_STATE))
+    return Graph(
+        card=read_card(metadata, path),
+        digest=metadata[SEAL_KEY],
+        golden=golden_of(metadata, str(path)),
+        nodes=_without_resets(nodes, tensors),
+        tensors=tensors,
+        outputs=names,
+    )
+
+
+def _node(proto: onnx.NodeProto) -> Node:
+    """An operator as the C form needs it."""
+    attributes = {}
+    for one in proto.attribute:
+        value = helper.get_attribute_value(one)
+        if one.name == "nodes_modes":
+            value = [mode == BRANCH for mode in value]
+        is_list = isinstance(value, list)
+        attributes[one.name] = (
+            np.array(value, _LIST_TYPES[one.type]) if is_list else value
+        )
+    return Node(proto.op_type, tuple(proto.input), tuple(proto.output), attributes)
 
 
 def _without_resets(
@@ -134,75 +181,29 @@ def _without_resets(
     return tuple(kept)
 
 
-FLOAT_LISTS = ("nodes_values", "target_weights")
-"""Attributes of a tree ensemble that hold floats; all other lists hold whole numbers."""
 BRANCH = b"BRANCH_LEQ"
 """What a node of a tree is: this, or LEAF."""
+_LIST_TYPES: dict[int, type[np.generic]] = {
+    onnx.AttributeProto.FLOATS: np.float32,
+    onnx.AttributeProto.INTS: np.int64,
+    onnx.AttributeProto.STRINGS: np.bool_,
+}
+"""Of a list, by its type: the only texts are those of `nodes_modes`, which become flags."""
 
 
-def decoded(node: Node) -> Node:
-    """The node with its lists as arrays; `nodes_modes` marks the nodes that are branches."""
-    attributes = dict(node.attributes)
-    lists = [name for name in attributes if name.startswith(("nodes_", "target_"))]
-    if node.op_type == "Transpose":
-        lists.append("perm")
-
-    # the reader of the runtime needs no lists and leaves them as protobuf wrote them
-    for name in lists:
-        data = attributes[name]
-        if name in FLOAT_LISTS:
-            attributes[name] = _floats(data)
-        elif name == "nodes_modes":
-            attributes[name] = _are_branches(data)
-        else:
-            attributes[name] = _whole_numbers(data)
-
-    return replace(node, attributes=attributes)
-
-
-def _floats(data: bytes) -> npt.NDArray[np.float32]:
-    """Four bytes each, behind a tag of one byte."""
-    raw = np.frombuffer(data, np.uint8).reshape(-1, 5)
-    return np.ascontiguousarray(raw[:, 1:]).view("<f4").ravel()
-
-
-def _whole_numbers(data: bytes) -> npt.NDArray[np.int64]:
-    """Seven bits a byte, the lowest first, each number behind a tag of one byte."""
-    raw = np.frombuffer(data, np.uint8)
-    # the last byte of a tag and of a number is below 128: every second one ends a number
-    last = np.flatnonzero(raw < 0x80)
-    tags = last[::2]
-    ends = last[1::2]
-
-    # the k-th byte of all numbers at once: forests have hundreds of thousands of them
-    values = np.zeros(len(ends), dtype=np.int64)
-    longest = int((ends - tags).max(initial=0))
-    for k in range(longest):
-        at = tags + 1 + k
-        here = at <= ends
-        bits = (raw[at[here]] & 0x7F).astype(np.int64)
-        values[here] |= bits << (7 * k)
-
-    return values
-
-
-def _are_branches(data: bytes) -> npt.NDArray[np.bool_]:
-    """Words behind a tag and a length of one byte each; the tag, J, is in neither word."""
-    raw = np.frombuffer(data, np.uint8)
-    lengths = raw[np.flatnonzero(raw == ord("J")) + 1]
-    return np.asarray(lengths == len(BRANCH))
-
-
-def shapes_of(model: OnnxModel) -> dict[str, Tensor]:
+def shapes_of(graph: onnx.GraphProto, nodes: tuple[Node, ...]) -> dict[str, Tensor]:
     """Every tensor by its name, for a batch of one. Raises NotCompilable."""
-    arrays: dict[str, Array] = dict(model.constants)
+    constants = {one.name: numpy_helper.to_array(one) for one in graph.initializer}
+    arrays: dict[str, Array] = dict(constants)
 
     # ones, because a division by zeros would warn
-    for name, declared in model.inputs.items():
-        shape = [1 if isinstance(size, str) else size for size in declared.shape]
-        arrays[name] = np.ones(shape, DTYPES[declared.element])
+    for declared in graph.input:
+        tensor = declared.type.tensor_type
+        # the batch is a word
+        shape = [one.dim_value or 1 for one in tensor.shape.dim]
+        arrays[declared.name] = np.ones(shape, DTYPES[tensor.elem_type])
 
-    for node in model.nodes:
+    for node in nodes:
         try:
             inputs = [arrays[name] for name in node.inputs]
             made = _RULES.get(node.op_type, _arithmetic)(node, *inputs)
@@ -214,7 +215,7 @@ def shapes_of(model: OnnxModel) -> dict[str, Tensor]:
 
     tensors = {}
     for name, array in arrays.items():
-        values = model.constants.get(name)
+        values = constants.get(name)
         tensors[name] = Tensor(ELEMENTS[array.dtype], array.shape, values)
 
     return tensors

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.edge_runtime.onnx_bytes import BOOL, DOUBLE, FLOAT, INT32, INT64
+from holdfast.export.c.graph import BOOL, DOUBLE, FLOAT, INT32, INT64
 
-C_TYPES = {
+C_TYPES: dict[int, str] = {
     DOUBLE: "double",
     FLOAT: "float",
     INT32: "int32_t",
@@ -18,6 +18,14 @@ C_TYPES = {
     BOOL: "uint8_t",
 }
 """Element type -> C type. Whole numbers of a graph are places and counts: 32 bits hold them."""
+OUT_TYPES: dict[int, str] = {
+    DOUBLE: "f8",
+    FLOAT: "f4",
+    INT32: "i4",
+    INT64: "i4",
+    BOOL: "?",
+}
+"""Element type -> the same as numpy names it, for model.json."""
 INTEGERS = (
     ("int8_t", np.int8),
     ("uint8_t", np.uint8),

@@ -6,8 +6,16 @@ import math
 
 import numpy as np
 
-from holdfast.edge_runtime.onnx_bytes import BOOL, DOUBLE, DTYPES, FLOAT, INT64, Node
-from holdfast.export.c.graph import Shape, refusal
+from holdfast.export.c.graph import (
+    BOOL,
+    DOUBLE,
+    DTYPES,
+    FLOAT,
+    INT64,
+    Node,
+    Shape,
+    refusal,
+)
 from holdfast.export.c.literals import C_TYPES, number, smallest_type
 from holdfast.export.c.plan import Step, strides, without_ones
 from holdfast.export.c.whole import INPUT_TYPE, PACKED

@@ -9,8 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from holdfast.edge_runtime.onnx_bytes import Node
-from holdfast.export.c.graph import Graph
+from holdfast.export.c.graph import Graph, Node
 from holdfast.export.c.literals import BYTES, C_TYPES
 from holdfast.export.c.plan import Step, View
 

@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from holdfast.edge_runtime.onnx_bytes import DOUBLE, FLOAT, Node
-from holdfast.export.c.graph import refusal
+from holdfast.export.c.graph import DOUBLE, FLOAT, Node, refusal
 from holdfast.export.c.literals import C_TYPES
 from holdfast.export.c.plan import slice_offset, split_axis, strides
 from holdfast.export.c.writer import Writer, counted, index

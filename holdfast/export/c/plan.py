@@ -9,8 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from holdfast.edge_runtime.onnx_bytes import Node
-from holdfast.export.c.graph import FEATURES, NEXT_STATE, Graph, Shape
+from holdfast.export.c.graph import FEATURES, NEXT_STATE, Graph, Node, Shape
 
 BY_NUMBER = frozenset(
     [

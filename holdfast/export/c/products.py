@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.edge_runtime.onnx_bytes import Node
-from holdfast.export.c.graph import refusal
+from holdfast.export.c.graph import Node, refusal
 from holdfast.export.c.literals import C_TYPES, number
 from holdfast.export.c.whole import write_whole_product
 from holdfast.export.c.writer import Writer, block, counted, index

@@ -5,6 +5,7 @@ The hand-written C is in templates/: words between @ are filled in, snippets com
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Mapping
@@ -13,14 +14,15 @@ from importlib.resources import files
 
 import numpy as np
 
+from holdfast.edge_runtime.c_engine import ABOUT as ABOUT_MODEL
 from holdfast.edge_runtime.decision import period_us
 from holdfast.edge_runtime.grip_control import SAMPLES
-from holdfast.edge_runtime.model import AMPLITUDE, golden_length
+from holdfast.edge_runtime.model import AMPLITUDE, golden_length, golden_to_json
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.export.c.compiled import StepCode
 from holdfast.export.c.constants import constants, options_of, rules_of
 from holdfast.export.c.graph import Graph
-from holdfast.export.c.literals import C_TYPES, number, smallest_type, table
+from holdfast.export.c.literals import C_TYPES, OUT_TYPES, number, smallest_type, table
 
 HAND_FILES = ("friction.c", "controller.c", "supervisor.c", "grip.c")
 """Hand-written C of the grip, in this order in the source: what a file uses stands before it."""
@@ -65,6 +67,7 @@ def c_source(graph: Graph) -> CSource:
             "holdfast.c": _source(compiled, words, constants(graph.card)),
             "holdfast.h": _template("header.h", words),
             "holdfast_selftest.c": _selftest(graph, words),
+            ABOUT_MODEL: _about(graph),
         },
         state_bytes=compiled.state_bytes,
         table_bytes=compiled.tables.n_bytes,
@@ -215,6 +218,28 @@ def _struct(graph: Graph) -> str:
         lines.append(f"    {field:<28}{comment}".rstrip())
 
     return "\n".join(lines)
+
+
+def _about(graph: Graph) -> str:
+    """model.json: card, golden answers, seal, and the layout of holdfast_out as C aligns it."""
+    fields: list[tuple[str, str, tuple[int, ...]]] = []
+    for name in graph.outputs:
+        # of one hand: without the batch
+        fields.append((name, OUT_TYPES[graph.element(name)], graph.shape(name)[1:]))
+    layout = np.dtype(fields, align=True)
+
+    outputs = []
+    for name, kind, shape in fields:
+        offset = layout.fields[name][1] if layout.fields else 0
+        outputs.append({"name": name, "dtype": kind, "offset": offset, "shape": shape})
+    about = {
+        "digest": graph.digest,
+        "card": graph.card.raw,
+        "golden": golden_to_json(graph.golden),
+        "out_bytes": layout.itemsize,
+        "outputs": outputs,
+    }
+    return json.dumps(about, indent=1) + "\n"
 
 
 def _selftest(graph: Graph, words: Words) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.edge_runtime.onnx_bytes import Node
+from holdfast.export.c.graph import Node
 from holdfast.export.c.literals import number, smallest_type
 from holdfast.export.c.writer import Writer, block, counted
 

@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.edge_runtime.onnx_bytes import FLOAT, Node
-from holdfast.export.c.graph import Graph
+from holdfast.export.c.graph import FLOAT, Graph, Node
 from holdfast.export.c.literals import smallest_type
 from holdfast.export.c.plan import BY_NUMBER, Plan
 from holdfast.export.c.writer import Writer, block, counted, index

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from holdfast.core.column_map import flat_fields
 from holdfast.core.contract import IntArray
-from holdfast.core.errors import ColumnError, TooLarge
+from holdfast.core.errors import ColumnError
 from holdfast.core.reading import Json
 
 Column = npt.NDArray[Any]
@@ -24,8 +24,6 @@ Column = npt.NDArray[Any]
 Columns = dict[str, Column]
 LOG_TIME = "log_time"
 """The column of a log's own stamps, ns, where it has such."""
-MOST_CELLS = 400_000_000
-"""Of one log; what is larger is split first."""
 MORE_THAN_ONE_GRID = 1.5
 """Stamps of all topics over those of the longest one: above it they are not common stamps."""
 
@@ -136,15 +134,13 @@ def _where_there(column: Column, there: npt.NDArray[np.bool_]) -> Column:
     return np.where(there, column.astype(np.float64), np.nan)
 
 
-def columns_of(messages: Sequence[Any], prefix: str, path: Path) -> Columns:
+def columns_of(messages: Sequence[Any], prefix: str) -> Columns:
     """Columns of messages: nested objects flattened, one name for each number or text.
 
-    Raises ColumnError, or TooLarge for more cells than MOST_CELLS.
+    Raises ColumnError.
     """
     rows = [flat_fields(message, prefix) for message in messages]
     names = dict.fromkeys(name for row in rows for name in row)
-    if len(rows) * len(names) > MOST_CELLS:
-        raise TooLarge("too many messages", where=path, next_step="split the log")
     return {name: column_of([row.get(name) for row in rows]) for name in names}
 
 

@@ -16,7 +16,6 @@ from holdfast.core.errors import (
     NotANumber,
     needs_extra,
 )
-from holdfast.core.reading import require_file, require_lines
 from holdfast.interop.logs.layout import TableFormat, TableLayout, layout_of
 from holdfast.interop.logs.log import Columns
 
@@ -32,9 +31,7 @@ UTF8, WESTERN = "utf-8-sig", "cp1252"
 
 def read_text_table(path: Path, form: TableFormat) -> tuple[Columns, int]:
     """(columns, line of the first row). Raises a DataError that names the file."""
-    require_file(path)
     try:
-        require_lines(path)
         with path.open("rb") as file:
             head = file.read(HEAD_BYTES)
         encoding = form.encoding or _encoding(head)

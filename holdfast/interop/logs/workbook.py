@@ -6,7 +6,6 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from holdfast.core.archives import require_modest_archive
 from holdfast.core.errors import (
     DataError,
     DataNotFound,
@@ -14,7 +13,6 @@ from holdfast.core.errors import (
     NotANumber,
     needs_extra,
 )
-from holdfast.core.reading import require_file
 from holdfast.interop.logs.layout import TableFormat, names_of
 from holdfast.interop.logs.log import Columns, column_of
 
@@ -27,7 +25,6 @@ MOST_ROWS = 1_048_576
 
 def read_workbook(path: Path, form: TableFormat) -> tuple[Columns, int]:
     """(columns of a sheet, line of its first row). Raises a DataError that names the file."""
-    require_file(path)
     rows = _rows(path, form.sheet)
     names, first = names_of(rows)
     wide = len(names)
@@ -43,7 +40,6 @@ def read_workbook(path: Path, form: TableFormat) -> tuple[Columns, int]:
 def _rows(path: Path, sheet: str | None) -> list[list[Any]]:
     """The cells of a sheet, all rows as wide as its names. Raises DataNotFound or NotANumber."""
     try:
-        require_modest_archive(path)
         with warnings.catch_warnings():
             # of styles and the like, which no table needs
             warnings.simplefilter("ignore")

@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import Any
 
 from holdfast.core.errors import DataNotFound, UsageError
-from holdfast.core.reading import CardReader, Json, read_toml, require_file
+from holdfast.core.reading import CardReader, Json, read_toml
 from holdfast.core.trial_layout import DISCARDED, SITUATION_OF_ACTION
 
 ACTIONS = tuple(SITUATION_OF_ACTION)
@@ -111,7 +111,6 @@ def checked_name(text: str, what: str) -> str:
 def read_protocol(path: Path) -> Protocol:
     """Read and check a recording protocol. Raises CardError, DataNotFound."""
     try:
-        require_file(path)
         text, raw = read_toml(path)
     except FileNotFoundError:
         raise DataNotFound(

@@ -7,6 +7,7 @@ Python's own `float`, because pandas rounds some decimals differently in the las
 from __future__ import annotations
 
 import csv
+import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.archives import NOT_AN_ARCHIVE, require_modest_archive
 from holdfast.core.contract import FloatArray, IntArray
 from holdfast.core.errors import (
     ColumnError,
@@ -24,7 +24,6 @@ from holdfast.core.errors import (
     NotANumber,
     listed,
 )
-from holdfast.core.reading import require_lines
 from holdfast.training.recording import LabelledRows
 
 Shape = tuple[int | None, ...]
@@ -43,7 +42,6 @@ def read_arrays(path: Path, shapes: Mapping[str, Shape]) -> Arrays:
     NotANumber.
     """
     try:
-        require_modest_archive(path)
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             missing = sorted(set(shapes) - set(archive.files))
             if missing:
@@ -55,7 +53,7 @@ def read_arrays(path: Path, shapes: Mapping[str, Shape]) -> Arrays:
             arrays = {name: archive[name] for name in shapes}
     except FileNotFoundError:
         raise DataNotFound("no such file", where=path, next_step=COPY_AGAIN) from None
-    except NOT_AN_ARCHIVE as error:
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise NotANumber(
             f"cannot be read as an npz archive of numbers ({type(error).__name__})",
             where=path,
@@ -146,7 +144,6 @@ class Table:
 def read_table(path: Path) -> Table:
     """A csv file with a header. Raises DataNotFound, NotANumber, EmptyRecording or ColumnError."""
     try:
-        require_lines(path)
         with path.open(newline="", encoding="utf-8-sig") as lines:
             rows = [row for row in csv.reader(lines) if row]
     except FileNotFoundError:
