@@ -110,10 +110,9 @@ bench: setup  ## what accuracy costs in time on this machine; all, or only NAME=
 browser: setup  ## a simulated hand to pull at, with the default model, as a page that needs no server, into build/browser
 	$(BIN)/python examples/browser/build.py $(MODEL) build/browser
 
-peers: $(PEERS)/.stamp  ## beside others: hold and pull, and the closed loop, in MuJoCo, the forest in treelite; an environment of its own, into build/bench
+peers: $(PEERS)/.stamp  ## beside others: hold and pull, and the closed loop, in MuJoCo; an environment of its own, into build/bench
 	$(PEERS)/bin/python -m benchmarks.mujoco_peer --out build/bench/mujoco.json $(ARGS)
 	$(PEERS)/bin/python -m benchmarks.mujoco_loop --out build/bench/mujoco-loop.json
-	$(PEERS)/bin/python -m holdfast bench latency
 
 world: $(PEERS)/.stamp  ## the shipped model in a second physics (MuJoCo), for testing only; FULL=1: all of it, hours, resumes; into build/world
 	OPENBLAS_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks world --out build/world --model $(MODEL) $(if $(FULL),--full) $(ARGS)

@@ -78,7 +78,7 @@ VERBS = {
         "holdfast.cli.loop",
         "grip controllers in a closed loop: drops saved, hand-overs blocked",
     ),
-    "bench": ("holdfast.cli.bench", "measure what accuracy costs in time"),
+    "bench": ("holdfast.cli.bench", "say whether this machine is fast enough"),
     "selftest": (
         "holdfast.cli.selftest",
         "check a model file on this machine, in seconds",
