@@ -19,13 +19,13 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.loop_figures import ThreeRuns
 from benchmarks.mujoco_version import require_mujoco
 from holdfast.cli.command import path_argument, run_script
 from holdfast.core.contract import FloatArray
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.edge_runtime.model import Model
-from holdfast.evaluation.loop_figures import ThreeRuns
 from holdfast.simulation.closed_loop import ClosedLoop, managed
 from holdfast.simulation.loop_people import LoopOutcome, LoopRecord
 from holdfast.simulation.protocol import PlannedTrial

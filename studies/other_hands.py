@@ -19,7 +19,6 @@ from holdfast.core.writing import require_writable, write_whole
 from holdfast.edge_runtime.c_engine import LIBRARY
 from holdfast.edge_runtime.engine import ONNXRUNTIME, C, ModelChoice
 from holdfast.edge_runtime.model import Model
-from holdfast.evaluation.closed_loop import LoopRuns
 from holdfast.evaluation.jobs import Workers
 from holdfast.export.again import export_again
 from holdfast.export.c.exporting import export_c
@@ -32,6 +31,7 @@ from studies.distortions.closed_loop import (
 )
 from studies.distortions.open_loop import OpenJob, open_figures
 from studies.distortions.table import TRIALS, UNCHANGED, by_name
+from studies.shared_control.closed_loop import LoopRuns
 from tools.harness import measured_now, write_figures
 
 HANDS = ("six-fingertips", "two-pad-gripper", "three-fingertips", "twelve-sensors")

@@ -227,7 +227,7 @@ def test_without_its_package_a_cluster_names_the_extra(
 
 
 def test_zero_processes_are_refused(run: Run) -> None:
-    code, _, err = run("loop", "thesis", "--jobs", 0)
+    code, _, err = run("evaluate", SLOWER, "--data", "thesis", "--jobs", 0)
     assert code == 2
     assert "'0' is not a number of processes from 1 on" in err
 
@@ -259,7 +259,7 @@ def test_sets_scored_on_a_cluster_have_the_figures_of_this_process(
 
 
 def test_a_closed_loop_on_a_cluster_ends_as_in_this_process(
-    run: Run, tmp_path: Path, cluster: str
+    study: Run, tmp_path: Path, cluster: str
 ) -> None:
     card, written = tmp_path / "two.toml", []
     both = (row("fall", "weak_grip = 0.5\n", "hard-ball"), row("pass"))
@@ -267,7 +267,7 @@ def test_a_closed_loop_on_a_cluster_ends_as_in_this_process(
     words = ("loop", card, "--model", SLOWER, "--controller", "pd-shear")
     for name, where in (("here", ("--jobs", 1)), ("there", ("--dask", cluster))):
         out = tmp_path / f"{name}.json"
-        code, _, err = run(*words, "--json", out, *where)
+        code, _, err = study(*words, "--json", out, *where)
         assert code == 0, err
         written.append(out.read_bytes())
     assert written[0] == written[1]

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from holdfast.core.errors import UsageError
-from holdfast.evaluation.closed_loop import scene_of
+from studies.shared_control.closed_loop import scene_of
 from studies.shared_control.picture import curve, picture
 from studies.shared_control.plan import LAGS_MS, OURS, PARTS, SEED, SETTINGS, rows, sets
 from studies.shared_control.program import PAGE, _chosen, _locked_on, merged

@@ -11,7 +11,11 @@ import pytest
 from loop_bench import MODEL, card_text, row
 
 from holdfast.edge_runtime.engine import ModelChoice
-from holdfast.evaluation.closed_loop import (
+from holdfast.evaluation.jobs import Workers
+from holdfast.simulation.closed_loop import CLOSURES
+from holdfast.simulation.loop_people import LoopOutcome
+from holdfast.simulation.script_times import Times
+from studies.shared_control.closed_loop import (
     BARE,
     ORACLE,
     LoopRequest,
@@ -19,10 +23,6 @@ from holdfast.evaluation.closed_loop import (
     LoopSet,
     scene_of,
 )
-from holdfast.evaluation.jobs import Workers
-from holdfast.simulation.closed_loop import CLOSURES
-from holdfast.simulation.loop_people import LoopOutcome
-from holdfast.simulation.script_times import Times
 
 KEPT_BY = {"fall": 2.0, "pull": np.inf}
 """Action -> the first closure that keeps the object."""
