@@ -15,9 +15,6 @@ from holdfast.evaluation.style import (
     QUIET,
     SITUATION_COLOURS,
     WARNING,
-    Bar,
-    bar,
-    bars,
     drawing,
     svg,
 )
@@ -26,6 +23,7 @@ from holdfast.training.crossval import HeldOut
 from holdfast.training.figures import ABSENT, HeadFigures, Interval
 from holdfast.training.metrics import situation_scores
 from holdfast.training.recording import DataSet
+from studies.bars import Bar, bar, bars
 from studies.real.figures import prediction_of
 from studies.real.proactive import ReplayPicture
 from studies.row_names import row_class, shown

@@ -17,12 +17,11 @@ from holdfast.evaluation.style import (
     OURS,
     QUIET,
     WARNING,
-    bar,
-    bars,
     svg,
 )
 from holdfast.evaluation.window_scores import ClassScores, LevelScores
 from holdfast.training.figures import ABSENT
+from studies.bars import bar, bars
 from studies.row_names import row_class, shown
 from studies.scenes.figures import RateFigures, Rows, scores_of
 
