@@ -239,7 +239,7 @@ def _figures(
     trials = [trial for name, _ in parts for trial in _streams(folder, name).trials]
     results = [result for _, result in parts]
     result = results[0] if len(results) == 1 else together(results)
-    return picked(method_figures(result, trials, None, seed), KEPT)
+    return picked(method_figures(result, trials, seed), KEPT)
 
 
 def _times_us(

@@ -2,13 +2,11 @@
 
 The default model runs at another rate than these sets. So the file is one of `make real`, trained
 without one fold of people, and it is evaluated on these people only.
-
-Figures of eflesh_slip are read as `make real` writes them: windows, trials, how late alarms come.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from holdfast.core.errors import DataNotFound, NotAModel
@@ -17,54 +15,10 @@ from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
 from holdfast.evaluation.figures import Evaluation
 from holdfast.training.datasets import load
-from holdfast.training.datasets.eflesh_slip import ThresholdAccuracy
-from holdfast.training.figures import Interval
 from holdfast.training.plan import TrainingPlan
 from holdfast.training.recording import DataSet, assign_groups
 
-
-@dataclass(frozen=True)
-class DelaySpread:
-    """Delay of n alarms after the field departs, s; None without an alarm."""
-
-    n: int
-    p5: float | None
-    p50: float | None
-    p95: float | None
-
-
-@dataclass(frozen=True)
-class EfleshFigures:
-    """Figures with blocks of neighbouring trials held out. Accuracies and F1 are from 0 to 1.
-
-    delay_s, held_trials_with_an_alarm: by the name of the detector.
-    """
-
-    n_trials: int
-    n_groups: int
-    window_accuracy: float
-    f1: dict[str, float | None]
-    f1_ci: dict[str, Interval | None]
-    trial_vote_accuracy: float
-    one_threshold: ThresholdAccuracy
-    delay_s: dict[str, DelaySpread]
-    held_trials_with_an_alarm: dict[str, str]
-    caveat: str
-
-    @staticmethod
-    def from_json(written: Json) -> EfleshFigures:
-        """Read what `asdict` gave. Raises KeyError or TypeError where a figure is missing."""
-        delays = {}
-        for name, one in written["delay_s"].items():
-            delays[name] = DelaySpread(**one)
-        threshold = ThresholdAccuracy(**written["one_threshold"])
-        return EfleshFigures(
-            **written | {"delay_s": delays, "one_threshold": threshold}
-        )
-
-
 HUMAN = "human_slip_uskin"
-EFLESH = "eflesh_slip"
 NEXT = (
     "not here: `make real` trains, exports and leaves them (about 6 min), then `make evaluate` "
     "again"
@@ -93,18 +47,16 @@ class RealSetsMissing:
 
 @dataclass(frozen=True)
 class RealFigures:
-    """Figures of unseen people, and what `make real` wrote of eflesh_slip, if it did."""
+    """Figures of unseen people."""
 
     human: Evaluation
     people: list[str]
-    eflesh: EfleshFigures | None
     note: str = NOTE
 
     def to_json(self) -> Json:
         """As it stands in figures.json."""
         human = self.human.to_json() | {"people": self.people}
-        eflesh = None if self.eflesh is None else asdict(self.eflesh)
-        return {HUMAN: human, EFLESH: eflesh, "note": self.note}
+        return {HUMAN: human, "note": self.note}
 
 
 def real_figures(folder: Path, seed: int = 0) -> RealFigures | RealSetsMissing:
@@ -117,7 +69,6 @@ def real_figures(folder: Path, seed: int = 0) -> RealFigures | RealSetsMissing:
     # Files of an older `make real` may lack a figure, and the data set may be gone since.
     try:
         written = json_of(text_of(metrics))
-        eflesh = EfleshFigures.from_json(written[EFLESH]) if EFLESH in written else None
         data = load(HUMAN)
         model = ModelChoice(str(file))
         # Opened here once, so that a damaged file is reported as missing figures.
@@ -129,7 +80,7 @@ def real_figures(folder: Path, seed: int = 0) -> RealFigures | RealSetsMissing:
     request = EvaluationRequest((HUMAN,), people=people, seed=seed)
     # As deployed: no people are left to choose a confidence on.
     human = evaluate_events(model, request)
-    return RealFigures(human, sorted(people), eflesh)
+    return RealFigures(human, sorted(people))
 
 
 def held_out_people(data: DataSet, seed: int) -> frozenset[str]:

@@ -1,4 +1,4 @@
-"""Trials over time: forces, critical points, truth, and the answers of a held-out forest."""
+"""Trials over time: forces, critical points, truth, and the answers of a model."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ from holdfast.core.contract import (
 )
 from holdfast.core.hand_card import read_hand_card, sensor_names
 from holdfast.core.trial_layout import HAND_FILE, read_json, truth_path
-from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
-from holdfast.evaluation.alarms import Answers, requests_at
+from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.evaluation.formats import spaced
 from holdfast.evaluation.style import (
     FINGER_COLOURS,
@@ -36,20 +35,10 @@ from holdfast.evaluation.style import (
     drawing,
     svg,
 )
-from holdfast.evaluation.window_scores import labels_at
-from holdfast.export.heads import riskier_argmax, situation_votes
-from holdfast.export.learner import reference_votes
-from holdfast.export.network import IntArray
-from holdfast.export.spec import StepSpec
 from holdfast.training.critical_points import CriticalPoint, offline_critical_points
-from holdfast.training.crossval import fit_learner
-from holdfast.training.featurise import FloatRows, features_everywhere, spec_for
-from holdfast.training.plan import TrainingPlan
-from holdfast.training.recording import DataSet, Recording
+from holdfast.training.recording import Recording
 from holdfast.training.timeline import Phase, read_truth
 
-SLIP_OF = {"pull": RISKY_SLIP, "fall": RISKY_SLIP, "pass": SAFE_SLIP}
-"""Action that is drawn -> the slip in it."""
 EVENTS = {
     "load_onset_s": "load",
     "incipient_slip_s": "",
@@ -63,7 +52,7 @@ AROUND_S = (-0.35, 0.65)
 
 @dataclass(frozen=True)
 class StreamPicture:
-    """One held-out trial. answer [T]: a situation or UNKNOWN. acts [T]: where an act is requested.
+    """One unseen trial. answer [T]: a situation or UNKNOWN. acts [T]: where an act is requested.
 
     events: times in s of the truth's events that happened, by name. names: of the sensors.
     """
@@ -75,64 +64,6 @@ class StreamPicture:
     points: list[CriticalPoint]
     answer: npt.NDArray[np.int64]
     acts: BoolArray
-
-
-def first_slips(data: DataSet) -> list[int]:
-    """The first trial of each drawn action with a window of its slip, chosen before any answer."""
-    task = data.tasks["classes"]
-    situations = labels_at(task.label, "four")
-    places = []
-    for action, situation in SLIP_OF.items():
-        with_slip = np.unique(task.trial[situations == situation])
-        for k in with_slip.tolist():
-            if data.recordings[k].action == action:
-                places.append(k)
-                break
-
-    return places
-
-
-def held_out_streams(
-    folder: Path, data: DataSet, features: FloatRows, plan: TrainingPlan, seed: int
-) -> list[StreamPicture]:
-    """Pictures of the drawn trials of a folder, from one forest trained without them."""
-    drawn = first_slips(data)
-    task = data.tasks["classes"]
-    # A forest that had seen these trials would draw them too well.
-    others = np.flatnonzero(~np.isin(task.trial, drawn))
-    # One forest for all drawn trials: none of them is in its training rows.
-    forest = fit_learner(data, features, plan, "classes", others, seed)
-
-    spec = spec_for(data, plan.groups)
-    # Features are needed of the drawn trials only, at every sample instead of at windows.
-    drawn_groups = {data.recordings[k].group for k in drawn}
-    part = data.of_groups(drawn_groups)
-    everywhere = features_everywhere(part, spec)
-
-    pictures = []
-    for recording, rows in zip(part.recordings, everywhere, strict=True):
-        votes = reference_votes(forest, rows, len(task.classes))
-        pictures.append(_picture(folder, recording, votes, spec))
-
-    return pictures
-
-
-def _picture(
-    folder: Path, recording: Recording, votes: IntArray, spec: StepSpec
-) -> StreamPicture:
-    by_situation = situation_votes(votes)
-    answer = riskier_argmax(by_situation)
-    # As on the hand: no answer before the window is full.
-    answer[: spec.settle_samples - 1] = UNKNOWN
-
-    # Thousandths, as the decision counts them on the hand.
-    share = by_situation[:, RISKY_SLIP] / by_situation.sum(axis=1)
-    permille = (1000 * share).astype(np.int64)
-    answers = Answers(recording, answer, permille)
-    # The default rules: the forest of a picture has no model card with rules of its own.
-    rules = DecisionRules()
-    (acts,) = requests_at([answers], rules, rules.min_risky_permille)
-    return picture_of(folder, recording, answer, acts)
 
 
 def picture_of(

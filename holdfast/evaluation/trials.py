@@ -49,11 +49,6 @@ class Grasp:
         return str(self.truth.get("style", ""))
 
     @property
-    def action(self) -> str:
-        """pass, pull, fall, put-down, hold, nothing, or ""."""
-        return str(self.truth.get("action", ""))
-
-    @property
     def disturbance(self) -> str | None:
         """dFn (grip), dFt (load) or dq (motor), where one of them disturbed the hold."""
         # A hold without a disturbance has all three parameters at 0, or none of them.

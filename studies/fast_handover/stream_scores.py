@@ -66,7 +66,7 @@ def alarm_figures(
     }
     figures: Json = {"permille": permille}
     for name, result in results.items():
-        found = method_figures(result, sets[name].trials, None, seed)
+        found = method_figures(result, sets[name].trials, seed)
         figures[name] = picked(found, (*KEPT, "specificity"))
     unseen = event_scores(together([results["p1"], results["p2"]]).matches, seed=seed)
     shown = ("events", "recall", "recall_ci", "false_per_min")
@@ -140,11 +140,16 @@ def _opening(trial: LabelledTrial, n: int) -> BoolArray:
 def opens_at_s(grasp: Grasp) -> float | None:
     """When the hand gets its command to open, from what was drawn; None where it gets none."""
     drawn = grasp.truth.get("drawn", {})
-    if grasp.action not in ("pass", "put-down") or "open_after_s" not in drawn:
+    if (
+        grasp.truth.get("action") not in ("pass", "put-down")
+        or "open_after_s" not in drawn
+    ):
         return None
     acts_s = drawn["close_at_s"] + drawn["closing_s"] + drawn["hold_s"]
     waits_s = (
-        drawn["wait_s"] if grasp.action == "pass" else BOX_GAP_M / drawn["box_m_s"]
+        drawn["wait_s"]
+        if grasp.truth.get("action") == "pass"
+        else BOX_GAP_M / drawn["box_m_s"]
     )
     return float(acts_s + waits_s + drawn["open_after_s"])
 

@@ -10,13 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from holdfast.core.contract import GRASP, RISKY_SLIP, BoolArray
+from holdfast.core.reading import Json
 from holdfast.edge_runtime.decision import DecisionRules
-from holdfast.evaluation.real_sets import DelaySpread, EfleshFigures
 from holdfast.export.heads import riskier_argmax
 from holdfast.export.learner import reference_votes
 from holdfast.export.network import IntArray
 from holdfast.training.crossval import fit_learner
+from holdfast.training.datasets.eflesh_slip import ThresholdAccuracy
 from holdfast.training.featurise import features_everywhere, features_of, spec_for
+from holdfast.training.figures import Interval
 from holdfast.training.metrics import situation_scores
 from holdfast.training.plan import TrainingPlan
 from holdfast.training.recording import DataSet, assign_groups, folds_of
@@ -27,6 +29,46 @@ ACT_SAMPLES = DecisionRules().act_samples
 AMPLITUDE_ALARM_UT = 300.0
 """The one-threshold alarm the delays stand beside (norm over 18 channels); a round number, not
 tuned."""
+
+
+@dataclass(frozen=True)
+class DelaySpread:
+    """Delay of n alarms after the field departs, s; None without an alarm."""
+
+    n: int
+    p5: float | None
+    p50: float | None
+    p95: float | None
+
+
+@dataclass(frozen=True)
+class EfleshFigures:
+    """Figures with blocks of neighbouring trials held out. Accuracies and F1 are from 0 to 1.
+
+    delay_s, held_trials_with_an_alarm: by the name of the detector.
+    """
+
+    n_trials: int
+    n_groups: int
+    window_accuracy: float
+    f1: dict[str, float | None]
+    f1_ci: dict[str, Interval | None]
+    trial_vote_accuracy: float
+    one_threshold: ThresholdAccuracy
+    delay_s: dict[str, DelaySpread]
+    held_trials_with_an_alarm: dict[str, str]
+    caveat: str
+
+    @staticmethod
+    def from_json(written: Json) -> EfleshFigures:
+        """Read what `asdict` gave. Raises KeyError or TypeError where a figure is missing."""
+        delays = {}
+        for name, one in written["delay_s"].items():
+            delays[name] = DelaySpread(**one)
+        threshold = ThresholdAccuracy(**written["one_threshold"])
+        return EfleshFigures(
+            **written | {"delay_s": delays, "one_threshold": threshold}
+        )
 
 
 @dataclass(frozen=True)

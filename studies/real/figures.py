@@ -6,11 +6,11 @@ from dataclasses import asdict, dataclass
 
 from holdfast.core.reading import Json
 from holdfast.evaluation.provenance import Host
-from holdfast.evaluation.real_sets import EfleshFigures
 from holdfast.evaluation.window_scores import WindowFigures
 from holdfast.export.verify import ExportReport
 from holdfast.training.featurise import FeatureCost
 from holdfast.training.figures import HeadFigures, PredictionFigures
+from studies.real.eflesh import EfleshFigures
 
 
 @dataclass(frozen=True)

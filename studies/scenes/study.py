@@ -24,7 +24,7 @@ from holdfast.evaluation.baseline_signals import (
     raw_windows,
     shear_rate_at,
 )
-from holdfast.evaluation.stream_pictures import StreamPicture, held_out_streams
+from holdfast.evaluation.stream_pictures import StreamPicture
 from holdfast.evaluation.window_scores import (
     ClassScores,
     calls,
@@ -51,6 +51,7 @@ from studies.scenes.figures import (
     ShearRateFigures,
     StyleLeftOut,
 )
+from studies.scenes.held_out import held_out_streams
 
 TRAINED = "thesis"
 OTHERS = ("apple", "p1", "p2")

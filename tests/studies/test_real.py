@@ -15,7 +15,6 @@ from page_tables import filled
 
 from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.provenance import host
-from holdfast.evaluation.real_sets import EfleshFigures
 from holdfast.evaluation.window_scores import WindowFigures
 from holdfast.export.verify import ExportReport
 from holdfast.training.crossval import HeldOut, cross_validate
@@ -31,7 +30,7 @@ from holdfast.training.plan import (
 from holdfast.training.progress import ignored
 from holdfast.training.recording import DataSet
 from studies.ablation import gains_table, rows_of
-from studies.real.eflesh import EfleshStudy, study_eflesh
+from studies.real.eflesh import EfleshFigures, EfleshStudy, study_eflesh
 from studies.real.figures import FinalModel, RealStudy, StreamedFold
 from studies.real.further_rows import further_rows
 from studies.real.methods import Method, cross_validated

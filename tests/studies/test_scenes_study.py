@@ -34,11 +34,6 @@ from holdfast.evaluation.baseline_signals import (
     shear_rate_at,
     shear_rate_fires,
 )
-from holdfast.evaluation.stream_pictures import (
-    SLIP_OF,
-    first_slips,
-    held_out_streams,
-)
 from holdfast.evaluation.style import FINGER_COLOURS, FINGER_LINES, SITUATION_COLOURS
 from holdfast.evaluation.window_scores import (
     CEILING,
@@ -69,6 +64,11 @@ from studies.row_names import OURS, RAW
 from studies.scenes import pictures
 from studies.scenes import program as command
 from studies.scenes.figures import MadeBy, scores_of
+from studies.scenes.held_out import (
+    SLIP_OF,
+    first_slips,
+    held_out_streams,
+)
 from studies.scenes.report import SceneEvidence, demo_report, write_scene_report
 from studies.scenes.study import (
     Candidate,
