@@ -34,14 +34,12 @@ from holdfast.evaluation.baseline_signals import (
 )
 from holdfast.evaluation.baselines import (
     Baseline,
-    baselines,
     held_until_let_go,
     matched,
     oracle_requests,
 )
 from holdfast.evaluation.camera import SeenSlip, onsets_by, seen_slips
 from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
-from holdfast.evaluation.formats import CONE, ORACLE, SHEAR_RATE
 from holdfast.evaluation.methods import (
     DisturbedHold,
     MethodFigures,
@@ -64,13 +62,12 @@ from holdfast.evaluation.states import (
     confusion,
     labels_everywhere,
 )
-from holdfast.evaluation.statistics import mcnemar, share
+from holdfast.evaluation.statistics import mcnemar
 from holdfast.evaluation.trials import (
     AnsweredTrial,
     Grasp,
     LabelledTrial,
     VoluntaryAction,
-    grasps_of,
     voluntary_actions,
 )
 from holdfast.export.detectors import detector_names
@@ -208,17 +205,6 @@ def test_a_put_down_is_one_voluntary_action_and_a_grip_that_fails_has_none() -> 
     assert voluntary_actions(recording(phases=put_down, action="hold")) == []
 
 
-def test_a_simulated_truth_names_style_disturbance_and_thing(scenes: Path) -> None:
-    data = load(scenes, windows="natural")
-    actions = [one.action for one in data.recordings]
-    firsts = [of[0] for of in grasps_of(scenes, data.recordings)]
-    grasps = dict(zip(actions, firsts, strict=True))
-    assert grasps["hold"].disturbance == "dFt"
-    assert grasps["pull"].disturbance is None
-    assert {one.style for one in grasps.values()} == {"author"}
-    assert grasps["fall"].truth["thing"]["mass_g"] == 197.9
-
-
 # -- what stands beside
 
 
@@ -266,19 +252,6 @@ def test_a_detector_that_fires_in_the_air_asks_nothing_and_in_the_hand_holds_unt
     )
 
 
-def test_a_wider_cone_fires_only_where_a_narrower_one_does() -> None:
-    rng = np.random.default_rng(0)
-    of = recording()
-    of.samples[:] = np.cumsum(rng.normal(0.0, 0.2, of.samples.shape), axis=0)
-    of.samples[:, 2::3] = 2.0
-    cone = next(one for one in baselines(_spec(), RULES) if one.name == CONE)
-    fires = [cone.on([of])(friction)[0] for friction in (0.3, 1.0, 3.0)]
-    firsts = [int(np.argmax(one)) for one in fires]
-    assert fires[2].any()
-    assert firsts == sorted(firsts)
-    assert firsts[0] < firsts[2]
-
-
 def test_detectors_fire_where_those_of_a_step_graph_with_their_thresholds_do() -> None:
     rng = np.random.default_rng(1)
     streams = [shaking(rng, n) for n in (300, 260)]
@@ -308,24 +281,11 @@ def shaking(rng: np.random.Generator, n: int) -> Recording:
     return of
 
 
-def test_the_shear_rate_threshold_exists_only_in_newtons() -> None:
-    assert SHEAR_RATE in [one.name for one in baselines(_spec(), RULES)]
-    in_counts = [one.name for one in baselines(replace(_spec(), unit="count"), RULES)]
-    assert SHEAR_RATE not in in_counts
-    assert CONE not in in_counts
-    assert ORACLE in in_counts
-
-
 def _spec() -> StepSpec:
     return StepSpec(n_sensors=6, rate_hz=RATE_HZ, unit="N", groups=("now",))
 
 
 # -- figures
-
-
-def test_a_share_of_all_has_an_exact_interval_that_does_not_say_always() -> None:
-    assert share([True] * 20).share_ci == pytest.approx((0.8316, 1.0), abs=1e-4)
-    assert (share([]).share, share([]).share_ci, share([]).n) == (None, None, 0)
 
 
 def test_mcnemar_counts_only_what_one_of_two_found() -> None:
@@ -565,14 +525,6 @@ def test_every_set_has_every_line_and_says_where_its_threshold_is_from(
     assert figures["all"]["rows"]["perfect intent"]["found"] == sum(events)
 
 
-def test_scenes_have_specificity_and_a_made_up_set_has_none(
-    evaluated: tuple[dict[str, Any], str],
-) -> None:
-    simulated, made_up = (one["rows"] for one in evaluated[0]["sets"].values())
-    assert simulated["ours, as deployed"]["specificity"] is not None
-    assert made_up["ours, as deployed"]["specificity"] is None
-
-
 def test_the_report_of_training_data_says_so_first_and_needs_no_other_file(
     evaluated: tuple[dict[str, Any], str],
 ) -> None:
@@ -598,17 +550,6 @@ def deployed(eight_classes: Built, scenes: Path) -> dict[str, Any]:
     """Figures of the scenes alone, nothing chosen."""
     request = EvaluationRequest((str(scenes),))
     return evaluate_events(ModelChoice(str(eight_classes.model)), request).to_json()
-
-
-def test_as_deployed_alone_says_that_baselines_were_matched_on_what_is_scored(
-    deployed: dict[str, Any],
-) -> None:
-    thresholds = deployed["thresholds"]
-    assert thresholds["chosen_on"] is None
-    assert thresholds["headline"] == "ours, as deployed"
-    assert "flatters" in thresholds["how"]
-    # one set: its window figures stand on top, as ever
-    assert "macro_f1" in deployed["situations"]
 
 
 def test_a_threshold_chosen_on_what_is_scored_is_refused(

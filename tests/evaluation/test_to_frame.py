@@ -57,16 +57,6 @@ def test_answers_have_a_line_a_sample_with_truth_and_state(
     assert settled["risky_share"].between(0, 1).all()
 
 
-def test_a_model_without_weight_names_no_class(
-    four_situations: Built, few: Path
-) -> None:
-    data = load(few, windows="natural").of_groups([TRIALS[0]])
-    frame = evaluation.to_frame(
-        evaluation.run_model(Model(four_situations.model), data)
-    )
-    assert frame["class"].isna().all()
-
-
 def test_a_set_at_another_rate_is_refused(eight_classes: Built, tmp_path: Path) -> None:
     write_fixture(tmp_path, trials_per_cell=1, rate_hz=100.0)
     with pytest.raises(RateError):
