@@ -183,7 +183,7 @@ def _arm(request: BenchRequest) -> Json:
 
 MEASURES: dict[str, Measure] = {
     "latency": Measure(
-        "time of one decision next to other implementations, interleaved",
+        "time of one decision",
         "time on this machine, samples simulated",
         _latency,
     ),

@@ -143,7 +143,7 @@ def _start_program(
             type=seed,
             default=0,
             metavar="S",
-            help="seed of every random choice (default %(default)s)",
+            help="seed of every random choice (default 0, or that of the study)",
         )
         module.add_arguments(parser)
 

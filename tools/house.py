@@ -36,8 +36,6 @@ for words in {}:
     assert main(words) == 0
 """
 RUN = ["run", "holdfast-150hz", "--source", "virtual://ft232h", "--quiet"]
-LOOP = ["loop", "coarse.toml", "--model", "holdfast-50hz"]
-LOOP += ["--trials", "1", "--jobs", "1", "--json", "loop.json"]
 COARSE = """
 from importlib.resources import files
 from pathlib import Path
@@ -48,13 +46,26 @@ card += "[physics]\\nstep_s = 0.01\\n"
 Path("coarse.toml").write_text(card, "utf-8")
 """
 """A short scene with few steps: the walk loads the same modules."""
+LOOP = """
+from holdfast.edge_runtime.engine import ModelChoice
+from holdfast.edge_runtime.grip import AnswerRules
+from holdfast.edge_runtime.supervisor import Limits
+from holdfast.simulation.closed_loop import managed, model_of, run_loops
+from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
+scene = Scene(read_scene_file("coarse.toml"), 0)
+model = model_of(ModelChoice("holdfast-50hz"))
+rules = AnswerRules.of(model.card.decision)
+make = managed(scene, "holdfast", None, rules, Limits())
+assert run_loops(scene, scene.trials(1), model, make)
+"""
 TRAIN = ["train", "--learner", "forest", "--size", "tiny", "--out", "made"]
 EXPORT = ["export", "made", "--out", "made.onnx"]
 WALKS = {
     "import_holdfast": "import holdfast; dir(holdfast)",
     "fed_monitor": MONITOR,
     "live_run": VERBS.format([[*RUN, "--seconds", "0.5"]]),
-    "closed_loop": COARSE + VERBS.format([LOOP]),
+    "closed_loop": COARSE + LOOP,
     "train_and_export": VERBS.format([TRAIN, EXPORT]),
 }
 """The name of a walk in the budget -> a program that loads what it needs."""

@@ -23,7 +23,7 @@ LATENCY = "latency"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
-    what = "latency: one decision next to other implementations, interleaved"
+    what = "latency: the time of one decision"
     option("what", choices=[LATENCY], metavar="latency", help=what)
     check = "exit 1 if a budget is exceeded"
     option("--check", action="store_true", help=check)

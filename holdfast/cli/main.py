@@ -74,11 +74,7 @@ VERBS = {
         "holdfast.cli.onset",
         "find the onset of slip in a camera recording; writes a label",
     ),
-    "loop": (
-        "holdfast.cli.loop",
-        "grip controllers in a closed loop: drops saved, hand-overs blocked",
-    ),
-    "bench": ("holdfast.cli.bench", "measure what accuracy costs in time"),
+    "bench": ("holdfast.cli.bench", "say whether this machine is fast enough"),
     "selftest": (
         "holdfast.cli.selftest",
         "check a model file on this machine, in seconds",
@@ -93,6 +89,9 @@ VERBS = {
         "print what makes bash, zsh or fish complete commands",
     ),
 }
+
+MOVED = {"loop": "python -m studies loop SCENE.., or make loop, in a checkout"}
+"""A word that was a command -> what does it now."""
 
 HELP = """usage: holdfast VERB [options]    (holdfast help VERB for one verb)
 
@@ -125,6 +124,10 @@ def _main(argv: Sequence[str]) -> int:
     if argv[0] == "--version":
         print(f"holdfast {version('holdfast')}")
         return 0
+
+    if argv[0] in MOVED:
+        what = f"{argv[0]!r} is no command of holdfast any more"
+        raise UsageError(what, next_step=MOVED[argv[0]])
 
     if argv[0] not in VERBS:
         what = f"unknown command {argv[0]!r}; choose from {', '.join(VERBS)}"

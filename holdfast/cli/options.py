@@ -184,7 +184,7 @@ def _level(text: str) -> float:
 
 
 def add_job_options(parser: argparse.ArgumentParser, processes: int) -> None:
-    """The options that `evaluate`, `loop`, the cost benchmark and `make real` share.
+    """The options that `evaluate`, `make loop`, the cost benchmark and `make real` share.
 
     processes: the default.
     """
@@ -213,7 +213,7 @@ def _process_count(word: str) -> int:
 
 
 def add_engine_options(parser: argparse.ArgumentParser) -> None:
-    """The options that `run`, `evaluate`, `loop` and `make loop` share."""
+    """The options that `run`, `evaluate` and `make loop` share."""
     option = parser.add_argument
     engine = "what computes a step: onnxruntime (default), or a library by holdfast export --to c"
     option("--engine", choices=ENGINES, default=ONNXRUNTIME, help=engine)

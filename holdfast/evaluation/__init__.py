@@ -1,4 +1,4 @@
-"""A model file on whole streams: events, baselines, states, drops that a hand would prevent."""
+"""A model file on whole streams: events, baselines, states."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

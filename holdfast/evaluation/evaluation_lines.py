@@ -52,10 +52,6 @@ def evaluation_lines(of: Evaluation) -> list[str]:
         lines += _camera_in_words(name, row.camera)
 
     for name, one in of.sets.items():
-        if one.below_floor:
-            lines.append(f"{name}, {one.below_floor.in_words()}")
-
-    for name, one in of.sets.items():
         onsets = onsets_in_words(one.card.onsets_by)
         if onsets:
             lines.append(f"{name}: {onsets}")

@@ -8,14 +8,12 @@ from dataclasses import asdict, dataclass, field
 from holdfast.core.contract import untold_of
 from holdfast.core.reading import Json
 from holdfast.edge_runtime.model_file import ModelCard
-from holdfast.evaluation.closing_hand import droppable
 from holdfast.evaluation.methods import (
     MethodFigures,
     MethodResult,
     figures_of_methods,
     together,
 )
-from holdfast.evaluation.outcomes import OutcomeRow, outcome_table
 from holdfast.evaluation.scored_set import ScoredSet, SetFigures, compared
 from holdfast.evaluation.statistics import McNemar
 from holdfast.evaluation.thresholds import Thresholds
@@ -61,7 +59,6 @@ class Evaluation:
     sets: dict[str, SetFigures]
     rows: dict[str, MethodFigures]
     mcnemar: dict[str, McNemar]
-    outcomes: list[OutcomeRow]
     drawn: dict[str, list[AnsweredTrial]] = field(default_factory=dict)
     times: dict[str, TimesMs] = field(default_factory=dict)
     central: AnsweredTrial | None = None
@@ -82,7 +79,6 @@ class Evaluation:
                 "rows": {name: asdict(one) for name, one in self.rows.items()},
                 "mcnemar": {name: asdict(one) for name, one in self.mcnemar.items()},
             },
-            "outcomes": [asdict(one) for one in self.outcomes],
         }
 
 
@@ -91,16 +87,12 @@ def all_sets(
 ) -> Evaluation:
     """The figures of all sets together."""
     trials = []
-    drops = []
-    judged = []
     by_method: dict[str, list[MethodResult]] = {}
     drawn: dict[str, list[AnsweredTrial]] = {}
     central = None
     times = {}
     for name, one in scored.items():
         trials += one.trials
-        drops += one.drops
-        judged += one.judged
         for method, result in one.methods.items():
             # By name: with other settings for each set it is still the same method.
             by_method.setdefault(method, []).append(result)
@@ -129,9 +121,8 @@ def all_sets(
         thresholds=thresholds,
         seed=seed,
         sets={name: one.figures for name, one in scored.items()},
-        rows=figures_of_methods(methods, trials, droppable(drops), seed),
+        rows=figures_of_methods(methods, trials, seed),
         mcnemar=compared(methods, thresholds),
-        outcomes=outcome_table(judged),
         drawn=drawn,
         times=times,
         central=central,

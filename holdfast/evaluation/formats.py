@@ -40,11 +40,6 @@ def number(value: float | None, places: int = 2) -> str:
     return ABSENT if value is None else f"{value:.{places}f}"
 
 
-def milliseconds(seconds: float | None) -> str:
-    """A time in s as whole ms."""
-    return number(None if seconds is None else 1e3 * seconds, 0)
-
-
 def whole(value: float) -> str:
     """Rounded to a whole number, never "-0"."""
     # round() gives an int, which has no sign at 0.

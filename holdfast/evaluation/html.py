@@ -33,7 +33,6 @@ FILTERS = {
     "percent_interval": formats.percent_interval,
     "p_value": formats.p_value,
     "spaced": formats.spaced,
-    "ms": formats.milliseconds,
     "over": over,
     "untold": in_words_untold,
     "display_name": formats.display_name,

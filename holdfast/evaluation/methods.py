@@ -22,7 +22,6 @@ from holdfast.evaluation.alarms import (
     match_alarms,
 )
 from holdfast.evaluation.camera import CameraFigures, camera_figures
-from holdfast.evaluation.closing_hand import Droppable, KeptObjects
 from holdfast.evaluation.statistics import share
 from holdfast.evaluation.trials import (
     DISTURBANCES,
@@ -67,13 +66,6 @@ class MethodResult:
         for match in self.matches:
             found += [outcome.alarm_s is not None for outcome in match.outcomes]
         return np.array(found, dtype=np.bool_)
-
-    def delays_s(self) -> list[float | None]:
-        """[E] s from load onset to the alarm; None where there was none, or no onset is known."""
-        delays_s: list[float | None] = []
-        for match in self.matches:
-            delays_s += [outcome.delay_s for outcome in match.outcomes]
-        return delays_s
 
 
 def method_result(
@@ -191,7 +183,6 @@ class MethodFigures(EventScores):
     with_enough_time: KindFigures
     by_action: dict[str, KindFigures]
     specificity: dict[str, HoldFigures] | None
-    closing: KeptObjects | None
     camera: CameraFigures | None
 
     @property
@@ -204,20 +195,13 @@ class MethodFigures(EventScores):
 def figures_of_methods(
     methods: Mapping[str, MethodResult],
     trials: Sequence[LabelledTrial],
-    drops: Droppable | None,
     seed: int,
 ) -> dict[str, MethodFigures]:
-    """All figures of every method. drops: None where no event can be modelled."""
-    closing: Sequence[KeptObjects | None] = [None] * len(methods)
-    if drops is not None:
-        # All methods at once: the model steps their drops together.
-        delays_s = [one.delays_s() for one in methods.values()]
-        closing = drops.kept_by_each(delays_s)
-
+    """All figures of every method."""
     figures = {}
-    for (name, result), kept in zip(methods.items(), closing, strict=True):
+    for name, result in methods.items():
         # Every method gets the same seed, so that all draw the same groups.
-        figures[name] = method_figures(result, trials, kept, seed)
+        figures[name] = method_figures(result, trials, seed)
 
     return figures
 
@@ -225,10 +209,9 @@ def figures_of_methods(
 def method_figures(
     of: MethodResult,
     trials: Sequence[LabelledTrial],
-    closing: KeptObjects | None,
     seed: int,
 ) -> MethodFigures:
-    """All figures of a method. closing: None where no event can be modelled."""
+    """All figures of a method."""
     # The same seed for both collars, so that they draw the same groups.
     scores = event_scores(of.matches, seed=seed)
     wide = event_scores(of.wide, seed=seed)
@@ -251,7 +234,6 @@ def method_figures(
         with_enough_time=_kind(of.matches),
         by_action=_by_action(of.matches),
         specificity=specificity(of.holds),
-        closing=closing,
         camera=camera_figures(of.matches, [one.seen for one in trials]),
     )
 

@@ -29,8 +29,8 @@ class ModelOutputs:
     """The outputs of a model file on one recording.
 
     situation [T]: UNKNOWN or 0..3. risky_permille [T]: of the votes. p_situation [T, 4]. detectors
-    [T, D]. eight, seven [T]: the class with most votes (the riskier on a tie); seven counts nothing
-    once. NO_CLASS where the state is unknown, or the model has no weight output.
+    [T, D]. eight [T]: the class with most votes (the riskier on a tie). NO_CLASS where the state is
+    unknown, or the model has no weight output.
     """
 
     recording: Recording
@@ -38,7 +38,6 @@ class ModelOutputs:
     risky_permille: npt.NDArray[np.int64]
     p_situation: npt.NDArray[np.float32]
     eight: npt.NDArray[np.int64]
-    seven: npt.NDArray[np.int64]
     detectors: BoolArray
 
     @property
@@ -84,10 +83,8 @@ def read_outputs(
 
         # A model of four situations has no votes by weight.
         eight = np.full(len(votes), NO_CLASS)
-        seven = eight
         if model.card.has_weight:
             eight = np.where(withheld, NO_CLASS, answers_at(votes, "eight"))
-            seven = np.where(withheld, NO_CLASS, answers_at(votes, "seven"))
         read.append(
             ModelOutputs(
                 recording,
@@ -95,7 +92,6 @@ def read_outputs(
                 risky_permille=risky_permille(votes),
                 p_situation=out["p_situation"],
                 eight=eight,
-                seven=seven,
                 detectors=out["detectors"],
             )
         )

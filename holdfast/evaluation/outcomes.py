@@ -1,10 +1,7 @@
-"""Whether the action of a trial was recognised: the thesis' table, and one person's figures.
+"""Whether the action of a trial was recognised, and one person's figures.
 
 A pull or fall is recognised where an act was requested in it and not before. A hand-over or
-put-down is recognised where the state was safe_slip in it and no act was requested. In the thesis'
-table (chapter 6) ok means: recognised in every trial; part: in some; no: in none. The thesis judges
-a few trials of real hands by eye; the trials here are many, and simulated in styles of the same
-names.
+put-down is recognised where the state was safe_slip in it and no act was requested.
 """
 
 from __future__ import annotations
@@ -13,7 +10,6 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -37,77 +33,18 @@ from holdfast.evaluation.trials import (
     LabelledTrial,
     answered_trials,
     central_trial,
-    style_of,
     voluntary_actions,
     without_samples,
 )
 from holdfast.training.datasets import load
 from holdfast.training.recording import Recording
 
-ACTIONS = {
-    "pass": "pass",
-    "pull": "pull or fall",
-    "fall": "pull or fall",
-    "put-down": "put-down",
-}
-"""Action of a trial -> column of the thesis' table."""
-COLUMNS = ("pass", "pull or fall", "put-down")
-STYLES = {"author": "author", "p1": "participant 1", "p2": "participant 2"}
-THESIS: dict[str, dict[str, tuple[str, str, str]]] = {
-    "soft-ball": {
-        "author": ("part", "ok", "part"),
-        "p1": ("ok", "no", "ok"),
-        "p2": ("part", "ok", "ok"),
-    },
-    "empty-bottle": {
-        "author": ("part", "ok", "ok"),
-        "p1": ("no", "no", "part"),
-        "p2": ("part", "part", "ok"),
-    },
-    "basket-ball": {
-        "author": ("part", "ok", "ok"),
-        "p1": ("no", "part", "ok"),
-        "p2": ("part", "ok", "part"),
-    },
-    "hard-ball": {
-        "author": ("ok", "ok", "part"),
-        "p1": ("no", "no", "ok"),
-        "p2": ("part", "no", "no"),
-    },
-    "full-bottle": {
-        "author": ("ok", "ok", "ok"),
-        "p1": ("part", "ok", "ok"),
-        "p2": ("part", "no", "ok"),
-    },
-    "apple": {"author": ("ok", "ok", "ok")},
-}
-"""Object -> style -> (pass, pull or fall, put-down); the participants did not get the apple."""
+ACTIONS = ("pass", "pull", "fall", "put-down")
+"""Actions in which there is something to recognise."""
 ONSETS = ("load_onset", "incipient_slip")
 """Marks of which either begins the action of a trial."""
 SLIPS = SITUATIONS[2:]
 """Labels of a slip, safe or risky."""
-
-
-class JudgedTrial(NamedTuple):
-    """A trial of a cell of the thesis' table, and whether its action was recognised."""
-
-    object_name: str
-    style: str
-    column: str
-    recognised: bool
-
-
-@dataclass(frozen=True)
-class OutcomeRow:
-    """A cell of the thesis' table: its word, this model's, and how many trials were recognised."""
-
-    object: str
-    style: str
-    action: str
-    thesis: str
-    ours: str
-    recognised: int
-    trials: int
 
 
 def recognised(answered: AnsweredTrial) -> bool | None:
@@ -134,61 +71,6 @@ def recognised(answered: AnsweredTrial) -> bool | None:
 
     # A hand that tightens in a hand-over has not understood it, whatever the state was.
     return not requests.any()
-
-
-def judged_trials(answered: Sequence[AnsweredTrial]) -> list[JudgedTrial]:
-    """Every trial that has an object, a style and an action of the thesis' table."""
-    judged = []
-    for one in answered:
-        recording = one.trial.recording
-        # Trials of other styles have no cell in the thesis' table.
-        style = style_of(one.trial.grasps)
-        name = recording.object_name or ""
-        if style not in THESIS.get(name, {}):
-            continue
-
-        right = recognised(one)
-        if right is not None:
-            column = ACTIONS[str(recording.action)]
-            judged.append(JudgedTrial(name, style, column, right))
-
-    return judged
-
-
-def word(recognised: int, trials: int) -> str:
-    """The thesis' word for so many recognised trials.
-
-    >>> word(2, 2), word(1, 2), word(0, 1)
-    ('ok', 'part', 'no')
-    """
-    if recognised == trials:
-        return "ok"
-    return "part" if recognised else "no"
-
-
-def outcome_table(judged: Sequence[JudgedTrial]) -> list[OutcomeRow]:
-    """One row for each cell of the thesis' table that has a trial here."""
-    trials: Counter[tuple[str, str, str]] = Counter()
-    hits: Counter[tuple[str, str, str]] = Counter()
-    for one in judged:
-        cell = (one.object_name, one.style, one.column)
-        trials[cell] += 1
-        hits[cell] += one.recognised
-
-    rows = []
-    for name, styles in THESIS.items():
-        for style, words in styles.items():
-            for column, theirs in zip(COLUMNS, words, strict=True):
-                # A cell without a trial here is left out and is no failure.
-                n = trials[name, style, column]
-                n_hits = hits[name, style, column]
-                if n:
-                    # The thesis' own words, so that both columns read alike.
-                    ours = word(n_hits, n)
-                    row = OutcomeRow(name, style, column, theirs, ours, n_hits, n)
-                    rows.append(row)
-
-    return rows
 
 
 @dataclass(frozen=True)

@@ -68,8 +68,7 @@ def real_figures(folder: Path, seed: int = 0) -> RealFigures | RealSetsMissing:
         return RealSetsMissing()
     # Files of an older `make real` may lack a figure, and the data set may be gone since.
     try:
-        written = json_of(text_of(metrics))
-        seed_of_folds = int(written["seed"])
+        seed_of_folds = int(json_of(text_of(metrics))["seed"])
         data = load(HUMAN)
         model = ModelChoice(str(file))
         # Opened here once, so that a damaged file is reported as missing figures.

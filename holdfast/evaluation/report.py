@@ -11,11 +11,9 @@ from typing import Any
 
 from holdfast.evaluation import pictures as draw
 from holdfast.evaluation.camera import CameraFigures, onsets_in_words
-from holdfast.evaluation.closing_hand import ClosingHand
 from holdfast.evaluation.figures import Evaluation
 from holdfast.evaluation.formats import DEPLOYED, LAWS, ORACLE
 from holdfast.evaluation.html import write_page
-from holdfast.evaluation.outcomes import COLUMNS, STYLES, OutcomeRow
 from holdfast.evaluation.real_sets import RealFigures, RealSetsMissing
 from holdfast.training.figures import PLURAL
 
@@ -64,15 +62,7 @@ def write_event_report(
         central_picture=draw.trial(of.central, kind) if of.central else "",
         distributions=draw.distributions(of.times, kind),
         camera_rows=_camera_rows(of),
-        closing={name: one.closing for name, one in of.sets.items() if one.closing},
-        hand=ClosingHand(),
-        floors={
-            name: one.below_floor for name, one in of.sets.items() if one.below_floor
-        },
         state_pictures=_state_pictures(of, kind),
-        style_names=STYLES,
-        outcome_columns=list(COLUMNS),
-        outcome_tables=_outcome_tables(of),
         real=real if isinstance(real, RealFigures) else None,
         real_missing=real if isinstance(real, RealSetsMissing) else None,
         onsets_in_words=onsets_in_words,
@@ -129,12 +119,8 @@ def _camera_rows(of: Evaluation) -> list[tuple[str, str, CameraFigures]]:
 
 
 def _state_pictures(of: Evaluation, kind: str) -> dict[str, str]:
-    """Caption -> picture: confusions of the first set by their size, calibration of every set."""
+    """Caption -> picture: the confusion of the first set, the calibration of every set."""
     first, figures = next(iter(of.sets.items()))
-    levels = figures.states.confusion
-    # From four to eight classes: the coarse question stands before the fine one.
-    by_size = sorted(levels, key=lambda level: len(levels[level].classes))
-
     calibrated = {}
     for name, one in of.sets.items():
         # A set without labelled samples has no calibration.
@@ -142,25 +128,8 @@ def _state_pictures(of: Evaluation, kind: str) -> dict[str, str]:
             calibrated[name] = one.states.calibration.reliability_risky
 
     pictures = {}
-    for level in by_size:
-        caption = f"{level} classes, {first}"
-        pictures[caption] = draw.confusion(levels[level], kind)
-        # The calibration is of the four situations, so it stands after their confusion.
-        if level == by_size[0] and calibrated:
-            pictures["calibration"] = draw.reliability(calibrated, kind)
-
+    for level, confusion in figures.states.confusion.items():
+        pictures[f"{level} classes, {first}"] = draw.confusion(confusion, kind)
+    if calibrated:
+        pictures["calibration"] = draw.reliability(calibrated, kind)
     return pictures
-
-
-def _outcome_tables(of: Evaluation) -> dict[str, dict[str, dict[str, OutcomeRow]]]:
-    """Style -> object -> column -> cell, in the order of the thesis."""
-    tables: dict[str, dict[str, dict[str, OutcomeRow]]] = {}
-    for style in STYLES:
-        tables[style] = {}
-
-    for row in of.outcomes:
-        # Outcomes come in the order of the thesis, so the tables keep it.
-        of_object = tables[row.style].setdefault(row.object, {})
-        of_object[row.action] = row
-
-    return {style: table for style, table in tables.items() if table}

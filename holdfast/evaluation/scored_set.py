@@ -7,20 +7,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from holdfast.core.contract import BoolArray, untold_of
-from holdfast.core.hand_card import HandCard
 from holdfast.core.reading import Json
 from holdfast.core.trial_layout import read_json
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.evaluation.baselines import Baseline
 from holdfast.evaluation.camera import onsets_by, seen_slips
-from holdfast.evaluation.closing_hand import (
-    ClosingModel,
-    Drop,
-    closing_model,
-    drop_of,
-    droppable,
-)
-from holdfast.evaluation.contact_floor import BelowFloor, below_floor
 from holdfast.evaluation.methods import (
     MethodFigures,
     MethodResult,
@@ -28,7 +19,6 @@ from holdfast.evaluation.methods import (
     method_result,
 )
 from holdfast.evaluation.model_outputs import ModelOutputs
-from holdfast.evaluation.outcomes import JudgedTrial, judged_trials
 from holdfast.evaluation.states import StateFigures, risky_states, state_figures
 from holdfast.evaluation.statistics import McNemar, mcnemar
 from holdfast.evaluation.thresholds import Thresholds, requests_of
@@ -38,7 +28,6 @@ from holdfast.evaluation.trials import (
     answered_trials,
     central_trial,
     drawn_trials,
-    grasp_of,
     grasps_of,
     without_samples,
 )
@@ -87,8 +76,7 @@ class SetCard:
 class SetFigures:
     """Figures of one set. windows: figures at single windows. rows: by stored name of the method.
 
-    thresholds: None where all sets share those that were chosen elsewhere. below_floor: holds too
-    light for the contact rule, which all other figures include; None without one.
+    thresholds: None where all sets share those that were chosen elsewhere.
     """
 
     card: SetCard
@@ -96,9 +84,7 @@ class SetFigures:
     rows: dict[str, MethodFigures]
     states: StateFigures
     mcnemar: dict[str, McNemar]
-    closing: ClosingModel | None
     thresholds: Thresholds | None
-    below_floor: BelowFloor | None
 
     def to_json(self) -> Json:
         """As it stands in figures.json."""
@@ -108,12 +94,9 @@ class SetFigures:
             "rows": {name: asdict(one) for name, one in self.rows.items()},
             "states": asdict(self.states),
             "mcnemar": {name: asdict(one) for name, one in self.mcnemar.items()},
-            "closing": None if self.closing is None else asdict(self.closing),
         }
         if self.thresholds:
             figures["thresholds"] = self.thresholds.to_json()
-        if self.below_floor:
-            figures["below_contact_floor"] = self.below_floor.to_json()
         return figures
 
 
@@ -128,8 +111,6 @@ class ScoredSet:
     figures: SetFigures
     trials: list[LabelledTrial]
     methods: dict[str, MethodResult]
-    drops: list[Drop | None]
-    judged: list[JudgedTrial]
     drawn: dict[str, list[AnsweredTrial]]
     central: AnsweredTrial | None
     to_state_ms: list[float]
@@ -152,25 +133,22 @@ def score_set(
     methods = {}
     for name, on in requests.items():
         methods[name] = method_result(trials, on)
-    drops = _drops(trials, data.hand)
 
     headline = thresholds.headline
     permille = thresholds.confidences[headline]
     # States are shown at the confidence of the headline, and so fit its alarms.
     untold = untold_of(card.raw)
-    states = state_figures(outputs, permille, _heavy(data), seed, untold)
+    states = state_figures(outputs, permille, seed, untold)
     part(0.5)
 
     figures = SetFigures(
         card=_card(root, data, windows),
         windows=windows,
-        rows=figures_of_methods(methods, trials, droppable(drops), seed),
+        rows=figures_of_methods(methods, trials, seed),
         states=states,
         mcnemar=compared(methods, thresholds),
-        closing=closing_model(drops, methods[headline].delays_s()),
         # Thresholds that were chosen elsewhere are the same for all sets and stand on top.
         thresholds=thresholds if thresholds.chosen is None else None,
-        below_floor=below_floor(card, outputs, requests[headline]),
     )
 
     # At the headline's confidence: the pictures show what the table counts.
@@ -181,8 +159,6 @@ def score_set(
         figures=figures,
         trials=trials,
         methods=methods,
-        drops=drops,
-        judged=judged_trials(answered),
         drawn=drawn,
         central=central_trial(drawn, data.recordings),
         to_state_ms=_to_state_ms(outputs, permille),
@@ -220,16 +196,6 @@ def _requests(
     return requests
 
 
-def _drops(trials: Sequence[LabelledTrial], hand: HandCard | None) -> list[Drop | None]:
-    drops = []
-    for trial in trials:
-        for event in trial.recording.events:
-            # Without its grasp an event has no physics, and cannot be modelled.
-            grasp = grasp_of(event, trial.grasps)
-            drops.append(drop_of(event, grasp, hand))
-    return drops
-
-
 def _to_state_ms(outputs: list[ModelOutputs], permille: int) -> list[float]:
     times_ms = []
     for match in risky_states(outputs, permille):
@@ -251,21 +217,6 @@ def compared(
         # Only events that one of both detected and the other did not tell them apart.
         tests[baseline.name] = mcnemar(ours, theirs)
     return tests
-
-
-def _heavy(data: DataSet) -> list[bool | None]:
-    """Whether each recording's object is heavy; None without an object or a window."""
-    heavy: list[bool | None] = [None] * len(data.recordings)
-    if "classes" not in data.tasks:
-        return heavy
-
-    task = data.tasks["classes"]
-    for trial, label in zip(task.trial.tolist(), task.label.tolist(), strict=True):
-        if data.recordings[trial].object_name is not None:
-            # Heavy classes have the odd numbers.
-            heavy[trial] = bool(label % 2)
-
-    return heavy
 
 
 def _card(root: Path, data: DataSet, windows: WindowFigures) -> SetCard:

@@ -15,18 +15,17 @@ import numpy.typing as npt
 from holdfast.core.contract import RISKY_SLIP, SITUATIONS, BoolArray
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.evaluation.alarms import EventMatch, event_scores, match_alarms
-from holdfast.evaluation.model_outputs import NO_CLASS, ModelOutputs
+from holdfast.evaluation.model_outputs import ModelOutputs
 from holdfast.evaluation.statistics import Spread, share
 from holdfast.evaluation.trials import voluntary_actions, without_samples
-from holdfast.evaluation.window_scores import LEVELS, labels_at
 from holdfast.training.figures import Interval, Share
-from holdfast.training.metrics import Labels, situation_scores
+from holdfast.training.metrics import situation_scores
 from holdfast.training.timeline import Phase
 
 BINS = 15
 """Equal bins of the probability, as in Guo et al. (ICML 2017)."""
 States = npt.NDArray[np.int64]
-"""[T] a situation or a class at every sample; below 0 where there is none."""
+"""[T] a situation at every sample; below 0 where there is none."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ class ConfusionFigures:
 
 @dataclass(frozen=True)
 class StateFigures:
-    """Everything a report shows of the states. confusion: by level (four, seven, eight)."""
+    """Everything a report shows of the states. confusion: of the four situations, as "four"."""
 
     per: str
     to_risky_state_ms: Spread | None
@@ -90,15 +89,10 @@ def risky_states(outputs: Sequence[ModelOutputs], permille: int) -> list[EventMa
 def state_figures(
     outputs: Sequence[ModelOutputs],
     permille: int,
-    heavy: Sequence[bool | None],
     seed: int,
     untold: Collection[str] = (),
 ) -> StateFigures:
-    """All figures of the states.
-
-    heavy: of each recording's object; None where it is not known. untold: situations that the model
-    cannot tell.
-    """
+    """All figures of the states. untold: situations that the model cannot tell."""
     # Matched like alarms, so the state's delay compares with that of the request.
     delay = event_scores(risky_states(outputs, permille), seed=seed)
     states = [one.situation for one in outputs]
@@ -127,7 +121,7 @@ def state_figures(
         changes_per_s=changes_per_s(states, outputs),
         true_changes_per_s=changes_per_s(labels, outputs),
         calibration=calibration(outputs, labels),
-        confusion=confusions(outputs, labels, heavy, seed, untold),
+        confusion={"four": confusion(outputs, labels, seed, untold)},
     )
 
 
@@ -218,67 +212,22 @@ def _ece(bins: list[CalibrationBin]) -> float:
     return error
 
 
-def confusions(
+def confusion(
     outputs: Sequence[ModelOutputs],
     labels: Sequence[States],
-    heavy: Sequence[bool | None],
     seed: int,
     untold: Collection[str] = (),
-) -> dict[str, ConfusionFigures]:
-    """Level -> confusion.
-
-    Eight and seven classes need a model that votes for eight, and a known weight.
-    """
-    groups = [one.recording.group for one in outputs]
-    states = [one.situation for one in outputs]
-    figures = {"four": _confusion(SITUATIONS, labels, states, groups, seed, untold)}
-
-    truth_of: dict[str, list[States]] = {"eight": [], "seven": []}
-    answer_of: dict[str, list[States]] = {"eight": [], "seven": []}
-    known_groups = []
-    for one, label, is_heavy in zip(outputs, labels, heavy, strict=True):
-        # Unknown weight has no true class, and a model of four situations no answer.
-        if is_heavy is None or not (one.eight != NO_CLASS).any():
-            continue
-        # The eight classes: situation by situation, first light, then heavy.
-        truth = 2 * label + int(is_heavy)
-        unknown = label == UNKNOWN
-        merged = labels_at(truth, "seven")
-        truth_of["eight"].append(np.where(unknown, UNKNOWN, truth))
-        truth_of["seven"].append(np.where(unknown, UNKNOWN, merged))
-        answer_of["eight"].append(one.eight)
-        answer_of["seven"].append(one.seven)
-        # In step with the lists above: each answer keeps the group that it is drawn with.
-        known_groups.append(one.recording.group)
-
-    if known_groups:
-        for level, truths in truth_of.items():
-            answers = answer_of[level]
-            figures[level] = _confusion(
-                LEVELS[level], truths, answers, known_groups, seed, untold
-            )
-
-    return figures
-
-
-def _confusion(
-    classes: tuple[str, ...],
-    truth: Sequence[Labels],
-    answer: Sequence[Labels],
-    group: Sequence[str],
-    seed: int,
-    untold: Collection[str],
 ) -> ConfusionFigures:
-    """Count truth against answer over all recordings, and score it. truth, answer: [T] of each.
+    """Count the truth against the answer over all recordings, and score it.
 
     Samples without a label (below 0) are left out; withheld answers count.
     """
-    n = len(classes)
-    was = np.concatenate(truth)
-    answered = np.concatenate(answer)
-    lengths = [len(label) for label in truth]
+    n = len(SITUATIONS)
+    was = np.concatenate(labels)
+    answered = np.concatenate([one.situation for one in outputs])
+    lengths = [len(label) for label in labels]
     # The interval draws whole groups, since samples of one recording are alike.
-    groups = np.repeat(group, lengths)
+    groups = np.repeat([one.recording.group for one in outputs], lengths)
 
     labelled = was >= 0
     was = was[labelled]
@@ -289,14 +238,12 @@ def _confusion(
     pair = (n + 1) * was + answered
     cells = np.bincount(pair, minlength=n * (n + 1))
 
-    # A situation that the model cannot tell has no light and no heavy class either.
-    without = [name for name in classes if name.startswith(tuple(untold))]
     scores = situation_scores(
-        was, answered, groups, classes=classes, untold=without, seed=seed
+        was, answered, groups, classes=SITUATIONS, untold=untold, seed=seed
     )
 
     return ConfusionFigures(
-        classes=(*classes, "unknown"),
+        classes=(*SITUATIONS, "unknown"),
         counts=cells.reshape(n, n + 1).tolist(),
         macro_f1=scores.macro_f1,
         macro_f1_ci=scores.macro_f1_ci,

@@ -1,4 +1,4 @@
-"""Trials over time: forces, critical points, truth, and the answers of a held-out forest."""
+"""Trials over time: forces, critical points, truth, and the answers of a model."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ AROUND_S = (-0.35, 0.65)
 
 @dataclass(frozen=True)
 class StreamPicture:
-    """One held-out trial. answer [T]: a situation or UNKNOWN. acts [T]: where an act is requested.
+    """One unseen trial. answer [T]: a situation or UNKNOWN. acts [T]: where an act is requested.
 
     events: times in s of the truth's events that happened, by name. names: of the sensors.
     """

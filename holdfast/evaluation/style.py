@@ -6,10 +6,10 @@ An SVG that a screen reader can name, and that is readable on a light and on a d
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from html import escape
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,8 +28,6 @@ FINGER_COLOURS = ("#000000", "#999933", "#0072b2", "#e69f00", "#cc79a7", "#88225
 FINGER_LINES = ("-", "--", "-", "--", "-", "--")
 """Of thumb 1 and 2, index, middle, ring and little finger: none is a situation's colour, and a line
 behind a dashed one still shows."""
-ROW_COLOURS = {"ours": OURS, "warning": WARNING, "": QUIET}
-"""By the class of a row, as the tables of a report have it."""
 DARK_INSTEAD = {
     "#ffffff": "#1e2129",
     "#000000": "#f5f7fa",
@@ -125,49 +123,3 @@ def for_any_page(svg: str) -> str:
     """A file of its own: with other ink and paper where the reader prefers dark."""
     end = svg.index(">", svg.index("<svg")) + 1
     return f"{svg[:end]}<style>{dark_rules()}</style>{svg[end:]}"
-
-
-class Bar(NamedTuple):
-    """A figure with its interval. row_class: ours, warning, or nothing."""
-
-    value: float
-    interval: Sequence[float]
-    row_class: str = ""
-
-
-def bar(
-    value: float | None, interval: Sequence[float] | None, row_class: str = ""
-) -> Bar:
-    """A bar; there is nothing to draw where the figure or its interval is not defined."""
-    absent = float("nan")
-    # Matplotlib draws nothing at nan, so the row stays empty and keeps its place.
-    centre = absent if value is None else value
-    return Bar(centre, interval or (absent, absent), row_class)
-
-
-def bars(axes: Axes, rows: Sequence[Bar], title: str, start: float) -> None:
-    """One figure a row with its interval; this model and warnings in colours of their own."""
-    for place, (value, interval, row_class) in enumerate(rows):
-        colour = ROW_COLOURS[row_class]
-        axes.plot(
-            interval,
-            [place, place],
-            color=colour,
-            linewidth=5,
-            alpha=0.35,
-            solid_capstyle="butt",
-        )
-        axes.plot(value, place, "o", color=colour, markersize=6)
-        axes.annotate(
-            f"{value:.3f}",
-            (value, place),
-            (0, 6),
-            textcoords="offset points",
-            ha="center",
-            fontsize=8,
-        )
-
-    axes.set_xlim(left=start)
-    axes.set_title(title, fontsize=10, loc="left")
-    axes.grid(axis="x", color=GRID)
-    axes.set_axisbelow(True)

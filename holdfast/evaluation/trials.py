@@ -23,7 +23,7 @@ from holdfast.core.trial_layout import (
     truth_path,
 )
 from holdfast.training.recording import Recording
-from holdfast.training.timeline import Phase, RiskyEvent
+from holdfast.training.timeline import Phase
 
 if TYPE_CHECKING:
     from holdfast.evaluation.camera import SeenSlip
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
 DISTURBANCES = {"dFn": "grip_change", "dFt": "load_n", "dq": "motor_mm"}
 """Disturbance of a hold (grip, load, motor) -> the drawn parameter that is not 0 in it."""
-SAME_MOMENT_S = 0.02
-"""Times of a truth and of its phases, which are whole samples, differ by less."""
 MOST_TITLES = 5
 """Pictures of actions with other names than the thesis'."""
 ROWS_DRAWN = 8
@@ -49,11 +47,6 @@ class Grasp:
     def style(self) -> str:
         """The range of parameters of the person who acts, or ""."""
         return str(self.truth.get("style", ""))
-
-    @property
-    def action(self) -> str:
-        """pass, pull, fall, put-down, hold, nothing, or ""."""
-        return str(self.truth.get("action", ""))
 
     @property
     def disturbance(self) -> str | None:
@@ -118,16 +111,6 @@ def style_of(grasps: tuple[Grasp, ...]) -> str:
     # A long stream may hold grasps of several people.
     styles = {grasp.style for grasp in grasps}
     return styles.pop() if len(styles) == 1 else ""
-
-
-def grasp_of(event: RiskyEvent, grasps: tuple[Grasp, ...]) -> Grasp | None:
-    """The grasp whose contact was lost as this event ended."""
-    for grasp in grasps:
-        # A grasp that held to the end has no such time.
-        lost_s = grasp.truth.get("contact_lost_s")
-        if lost_s is not None and abs(float(lost_s) - event.end_s) < SAME_MOMENT_S:
-            return grasp
-    return None
 
 
 def voluntary_actions(recording: Recording) -> list[VoluntaryAction]:

@@ -9,7 +9,6 @@ import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.reading import Json
-from holdfast.evaluation.closed_loop import LoopRequest, LoopRuns, LoopSet
 from holdfast.simulation.loop_sensing import IntArray, LoopSensors
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.rows import PlanBatch, Rows
@@ -17,6 +16,7 @@ from studies.distortions.law import Law, Memory, PlanRequest
 from studies.distortions.statistics import paired_change
 from studies.distortions.table import Distortion, by_name
 from studies.distortions.trials import law_stream
+from studies.shared_control.closed_loop import LoopRequest, LoopRuns, LoopSet
 
 CONTROLLER = "holdfast"
 KEYS = (

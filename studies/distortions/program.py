@@ -27,7 +27,6 @@ from holdfast.core.errors import UsageError
 from holdfast.core.reading import Json
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.edge_runtime.engine import ModelChoice
-from holdfast.evaluation.closed_loop import LoopRuns
 from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.style import for_any_page
 from holdfast.simulation.closed_loop import model_of
@@ -44,6 +43,7 @@ from studies.distortions.open_loop import OpenJob, OpenOutcomes, open_figures
 from studies.distortions.picture import picture
 from studies.distortions.quiet_hand import QuietJob, quiet_rows
 from studies.distortions.table import DISTORTIONS, TRIALS, UNCHANGED, Distortion
+from studies.shared_control.closed_loop import LoopRuns
 from tools.doc_tables import SOURCES, fill, tables_of
 from tools.harness import write_figures
 

@@ -14,9 +14,6 @@ from holdfast.evaluation.style import (
     OURS,
     QUIET,
     SITUATION_COLOURS,
-    Bar,
-    bar,
-    bars,
     drawing,
     svg,
 )
@@ -25,6 +22,7 @@ from holdfast.training.crossval import HeldOut
 from holdfast.training.figures import ABSENT, HeadFigures, Interval
 from holdfast.training.metrics import situation_scores
 from holdfast.training.recording import DataSet
+from studies.bars import Bar, bar, bars
 from studies.real.figures import prediction_of
 from studies.row_names import row_class, shown
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from holdfast.edge_runtime.grip import CONTROLLERS, AnswerRules
-from holdfast.evaluation.closed_loop import ORACLE, VIBRATION, LoopRequest, LoopSet
 from holdfast.simulation.loop_people import Habits
+from studies.shared_control.closed_loop import ORACLE, VIBRATION, LoopRequest, LoopSet
 
 CARDS = Path(__file__).parent / "cards"
 SHORTER = (("close_at_s", 0.8), ("hold_s", 1.8), ("tail_s", 0.5))
@@ -38,7 +38,7 @@ RISES["without an end"] = (("rise_n", math.inf),)
 """In the part `cap` an answer raises the grip by less, or by more."""
 ORACLE_CAPS = (2.0, 2.5, 4.0)
 """There the oracle's commands are at most so many times what the load needs. 2.5 is what the target
-allows (holdfast/evaluation/loop_figures.py)."""
+allows (benchmarks/loop_figures.py)."""
 CAP_SETS = ("wide", "author", "tugs", "fragile")
 TRUE_EVIDENCE_S = 0.02
 """In the part `truth` the controller gets the true slips, so late."""

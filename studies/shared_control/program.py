@@ -1,4 +1,7 @@
-"""`make loop`: what holding on costs; writes loop.json and the front figure, fills the page."""
+"""`make loop`: what holding on costs; writes loop.json and the front figure, fills the page.
+
+With scenes (`python -m studies loop SCENE..`) it compares controllers on these instead.
+"""
 
 from __future__ import annotations
 
@@ -13,20 +16,23 @@ from holdfast.cli.options import (
     chosen_model,
     chosen_workers,
 )
+from holdfast.cli.simulate import trial_count
 from holdfast.core.errors import UsageError
 from holdfast.core.locked import locked_sets
 from holdfast.core.reading import Json
 from holdfast.core.trial_layout import read_json
 from holdfast.core.writing import require_writable, write_whole
-from holdfast.evaluation.closed_loop import LoopRuns
 from holdfast.evaluation.style import for_any_page
 from holdfast.simulation.closed_loop import model_of
 from holdfast.training.progress import counted
+from studies.shared_control import comparison
+from studies.shared_control.closed_loop import LoopRuns
 from studies.shared_control.picture import picture
 from studies.shared_control.plan import PARTS, SEED, Row, rows
 from tools.doc_tables import fill, tables_of
 from tools.harness import measured_now, write_figures
 
+TRIALS = 55
 MODEL = Path("models/holdfast-150hz.onnx")
 PAGE = "docs/shared-control.md"
 ROW_KEYS = (
@@ -47,7 +53,9 @@ FIGURE = Path("docs/shared-control.svg")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this study alone."""
     option = parser.add_argument
-    parser.set_defaults(seed=SEED)
+    # None: that of the study, or 0 with scenes.
+    parser.set_defaults(seed=None)
+    comparison.add_arguments(parser)
     option(
         "--model",
         type=path_argument,
@@ -58,10 +66,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_engine_options(parser)
     option(
         "--trials",
-        type=int,
-        default=55,
+        type=trial_count,
         metavar="N",
-        help="trials of a set (default 55)",
+        help=f"trials of a set (default {TRIALS}; of a scene: all)",
     )
     add_job_options(parser, 2)
     option(
@@ -92,9 +99,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the study, write its figures."""
+    """Run the study, or the comparison on scenes; write the figures."""
+    if args.scenes:
+        return comparison.run(args)
+    comparison.require_scenes(args)
     require_writable(args.out)
-    wanted = _chosen(rows(args.trials, args.seed), args)
+    seed = SEED if args.seed is None else args.seed
+    trials = args.trials or TRIALS
+    wanted = _chosen(rows(trials, seed), args)
     with counted(f"{len(wanted)} rows in a closed loop (simulated)", 1) as done:
         runs = LoopRuns(chosen_model(args), chosen_workers(args), done)
         runs.run([(row.one, row.request) for row in wanted], losses=args.losses)
@@ -102,10 +114,10 @@ def run(args: argparse.Namespace) -> int:
         "kind": "simulated",
         "model": model_of(chosen_model(args)).card.model_id,
         "engine": args.engine,
-        "seed": args.seed,
-        "locked_on": _locked_on(args.seed),
+        "seed": seed,
+        "locked_on": _locked_on(seed),
         **measured_now(),
-        "trials": args.trials,
+        "trials": trials,
         "rows": [_row(row, runs) for row in wanted],
     }
     if args.keep and (args.out / "loop.json").is_file():

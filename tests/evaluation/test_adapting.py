@@ -19,13 +19,10 @@ from holdfast.sessions.adapting import (
 )
 from holdfast.sessions.slip_evidence import (
     MOST_NATS,
-    TOP,
     PersonCounts,
     Stream,
-    _best_of_slips,
     contradicted,
     corrected,
-    counts_of,
     fit_correction,
     moved,
     stream_of,
@@ -33,7 +30,6 @@ from holdfast.sessions.slip_evidence import (
 from holdfast.training.recording import Recording
 from holdfast.training.timeline import Phase, RiskyEvent
 
-AREA = "Events and alarms"
 RATE_HZ, VOTES, LENGTH = 100.0, 4096, 60
 RULES = DecisionRules(act_samples=1, min_risky_permille=600)
 
@@ -116,22 +112,10 @@ def test_a_moved_rule_still_adds_exactly_and_keeps_more_or_fewer_risky_votes() -
     assert risky[0] < risky[-1]
 
 
-def test_only_the_best_samples_of_a_slip_count_and_all_that_are_none() -> None:
-    slip = np.array([0] * 5 + [1] * 2 + [-1] * 4)
-    kept = _best_of_slips(slip, np.array([5.0, 1, 4, 3, 2, 0, 9, 7, 7, 7, 7]))
-    assert kept.tolist() == [True, False, True, True, False, True, True] + [True] * 4
-    assert TOP == 3
-
-
 def test_samples_that_cannot_be_called_and_unknown_ones_are_no_evidence() -> None:
     one = stream(1, slip=True)
     assert one.row.tolist() == list(range(20, 40))
     assert (one.answers.situation[:3] == UNKNOWN).all()
-
-
-def test_counts_are_of_hand_overs_holding_and_slips() -> None:
-    recordings = [one.recording for one in (*passes(3), *slips(2))]
-    assert counts_of(recordings) == PersonCounts(5, 3, 1.0, 2)
 
 
 BASE = HeldOutFigures(

@@ -55,8 +55,3 @@ def test_a_figure_that_is_missing_from_its_file_is_an_error(page: Path) -> None:
 def test_a_table_without_a_place_in_the_page_is_an_error(page: Path) -> None:
     with pytest.raises(DataNotFound, match="third"):
         doc_tables.fill(page, {"third": ""})
-
-
-def test_every_page_with_a_template_names_its_files() -> None:
-    templates = {path.name for path in doc_tables.TEMPLATES.iterdir()}
-    assert templates == {Path(page).name for page in doc_tables.SOURCES}

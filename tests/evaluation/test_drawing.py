@@ -10,7 +10,7 @@ import pytest
 from jinja2 import UndefinedError
 from matplotlib.figure import Figure
 
-from holdfast.evaluation.html import render, write_page
+from holdfast.evaluation.html import render
 from holdfast.evaluation.style import (
     DARK_INSTEAD,
     INK,
@@ -57,21 +57,6 @@ def test_ink_and_paper_of_a_file_change_on_a_dark_page(figure: Figure) -> None:
     assert {"#ffffff", INK} <= used & set(DARK_INSTEAD)
     for light in used & set(DARK_INSTEAD):
         assert f'"fill: {light}"]{{fill:{DARK_INSTEAD[light]}!important}}' in text
-
-
-def test_a_picture_of_a_report_scrolls_by_itself_on_a_page_that_follows_the_reader(
-    figure: Figure, tmp_path: Path
-) -> None:
-    template = (
-        '{% extends "base.html" %}{% from "parts.html" import figure %}'
-        "{% block body %}{{ figure(drawn) }}{% endblock %}"
-    )
-    (tmp_path / "page.html").write_text(template, encoding="utf-8")
-    page = write_page(tmp_path / "out.html", "page.html", tmp_path, drawn=svg(figure))
-    text = page.read_text("utf-8")
-    assert '<div class="wide"><svg' in text
-    assert re.search(r"</svg>\s*</div>", text)
-    assert "prefers-color-scheme:dark" in text
 
 
 def test_text_in_a_template_is_escaped_and_a_forgotten_value_is_an_error(

@@ -1,4 +1,4 @@
-"""Whole streams evaluated: outputs, baselines, the closing hand, figures and the report."""
+"""Whole streams evaluated: outputs, baselines, figures and the report."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from holdfast.cli.main import main
 from holdfast.core.contract import (
@@ -36,22 +34,12 @@ from holdfast.evaluation.baseline_signals import (
 )
 from holdfast.evaluation.baselines import (
     Baseline,
-    baselines,
     held_until_let_go,
     matched,
     oracle_requests,
 )
 from holdfast.evaluation.camera import SeenSlip, onsets_by, seen_slips
-from holdfast.evaluation.closing_hand import (
-    ClosingHand,
-    Drop,
-    Droppable,
-    drop_of,
-    model_error_ms,
-    slide,
-)
 from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
-from holdfast.evaluation.formats import CONE, ORACLE, SHEAR_RATE
 from holdfast.evaluation.methods import (
     DisturbedHold,
     MethodFigures,
@@ -67,21 +55,19 @@ from holdfast.evaluation.model_outputs import (
     read_outputs,
     steps_with,
 )
-from holdfast.evaluation.outcomes import JudgedTrial, outcome_table, recognised
+from holdfast.evaluation.outcomes import recognised
 from holdfast.evaluation.states import (
     calibration,
     changes_per_s,
-    confusions,
+    confusion,
     labels_everywhere,
 )
-from holdfast.evaluation.statistics import mcnemar, share
+from holdfast.evaluation.statistics import mcnemar
 from holdfast.evaluation.trials import (
     AnsweredTrial,
     Grasp,
     LabelledTrial,
     VoluntaryAction,
-    grasp_of,
-    grasps_of,
     voluntary_actions,
 )
 from holdfast.export.detectors import detector_names
@@ -151,7 +137,6 @@ def answered(
         np.full(n, 1000),
         p,
         none,
-        none,
         np.zeros((n, 3), dtype=bool),
     )
 
@@ -198,8 +183,6 @@ def test_a_model_of_four_situations_votes_for_no_weight(four_situations: Built) 
     model, some = Model(four_situations.model), four_situations.data.recordings[:1]
     (outputs,) = read_outputs(model, some, everywhere(steps_with(model, OUTPUTS), some))
     assert (outputs.eight == NO_CLASS).all()
-    labels = [labels_everywhere(some[0].phases, len(outputs.situation))]
-    assert set(confusions([outputs], labels, [True], 0)) == {"four"}
 
 
 # -- what the truth says
@@ -220,27 +203,6 @@ def test_a_put_down_is_one_voluntary_action_and_a_grip_that_fails_has_none() -> 
     )
     assert voluntary_actions(recording(EVENT, phases=sliding)) == []
     assert voluntary_actions(recording(phases=put_down, action="hold")) == []
-
-
-def test_an_event_of_a_long_stream_is_found_in_the_grasp_that_ended_in_it() -> None:
-    grasps = (
-        Grasp({"contact_lost_s": 0.5}),
-        Grasp({"contact_lost_s": None}),
-        Grasp({"contact_lost_s": 1.1}),
-    )
-    assert grasp_of(EVENT, grasps) is grasps[2]
-    assert grasp_of(EVENT, grasps[:2]) is None
-
-
-def test_a_simulated_truth_names_style_disturbance_and_thing(scenes: Path) -> None:
-    data = load(scenes, windows="natural")
-    actions = [one.action for one in data.recordings]
-    firsts = [of[0] for of in grasps_of(scenes, data.recordings)]
-    grasps = dict(zip(actions, firsts, strict=True))
-    assert grasps["hold"].disturbance == "dFt"
-    assert grasps["pull"].disturbance is None
-    assert {one.style for one in grasps.values()} == {"author"}
-    assert grasps["fall"].truth["thing"]["mass_g"] == 197.9
 
 
 # -- what stands beside
@@ -290,19 +252,6 @@ def test_a_detector_that_fires_in_the_air_asks_nothing_and_in_the_hand_holds_unt
     )
 
 
-def test_a_wider_cone_fires_only_where_a_narrower_one_does() -> None:
-    rng = np.random.default_rng(0)
-    of = recording()
-    of.samples[:] = np.cumsum(rng.normal(0.0, 0.2, of.samples.shape), axis=0)
-    of.samples[:, 2::3] = 2.0
-    cone = next(one for one in baselines(_spec(), RULES) if one.name == CONE)
-    fires = [cone.on([of])(friction)[0] for friction in (0.3, 1.0, 3.0)]
-    firsts = [int(np.argmax(one)) for one in fires]
-    assert fires[2].any()
-    assert firsts == sorted(firsts)
-    assert firsts[0] < firsts[2]
-
-
 def test_detectors_fire_where_those_of_a_step_graph_with_their_thresholds_do() -> None:
     rng = np.random.default_rng(1)
     streams = [shaking(rng, n) for n in (300, 260)]
@@ -332,130 +281,11 @@ def shaking(rng: np.random.Generator, n: int) -> Recording:
     return of
 
 
-def test_the_shear_rate_threshold_exists_only_in_newtons() -> None:
-    assert SHEAR_RATE in [one.name for one in baselines(_spec(), RULES)]
-    in_counts = [one.name for one in baselines(replace(_spec(), unit="count"), RULES)]
-    assert SHEAR_RATE not in in_counts
-    assert CONE not in in_counts
-    assert ORACLE in in_counts
-
-
 def _spec() -> StepSpec:
     return StepSpec(n_sensors=6, rate_hz=RATE_HZ, unit="N", groups=("now",))
 
 
-# -- closing in time
-
-FALL = Drop(
-    gross_s=0.02,
-    lost_s=0.09,
-    mass_kg=0.2,
-    grip_n=1.0,
-    squeeze_n_per_m=900.0,
-    skin_n_per_m=5000.0,
-    static=0.6,
-    kinetic=0.48,
-    vanish_s=0.02,
-    arm_n_per_m=0.0,
-    distance_m=0.0,
-    move_s=1.0,
-    cap_n=0.0,
-)
-PULL = replace(
-    FALL,
-    mass_kg=0.02,
-    grip_n=4.0,
-    vanish_s=0.0,
-    arm_n_per_m=3000.0,
-    distance_m=0.2,
-    move_s=0.2,
-    cap_n=40.0,
-)
-
-
-def kept(drop: Drop, request_s: float | None, hand: ClosingHand | None = None) -> bool:
-    return bool(Droppable([drop], hand).kept([request_s]).kept)
-
-
-def test_a_hand_closes_its_stroke_in_the_published_time_and_its_lag_later() -> None:
-    at_once = ClosingHand(lag_s=0.0).travel_m(np.array([-1.0, 0.0, 0.37]))
-    assert at_once.tolist() == pytest.approx([0.0, 0.0, 0.12])
-    behind = ClosingHand(lag_s=0.05).travel_m(np.array([1.05]))
-    assert behind == pytest.approx(0.12 / 0.37, rel=1e-6)
-
-
-def test_a_falling_object_is_kept_by_a_hand_that_acts_at_once_and_lost_by_a_late_one() -> (
-    None
-):
-    assert kept(FALL, 0.0)
-    assert not kept(FALL, None)
-    assert not kept(FALL, FALL.lost_s + 0.01)
-
-
-def test_an_object_that_still_slides_is_not_kept_though_it_has_not_gone_so_far() -> (
-    None
-):
-    late = replace(FALL, lost_s=0.59)
-    assert not kept(late, 0.0, ClosingHand(closing_s=200.0))
-
-
-def test_a_hard_pull_is_not_preventable_and_a_gentle_one_on_a_firm_grip_never_slips() -> (
-    None
-):
-    figures = Droppable([PULL]).kept([0.0])
-    assert (figures.preventable, figures.not_preventable, figures.kept) == (0, 1, 0)
-    gentle = slide([replace(PULL, cap_n=2.0)], np.array([np.inf]), ClosingHand())
-    assert gentle.slides_from_s[0] == np.inf
-    assert gentle.slid_m[0] == 0.0
-
-
-def test_a_slip_begins_when_the_load_exceeds_static_friction() -> None:
-    """A support that vanishes slowly: m g smooth(t / vanish) = 2 mu N, the skin far stiffer than
-    anything moves."""
-    slow = replace(FALL, vanish_s=0.4, lost_s=0.5, skin_n_per_m=20000.0)
-    u = np.linspace(0.0, 1.0, 100_001)
-    load_n = 0.2 * 9.81 * u**3 * (10.0 + u * (6.0 * u - 15.0))
-    expected_s = 0.4 * float(u[np.argmax(load_n > 2.0 * 0.6 * 1.0)])
-    end = slide([slow], np.array([np.inf]), ClosingHand())
-    assert end.slides_from_s[0] == pytest.approx(expected_s, abs=0.004)
-
-
-@settings(max_examples=15)
-@given(
-    earlier_s=st.floats(0.0, 0.1),
-    by_s=st.floats(0.0, 0.1),
-    lag_s=st.just(0.0) | st.floats(1e-6, 0.1),
-    grip_n=st.floats(0.3, 1.6),
-)
-def test_a_hand_with_an_earlier_request_never_keeps_less(
-    earlier_s: float, by_s: float, lag_s: float, grip_n: float
-) -> None:
-    falls = Droppable([replace(FALL, grip_n=grip_n)], ClosingHand(lag_s=lag_s))
-    assert falls.kept([earlier_s]).kept >= falls.kept([earlier_s + by_s]).kept
-
-
-def test_closing_needs_a_truth_that_says_how_it_was_pulled(scenes: Path) -> None:
-    data = load(scenes, windows="natural")
-    grasps = grasps_of(scenes, data.recordings)
-    drops = []
-    for of, held in zip(data.recordings, grasps, strict=True):
-        drops += [drop_of(event, grasp_of(event, held)) for event in of.events]
-    assert len(drops) == 2
-    assert None not in drops
-    result = model_error_ms(drops)
-    assert result is not None
-    assert (result["slips"], result["of"]) == (2, 2)
-    assert abs(result["p50"]) < 30.0
-    assert drop_of(EVENT, Grasp({})) is None
-    assert Droppable([None]).kept([0.1]).kept_share is None
-
-
 # -- figures
-
-
-def test_a_share_of_all_has_an_exact_interval_that_does_not_say_always() -> None:
-    assert share([True] * 20).share_ci == pytest.approx((0.8316, 1.0), abs=1e-4)
-    assert (share([]).share, share([]).share_ci, share([]).n) == (None, None, 0)
 
 
 def test_mcnemar_counts_only_what_one_of_two_found() -> None:
@@ -505,7 +335,7 @@ def of_event(*slips: SeenSlip) -> LabelledTrial:
 
 
 def figures_of(trials: list[LabelledTrial], *requests: np.ndarray) -> MethodFigures:
-    return method_figures(method_result(trials, requests), trials, None, 0)
+    return method_figures(method_result(trials, requests), trials, 0)
 
 
 def test_an_alarm_stands_against_the_camera_and_the_scene_and_how_far_these_are_apart() -> (
@@ -598,12 +428,12 @@ def test_unknown_samples_change_no_state_and_are_answers_withheld() -> None:
     phases = Phase(0, 100, NOTHING), Phase(100, 130, GRASP)
     label = labels_everywhere(phases, len(situation))
     assert label[130:].tolist() == [UNKNOWN] * 20
-    counts = confusions([one], [label], [None], 0)["four"].counts
+    counts = confusion([one], [label], 0).counts
     assert counts[NOTHING] == [45, 0, 0, 0, 55]
     assert counts[GRASP] == [5, 25, 0, 0, 0]
 
 
-# -- the thesis' table
+# -- what was recognised
 
 
 def test_a_pull_is_recognised_by_one_alarm_in_it_and_a_pass_by_its_state_and_no_alarm() -> (
@@ -626,21 +456,6 @@ def test_a_pull_is_recognised_by_one_alarm_in_it_and_a_pass_by_its_state_and_no_
     assert judged(handed_over, slipping, at())
     assert not judged(handed_over, slipping, at((10, 12)))
     assert not judged(handed_over, holding, at())
-
-
-def test_the_table_sets_our_word_beside_the_thesis_for_cells_that_have_a_trial() -> (
-    None
-):
-    found = [
-        JudgedTrial("soft-ball", "p1", "pass", True),
-        JudgedTrial("soft-ball", "p1", "pass", False),
-        JudgedTrial("apple", "author", "pass", True),
-    ]
-    rows = {row.object: row for row in outcome_table(found)}
-    assert len(outcome_table(found)) == 2
-    assert (rows["soft-ball"].thesis, rows["soft-ball"].ours) == ("ok", "part")
-    assert (rows["soft-ball"].recognised, rows["soft-ball"].trials) == (1, 2)
-    assert rows["apple"].ours == "ok"
 
 
 # -- the whole
@@ -710,17 +525,6 @@ def test_every_set_has_every_line_and_says_where_its_threshold_is_from(
     assert figures["all"]["rows"]["perfect intent"]["found"] == sum(events)
 
 
-def test_scenes_have_closing_and_specificity_and_a_made_up_set_has_neither(
-    evaluated: tuple[dict[str, Any], str],
-) -> None:
-    simulated, made_up = (one["rows"] for one in evaluated[0]["sets"].values())
-    for name in ("closing", "specificity"):
-        assert simulated["ours, as deployed"][name] is not None
-        assert made_up["ours, as deployed"][name] is None
-    bound = simulated["perfect intent"]["closing"]
-    assert bound["kept"] <= bound["preventable"] <= bound["modelled"] == 2
-
-
 def test_the_report_of_training_data_says_so_first_and_needs_no_other_file(
     evaluated: tuple[dict[str, Any], str],
 ) -> None:
@@ -729,15 +533,13 @@ def test_the_report_of_training_data_says_so_first_and_needs_no_other_file(
     assert page.index("Not a judgement") < page.index("<table")
     assert "src=" not in page
     assert "href=" not in page.replace("xlink:href=", "")
-    assert page.count("<svg") >= 6
+    assert page.count("<svg") >= 4
     for title in (
         "make real",
         "trained on",  # the made-up set is the one the model learned from
         "Trials over time",
         "beside the baselines",
         "lead that was left",
-        "closing hand",
-        "outcomes",
         "limits",
     ):
         assert title in page
@@ -748,17 +550,6 @@ def deployed(eight_classes: Built, scenes: Path) -> dict[str, Any]:
     """Figures of the scenes alone, nothing chosen."""
     request = EvaluationRequest((str(scenes),))
     return evaluate_events(ModelChoice(str(eight_classes.model)), request).to_json()
-
-
-def test_as_deployed_alone_says_that_baselines_were_matched_on_what_is_scored(
-    deployed: dict[str, Any],
-) -> None:
-    thresholds = deployed["thresholds"]
-    assert thresholds["chosen_on"] is None
-    assert thresholds["headline"] == "ours, as deployed"
-    assert "flatters" in thresholds["how"]
-    # one set: its window figures stand on top, as ever
-    assert "macro_f1" in deployed["situations"]
 
 
 def test_a_threshold_chosen_on_what_is_scored_is_refused(

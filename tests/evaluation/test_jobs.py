@@ -203,11 +203,6 @@ def test_a_lost_scheduler_is_an_error_that_says_how_far_the_jobs_came(
     assert f"--dask {address}: the scheduler was lost" in str(lost.value)
 
 
-def test_an_error_of_a_job_is_raised(cluster: str) -> None:
-    with pytest.raises(ZeroDivisionError):
-        list(Workers(dask=cluster).run([partial(divmod, 1, 0)]))
-
-
 def test_an_address_without_a_scheduler_is_refused() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
@@ -217,17 +212,8 @@ def test_an_address_without_a_scheduler_is_refused() -> None:
         assert "dask scheduler" in refused.value.next_step
 
 
-def test_without_its_package_a_cluster_names_the_extra(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(UsageError, match="needs the package") as refused:
-        list(Workers(dask="127.0.0.1:1").run([partial(square, 1)]))
-    assert "holdfast[dask]" in refused.value.next_step
-
-
 def test_zero_processes_are_refused(run: Run) -> None:
-    code, _, err = run("loop", "thesis", "--jobs", 0)
+    code, _, err = run("evaluate", SLOWER, "--data", "thesis", "--jobs", 0)
     assert code == 2
     assert "'0' is not a number of processes from 1 on" in err
 
@@ -256,18 +242,3 @@ def test_sets_scored_on_a_cluster_have_the_figures_of_this_process(
         written.append(out.read_bytes())
     assert written[0] == written[1]
     assert len(json.loads(written[0])["sets"]) == 2
-
-
-def test_a_closed_loop_on_a_cluster_ends_as_in_this_process(
-    run: Run, tmp_path: Path, cluster: str
-) -> None:
-    card, written = tmp_path / "two.toml", []
-    both = (row("fall", "weak_grip = 0.5\n", "hard-ball"), row("pass"))
-    card.write_text(card_text(*both, rate_hz=50))
-    words = ("loop", card, "--model", SLOWER, "--controller", "pd-shear")
-    for name, where in (("here", ("--jobs", 1)), ("there", ("--dask", cluster))):
-        out = tmp_path / f"{name}.json"
-        code, _, err = run(*words, "--json", out, *where)
-        assert code == 0, err
-        written.append(out.read_bytes())
-    assert written[0] == written[1]

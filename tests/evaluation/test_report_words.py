@@ -18,7 +18,6 @@ from holdfast.evaluation.evaluation_lines import evaluation_lines
 from holdfast.evaluation.figures import Evaluation
 from holdfast.evaluation.report import write_event_report
 from holdfast.evaluation.statistics import Spread
-from holdfast.evaluation.trials import drawn_trials
 from holdfast.training.figures import Share
 from holdfast.training.fixture import write_fixture
 
@@ -63,56 +62,11 @@ def test_a_report_of_recordings_says_nothing_of_a_simulation(page: str) -> None:
     assert "; 1 set, " in page
 
 
-def test_the_answer_stands_first(recorded: Evaluation, page: str) -> None:
-    row = recorded.rows[recorded.thresholds.headline]
-    first = f"Of {row.events} grips that fail, an act is requested in {row.found}"
-    assert page.index(first) < page.index("<table")
-
-
-def test_the_headline_has_the_figure_and_a_trial_in_full_and_the_next_step_follow(
-    recorded: Evaluation, page: str
-) -> None:
-    row = recorded.rows[recorded.thresholds.headline]
-    grips = "failing grip" if row.events == 1 else "failing grips"
-    assert f"<h1>{row.found} of {row.events} {grips} called, recorded</h1>" in page
-    parts = ["<h1>", "One trial, as it went by", "What to do next", "Trials over time"]
-    places = [page.index(part) for part in parts]
-    assert places == sorted(places)
-    assert "Record hand-overs and put-downs too" in page, "there are none"
-
-
-def test_the_trial_in_full_is_the_first_that_slips_whatever_was_answered(
-    recorded: Evaluation,
-) -> None:
-    assert recorded.central is not None
-    recording = recorded.central.trial.recording
-    assert recording.action in ("pull", "fall")
-    assert len(recording.samples) == len(recorded.central.situation)
-    rows = [one for of_title in recorded.drawn.values() for one in of_title]
-    slips = [one for one in rows if one.trial.recording.action in ("pull", "fall")]
-    assert recording.trial_id == slips[0].trial.recording.trial_id
-    assert not len(slips[0].trial.recording.samples), "of one trial alone"
-
-
-def test_a_trial_in_full_shows_grip_load_truth_and_answer(page: str) -> None:
-    picture = page.partition('<div class="trial">')[2].partition("</svg>")[0]
-    for word in ("grip, N", "load, N", "truth", "answer", "recorded"):
-        assert f">{word}<" in picture, word
-
-
 def test_what_recordings_do_not_have_is_absent_and_the_report_says_why(
     page: str,
 ) -> None:
     assert "No safe slip (hand-over, put-down) is labelled" in page
     assert "voluntary actions called risky" not in page
-    assert "<th>drops prevented</th>" not in page
-    assert "Drops prevented are not shown: without the forces" in page
-
-
-def test_every_trial_over_time_names_its_person(page: str) -> None:
-    drawn = page[page.index("Trials over time") : page.index("beside the baselines")]
-    rows = re.findall(r">((?:anna|bert) [^<]+ 1)<", drawn)
-    assert {row.split()[0] for row in rows} == {"anna", "bert"}
 
 
 def test_no_more_than_the_whole_lead_is_used() -> None:
@@ -123,19 +77,6 @@ def test_no_more_than_the_whole_lead_is_used() -> None:
     assert late.share_of_lead == Spread(0.0, 1.0, 1.0)
     at_once = replace(late, available_ms=Spread(0.0, 5.0, 19.0))
     assert none.share_of_lead is at_once.share_of_lead is None
-
-
-def test_a_chart_of_late_alarms_reaches_to_them_and_an_empty_one_is_not_drawn(
-    recorded: Evaluation, tmp_path: Path
-) -> None:
-    times = next(iter(recorded.times.values()))
-    late = replace(recorded, times={"own": replace(times, to_act=[400.0] * 5 + [900])})
-    section = page_of(late, tmp_path).split("Delay, and the lead")[1]
-    assert ">600<" in section[: section.index("</svg>")]
-    few = replace(recorded, times={"own": replace(times, to_act=[30.0] * 4)})
-    section = page_of(few, tmp_path).split("Delay, and the lead")[1]
-    assert "Not drawn: no set has 5 detected events" in section.split("<h2>")[0]
-    assert "<svg" not in section.split("<h2>")[0]
 
 
 def test_an_evaluation_on_training_data_says_so_first_and_prints_no_big_number(
@@ -150,18 +91,6 @@ def test_an_evaluation_on_training_data_says_so_first_and_prints_no_big_number(
     assert flattered.index(first) < flattered.index("<table")
     assert '<div class="answer">' not in flattered
     assert "grips that fail, an act" not in flattered
-
-
-def test_trials_of_other_actions_are_drawn_too(recorded: Evaluation) -> None:
-    answered = next(iter(recorded.drawn.values()))
-    tugged = []
-    for one in answered:
-        recording = replace(one.trial.recording, action="tugged")
-        tugged.append(replace(one, trial=replace(one.trial, recording=recording)))
-    assert list(drawn_trials(tugged)) == ["tugged"]
-    unnamed = replace(tugged[0].trial.recording, action=None)
-    trial = replace(tugged[0].trial, recording=unnamed)
-    assert list(drawn_trials([replace(tugged[0], trial=trial)])) == ["trials"]
 
 
 def test_safe_slips_are_voluntary_actions_only_where_people_are_known_to_mean_them(

@@ -1,4 +1,4 @@
-"""Answers and figures as data frames."""
+"""Answers as a data frame."""
 
 from __future__ import annotations
 
@@ -12,9 +12,7 @@ import pytest
 from holdfast import evaluation
 from holdfast.core.contract import CLASSES, SITUATIONS
 from holdfast.core.errors import RateError
-from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.edge_runtime.monitor import Model
-from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
 from holdfast.training.datasets import load
 from holdfast.training.fixture import write_fixture
 
@@ -59,32 +57,9 @@ def test_answers_have_a_line_a_sample_with_truth_and_state(
     assert settled["risky_share"].between(0, 1).all()
 
 
-def test_a_model_without_weight_names_no_class(
-    four_situations: Built, few: Path
-) -> None:
-    data = load(few, windows="natural").of_groups([TRIALS[0]])
-    frame = evaluation.to_frame(
-        evaluation.run_model(Model(four_situations.model), data)
-    )
-    assert frame["class"].isna().all()
-
-
 def test_a_set_at_another_rate_is_refused(eight_classes: Built, tmp_path: Path) -> None:
     write_fixture(tmp_path, trials_per_cell=1, rate_hz=100.0)
     with pytest.raises(RateError):
         evaluation.run_model(
             Model(eight_classes.model), load(tmp_path, windows="natural")
         )
-
-
-def test_figures_have_a_line_a_set_and_method(eight_classes: Built, few: Path) -> None:
-    result = evaluate_events(
-        ModelChoice(str(eight_classes.model)), EvaluationRequest([str(few)])
-    )
-    frame = evaluation.to_frame(result)
-    ours = frame[frame["method"] == "this model, as deployed"].iloc[0]
-    row = result.rows[result.thresholds.headline]
-    assert (ours["set"], ours["events"], ours["recall"]) == (few.name, 2, row.recall)
-    assert {"shear-rate threshold", "friction cone"} <= set(frame["method"])
-    assert {"recall_low", "recall_high", "safe_acts_called.share"} <= set(frame.columns)
-    assert not [name for name in frame.columns if name.endswith("_ci")]

@@ -88,12 +88,3 @@ def test_the_headline_is_the_held_out_figure_and_a_curve_shows_fewer_trials(
     trials = [point["n_trials"] for point in figures["learning_curve"]]
     assert trials == sorted(trials)
     assert ("<svg" in page) == bool(trials)
-
-
-def test_twice_the_trials_bring_what_the_points_show() -> None:
-    points = [
-        CurvePoint(k, n, f1, None)
-        for k, n, f1 in ((1, 10, 0.5), (2, 20, 0.6), (4, 40, 0.7))
-    ]
-    assert per_doubling(points) == pytest.approx(0.1)
-    assert per_doubling(points[:1]) is None

@@ -153,13 +153,6 @@ def test_a_fault_says_what_to_write_where_and_the_rest_is_read(
     assert "not ready: correct each ERROR" in out
 
 
-def test_two_faults_are_both_told_at_once(run: Run, own: Path) -> None:
-    with_an_unknown_column(own)
-    (own / "p01/hard-ball/fall").rename(own / "p01/hard-ball/drop")
-    levels = [one["level"] for one in reported(run, own, code=3)["missing"]]
-    assert levels.count("error") == 2
-
-
 def missing(report: dict, level: str) -> str:
     return "\n".join(
         f"{one['where']} {one['what']} {one['next_step']}"
@@ -183,33 +176,6 @@ def test_an_object_without_a_mass_is_trained_on_and_said(run: Run, own: Path) ->
     assert (code, "ready for holdfast train and" in out) == (0, True)
 
 
-def test_what_is_missing_is_advice_with_what_it_would_bring(
-    run: Run, own: Path
-) -> None:
-    for person in ("p01", "p02"):
-        shutil.rmtree(own / person / "hard-ball/fall")
-    report = reported(run, own)
-    assert (report["readable"], report["trainable"]) == (True, True)
-    said = missing(report, "advice")
-    assert "no risky_slip with an object of 150 g or more: a model does not" in said
-    assert "<person>/<object of 150 g or more>/slip/trial_1.csv" in said
-    for folder in own.glob("p0*/soft-ball/pull"):
-        shutil.rmtree(folder)
-    said = missing(reported(run, own), "advice")
-    assert "no risky_slip: a model cannot tell that an object slips" in said
-
-
-def test_an_open_hand_is_asked_for_only_where_force_does_not_tell_it(
-    run: Run, tmp_path: Path
-) -> None:
-    for unit, asked in (("N", False), ("uT", True)):
-        root = tmp_path / unit
-        write_phases(root / "mug/pull/trial_1.csv", "grasp", "risky_slip")
-        (root / "meta.json").write_text(json.dumps({"unit": unit}))
-        whats = [missing["what"] for missing in reported(run, root)["missing"]]
-        assert any(what.startswith("no nothing") for what in whats) == asked
-
-
 def test_one_situation_alone_is_nothing_to_train_on(run: Run, tmp_path: Path) -> None:
     write_phases(tmp_path / "mug/pull/trial_1.csv", "risky_slip")
     report = reported(run, tmp_path)
@@ -218,30 +184,6 @@ def test_one_situation_alone_is_nothing_to_train_on(run: Run, tmp_path: Path) ->
     assert (
         "ready for holdfast evaluate; holdfast train needs" in run("check", tmp_path)[1]
     )
-
-
-def test_advice_names_unit_labels_and_people(run: Run, own: Path) -> None:
-    (own / "meta.json").unlink()
-    shutil.rmtree(own / "p02/soft-ball")
-    shutil.rmtree(own / "p02/hard-ball/fall")
-    said = missing(reported(run, own), "advice")
-    assert f'{own}/meta.json no unit; N is assumed write {{"unit": "N"}}' in said
-    assert f"{own}/p02 no risky_slip of p02 record a pull or fall" in said
-    assert "4 of 5 trials have labels by the script" in said
-    assert f"{own}/p01/hard-ball/fall/trial_1.truth.json" in said
-
-
-def test_one_person_or_none_is_held_out_by_trial_and_says_so(
-    run: Run, own: Path
-) -> None:
-    shutil.rmtree(own / "p02")
-    assert "one person, p01: figures are held out by trial" in missing(
-        reported(run, own), "advice"
-    )
-    report = reported(run, own / "p01")
-    assert (report["held_out_by"], report["groups"]) == ("trial", 4)
-    assert "no people: figures are held out by trial" in missing(report, "advice")
-    assert "<person>/<object>/<action>/trial_1.csv" in missing(report, "advice")
 
 
 def test_the_wearers_own_command_beside_a_trial_is_counted_and_is_no_trial(
@@ -263,34 +205,8 @@ def test_the_wearers_own_command_beside_a_trial_is_counted_and_is_no_trial(
     assert "not the columns of a wearer's command" in missing(damaged, "advice")
 
 
-def test_files_at_no_trial_s_place_are_counted_and_named(run: Run, own: Path) -> None:
-    (own / "p01" / PULL).with_name("log.csv").touch()
-    assert (
-        "CSV files at no trial's place: 1, such as p01/soft-ball/pull/log.csv"
-        in missing(reported(run, own), "advice")
-    )
-    loose = own.parent / "loose"
-    loose.mkdir()
-    report = reported(run, loose, code=3)
-    assert (report["layout"], report["cells"]) == (None, [])
-    assert "no CSV file" in missing(report, "error")
-    shutil.copy(own / "p01" / PULL, loose / "mine.csv")
-    said = missing(reported(run, loose, code=3), "error")
-    assert (
-        f"such as mine.csv a trial belongs at {loose}/<person>/<object>/<action>/trial_1.csv"
-        in said
-    )
-
-
 def test_an_absent_folder_is_one_line(run: Run, tmp_path: Path) -> None:
     fails(run, 3, "DataNotFound", "check", tmp_path / "nowhere")
-
-
-def test_the_hand_alone_has_a_line(run: Run, own: Path, made: Path) -> None:
-    shutil.copytree(made / "p01/nothing", own / "p01/nothing")
-    report = reported(run, own)
-    assert cell(report, "p01", None, None)["labels_by"] == {"open hand": 1}  # type: ignore[arg-type]
-    assert "hand alone" in run("check", own)[1]
 
 
 def test_a_rate_that_is_too_low_for_training_is_an_error_of_the_set(

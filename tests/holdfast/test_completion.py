@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 import sys
 
@@ -38,29 +37,8 @@ def test_bash_completes_commands_options_and_choices(run: Run) -> None:
     assert completed(script, "run", "--engine", "") == {"onnxruntime", "c"}
 
 
-@pytest.mark.parametrize("shell", ["zsh", "fish"])
-def test_every_command_is_in_the_script_of_other_shells(run: Run, shell: str) -> None:
-    code, script, _ = run("completion", shell)
-    assert code == 0
-    assert [verb for verb in VERBS if verb not in script] == []
-    if shutil.which(shell):
-        subprocess.run([shell, "-n"], input=script, text=True, check=True)
-
-
 def test_without_its_package_completion_names_the_extra(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "shtab", None)
     fails(run, 2, "UsageError", "completion", "bash", says="holdfast[completion]")
-
-
-def test_help_of_a_command_is_what_the_command_says_of_itself(
-    run: Run, capsys: pytest.CaptureFixture[str]
-) -> None:
-    said = []
-    for words in (("help", "scan"), ("scan", "--help")):
-        with pytest.raises(SystemExit):
-            run(*words)
-        said.append(capsys.readouterr().out)
-    assert said[0] == said[1]
-    assert "the sensors" in said[0]

@@ -11,13 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from command_line import fails
 from live_bench import free_port
 from long_steps import long_steps
 
 from holdfast.cli.main import main
 from holdfast.core import hand_card
-from holdfast.live.run import RunOptions
 
 if TYPE_CHECKING:
     pass
@@ -66,36 +64,11 @@ def test_a_terminal_shows_json_lines_or_a_picture_and_never_both(
     assert (LINE in shown_on_a_terminal(*chosen)) is lines
 
 
-def test_a_pipe_gets_its_lines_beside_a_page_too(run: Run) -> None:
-    words = ("--source", "virtual://ft232h", "--seconds", "0.2", "--web", free_port())
-    code, out, err = run("run", *words)
-    assert code == 0, err
-    assert out.encode().startswith(LINE)
-
-
-@pytest.mark.parametrize(
-    "word", ["virtual", "virtual:", "virtual://", "virtual?lag_ms=20"]
-)
-def test_the_grip_of_a_scene_is_named_by_one_word(word: str) -> None:
-    options = RunOptions(model=None, source="virtual://ft232h", grip=word)  # type: ignore[arg-type]
-    assert options.moves_scene
-
-
 def help_of(verb: str, capsys: pytest.CaptureFixture[str]) -> str:
     """On one line."""
     with pytest.raises(SystemExit):
         main([verb, "--help"])
     return " ".join(capsys.readouterr().out.split())
-
-
-def test_the_help_of_grip_names_the_word_and_the_source_that_it_needs(
-    run: Run, capsys: pytest.CaptureFixture[str]
-) -> None:
-    helped = help_of("run", capsys)
-    assert "the word virtual for the hand in a scene" in helped
-    assert "--source virtual://..?scene=.." in helped
-    words = ["run", "--source", "virtual://ft232h", "--grip", "virtual"]
-    fails(run, 2, "UsageError", *words, says="has no scene")
 
 
 @pytest.fixture(scope="module")

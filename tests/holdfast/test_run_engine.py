@@ -177,7 +177,7 @@ def test_many_hands_are_each_answered_as_if_alone(model: Path):
 
 
 def test_a_closed_loop_ends_the_same_with_either_engine(
-    run: Run, model: Path, tmp_path: Path
+    study: Run, model: Path, tmp_path: Path
 ):
     card, figures = tmp_path / "two.toml", []
     card.write_text(
@@ -195,7 +195,7 @@ def test_a_closed_loop_ends_the_same_with_either_engine(
             "--json",
             out,
         )
-        code, _, err = run("loop", card, "--model", model, *words)
+        code, _, err = study("loop", card, "--model", model, *words)
         assert code == 0, err
         figures.append(json.loads(out.read_text("utf-8")))
         assert figures[-1].pop("engine") == engine

@@ -51,14 +51,6 @@ def test_files_are_looked_for_beside_the_settings(run: Run, here: Path) -> None:
     assert str(other.parent / "mine.onnx") in err
 
 
-def test_cues_are_a_file_and_an_intent_is_not(here: Path) -> None:
-    other = here.parent / "hands" / "left.toml"
-    other.parent.mkdir()
-    other.write_text('intent = "lsl://emg"\n[sinks]\ncues = "mine.toml"\n')
-    values = read_settings(["--config", str(other)]).of("run")
-    assert values == {"intent": "lsl://emg", "cues": str(other.parent / "mine.toml")}
-
-
 def test_sinks_are_of_a_run_alone(here: Path) -> None:
     here.write_text(f'{HAND}[sinks]\nudp = "127.0.0.1:9000"\nout = "today.jsonl"\n')
     settings = read_settings([])
@@ -95,18 +87,3 @@ def test_settings_that_are_not_there_are_an_error_only_if_they_are_named(
 ) -> None:
     fails(run, 3, "DataNotFound", "bias", "--config", "left.toml", says="left.toml")
     fails(run, 2, "UsageError", "bias", "--out", "b.json", says="--source")
-
-
-def test_the_doctor_says_where_each_value_comes_from(run: Run, here: Path) -> None:
-    assert "no holdfast.toml here" in run("doctor")[1]
-    here.write_text(f'{HAND}bias = "hand.json"\n')
-    out = run("doctor")[1]
-    assert "virtual://ft232h (from holdfast.toml; --source wins)" in out
-    assert "hand.json (from holdfast.toml; --bias wins)" in out
-    here.write_text('model = "mine.onnx"\n')
-    out = run("doctor")[1]
-    # `run` has no option --model: the model stands behind the verb
-    assert "mine.onnx (from holdfast.toml; MODEL on the command line wins)" in out
-    assert "--model" not in out
-    here.write_text("source = 3")
-    assert "is no text" in run("doctor")[1]

@@ -3,7 +3,6 @@ they were printed."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,9 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sklearn.naive_bayes import GaussianNB
 
-from holdfast.core.errors import ClassMissing, DataNotFound
+from holdfast.core.errors import ClassMissing
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.recording import DataSet, Recording
 from holdfast.training.timeline import Phase, RiskyEvent
@@ -21,28 +19,19 @@ from studies.thesis_preliminary import program
 from studies.thesis_preliminary import study as learners
 from studies.thesis_preliminary.cases import (
     CASES,
-    bare_ratios,
-    first_components,
-    friction_ratios,
 )
 from studies.thesis_preliminary.points import (
     KINDS,
-    SLIPPING,
     Points,
-    cone_rows,
     first_component,
-    labelled,
     points_of,
-    thesis_cone_rows,
     windows,
 )
 from studies.thesis_preliminary.published import LEARNERS, SHAPES
-from studies.thesis_preliminary.report import summary, write_preliminary_report
 from studies.thesis_preliminary.study import (
     MAKE,
     balanced,
     case_figures,
-    late_share,
     repetitions,
 )
 
@@ -153,71 +142,11 @@ def test_a_point_is_what_the_truth_says_around_it_and_not_what_a_sensor_does(
         assert (kind == 1) == (max(near) == 1 and row >= 120 + 90)
 
 
-def test_points_without_contact_or_without_a_label_are_left_out(data):
-    recording = data.recordings[0]
-    assert labelled(recording) != []
-    assert labelled(replace(recording, phases=(Phase(0, 600, 0),))) == []
-    assert labelled(replace(recording, phases=())) == []
-
-
-def test_critical_points_keep_their_distance_from_each_other_and_from_the_ends(data):
-    for recording in data.recordings[:6]:
-        for rows in (
-            cone_rows(recording.samples, RATE_HZ),
-            thesis_cone_rows(recording.samples, RATE_HZ),
-        ):
-            assert len(rows) > 0
-            assert (np.diff(rows) > 30).all()
-            assert rows.min() >= 60
-            assert rows.max() < len(recording.samples) - 60
-
-
-def test_the_thesis_cone_needs_a_jump_and_a_move():
-    rng = np.random.default_rng(1)
-    noise = rng.normal(size=(600, 6))
-    assert len(thesis_cone_rows(np.zeros((600, 6)), RATE_HZ)) == 0
-    slow = np.outer(np.sin(np.arange(600) / 100.0), np.ones(6)) + 1e-6 * noise
-    assert len(thesis_cone_rows(slow, RATE_HZ)) == 0
-    assert len(thesis_cone_rows(noise[:100], RATE_HZ)) == 0
-
-
 def test_the_first_component_has_no_arbitrary_sign_and_ignores_dead_channels():
     x = np.outer(np.arange(50.0), [1.0, 2.0, 0.0])
     score = first_component(x)
     assert (np.diff(score) > 0).all()
     np.testing.assert_allclose(first_component(x[:, :2]), score)
-
-
-def test_a_ratio_is_shear_over_normal_and_bounded_where_nothing_presses():
-    window = np.zeros((1, 7, 6))
-    window[..., [0, 1, 2]] = 1.0, -2.0, 4.0
-    window[..., [3, 4]] = 0.2, 0.4
-    kept = friction_ratios(window, window)[0, 0]
-    np.testing.assert_allclose(kept, [0.25, -0.5, 0.2 / 0.4, 0.4 / 0.4])
-    np.testing.assert_allclose(
-        bare_ratios(window, window)[0, 0], [0.25, -0.5, 0.0, 0.0]
-    )
-    window[..., 5] = 1e-6
-    assert (
-        np.abs(bare_ratios(window, window)).max()
-        > 1e5
-        > np.abs(friction_ratios(window, window)).max()
-    )
-
-
-def test_the_third_case_is_length_direction_and_normal():
-    rng = np.random.default_rng(0)
-    training = np.zeros((30, 7, 6))
-    scale = rng.normal(size=(30, 7, 3))
-    training[..., 0::3] = training[..., 1::3] = training[..., 2::3] = scale[
-        ..., :2
-    ].sum(axis=-1)[..., None]
-    window = np.zeros((1, 7, 6))
-    window[..., 0::3], window[..., 1::3], window[..., 2::3] = 3.0, 4.0, 2.0
-    np.testing.assert_allclose(
-        first_components(training, window)[0, 0],
-        [5.0 * np.sqrt(2.0), np.arctan2(4.0, 3.0), 2.0 * np.sqrt(2.0)],
-    )
 
 
 @pytest.mark.parametrize("name", ["2", "3"])
@@ -304,62 +233,6 @@ def test_labels_drawn_by_lot_are_answered_by_chance(data, points):
         assert score.balanced_accuracy.mean == pytest.approx(0.5, abs=0.2)
     learned = case_figures(data, points, BY_NAME["1"], seed=0)
     assert learned.learners["random forest"].balanced_accuracy.mean > 0.75
-
-
-def test_how_many_marks_come_too_late_is_counted(points):
-    since = np.array([np.nan, 1.0, 0.0, 5.0, 7.0])
-    some = replace(
-        points,
-        trial=np.arange(5),
-        row=np.arange(5),
-        kind=np.array([SLIPPING] * 4 + [0]),
-        group=np.array(list("abcde")),
-        since_onset=since,
-    )
-    assert late_share(some) == pytest.approx(2 / 3)
-    assert late_share(replace(some, since_onset=np.full(5, np.nan))) is None
-    slips = points.since_onset[points.kind == SLIPPING]
-    np.testing.assert_array_equal(slips, points.row[points.kind == SLIPPING] - 420)
-
-
-def test_the_report_says_what_is_simulated_what_is_real_and_what_is_published(
-    tmp_path, data, monkeypatch
-):
-    monkeypatch.setattr(program, "read_scene", lambda folder: data)
-    monkeypatch.setattr(
-        program,
-        "load",
-        lambda *_, **__: replace(
-            data, name="people", kind="real, recorded by others: made up"
-        ),
-    )
-    monkeypatch.setattr(
-        learners, "MAKE", dict.fromkeys(LEARNERS, lambda seed: GaussianNB())
-    )
-    lines = []
-    figures = program.study_sets(tmp_path, 0, lines.append)
-    assert len(lines) + 1 == program.STAGES
-    json.dumps(figures.to_json(), allow_nan=False)
-    page = write_preliminary_report(tmp_path / "report.html", figures).read_text(
-        "utf-8"
-    )
-    for word in (
-        "the thesis, published",
-        "made, simulated",
-        "people, real",
-        "86.25",
-        "docs/evaluation.md",
-        "<svg",
-        "chance",
-    ):
-        assert word in page
-    assert len(summary(figures)) == 1 + len(CASES)
-    assert "case 1: 86.25 |" in "\n".join(summary(figures))
-
-
-def test_without_a_scene_the_command_that_makes_one_is_named(tmp_path):
-    with pytest.raises(DataNotFound, match="holdfast simulate twenty-sensors"):
-        program.read_scene(tmp_path / "scene")
 
 
 def test_the_simulated_hand_of_twenty_is_studied_as_it_is_written(tmp_path: Path):

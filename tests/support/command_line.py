@@ -5,10 +5,13 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Callable
+from functools import partial
 
 import pytest
 
 from holdfast.cli.main import main
+from studies.__main__ import PROGRAMS
+from tools.harness import start
 
 PROGRESS = re.compile(r"warning: |exporting | *\d+ s  |  ")
 Run = Callable[..., tuple[int, str, str]]
@@ -18,6 +21,20 @@ Run = Callable[..., tuple[int, str, str]]
 def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
     """Run a command in this process: exit code, stdout, stderr. Warnings are printed, as they are
     for a user."""
+    return _runner(main, capsys, monkeypatch)
+
+
+@pytest.fixture
+def study(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
+    """The same for `python -m studies`."""
+    return _runner(partial(start, "studies", PROGRAMS), capsys, monkeypatch)
+
+
+def _runner(
+    main: Callable[[list[str]], int],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> Run:
     monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
 
     def command(*words: object) -> tuple[int, str, str]:

@@ -1,1 +1,1 @@
-"""`holdfast bench latency`: one decision next to other implementations, and its budgets."""
+"""`holdfast bench latency`: the time of one decision on this machine, and its budgets."""

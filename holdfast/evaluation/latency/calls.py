@@ -22,12 +22,8 @@ C_STEP = "ours, whole step in C"
 GRIP = "ours, grip command"
 OWN = "ours, learner alone"
 BARE = "bare forest, 100 full-depth trees"
-SKLEARN = "scikit-learn, the same trees"
-THESIS = "the thesis' way"
 FLOOR = "floor"
 C_FLOOR = "floor of the step in C"
-WALK = "a walk in C, the same trees"
-TREELITE = "treelite, the same trees"
 """Names of the calls of `holdfast bench latency`, as latency.json has them."""
 
 

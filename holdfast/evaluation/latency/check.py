@@ -1,21 +1,16 @@
-"""`holdfast bench latency`: one decision beside its peers, timed interleaved on the same stream.
+"""`holdfast bench latency`: one decision on this machine, timed interleaved on one stream.
 
 Absolute microseconds belong to one machine; ratios carry over to others. Percentiles are of all
 calls but the first of each turn. That one comes to cold caches and has a median of its own. The
 floors are busy waits as long as the step, and as the step in C: their tails are the machine's own
-jitter. Every answer is checked while it is timed. Peers, on the same windows:
+jitter. Every answer is checked while it is timed.
 
-    scikit-learn            predict_proba of 100 full-depth trees on the raw window, one row
-    bare forest             the same trees in onnxruntime, io-bound, nothing else computed
+    bare forest             100 full-depth trees on the raw window in onnxruntime, io-bound
     ours, learner alone     our own trees and networks alone, on the rows that the step gives them
     ours, whole step        guard, bank, detectors, features, learner, votes: what runs on the hand
     ours, whole step in C   the same file as compiled C, called from Python (where there is a
                             compiler)
     ours, grip command      friction margin, controller and supervisor, from the step's answer on
-    a walk in C             the same 100 trees in a few lines of C (where there is a compiler)
-    treelite                the same trees by its interpreter (in the environment of `make peers`)
-    the thesis' way         ten band-pass filters a channel, one sample at a time in Python, then
-                            scikit-learn
 """
 
 from __future__ import annotations
@@ -24,17 +19,14 @@ import tempfile
 import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import cycle
 from pathlib import Path
 
 import numpy as np
 import onnx
 import onnxruntime as ort
-from scipy.signal import butter
 
 from holdfast import edge_runtime
-from holdfast.core.contract import CLASSES, BoolArray, FloatArray
-from holdfast.core.errors import LibraryMissing
+from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.reading import Json
 from holdfast.edge_runtime.graph import open_session, run_recording
 from holdfast.edge_runtime.monitor import Model
@@ -45,29 +37,21 @@ from holdfast.evaluation.latency.calls import (
     FLOOR,
     GRIP,
     OWN,
-    SKLEARN,
     STEP,
-    THESIS,
-    TREELITE,
-    WALK,
     c_step_of,
     grip_of,
     learner_of,
     step_of,
 )
-from holdfast.evaluation.latency.forest_c import c_walk
 from holdfast.evaluation.latency.memory import memory
 from holdfast.evaluation.latency.timing import TURNS, busy_wait, time_in_turns
 from holdfast.export.exporting import export_artifact
-from holdfast.export.learner import Forest, reference_votes
-from holdfast.export.spec import bands_for
 from holdfast.export.verify import cut_learners
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.training.crossval import fit_learner
 from holdfast.training.datasets import load
-from holdfast.training.featurise import FloatRows, features_of, spec_for
+from holdfast.training.featurise import FloatRows
 from holdfast.training.fitting import train
 from holdfast.training.plan import RAW_BASELINE
 from holdfast.training.recording import DataSet
@@ -82,9 +66,6 @@ C_RATIOS = ("c_step_over_step", "c_p999_over_floor_p999", "c_cold_over_step_cold
 """Budgets that only a machine with a compiler can measure."""
 KIND = "time on this machine, samples simulated"
 """Stands next to every figure."""
-SLOW_TURNS = 5
-SLOW_CALLS = 20
-"""Calls of milliseconds are timed less often."""
 
 
 @dataclass(frozen=True)
@@ -152,7 +133,7 @@ def latency(path: Path, turns: int = TURNS) -> LatencyFigures:
         step = step_of(model, stream)
         step_in_c = c_step_of(model, stream, Path(work))
 
-        bare, forest = _bare(data, Path(work))
+        bare = _bare(data, Path(work))
         rows = learner_rows(bare, stream)
         own = learner_of(learner_alone(path), learner_rows(model, stream))
 
@@ -167,15 +148,8 @@ def latency(path: Path, turns: int = TURNS) -> LatencyFigures:
         # Without a compiler there is no such call, and no floor for it either.
         for call in step_in_c.values():
             quick |= step_in_c | _floor(C_STEP, call, C_FLOOR)
-        quick |= _walk(forest, rows, Path(work))
 
         times = _by_turn(time_in_turns(quick, turns), turns)
-        slow = _treelite(forest, rows) | {
-            SKLEARN: _predict(forest, rows),
-            THESIS: _thesis_way(forest, data),
-        }
-        slow_times = time_in_turns(slow, SLOW_TURNS, SLOW_CALLS)
-        times |= _by_turn(slow_times, SLOW_TURNS)
 
     calls = [_call_times(name, each) for name, each in times.items()]
     return LatencyFigures(
@@ -229,37 +203,33 @@ def ratios(calls: Sequence[CallTimes]) -> dict[str, float]:
         "grip_over_step": of[GRIP].p50_us / step.p50_us,
         # Tails are compared with a floor of the same length, which has the machine's jitter alone.
         "step_p999_over_floor_p999": step.p999_us / of[FLOOR].p999_us,
-        "thesis_over_step": of[THESIS].p50_us / step.p50_us,
     }
 
 
 @dataclass(frozen=True)
 class Budget:
-    """A figure and its limit in budget.toml. at: "most" or "least"."""
+    """A figure and its largest value in budget.toml."""
 
     budget: str
     value: float
-    at: str
     limit: float
 
     @property
     def is_broken(self) -> bool:
         """Whether the figure is beyond the limit."""
-        if self.at == "most":
-            return self.value > self.limit
-        return self.value < self.limit
+        return self.value > self.limit
 
     @property
     def line(self) -> str:
         """For people."""
-        return f"{self.budget}: {self.value:.3g}, at {self.at} {self.limit:g}"
+        return f"{self.budget}: {self.value:.3g}, at most {self.limit:g}"
 
     def to_json(self) -> Json:
         """As it stands in latency.json."""
         return {
             "budget": self.budget,
             "value": self.value,
-            "limit": f"at {self.at} {self.limit:g}",
+            "limit": f"at most {self.limit:g}",
         }
 
 
@@ -275,11 +245,10 @@ def budgets(
     found = ratios | {"model_mib": n_bytes / 2**20}
     found["over_libraries_mb"] = over_libraries_mb
     measured = []
-    for at in ("most", "least"):
-        for name, limit in limits[f"at_{at}"].items():
-            # Without a compiler there is no C form to measure; any other gap is a mistake.
-            if name in found or name not in C_RATIOS:
-                measured.append(Budget(name, found[name], at, limit))
+    for name, limit in limits["at_most"].items():
+        # Without a compiler there is no C form to measure; any other gap is a mistake.
+        if name in found or name not in C_RATIOS:
+            measured.append(Budget(name, found[name], limit))
 
     return measured
 
@@ -301,104 +270,13 @@ def _stream(data: DataSet) -> tuple[FloatArray, BoolArray]:
     return values, valid
 
 
-def _bare(data: DataSet, work: Path) -> tuple[Model, Forest]:
-    """The raw-window forest of 100 full-depth trees, as a model file and as scikit-learn's."""
+def _bare(data: DataSet, work: Path) -> Model:
+    """The raw-window forest of 100 full-depth trees, as a model file."""
     # Two folds, the fewest: only the trees are needed, and no score of them.
     plan = replace(RAW_BASELINE, folds=2)
     train(data, work / "raw", plan)
     path, _ = export_artifact(work / "raw")
-
-    # The same trees as in the file, kept by scikit-learn for its own predict_proba.
-    rows = features_of(data, spec_for(data, RAW_BASELINE.groups))["classes"]
-    everything = np.arange(len(rows))
-    forest = fit_learner(data, rows, RAW_BASELINE, "classes", everything, 0)
-    return Model(path), forest
-
-
-def _predict(forest: Forest, rows: FloatRows) -> Callable[[], object]:
-    # Threads cost more than they save on one row.
-    forest.set_params(n_jobs=1)
-    turn = cycle(range(len(rows)))
-
-    def call() -> object:
-        k = next(turn)
-        return forest.predict_proba(rows[k : k + 1])
-
-    return call
-
-
-def _walk(
-    forest: Forest, rows: FloatRows, work: Path
-) -> dict[str, Callable[[], object]]:
-    """The walk in C, its votes checked against the reference first; empty without a compiler."""
-    try:
-        votes = c_walk(forest, len(CLASSES), rows, work)
-    except LibraryMissing:
-        return {}
-
-    # Only a walk with the same votes can be compared with the others.
-    # Votes and not labels: a difference that changes no label would still be a mistake.
-    expected = reference_votes(forest, rows, len(CLASSES))
-    for k in range(len(rows)):
-        if not np.array_equal(votes(k), expected[k]):
-            raise AssertionError("the walk in C does not vote as the reference does")
-
-    turn = cycle(range(len(rows)))
-    return {WALK: lambda: votes(next(turn))}
-
-
-def _treelite(forest: Forest, rows: FloatRows) -> dict[str, Callable[[], object]]:
-    """treelite's own interpreter, one row a call; nothing where it is not installed."""
-    try:
-        import treelite
-    except ImportError:
-        return {}
-
-    model = treelite.sklearn.import_model(forest)
-    turn = cycle(range(len(rows)))
-
-    def call() -> object:
-        k = next(turn)
-        return treelite.gtil.predict(model, rows[k : k + 1], nthread=1)
-
-    return {TREELITE: call}
-
-
-def _thesis_way(forest: Forest, data: DataSet) -> Callable[[], object]:
-    """Every sample through ten second-order band-pass filters a channel, in plain Python."""
-    samples = data.recordings[0].samples
-    # Plain lists: on single numbers Python is faster with them than with numpy.
-    filters = []
-    for hz in bands_for(data.rate_hz):
-        # The thesis' bands: a tenth of the centre frequency to either side.
-        edges_hz = (0.9 * hz, 1.1 * hz)
-        b, a = butter(1, edges_hz, "bandpass", fs=data.rate_hz)
-        filters.append((b.tolist(), a.tolist()))
-
-    memory = []
-    for _ in range(samples.shape[1]):
-        memory.append([[0.0, 0.0] for _ in filters])
-
-    # The window is kept as float32, which is what the forest compares.
-    window = np.zeros((1, forest.n_features_in_), dtype=np.float32)
-    turn = cycle(range(len(samples)))
-
-    def call() -> None:
-        sample = samples[next(turn)].tolist()
-        # Direct form II transposed, as scipy's lfilter has it.
-        for value, states in zip(sample, memory, strict=True):
-            for (b, a), state in zip(filters, states, strict=True):
-                out = b[0] * value + state[0]
-                state[0] = b[1] * value - a[1] * out + state[1]
-                state[1] = b[2] * value - a[2] * out
-
-        # The window moves on by one sample of all channels.
-        n = len(sample)
-        window[0, :-n] = window[0, n:]
-        window[0, -n:] = sample
-        forest.predict_proba(window)
-
-    return call
+    return Model(path)
 
 
 def learner_alone(path: Path) -> ort.InferenceSession:

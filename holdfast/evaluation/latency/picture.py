@@ -14,7 +14,7 @@ COLOURS = {STEP: OURS, GRIP: OURS, OWN: OURS, FLOOR: WARNING}
 
 
 def latency(figures: Json) -> str:
-    """Half, 99 % and 99.9 % of the calls of ours and of every peer."""
+    """Half, 99 % and 99.9 % of the calls."""
     rows = figures["rows"]
     with mpl.rc_context(STYLE):
         drawn = Figure(figsize=(7.6, 0.34 * len(rows) + 0.9))
@@ -40,7 +40,7 @@ def latency(figures: Json) -> str:
         names = [row["what"] for row in rows]
         axes.set_yticks(range(len(rows)), names)
         axes.set_xlabel("us a decision: median, and 99 and 99.9 % of the calls")
-        # Peers differ by a factor of a thousand.
+        # Calls differ by a factor of a hundred.
         axes.set_xscale("log")
         # The first row stands on top, as in the table.
         axes.invert_yaxis()

@@ -1,4 +1,4 @@
-"""The report of `holdfast loop`: what was saved and blocked, and trials as they went by."""
+"""The report of a comparison on scenes: what was saved and blocked, and trials as they went by."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from holdfast.evaluation.closed_loop import FiguresByCard, LoopComparison, RunsByCard
+from benchmarks.loop_figures import ThreeRuns
 from holdfast.evaluation.html import write_page
-from holdfast.evaluation.loop_figures import ThreeRuns
 from holdfast.evaluation.stream_pictures import labelled
 from holdfast.evaluation.style import INK, OURS, QUIET, WARNING, svg
 from holdfast.simulation.closed_loop import model_of
+from studies.report import TEMPLATES
+from studies.shared_control.closed_loop import FiguresByCard, LoopComparison, RunsByCard
 
 AROUND_S = (-0.4, 1.2)
 """A trial is shown from so long before its action to so long after its beginning."""
@@ -38,6 +39,7 @@ def write_loop_report(
     return write_page(
         path,
         "loop.html",
+        TEMPLATES,
         card=card,
         controller=controller,
         first=figures[card][controller],

@@ -1,100 +1,90 @@
-"""`holdfast loop CARD..`: grip controllers in a closed loop on cards, simulated."""
+"""`python -m studies loop SCENE..`: grip controllers in a closed loop on scenes, simulated."""
 
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
-from typing import TYPE_CHECKING
 
+from benchmarks.loop_figures import LoopFigures
 from holdfast.cli.command import (
     add_json_option,
     path_argument,
     positive,
     require_json_writable,
-    seed,
     show_found,
 )
-from holdfast.cli.options import (
-    add_engine_options,
-    add_job_options,
-    chosen_model,
-    chosen_workers,
-)
-from holdfast.cli.simulate import trial_count
+from holdfast.cli.options import chosen_model, chosen_workers
+from holdfast.core.errors import UsageError
+from holdfast.core.writing import require_writable
+from holdfast.training.progress import counted
+from studies.shared_control.closed_loop import LoopComparison
+from studies.shared_control.loop_report import write_loop_report
 
-if TYPE_CHECKING:
-    from holdfast.evaluation.loop_figures import LoopFigures
-
-MODEL = Path("holdfast-150hz")
+LAG_MS = 50.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of this verb."""
+    """The options of a comparison alone."""
     option = parser.add_argument
-    option("cards", nargs="+", metavar="CARD", help="scene cards, by name or file")
-    option(
-        "--model",
-        type=path_argument,
-        default=MODEL,
-        metavar="FILE",
-        help=f"default {MODEL}",
+    scenes = (
+        "compare controllers on these scenes, by name or file, instead of the study"
     )
-    add_engine_options(parser)
-    names = "grip controllers, vibration or oracle (default holdfast)"
-    option("--controller", nargs="+", default=["holdfast"], metavar="NAME", help=names)
-    setting = "setting of the controllers (default: that of each)"
+    option("scenes", nargs="*", metavar="SCENE", help=scenes)
+    names = "scenes: grip controllers, vibration or oracle (default holdfast)"
+    option("--controller", nargs="+", metavar="NAME", help=names)
+    setting = "scenes: setting of the controllers (default: that of each)"
     option("--setting", type=positive, metavar="X", help=setting)
-    lag = "lag of the hand's drive (default 50)"
-    option("--lag-ms", type=_lag_ms, default=50.0, metavar="MS", help=lag)
-    option(
-        "--trials", type=trial_count, metavar="N", help="trials a card (default: all)"
-    )
-    option(
-        "--seed",
-        type=seed,
-        default=0,
-        metavar="S",
-        help="seed of every choice (default 0)",
-    )
-    add_job_options(parser, 2)
-    page = "write an HTML page with trials as they went by (needs the extra viz)"
+    lag = f"scenes: lag of the hand's drive (default {LAG_MS:g})"
+    option("--lag-ms", type=_lag_ms, metavar="MS", help=lag)
+    page = "scenes: write an HTML page with trials as they went by"
     option("--report", type=path_argument, metavar="OUT.html", help=page)
     add_json_option(parser)
 
 
+def require_scenes(args: argparse.Namespace) -> None:
+    """Raise UsageError where an option of a comparison stands without a scene."""
+    given = {
+        "controller": args.controller,
+        "setting": args.setting,
+        "lag-ms": args.lag_ms,
+        "report": args.report,
+        "json": args.json,
+    }
+    for option, value in given.items():
+        if value is not None:
+            raise UsageError(
+                f"--{option} needs a scene to compare controllers on",
+                next_step="python -m studies loop SCENE..",
+            )
+
+
 def run(args: argparse.Namespace) -> int:
     """Run, print a line a controller, write the figures."""
-    from holdfast.core.writing import require_writable
-    from holdfast.evaluation.closed_loop import LoopComparison
-    from holdfast.training.progress import counted
-
     require_json_writable(args)
     if args.report is not None:
         require_writable(args.report.parent)
+    lag_ms = LAG_MS if args.lag_ms is None else args.lag_ms
     comparison = LoopComparison(
         model=chosen_model(args),
-        cards=tuple(args.cards),
-        controllers=tuple(args.controller),
+        cards=tuple(args.scenes),
+        controllers=tuple(args.controller or ["holdfast"]),
         setting=args.setting,
-        lag_ms=args.lag_ms,
+        lag_ms=lag_ms,
         trials=args.trials,
-        seed=args.seed,
+        seed=args.seed or 0,
     )
     # A card that does not fit the model is refused before the first trial is simulated.
     comparison.require_runnable()
-    announced = f"running {', '.join(args.cards)} in a closed loop (simulated)"
+    announced = f"running {', '.join(args.scenes)} in a closed loop (simulated)"
     with counted(announced, 1) as done:
         figures, runs = comparison.run(chosen_workers(args), done)
 
     lines = []
     for card, rows in figures.items():
-        lag = f"drive lag {args.lag_ms:g} ms"
-        lines.append(f"{card}, {lag}, seed {args.seed} (simulated)")
+        lag = f"drive lag {lag_ms:g} ms"
+        lines.append(f"{card}, {lag}, seed {comparison.seed} (simulated)")
         lines += [_in_words(name, one) for name, one in rows.items()]
 
     if args.report is not None:
-        from holdfast.evaluation.loop_report import write_loop_report
-
         page = write_loop_report(args.report, comparison, figures, runs)
         lines.append(f"report: {page}")
     show_found(args, "\n".join(lines), comparison.to_json(figures))

@@ -2,7 +2,7 @@
 
 A set is run once in a hand that does nothing. Where that hand drops the object, an oracle tries one
 closure of the drive after the other, until one keeps it; then every controller has its turn. What
-they are worth is in loop_figures.py.
+they are worth is in benchmarks/loop_figures.py.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.loop_figures import LoopFigures, ThreeRuns, loop_figures
 from holdfast.core.errors import UsageError
 from holdfast.core.reading import Json
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
@@ -21,7 +22,6 @@ from holdfast.edge_runtime.grip import CONTROLLERS, AnswerRules
 from holdfast.edge_runtime.monitor import require_fit
 from holdfast.edge_runtime.supervisor import Limits
 from holdfast.evaluation.jobs import Workers
-from holdfast.evaluation.loop_figures import LoopFigures, ThreeRuns, loop_figures
 from holdfast.simulation.closed_loop import (
     CLOSURES,
     Between,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,11 @@ import pytest
 from loop_bench import MODEL, card_text, row
 
 from holdfast.edge_runtime.engine import ModelChoice
-from holdfast.evaluation.closed_loop import (
+from holdfast.evaluation.jobs import Workers
+from holdfast.simulation.closed_loop import CLOSURES
+from holdfast.simulation.loop_people import LoopOutcome
+from holdfast.simulation.script_times import Times
+from studies.shared_control.closed_loop import (
     BARE,
     ORACLE,
     LoopRequest,
@@ -19,10 +22,6 @@ from holdfast.evaluation.closed_loop import (
     LoopSet,
     scene_of,
 )
-from holdfast.evaluation.jobs import Workers
-from holdfast.simulation.closed_loop import CLOSURES
-from holdfast.simulation.loop_people import LoopOutcome
-from holdfast.simulation.script_times import Times
 
 KEPT_BY = {"fall": 2.0, "pull": np.inf}
 """Action -> the first closure that keeps the object."""
@@ -136,16 +135,3 @@ def test_only_what_a_controller_lost_is_tried_again_from_its_evidence_on(
     assert sum(made.losses.values()) == made.preventable - made.saved == 2
     assert runs.asked[-1] == (np.inf, ["pull"])
     assert not any("pass" in actions for closure, actions in runs.asked if closure)
-
-
-def test_a_set_of_some_actions_has_no_others_and_its_hand_may_tremble(
-    tmp_path: Path,
-) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text(card_text(row("fall"), row("pass")), encoding="utf-8")
-    of = LoopSet(str(path), None, 0, actions=("pass",))
-    scene, trials = scene_of(of)
-    assert [trial.action for trial in trials] == ["pass"]
-    assert "tremor" not in scene.file.effects
-    trembling, _ = scene_of(replace(of, tremor_m_s2=2.0))
-    assert trembling.file.effects["tremor"]["amplitude_m_s2"] == 2.0

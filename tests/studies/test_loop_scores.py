@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holdfast.evaluation.loop_figures import LoopFigures, ThreeRuns, loop_figures
+from benchmarks.loop_figures import LoopFigures, ThreeRuns, loop_figures
 from holdfast.simulation.closed_loop import needed_grip_n
 from holdfast.simulation.loop_people import LoopOutcome
 from holdfast.simulation.protocol import PlannedTrial
@@ -158,11 +158,6 @@ def test_a_drop_in_a_hold_that_was_tightened_before_is_no_merit_of_the_answer() 
     assert not three(trial, held=held).tightened_before
 
 
-def test_a_drop_by_the_controller_alone_is_a_new_drop() -> None:
-    trial = trial_of("pull")
-    assert figures(three(trial, held=drop(trial)), risky()).new_drops == 1
-
-
 # hand-overs
 
 
@@ -174,17 +169,6 @@ def test_a_hand_over_is_blocked_by_force_by_delay_or_by_an_override() -> None:
     assert three(trial, held=later(trial, 0.31)).blocked
     assert three(trial, held={"lost_s": np.inf}).blocked
     assert handed(overrode_s=4.0).blocked
-
-
-def test_figures_count_hand_overs_and_put_downs_apart() -> None:
-    passes = [handed(peak_n=5.0 + extra) for extra in (0.0, 1.0, 6.0)]
-    made = figures(
-        *passes, handed("put-down"), handed("put-down", overrode_s=1.0), risky()
-    )
-    assert (made.handovers, made.blocked, made.put_downs) == (3, 1, 2)
-    assert made.blocked_share == pytest.approx(1 / 3)
-    assert made.disturbed_share == 0.5
-    assert made.extra_force_n_p50 == pytest.approx(1.0)
 
 
 def test_extra_delays_are_in_ms_and_one_that_never_ends_is_huge_and_finite() -> None:
@@ -258,17 +242,6 @@ def test_a_tightening_is_a_rise_by_a_newton_before_the_action() -> None:
     )
 
 
-def test_the_error_of_the_friction_is_over_observed_values_only() -> None:
-    trial = trial_of("pull")
-    static = trial.object.friction * trial.drawn["friction_factor"]
-    true = static * trial.object.kinetic_share
-    estimates = (1.1 * true, 0.7 * true, 1.2 * true, np.nan)
-    runs = [three(trial, drop(trial), {}, {"mu_hat": mu}) for mu in estimates]
-    made = figures(*runs)
-    assert made.mu_observed == 3
-    assert made.mu_error_p50 == pytest.approx(0.2)
-
-
 def test_figures_of_nothing_are_null_and_every_figure_is_json() -> None:
     empty = figures().to_json()
     shares = ("saved_share", "saved_share_ci", "blocked_share")
@@ -331,13 +304,3 @@ def test_a_command_above_the_need_is_above_the_wearers_grip_too() -> None:
     # the drive did not follow
     assert not commanded.squeezed
     assert three(trial, held={"target_n": above, "grip_n": above}).squeezed
-
-
-def test_a_tug_that_the_bare_hand_holds_is_called_by_a_command_in_it() -> None:
-    tug = Scene(read_scene_file("everyday"), 0).trials(12)[0]
-    assert tug.action == "tug"
-    beyond = in_event(tug, 0.0, tug.grip_n + 2.0)
-    slight = in_event(tug, tug.grip_n + 2.0, tug.grip_n + 0.5)
-    runs = [three(tug, held={"target_n": n}) for n in (beyond, slight)]
-    runs.append(three(tug, bare=drop(tug), held={"target_n": beyond}))
-    assert (figures(*runs).held_called.count, figures(*runs).held_called.of) == (1, 2)

@@ -1,9 +1,8 @@
-"""`holdfast loop`: figures of controllers on a card, and bad input that is one clear line."""
+"""`python -m studies loop SCENE`: figures of controllers on a scene; bad input is one line."""
 
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -36,23 +35,23 @@ def written(folder: Path, text: str, name: str = "mine") -> Path:
 
 
 def looped(
-    run: Run, folder: Path, text: str, *words: object
+    study: Run, folder: Path, text: str, *words: object
 ) -> tuple[str, dict[str, Any]]:
     """(what was printed, the JSON) of a run on a card."""
     out = folder / "loop.json"
     options = ("--model", MODEL, "--jobs", 1, "--json", out, *words)
-    code, printed, err = run("loop", written(folder, text), *options)
+    code, printed, err = study("loop", written(folder, text), *options)
     assert code == 0, err
     assert "Traceback" not in err
     return printed, json.loads(out.read_text("utf-8"), parse_constant=pytest.fail)
 
 
 def test_the_figures_of_every_controller_are_written_and_printed(
-    run: Run, tmp_path: Path
+    study: Run, tmp_path: Path
 ) -> None:
     words = ("--controller", "holdfast", "oracle", "--lag-ms", 20, "--seed", 3)
     page = tmp_path / "report.html"
-    printed, written_json = looped(run, tmp_path, CARD, *words, "--report", page)
+    printed, written_json = looped(study, tmp_path, CARD, *words, "--report", page)
     assert (written_json["kind"], written_json["lag_ms"], written_json["seed"]) == (
         "simulated",
         20.0,
@@ -74,54 +73,23 @@ def test_the_figures_of_every_controller_are_written_and_printed(
     assert "of 2 hand-overs blocked" in printed
     assert "(simulated)" in printed
     text = page.read_text("utf-8")
-    figures = rows["holdfast"]
-    headline = f"{figures['saved']} of 1 preventable drop saved by holdfast"
-    assert f"<h1>{headline}</h1>" in text
-    # exact, of so few: (0 or 1) of 1 and (0, 1 or 2) of 2
-    ends = {
-        0: {1: "0.0 to 97.5", 2: "0.0 to 84.2"},
-        1: {1: "2.5 to 100.0", 2: "1.3 to 98.7"},
-    }
-    saved_ends = f"95 % interval {ends[figures['saved']][1]} %"
-    blocked_ends = (
-        f"95 % interval {(ends | {2: {2: '15.8 to 100.0'}})[figures['blocked']][2]} %"
-    )
-    assert f"({saved_ends})" in text
-    assert f"of 2 hand-overs ({blocked_ends})" in text
-    # once more in the boxes, where the share of all drops has its own
-    assert text.count(saved_ends) >= 2
-    shown = re.findall(r"<h3>(.*?)</h3>", text)
-    saved = "saved" if figures["saved"] else "lost"
-    assert shown[0].endswith(f"the first preventable drop that was {saved}")
-    blocked = {one for one in shown if "hand-over" in one}
-    assert len(blocked) == (2 if figures["blocked"] == 1 else 1)
-    assert text.count("<svg") == len(shown)
-    assert "1 preventable drops" not in text
+    saved = f"{rows['holdfast']['saved']} of 1 preventable drop saved by holdfast"
+    assert f"<h1>{saved}</h1>" in text
+    assert text.count("<svg") == text.count("<h3>") >= 2
 
 
-def test_what_no_hand_can_hold_is_an_outcome(run: Run, tmp_path: Path) -> None:
+def test_what_no_hand_can_hold_is_an_outcome(study: Run, tmp_path: Path) -> None:
     slippery = '[objects."soap"]\nmass_g = 2000\nfriction = 0.05\nhalf_length_mm = 80\n'
     beyond = row("pull", "cap_n = 400\narm_n_per_m = 100000\ndistance_m = 1\n")
     text = card_text(row("fall", "", "soap"), beyond, effects=slippery, rate_hz=50)
     words = ("--controller", "holdfast", "--model", SLOWER)
-    _, made = looped(run, tmp_path, text, *words)
+    _, made = looped(study, tmp_path, text, *words)
     figures = made["sets"]["mine"]["holdfast"]
     assert (figures["drops"], figures["preventable"], figures["saved_share"]) == (
         2,
         0,
         None,
     )
-
-
-def test_one_trial_and_an_empty_hand_have_figures_too(run: Run, tmp_path: Path) -> None:
-    one, empty = tmp_path / "one", tmp_path / "empty"
-    one.mkdir()
-    empty.mkdir()
-    _, made = looped(run, one, card_text(row("fall")), "--controller", "none")
-    assert made["sets"]["mine"]["none"]["drops"] == 1
-    nothing = card_text('[[trials]]\naction = "nothing"\nlasts_s = 1\n')
-    _, made = looped(run, empty, nothing, "--controller", "none")
-    assert made["sets"]["mine"]["none"]["trials"] == 0
 
 
 @pytest.mark.parametrize(
@@ -133,13 +101,13 @@ def test_one_trial_and_an_empty_hand_have_figures_too(run: Run, tmp_path: Path) 
     ],
 )
 def test_bad_input_is_one_line(
-    run: Run, code: int, kind: str, words: list[str], says: str
+    study: Run, code: int, kind: str, words: list[str], says: str
 ) -> None:
-    fails(run, code, kind, "loop", *words, "--model", MODEL, "--jobs", 1, says=says)
+    fails(study, code, kind, "loop", *words, "--model", MODEL, "--jobs", 1, says=says)
 
 
 def test_a_card_in_another_unit_or_at_another_rate_is_refused(
-    run: Run, tmp_path: Path
+    study: Run, tmp_path: Path
 ) -> None:
     magnet = card_text(row("pull"), effects="[effects.dipole]\n")
     fields = written(
@@ -147,10 +115,17 @@ def test_a_card_in_another_unit_or_at_another_rate_is_refused(
     )
     slow = written(tmp_path, CARD.replace("rate_hz = 150", "rate_hz = 100"), "slow")
     fails(
-        run, 3, "UnitError", "loop", fields, "--model", MODEL, says="the model needs N"
+        study,
+        3,
+        "UnitError",
+        "loop",
+        fields,
+        "--model",
+        MODEL,
+        says="the model needs N",
     )
     fails(
-        run,
+        study,
         3,
         "RateError",
         "loop",
@@ -162,8 +137,17 @@ def test_a_card_in_another_unit_or_at_another_rate_is_refused(
 
 
 @pytest.mark.parametrize("lag", ["-1", "nan", "inf", "1001", "soon"])
-def test_a_lag_that_is_none_is_refused(run: Run, lag: str) -> None:
-    code, _, err = run("loop", "thesis", "--lag-ms", lag)
+def test_a_lag_that_is_none_is_refused(study: Run, lag: str) -> None:
+    code, _, err = study("loop", "thesis", "--lag-ms", lag)
     assert code == 2
     assert "is not a lag from 0 to 1000 ms" in err
     assert "Traceback" not in err
+
+
+def test_without_a_scene_the_options_of_a_comparison_are_refused(study: Run) -> None:
+    words = ("loop", "--controller", "oracle")
+    fails(study, 2, "UsageError", *words, says="--controller needs a scene")
+
+
+def test_the_word_that_was_a_verb_names_the_study(run: Run) -> None:
+    fails(run, 2, "UsageError", "loop", "thesis", says="python -m studies loop")
