@@ -1,7 +1,7 @@
 """Sends what a hand feels as lines, 150 a second: one JSON object for each sample, in newtons.
 
 python examples/line_sender.py | holdfast run --source -
-python examples/line_sender.py 9000        and: holdfast run --source udp://127.0.0.1:9000
+python examples/line_sender.py /run/hand/samples     --source unix:///run/hand/samples
 """
 
 import json
@@ -18,23 +18,22 @@ def fingers():
     return [random.gauss(0.0, 0.02) for _ in range(18)]
 
 
-def main(port=None):
+def main(path=None):
     """Send until stopped, on an absolute schedule; what was missed is left out."""
-    udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sender = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     names = [f"{axis}{k}" for k in range(1, 7) for axis in "XYZ"]
-    session, start = random.getrandbits(53), time.monotonic()
-    k = 0
+    start, k = time.monotonic(), 0
     while True:
         time.sleep(max(0.0, start + k / RATE_HZ - time.monotonic()))
         t_s = time.monotonic() - start
-        sample = {"session": session, "sequence": k, "t_s": t_s}
+        sample = {"sequence": k, "t_s": t_s}
         line = json.dumps(sample | dict(zip(names, fingers(), strict=True)))
-        if port:
-            udp.sendto(line.encode(), ("127.0.0.1", port))
+        if path:
+            sender.sendto(line.encode(), path)
         else:
             print(line, flush=True)
         k = max(k + 1, int(t_s * RATE_HZ))
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else None)
+    main(*sys.argv[1:])

@@ -22,15 +22,13 @@ CORES = len(os.sched_getaffinity(0))
 """That this process may use."""
 SIDE_MM = (1.0, 200.0)
 """Plausible sides of a tag; a number outside is probably not in millimetres."""
-DEFAULT_LEVEL = 0.5
-"""Of an envelope, where --obey-intent names none."""
 
 
 def add_source_option(parser: argparse.ArgumentParser) -> None:
     """--source."""
     urls = (
         "usb://ft232h, i2c://1, virtual://ft232h?scene=.., sim://CARD, lsl://NAME, or lines: "
-        "- (stdin), tcp://, udp://, unix:///PATH, serial:///dev/ttyACM0 (docs/live-sources.md)"
+        "- (stdin), unix:///PATH, serial:///dev/ttyACM0 (docs/live-sources.md)"
     )
     parser.add_argument("--source", required=True, metavar="URL", help=urls)
 
@@ -108,7 +106,7 @@ def printed_mm(word: str) -> float:
 def add_grip_options(parser: argparse.ArgumentParser) -> None:
     """--grip, --controller, --ceiling, --feedback, --cues."""
     option = parser.add_argument
-    wires = "unix:///PATH, udp://HOST:PORT, serial:///dev/ttyX?baud=115200"
+    wires = "unix:///PATH, serial:///dev/ttyX?baud=115200"
     scene = (
         "or the word virtual for the hand in a scene (--source virtual://..?scene=..)"
     )
@@ -144,43 +142,25 @@ def require_grip(args: argparse.Namespace) -> None:
 
 def add_intent_option(parser: argparse.ArgumentParser) -> None:
     """--intent."""
-    ports = "unix:///PATH, udp://HOST:PORT?envelopes=2 or lsl://NAME"
+    ports = "unix:///PATH or lsl://NAME"
     intent = f"show and record the wearer's command: {ports}"
     parser.add_argument("--intent", metavar="URL", help=intent)
 
 
 def add_obey_option(parser: argparse.ArgumentParser) -> None:
     """--obey-intent."""
-    obey = (
-        "let it open the hand, as --commands does: by its words, or from LEVEL of the "
-        f"first envelope (default {DEFAULT_LEVEL:g})"
-    )
-    parser.add_argument(
-        "--obey-intent",
-        nargs="?",
-        type=_level,
-        const=DEFAULT_LEVEL,
-        metavar="LEVEL",
-        help=obey,
-    )
+    obey = "let it open the hand, as --commands does"
+    parser.add_argument("--obey-intent", action="store_true", help=obey)
 
 
 def require_intent(args: argparse.Namespace) -> None:
     """Raise UsageError for --obey-intent without --intent."""
-    if args.obey_intent is not None and not args.intent:
+    if args.obey_intent and not args.intent:
         from holdfast.live.intent import ADDRESSES
 
         raise UsageError(
             "--obey-intent needs --intent", next_step=f"--intent {ADDRESSES}"
         )
-
-
-def _level(text: str) -> float:
-    level = float(text)
-    # An envelope goes from 0 to 1; at 0 the hand would be open all the time.
-    if not 0.0 < level <= 1.0:
-        raise ValueError
-    return level
 
 
 def add_job_options(parser: argparse.ArgumentParser, processes: int) -> None:

@@ -2,7 +2,7 @@
 
 holdfast run --source usb://ft232h
 holdfast run --source "virtual://ft232h?scene=pull-soft-ball&seed=1" --view
-holdfast run mine.onnx --source usb://ft232h --grip udp://127.0.0.1:9000
+holdfast run mine.onnx --source usb://ft232h --grip unix:///run/hand/grip
 holdfast run mine.onnx --source usb://ft232h --engine c
 holdfast run --source usb://ft232h --web 8000
 """
@@ -46,9 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     lsl = "also send values and decisions as the LSL streams NAME and NAME-decision"
     option("--lsl", metavar="NAME", help=lsl)
     commands = "receive the user's commands here: opening, and override of an alarm"
-    option(
-        "--commands", metavar="URL", help=f"{commands} (unix:///PATH, udp://HOST:PORT)"
-    )
+    option("--commands", metavar="URL", help=f"{commands} (unix:///PATH)")
     add_intent_option(parser)
     add_obey_option(parser)
     add_grip_options(parser)

@@ -1,30 +1,23 @@
 """Where lines come from: a stream of bytes, or datagrams. Nothing here waits for longer than asked.
 
-A stream is standard input, a serial port or a TCP connection. One that is lost is opened again
-while it is read, at most once a second. A TCP port that listens has one client at a time: another
-one is let in where the client has sent no sample for 300 ms.
+A stream is standard input or a serial port. A port that is lost is opened again while it is read,
+at most once a second.
 """
 
 from __future__ import annotations
 
-import errno
 import os
 import select
 import socket
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
 from contextlib import suppress
 from threading import Thread
-from typing import Any, Protocol
+from typing import Protocol
 
-from holdfast.core.line_port import Datagrams
-from holdfast.core.line_session import LONGEST_LINE, SILENCE_NS
+from holdfast.core.hand_lines import LONGEST_LINE, MOST_A_CALL
 
 CHUNK_BYTES = 64 << 10
 TRY_AGAIN_NS = 1_000_000_000
-MOST_ACCEPTED = 8
-"""New connections that are looked at in one call."""
-Lines = list[tuple[Hashable, bytes]]
-"""(sender, line without its line end), oldest first."""
 
 
 class Feed(Protocol):
@@ -33,12 +26,11 @@ class Feed(Protocol):
     name: str
     ended: bool
 
-    def pull(self, timeout_s: float) -> Lines:
-        """What has come; waits at most so long for the first bytes."""
-        ...
+    def pull(self, timeout_s: float) -> list[bytes]:
+        """The lines that have come, oldest first, without their line ends.
 
-    def obeyed(self, peer: Hashable) -> None:
-        """A sender's line was a sample."""
+        Waits at most so long for the first bytes.
+        """
         ...
 
     def close(self) -> None:
@@ -81,10 +73,6 @@ class StreamEnd(Protocol):
         """The stream ended or failed. Whether it may come back."""
         ...
 
-    def obeyed(self) -> None:
-        """A sample came."""
-        ...
-
     def close(self) -> None:
         """Close it."""
         ...
@@ -102,8 +90,8 @@ class StreamFeed:
         self._number: int | None = None
         self._is_lost = False
 
-    def pull(self, timeout_s: float) -> Lines:
-        """What has come; waits at most so long for the first bytes."""
+    def pull(self, timeout_s: float) -> list[bytes]:
+        """The lines that have come; waits at most so long for the first bytes."""
         handle = None if self.ended else self._end.handle()
         if handle is None:
             # nothing to read from: the time passes all the same
@@ -114,12 +102,7 @@ class StreamFeed:
         if not select.select([handle], [], [], max(0.0, timeout_s))[0]:
             return []
         data = self._read(handle)
-        return [(self._number, line) for line in self._lines.split(data)]
-
-    def obeyed(self, peer: Hashable) -> None:
-        """A sender's line was a sample."""
-        if peer == self._number:
-            self._end.obeyed()
+        return self._lines.split(data)
 
     def close(self) -> None:
         """Close the stream."""
@@ -171,9 +154,6 @@ class StandardInput:
         """It does not come back."""
         return False
 
-    def obeyed(self) -> None:
-        """Nothing to note."""
-
     def close(self) -> None:
         """It belongs to the program."""
 
@@ -215,9 +195,6 @@ class SerialEnd:
         self._looked_ns = self._now_ns()
         return True
 
-    def obeyed(self) -> None:
-        """Nothing to note."""
-
     def close(self) -> None:
         """Close the port."""
         if self._handle >= 0:
@@ -230,154 +207,30 @@ class SerialEnd:
             self._opened = self._open_port()
 
 
-class TcpCaller:
-    """A connection to an address, which is made again after it was lost."""
-
-    def __init__(
-        self,
-        connection: socket.socket,
-        address: tuple[Any, ...],
-        now_ns: Callable[[], int],
-    ) -> None:
-        """connection: connected to the address."""
-        self.number = 0
-        self._socket: socket.socket | None = connection
-        self._family = connection.family
-        self._address = address
-        self._now_ns = now_ns
-        self._looked_ns = 0
-        self._connecting = False
-        connection.setblocking(False)
-
-    def handle(self) -> int | None:
-        """The descriptor of the connection."""
-        if self._socket is not None and self._connecting:
-            self._finish(self._socket)
-        elif self._socket is None and self._now_ns() - self._looked_ns >= TRY_AGAIN_NS:
-            self._begin()
-        if self._socket is None or self._connecting:
-            return None
-        return self._socket.fileno()
-
-    def lost(self) -> bool:
-        """It may be made again."""
-        self.close()
-        self._looked_ns = self._now_ns()
-        return True
-
-    def obeyed(self) -> None:
-        """Nothing to note."""
-
-    def close(self) -> None:
-        """Close the connection."""
-        if self._socket is not None:
-            self._socket.close()
-        self._socket = None
-        self._connecting = False
-
-    def _begin(self) -> None:
-        self._looked_ns = self._now_ns()
-        self._socket = socket.socket(self._family, socket.SOCK_STREAM)
-        self._socket.setblocking(False)
-        self._connecting = True
-        if self._socket.connect_ex(self._address) not in (0, errno.EINPROGRESS):
-            self.close()
-
-    def _finish(self, connection: socket.socket) -> None:
-        """Look whether the connection is made."""
-        if not select.select([], [connection], [], 0.0)[1]:
-            # an address that does not answer is tried anew
-            if self._now_ns() - self._looked_ns > 5 * TRY_AGAIN_NS:
-                self.lost()
-            return
-        if connection.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
-            self.close()
-            return
-        self._connecting = False
-        self.number += 1
-
-
-class TcpListener:
-    """A port that one client at a time connects to. refused: called for each other one."""
-
-    def __init__(
-        self,
-        listener: socket.socket,
-        now_ns: Callable[[], int],
-        refused: Callable[[], object],
-    ) -> None:
-        self.number = -1
-        self._listener = listener
-        self._now_ns = now_ns
-        self._refused = refused
-        self._client: socket.socket | None = None
-        self._heard_ns = 0
-        listener.setblocking(False)
-
-    def handle(self) -> int | None:
-        """The descriptor of the client."""
-        for _ in range(MOST_ACCEPTED):
-            try:
-                newcomer, _ = self._listener.accept()
-            except OSError:
-                break
-            self._meet(newcomer)
-        return None if self._client is None else self._client.fileno()
-
-    def lost(self) -> bool:
-        """Another client may come."""
-        if self._client is not None:
-            self._client.close()
-        self._client = None
-        return True
-
-    def obeyed(self) -> None:
-        """The client sent a sample."""
-        self._heard_ns = self._now_ns()
-
-    def close(self) -> None:
-        """Close the client and the port."""
-        self.lost()
-        self._listener.close()
-
-    def _meet(self, newcomer: socket.socket) -> None:
-        now_ns = self._now_ns()
-        if self._client is not None and now_ns - self._heard_ns <= SILENCE_NS:
-            newcomer.close()
-            self._refused()
-            return
-        self.lost()
-        newcomer.setblocking(False)
-        self._client = newcomer
-        self._heard_ns = now_ns
-        self.number += 1
-
-
 class DatagramFeed:
     """Lines that come as datagrams, one or several in each. closing: closes the socket."""
 
     ended = False
 
     def __init__(
-        self, name: str, datagrams: Datagrams, closing: Callable[[], object]
+        self, name: str, listener: socket.socket, closing: Callable[[], object]
     ) -> None:
         self.name = name
-        self._datagrams = datagrams
+        self._listener = listener
         self._closing = closing
 
-    def pull(self, timeout_s: float) -> Lines:
-        """What has come; waits at most so long for the first datagram."""
-        select.select(self._datagrams.sockets, [], [], max(0.0, timeout_s))
-        lines: Lines = []
-        for datagram, address in self._datagrams.waiting():
-            lines += [(address, line) for line in datagram.split(b"\n") if line]
+    def pull(self, timeout_s: float) -> list[bytes]:
+        """The lines that have come; waits at most so long for the first datagram."""
+        select.select([self._listener], [], [], max(0.0, timeout_s))
+        lines: list[bytes] = []
+        for _ in range(MOST_A_CALL):
+            try:
+                datagram = self._listener.recv(LONGEST_LINE + 1)
+            except BlockingIOError:
+                break
+            lines += [line for line in datagram.split(b"\n") if line]
         return lines
 
-    def obeyed(self, peer: Hashable) -> None:
-        """Give the sender a queue of its own, which others cannot fill."""
-        self._datagrams.follow(peer)
-
     def close(self) -> None:
-        """Close the sockets."""
-        self._datagrams.close()
+        """Close the socket."""
         self._closing()

@@ -16,7 +16,7 @@ A recording that is read as lines (paced) is another matter: each row waits for 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -25,10 +25,8 @@ import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray, Unit
 from holdfast.core.errors import DeviceNotFound, RateError
-from holdfast.core.line_port import printable
-from holdfast.core.line_session import NOT_RISING, SILENCE_NS, LineRefused
+from holdfast.core.hand_lines import LineRefused, Skipped, printable
 from holdfast.core.source import SelfPaced, SourceReading
-from holdfast.core.tally import Tally
 from holdfast.drivers.line_feeds import Feed
 from holdfast.drivers.sample_lines import NAME_A_MAP, SampleLine, SampleReader
 
@@ -110,15 +108,13 @@ class LineSource(SelfPaced):
         self._say = say
         self._options = options
         self._to_force = to_force
-        self._tally = Tally(feed.name, say, clock.now_ns)
+        self._skipped = Skipped(feed.name, say, clock.now_ns)
         self._sender = SenderClock()
         self._waiting: deque[tuple[SampleLine, int]] = deque()
         self._looked_ns = clock.now_ns()
         self._is_silent = self._said_end = False
         self._given = 0
         self._began: tuple[int, int] | None = None
-        self._rows = 0
-        self._row_ns: int | None = None
         self._open()
 
     def _open(self) -> None:
@@ -168,7 +164,7 @@ class LineSource(SelfPaced):
         return steady if use_steady else list(waiting)
 
     def _no_sample(self) -> DeviceNotFound:
-        refused = self._tally.total.most_common(1)
+        refused = self._skipped.total.most_common(1)
         cause = "its sender does not run, or sends elsewhere"
         next_step = "start the sender; docs/live-sources.md shows the lines"
         if refused:
@@ -209,7 +205,6 @@ class LineSource(SelfPaced):
 
     def read(self) -> SourceReading | None:
         """The next sample, or the last reading again with no sensor valid; None at the end."""
-        self._tally.look()
         reading = self._next_row() if self._options.paced else self._next_sample()
         if reading is None:
             if not self._feed.ended:
@@ -221,7 +216,7 @@ class LineSource(SelfPaced):
 
     def close(self) -> None:
         """Stop reading."""
-        self._tally.flush()
+        self._skipped.close()
         self._feed.close()
 
     def _next_sample(self) -> SourceReading | None:
@@ -282,47 +277,31 @@ class LineSource(SelfPaced):
             lines = self._feed.pull(0.0)
             if not lines:
                 break
-            for peer, text in lines:
+            for text in lines:
                 if text.startswith(ROW_BEGINS):
                     dropped += 1
                     continue
                 with suppress(LineRefused):
-                    self._reader.take(text, peer, self._clock.now_ns())
+                    self._reader.take(text, self._clock.now_ns())
         return dropped
 
     def _count_dropped(self, n: int, why: str) -> None:
         if n:
-            self._tally.count("samples dropped", f"{n:,} samples dropped: {why}", n)
+            self._skipped.count("samples dropped", f"{n:,} samples dropped: {why}", n)
 
     def _collect(self, timeout_s: float) -> None:
         """Take what comes; waits at most so long for the first bytes."""
         lines = self._feed.pull(timeout_s)
         arrived_ns = self._clock.now_ns()
-        for peer, text in lines:
+        for text in lines:
             try:
-                line = self._taken(text, peer, arrived_ns)
+                line = self._reader.take(text, arrived_ns)
             except LineRefused as error:
                 shown = f"{printable(text)} is skipped: {error}"
-                self._tally.count(error.kind, shown)
+                self._skipped.count(error.kind, shown)
                 continue
             if line is not None:
-                self._feed.obeyed(peer)
                 self._waiting.append((line, arrived_ns))
-
-    def _taken(self, text: bytes, peer: Hashable, arrived_ns: int) -> SampleLine | None:
-        """The sample of a line that counts. Raises LineRefused."""
-        if not self._options.paced:
-            return self._reader.take(text, peer, arrived_ns)
-        # a recording has no sender that could be forged, and its rows come all at once: to the
-        # reader each one is the first of a session
-        self._rows += 1
-        line = self._reader.take(text, peer, 2 * SILENCE_NS * self._rows)
-        if line is None or line.stamp_ns is None:
-            return line
-        if self._row_ns is not None and line.stamp_ns <= self._row_ns:
-            raise LineRefused(NOT_RISING)
-        self._row_ns = line.stamp_ns
-        return line
 
     def _reading(self, line: SampleLine, arrived_ns: int) -> SourceReading:
         if line.begins:

@@ -5,7 +5,7 @@ source waits for the next sample, so the stream paces the loop. While no sample 
 reading is given again, invalid: the state is unknown until the stream is back. Where samples come
 faster than they are read, all but the newest are dropped, and one invalid reading stands for them.
 
-The wearer's command from the lab streaming layer: envelopes 0 to 1, or words as text.
+The wearer's command from the lab streaming layer: words as text.
 
 Stamps of the sender are put on the run's clock, by the correction that LSL measures.
 """
@@ -231,7 +231,6 @@ class LslIntent:
         self._now_ns = now_ns
         self._say = say
         self._is_text = facts.is_text
-        self.n_envelopes = 0 if facts.is_text else len(facts.labels)
         self._offset_ns = now_ns() - round(1e9 * inlet.clock_s())
         self._reader = ItemReader(say)
         self._ended = False
@@ -257,9 +256,8 @@ class LslIntent:
     def _item(self, stamp_s: float, values: Sequence[Any]) -> Intent | None:
         t_ns = min(round(1e9 * stamp_s) + self._offset_ns, self._now_ns())
         wants = values[0] if self._is_text else ""
-        envelope = () if self._is_text else values
 
         def read() -> Intent:
-            return intent_of(wants, envelope, t_ns, self.n_envelopes)
+            return intent_of(wants, t_ns)
 
         return self._reader.item(read, str(values))

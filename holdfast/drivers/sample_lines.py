@@ -10,14 +10,14 @@ are called X1, Y1, Z1, .. and, for the time, Time or t_s (in s), t_ms, t_us or t
 0 where a sensor is not valid. Other columns are left alone. None, an empty cell and nan make a
 sensor invalid at this sample.
 
-Which lines count is the rule of core/line_session.py, with the columns `session` and `sequence`.
-Without a session its sender's address or connection stands for it, and without a sequence the time.
+A line counts where its time, and its `sequence` if it has one, are above those of the line before,
+or where none has counted for 300 ms (core/hand_lines.py).
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Hashable
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,27 +27,20 @@ from holdfast.core.column_map import ColumnMap, SensorColumns, TimeColumn, flat_
 from holdfast.core.contract import BoolArray, FloatArray, Unit, channel_names
 from holdfast.core.errors import ColumnError, DataError, listed
 from holdfast.core.hand_card import MOST_SENSORS
-from holdfast.core.line_key import LinkKey
-from holdfast.core.line_session import (
+from holdfast.core.hand_lines import (
     LONGEST_LINE,
     NOT_RISING,
-    NOT_SEALED,
     NOT_UNDERSTOOD,
     LineRefused,
-    SessionRule,
+    RisingRule,
     fields_of,
-    number_of,
+    sequence_of,
 )
 
 TIME_COLUMNS = {"Time": "s", "t_s": "s", "t_ms": "ms", "t_us": "us", "t_ns": "ns"}
 """The name of a column of time -> its unit."""
 SEPARATORS = (",", ";", "\t")
 CHANNEL = re.compile(r"[XYZ]([1-9][0-9]{0,3})")
-MOST_HEADERS = 8
-"""Senders whose header is remembered; only one of them is obeyed."""
-SECOND = 1_000_000_000
-MILLI = 1_000_000
-"""A step of a sequence on the scale of the rule: so at most a thousand lines ahead."""
 NOT_VALID = (0, "0", "false")
 
 
@@ -55,8 +48,8 @@ NOT_VALID = (0, "0", "false")
 class SampleLine:
     """One line: values [C] in the map's unit, valid [S].
 
-    stamp_ns: on the sender's clock, None without a column of time. begins: whether it is the first
-    of a session.
+    stamp_ns: on the sender's clock, None without a column of time. begins: whether it is the
+    first, or the first after a silence.
     """
 
     stamp_ns: int | None
@@ -101,37 +94,23 @@ class SampleReader:
     """Reads the lines of one source, line by line.
 
     column_map: None for columns with the project's names; then `map` is known from the first line
-    on. unit: of their values. key: of the source, None without one. began: called with the number
-    of a new session.
+    on. unit: of their values.
     """
 
-    def __init__(
-        self,
-        column_map: ColumnMap | None = None,
-        unit: Unit = "N",
-        *,
-        key: LinkKey | None = None,
-        began: Callable[[int], object] | None = None,
-    ) -> None:
+    def __init__(self, column_map: ColumnMap | None = None, unit: Unit = "N") -> None:
         self.map = column_map
         self._unit: Unit = unit
-        self._key = key
-        self._began = began
-        after = None if key is None else (key.newest_seen(), -1)
-        self._rule = SessionRule(SECOND, after=after)
-        self._headers: dict[Hashable, _Header] = {}
-        self._position = 0
-        self._stamp_ns: int | None = None
+        self._rule = RisingRule()
+        self._header: _Header | None = None
 
-    def take(self, line: bytes, peer: Hashable, now_ns: int) -> SampleLine | None:
+    def take(self, line: bytes, now_ns: int) -> SampleLine | None:
         """The sample of a line; None for a header, a comment or an empty line.
 
-        line: without its line end. peer: its sender's address, or the number of its connection.
-        Raises LineRefused.
+        line: without its line end. Raises LineRefused.
         """
         try:
-            columns = self._columns(line, peer)
-            return None if columns is None else self._sample(columns, peer, now_ns)
+            columns = self._columns(line)
+            return None if columns is None else self._sample(columns, now_ns)
         except LineRefused:
             raise
         except (ValueError, DataError) as error:
@@ -139,31 +118,20 @@ class SampleReader:
 
     # -- columns of a line
 
-    def _columns(self, line: bytes, peer: Hashable) -> dict[str, Any] | None:
+    def _columns(self, line: bytes) -> dict[str, Any] | None:
         if len(line) > LONGEST_LINE:
             raise ValueError(f"longer than {LONGEST_LINE} bytes")
         line = line.strip()
-        if self._key is not None:
-            line = self._opened(line, self._key)
         if line.startswith(b"{"):
             return flat_fields(fields_of(line))
-        if self._key is not None:
-            # an old header, sent again, would give the columns other names
-            raise ValueError("with a key, lines are JSON objects")
         text = line.decode("utf-8").lstrip("\ufeff")
         if not text or text.startswith("#"):
             return None
-        return self._cells(text, peer)
+        return self._cells(text)
 
-    def _opened(self, line: bytes, key: LinkKey) -> bytes:
-        try:
-            return key.opened(line)
-        except ValueError as error:
-            raise LineRefused(NOT_SEALED, str(error)) from None
-
-    def _cells(self, text: str, peer: Hashable) -> dict[str, Any] | None:
+    def _cells(self, text: str) -> dict[str, Any] | None:
         """A row by the names of its header, None for the header itself."""
-        header = self._headers.get(peer)
+        header = self._header
         separator = (
             max(SEPARATORS, key=text.count) if header is None else header.separator
         )
@@ -171,7 +139,7 @@ class SampleReader:
         if not any(map(_is_number, cells)):
             separator = max(SEPARATORS, key=text.count)
             names = tuple(cell.strip(' "') for cell in text.split(separator))
-            self._take_header(_Header(names, separator), peer)
+            self._take_header(_Header(names, separator))
             return None
         if header is None:
             raise ValueError("no header has come before this row")
@@ -181,14 +149,11 @@ class SampleReader:
             cells = [cell.replace(",", ".") for cell in cells]
         return dict(zip(header.names, cells, strict=True))
 
-    def _take_header(self, header: _Header, peer: Hashable) -> None:
+    def _take_header(self, header: _Header) -> None:
         if len(set(header.names)) != len(header.names):
             raise ValueError("a name stands twice in the header")
         self._known_map(header.names).require_columns(header.names, "the header")
-        # the oldest one goes, so that senders that are not obeyed take no memory
-        if peer not in self._headers and len(self._headers) >= MOST_HEADERS:
-            del self._headers[next(iter(self._headers))]
-        self._headers[peer] = header
+        self._header = header
 
     def _known_map(self, names: Collection[str]) -> ColumnMap:
         if self.map is None:
@@ -197,37 +162,18 @@ class SampleReader:
 
     # -- a sample
 
-    def _sample(
-        self, columns: dict[str, Any], peer: Hashable, now_ns: int
-    ) -> SampleLine:
+    def _sample(self, columns: dict[str, Any], now_ns: int) -> SampleLine:
         column_map = self._known_map(columns)
         stamp_ns = None
         if column_map.time.column:
             stamp_ns = column_map.stamp_ns(columns, 0)
-        session = _number(columns, "session")
-        sequence = _number(columns, "sequence")
-        if self._key is not None and (session is None or sequence is None):
-            raise ValueError("with a key, lines have a session and a sequence")
-
-        number = _number_of_peer(peer) if session is None else session
-        position = self._position + 1 if stamp_ns is None else stamp_ns
-        if sequence is not None:
-            position = MILLI * sequence
-        begins = not self._rule.lives(now_ns)
-        if kind := self._rule.refusal(number, position, now_ns):
-            raise LineRefused(kind)
-        if not begins and not _rises(stamp_ns, self._stamp_ns):
-            raise LineRefused(NOT_RISING)
-
+        sequence = _sequence(columns)
         values = column_map.values_of(columns)
         valid = _valid(values, columns)
-        is_new = begins and number != self._rule.session
-        self._rule.obeyed(number, position, now_ns)
+        begins = not self._rule.lives(now_ns)
+        if not self._rule.obeys(now_ns, sequence, stamp_ns):
+            raise LineRefused(NOT_RISING)
         self.map = column_map
-        self._position = position
-        self._stamp_ns = stamp_ns
-        if is_new and session is not None and self._began is not None:
-            self._began(session)
         return SampleLine(stamp_ns, values, valid, begins)
 
 
@@ -239,24 +185,13 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _number(columns: dict[str, Any], name: str) -> int | None:
-    """`session` or `sequence` of a line, None where it has none. Raises ValueError."""
-    value = columns.get(name)
-    if value is None:
-        return None
-    # cells are texts; the length first, because Python takes long to read many digits
-    if isinstance(value, str) and value.isdecimal() and len(value) <= 16:
+def _sequence(columns: dict[str, Any]) -> int | None:
+    """`sequence` of a line, None where it has none. Raises ValueError."""
+    value = columns.get("sequence")
+    # cells of a table are texts
+    if isinstance(value, str) and value.isdecimal():
         value = int(value)
-    return number_of({name: value}, name)
-
-
-def _number_of_peer(peer: Hashable) -> int:
-    """A number below all sessions for lines that name none, another one for each sender."""
-    return -int.from_bytes(repr(peer).encode(), "big")
-
-
-def _rises(stamp_ns: int | None, before_ns: int | None) -> bool:
-    return stamp_ns is None or before_ns is None or stamp_ns > before_ns
+    return sequence_of(value)
 
 
 def _valid(values: FloatArray, columns: dict[str, Any]) -> BoolArray:

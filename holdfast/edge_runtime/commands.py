@@ -3,8 +3,7 @@
 opening lasts until a line takes it back, or until no line has come for EXPIRES_NS. So a sender
 repeats its command, or sends a line without either to show that it is still there. override counts
 for the sample at which it came; the decision (edge_runtime/decision.py) sets how long it then
-lasts. Which lines count is the business of core/line_session.py: on UDP each needs a session and a
-rising sequence. Commands have a log of their own.
+lasts. Which lines count is the business of core/hand_lines.py. Commands have a log of their own.
 """
 
 from __future__ import annotations
@@ -14,16 +13,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from holdfast.core.contract import CommandLink
-from holdfast.core.line_port import LinePort, line_port, printable
-from holdfast.core.line_session import SILENCE_NS
+from holdfast.core.hand_lines import SILENCE_NS, LinePort, line_port, printable
 from holdfast.core.reading import Json
-from holdfast.core.tally import Tally
 
 KEYS = {"opening", "override"}
 EXPIRES_NS = SILENCE_NS
 """The command of a sender that has been silent for longer expires."""
-MOST_SHOWN = 10
-"""Changes of a second that are reported one by one."""
 
 
 @dataclass(frozen=True)
@@ -43,17 +38,14 @@ class Command:
 def command_port(
     address: str, log: Callable[[str], None], now_ns: Callable[[], int]
 ) -> Iterator[Callable[[], Command]]:
-    """Listen at HOST:PORT, udp://HOST:PORT or unix:///PATH, with ?key=FILE where it has a key.
+    """Listen at unix:///PATH.
 
     The function that it yields is called once a sample and never waits. log: receives lines about
     commands that change something, about lines that are skipped, and about a sender that goes
-    silent. now_ns: monotonic. Raises UsageError where it cannot listen, and the errors of a key.
+    silent. now_ns: monotonic. Raises UsageError where it cannot listen.
     """
-    url = address if "://" in address else f"udp://{address}"
-    with line_port(url, "commands", log, now_ns) as port:
-        listener = _Listener(port, log, now_ns)
-        yield listener.ask
-        listener.changes.flush()
+    with line_port(address, "commands", log, now_ns) as port:
+        yield _Listener(port, log, now_ns).ask
 
 
 class _Listener:
@@ -68,7 +60,6 @@ class _Listener:
         self._opening = False
         self._last_ns: int | None = None
         self._link: CommandLink = "none"
-        self.changes = Tally("command", log, now_ns, MOST_SHOWN)
 
     def ask(self) -> Command:
         """The command at this sample."""
@@ -78,7 +69,6 @@ class _Listener:
             override |= self._take(keys, line)
         if self._last_ns is not None and self._now_ns() - self._last_ns > EXPIRES_NS:
             self._expire()
-        self.changes.look()
         return Command(self._opening, override, self._link)
 
     def _take(self, keys: dict[str, bool], line: bytes) -> bool:
@@ -88,7 +78,7 @@ class _Listener:
         override = keys.get("override", False)
         opening = keys.get("opening", self._opening)
         if override or opening != self._opening:
-            self.changes.count("changes", printable(line))
+            self._log(f"command: {printable(line)}")
 
         self._opening = opening
         return override

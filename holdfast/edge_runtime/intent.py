@@ -1,44 +1,38 @@
-"""The wearer's command as a stream next to the sensors: EMG envelopes, or words.
+"""The wearer's command as a stream of words next to the sensors.
 
-    {"envelope": [0.62, 0.08]}          0 to 1 each; the first is that of the muscle that opens
     {"wants": "open"}                   or "close", "rest"
 
 Nothing in a stream reaches the decision, unless the run was asked for it. A stream that has been
 silent for EXPIRES_NS means `unknown`, never that the hand should close. An opening that lasts for
-MOST_OPEN_NS no longer counts until it has ended: an electrode that has come off reads like one. A
-word counts before envelopes. Without words, and with a level, the wearer wants to open from the
-moment when the first envelope reaches the level until it is below half of it.
+MOST_OPEN_NS no longer counts until it has ended: an electrode that has come off reads like one.
 
 The same as a file of a trial (trial_n.intent.csv, tactile.intent.csv):
 
-    Time (s),host (ns),wants,envelope 1 (0 to 1),envelope 2 (0 to 1)
+    Time (s),host (ns),wants
 
-Time counts from the trial's first sample; host is CLOCK_MONOTONIC, as in tactile.csv. Where the
-stream goes silent, a line has `unknown`. A torn last line, as a kill leaves it, is not read.
+Older files have further columns, which are not read. Time counts from the trial's first sample;
+host is CLOCK_MONOTONIC, as in tactile.csv. Where the stream goes silent, a line has `unknown`. A
+torn last line, as a kill leaves it, is not read.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol
 
 from holdfast.core.contract import CommandLink
 from holdfast.core.errors import ColumnError, NotANumber
-from holdfast.core.line_port import LinePort
+from holdfast.core.hand_lines import LinePort
 from holdfast.core.reading import Json, text_of
 from holdfast.edge_runtime.commands import EXPIRES_NS
 
 Wants = Literal["open", "close", "rest", "unknown", ""]
-"""What the wearer wants; "" where the stream has only envelopes and no level is given."""
+"""What the wearer wants; "" in an older file, where only envelopes were recorded."""
 WORDS: tuple[Wants, ...] = ("open", "close", "rest")
-KEYS = {"envelope", "wants"}
-ENDS_AT = 0.5
-"""An opening ends below this share of the level at which it begins."""
 MOST_OPEN_NS = 3_000_000_000
 """A hand opens within half a second, and a receiver takes what it holds: longer, it is a fault."""
-MOST_FORGOTTEN = 100_000
 
 
 @dataclass(frozen=True)
@@ -47,13 +41,10 @@ class Intent:
 
     t_ns: int
     wants: Wants
-    envelope: tuple[float, ...] = ()
 
 
 class IntentStream(Protocol):
-    """Where items come from. n_envelopes: how many an item has, if any."""
-
-    n_envelopes: int
+    """Where items come from."""
 
     def came(self) -> list[Intent]:
         """What came since the last call, oldest first; never waits."""
@@ -68,8 +59,7 @@ class IntentMonitor:
     """Follows a stream. newest: the last item, `unknown` before the first and after a silence.
 
     fresh: the items of the last sample, as they are recorded. log: receives a line when the stream
-    goes silent and when it is back. opens_at: the level of the first envelope, None where envelopes
-    are only shown.
+    goes silent and when it is back.
     """
 
     def __init__(
@@ -77,17 +67,13 @@ class IntentMonitor:
         stream: IntentStream,
         now_ns: Callable[[], int],
         log: Callable[[str], object],
-        opens_at: float | None = None,
     ) -> None:
         self._stream = stream
         self._now_ns = now_ns
         self._log = log
-        self._opens_at = opens_at
-        self._opening = False
         self._opened_ns = 0
         self._stuck = False
         self._looked_ns: int | None = None
-        self.n_envelopes = stream.n_envelopes
         self.link: CommandLink = "none"
         self.newest = Intent(0, "unknown")
         self.fresh: list[Intent] = []
@@ -111,7 +97,6 @@ class IntentMonitor:
             self.newest = self.fresh[-1]
         if self.link == "live" and now_ns - self.newest.t_ns > EXPIRES_NS:
             self._log("intent: the stream is silent; what the wearer wants is unknown")
-            self._opening = False
             self.link = "expired"
             self.newest = Intent(now_ns, "unknown")
             self.fresh.append(self.newest)
@@ -127,22 +112,10 @@ class IntentMonitor:
             self._stuck = True
 
     def _taken(self, item: Intent) -> Intent:
-        """The item, with a word where its first envelope says one."""
         if self.link == "expired":
             self._log("intent: the stream is back")
-
         self.link = "live"
-        if item.wants or self._opens_at is None or not item.envelope:
-            self._opening = item.wants == "open"
-            return item
-
-        # an opening ends at a lower level than it begins, so that noise does not end it
-        level = self._opens_at
-        if self._opening:
-            level *= ENDS_AT
-        self._opening = item.envelope[0] >= level
-
-        return replace(item, wants="open" if self._opening else "rest")
+        return item
 
 
 class ItemReader:
@@ -169,11 +142,8 @@ class ItemReader:
 class PortIntent:
     """Items as lines that come to a port, stamped at the sample at which they are read."""
 
-    def __init__(
-        self, port: LinePort, n_envelopes: int, now_ns: Callable[[], int]
-    ) -> None:
+    def __init__(self, port: LinePort, now_ns: Callable[[], int]) -> None:
         self._port = port
-        self.n_envelopes = n_envelopes
         self._now_ns = now_ns
 
     def came(self) -> list[Intent]:
@@ -186,35 +156,17 @@ class PortIntent:
 
     def _item(self, keys: Json) -> Intent:
         """An item of a JSON object. Raises ValueError, with the reason."""
-        if not keys or not set(keys) <= KEYS:
-            raise ValueError('no {"envelope": [..]} or {"wants": ".."}')
-        envelope = keys.get("envelope", [])
-        if not isinstance(envelope, list):
-            raise ValueError("envelope is no list")
-        wants = keys.get("wants", "")
-        return intent_of(wants, envelope, self._now_ns(), self.n_envelopes)
+        if set(keys) != {"wants"}:
+            raise ValueError('no {"wants": ".."}')
+        return intent_of(keys["wants"], self._now_ns())
 
 
-def intent_of(
-    wants: object, envelope: Sequence[object], t_ns: int, n_envelopes: int
-) -> Intent:
-    """An item. wants: "" for none; envelope: empty for none. Raises ValueError."""
-    if wants not in ("", *WORDS):
-        raise ValueError(f"wants is one of {', '.join(WORDS)}")
-    if envelope and len(envelope) != n_envelopes:
-        raise ValueError(f"{len(envelope)} envelopes, not {n_envelopes}")
-    if not wants and not envelope:
-        raise ValueError("it is empty")
-    return Intent(t_ns, wants, tuple(map(_share, envelope)))
-
-
-def _share(value: object) -> float:
-    """An envelope, 0 to 1. Raises ValueError."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError("an envelope is no number")
-    if not 0.0 <= value <= 1.0:
-        raise ValueError("an envelope is not within 0 and 1")
-    return float(value)
+def intent_of(wants: object, t_ns: int) -> Intent:
+    """An item. Raises ValueError."""
+    for word in WORDS:
+        if wants == word:
+            return Intent(t_ns, word)
+    raise ValueError(f"wants is one of {', '.join(WORDS)}")
 
 
 # -- the file of a trial
@@ -223,23 +175,15 @@ HEAD = ("Time (s)", "host (ns)", "wants")
 IN_FILE: tuple[Wants, ...] = ("", "unknown", *WORDS)
 
 
-def intent_header(n_envelopes: int) -> str:
-    """The first line, without its line end."""
-    names = [f"envelope {k} (0 to 1)" for k in range(1, n_envelopes + 1)]
-    return ",".join([*HEAD, *names])
+INTENT_HEADER = ",".join(HEAD)
+"""The first line, without its line end."""
 
 
-def intent_row(
-    item: Intent, first_ns: int, host_after_ns: int, n_envelopes: int
-) -> str:
-    """A line. first_ns: time of the first sample. host_after_ns: the host's clock minus the run's.
-
-    Without envelopes their cells are empty.
-    """
-    envelope = [repr(value) for value in item.envelope] or [""] * n_envelopes
+def intent_row(item: Intent, first_ns: int, host_after_ns: int) -> str:
+    """A line. first_ns: of the first sample. host_after_ns: the host's clock minus the run's."""
     time_s = f"{1e-9 * (item.t_ns - first_ns):.6f}"
     host_ns = str(item.t_ns + host_after_ns)
-    return ",".join([time_s, host_ns, item.wants, *envelope])
+    return ",".join([time_s, host_ns, item.wants])
 
 
 @dataclass(frozen=True)
@@ -259,21 +203,20 @@ def read_intent(path: Path) -> IntentRecord:
         lines = [""]
 
     # what follows the last line end is torn, or empty
-    header = lines[0] if len(lines) > 1 else ""
-    n_envelopes = len(header.split(",")) - len(HEAD)
-    if n_envelopes < 0 or header != intent_header(n_envelopes):
+    header = lines[0].split(",") if len(lines) > 1 else []
+    if tuple(header[: len(HEAD)]) != HEAD:
         raise ColumnError(
             "not the columns of a wearer's command",
             where=path,
             cause="another file, or an edited one",
-            next_step=f"its header begins with {','.join(HEAD)}",
+            next_step=f"its header begins with {INTENT_HEADER}",
         )
 
     times = []
     items = []
     for number, line in enumerate(lines[1:-1], start=2):
         try:
-            time_s, item = _item_of_line(line.split(","), n_envelopes)
+            time_s, item = _item_of_line(line.split(","), len(header))
         except ValueError as error:
             raise NotANumber(
                 f"line {number}: {error}",
@@ -287,17 +230,12 @@ def read_intent(path: Path) -> IntentRecord:
     return IntentRecord(tuple(times), tuple(items))
 
 
-def _item_of_line(cells: list[str], n_envelopes: int) -> tuple[float, Intent]:
+def _item_of_line(cells: list[str], n_columns: int) -> tuple[float, Intent]:
     """Time from the first sample, s, and the item of a line. Raises ValueError."""
-    if len(cells) != len(HEAD) + n_envelopes:
-        raise ValueError(f"{len(cells)} cells, not {len(HEAD) + n_envelopes}")
-    time_s, host_ns, wants, *envelope = cells
+    if len(cells) != n_columns:
+        raise ValueError(f"{len(cells)} cells, not {n_columns}")
+    time_s, host_ns, wants = cells[: len(HEAD)]
     if wants not in IN_FILE:
         raise ValueError(f"wants is {wants[:40]!r}")
-
-    shares = []
-    # a line with a word alone leaves all its envelopes empty
-    if any(envelope):
-        shares = [_share(float(cell)) for cell in envelope]
     word = IN_FILE[IN_FILE.index(wants)]
-    return float(time_s), Intent(int(host_ns), word, tuple(shares))
+    return float(time_s), Intent(int(host_ns), word)

@@ -21,9 +21,8 @@ One grip command a sample reaches the hand, as one JSON line:
     {"sequence":812,"t_ns":5413333333,"mode":"tighten","target_n":9.4,"slew_n_s":400.0,
      "feedback":0.6,"reason":"risky slip","mu_hat":0.61,"margin":0.12,"expires_ms":300}
 
-The wire adds a session and, with a key, a code (core/line_session.py). `docs/shared-control.md` has
-every field, and a receiver in Python and in C. A hand that has got no line for expires_ms holds its
-grip.
+core/hand_lines.py says which lines a receiver obeys. `docs/shared-control.md` has every field, and
+a receiver in Python and in C. A hand that has got no line for expires_ms holds its grip.
 """
 
 from __future__ import annotations

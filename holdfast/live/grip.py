@@ -128,7 +128,7 @@ class GripOutput:
 def grip_to_wire(
     url: str, controller: GripControl, rate_hz: float, clock: Any, report: Report
 ) -> GripOutput:
-    """Commands to udp:// or serial://. Raises UsageError, DeviceError, OutputError."""
+    """Commands to unix:// or serial://. Raises UsageError, DeviceError."""
     wire = open_wire(url, "--grip", last_line, report, clock.now_ns)
 
     # reported at the start, since otherwise the dropped lines would look like a fault

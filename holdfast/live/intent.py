@@ -1,6 +1,6 @@
 """The wearer's command next to the sensors: the stream behind the URL of --intent, and its log.
 
-unix:///PATH?envelopes=2, udp://HOST:PORT?envelopes=2 or lsl://NAME. The log of `holdfast run
+unix:///PATH or lsl://NAME. The log of `holdfast run
 --samples FILE` is FILE.intent.csv.
 """
 
@@ -16,21 +16,18 @@ from urllib.parse import unquote
 
 from holdfast.core.contract import CommandLink
 from holdfast.core.errors import UsageError
-from holdfast.core.line_port import line_port
+from holdfast.core.hand_lines import line_port
 from holdfast.core.trial_layout import intent_path
 from holdfast.edge_runtime.commands import Command
 from holdfast.edge_runtime.intent import (
+    INTENT_HEADER,
     IntentMonitor,
     PortIntent,
-    intent_header,
     intent_row,
 )
 from holdfast.live.outputs import STOPPED, SampleFile, file_sink
 
-ADDRESSES = (
-    "unix:///run/holdfast/intent, udp://127.0.0.1:9003?envelopes=2 or lsl://NAME"
-)
-MOST_ENVELOPES = 16
+ADDRESSES = "unix:///run/holdfast/intent or lsl://NAME"
 
 
 class IntentLog:
@@ -47,8 +44,7 @@ class IntentLog:
         now_ns: Callable[[], int],
         samples: SampleFile,
     ) -> None:
-        header = intent_header(intent.n_envelopes)
-        self.sink = file_sink(intent_path(path), "--intent", header)
+        self.sink = file_sink(intent_path(path), "--intent", INTENT_HEADER)
         self._intent = intent
         self._now_ns = now_ns
         self._samples = samples
@@ -64,7 +60,7 @@ class IntentLog:
         # the file has both times of an item: a run with a scene has a clock of its own
         after_ns = time.monotonic_ns() - self._now_ns()
         for item in self._intent.fresh:
-            self.sink(intent_row(item, first_ns, after_ns, self._intent.n_envelopes))
+            self.sink(intent_row(item, first_ns, after_ns))
 
     def close(self, reason: str = STOPPED) -> None:
         """Wait for the last lines."""
@@ -76,7 +72,6 @@ def intent_monitor(
     url: str | None,
     clock: Any,
     report: Callable[[str], None],
-    opens_at: float | None = None,
 ) -> Iterator[IntentMonitor | None]:
     """The stream of --intent, opened; None without it.
 
@@ -90,12 +85,11 @@ def intent_monitor(
 
         with closing(LslInlet(_stream_name(url))) as inlet:
             stream = LslIntent(inlet, clock.now_ns, report)
-            yield IntentMonitor(stream, clock.now_ns, report, opens_at)
+            yield IntentMonitor(stream, clock.now_ns, report)
     else:
-        options: dict[str, str] = {}
-        with line_port(url, "intent", report, clock.now_ns, options) as port:
-            stream_of_lines = PortIntent(port, _envelopes(options), clock.now_ns)
-            yield IntentMonitor(stream_of_lines, clock.now_ns, report, opens_at)
+        with line_port(url, "intent", report, clock.now_ns) as port:
+            words = PortIntent(port, clock.now_ns)
+            yield IntentMonitor(words, clock.now_ns, report)
 
 
 def _stream_name(url: str) -> str:
@@ -105,19 +99,6 @@ def _stream_name(url: str) -> str:
             f"--intent {url[:80]!r}: no name of a stream", next_step="lsl://NAME"
         )
     return name
-
-
-def _envelopes(options: dict[str, str]) -> int:
-    """How many envelopes an item has, by the options of the URL. Raises UsageError."""
-    count = options.pop("envelopes", "2")
-    for name in options:
-        raise UsageError(f"--intent: {name[:40]!r} is no option", next_step=ADDRESSES)
-    if not count.isdecimal() or len(count) > 2 or not 1 <= int(count) <= MOST_ENVELOPES:
-        raise UsageError(
-            f"--intent: envelopes={count[:40]!r} is not a whole number from 1 to {MOST_ENVELOPES}",
-            next_step="envelopes=2",
-        )
-    return int(count)
 
 
 def intended(

@@ -2,22 +2,17 @@
 
     -, stdin://                           standard input; paced=1: a recording, at its own pace,
                                           as a file is (< trial.csv) without being told
-    tcp://HOST:PORT                       connects; listen=1: lets one client at a time connect
-    udp://HOST:PORT                       datagrams, one line or several in each
-    unix:///PATH                          datagrams to a socket file with permissions 0600: the
-                                          safe choice on one board
+    unix:///PATH                          datagrams to a socket file with permissions 0600
     serial:///dev/ttyACM0?baud=115200     a serial port
 
 Options of all: map=FILE (a column map), unit=N (without a map; or uT, count), rate_hz=150 (else
-measured), stamps=arrival or sender, key=FILE (a shared key). A source that listens does so on this
-machine only, unless network=1 says otherwise.
+measured), stamps=arrival or sender. What comes over a network is piped: nc -l 9000 | holdfast run
+--source -
 """
 
 from __future__ import annotations
 
-import ipaddress
 import os
-import socket
 import stat
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -26,39 +21,29 @@ from typing import Any
 
 from holdfast.core.column_map import ColumnMap, read_column_map
 from holdfast.core.contract import UNITS, Unit
-from holdfast.core.errors import CardError, DeviceNotFound, UsageError
-from holdfast.core.line_port import Datagrams, LineUrl, line_url, listening
-from holdfast.core.line_session import store_in_thread
-from holdfast.core.tally import Tally
+from holdfast.core.errors import CardError, UsageError
+from holdfast.core.hand_lines import LineUrl, line_url, unix_listener
 from holdfast.drivers.line_feeds import (
     DatagramFeed,
     Feed,
     SerialEnd,
     StandardInput,
     StreamFeed,
-    TcpCaller,
-    TcpListener,
 )
 from holdfast.drivers.line_source import LineOptions, LineSource
 from holdfast.drivers.sample_lines import SampleReader
 from holdfast.live.sources import STANDARD_INPUT, ToForce
 
-LINK = "samples"
-"""The name of these lines, under which a key seals them."""
 COMMON = ("map", "unit", "rate_hz", "stamps")
 OPTIONS = {
     "stdin": ("paced",),
-    "tcp": ("listen", "network"),
-    "udp": ("network",),
     "unix": (),
     "serial": ("baud",),
 }
 STAMPS = ("arrival", "sender")
 DEFAULT_BAUD = 115200
-CONNECT_S = 5.0
-EXAMPLES = (
-    "-, tcp://127.0.0.1:9000, udp://127.0.0.1:9000 or serial:///dev/ttyACM0?baud=115200"
-)
+EXAMPLES = "-, unix:///PATH or serial:///dev/ttyACM0?baud=115200"
+NETWORK = ("tcp", "udp")
 Report = Callable[[str], None]
 
 
@@ -73,15 +58,15 @@ class LineWords:
 
 
 def read_line_url(url: str) -> LineWords:
-    """Check a URL, and read its column map and its key; opens nothing else.
+    """Check a URL, and read its column map; opens nothing else.
 
-    Raises UsageError, a DataError for map and key, AccessDenied.
+    Raises UsageError, and a DataError for the map.
     """
     where = _where(url)
     scheme = where.parts.scheme
     for name in where.options:
         if name not in (*COMMON, *OPTIONS[scheme]):
-            allowed = ", ".join((*COMMON, "key", *OPTIONS[scheme]))
+            allowed = ", ".join((*COMMON, *OPTIONS[scheme]))
             raise UsageError(
                 f"{scheme}://: {name[:40]!r} is not known",
                 next_step=f"allowed: {allowed}",
@@ -107,9 +92,7 @@ def open_lines(
             next_step="leave it out, or say unit=uT",
         )
 
-    key = words.where.key
-    began = None if key is None else store_in_thread(key, report)
-    reader = SampleReader(column_map, words.unit, key=key, began=began)
+    reader = SampleReader(column_map, words.unit)
     feed = _feed(words.where, clock, report)
     with ExitStack() as on_error:
         on_error.callback(feed.close)
@@ -124,9 +107,15 @@ def open_lines(
 
 def _where(url: str) -> LineUrl:
     try:
-        return line_url("stdin://" if url == STANDARD_INPUT else url, LINK)
+        where = line_url("stdin://" if url == STANDARD_INPUT else url)
     except ValueError as error:
         raise _not_an_address(url, str(error)) from None
+    if where.parts.scheme in NETWORK:
+        raise UsageError(
+            f"--source {url[:80]!r}: samples do not come over a network",
+            next_step="pipe them, as nc -l 9000 | holdfast run --source -",
+        )
+    return where
 
 
 def _not_an_address(url: str, cause: str) -> UsageError:
@@ -192,8 +181,6 @@ def _rate(text: str) -> float:
 def _feed(where: LineUrl, clock: Any, report: Report) -> Feed:
     openers = {
         "stdin": _stdin,
-        "tcp": _tcp,
-        "udp": _udp,
         "unix": _datagrams,
         "serial": _serial,
     }
@@ -206,92 +193,12 @@ def _stdin(where: LineUrl, clock: Any, report: Report) -> Feed:
     return StreamFeed("stdin", StandardInput(), report)
 
 
-def _address(where: LineUrl) -> tuple[str, int]:
-    """(host, port) of an IP URL."""
-    host, port = where.parts.hostname, where.parts.port
-    if not host or port is None or where.parts.path:
-        raise _not_an_address(where.url, "host or port is missing")
-    return host, port
-
-
-def _require_local(where: LineUrl, report: Report) -> None:
-    """A port that others can reach must be asked for."""
-    host, _ = _address(where)
-    network = _word(where.options, "network", ("0", "1")) == "1"
-    if not network and not _is_loopback(host):
-        raise UsageError(
-            f"{where.url[:80]!r} would let other machines send samples, which move the hand",
-            next_step=f"{where.parts.scheme}://127.0.0.1:PORT, or add network=1 and key=FILE",
-        )
-    if network and where.key is None:
-        report(
-            f"{where.parts.scheme}://{where.parts.netloc}: without key=FILE, a program that reads "
-            "this network can send samples, which move the hand"
-        )
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
-
-
-def _udp(where: LineUrl, clock: Any, report: Report) -> Feed:
-    _require_local(where, report)
-    return _datagrams(where, clock, report)
-
-
 def _datagrams(where: LineUrl, clock: Any, report: Report) -> Feed:
     with ExitStack() as stack:
-        listener = listening(where, LINK, stack)
-        listener.setblocking(False)
-        name = f"{where.parts.scheme}://{where.parts.netloc}{where.parts.path}"
-        feed = DatagramFeed(name, Datagrams(listener), stack.pop_all().close)
+        listener = unix_listener(where, "samples", stack)
+        name = f"unix://{where.parts.path}"
+        feed = DatagramFeed(name, listener, stack.pop_all().close)
     return feed
-
-
-def _tcp(where: LineUrl, clock: Any, report: Report) -> Feed:
-    host, port = _address(where)
-    name = f"tcp://{where.parts.netloc}"
-    if _word(where.options, "listen", ("0", "1")) == "0":
-        if "network" in where.options:
-            raise UsageError(
-                "network=1 is for a port that listens", next_step="listen=1"
-            )
-        return StreamFeed(name, _caller(name, host, port, clock), report)
-
-    _require_local(where, report)
-    tally = Tally(name, report, clock.now_ns)
-    try:
-        listener = socket.create_server((host, port))
-    except (OSError, OverflowError) as error:
-        what = getattr(error, "strerror", None) or str(error)
-        raise UsageError(
-            f"{name}: cannot listen: {what}", next_step="choose another port"
-        ) from None
-
-    def refused() -> None:
-        tally.count(
-            "connections refused", "another connection is refused: one at a time"
-        )
-
-    return StreamFeed(name, TcpListener(listener, clock.now_ns, refused), report)
-
-
-def _caller(name: str, host: str, port: int, clock: Any) -> TcpCaller:
-    try:
-        connection = socket.create_connection((host, port), CONNECT_S)
-    except (OSError, OverflowError) as error:
-        what = getattr(error, "strerror", None) or str(error)
-        raise DeviceNotFound(
-            f"cannot connect: {what}",
-            where=name,
-            cause="nothing listens there yet, or a firewall is between",
-            next_step="start the sender first, or let it connect: listen=1",
-        ) from None
-    # the address, and not the name: a look-up may take seconds
-    return TcpCaller(connection, connection.getpeername(), clock.now_ns)
 
 
 def _serial(where: LineUrl, clock: Any, report: Report) -> Feed:

@@ -1,10 +1,7 @@
 """The wires to a hand's controller: a socket or a serial port, written without waiting.
 
     unix:///PATH                  one datagram a line, to a socket file of its receiver
-    udp://HOST:PORT               one datagram a line
     serial:///dev/ttyX?baud=N     lines that end with a line feed; 115200 where no baud is given
-
-Each takes key=FILE, the key that seals its lines (core/line_key.py).
 
 A serial port carries few lines: 115200 baud about 60 a second. A line is left out while the one
 before is still on its way, so that what arrives is never older than two lines. A line that was cut
@@ -29,8 +26,7 @@ from contextlib import suppress
 from threading import Thread
 
 from holdfast.core.errors import AccessDenied, DeviceError, DeviceNotFound, UsageError
-from holdfast.core.line_key import LinkKey
-from holdfast.core.line_port import LineUrl, line_url
+from holdfast.core.hand_lines import LineUrl, line_url
 
 RATES = {
     int(name[1:]): value
@@ -106,59 +102,11 @@ def forget_unsent(port: int) -> None:
 DEFAULT_BAUD = 115200
 MOST_UNSENT = 96
 """A serial port that still has more bytes to send gets no further line."""
-BITS_A_COMMAND, BITS_A_CODE = 2300, 730
-"""About 230 bytes, ten bits each, and 73 more in a sealed line."""
+BITS_A_COMMAND = 2100
+"""About 210 bytes, ten bits each."""
 LAST_LINE_MS = 200
 """The last line waits this long for room in a serial port."""
-ADDRESSES = (
-    "unix:///run/hand/grip, udp://127.0.0.1:9000 or serial:///dev/ttyUSB0?baud=115200"
-)
-
-
-class UdpLink:
-    """A connected socket, so that a port without a receiver is an error and not silence.
-
-    most_hz: commands a second that it carries.
-    """
-
-    is_serial = reconnects = False
-    most_hz = math.inf
-    key: LinkKey | None = None
-
-    def __init__(self, sender: socket.socket, name: str) -> None:
-        self.name = name
-        self._sender = sender
-
-    @property
-    def handle(self) -> int:
-        """The socket's descriptor."""
-        return self._sender.fileno()
-
-    def write(self, line: bytes) -> bool:
-        """Send one datagram; False where the system's buffer is full."""
-        try:
-            self._sender.send(line)
-        except BlockingIOError:
-            return False
-        return True
-
-    def reopen(self) -> bool:
-        """The socket stays."""
-        return True
-
-    def lose(self) -> None:
-        """The socket stays."""
-
-    def finish(self, line: bytes) -> None:
-        """Send it, a second time where the first time only reported an old error."""
-        with suppress(ConnectionRefusedError):
-            self._sender.send(line)
-            return
-        self._sender.send(line)
-
-    def close(self) -> None:
-        """Close the socket."""
-        self._sender.close()
+ADDRESSES = "unix:///run/hand/grip or serial:///dev/ttyUSB0?baud=115200"
 
 
 class UnixLink:
@@ -170,7 +118,6 @@ class UnixLink:
     is_serial = False
     reconnects = True
     most_hz = math.inf
-    key: LinkKey | None = None
 
     def __init__(self, path: str, name: str) -> None:
         self.name = name
@@ -235,7 +182,6 @@ class SerialLink:
     """A serial port that may be unplugged and comes back."""
 
     is_serial = reconnects = True
-    key: LinkKey | None = None
 
     def __init__(self, path: str, baud: int, name: str) -> None:
         self.name = name
@@ -248,8 +194,7 @@ class SerialLink:
     @property
     def most_hz(self) -> float:
         """Commands a second."""
-        code = BITS_A_CODE if self.key else 0
-        return self._baud / (BITS_A_COMMAND + code)
+        return self._baud / BITS_A_COMMAND
 
     def open(self) -> None:
         """Open the port. Raises OSError, UsageError."""
@@ -338,39 +283,33 @@ class SerialLink:
         return bool(ready.poll(wait_ms))
 
 
-Link = UdpLink | UnixLink | SerialLink
+Link = UnixLink | SerialLink
 
 
 def open_link(url: str, option: str) -> Link:
     """Open a URL's wire. option: its name on the command line.
 
-    Raises UsageError, DeviceError, and for a key DataNotFound.
+    Raises UsageError, DeviceError.
     """
     try:
-        where = line_url(url, option.removeprefix("--"))
+        where = line_url(url)
     except ValueError as error:
         raise _not_an_address(url, option, str(error)) from None
 
-    link = _opened(where, option)
-    link.key = where.key
-    return link
-
-
-def _opened(where: LineUrl, option: str) -> Link:
     scheme = where.parts.scheme
     if scheme == "serial":
         return _serial(where, option)
     if where.options:
         cause = f"{next(iter(where.options))[:40]!r} is no option of it"
         raise _not_an_address(where.url, option, cause)
-    if scheme == "udp":
-        return _udp(where, option)
     if scheme == "unix":
         return _unix(where, option)
     raise _not_an_address(where.url, option, "")
 
 
 def _not_an_address(url: str, option: str, cause: str) -> UsageError:
+    if url.startswith("udp://"):
+        cause = "nothing that moves a hand crosses a network"
     return UsageError(
         f"{option} {url[:80]!r} is not an address", cause=cause, next_step=ADDRESSES
     )
@@ -385,31 +324,12 @@ def _unix(where: LineUrl, option: str) -> UnixLink:
     return link
 
 
-def _udp(where: LineUrl, option: str) -> UdpLink:
-    host, port, url = where.parts.hostname, where.parts.port, where.url
-    if not host or not port:
-        raise _not_an_address(url, option, "host or port is missing")
-    try:
-        # the name is looked up once, before the run: a look-up may take seconds
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
-        family, kind, protocol, _, address = found[0]
-        sender = socket.socket(family, kind, protocol)
-        # a full buffer loses a line; it must never hold up the loop
-        sender.setblocking(False)
-        # only a connected socket reports that nothing listens at the port
-        sender.connect(address)
-    except OSError as error:
-        raise _not_an_address(url, option, error.strerror or str(error)) from None
-
-    return UdpLink(sender, f"{option} {url}")
-
-
 def _serial(where: LineUrl, option: str) -> SerialLink:
     parts, url = where.parts, where.url
     baud = where.options.get("baud", str(DEFAULT_BAUD))
     # serial://dev/ttyX, with two slashes, would lose the first part of the path
     if set(where.options) - {"baud"} or parts.netloc or not parts.path.strip("/"):
-        raise _not_an_address(url, option, "a path, and nothing but baud= and key=")
+        raise _not_an_address(url, option, "a path, and nothing but baud=")
     if not baud.isdecimal() or len(baud) > 9:
         raise _not_an_address(url, option, f"baud={baud[:40]!r} is not a whole number")
 

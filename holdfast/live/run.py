@@ -83,7 +83,7 @@ class RunOptions:
     web: str | None = None
     commands: str | None = None
     intent: str | None = None
-    obey_intent: float | None = None
+    obey_intent: bool = False
     grip: str | None = None
     controller: str | None = None
     ceiling: float | None = None
@@ -307,8 +307,7 @@ class _Run:
             return command
         from holdfast.live.intent import IntentLog, intended, intent_monitor
 
-        opens_at = options.obey_intent
-        opened = intent_monitor(options.intent, self._clock, self.report, opens_at)
+        opened = intent_monitor(options.intent, self._clock, self.report)
         intent = stack.enter_context(opened)
         if intent is None:
             return command
@@ -320,7 +319,7 @@ class _Run:
             # after the file of samples, whose first sample sets the time axis of both
             outputs.insert(outputs.index(self._samples) + 1, log)
 
-        return intended(command, intent, obeyed=opens_at is not None)
+        return intended(command, intent, obeyed=options.obey_intent)
 
     def _show_intent(self, intent: IntentMonitor) -> None:
         if self._view:

@@ -262,10 +262,7 @@ def _row(cells: tuple[str, str, str]) -> str:
 
 
 def _wearer(intent: Intent) -> list[Line]:
-    """What the wearer wants, and the envelopes as bars."""
+    """What the wearer wants."""
     style = COLOURS["unknown"] if intent.wants == "unknown" else ""
-    wants = intent.wants or "not in words"
-    lines = [[Span(f"{'wearer':<{NAME_WIDTH}} "), Span(wants, style)]]
-    for k, share in enumerate(intent.envelope, start=1):
-        lines.append(_bar(f"envelope {k}", share))
+    lines = [[Span(f"{'wearer':<{NAME_WIDTH}} "), Span(intent.wants, style)]]
     return lines

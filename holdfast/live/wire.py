@@ -2,19 +2,17 @@
 
 The loop writes each line itself and never waits. A wire that fails, or that takes no line for
 EXPIRES_MS, is reported once and tried again, at first soon, then every two seconds. When it takes
-lines again its first ones are `hold`, and the report says so. However the run ends, the last line
-is `hold`: the wire writes it, and where the process dies a guardian (holdfast/live/guardian.py)
-does.
+lines again its first ones are `hold`, and the report says so. The last line of a run is `hold`.
+Where the process dies without it, the receiver holds EXPIRES_MS after the last line.
 """
 
 from __future__ import annotations
 
 import errno
 from collections.abc import Callable
+from contextlib import suppress
 
-from holdfast.core.line_session import LineSender
 from holdfast.edge_runtime.supervisor import EXPIRES_MS
-from holdfast.live.guardian import Guardian
 from holdfast.live.links import Link, open_link
 
 FIRST_RETRY_NS = 50_000_000
@@ -24,14 +22,13 @@ LAST_RETRY_NS = 2_000_000_000
 TRIALS = 3
 """A wire works again after this many lines; a socket reports an error only at the next line."""
 LOST = "link was lost"
-DIED = "process died"
 HOLDS = "the hand holds its grip"
 LastLine = Callable[[int, int, str], str]
 """(sequence, t_ns, reason) -> the line that ends a run, or begins after a failure."""
 
 
 class Wire:
-    """One link with its retries and its guardian. dropped: lines that did not leave.
+    """One link with its retries. dropped: lines that did not leave.
 
     most_hz: commands a second that the link carries. effect: of a link that fails, for people.
     """
@@ -39,27 +36,21 @@ class Wire:
     def __init__(
         self,
         link: Link,
-        sender: LineSender,
         last: LastLine,
         report: Callable[[str], object],
         now_ns: Callable[[], int],
-        guardian: Guardian,
         effect: str = HOLDS,
     ) -> None:
         self._link = link
-        self._sender = sender
         self._last = last
         self._now_ns = now_ns
         self._report = report
         self._effect = effect
-        self._guardian = guardian
-        # from the first moment: a run may die before its first line
-        guardian.hold(link.handle)
         self.name = link.name
         self.most_hz = link.most_hz
         self.dropped = 0
         self._sequence = -1
-        self._guarded = self._works = True
+        self._works = True
         self._closed = False
         self._trials = 0
         self._failed_ns = self._retry_ns = 0
@@ -69,14 +60,6 @@ class Wire:
     def __call__(self, line: str, sequence: int) -> bool:
         """Pass a line on; False where it did not leave."""
         self._sequence = sequence
-        # before the line leaves: a guardian's last line must never have an older number
-        self._guardian.note(sequence)
-        if self._guarded and not self._guardian.lives():
-            self._guarded = False
-            self._report(
-                f"{self.name}: its guardian ended; a run that dies now sends no last command"
-            )
-
         now_ns = self._now_ns()
         taken = self._works and self._write(line, now_ns)
         if not self._works:
@@ -90,31 +73,24 @@ class Wire:
         if not self._works:
             # a hold line, too, must have a later number than the line before it
             self._sequence = sequence
-            self._guardian.note(sequence)
             self._retry(self._now_ns())
 
     def close(self, reason: str) -> None:
-        """Write the last line, once, and let the guardian go; report lines that did not leave."""
+        """Write the last line, once, and report lines that did not leave."""
         if self._closed:
             return
         # set first: a failure while closing must not lead to a second last line
         self._closed = True
         line = self._last(self._sequence + 1, self._now_ns(), reason)
-        try:
-            self._link.finish(self._sender.line(line))
-            written = True
-        except (OSError, ValueError):
-            written = False
-
-        # where the line did not leave, the guardian tries once more
-        self._guardian.end(written=written)
+        with suppress(OSError, ValueError):
+            self._link.finish(line.encode())
         self._link.close()
         if self.dropped:
             self._report(f"{self.name}: {self.dropped} lines did not leave")
 
     def _write(self, line: str, now_ns: int) -> bool:
         try:
-            taken = self._link.write(self._sender.line(line))
+            taken = self._link.write(line.encode())
         except OSError as error:
             self._fail(error, now_ns)
             return False
@@ -143,7 +119,6 @@ class Wire:
         # receiver that starts again makes a new socket file
         if self._link.reconnects and error.errno != errno.EAGAIN:
             self._link.lose()
-            self._guardian.release()
 
         self._works = False
         self._trials = 0
@@ -154,13 +129,10 @@ class Wire:
         # opening a port takes a thread and time, so the line waits until it is open
         if now_ns < self._retry_ns or not self._link.reopen():
             return
-        # the link may be another descriptor than before
-        if not self._trials:
-            self._guardian.hold(self._link.handle)
         # a hold line: a command from before the failure would be old
         line = self._last(self._sequence, now_ns, LOST)
         try:
-            if not self._link.write(self._sender.line(line)):
+            if not self._link.write(line.encode()):
                 raise _stalled()
         except OSError as error:
             self._fail(error, now_ns)
@@ -186,20 +158,8 @@ def open_wire(
     now_ns: Callable[[], int],
     effect: str = HOLDS,
 ) -> Wire:
-    """An open wire, which ends with its last line when it is closed. Its lines have a session.
+    """An open wire, which ends with its last line when it is closed.
 
-    Raises UsageError, DeviceError, OutputError, and for a key DataNotFound.
+    Raises UsageError, DeviceError.
     """
-    link = open_link(url, option)
-    sender = LineSender.begin(link.key)
-    text = _template(sender.unsealed(last(-7, -8, DIED)), is_serial=link.is_serial)
-    guardian = Guardian(text, link.key)
-    return Wire(link, sender, last, report, now_ns, guardian, effect)
-
-
-def _template(line: str, *, is_serial: bool) -> str:
-    """The guardian's line: numbers are filled in; a serial line stands between line feeds."""
-    # -7 and -8 stand for the numbers that only the guardian knows
-    text = line.replace("%", "%%")
-    text = text.replace("-7", "%(sequence)d").replace("-8", "%(t_ns)d")
-    return f"\n{text}\n" if is_serial else text
+    return Wire(open_link(url, option), last, report, now_ns, effect)

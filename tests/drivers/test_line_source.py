@@ -8,15 +8,14 @@ import pty
 import select
 import socket
 import tty
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from hazard_marks import FORGED_SAMPLES, STALE_LINES
+from hazard_marks import STALE_LINES
 from hypothesis import given
 from hypothesis import strategies as st
 from live_bench import go
@@ -30,8 +29,7 @@ from holdfast.core.errors import (
     RateError,
     UsageError,
 )
-from holdfast.core.line_key import LinkKey
-from holdfast.core.line_session import LONGEST_LINE
+from holdfast.core.hand_lines import LONGEST_LINE
 from holdfast.core.source import SourceReading
 from holdfast.drivers.line_feeds import (
     DatagramFeed,
@@ -39,8 +37,6 @@ from holdfast.drivers.line_feeds import (
     SerialEnd,
     StandardInput,
     StreamFeed,
-    TcpCaller,
-    TcpListener,
 )
 from holdfast.drivers.line_source import (
     DRIFT,
@@ -93,13 +89,12 @@ class ScriptedFeed:
         self.late_ns = late_ns
         self.ended = False
         self.next = 0
-        self.followed: list[Hashable] = []
 
     def arrives_ns(self, k: int) -> int:
         late = self.late_ns(k)
         return 1 << 62 if late is None else round((k + 0.5) * PERIOD_NS) + late
 
-    def pull(self, timeout_s: float) -> list[tuple[Hashable, bytes]]:
+    def pull(self, timeout_s: float) -> list[bytes]:
         until_ns = self.clock.now_ns() + round(1e9 * timeout_s)
         while self.next < self.ends and self.late_ns(self.next) is None:
             self.next += 1
@@ -110,18 +105,15 @@ class ScriptedFeed:
             self.clock.wait_until(until_ns)
             return []
         self.clock.wait_until(self.arrives_ns(self.next))
-        came: list[tuple[Hashable, bytes]] = []
+        came: list[bytes] = []
         while (
             self.next < self.ends and self.arrives_ns(self.next) <= self.clock.now_ns()
         ):
-            came.append(("a", self.line(self.next)))
+            came.append(self.line(self.next))
             if self.rubbish and self.next % 5 == 1:
-                came.append(("a", self.rubbish))
+                came.append(self.rubbish)
             self.next += 1
         return came
-
-    def obeyed(self, peer: Hashable) -> None:
-        self.followed.append(peer)
 
     def close(self) -> None:
         self.ended = True
@@ -307,7 +299,7 @@ def test_what_waited_while_nothing_was_read_is_dropped() -> None:
     assert said[1:] == [
         "script: 140 samples dropped: nothing was read",
         "script: its lines ended after 51 samples",
-        "script: 9 more samples dropped",
+        "script: 9 more are skipped",
     ]
 
 
@@ -430,12 +422,6 @@ def stack() -> Iterator[ExitStack]:
         yield stack
 
 
-def free_port(kind: int = socket.SOCK_DGRAM) -> int:
-    with socket.socket(type=kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 class Sender:
     """Sends a line a period, when the source asks for the time."""
 
@@ -463,42 +449,6 @@ def first_reading(
         return next(one for one in iter(source.read, None) if one.valid.all())
     finally:
         source.close()
-
-
-def test_datagrams_come_over_udp(said: list[str], stack: ExitStack) -> None:
-    port = free_port()
-    out = stack.enter_context(socket.socket(type=socket.SOCK_DGRAM))
-    to = ("127.0.0.1", port)
-    first_reading(f"udp://127.0.0.1:{port}?", lambda text: out.sendto(text, to), said)
-
-
-@FORGED_SAMPLES.mark
-def test_a_flood_of_forged_samples_moves_nothing_and_fills_no_log(
-    said: list[str], stack: ExitStack
-) -> None:
-    """Sixty forged datagrams for each genuine one, some of them with late stamps."""
-    port = free_port()
-    genuine, forger = (
-        stack.enter_context(socket.socket(type=socket.SOCK_DGRAM)) for _ in range(2)
-    )
-    forged = [text_of(9, X1=500.0), text_of(9, X1=500.0, t_ns=2**62), b"x" * 9000]
-    sent: list[float] = []
-
-    def send(text: bytes) -> None:
-        genuine.sendto(text, ("127.0.0.1", port))
-        sent.append(json.loads(text)["X1"])
-        # the source has a sender by then
-        for one in forged * (20 if len(sent) > 50 else 0):
-            forger.sendto(one, ("127.0.0.1", port))
-
-    url = f"udp://127.0.0.1:{port}?rate_hz=150"
-    source = open_lines(url, Sender(send), said.append)
-    stack.callback(source.close)
-    readings = [read(source) for _ in range(300)]
-    assert {one.values[0] for one in readings} <= set(sent)
-    # a line is sent when the source looks at the clock, so many come late or two at once
-    assert sum(one.valid.all() for one in readings[100:]) > 20
-    assert len(said) < 20
 
 
 def test_a_unix_socket_is_of_its_owner_alone_and_gone_at_the_end(
@@ -539,94 +489,24 @@ def test_a_serial_port_needs_no_library(said: list[str], stack: ExitStack) -> No
     first_reading(f"serial://{name}?baud=230400&", send, said)
 
 
-@FORGED_SAMPLES.mark
-def test_a_port_that_listens_has_one_client_until_that_is_silent(
-    said: list[str], stack: ExitStack
-) -> None:
-    port = free_port(socket.SOCK_STREAM)
-    clients: list[socket.socket] = []
-
-    def connect() -> socket.socket:
-        client = stack.enter_context(socket.create_connection(("127.0.0.1", port)))
-        client.setblocking(False)
-        clients.append(client)
-        return client
-
-    def send(text: bytes) -> None:
-        # the first one comes as soon as the port is there
-        try:
-            (clients[0] if clients else connect()).send(text)
-        except (ConnectionRefusedError, BlockingIOError):
-            return
-
-    source = open_lines(
-        f"tcp://127.0.0.1:{port}?listen=1&rate_hz=150", Sender(send), said.append
-    )
-    stack.callback(source.close)
-    forger = connect()
-    forger.send(text_of(7) + b"\n")
-    readings = [read(source) for _ in range(5)]
-    assert all(one.values[0] != json.loads(text_of(7))["X1"] for one in readings)
-    with pytest.raises(ConnectionResetError):
-        forger.recv(1)
-    assert any("refused" in line for line in said)
-
-
-def test_a_connection_that_is_lost_is_made_again(
-    said: list[str], stack: ExitStack
-) -> None:
-    server = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
-    server.setblocking(False)
-    port = server.getsockname()[1]
-    clients: list[socket.socket] = []
-
-    def send(text: bytes) -> None:
-        try:
-            client, _ = server.accept()
-            client.setblocking(False)
-            clients.append(stack.enter_context(client))
-        except BlockingIOError:
-            pass
-        if clients:
-            try:
-                clients[-1].send(text)
-            except OSError:
-                return
-
-    clock = Sender(send)
-    source = open_lines(f"tcp://127.0.0.1:{port}?rate_hz=150", clock, said.append)
-    stack.callback(source.close)
-    read(source)
-    clients[0].close()
-    while len(clients) == 1 or not read(source).valid.all():
-        read(source)
-    assert [line for line in said if "lost (its sender closed it)" in line]
-    assert [line for line in said if "it is back" in line]
-
-
 # -- words of the URL
 
 
 @pytest.mark.parametrize(
     ("url", "says"),
     [
-        ("udp://0.0.0.0:9000", "network=1 and key=FILE"),
-        ("tcp://192.0.2.1:9000?listen=1", "network=1"),
-        ("udp://example.org:9000", "network=1"),
-        ("tcp://127.0.0.1:9000?network=1", "listen=1"),
-        ("udp://127.0.0.1", "port is missing"),
-        ("udp://127.0.0.1:x", "not an address"),
-        ("tcp://:9000", "host"),
+        ("udp://127.0.0.1:9000", "nc -l 9000 | holdfast run"),
+        ("tcp://127.0.0.1:9000", "nc -l 9000 | holdfast run"),
         ("unix://relative", "not an address"),
         ("serial://dev/ttyACM0", "three slashes"),
         ("serial:///dev/ttyACM0?baud=fast", "baud=115200"),
         ("serial:///dev/ttyACM0?baud=12345", "cannot be set"),
-        ("udp://127.0.0.1:9000?speed=1", "allowed: map, unit"),
-        ("udp://127.0.0.1:9000?unit=kg", "unit=N|uT|count"),
-        ("udp://127.0.0.1:9000?stamps=none", "stamps=arrival|sender"),
-        ("udp://127.0.0.1:9000?rate_hz=nan", "rate_hz=150"),
-        ("udp://127.0.0.1:9000?rate_hz=0", "rate_hz=150"),
-        ("udp://127.0.0.1:9000?map=a.toml&unit=N", "into the map"),
+        ("stdin://?speed=1", "allowed: map, unit"),
+        ("stdin://?unit=kg", "unit=N|uT|count"),
+        ("stdin://?stamps=none", "stamps=arrival|sender"),
+        ("stdin://?rate_hz=nan", "rate_hz=150"),
+        ("stdin://?rate_hz=0", "rate_hz=150"),
+        ("stdin://?map=a.toml&unit=N", "into the map"),
         ("stdin://name", "nothing but options"),
     ],
 )
@@ -638,54 +518,16 @@ def test_a_url_that_cannot_be_is_a_usage_error(url: str, says: str) -> None:
 
 def test_a_source_that_cannot_be_opened_says_what_to_do(tmp_path: Path) -> None:
     clock = VirtualClock()
-    with pytest.raises(DeviceNotFound, match="listen=1"):
-        open_lines(f"tcp://127.0.0.1:{free_port(socket.SOCK_STREAM)}", clock, print)
     with pytest.raises((DeviceNotFound, AccessDenied), match="serial:///dev/tty"):
         open_lines("serial:///dev/ttyNone", clock, print)
     with pytest.raises(CardError, match="no such column map"):
         open_lines(f"-?map={tmp_path}/none".replace("-", "stdin://"), clock, print)
     with pytest.raises(UsageError, match="unit=uT"):
-        open_lines("udp://127.0.0.1:0", clock, print, lambda field: field)
-
-
-def test_a_port_for_other_machines_without_a_key_is_named(
-    said: list[str], tmp_path: Path, stack: ExitStack
-) -> None:
-    port = free_port()
-    out = stack.enter_context(socket.socket(type=socket.SOCK_DGRAM))
-    to = ("127.0.0.1", port)
-    url = f"udp://127.0.0.1:{port}?network=1&"
-    first_reading(url, lambda text: out.sendto(text, to), said)
-    assert "without key=FILE" in said[0]
-
-
-@FORGED_SAMPLES.mark
-def test_with_a_key_only_sealed_lines_are_samples(
-    said: list[str], tmp_path: Path, stack: ExitStack
-) -> None:
-    path = tmp_path / "link.key"
-    path.touch(0o600)
-    path.write_text("k" * 32)
-    key = LinkKey(b"k" * 32, "samples")
-    port = free_port()
-    out = stack.enter_context(socket.socket(type=socket.SOCK_DGRAM))
-    sent: list[int] = []
-
-    def send(text: bytes) -> None:
-        fields = json.loads(text)
-        forged = json.dumps(fields | {"X1": 500.0}).encode()
-        numbers = {"session": 12, "sequence": len(sent)}
-        sent.append(len(sent))
-        for one in (forged, key.sealed(json.dumps(fields | numbers).encode())):
-            out.sendto(one, ("127.0.0.1", port))
-
-    reading = first_reading(f"udp://127.0.0.1:{port}?key={path}&", send, said)
-    assert abs(reading.values[0]) < 1.0
-    assert any("without the right code" in line or "its code" in line for line in said)
+        open_lines("stdin://", clock, print, lambda field: field)
 
 
 def test_every_kind_of_lines_has_no_end_of_its_own() -> None:
-    urls = ("-", "stdin://", "tcp://a:1", "udp://a:1", "unix:///a", "serial:///dev/a")
+    urls = ("-", "stdin://", "unix:///a", "serial:///dev/a")
     assert all(map(is_hand, urls))
 
 
@@ -861,88 +703,6 @@ def test_a_lost_serial_port_is_looked_for_once_a_second(tmp_path: Path) -> None:
     end.close()
 
 
-@pytest.fixture
-def unanswered(stack: ExitStack, monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Connections are begun and not made while `answers` is empty; the errors they then have."""
-    answers: list[int] = []
-
-    class Pending(socket.socket):
-        def connect_ex(self, address: Any) -> int:
-            return 115
-
-        def getsockopt(self, *given: Any) -> Any:
-            return answers[0]
-
-    monkeypatch.setattr(socket, "socket", Pending)
-    monkeypatch.setattr(
-        select,
-        "select",
-        lambda reads, writes, errors, wait: ([], writes if answers else [], []),
-    )
-    return answers
-
-
-def called(stack: ExitStack, clock: ByHand) -> tuple[socket.socket, TcpCaller]:
-    """A connection to a server of this machine, and what calls it again."""
-    server = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
-    connection = socket.create_connection(server.getsockname())
-    caller = TcpCaller(connection, server.getsockname(), clock.now_ns)
-    stack.callback(caller.close)
-    return connection, caller
-
-
-def test_a_connection_is_tried_again_each_second_and_one_that_is_not_made_after_five(
-    stack: ExitStack, unanswered: list[int]
-) -> None:
-    clock = ByHand()
-    connection, caller = called(stack, clock)
-    assert (caller.handle(), caller.number) == (connection.fileno(), 0)
-    assert caller.lost()
-
-    def begun(at_ns: int) -> bool:
-        clock.ns = at_ns
-        assert caller.handle() is None
-        return caller._socket is not None
-
-    assert [begun(at) for at in (0, 999_999_999, 1_000_000_000)] == [False, False, True]
-    assert [begun(at) for at in (5_999_999_999, 6_000_000_000)] == [True, True]
-    assert not begun(6_000_000_001)
-    assert [begun(at) for at in (7_000_000_000, 7_000_000_001)] == [False, True]
-    # refused, then made
-    unanswered[:] = [111]
-    assert not begun(7_000_000_002)
-    unanswered[:] = []
-    assert begun(8_000_000_001)
-    unanswered[:] = [0]
-    assert caller.handle() is not None
-    assert caller.number == 1
-
-
-@pytest.mark.parametrize(("silent_ns", "number"), [(300_000_000, 0), (300_000_001, 1)])
-def test_a_second_client_is_let_in_where_the_first_was_silent_for_300_ms(
-    stack: ExitStack, silent_ns: int, number: int
-) -> None:
-    clock = ByHand()
-    refused: list[int] = []
-    server = socket.create_server(("127.0.0.1", 0))
-    listener = TcpListener(server, clock.now_ns, lambda: refused.append(clock.ns))
-    stack.callback(listener.close)
-    assert (listener.handle(), listener.number) == (None, -1)
-    for at_ns in (1_000, 1_000 + silent_ns):
-        clock.ns = at_ns
-        stack.enter_context(socket.create_connection(server.getsockname()))
-        handle = listener.handle()
-        assert handle is not None
-        if at_ns == 1_000:
-            clock.ns = 500
-            assert listener.number == 0
-    assert (listener.number, len(refused)) == (number, 1 - number)
-    listener.obeyed()
-    assert listener._heard_ns == clock.ns
-    assert listener.lost()
-    assert listener.handle() is None
-
-
 @pytest.mark.parametrize("over", [0, 1])
 def test_a_line_may_be_as_long_as_the_longest(over: int) -> None:
     text = b"x" * (LONGEST_LINE + over)
@@ -968,7 +728,6 @@ def test_a_header_that_waited_before_the_program_names_the_rows_that_come_later(
     assert feed.next == 21
     assert said[0].endswith("; 19 samples before that are dropped")
     assert read(source).values.tolist() == [20.0, 40.0, 60.0]
-    assert feed.followed == ["a"]
 
 
 def test_lines_that_were_there_before_and_ended_are_named_as_a_recording() -> None:
@@ -983,10 +742,10 @@ def test_lines_that_were_there_before_and_ended_are_named_as_a_recording() -> No
 class Endless(ScriptedFeed):
     """A line is there whenever it is asked for."""
 
-    def pull(self, timeout_s: float) -> list[tuple[Hashable, bytes]]:
+    def pull(self, timeout_s: float) -> list[bytes]:
         self.next += 1
         self.clock.spend(1000)
-        return [("a", b'{"X1":1,"Y1":2,"Z1":3}')]
+        return [b'{"X1":1,"Y1":2,"Z1":3}']
 
 
 def test_at_most_4096_waiting_lines_are_dropped_and_as_many_measured() -> None:
@@ -1090,16 +849,12 @@ class PipeEnd:
 
     def __init__(self, reads: int) -> None:
         self.number, self.reads, self.comes_back = 0, reads, True
-        self.heard: list[int] = []
 
     def handle(self) -> int | None:
         return None if self.reads < 0 else self.reads
 
     def lost(self) -> bool:
         return self.comes_back
-
-    def obeyed(self) -> None:
-        self.heard.append(self.number)
 
     def close(self) -> None:
         self.reads = -1
@@ -1113,13 +868,10 @@ def test_a_stream_gives_whole_lines_and_forgets_half_of_one_where_it_is_opened_a
     feed = StreamFeed("pipe", end, said.append)
     assert feed.pull(0.25) == []
     os.write(writes, b"one\ntwo\nhalf")
-    assert feed.pull(-1.0) == [(0, b"one"), (0, b"two")]
+    assert feed.pull(-1.0) == [b"one", b"two"]
     end.number = 1
     os.write(writes, b"three\n")
-    assert feed.pull(0.5) == [(1, b"three")]
-    for peer in (0, 1, 2):
-        feed.obeyed(peer)
-    assert end.heard == [1]
+    assert feed.pull(0.5) == [b"three"]
     os.close(writes)
     for _ in range(2):
         assert (feed.pull(0.0), feed.ended) == ([], False)
@@ -1160,21 +912,18 @@ def test_a_stream_that_fails_and_does_not_come_back_has_ended(
 
 
 def test_datagrams_are_cut_into_lines_that_hold_something(waits: list[float]) -> None:
-    done: list[object] = []
-    came = [(b"one\n\ntwo\n", "a"), (b"\n", "b"), (b"three", "b")]
-    datagrams: Any = SimpleNamespace(
-        sockets=[],
-        waiting=lambda: came,
-        follow=done.append,
-        close=lambda: done.append("datagrams"),
-    )
-    feed = DatagramFeed("udp", datagrams, lambda: done.append("socket"))
-    assert feed.pull(0.5) == [("a", b"one"), ("a", b"two"), ("b", b"three")]
-    feed.pull(-0.5)
-    assert (waits, feed.ended) == ([0.5, 0.0], False)
-    feed.obeyed("b")
-    feed.close()
-    assert done == ["b", "datagrams", "socket"]
+    done: list[str] = []
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    with ours, theirs:
+        theirs.setblocking(False)
+        feed = DatagramFeed("unix", theirs, lambda: done.append("closed"))
+        for datagram in (b"one\n\ntwo\n", b"\n", b"three"):
+            ours.send(datagram)
+        assert feed.pull(0.5) == [b"one", b"two", b"three"]
+        assert feed.pull(-0.5) == []
+        assert (waits, feed.ended) == ([0.5, 0.0], False)
+        feed.close()
+        assert done == ["closed"]
 
 
 def test_a_serial_port_may_have_the_lowest_descriptor(
@@ -1193,36 +942,3 @@ def test_a_serial_port_may_have_the_lowest_descriptor(
     assert (end.handle(), end.number) == (0, 1)
     end.close()
     assert closed == [0, 0]
-
-
-@pytest.mark.parametrize(("code", "is_begun"), [(0, True), (115, True), (111, False)])
-def test_a_connection_that_is_refused_at_once_is_closed_at_once(
-    stack: ExitStack, monkeypatch: pytest.MonkeyPatch, code: int, is_begun: bool
-) -> None:
-    clock = ByHand()
-    _, caller = called(stack, clock)
-    assert caller.lost()
-
-    class Answering(socket.socket):
-        def connect_ex(self, address: Any) -> int:
-            return code
-
-    monkeypatch.setattr(socket, "socket", Answering)
-    clock.ns = 1_000_000_000
-    assert caller.handle() is None
-    assert (caller._socket is not None) == is_begun
-
-
-def test_eight_new_connections_are_looked_at_in_one_call(stack: ExitStack) -> None:
-    clock = ByHand()
-    refused: list[int] = []
-    server = socket.create_server(("127.0.0.1", 0), backlog=16)
-    listener = TcpListener(server, clock.now_ns, lambda: refused.append(1))
-    stack.callback(listener.close)
-    for _ in range(10):
-        stack.enter_context(socket.create_connection(server.getsockname()))
-    counts = []
-    for _ in range(3):
-        assert listener.handle() is not None
-        counts.append(len(refused))
-    assert (counts, listener.number) == ([7, 9, 9], 0)

@@ -14,7 +14,7 @@ from types import ModuleType
 
 import pytest
 from command_line import fails
-from live_bench import DEFAULT, free_port
+from live_bench import DEFAULT
 
 from holdfast.drivers.sample_lines import SampleReader
 
@@ -78,13 +78,6 @@ def test_the_sender_in_python_is_answered(tmp_path: Path) -> None:
     assert answers
 
 
-def test_the_sender_in_python_also_sends_datagrams() -> None:
-    port = str(free_port())
-    sender = [sys.executable, str(EXAMPLES / "line_sender.py"), port]
-    answers, _ = answers_of(sender, f"udp://127.0.0.1:{port}", "--seconds", "0.5")
-    assert answers
-
-
 def test_a_file_of_lines_is_run_at_its_own_pace(tmp_path: Path, c_sender: str) -> None:
     rows = subprocess.run([c_sender, "3"], capture_output=True, text=True, check=True)
     header, *_ = rows.stdout.splitlines()
@@ -112,7 +105,7 @@ def test_the_node_of_ros_2_prints_lines_that_are_samples() -> None:
     line = example("ros2_lines").line
     reader = SampleReader()
     newest = [(0, (0.1, 0.2, 3.0)), None, (-60 * MS, (0.1, 0.2, 3.0))]
-    sample = reader.take(line(0, 5 * MS, newest).encode(), "ros", 0)
+    sample = reader.take(line(0, 5 * MS, newest).encode(), 0)
     assert sample is not None
     assert sample.valid.tolist() == [True, False, False]
     assert sample.values[:3].tolist() == [0.1, 0.2, 3.0]
@@ -124,8 +117,8 @@ def test_the_board_sends_rows_below_a_header_of_our_names() -> None:
     sketch = (EXAMPLES / "line_sender" / "line_sender.ino").read_text("utf-8")
     (header,) = re.findall(r'Serial\.println\("([^"]+)"\)', sketch)
     reader = SampleReader(unit="count")
-    assert reader.take(header.encode() + b"\r", "board", 0) is None
-    sample = reader.take(b"512,498,533,510,500,490\r", "board", 0)
+    assert reader.take(header.encode() + b"\r", 0) is None
+    sample = reader.take(b"512,498,533,510,500,490\r", 0)
     assert sample is not None
     assert sample.stamp_ns is None
     assert sample.valid.all()
@@ -155,7 +148,6 @@ def test_what_looks_like_a_source_of_lines_is_suggested(run) -> None:
     for word, says in {
         "/dev/ttyACM0": "serial:///dev/ttyACM0",
         "serial:/dev/ttyACM0": "serial:///dev/ttyACM0",
-        "udp:127.0.0.1:9000": "udp://127.0.0.1:9000",
     }.items():
         fails(run, 2, "UsageError", "run", DEFAULT, "--source", word, says=says)
 

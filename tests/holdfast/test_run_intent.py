@@ -16,7 +16,7 @@ import pytest
 from grip_bench import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from live_bench import RUN, free_port
+from live_bench import RUN
 from made_prediction import prediction
 from numbered_lines import numbered_sender
 from recorder_bench import Hand, columns_of, meta_of, one_pull, said, session
@@ -37,17 +37,14 @@ Send = Callable[[Any], None]
 
 
 @pytest.fixture
-def wearer() -> Iterator[tuple[str, Send]]:
+def wearer(tmp_path) -> Iterator[tuple[str, Send]]:
     """(the URL of a stream, what sends one item)."""
-    port = free_port()
-    with numbered_sender(("127.0.0.1", port)) as sender:
-        yield f"udp://127.0.0.1:{port}", sender.send
+    with numbered_sender(tmp_path / "wearer") as sender:
+        yield f"unix://{tmp_path}/wearer", sender.send
 
 
-def monitored(
-    url: str, clock: VirtualClock, messages: list[str], **options: Any
-) -> Any:
-    return intent_monitor(url, clock, messages.append, **options)
+def monitored(url: str, clock: VirtualClock, messages: list[str]) -> Any:
+    return intent_monitor(url, clock, messages.append)
 
 
 def test_a_trial_has_the_wearers_own_command_beside_it_on_the_clock_of_its_samples(
@@ -56,8 +53,8 @@ def test_a_trial_has_the_wearers_own_command_beside_it_on_the_clock_of_its_sampl
     url, send = wearer
     clock, messages = VirtualClock(7_000_000_000), list[str]()
     says = {
-        10: lambda: send({"wants": "open", "envelope": [0.75, 0]}),
-        20: lambda: send({"envelope": [0.25, 0.5]}),
+        10: lambda: send({"wants": "open"}),
+        20: lambda: send({"wants": "rest"}),
     }
     source = Hand(140, clock=clock, says=says)
     with monitored(url, clock, messages) as intent:
@@ -71,11 +68,7 @@ def test_a_trial_has_the_wearers_own_command_beside_it_on_the_clock_of_its_sampl
     assert kept == 1
     folder = tmp_path / "p01" / "soft-ball" / "pull" / "trial_1"
     record = read_intent(folder / "tactile.intent.csv")
-    assert [(one.wants, one.envelope) for one in record.items] == [
-        ("open", (0.75, 0.0)),
-        ("", (0.25, 0.5)),
-        ("unknown", ()),
-    ]
+    assert [one.wants for one in record.items] == ["open", "rest", "unknown"]
     assert record.time_s == pytest.approx((0.1, 0.2, 0.51), abs=0.002)
     host_ns = [int(one) for one in columns_of(folder)["host_ns"]]
     assert record.items[0].t_ns == host_ns[10]
@@ -90,14 +83,14 @@ def test_a_trial_without_a_stream_has_no_such_file_and_a_silent_one_has_an_empty
     assert not list((tmp_path / "without").rglob("*.intent.csv"))
     (path,) = (tmp_path / "silent").rglob("*.intent.csv")
     assert read_intent(path).items == ()
-    assert meta_of(path.parent)["configuration"]["intent"].startswith("udp://")
+    assert meta_of(path.parent)["configuration"]["intent"].startswith("unix://")
 
 
 def test_a_run_records_the_stream_beside_its_samples_and_opens_only_if_asked(
     tmp_path, wearer
 ):
     url, send = wearer
-    for obeyed in ([], ["--obey-intent", "0.5"]):
+    for obeyed in ([], ["--obey-intent"]):
         samples = tmp_path / f"trial_{len(obeyed)}.csv"
         options = ["--intent", url, *obeyed, "--samples", str(samples)]
         with subprocess.Popen(
@@ -107,7 +100,7 @@ def test_a_run_records_the_stream_beside_its_samples_and_opens_only_if_asked(
             answers, opened = [], 0
             for line in run.stdout:
                 answers.append(json.loads(line))
-                send({"envelope": [0.9, 0.1]})
+                send({"wants": "open"})
                 opened += answers[-1]["opening"]
                 if len(answers) == 300 or opened == 5:
                     run.send_signal(signal.SIGTERM)
@@ -115,10 +108,7 @@ def test_a_run_records_the_stream_beside_its_samples_and_opens_only_if_asked(
             run.stdout.read()
         assert run.returncode == 0
         record = read_intent(samples.with_suffix(".intent.csv"))
-        wants = "open" if obeyed else ""
-        assert {(one.wants, one.envelope) for one in record.items} == {
-            (wants, (0.9, 0.1))
-        }
+        assert {one.wants for one in record.items} == {"open"}
         assert bool(opened) == bool(obeyed)
         assert answers[-1]["commands"] == ("live" if obeyed else "none")
         with samples.open(newline="") as lines:
@@ -128,8 +118,6 @@ def test_a_run_records_the_stream_beside_its_samples_and_opens_only_if_asked(
 
 class Scripted:
     """A stream that gives its items at every look."""
-
-    n_envelopes = 1
 
     def __init__(self, item: Intent) -> None:
         self.items = [item]
@@ -142,7 +130,7 @@ class Scripted:
 
 
 def scripted(wants: Any) -> IntentMonitor:
-    return IntentMonitor(Scripted(Intent(10**9, wants, (0.25,))), lambda: 10**9, print)
+    return IntentMonitor(Scripted(Intent(10**9, wants)), lambda: 10**9, print)
 
 
 @pytest.mark.parametrize("wants", ["open", "close", "rest", "unknown", ""])
@@ -222,7 +210,7 @@ def test_the_page_of_a_run_gets_the_wearers_own_command():
     page.intent.look()
     page.write(prediction(), sample, reading)
     assert "intent" not in sent[0]["sample"]
-    shown = {"wants": "close", "envelope": (0.25,), "link": "live"}
+    shown = {"wants": "close", "link": "live"}
     assert sent[1]["sample"]["intent"] == shown
 
 

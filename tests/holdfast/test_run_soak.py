@@ -29,7 +29,6 @@ from typing import Any
 import numpy as np
 import pytest
 from hazard_marks import TROUBLE_EVERY_SECOND
-from live_bench import free_port
 
 from holdfast.core.contract import Prediction
 from holdfast.core.source import Source, SourceReading
@@ -162,11 +161,12 @@ class Witness:
 class Trouble:
     """An output that makes trouble every soak.every_s, and ends the life at its time."""
 
-    def __init__(self, soak: Soak, log: Path, port: int, life_s: float) -> None:
+    def __init__(self, soak: Soak, log: Path, port: Path, life_s: float) -> None:
         self._soak, self._log, self._port = soak, log, port
         self._begin_ns = soak.clock.now_ns()
         self._next_s, self._life_s = soak.every_s, life_s
-        self._sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._sender = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._sender.setblocking(False)
         self.disk_is_full = False
 
     def faults(self) -> str:
@@ -205,7 +205,8 @@ class Trouble:
         elif kind == "datagram":
             for _ in range(int(rng.choice([1, 3, 60]))):
                 data = DATAGRAMS[rng.integers(len(DATAGRAMS))]
-                self._sender.sendto(data, ("127.0.0.1", self._port))
+                with suppress(BlockingIOError):
+                    self._sender.sendto(data, str(self._port))
         elif kind == "full disk" and not self.disk_is_full:
             self._fill_disk()
 
@@ -260,10 +261,12 @@ class Soak:
     def live(self) -> None:
         """One run, from its start to the signal that ends it."""
         life_s = self.every_s * float(self.rng.uniform(*LIFE_TROUBLES))
-        log, port = self._folder / f"life-{self.lives}.jsonl", free_port()
+        log, port = self._folder / f"life-{self.lives}.jsonl", self._folder / "commands"
         with ExitStack() as stack:
-            wire = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-            wire.bind(("127.0.0.1", 0))
+            wire = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
+            hand_path = self._folder / "grip"
+            hand_path.unlink(missing_ok=True)
+            wire.bind(str(hand_path))
             wire.setblocking(False)
             stopped = stack.enter_context(stop_signals())
             lines = LineOutput([file_sink(log, "--out")], lambda line: None)
@@ -271,10 +274,10 @@ class Soak:
             trouble = Trouble(self, log, port, life_s)
             close_at_end(stack, trouble)
             command = stack.enter_context(
-                command_port(f"127.0.0.1:{port}", lambda line: None, self.clock.now_ns)
+                command_port(f"unix://{port}", lambda line: None, self.clock.now_ns)
             )
             control = controller_for("holdfast", self.model.card, lambda line: None)
-            url = f"udp://127.0.0.1:{wire.getsockname()[1]}"
+            url = f"unix://{hand_path}"
             rate_hz = self.model.card.rate_hz
             grip = grip_to_wire(url, control, rate_hz, self.clock, lambda line: None)
             close_at_end(stack, grip)

@@ -9,8 +9,9 @@ import socket
 import subprocess
 import sys
 import tempfile
+from collections import deque
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -22,20 +23,29 @@ PATIENCE_S = 60.0
 """A receiver waits this long: only a run that never sends anything fails by it."""
 
 
-class UdpReceiver:
-    """A UDP port of this machine."""
+class UnixReceiver:
+    """A socket file of this user."""
 
-    def __init__(self, port: int = 0) -> None:
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
-        self.socket.bind(("127.0.0.1", port))
+    def __init__(self, path: str = "") -> None:
+        self.folder = tempfile.TemporaryDirectory()
+        self.path = path or f"{self.folder.name}/grip"
+        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.socket.bind(self.path)
         self.socket.settimeout(PATIENCE_S)
-        self.port = self.socket.getsockname()[1]
-        self.url = f"udp://127.0.0.1:{self.port}"
+        self.url = f"unix://{self.path}"
+        self._kept: deque[bytes] = deque()
 
     def raw(self) -> bytes:
         """The next line as it came."""
-        return self.socket.recv(65536)
+        return self._kept.popleft() if self._kept else self.socket.recv(65536)
+
+    def drain(self, *_: object) -> None:
+        """Keep what has come: a socket's queue is short."""
+        self.socket.setblocking(False)
+        with suppress(BlockingIOError):
+            while True:
+                self._kept.append(self.socket.recv(65536))
+        self.socket.settimeout(PATIENCE_S)
 
     def next(self) -> dict[str, Any]:
         line: dict[str, Any] = json.loads(self.raw())
@@ -43,36 +53,16 @@ class UdpReceiver:
 
     def waiting(self) -> list[dict[str, Any]]:
         """What has already come."""
-        lines = []
-        self.socket.setblocking(False)
-        try:
-            while True:
-                lines.append(json.loads(self.socket.recv(65536)))
-        except BlockingIOError:
-            self.socket.settimeout(PATIENCE_S)
-            return lines
+        self.drain()
+        lines = [json.loads(line) for line in self._kept]
+        self._kept.clear()
+        return lines
 
     def until(self, reason: str) -> dict[str, Any]:
         """Read on to a line with this reason."""
         while (line := self.next())["reason"] != reason:
             pass
         return line
-
-    def close(self) -> None:
-        self.socket.close()
-
-
-class UnixReceiver(UdpReceiver):
-    """A socket file of this user."""
-
-    def __init__(self, path: str = "") -> None:
-        self.folder = tempfile.TemporaryDirectory()
-        self.path = path or f"{self.folder.name}/grip"
-        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
-        self.socket.bind(self.path)
-        self.socket.settimeout(PATIENCE_S)
-        self.url = f"unix://{self.path}"
 
     def close(self) -> None:
         self.socket.close()
@@ -154,7 +144,7 @@ sys.path.insert(0, "tests/support")
 from grip_bench import Hands, opened, send
 with opened(sys.argv[1], Hands(), []) as sink:
     send(sink, 40, 41, 42)
-    print(sink._guardian.pid, flush=True)
+    print("sent", flush=True)
     sys.stdin.read()
     if sys.argv[2] == "raise":
         raise ValueError("a bug")
@@ -162,8 +152,8 @@ with opened(sys.argv[1], Hands(), []) as sink:
 
 
 @contextmanager
-def sender(url: str, then: str = "end") -> Iterator[tuple[subprocess.Popen[str], int]]:
-    """(a process that has sent three commands and waits for its stdin, its guardian's id)."""
+def sender(url: str, then: str = "end") -> Iterator[subprocess.Popen[str]]:
+    """A process that has sent three commands and waits for its stdin."""
     program = [sys.executable, "-c", SENDS_THEN_WAITS, url, then]
     with subprocess.Popen(
         program,
@@ -175,20 +165,8 @@ def sender(url: str, then: str = "end") -> Iterator[tuple[subprocess.Popen[str],
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     ) as process:
         assert process.stdout is not None
-        pid = int(process.stdout.readline())
+        process.stdout.readline()
         try:
-            yield process, pid
+            yield process
         finally:
             process.kill()
-
-
-def wait_for_the_end_of(pid: int) -> None:
-    """By its own descriptor, which is readable when the process has ended."""
-    try:
-        handle = os.pidfd_open(pid)
-    except ProcessLookupError:
-        return
-    try:
-        assert select.select([handle], [], [], 300)[0]
-    finally:
-        os.close(handle)

@@ -154,14 +154,6 @@ FROZEN_SENSOR = Hazard(
     "as lost once it has repeated for 0.2 s while another one changed",
     "The hand holds its grip on `unknown`; a sensor that repeats at rest is not judged",
 )
-FORGED_SAMPLES = Hazard(
-    OUTSIDE,
-    "Another program sends samples to the port of a source",
-    "A source keeps one sender until none of its samples has come for 300 ms, takes rising lines "
-    "only, listens on this machine only unless network=1 is given, and with a key takes sealed "
-    "lines only, none of them twice",
-    "Without a key, a sender that can read the link, or that comes first, is believed",
-)
 STALE_LINES = Hazard(
     LIVE,
     "A program that sends samples as lines is stuck, late or silent",
@@ -269,8 +261,8 @@ MISTAKEN_ARGUMENT = Hazard(
 RUN_DIES = Hazard(
     LIVE,
     "The run dies while the hand grips an object",
-    "However a run ends, its last grip command is `hold`; a guardian process sends it where the "
-    "run was killed",
+    "The last grip command of a run is `hold`; where it was killed, a receiver holds 300 ms after "
+    "its last line",
     "Keeping the grip on `hold`, and following the wearer's commands",
 )
 NO_GRIP_COMMAND = Hazard(
@@ -308,25 +300,17 @@ FOREIGN_BROWSER = Hazard(
 BROKEN_LINE = Hazard(
     OUTSIDE,
     "A line on a link is cut off, broken, or not a line at all",
-    "Commands, envelopes and the example receivers skip what is not one JSON object of finite "
-    "numbers; what is skipped is counted and reported once a second",
+    "Commands, the wearer's words and the example receivers skip what is not one JSON object that "
+    "they understand; what is skipped is counted and reported once a second",
     "A receiver of one's own must do the same",
 )
-FORGED_LINE = Hazard(
+OTHER_SENDER = Hazard(
     OUTSIDE,
-    "A program on the board or on the network forges or replays lines that move the hand",
-    "A receiver keeps one session until 300 ms without its own lines and obeys rising numbers "
-    "only, within the ceiling and the speed of its hand; with a key it obeys only sealed lines, "
-    "and none twice; a Unix socket is for one user",
-    "Using a Unix socket, a serial port or a key: without one, a sender that reads the link or "
-    "comes first is obeyed",
-)
-FLOODED_PORT = Hazard(
-    OUTSIDE,
-    "A program floods the port of the wearer's commands",
-    "A sender that is obeyed has a queue of its own, no sample waits, and what is skipped is one "
-    "line a second in the log",
-    "Without a Unix socket or a key, a flood that comes first can keep the wearer's commands out",
+    "A second program, or an old line that comes late, moves the hand",
+    "Lines come over a Unix socket or a serial port, and never over a network; a socket file is "
+    "for one user; a receiver obeys rising sequences only, within the ceiling and the speed of its "
+    "hand",
+    "Which programs of this user may run on the board",
 )
 CROWDED_PAGE = Hazard(
     OUTSIDE,

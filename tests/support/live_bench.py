@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import socket
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -102,14 +103,23 @@ def go(
 
 
 def run_on(
-    grip: GripOutput, model: Model, url: str, seconds: float, clock: Any = None
+    grip: GripOutput,
+    model: Model,
+    url: str,
+    seconds: float,
+    clock: Any = None,
+    each: Callable[..., object] = lambda *_: None,
 ) -> int:
-    """Run on virtual time; returns the number of samples."""
+    """Run on virtual time; returns the number of samples. each: called after every answer."""
     clock = clock or VirtualClock()
     source = open_live(url, clock=clock, report=lambda line: None, field=grip.scene)
     end_ns = clock.now_ns() + round(1e9 * seconds)
     grip.begin(source)
     summary = answer(
-        source, model, clock, emit_to([grip]), lambda: clock.now_ns() >= end_ns
+        source,
+        model,
+        clock,
+        emit_to([grip, SimpleNamespace(write=each)]),
+        lambda: clock.now_ns() >= end_ns,
     )
     return summary.samples

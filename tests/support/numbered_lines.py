@@ -1,4 +1,4 @@
-"""A sender as it should be: every line has its session and a rising sequence."""
+"""A sender as it should be: its lines have a rising sequence."""
 
 from __future__ import annotations
 
@@ -9,42 +9,26 @@ from contextlib import contextmanager
 from itertools import count
 from typing import Any
 
-from holdfast.core.line_key import LinkKey
-
 
 class NumberedSender:
-    """Sends lines of one session to an address. session: of its lines."""
+    """Sends lines to a socket file."""
 
-    def __init__(
-        self, address: Any, session: int = 4127, key: LinkKey | None = None
-    ) -> None:
-        family = socket.AF_UNIX if isinstance(address, str) else socket.AF_INET
-        self.socket = socket.socket(family, socket.SOCK_DGRAM)
-        self.session = session
-        self._address = address
-        self._key = key
+    def __init__(self, path: str) -> None:
+        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._path = path
         self._numbers = count()
 
     def send(self, what: Any) -> None:
-        """Send an object with its numbers; anything else, such as rubbish, as it is."""
-        self.socket.sendto(self.line(what), self._address)
-
-    def line(self, what: Any) -> bytes:
-        """The line that `send` sends."""
-        if isinstance(what, bytes):
-            return what
+        """Send an object with its sequence; anything else, such as rubbish, as it is."""
         if isinstance(what, dict):
-            numbers = {"session": self.session, "sequence": next(self._numbers)}
-            what = numbers | what
-        line = json.dumps(what).encode()
-        return line if self._key is None else self._key.sealed(line)
+            what = {"sequence": next(self._numbers)} | what
+        line = what if isinstance(what, bytes) else json.dumps(what).encode()
+        self.socket.sendto(line, self._path)
 
 
 @contextmanager
-def numbered_sender(
-    address: Any, session: int = 4127, key: LinkKey | None = None
-) -> Iterator[NumberedSender]:
+def numbered_sender(path: object) -> Iterator[NumberedSender]:
     """A sender, closed at the end."""
-    sender = NumberedSender(address, session, key)
+    sender = NumberedSender(str(path))
     with sender.socket:
         yield sender

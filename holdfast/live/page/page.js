@@ -186,11 +186,10 @@ function showSensors({ forces, v, why }) {
   });
 }
 
-/** What the wearer wants, with the envelopes. */
-function wearer({ wants, envelope, link }) {
+/** What the wearer wants. */
+function wearer({ wants, link }) {
   if (link !== "live") return link === "none" ? "unknown: nothing has come yet" : "unknown: its sender is silent";
-  const shares = envelope.map((share) => number(share)).join(", ");
-  return [wants, shares && `envelopes ${shares}`].filter(Boolean).join("; ");
+  return wants;
 }
 
 function showNumbers() {

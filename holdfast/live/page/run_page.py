@@ -134,7 +134,7 @@ def intent_message(intent: IntentMonitor | None) -> Json:
     if intent is None:
         return {}
     newest = intent.newest
-    wish = {"wants": newest.wants, "envelope": newest.envelope, "link": intent.link}
+    wish = {"wants": newest.wants, "link": intent.link}
     return {"intent": wish}
 
 

@@ -21,7 +21,7 @@ from holdfast.core.reading import Json
 from holdfast.core.source import SourceReading
 from holdfast.core.tactile_file import TactileFile
 from holdfast.core.trial_layout import EVENTS, TACTILE, intent_path
-from holdfast.edge_runtime.intent import IntentMonitor, intent_header, intent_row
+from holdfast.edge_runtime.intent import INTENT_HEADER, IntentMonitor, intent_row
 from holdfast.sessions.recorder.folder import (
     FORMAT,
     INTERRUPTED,
@@ -183,7 +183,7 @@ class TrialRecorder:
         if intent is not None:
             path = intent_path(folder / TACTILE)
             self._intent_file = path.open("x", encoding="utf-8", buffering=1)
-            _write_line(self._intent_file, intent_header(intent.n_envelopes))
+            _write_line(self._intent_file, INTENT_HEADER)
 
     @property
     def started(self) -> bool:
@@ -215,10 +215,8 @@ class TrialRecorder:
             return
 
         first_ns = self.span_ns[0]
-        count = self.intent.n_envelopes
-
         for item in self.intent.fresh:
-            row = intent_row(item, first_ns, self._host_after_ns, count)
+            row = intent_row(item, first_ns, self._host_after_ns)
             _write_line(self._intent_file, row)
 
     def mark(self, name: str, now_ns: int) -> float:

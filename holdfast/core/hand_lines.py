@@ -1,0 +1,296 @@
+"""Lines to and from a hand: one JSON object each, over a Unix socket or a serial port.
+
+    {"sequence":812,"t_ns":5413333333,"mode":"tighten","target_n":9.4}
+
+`sequence` rises from line to line. A receiver
+
+1. skips what is not one JSON object that it understands;
+2. obeys a line only where its sequence is above that of the line before;
+3. holds where it has obeyed no line for 300 ms (SILENCE_NS); then any sequence may begin, as after
+   a restart of the sender.
+
+A line without a sequence is obeyed as it comes. Nothing that moves a hand crosses a network: the
+file of a Unix socket has permissions 0600, so only processes of the same user may write to it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import stat
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+from urllib.parse import SplitResult, parse_qs, unquote, urlsplit
+
+from holdfast.core.errors import UsageError
+from holdfast.core.reading import Json
+
+SILENCE_NS = 300_000_000
+"""A sender that has been silent for longer is gone."""
+LONGEST_LINE = 16 << 10
+"""Bytes. A sample of 64 sensors needs 5,000."""
+MOST_A_CALL = 32
+"""Datagrams that are read at a call, so that a fast sender delays lines and no sample."""
+MOST_FORGOTTEN = 100_000
+LONGEST_SHOWN = 80
+SECOND_NS = 1_000_000_000
+
+NOT_UNDERSTOOD, NOT_RISING = "not understood", "not rising"
+
+T = TypeVar("T")
+
+
+class LineRefused(ValueError):
+    """A line that is skipped. kind: one of the words above, to count by."""
+
+    def __init__(self, kind: str, why: str = "") -> None:
+        self.kind = kind
+        super().__init__(f"{kind} ({why})" if why else kind)
+
+
+def fields_of(line: bytes) -> Json:
+    """The members of a line that is one JSON object. Raises ValueError, with the reason."""
+    if len(line) > LONGEST_LINE:
+        raise ValueError("too long")
+    try:
+        fields = json.loads(line, parse_constant=_not_finite)
+    except RecursionError:
+        raise ValueError("nested too deep") from None
+    if not isinstance(fields, dict):
+        raise ValueError("no JSON object")
+    return fields
+
+
+def _not_finite(text: str) -> float:
+    raise ValueError(f"{text} is not finite")
+
+
+def sequence_of(value: object) -> int | None:
+    """The sequence of a line; None where it has none. Raises ValueError."""
+    # in Python, true is an int
+    if value is not None and (type(value) is not int or value < 0):
+        raise ValueError("its sequence is no whole number from 0 on")
+    return value
+
+
+def printable(line: bytes) -> str:
+    """The beginning of a line as text without control characters."""
+    text = line[: 4 * LONGEST_SHOWN].decode(errors="replace")[:LONGEST_SHOWN]
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
+
+
+class RisingRule:
+    """Whether a line counts. It has no clock: every call brings the time."""
+
+    def __init__(self, silence_ns: int = SILENCE_NS) -> None:
+        self._silence_ns = silence_ns
+        self._newest: tuple[int | None, ...] = ()
+        self._obeyed_ns: int | None = None
+
+    def lives(self, now_ns: int) -> bool:
+        """Whether a line counted in the last `silence_ns`."""
+        obeyed_ns = self._obeyed_ns
+        return obeyed_ns is not None and now_ns - obeyed_ns <= self._silence_ns
+
+    def obeys(self, now_ns: int, *numbers: int | None) -> bool:
+        """Whether a line counts; it is then the newest.
+
+        numbers: each must be above that of the line before, where both have it.
+        """
+        if self.lives(now_ns):
+            for number, before in zip(numbers, self._newest, strict=True):
+                if number is not None and before is not None and number <= before:
+                    return False
+        self._newest = numbers
+        self._obeyed_ns = now_ns
+        return True
+
+
+class Skipped:
+    """Counts what is skipped, and says so at most once a second: a log must not fill.
+
+    name: what the lines of the report begin with, such as "commands". total: by kind.
+    """
+
+    def __init__(
+        self, name: str, report: Callable[[str], object], now_ns: Callable[[], int]
+    ) -> None:
+        self._name = name
+        self._report = report
+        self._now_ns = now_ns
+        self._said_ns: int | None = None
+        self._unsaid = 0
+        self.total: Counter[str] = Counter()
+
+    def count(self, kind: str, shown: str, n: int = 1) -> None:
+        """`n` more. kind: one of a few words; shown: these, for the report."""
+        self.total[kind] += n
+        now_ns = self._now_ns()
+        if self._said_ns is not None and now_ns - self._said_ns < SECOND_NS:
+            self._unsaid += n
+            return
+        before = f" ({self._unsaid:,} more before)" if self._unsaid else ""
+        self._report(f"{self._name}: {shown}{before}")
+        self._said_ns = now_ns
+        self._unsaid = 0
+
+    def close(self) -> None:
+        """Report what was not said yet."""
+        if self._unsaid:
+            self._report(f"{self._name}: {self._unsaid:,} more are skipped")
+        self._unsaid = 0
+
+
+# -- where lines go and come from
+
+
+@dataclass(frozen=True)
+class LineUrl:
+    """Where lines go or come from. options: what stands behind the ?."""
+
+    url: str
+    parts: SplitResult
+    options: dict[str, str]
+
+    @property
+    def path(self) -> str:
+        """Of a Unix socket or a serial port."""
+        return unquote(self.parts.path)
+
+
+def line_url(url: str) -> LineUrl:
+    """The parts of a URL. Raises ValueError."""
+    parts = urlsplit(url)
+    found = parse_qs(parts.query, keep_blank_values=True)
+    return LineUrl(url, parts, {name: values[-1] for name, values in found.items()})
+
+
+class LinePort:
+    """The lines that come to a Unix socket, read without waiting."""
+
+    def __init__(
+        self,
+        listener: socket.socket,
+        name: str,
+        report: Callable[[str], object],
+        now_ns: Callable[[], int],
+    ) -> None:
+        self._listener = listener
+        self._now_ns = now_ns
+        self._rule = RisingRule()
+        self._skipped = Skipped(name, report, now_ns)
+
+    def waiting(self) -> Iterator[bytes]:
+        """Datagrams that have come; never waits."""
+        for _ in range(MOST_A_CALL):
+            try:
+                yield self._listener.recv(LONGEST_LINE + 1)
+            except BlockingIOError:
+                return
+
+    def came(self, read: Callable[[Json], T]) -> list[tuple[T, bytes]]:
+        """What `read` makes of each line that is obeyed, oldest first, and the line.
+
+        read: raises ValueError, with the reason, for what it does not understand.
+        """
+        obeyed = []
+        for line in self.waiting():
+            try:
+                obeyed.append((self._taken(line, read), line))
+            except LineRefused as error:
+                self._skipped.count(
+                    error.kind, f"{printable(line)} is skipped: {error}"
+                )
+        return obeyed
+
+    def _taken(self, line: bytes, read: Callable[[Json], T]) -> T:
+        try:
+            fields = fields_of(line)
+            sequence = sequence_of(fields.pop("sequence", None))
+            value = read(fields)
+        except ValueError as error:
+            raise LineRefused(NOT_UNDERSTOOD, str(error)) from None
+        if not self._rule.obeys(self._now_ns(), sequence):
+            raise LineRefused(NOT_RISING)
+        return value
+
+    def forget(self) -> None:
+        """Drop what is waiting."""
+        for _ in range(MOST_FORGOTTEN):
+            if not list(self.waiting()):
+                return
+
+    def close(self) -> None:
+        """Report the last counts."""
+        self._skipped.close()
+
+
+@contextmanager
+def line_port(
+    url: str,
+    link: str,
+    report: Callable[[str], object],
+    now_ns: Callable[[], int],
+) -> Iterator[LinePort]:
+    """Listen at unix:///PATH. link: what its lines are, such as "commands". Raises UsageError."""
+    try:
+        where = line_url(url)
+    except ValueError as error:
+        raise not_an_address(url, link, str(error)) from None
+    if where.options:
+        raise not_an_address(url, link, f"{next(iter(where.options))} is not known")
+    with ExitStack() as stack:
+        port = LinePort(unix_listener(where, link, stack), link, report, now_ns)
+        stack.callback(port.close)
+        yield port
+
+
+def not_an_address(url: str, link: str, cause: str = "") -> UsageError:
+    """The error for a URL at which no lines for a hand may come."""
+    if url.startswith(("udp://", "tcp://")):
+        cause = "nothing that moves a hand crosses a network"
+    return UsageError(
+        f"{link}: {url[:80]!r} is not an address",
+        cause=cause,
+        next_step=f"unix:///run/holdfast/{link}",
+    )
+
+
+def unix_listener(where: LineUrl, link: str, stack: ExitStack) -> socket.socket:
+    """A socket that datagrams come to, closed with the stack. Raises UsageError."""
+    if where.parts.scheme != "unix" or where.parts.netloc or not where.path:
+        raise not_an_address(where.url, link)
+    path = Path(where.path)
+    try:
+        listener = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
+        _remove_left_behind(path)
+        # before bind: the file never has wider permissions than these, whatever the umask
+        os.fchmod(listener.fileno(), stat.S_IRUSR | stat.S_IWUSR)
+        listener.bind(str(path))
+        # a sample never waits for a line
+        listener.setblocking(False)
+    except (OSError, ValueError) as error:
+        what = (error.strerror if isinstance(error, OSError) else "") or str(error)
+        raise UsageError(
+            f"{link}: cannot listen at {where.url[:80]!r}: {what}",
+            next_step="choose another path",
+        ) from None
+    stack.callback(path.unlink, missing_ok=True)
+    return listener
+
+
+def _remove_left_behind(path: Path) -> None:
+    """Remove the socket file of a program that ended; leave anything else. Raises OSError."""
+    with suppress(FileNotFoundError):
+        if not stat.S_ISSOCK(path.lstat().st_mode):
+            return
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.connect(str(path))
+            except ConnectionRefusedError:
+                path.unlink()
