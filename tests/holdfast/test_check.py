@@ -14,7 +14,7 @@ from own_data import write_meta, write_people_folders, write_phases
 
 from holdfast.core.contract import channel_names
 from holdfast.core.trial_layout import intent_path, truth_path
-from holdfast.edge_runtime.intent import intent_header
+from holdfast.edge_runtime.intent import INTENT_HEADER
 
 PULL, FALL = "soft-ball/pull/trial_1.csv", "hard-ball/fall/trial_1.csv"
 
@@ -193,7 +193,7 @@ def test_the_wearers_own_command_beside_a_trial_is_counted_and_is_no_trial(
     beside = (own / "p01" / PULL, own / "p02" / PULL)
     for trial in beside:
         intent_path(trial).write_text(
-            f"{intent_header(1)}\n0.5,7,open,0.5\n", encoding="utf-8"
+            f"{INTENT_HEADER(1)}\n0.5,7,open,0.5\n", encoding="utf-8"
         )
     after = reported(run, own)
     assert (before["intents"], after["intents"]) == (0, 2)
