@@ -193,7 +193,7 @@ def test_the_wearers_own_command_beside_a_trial_is_counted_and_is_no_trial(
     beside = (own / "p01" / PULL, own / "p02" / PULL)
     for trial in beside:
         intent_path(trial).write_text(
-            f"{INTENT_HEADER(1)}\n0.5,7,open,0.5\n", encoding="utf-8"
+            f"{INTENT_HEADER}\n0.5,7,open\n", encoding="utf-8"
         )
     after = reported(run, own)
     assert (before["intents"], after["intents"]) == (0, 2)
