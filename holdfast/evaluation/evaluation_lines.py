@@ -6,11 +6,10 @@ from collections.abc import Collection
 
 from holdfast.core.contract import RISKY_SLIP, SITUATIONS, in_words_untold
 from holdfast.core.errors import count_of
-from holdfast.evaluation.camera import CameraFigures, onsets_in_words
 from holdfast.evaluation.figures import Evaluation
 from holdfast.evaluation.formats import display_name
 from holdfast.evaluation.methods import MethodFigures
-from holdfast.evaluation.statistics import Spread
+from holdfast.evaluation.onsets import onsets_in_words
 from holdfast.evaluation.window_scores import WindowFigures
 from holdfast.training.figures import (
     HeadFigures,
@@ -48,8 +47,6 @@ def evaluation_lines(of: Evaluation) -> list[str]:
             continue
         lines.append(_events_in_words(f"{name}, {display_name(headline)}", row))
         lines += _kinds_in_words(name, row)
-        # The camera is a second opinion on the same events, so it follows their line.
-        lines += _camera_in_words(name, row.camera)
 
     for name, one in of.sets.items():
         onsets = onsets_in_words(one.card.onsets_by)
@@ -84,34 +81,6 @@ def _kinds_in_words(name: str, row: MethodFigures) -> list[str]:
             acted = round((in_time.share or 0.0) * in_time.n)
             lines.append(f"  {kind:<12} {acted} of {in_time.n}")
     return lines
-
-
-def _camera_in_words(name: str, of: CameraFigures | None) -> list[str]:
-    """Alarms against a camera's slips and against the scene's truth; nothing without a camera."""
-    if of is None:
-        return []
-    # Not one alarm in an event that the camera saw: there are no times.
-    if of.delay_ms is None or of.lead_ms is None or of.start_sd_ms is None:
-        return [f"{name}, by the camera: {of.onsets} onsets, recall 0"]
-    lines = [
-        f"{name}, by the camera: recall {of.found} of {count_of(of.events, 'event')}; act "
-        f"{of.delay_ms.p50:+.0f} ms from its onset (sd {of.start_sd_ms.p50:.1f} ms), "
-        f"{of.lead_ms.p50:+.0f} ms left to its gross slip (medians)"
-    ]
-    truth = of.truth
-    if truth is None:
-        return [*lines, f"{name}: the truth of these events is not known"]
-
-    return [
-        *lines,
-        f"{name}, by the scene's truth: act {_median(truth.delay_ms)} from the first sliding, "
-        f"{_median(truth.lead_ms)} left to gross slip; the camera's times are "
-        f"{_median(truth.start_off_ms)} and {_median(truth.gross_off_ms)} from these",
-    ]
-
-
-def _median(times: Spread | None) -> str:
-    return "not known" if times is None else f"{times.p50:+.0f} ms"
 
 
 def _windows_in_words(figures: WindowFigures, untold: Collection[str]) -> list[str]:

@@ -21,7 +21,6 @@ from holdfast.evaluation.alarms import (
     event_scores,
     match_alarms,
 )
-from holdfast.evaluation.camera import CameraFigures, camera_figures
 from holdfast.evaluation.statistics import share
 from holdfast.evaluation.trials import (
     DISTURBANCES,
@@ -183,7 +182,6 @@ class MethodFigures(EventScores):
     with_enough_time: KindFigures
     by_action: dict[str, KindFigures]
     specificity: dict[str, HoldFigures] | None
-    camera: CameraFigures | None
 
     @property
     def safe_acts(self) -> str:
@@ -234,7 +232,6 @@ def method_figures(
         with_enough_time=_kind(of.matches),
         by_action=_by_action(of.matches),
         specificity=specificity(of.holds),
-        camera=camera_figures(of.matches, [one.seen for one in trials]),
     )
 
 

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from holdfast.evaluation import pictures as draw
-from holdfast.evaluation.camera import CameraFigures, onsets_in_words
 from holdfast.evaluation.figures import Evaluation
 from holdfast.evaluation.formats import DEPLOYED, LAWS, ORACLE
 from holdfast.evaluation.html import write_page
+from holdfast.evaluation.onsets import onsets_in_words
 from holdfast.evaluation.real_sets import RealFigures, RealSetsMissing
 from holdfast.training.figures import PLURAL
 
@@ -61,7 +61,6 @@ def write_event_report(
         timelines=drawn,
         central_picture=draw.trial(of.central, kind) if of.central else "",
         distributions=draw.distributions(of.times, kind),
-        camera_rows=_camera_rows(of),
         state_pictures=_state_pictures(of, kind),
         real=real if isinstance(real, RealFigures) else None,
         real_missing=real if isinstance(real, RealSetsMissing) else None,
@@ -106,16 +105,6 @@ def _resampled(of: Evaluation) -> str:
     # Sets of people and sets of trials have different groups to draw.
     kinds = sorted({one.card.group_kind for one in of.sets.values()})
     return " and ".join(PLURAL[kind] for kind in kinds)
-
-
-def _camera_rows(of: Evaluation) -> list[tuple[str, str, CameraFigures]]:
-    """Set, method and its figures, of every set that a camera saw."""
-    rows = []
-    for name, one in of.sets.items():
-        for method, figures in one.rows.items():
-            if figures.camera is not None:
-                rows.append((name, method, figures.camera))
-    return rows
 
 
 def _state_pictures(of: Evaluation, kind: str) -> dict[str, str]:

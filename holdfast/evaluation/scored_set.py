@@ -11,7 +11,6 @@ from holdfast.core.reading import Json
 from holdfast.core.trial_layout import read_json
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.evaluation.baselines import Baseline
-from holdfast.evaluation.camera import onsets_by, seen_slips
 from holdfast.evaluation.methods import (
     MethodFigures,
     MethodResult,
@@ -19,6 +18,7 @@ from holdfast.evaluation.methods import (
     method_result,
 )
 from holdfast.evaluation.model_outputs import ModelOutputs
+from holdfast.evaluation.onsets import onsets_by
 from holdfast.evaluation.states import StateFigures, risky_states, state_figures
 from holdfast.evaluation.statistics import McNemar, mcnemar
 from holdfast.evaluation.thresholds import Thresholds, requests_of
@@ -167,11 +167,10 @@ def score_set(
 
 def _labelled_trials(root: Path, data: DataSet) -> list[LabelledTrial]:
     grasps = grasps_of(root, data.recordings)
-    seen = seen_slips(root, data.recordings)
     trials = []
-    for one, held, slips in zip(data.recordings, grasps, seen, strict=True):
+    for one, held in zip(data.recordings, grasps, strict=True):
         # The samples of a long set take much memory, and its figures need labels only.
-        trials.append(LabelledTrial(without_samples(one), held, slips))
+        trials.append(LabelledTrial(without_samples(one), held))
     return trials
 
 

@@ -26,7 +26,6 @@ from holdfast.training.recording import Recording
 from holdfast.training.timeline import Phase
 
 if TYPE_CHECKING:
-    from holdfast.evaluation.camera import SeenSlip
     from holdfast.evaluation.model_outputs import ModelOutputs
 
 DISTURBANCES = {"dFn": "grip_change", "dFt": "load_n", "dq": "motor_mm"}
@@ -72,11 +71,10 @@ class VoluntaryAction:
 
 @dataclass(frozen=True)
 class LabelledTrial:
-    """One recording without its samples, its grasps by the truth, and what a camera saw of it."""
+    """One recording without its samples and its grasps by the truth."""
 
     recording: Recording
     grasps: tuple[Grasp, ...]
-    seen: tuple[SeenSlip, ...] = ()
 
 
 @dataclass(frozen=True)

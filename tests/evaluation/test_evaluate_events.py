@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +20,7 @@ from holdfast.core.contract import (
     SITUATIONS,
     Sample,
 )
-from holdfast.core.errors import LabelError, UsageError
+from holdfast.core.errors import UsageError
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.edge_runtime.graph import open_session, steps_of
@@ -38,7 +37,6 @@ from holdfast.evaluation.baselines import (
     matched,
     oracle_requests,
 )
-from holdfast.evaluation.camera import SeenSlip, onsets_by, seen_slips
 from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
 from holdfast.evaluation.methods import (
     DisturbedHold,
@@ -330,74 +328,12 @@ def test_voluntary_actions_are_called_where_an_act_is_requested_at_any_sample_of
     assert figures.collar_40_ms.false_alarms == 2
 
 
-def of_event(*slips: SeenSlip) -> LabelledTrial:
-    return LabelledTrial(recording(EVENT), (Grasp({}),), slips)
+def of_event() -> LabelledTrial:
+    return LabelledTrial(recording(EVENT), (Grasp({}),))
 
 
 def figures_of(trials: list[LabelledTrial], *requests: np.ndarray) -> MethodFigures:
     return method_figures(method_result(trials, requests), trials, 0)
-
-
-def test_an_alarm_stands_against_the_camera_and_the_scene_and_how_far_these_are_apart() -> (
-    None
-):
-    slips = (
-        SeenSlip(2.5, 0.005, 2.6),
-        SeenSlip(1.02, 0.005, 1.06, true_start_s=1.01, true_gross_s=1.05),
-    )
-    trials = [of_event(*slips), of_event(slips[1])]
-    figures = figures_of(trials, at((103, 150)), at()).camera
-    assert figures is not None
-    assert (figures.onsets, figures.events, figures.found) == (3, 2, 1), (
-        "one onset belongs to no event"
-    )
-    truth = figures.truth
-    assert truth is not None
-    times = [figures.start_sd_ms, figures.delay_ms, figures.lead_ms]
-    times += [truth.delay_ms, truth.lead_ms, truth.start_off_ms, truth.gross_off_ms]
-    expected = [5.0, 10.0, 30.0, 20.0, 20.0, 10.0, 10.0]
-    assert [one and one.p50 for one in times] == pytest.approx(expected)
-
-
-def test_without_a_camera_there_is_no_camera_section_and_without_a_scene_no_truth() -> (
-    None
-):
-    assert figures_of([of_event()], at((103, 150))).camera is None
-    trials = [of_event(SeenSlip(1.02, 0.005, 1.06))]
-    figures = figures_of(trials, at()).camera
-    assert figures is not None
-    assert (figures.found, figures.delay_ms, figures.truth) == (0, None, None)
-
-
-def camera_says(label: str, **without: None) -> dict[str, Any]:
-    result = {
-        "t0_s": 7.05,
-        "t1_s": 7.3,
-        "gross_s": 7.09,
-        "uncertainty_s": 0.005,
-        "label": label,
-        "provenance": "camera",
-    }
-    return {key: value for key, value in result.items() if key not in without}
-
-
-def test_what_a_camera_saw_is_read_beside_a_bare_csv_and_only_its_risky_slips(
-    scenes: Path, tmp_path: Path
-) -> None:
-    copy = shutil.copytree(scenes, tmp_path / "set")
-    pull = copy / "soft-ball/pull/trial_1.csv"
-    truth = json.loads(pull.with_suffix(".truth.json").read_text())
-    onset = pull.with_suffix(".onset.json")
-    interval = camera_says("risky_slip") | {"t0_s": truth["incipient_slip_s"] + 0.004}
-    onset.write_text(json.dumps({"phases": [interval, camera_says("safe_slip")]}))
-    recordings = load(copy, windows="natural").recordings
-    (slip,) = [slip for slips in seen_slips(copy, recordings) for slip in slips]
-    assert slip.true_start_s == truth["incipient_slip_s"]
-    assert slip.start_s == pytest.approx(truth["incipient_slip_s"] + 0.004)
-    assert onsets_by(copy, recordings)["scene"] >= 2
-    onset.write_text(json.dumps({"phases": [camera_says("risky_slip", gross_s=None)]}))
-    with pytest.raises(LabelError, match=r"onset\.json.*without its times"):
-        seen_slips(copy, recordings)
 
 
 def test_the_wider_collar_forgives_what_the_narrow_one_does_not() -> None:
