@@ -23,7 +23,6 @@ from holdfast.export.c.moves import (
 from holdfast.export.c.plan import Plan, Step, View, plan_of, views_of
 from holdfast.export.c.products import write_product
 from holdfast.export.c.trees import write_trees
-from holdfast.export.c.whole import Whole, whole_types
 from holdfast.export.c.writer import Function, Names, Writer, function
 
 CALL_BYTES = 256
@@ -55,13 +54,9 @@ class StepCode:
         self._graph = graph
         self._names = Names()
         self._n_functions = 0
-        whole = Whole(graph)
-        self._largest = whole.largest
         views = views_of(graph)
         plan = plan_of(graph, views)
 
-        # Types come before memory: each C type has a scratch array of its own.
-        types = whole_types(graph, plan, whole)
         made_early = {name for step in plan.sense for name in step.outputs}
 
         # an output lies in the caller's struct: only the half that makes it knows it
@@ -74,8 +69,8 @@ class StepCode:
             places = early if name in made_early else late
             places[name] = field
 
-        sense = Memory(graph, views, plan.sense, types, early, plan.keep)
-        answer = Memory(graph, views, plan.answer, types, late)
+        sense = Memory(graph, views, plan.sense, early, plan.keep)
+        answer = Memory(graph, views, plan.answer, late)
         _require_apart(graph, plan, views)
         _require_outputs(graph, plan)
 
@@ -94,7 +89,7 @@ class StepCode:
         self, steps: list[Step], memory: Memory, end: list[str]
     ) -> tuple[str, str]:
         """(definitions, body of the function that calls them in order)."""
-        writer = Writer(self._graph, memory, self.tables, self._names, self._largest)
+        writer = Writer(self._graph, memory, self.tables, self._names)
         definitions = []
         calls = []
         for step in steps:

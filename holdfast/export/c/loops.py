@@ -18,7 +18,6 @@ from holdfast.export.c.graph import (
 )
 from holdfast.export.c.literals import C_TYPES, number, smallest_type
 from holdfast.export.c.plan import Step, strides, without_ones
-from holdfast.export.c.whole import INPUT_TYPE, PACKED
 from holdfast.export.c.writer import Writer, counted, index
 
 VARIABLES = ("i", "j", "k")
@@ -34,12 +33,6 @@ INFIX = {
     "GreaterOrEqual": ">=",
     "Less": "<",
 }
-SMALL = 2.0**22
-"""Numbers below it may be rounded by adding and taking away a large one.
-
-The helper adds 1.5 * 2^23 (templates/maths.c). For these numbers the sum stays within 2^23 and
-2^24, where float32 holds whole numbers alone, so the addition itself rounds.
-"""
 CALLS = {"Abs": "fabs", "Sqrt": "sqrt", "Floor": "floor"}
 """Functions of C for double; those for float end in f."""
 
@@ -55,20 +48,7 @@ def write_loop(step: Step, writer: Writer) -> list[str]:
     for variable, size in reversed(loop.counters):
         lines = counted(variable, size, lines)
 
-    # the zeros follow the loop, because they do not depend on its counters
-    for name in step.outputs:
-        lines += _padding(name, writer)
-
     return lines
-
-
-def _padding(name: str, writer: Writer) -> list[str]:
-    """Zeros behind the inputs of a product of whole numbers, which reads whole groups of them."""
-    if not writer.memory.is_kept(name) or writer.memory.c_type(name) != INPUT_TYPE:
-        return []
-    size = math.prod(writer.graph.shape(name))
-    rounded_up = -(-size // PACKED) * PACKED
-    return [f"{writer.name(name)}[{k}] = 0;" for k in range(size, rounded_up)]
 
 
 class _Loop:
@@ -102,14 +82,10 @@ class _Loop:
         if not writer.memory.is_kept(out):
             return [f"const {wanted} {name} = {value};"]
 
-        # Later nodes of the loop read the variable, which has the graph's type; memory may have a
-        # smaller one.
-        kept = writer.memory.place(out).c_type
-        cast = "" if kept == wanted else f"({kept})"
         place = self._index(out, node)
         return [
             f"const {wanted} {name}_ = {value};",
-            f"{name}[{place}] = {cast}{name}_;",
+            f"{name}[{place}] = {name}_;",
         ]
 
     def _operand(self, tensor: str, node: Node) -> str:
@@ -196,19 +172,12 @@ class _Loop:
             condition, if_true, if_false = operands
             return f"{condition} ? {if_true} : {if_false}"
         if op == "Round" and element == FLOAT:
-            return f"{self._rounding(node)}({operands[0]})"
+            return f"hf_round({operands[0]})"
         if op == "Cast":
             return _cast(node, element, operands[0])
         if op == "Gather":
             return self._looked_up(node, operands)
         raise refusal(node, "it has no C form for its type")
-
-    def _rounding(self, node: Node) -> str:
-        """The helper that rounds: a faster one where the number is proved to be small."""
-        largest = self._writer.largest(node.outputs[0])
-        if largest is None or largest >= SMALL:
-            return "hf_round"
-        return "hf_round_small"
 
     def _looked_up(self, node: Node, operands: list[str]) -> str:
         """A number of a table of one row; a corrupted state must not reach beyond it."""

@@ -20,7 +20,6 @@ SCRATCH = {
     "float": "f",
     "int32_t": "w",
     "uint8_t": "b",
-    "int16_t": "h",
 }
 """The names of the scratch arrays."""
 Block = tuple[int, int]
@@ -29,10 +28,7 @@ Block = tuple[int, int]
 
 @dataclass(frozen=True)
 class Place:
-    """Memory of a tensor: its C type, the array it is in, and the first number there.
-
-    The C type may be smaller than that of the graph: whole numbers of a network have 16 bits.
-    """
+    """Memory of a tensor: its C type, the array it is in, and the first number there."""
 
     c_type: str
     array: str
@@ -46,9 +42,9 @@ class Place:
 class Memory:
     """The places of all tensors that a list of steps reads or makes.
 
-    views: tensors that lie inside the memory of another one. types: of tensors that are kept as
-    another type than the graph's. outside: tensor -> array of the caller. kept: the node that joins
-    the next state after all steps, so that what it reads lives to the end.
+    views: tensors that lie inside the memory of another one. outside: tensor -> array of the
+    caller. kept: the node that joins the next state after all steps, so that what it reads lives to
+    the end.
 
     sizes: numbers in each scratch array, by C type.
     """
@@ -58,13 +54,11 @@ class Memory:
         graph: Graph,
         views: dict[str, View],
         steps: list[Step],
-        types: dict[str, str],
         outside: dict[str, str],
         kept: Node | None = None,
     ) -> None:
         self._graph = graph
         self._views = views
-        self._types = types
         self.sizes: dict[str, int] = {}
         self._free: dict[str, list[Block]] = {}
         self._places: dict[str, Place] = {}
@@ -84,7 +78,7 @@ class Memory:
 
     def c_type(self, name: str) -> str:
         """The C type that a tensor is kept as."""
-        return self._types.get(name) or C_TYPES[self._graph.element(name)]
+        return C_TYPES[self._graph.element(name)]
 
     def is_kept(self, name: str) -> bool:
         """Whether a later step, or the caller, reads a tensor."""

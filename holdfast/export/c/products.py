@@ -16,7 +16,6 @@ import numpy.typing as npt
 
 from holdfast.export.c.graph import Node, refusal
 from holdfast.export.c.literals import C_TYPES, number
-from holdfast.export.c.whole import write_whole_product
 from holdfast.export.c.writer import Writer, block, counted, index
 
 Matrix = npt.NDArray[Any]
@@ -49,11 +48,6 @@ def write_product(node: Node, writer: Writer) -> list[str]:
     (out,) = node.outputs
     left = graph.values(node.inputs[0])
     right = graph.values(node.inputs[1])
-
-    # Its type says that `Whole` has proved the sums exact, so no order of the terms is kept.
-    if writer.memory.c_type(out) == "int32_t":
-        assert right is not None
-        return write_whole_product(node, right, writer)
 
     # The order of a sum is that of the inner axis, whichever side is the constant one.
     c_type = C_TYPES[graph.element(out)]

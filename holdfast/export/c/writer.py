@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from holdfast.export.c.graph import Graph
@@ -50,16 +49,12 @@ class Names:
 
 @dataclass(frozen=True)
 class Writer:
-    """What emitters of one part of the graph share. tables, names: of the whole file.
-
-    largest: the largest magnitude of a tensor that holds whole numbers (Whole.largest).
-    """
+    """What emitters of one part of the graph share. tables, names: of the whole file."""
 
     graph: Graph
     memory: Memory
     tables: Tables
     names: Names
-    largest: Callable[[str], float | None]
 
     def name(self, tensor: str) -> str:
         """The C name of a tensor."""
@@ -77,10 +72,7 @@ class Writer:
 
     def read(self, tensor: str, index: str) -> str:
         """A number of a tensor, as the type in the graph."""
-        kept = self.memory.place(tensor).c_type
-        wanted = C_TYPES[self.graph.element(tensor)]
-        number = f"{self.name(tensor)}[{index}]"
-        return number if kept == wanted else f"({wanted}){number}"
+        return f"{self.name(tensor)}[{index}]"
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,6 @@ static float hf_round(float x) {
     return fabsf(x) < 8388608.0f ? (x + shift) - shift : x;
 }
 
-/*** hf_round_small ***/
-/* The same below 2^22, without a branch: adding 1.5 * 2^23 leaves no place for a fraction. */
-static float hf_round_small(float x) { return (x + 12582912.0f) - 12582912.0f; }
-
 /*** hf_clip ***/
 static double hf_clip(double x, double least, double most) {
     x = x > least ? x : least;
