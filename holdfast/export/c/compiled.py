@@ -57,7 +57,7 @@ class StepCode:
         views = views_of(graph)
         plan = plan_of(graph, views)
 
-        made_early = {name for step in plan.sense for name in step.outputs}
+        made_early = {name for step in plan.sense for name in step.node.outputs}
 
         # an output lies in the caller's struct: only the half that makes it knows it
         early = {name: name for name in (*INPUTS, FEATURES)}
@@ -94,7 +94,7 @@ class StepCode:
         calls = []
         for step in steps:
             # a step that nothing reads is not written
-            if any(memory.is_kept(name) for name in step.outputs):
+            if any(memory.is_kept(name) for name in step.node.outputs):
                 made = _write_step(step, self._n_functions, writer)
                 definitions.append(made.definition)
                 calls.append(made.call)
@@ -116,7 +116,7 @@ def _write_step(step: Step, number: int, writer: Writer) -> Function:
     if step.shape is not None:
         return function(step, number, write_loop(step, writer), writer)
 
-    (node,) = step.nodes
+    node = step.node
     emitter = EMITTERS.get(node.op_type)
     if emitter is None:
         raise refusal(node, "it has no C form")
@@ -137,16 +137,15 @@ def _require_apart(graph: Graph, plan: Plan, views: dict[str, View]) -> None:
     # holdfast_answer takes no more, so that a test can put a row on every threshold.
     known = {FEATURES, EMPTY}
     for step in plan.answer:
-        known.update(step.outputs)
+        known.update(step.node.outputs)
 
     for step in plan.answer:
-        for node in step.nodes:
-            for name in node.inputs:
-                base = views[name].base if name in views else name
-                if base not in known and graph.values(base) is None:
-                    raise refusal(
-                        node, "an answer depends on more than features and contact"
-                    )
+        for name in step.node.inputs:
+            base = views[name].base if name in views else name
+            if base not in known and graph.values(base) is None:
+                raise refusal(
+                    step.node, "an answer depends on more than features and contact"
+                )
 
 
 def _require_outputs(graph: Graph, plan: Plan) -> None:
@@ -154,7 +153,7 @@ def _require_outputs(graph: Graph, plan: Plan) -> None:
     # A part has no memory of its own, so no step would write the caller's field.
     made: set[str] = set()
     for step in (*plan.sense, *plan.answer):
-        made.update(step.outputs)
+        made.update(step.node.outputs)
 
     for node in graph.nodes:
         for name in node.outputs:

@@ -1,4 +1,4 @@
-"""Loops over operators that go number by number: each number is computed once and kept if read."""
+"""The loop of an operator that goes number by number."""
 
 from __future__ import annotations
 
@@ -41,10 +41,7 @@ def write_loop(step: Step, writer: Writer) -> list[str]:
     """The body of a step that goes number by number."""
     assert step.shape is not None
     loop = _Loop(step, step.shape, writer)
-    lines: list[str] = []
-    for node in step.nodes:
-        lines += loop.lines(node)
-
+    lines = loop.lines(step.node)
     for variable, size in reversed(loop.counters):
         lines = counted(variable, size, lines)
 
@@ -57,15 +54,14 @@ class _Loop:
     def __init__(self, step: Step, shape: Shape, writer: Writer) -> None:
         self._writer = writer
         self._graph = writer.graph
-        self._inside = set(step.outputs)
 
         # where all inputs have the loop's shape, one counter is enough
         has_axes = len(shape) > 1
-        self._flat = has_axes and all(self._is_flat(node) for node in step.nodes)
+        self._flat = has_axes and self._is_flat(step.node)
         sizes = (math.prod(shape),) if self._flat else shape
 
         if len(sizes) > len(VARIABLES):
-            raise refusal(step.nodes[0], "it has too many dimensions")
+            raise refusal(step.node, "it has too many dimensions")
         self.counters = list(zip(VARIABLES, sizes, strict=False))
 
     def lines(self, node: Node) -> list[str]:
@@ -74,33 +70,16 @@ class _Loop:
         (out,) = node.outputs
         operands = [self._operand(name, node) for name in node.inputs]
 
-        name = writer.name(out)
-        wanted = writer.value_type(out)
         value = self._expression(node, operands)
-
-        # only later nodes of this loop read it: a variable is enough
-        if not writer.memory.is_kept(out):
-            return [f"const {wanted} {name} = {value};"]
-
-        place = self._index(out, node)
-        return [
-            f"const {wanted} {name}_ = {value};",
-            f"{name}[{place}] = {name}_;",
-        ]
+        return [f"{writer.name(out)}[{self._index(out, node)}] = {value};"]
 
     def _operand(self, tensor: str, node: Node) -> str:
-        """How C reads an input: a literal, a table, an array, or a variable of this loop."""
+        """How C reads an input: a literal, a table, or an array."""
         values = self._graph.values(tensor)
         if values is not None:
             return self._constant(tensor, values, node)
 
-        writer = self._writer
-        if tensor not in self._inside:
-            return writer.read(tensor, self._index(tensor, node))
-
-        # a kept tensor's array has its name, so the variable has an underscore more
-        is_kept = writer.memory.is_kept(tensor)
-        return writer.name(tensor) + ("_" if is_kept else "")
+        return self._writer.read(tensor, self._index(tensor, node))
 
     def _constant(self, tensor: str, values: np.ndarray, node: Node) -> str:
         """A constant as one number or as a place in a table; of a Gather, the table itself."""

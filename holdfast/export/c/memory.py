@@ -69,7 +69,7 @@ class Memory:
         # that they do not overlap.
         last_reader = _last_readers(steps, views, kept)
         for at, step in enumerate(steps):
-            for name in step.outputs:
+            for name in step.node.outputs:
                 if name in last_reader and name not in self._places:
                     self._places[name] = self._allot(name)
             for name, last in last_reader.items():
@@ -148,8 +148,8 @@ def _last_readers(
     made: dict[str, int] = {}
     readers: list[tuple[int, Node]] = []
     for at, step in enumerate(steps):
-        made |= dict.fromkeys(step.outputs, at)
-        readers += [(at, node) for node in step.nodes]
+        made |= dict.fromkeys(step.node.outputs, at)
+        readers.append((at, step.node))
 
     # the next state is joined after all steps
     if kept is not None:
@@ -159,8 +159,7 @@ def _last_readers(
     for at, node in readers:
         for name in node.inputs:
             base = views[name].base if name in views else name
-            # inside the loop that makes it, a tensor is a variable and needs no memory
-            if base in made and (made[base] != at or name in views):
+            if base in made:
                 last[base] = at
 
     return last

@@ -1,7 +1,6 @@
-"""The order of the work, and the tensors that are only views of another one's memory.
+"""The work in the order of the graph, and the tensors that are only views of another's memory.
 
-Nodes that go number by number share one loop, all others stand alone. Parts of the state, and other
-shapes of one row, need no memory and no work.
+Parts of the state, and other shapes of one row, need no memory and no work.
 """
 
 from __future__ import annotations
@@ -126,18 +125,13 @@ def strides(shape: Shape) -> tuple[int, ...]:
 
 @dataclass(frozen=True)
 class Step:
-    """Nodes that one C function computes.
+    """A node that one C function computes.
 
-    shape: of the loop that computes them number by number, without ones. None: a node alone.
+    shape: of the loop that computes it number by number, without ones. None: no such loop.
     """
 
-    nodes: list[Node]
+    node: Node
     shape: Shape | None = None
-
-    @property
-    def outputs(self) -> list[str]:
-        """The tensors that it makes."""
-        return [name for node in self.nodes for name in node.outputs]
 
 
 @dataclass(frozen=True)
@@ -153,8 +147,8 @@ def plan_of(graph: Graph, views: dict[str, View]) -> Plan:
     """Cut the graph at its features; what follows them is a function of them alone."""
     # Nodes stand in the order in which they can run, so one pass over them is enough.
     behind = {FEATURES}
-    sense = _Order(graph, views)
-    answer = _Order(graph, views)
+    sense: list[Step] = []
+    answer: list[Step] = []
     (keep,) = [node for node in graph.nodes if NEXT_STATE in node.outputs]
 
     for node in graph.nodes:
@@ -165,55 +159,11 @@ def plan_of(graph: Graph, views: dict[str, View]) -> Plan:
         else:
             is_behind = any(name in behind for name in node.inputs)
             order = answer if is_behind else sense
-            order.add(node)
+            order.append(Step(node, _loop_shape(node, graph)))
         if is_behind:
             behind.update(node.outputs)
 
-    return Plan(sense.steps, keep, answer.steps)
-
-
-class _Order:
-    """Puts each node into the first loop of its shape that comes after all that it reads."""
-
-    def __init__(self, graph: Graph, views: dict[str, View]) -> None:
-        self.steps: list[Step] = []
-        self._graph = graph
-        self._views = views
-        self._made_in: dict[str, int] = {}
-
-    def add(self, node: Node) -> None:
-        """The next node of the graph."""
-        shape = _loop_shape(node, self._graph)
-        at = len(self.steps) if shape is None else self._loop_for(node, shape)
-
-        if at == len(self.steps):
-            self.steps.append(Step([], shape))
-        self.steps[at].nodes.append(node)
-
-        for name in node.outputs:
-            self._made_in[name] = at
-
-    def _loop_for(self, node: Node, shape: Shape) -> int:
-        """The first step that can take the node; one past the last where there is none."""
-        at = max((self._ready(name, shape) for name in node.inputs), default=0)
-        # an earlier loop keeps more numbers in registers than a new one
-        while at < len(self.steps) and self.steps[at].shape != shape:
-            at += 1
-        return at
-
-    def _ready(self, name: str, shape: Shape) -> int:
-        """The first step that may read a tensor number by number."""
-        view = self._views.get(name)
-        base = view.base if view else name
-        at = self._made_in.get(base, -1)
-        # inputs and constants are there from the beginning
-        if at < 0:
-            return 0
-
-        # the loop that makes a tensor may read it, but only the number that it has just made
-        same_loop = view is None and self.steps[at].shape == shape
-        same_number = without_ones(self._graph.shape(name)) == shape
-        return at if same_loop and same_number else at + 1
+    return Plan(sense, keep, answer)
 
 
 def _loop_shape(node: Node, graph: Graph) -> Shape | None:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import re
-import textwrap
 from dataclasses import dataclass
 
 from holdfast.export.c.graph import Graph
-from holdfast.export.c.literals import C_TYPES, Tables
+from holdfast.export.c.literals import Tables
 from holdfast.export.c.memory import Memory
 from holdfast.export.c.plan import Step
 
@@ -64,12 +63,6 @@ class Writer:
         """Whether a tensor is a constant of the graph."""
         return self.graph.values(tensor) is not None
 
-    def value_type(self, tensor: str) -> str:
-        """The C type of a number of a tensor while it is computed with."""
-        c_type = C_TYPES[self.graph.element(tensor)]
-        # C computes flags as int: a smaller variable would only cost conversions
-        return "int" if c_type == "uint8_t" else c_type
-
     def read(self, tensor: str, index: str) -> str:
         """A number of a tensor, as the type in the graph."""
         return f"{self.name(tensor)}[{index}]"
@@ -89,39 +82,30 @@ def function(step: Step, number: int, body: list[str], writer: Writer) -> Functi
     parameters = []
     text = "\n".join(body)
 
-    for tensor in _read_from_outside(step, writer):
+    for tensor in _computed_inputs(step, writer):
         # the body of a step may leave out what it multiplies with 0
         if re.search(rf"\b{writer.name(tensor)}\b", text):
             parameters.append(_parameter(tensor, writer, "const "))
             arguments.append(writer.memory.place(tensor).address())
 
-    # outputs that only the step itself reads are variables inside
-    for tensor in step.outputs:
+    # an output that nothing reads has no memory
+    for tensor in step.node.outputs:
         if writer.memory.is_kept(tensor):
             parameters.append(_parameter(tensor, writer, ""))
             arguments.append(writer.memory.place(tensor).address())
 
     name = f"hf_step_{number}"
-    operators = ", ".join(node.op_type for node in step.nodes)
-    about = f"/* {textwrap.fill(operators, 94)} */"
+    about = f"/* {step.node.op_type} */"
     head = f"static void {name}({', '.join(parameters)})"
     definition = "\n".join([about, *block(head, body)])
     call = f"{name}({', '.join(arguments)});"
     return Function(f"{definition}\n", call)
 
 
-def _read_from_outside(step: Step, writer: Writer) -> list[str]:
-    """The tensors that a step reads and does not make, once each, in order."""
-    inside = set(step.outputs)
-    read = []
-
-    for node in step.nodes:
-        for tensor in node.inputs:
-            if tensor not in inside and not writer.is_constant(tensor):
-                inside.add(tensor)
-                read.append(tensor)
-
-    return read
+def _computed_inputs(step: Step, writer: Writer) -> list[str]:
+    """The tensors that a step reads and that are no constants, once each, in order."""
+    names = dict.fromkeys(step.node.inputs)
+    return [name for name in names if not writer.is_constant(name)]
 
 
 def _parameter(tensor: str, writer: Writer, const: str) -> str:
