@@ -287,10 +287,6 @@ def test_depthai_gets_its_settings_and_those_that_the_user_has_made_stay_and_are
     assert len(said) == 2
 
 
-def test_the_longest_wait_is_longer_than_the_search():
-    assert float(QUIET["DEPTHAI_SEARCH_TIMEOUT"]) < 1e3 * sources.LONGEST_WAIT_S
-
-
 def test_an_oak_films_as_the_lens_says_and_ends_when_its_time_is_up(monkeypatch):
     now_s, received, linked = [100.0], [], []
     monkeypatch.setattr(sources.time, "monotonic", lambda: now_s[0])

@@ -32,7 +32,6 @@ from holdfast.drivers.camera.recording import (
     read_tracks,
     read_video,
     require_same_stamps,
-    require_whole,
 )
 from holdfast.drivers.camera.sources import Frame, Lens
 
@@ -288,23 +287,6 @@ def test_a_stamp_of_the_video_may_differ_by_two_microseconds(tmp_path, off_s):
         return
     with pytest.raises(ColumnError, match="1 frames of the video"):
         require_same_stamps(frames, tracks, ScriptedDepthai.lens, tmp_path)
-
-
-def test_frames_after_the_last_tag_line_have_no_stamp_and_are_no_error(tmp_path):
-    tracks = Tracks(np.array([4]), np.array([0.5]), {})
-    image = np.empty((0, 0), np.uint8)
-    frames = [Frame(4, 0.501, image), Frame(5, 0.6, image), Frame(6, 0.7, image)]
-    require_same_stamps(frames, tracks, ScriptedDepthai.lens, tmp_path)
-    late = [Frame(4, 0.6, image), *frames[1:]]
-    with pytest.raises(ColumnError, match="3 frames of the video"):
-        require_same_stamps(late, tracks, ScriptedDepthai.lens, tmp_path)
-
-
-@pytest.mark.parametrize("expected", [2, 3, None, "4"])
-def test_a_file_is_whole_with_as_many_frames_as_were_counted(tmp_path, expected):
-    require_whole(3, expected, tmp_path)
-    with pytest.raises(EmptyRecording, match="holds 3 of its 4 frames"):
-        require_whole(3, 4, tmp_path)
 
 
 # -- a run from its first frame to camera.json

@@ -139,14 +139,6 @@ def test_a_trial_does_not_depend_on_its_batch_even_alone(
         assert same(one, other)
 
 
-def test_the_holdfast_controller_answers_and_stays_under_the_ceiling(
-    two: tuple[Scene, list[LoopOutcome]],
-) -> None:
-    for one in two[1]:
-        assert one.peak_grip_n > one.trial.grip_n + 1.0
-        assert one.peak_grip_n <= 70.0
-
-
 # what becomes of objects
 
 
@@ -251,16 +243,6 @@ def test_a_hand_that_is_told_to_hold_holds_while_its_wearer_opens(
     assert (weak.own_n[opened] < 0.5 * weak.trial.grip_n).all()
     assert weak.grip_n[opened] == pytest.approx(45.0, abs=2.0)
     assert weak.lost_s > weak.overrode_s
-
-
-def test_an_override_lets_the_object_go_and_reaches_the_controller(
-    resisted: tuple[ClosedLoop, Firm, list[LoopOutcome]],
-) -> None:
-    _, firm, (strong, *_) = resisted
-    lasts = np.array([sense.overridden[0] for _, sense in firm.noted])
-    at_s = np.array([t_s[0] for t_s, _ in firm.noted])
-    assert (lasts == (at_s >= strong.overrode_s)).all()
-    assert strong.overrode_s < strong.lost_s < strong.overrode_s + 0.5
 
 
 def test_a_puller_gives_up_and_the_object_stays(

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -26,8 +24,7 @@ from holdfast.simulation.effect import EffectBatch, effect_named
 from holdfast.simulation.energy import brush_j, kinetic_j, normal_j
 from holdfast.simulation.everyday import ACTIONS
 from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial
-from holdfast.simulation.scene import Scene, SimulatedTrial
-from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.scene import SimulatedTrial
 from holdfast.simulation.script import Script, body_of
 from holdfast.simulation.script_times import Times, grid_of
 
@@ -113,18 +110,6 @@ def test_a_tug_slips_where_it_exceeds_coulomb_s_limit_and_not_below(
     assert torn.truth.gross_slip_s > risky_s
 
 
-def test_the_weight_of_a_poured_object_follows_the_formula(tmp_path: Path) -> None:
-    (poured,) = run(
-        tmp_path, row("pour", "poured = 0.6\npour_s = 1\nturn_s = 0.4\nangle_deg = 0")
-    )
-    times = Times.of(poured.trial)
-    weight_n = 0.2 * GRAVITY_M_S2
-    assert sheared_n(poured, times.act) == pytest.approx(weight_n, rel=0.01)
-    half_s = times.act + 0.4 + 0.5
-    assert sheared_n(poured, half_s) == pytest.approx(0.7 * weight_n, rel=0.02)
-    assert sheared_n(poured, times.act + 1.9) == pytest.approx(0.4 * weight_n, rel=0.01)
-
-
 def test_added_weight_is_carried_until_friction_is_used_up(tmp_path: Path) -> None:
     by_hand = "added_g = 100\ndrop_mm = 0\nadd_s = 0.2"
     light, heavy, dropped = run(
@@ -142,19 +127,6 @@ def test_added_weight_is_carried_until_friction_is_used_up(tmp_path: Path) -> No
     assert heavy.truth.contact_lost_s < Times.of(heavy.trial).open
     # The hit slips for a moment; what friction holds afterwards stays.
     assert situations(dropped) == [*HELD[:2], RISKY_SLIP, *HELD[1:]]
-
-
-def test_a_relaxing_grip_slips_where_friction_is_used_up(tmp_path: Path) -> None:
-    (lost,) = run(tmp_path, row("relax", "left = 0\nrelax_s = 2"))
-    assert situations(lost) == [NOTHING, GRASP, RISKY_SLIP, NOTHING]
-    assert lost.truth.load_onset_s is None
-    assert lost.truth.gross_slip_s is not None
-
-    # Both sides hold the weight: 2 mu N = m g, and the grip falls as a minimum-jerk path.
-    weight_n = 0.2 * GRAVITY_M_S2
-    k = int(np.searchsorted(lost.motion.t_s, lost.truth.gross_slip_s)) - 1
-    normal_n = lost.motion.forces_n[k, :, 2].sum()
-    assert 0.95 * weight_n < 0.5 * normal_n < 1.1 * weight_n
 
 
 def test_turning_and_lifting_change_what_the_fingers_carry(tmp_path: Path) -> None:
@@ -284,21 +256,3 @@ def test_in_a_closed_loop_a_hand_that_acts_keeps_what_a_relaxing_wearer_drops(
     at_end = int((Times.of(trials[0]).open - bare.begin_s) * bare.rate_hz) - 5
     assert bare.grip_n[at_end] < 0.1
     assert held.grip_n[at_end] == pytest.approx(wanted_n[1], rel=0.05)
-
-
-def test_situations_of_the_shipped_card_follow_each_other_until_the_end() -> None:
-    """Drawn trials, stepped coarsely: slips may come again, or last until the hand opens."""
-    card = read_scene_file("everyday")
-    scene = Scene(replace(card, step_s=1 / 150, effects={}), 105)
-    slipped = set()
-    for simulated in scene.run(scene.trials(120)):
-        action = simulated.trial.action
-        found = situations(simulated)
-        starts_s = [since for since, _ in simulated.truth.marks]
-        assert starts_s == sorted(set(starts_s)), action
-        assert all(now != after for now, after in pairwise(found)), action
-        if RISKY_SLIP in found:
-            slipped.add(action)
-            assert simulated.truth.gross_slip_s is not None
-    assert {"tug", "stack", "relax"} <= slipped
-    assert not slipped & {"pour", "stroke", "tap"}

@@ -14,10 +14,8 @@ from small_model import artifact, card_of, graph_of, spec
 from holdfast.core.errors import CardError, ChannelError, DataNotFound, NotAModel
 from holdfast.core.hand_card import (
     HandCard,
-    find_hand_card,
     hand_of_counts,
     read_hand_card,
-    shipped_hands,
 )
 from holdfast.edge_runtime.model_file import read_card
 from holdfast.evaluation.window_scores import require_model_fits
@@ -116,10 +114,6 @@ def test_a_hand_of_a_shipped_card_holds(
         thumb_n, fingers_n = held_n[: hand.thumb].sum(), held_n[hand.thumb :].sum()
         assert thumb_n > 1.0
         assert thumb_n == pytest.approx(fingers_n, rel=0.2)
-
-
-def test_every_shipped_card_is_tested() -> None:
-    assert len(shipped_hands()) == 7
 
 
 def test_a_contact_without_a_sensor_presses_and_has_no_channels(tmp_path: Path) -> None:
@@ -228,12 +222,6 @@ def test_fingers_that_do_not_touch_feel_nothing_and_the_others_bear_all(
         assert one.trial.grip_n == whole.trial.grip_n
 
 
-def test_which_fingers_touch_differs_from_trial_to_trial(tmp_path: Path) -> None:
-    text = ROWS + "touching = { uniform = [2, 6] }\ncount = 10\n"
-    found = {tuple(trial.share > 0.0) for trial in scene(tmp_path, text).trials()}
-    assert len(found) > 8
-
-
 @pytest.fixture(scope="module")
 def sets(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Sets of three hands of six sensors: of a card, of another card, of none."""
@@ -329,52 +317,6 @@ def test_a_damaged_card_in_a_model_is_a_typed_error() -> None:
         stored = read_card({"holdfast.card": json.dumps(card), **SEALED})
         with pytest.raises(NotAModel, match="hand card"):
             _ = stored.hand
-
-
-def test_a_name_that_no_file_can_have_is_no_hand_card() -> None:
-    for name in ("x" * 5000, "a\0b"):
-        with pytest.raises(CardError, match="no hand card"):
-            find_hand_card(name)
-
-
-@pytest.mark.parametrize("count", [1, 2, 5])
-def test_contacts_of_a_thumb_lie_evenly_around_its_middle(count: int) -> None:
-    hand = hand_of_counts(count, 1)
-    places_m = hand.along_m[: hand.thumb]
-    assert len(places_m) == count
-    assert float(places_m.sum()) == pytest.approx(0.0, abs=1e-12)
-    steps_m = np.diff(places_m)
-    assert steps_m == pytest.approx(np.full(count - 1, steps_m[:1].sum()))
-
-
-@pytest.mark.parametrize(
-    ("line", "fits"),
-    [
-        ("across_mm = 100", True),
-        ("across_mm = -100", True),
-        ("across_mm = 100.1", False),
-        ("across_mm = -100.1", False),
-        ("across_mm = true", False),
-        ("stiffness = 0.01", True),
-        ("stiffness = 100", True),
-        ("stiffness = 0.0099", False),
-        ("stiffness = 100.1", False),
-        ("stiffness = nan", False),
-        (f'pad = "{"p" * 80}"', True),
-        (f'pad = "{"p" * 81}"', False),
-    ],
-)
-def test_each_number_and_text_of_a_card_has_its_limits(
-    tmp_path: Path, line: str, fits: bool
-) -> None:
-    (tmp_path / "mine.toml").write_text(f"{TWO}{line}\n")
-    if not fits:
-        with pytest.raises(CardError, match=r"sensors\[1\]"):
-            read_hand_card("mine.toml", tmp_path)
-        return
-    name, value = line.split(" = ")
-    contact = read_hand_card("mine.toml", tmp_path).contacts[1]
-    assert getattr(contact, name) == (value[1:-1] if name == "pad" else float(value))
 
 
 def test_a_hand_has_2_to_12_sensors_and_32_contacts(tmp_path: Path) -> None:

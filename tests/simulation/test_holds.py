@@ -124,23 +124,6 @@ def test_ranges_that_allow_no_hold_are_an_error(tmp_path: Path) -> None:
         made.trials(2)
 
 
-def test_a_direction_outside_the_sphere_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(CardError, match="fingers_down"):
-        scene(tmp_path, "fingers_down = 1.5\n", "pass")
-
-
-def test_directions_are_uniform_over_the_sphere(tmp_path: Path) -> None:
-    values = (
-        "fingers_down = { uniform = [-1, 1] }\nturn_deg = { uniform = [-180, 180] }\n"
-    )
-    trials = scene(tmp_path, values, "pass").trials(1500)
-    down = np.array([trial.down for trial in trials])
-    assert np.linalg.norm(down, axis=1) == pytest.approx(np.ones(1500))
-    # Each component of a uniform direction is uniform from -1 to 1, of variance 1/3.
-    assert down.mean(axis=0) == pytest.approx(np.zeros(3), abs=0.05)
-    assert down.var(axis=0) == pytest.approx(np.full(3, 1 / 3), abs=0.03)
-
-
 def test_a_row_without_these_keys_draws_what_it_always_drew(tmp_path: Path) -> None:
     plain = scene(tmp_path, "", "pull").trials(6)
     with_push = scene(tmp_path, "push_turn_deg = 90\n", "pull").trials(6)

@@ -121,12 +121,3 @@ def test_the_fingers_follow_a_change_of_direction_after_the_backlash() -> None:
     assert down == pytest.approx(actuator.own_n)
     assert (grips(actuator, down + 0.9 * slack, 0.1)[-1] == down).all()
     assert (grips(actuator, down + 1.5 * slack, 0.1)[-1] > down).all()
-
-
-def test_the_fastest_drive_closes_its_stroke_in_its_time_against_stiff_fingers() -> (
-    None
-):
-    slow = drive_of(closing_s=0.74)
-    fast = drive_of(closing_s=0.37)
-    assert fast.fastest_n_s == pytest.approx(2.0 * slow.fastest_n_s)
-    assert (fast.fastest_n_s > 100.0).all()

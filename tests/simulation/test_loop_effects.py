@@ -175,12 +175,6 @@ def test_a_slide_over_texture_vibrates_with_speed_over_wavelength(
     assert tone.max() == pytest.approx(0.2 * 0.6 * 1000.0 * DEPTH_M, rel=0.05)
 
 
-def test_the_elements_of_a_texture_are_out_of_step() -> None:
-    factor = make("texture", depth=0.2).scale(np.zeros((5, 6, 2)))
-    assert len(np.unique(factor)) == factor.size
-    assert np.abs(factor - 1.0).max() <= 0.2
-
-
 # lag
 
 
@@ -201,30 +195,6 @@ def test_a_held_finger_relaxes_with_the_time_constant_of_its_silicone() -> None:
     t_s = dt_s * np.arange(1, 1201)[:, None]
     expected = FINGERS * DEPTH_M * (1.0 + 0.4 * np.exp(-t_s / time_s))
     assert np.allclose(normal_n, expected, rtol=2e-3)
-
-
-def test_pressing_in_and_out_loses_what_a_standard_solid_loses() -> None:
-    what = body(gravity_m_s2=0.0)
-    time_s = 0.1
-    dt_s = 5e-4
-    omega = 2.0 * np.pi * 2.0
-    swing_m = 1e-3
-    ratio = 0.4
-    lag = make("lag", ratio=ratio, time_s=time_s)
-    _, seen = run(
-        what,
-        dt_s,
-        2000,
-        PhysicsEffects(lags=(lag,)),
-        inputs=lambda t: Inputs(shut(depth_m=DEPTH_M + swing_m * np.sin(omega * t))),
-        watch=lambda state: (state.normal_n[:, 0].copy(), state.depth_m[:, 0].copy()),
-    )
-    force, depth = seen[-1001:, 0], seen[-1001:, 1]  # one turn of 0.5 s
-    lost_j = (0.5 * (force[1:] + force[:-1]) * np.diff(depth, axis=0)).sum(axis=0)
-    # Loss modulus of a standard solid, times pi and the square of the swing.
-    lags = omega * time_s
-    loss_n_per_m = ratio * FINGERS * lags / (1.0 + lags**2)
-    assert np.allclose(lost_j, np.pi * swing_m**2 * loss_n_per_m, rtol=0.01)
 
 
 def test_a_finger_that_left_remembers_nothing() -> None:
@@ -265,16 +235,6 @@ def test_friction_that_can_hold_an_offset_weight_holds_it_and_nothing_creeps() -
     assert np.abs(rotation.angle - angle).max() < 1e-15
     assert np.abs(state.stretch_m - stretch).max() < 1e-15
     assert np.abs(rotation.rate).max() < 1e-15
-
-
-def test_friction_that_cannot_hold_it_lets_it_swing_down() -> None:
-    near = ALONG / 3.0
-    rotation = make("rotation", batch=2, offset_y_mm=40.0, offset_z_mm=0.0)
-    what = body(elements=5, mass_kg=0.3, at_m=near)
-    state, _ = run(what, 1e-3, 2000, PhysicsEffects(turns=(rotation,)))
-    assert (state.normal_n > 0.0).all()
-    assert np.abs(state.position_m).max() < 0.01  # the weight itself is held
-    assert (rotation.angle < -0.5).all()  # and turns the way gravity asks
 
 
 def test_a_weight_on_a_pivot_swings_as_a_pendulum() -> None:
@@ -335,13 +295,6 @@ def test_a_steady_acceleration_of_the_hand_turns_an_object_as_gravity_does() -> 
         turned.append(rotation.angle.copy())
     assert np.abs(turned[0]).min() > 1e-3
     assert turned[0] == pytest.approx(turned[1], rel=1e-6)
-
-
-def test_the_inertia_is_that_of_the_shape() -> None:
-    assert gyration_m2(OBJECTS["basket-ball"]) == pytest.approx(0.4 * 0.03**2)
-    assert gyration_m2(OBJECTS["full-bottle"]) == pytest.approx(
-        0.0315**2 / 4 + 0.1**2 / 3
-    )
 
 
 # arm, tremor, knock

@@ -13,7 +13,6 @@ import pytest
 from holdfast.core.errors import CardError
 from holdfast.core.hand_card import HandCard, hand_of_counts
 from holdfast.core.trial_file import read_trial
-from holdfast.simulation.body import SIDE, sides
 from holdfast.simulation.contacts import EFFECTS
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.protocol import PlannedTrial
@@ -93,24 +92,6 @@ def summed(motion: TrialMotion, digits: np.ndarray) -> np.ndarray:
     )
 
 
-def test_the_thesis_hand_is_the_default(tmp_path):
-    assert scene(tmp_path, ROWS).file.hand == hand_of_counts() == hand_of_counts(2, 1)
-    assert hand_of_counts().part.tolist() == [1.0] * 6
-    assert (1e3 * hand_of_counts().along_m).tolist() == [
-        12.0,
-        -12.0,
-        33.0,
-        11.0,
-        -11.0,
-        -33.0,
-    ]
-    assert (
-        SIDE.tolist()
-        == sides(6, 2).tolist()
-        == [[1.0], [1.0], [-1.0], [-1.0], [-1.0], [-1.0]]
-    )
-
-
 def test_a_finger_on_four_places_holds_as_the_same_finger_on_one(tmp_path):
     """Its places bear together what the finger on one bore, and the object moves alike, through
     slip and all."""
@@ -127,24 +108,6 @@ def test_a_finger_on_four_places_holds_as_the_same_finger_on_one(tmp_path):
         )
         np.testing.assert_allclose(twenty.position_m, six.position_m, atol=1e-8)
         assert np.abs(twenty.position_m).max() > 1e-3
-
-
-def test_a_hand_of_twenty_presses_from_both_sides_alike(tmp_path):
-    for one in trials_of(tmp_path, ROWS + FOURS):
-        held = int((one.truth.load_onset_s or HELD_S) * 60) - 6
-        normal = one.signal.values[held, :, 2]
-        assert normal.shape == (20,)
-        assert normal[:4].sum() == pytest.approx(normal[4:].sum(), rel=0.15)
-        assert normal.min() >= 0.0 < normal.sum()
-
-
-def test_along_a_bottle_the_places_stand_finger_by_finger():
-    along_mm = 1e3 * TWENTY.along_m
-    assert along_mm[:4] == pytest.approx([18.0, 6.0, -6.0, -18.0])
-    assert along_mm[4:].reshape(4, 4).mean(axis=1) == pytest.approx(
-        [33.0, 11.0, -11.0, -33.0]
-    )
-    assert np.diff(along_mm[4:]) == pytest.approx(np.full(15, -5.5))
 
 
 @pytest.mark.usefixtures("texture_in_any_step")

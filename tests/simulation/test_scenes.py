@@ -13,7 +13,7 @@ import pytest
 
 from holdfast.cli.main import main
 from holdfast.core.contract import SITUATIONS
-from holdfast.core.errors import OutputError, UsageError
+from holdfast.core.errors import OutputError
 from holdfast.core.trial_file import read_trial
 from holdfast.drivers.replay import Replay
 from holdfast.live.sources import open_source
@@ -123,19 +123,6 @@ def test_events_come_in_their_order(core):
             assert times == sorted(times)
 
 
-def test_the_empty_hand_feels_nothing(core):
-    empty = next(one for one in core if one.trial.action == "nothing")
-    assert not empty.signal.values.any()
-
-
-def test_held_fingers_carry_the_weight_and_press_against_each_other(core):
-    one = next(one for one in core if one.trial.action == "put-down")
-    held = int((one.truth.load_onset_s or 0.0) * 100) - 5
-    normal = one.signal.values[held, :, 2]
-    assert normal[:2].sum() == pytest.approx(normal[2:].sum(), rel=0.1)
-    assert np.linalg.norm(one.signal.values[held, :, :2], axis=1).sum() > 0.0
-
-
 def test_an_empty_list_of_effects_is_the_core_bit_for_bit_and_calls_nothing(
     tmp_path, core, monkeypatch
 ):
@@ -219,19 +206,6 @@ def test_skipping_quiet_phases_changes_no_slip_time(tmp_path, core, monkeypatch)
                 assert here == pytest.approx(there, abs=1e-3)
 
 
-def test_averaging_takes_the_mean_as_the_chip_does(tmp_path, core):
-    averaged = trials_of(make(tmp_path, CORE + "[effects.averaging]\n"))
-    for one, other in zip(core, averaged, strict=True):
-        difference = np.abs(one.signal.values - other.signal.values)
-        assert difference.max() < 5.0
-        quiet = slice(0, 50)  # before the hand begins to close
-        assert not difference[quiet].any()
-    assert any(
-        (one.signal.values != other.signal.values).any()
-        for one, other in zip(core, averaged, strict=True)
-    )
-
-
 def test_the_same_card_and_seed_write_the_same_bytes(tmp_path):
     text = (
         COARSE
@@ -280,20 +254,6 @@ def test_a_folder_of_trials_is_read_and_trained_on_as_it_is(tmp_path):
         .read_text("utf-8")
         .startswith("Time,object_x_mm")
     )
-
-
-def test_in_daily_life_risky_slips_are_four_samples_in_a_thousand():
-    scene = Scene(replace(read_scene_file("daily"), step_s=0.007), 0)
-    risky_s = total_s = 0.0
-    for trial in scene.run(scene.trials(150)):
-        stops = [since for since, _ in trial.truth.marks[1:]] + [trial.truth.end_s]
-        risky_s += sum(
-            stop - since
-            for (since, what), stop in zip(trial.truth.marks, stops, strict=True)
-            if what == 3
-        )
-        total_s += trial.truth.end_s
-    assert 0.003 < risky_s / total_s < 0.005
 
 
 def test_trials_of_an_object_join_into_one_long_recording(tmp_path):
@@ -390,14 +350,6 @@ def test_a_scene_is_a_source_like_any_other(apple):
     assert source.unit == "N"
     again = open_source(f"sim://{apple}?seed=1&trial=2&rate_hz=50")
     assert again.values.tobytes() == source.values.tobytes()
-
-
-@pytest.mark.parametrize(
-    "url", ["sim://apple?trial=100000", "sim://apple?sed=1", "sim://apple?seed=x"]
-)
-def test_a_scene_url_that_cannot_be_is_a_usage_error(url):
-    with pytest.raises(UsageError):
-        open_source(url)
 
 
 def test_truth_comes_from_the_core_and_not_from_a_noisy_channel(tmp_path, core):
