@@ -151,47 +151,6 @@ $(PEERS)/.stamp: .tools/.stamp $(LOCKS) requirements/peers.lock
 	    $(LOCKS) requirements/peers.lock
 	@touch $@
 
-$(DIST)/.stamp  ## the wheel and the source archive, checked, into dist
-	rm -rf dist
-	$(BIN)/python -m hatchling build -d dist
-	$(DIST)/bin/twine check --strict dist/*
-
-# pip is used once, to fetch uv: `--target` works where Debian marks its Python as externally managed.
-.tools/.stamp: tools/uv.txt
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Holdfast needs Python 3.11 or newer; try: make setup PYTHON=python3.11")'
-	rm -rf .tools
-	$(PYTHON) -m pip install --quiet --disable-pip-version-check --root-user-action=ignore --no-deps \
-	    --only-binary :all: --target .tools --require-hashes -r tools/uv.txt
-	@touch $@
-
-.venv/.stamp: .tools/.stamp $(LOCKS) pyproject.toml
-	@test -x $(BIN)/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" .venv
-	$(UV) pip sync --quiet --python $(BIN)/python --only-binary :all: --require-hashes $(LOCKS)
-	$(UV) pip install --quiet --python $(BIN)/python --no-build-isolation --no-deps --editable .
-	@touch $@
-
-# A part of what .stamp installs: enough to simulate, train, export and draw. It adds and removes nothing, so that
-# `make demo` leaves what `make test` has installed, and `make test` after it adds the rest.
-.venv/.demo-stamp: .tools/.stamp $(DEMO_LOCKS) pyproject.toml
-	@test -x $(BIN)/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" .venv
-	$(UV) pip install --quiet --python $(BIN)/python --only-binary :all: --no-deps --require-hashes \
-	    $(addprefix --requirement ,$(DEMO_LOCKS))
-	$(UV) pip install --quiet --python $(BIN)/python --no-build-isolation --no-deps --editable .
-	@touch $@
-
-# Beside .venv, which keeps to what is tested: everything of dev.lock, so that ours and peers run on the same numpy.
-$(PEERS)/.stamp: .tools/.stamp $(LOCKS) requirements/peers.lock
-	@test -x $(PEERS)/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" $(PEERS)
-	$(UV) pip sync --quiet --python $(PEERS)/bin/python --only-binary :all: --require-hashes \
-	    $(LOCKS) requirements/peers.lock
-	@touch $@
-
-# Apart from .venv, which runs the tests; one of its packages has no wheel.
-$(MUTANTS)/.stamp: .tools/.stamp requirements/mutants.lock
-	@test -x/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))"
-	$(UV) pip sync --quiet --python/bin/python --require-hashes requirements/mutants.lock
-	@touch $@
-
 $(DIST)/.stamp: .tools/.stamp requirements/dist.lock
 	@test -x $(DIST)/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" $(DIST)
 	$(UV) pip sync --quiet --python $(DIST)/bin/python --only-binary :all: --require-hashes requirements/dist.lock

@@ -15,7 +15,6 @@ file of a Unix socket has permissions 0600, so only processes of the same user m
 
 from __future__ import annotations
 
-import json
 import os
 import socket
 import stat
@@ -28,7 +27,7 @@ from typing import TypeVar
 from urllib.parse import SplitResult, parse_qs, unquote, urlsplit
 
 from holdfast.core.errors import UsageError
-from holdfast.core.reading import Json
+from holdfast.core.reading import Json, json_of
 
 SILENCE_NS = 300_000_000
 """A sender that has been silent for longer is gone."""
@@ -57,17 +56,10 @@ def fields_of(line: bytes) -> Json:
     """The members of a line that is one JSON object. Raises ValueError, with the reason."""
     if len(line) > LONGEST_LINE:
         raise ValueError("too long")
-    try:
-        fields = json.loads(line, parse_constant=_not_finite)
-    except RecursionError:
-        raise ValueError("nested too deep") from None
+    fields = json_of(line)
     if not isinstance(fields, dict):
         raise ValueError("no JSON object")
     return fields
-
-
-def _not_finite(text: str) -> float:
-    raise ValueError(f"{text} is not finite")
 
 
 def sequence_of(value: object) -> int | None:

@@ -51,7 +51,10 @@ def text_of(path: Path) -> str:
 
 def json_of(text: str | bytes) -> Any:
     """The value of a JSON text. Raises ValueError, also for numbers that are not finite."""
-    return json.loads(text, parse_constant=_not_finite)
+    try:
+        return json.loads(text, parse_constant=_not_finite)
+    except RecursionError:
+        raise ValueError("it nests too deep") from None
 
 
 def _not_finite(word: str) -> None:
@@ -69,7 +72,7 @@ def read_toml(path: Path) -> tuple[str, Json]:
         raise CardError(
             "cannot be read as text", where=path, cause=type(error).__name__
         ) from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise CardError(
             f"not valid TOML: {str(error)[:200]}",
             where=path,

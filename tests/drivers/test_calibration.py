@@ -304,17 +304,17 @@ BROKEN: list[tuple[dict[str, Any], type[DataError], str]] = [
     (
         {"matrix_n_per_ut": [[[1.0, 2.0, float("nan")]] * 3] * 2},
         DataError,
-        r"matrix_n_per_ut\[0\]\[0\]\[2\] = nan is not a finite",
+        "NaN is not a finite",
     ),
     (
         {"matrix_n_per_ut": [[[1.0, 2.0, float("-inf")]] * 3] * 2},
         DataError,
-        "-inf is not a finite",
+        "-Infinity is not a finite",
     ),
     (
         {"matrix_n_per_ut": [[[1.0, 2.0, 10**400]] * 3] * 2},
         DataError,
-        "more than 64 bits",
+        "matrix_n_per_ut holds",
     ),
     (
         {"matrix_n_per_ut": [[[1.0, 2.0, "3"]] * 3] * 2},
@@ -558,7 +558,7 @@ def test_a_bias_comes_back_bit_for_bit(
         (
             {"values": [float("nan")] * 3},
             DataError,
-            r"values\[0\] = nan is not a finite",
+            "NaN is not a finite",
         ),
         ({"spread": [1.0]}, ChannelError, "spread has shape"),
         ({"reversed": []}, ChannelError, "reversed is not 6 times"),

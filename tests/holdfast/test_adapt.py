@@ -16,7 +16,6 @@ from long_steps import long_steps
 
 from holdfast.core.errors import UsageError
 from holdfast.edge_runtime.model import Model
-from holdfast.live import graph_checks
 from holdfast.sessions.adapted_files import base_model
 from holdfast.sessions.adapting import of_person
 from holdfast.sessions.recorder.protocol import read_protocol
@@ -38,7 +37,6 @@ def test_the_page_runs_and_the_file_is_one_person_s_until_it_is_undone(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "models").symlink_to(ROOT / "models")
     (commands,) = re.findall(r"```sh\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
-    monkeypatch.setattr(graph_checks, "SILENT_STEPS", 3000)  # of test_selftest.py
     with long_steps():
         results = [run(*shlex.split(line)[1:]) for line in commands.splitlines()]
     assert not [result for result in results if result[0] != 0]

@@ -140,16 +140,6 @@ print(json.dumps(sorted(sys.modules)))
     )
 
 
-def test_the_c_export_needs_no_package_but_those_of_the_live_path():
-    program = "import json, sys, holdfast.export.c.exporting\n"
-    program += "print(json.dumps(sorted(sys.modules)))"
-    command = [sys.executable, "-c", program]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    loaded = {package_of(name) for name in json.loads(done.stdout)}
-    assert "export" in loaded
-    assert loaded & (NOT_ON_THE_HAND | {"skl2onnx", "skops"}) == set()
-
-
 @pytest.mark.parametrize("package", ["edge_runtime", "drivers"])
 def test_nothing_on_the_hand_reads_a_pickle(package):
     readers = {

@@ -175,8 +175,8 @@ def commands_of_the_readme() -> list[str]:
     whole = []
     for command in commands:
         words = shlex.split(command)
-        # on its own it needs options, waits for a bridge, or takes as long as a test of its own
-        bare = len(words) == 2 or words[1] == "selftest"
+        # it needs options, waits for a bridge, needs an extra, or takes as long as a test
+        bare = len(words) == 2 or words[1] == "selftest" or "c" in words
         if not bare and not any(re.fullmatch("[A-Z.]+", word) for word in words):
             whole.append(command)
     return [one for one in whole if "oak" not in one and "completion" not in one]

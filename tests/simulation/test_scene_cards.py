@@ -66,10 +66,6 @@ def test_a_new_card_needs_no_code(tmp_path):
             PLAIN + "[effects.hall_noise]\n",
             ["effects.hall_noise", "only together with [effects.dipole]"],
         ),
-        (
-            PLAIN + "[effects.camera_frames]\n",
-            ["effects.camera_frames", "only together with [camera]"],
-        ),
         (PLAIN + '[record]\nunit = "uT"\n', ["record.unit", "uT", "dipole"]),
         (PLAIN + '[record]\nunit = "lb"\n', ["record.unit", "lb", "N or uT"]),
         (

@@ -240,5 +240,5 @@ def test_a_reading_at_rest_that_is_not_finite_is_refused(
     resting = replace(field_calibration(np.eye(3)), rest_ut=np.full((2, 3), 12345.0))
     path = write_calibration(tmp_path / "c.json", resting)
     path.write_text(path.read_text("utf-8").replace("12345.0", number, 1), "utf-8")
-    with pytest.raises(DataError, match=r"c.json: .*rest_ut.* is not a finite number"):
+    with pytest.raises(DataError, match=r"c.json: .*not (a )?finite"):
         read_calibration(path)
