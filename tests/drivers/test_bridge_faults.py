@@ -3,9 +3,6 @@ held low."""
 
 from __future__ import annotations
 
-import ctypes
-import errno
-import sys
 from array import array
 from typing import Any
 
@@ -14,7 +11,6 @@ import usb.core
 from bridge_bench import (
     ABSENT,
     FIRST,
-    ID,
     IDENTITY,
     SIX,
     THRESHOLD,
@@ -29,10 +25,8 @@ from holdfast.core.errors import BusStuck, DeviceLost, DeviceNotFound, TransferF
 from holdfast.drivers.bus import Reply, Transfer
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.faults import Fault, Faults
-from holdfast.drivers.virtual.native import VirtualI2cDev
-from holdfast.drivers.virtual.usb_backend import Traffic, VirtualBackend
+from holdfast.drivers.virtual.usb_backend import VirtualBackend
 from holdfast.drivers.virtual.usb_device import Device, Endpoint, Interface
-from holdfast.drivers.virtual.virtual_hand import VirtualHand
 
 
 @every_bridge
@@ -189,29 +183,6 @@ def test_pyusb_finds_an_emulated_device_by_what_its_descriptors_say():
         bus.backend.get_interface_descriptor(bus.handle, 0, 1, 0)
 
 
-def test_standard_requests_are_answered_for_the_device_and_others_by_it():
-    bus = Bus()
-    for kind, request, answer in (
-        (0x80, (0, 0, 0), bytes(2)),
-        (0x80, (8, 0, 0), b"\1"),
-        (0x80, (6, 0x0300, 0), b"\4\3\x09\4"),
-        (0x80, (6, 0x0302, 0), b"\x10\3T\0a\0l\0k\0"),
-        (0xC0, (8, 1, 2), b"\x08\1\2!!!!!!!"),
-        (0xA1, (8, 1, 1), b"\x08\1\1!!!!!!!"),
-    ):
-        into = array("B", bytes(10))
-        length = bus.control(kind, into, *request)
-        assert bytes(into[:length]) == answer
-    for request in ((9, 0, 0), (6, 0x0301, 0), (6, 0x0304, 0)):
-        with pytest.raises(usb.core.USBError, match="Pipe") as refused:
-            bus.control(0x80, array("B", bytes(10)), *request)
-        assert (refused.value.errno, refused.value.backend_error_code) == (32, 32)
-    assert bus.control(0x40, array("B", b"ab"), 1, 2, 3) == 2
-    assert bus.read() == b"\1\2\3ab"
-    traffic = bus.backend.traffic
-    assert (traffic.transfers, traffic.bytes_out, traffic.bytes_in) == (11, 2, 42)
-
-
 def test_a_read_of_nothing_takes_its_time_out_and_nothing_else_does():
     bus = Bus()
     assert bus.write(b"abc") == 3
@@ -304,47 +275,3 @@ def test_an_interface_that_is_given_back_by_another_handle_stays_claimed():
 
 
 # -- the emulated board's bus
-
-
-def test_the_emulated_controller_fails_as_the_kernel_does_and_takes_this_time():
-    smbus2 = sys.modules["smbus2"]
-    faults = [("late", 1), ("stall", 3), ("short", 5), ("stuck", 7), ("unplug", 9)]
-    clock = VirtualClock(5_000)
-    hand = VirtualHand(clock, faults=[Fault(kind, at, 0.1) for kind, at in faults])
-    write, read = smbus2.i2c_msg.write, smbus2.i2c_msg.read
-    with VirtualI2cDev(hand) as device:
-        bus = smbus2.SMBus(1)
-
-        def outcome(*messages: Any) -> tuple[int, int, int]:
-            begun_ns, bits, number = clock.now_ns(), hand.wire.bits, 0
-            try:
-                bus.i2c_rdwr(*messages)
-            except OSError as error:
-                number = error.errno or -1
-            return number, clock.now_ns() - begun_ns, hand.wire.bits - bits
-
-        assert outcome(write(0x70, [1])) == (0, 100_000, 20)
-        assert outcome(write(A, [ID]), read(A, 3)) == (0, 192_500, 57)
-        assert outcome(read(ABSENT, 3)) == (errno.EREMOTEIO, 77_500, 11)
-        assert device.traffic == Traffic(3, 2, 3)
-        assert outcome(read(A, 8193)) == (errno.EINVAL, 0, 0)
-        assert outcome() == (errno.EINVAL, 0, 0)
-        for at_s, number, took_ns in (
-            (1, errno.ETIMEDOUT, 1_000_050_000),
-            (3, errno.EIO, 50_000),
-            (5, errno.EAGAIN, 50_000),
-            (7, errno.ETIMEDOUT, 1_000_050_000),
-            (9, errno.ENODEV, 0),
-            (9.2, errno.ENODEV, 0),
-        ):
-            clock.wait_until(5_000 + round(1e9 * at_s))
-            assert outcome(write(A, [ID])) == (number, took_ns, 0)
-        assert (hand.mux.control, hand.wire.held_low) == (0, False)
-        module = vars(sys.modules["smbus2.smbus2"])
-        again, functions = module["os"].open("/dev/i2c-1", 0), ctypes.c_ulong(0)
-        assert module["ioctl"](again, 0x0705, functions) == 0
-        assert (functions.value, again >= 1_000_000) == (1, True)
-        with pytest.raises(OSError, match="ioctl"):
-            module["ioctl"](again, 0x0703, 0x35)
-        bus.close()
-        assert device.open_files == 1

@@ -313,7 +313,7 @@ BROKEN: list[tuple[dict[str, Any], type[DataError], str]] = [
     ),
     (
         {"matrix_n_per_ut": [[[1.0, 2.0, 10**400]] * 3] * 2},
-        DataError,
+        NotANumber,
         "matrix_n_per_ut holds",
     ),
     (
