@@ -39,10 +39,11 @@ LIVE_S = 60.0
 
 @dataclass(frozen=True)
 class BenchRequest:
-    """Folder of the results, and where the points of `cost` are measured."""
+    """Folder of the results, where the points of `cost` are measured, and a file beside ours."""
 
     out: Path
     workers: Workers
+    older: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -66,8 +67,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option = parser.add_argument
     what = "one of the list below, or all"
     option("what", choices=(*MEASURES, "all"), metavar="WHAT", help=what)
-    check = "with latency: exit 1 if a budget is exceeded"
+    check = "exit 1 if a limit of latency or cost does not hold"
     option("--check", action="store_true", help=check)
+    older = "with latency: another file of this rate and hand, its step timed in the same run"
+    option("--older", type=path_argument, metavar="FILE", help=older)
     default = Path("build/bench")
     out = "folder for the results (default build/bench); cost continues there where it stopped"
     option("--out", type=path_argument, default=default, metavar="DIR", help=out)
@@ -85,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
 
     require_writable(args.out)
     require_json_writable(args)
-    request = BenchRequest(args.out, chosen_workers(args))
+    request = BenchRequest(args.out, chosen_workers(args), args.older)
     chosen = [args.what]
     if args.what == "all":
         chosen = [name for name, one in MEASURES.items() if not one.alone]
@@ -125,15 +128,20 @@ def _simulator(request: BenchRequest) -> Json:
 
 
 def _latency(request: BenchRequest) -> Json:
+    from benchmarks.timed_calls import steps_beside
     from holdfast.evaluation.latency.check import figures_of
 
-    return figures_of(MODEL)
+    older = request.older
+    beside = [] if older is None else steps_beside(MODEL, older)
+    return {**figures_of(MODEL), "beside": beside}
 
 
 def _cost(request: BenchRequest) -> Json:
+    from benchmarks.cost.peers import peer_times
     from benchmarks.cost.surface import cost
 
-    return cost(request.out / "cost", workers=request.workers)
+    surface = cost(request.out / "cost", workers=request.workers)
+    return {**surface, **peer_times(MODEL)}
 
 
 def _robust(request: BenchRequest) -> Json:

@@ -7,10 +7,12 @@ from tools.table_rows import cost_front, with_interval
 
 
 def short(figures: Json) -> dict[str, list[Json]]:
-    """The front of each set, cheapest first."""
-    fronts = {}
+    """The front of each set, cheapest first, and the peers where they were timed."""
+    fronts: dict[str, list[Json]] = {}
     for of in figures["fronts"]:
         fronts[of] = [_line(row) for row in cost_front(figures, of)]
+    if "peers" in figures:
+        fronts["peers"] = figures["peers"]
     return fronts
 
 

@@ -1,4 +1,4 @@
-"""Other ways to a decision on the same trees, one row a call:
+"""Other ways to a decision, beside the whole step of a file, one row a call:
 
 scikit-learn    predict_proba of 100 full-depth trees on the raw window
 a walk in C     the same trees in a few lines of C (where there is a compiler)
@@ -8,6 +8,7 @@ the thesis' way ten band-pass filters a channel, one sample at a time in Python,
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
 from itertools import cycle
 from pathlib import Path
@@ -16,8 +17,15 @@ import numpy as np
 from scipy.signal import butter
 
 from benchmarks.cost.forest_c import c_walk
+from benchmarks.timed_calls import step_call, times_beside
 from holdfast.core.contract import CLASSES
 from holdfast.core.errors import LibraryMissing
+from holdfast.core.reading import Json
+from holdfast.edge_runtime.model import Model
+from holdfast.edge_runtime.model_file import read_sealed
+from holdfast.evaluation.latency.calls import STEP
+from holdfast.evaluation.latency.check import simulated_set, stream_of
+from holdfast.evaluation.latency.timing import CALLS_A_TURN, TURNS
 from holdfast.export.learner import Forest, reference_votes
 from holdfast.export.spec import bands_for
 from holdfast.training.crossval import fit_learner
@@ -47,6 +55,21 @@ def peer_calls(data: DataSet, work: Path) -> dict[str, Callable[[], object]]:
         **_walk(forest, rows, work),
         **_treelite(forest, rows),
         THESIS: _thesis_way(forest, data),
+    }
+
+
+def peer_times(path: Path, turns: int = TURNS, calls: int = CALLS_A_TURN) -> Json:
+    """us of a file's step and of every peer, in one run; broken: the limit that does not hold."""
+    model = Model(path)
+    with tempfile.TemporaryDirectory() as work:
+        data = simulated_set(Path(work), model.card.rate_hz)
+        step = step_call(read_sealed(path), stream_of(data)[0])
+        times = times_beside({STEP: step, **peer_calls(data, Path(work))}, turns, calls)
+    ratio = times[THESIS]["over_first"]
+    line = f"{THESIS} takes {ratio:.1f} steps, less than {LEAST_THESIS_OVER_STEP:g}"
+    return {
+        "peers": [{"call": name, **of} for name, of in times.items()],
+        "broken": [line] if ratio < LEAST_THESIS_OVER_STEP else [],
     }
 
 

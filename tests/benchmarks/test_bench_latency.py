@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import pytest
 
+from benchmarks import timed_calls
 from benchmarks.cost import peers
 from holdfast.core.reading import DEFAULT_MODEL, model_path
 from holdfast.edge_runtime.model import Model
@@ -133,14 +134,22 @@ def test_the_live_path_keeps_no_second_copy_of_its_file_and_is_within_its_memory
     assert max(map(len, held), default=0) < size // 100
 
 
-def test_peers_answer_on_the_same_rows_and_the_walk_in_c_votes_as_the_trees(
+def test_peers_and_an_older_file_are_timed_beside_the_step(
     monkeypatch, eight_classes, tmp_path
 ):
     few = replace(peers.RAW_BASELINE.situation, n_estimators=3)
-    monkeypatch.setattr(
-        peers, "RAW_BASELINE", replace(peers.RAW_BASELINE, situation=few)
-    )
-    calls = peers.peer_calls(eight_classes.data, tmp_path)
-    assert {peers.SKLEARN, peers.THESIS} <= set(calls)
-    for call in calls.values():
-        call()
+    raw = replace(peers.RAW_BASELINE, situation=few)
+    monkeypatch.setattr(peers, "RAW_BASELINE", raw)
+    monkeypatch.setattr(peers, "simulated_set", lambda *_: eight_classes.data)
+    monkeypatch.setattr(timed_calls, "simulated_set", lambda *_: eight_classes.data)
+    path = model_path(DEFAULT_MODEL)
+
+    found = peers.peer_times(path, 1, 2)
+    rows = {row["call"]: row["step_us"] for row in found["peers"]}
+    assert {STEP, peers.SKLEARN, peers.THESIS} <= set(rows)
+    slow = rows[peers.THESIS] < peers.LEAST_THESIS_OVER_STEP * rows[STEP]
+    assert bool(found["broken"]) == slow
+
+    beside = timed_calls.steps_beside(path, path)
+    assert [row["file"] for row in beside][:2] == ["the older file", "this file"]
+    assert beside[0]["over_first"] == 1.0

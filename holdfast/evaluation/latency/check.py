@@ -127,8 +127,8 @@ def latency(path: Path, turns: int = TURNS) -> LatencyFigures:
     """
     model = Model(path)
     with tempfile.TemporaryDirectory() as work:
-        data = _scenes(Path(work), model.card.rate_hz)
-        stream = _stream(data)
+        data = simulated_set(Path(work), model.card.rate_hz)
+        stream = stream_of(data)
         # All calls get the samples of one stream, so none has easier rows than another.
         step = step_of(model, stream)
         step_in_c = c_step_of(model, stream, Path(work))
@@ -253,14 +253,14 @@ def budgets(
     return measured
 
 
-def _scenes(work: Path, rate_hz: float) -> DataSet:
+def simulated_set(work: Path, rate_hz: float) -> DataSet:
     """A small simulated set at the model's rate."""
     scene = Scene(read_scene_file("thesis", rate_hz=rate_hz), 0)
     write_set(scene, work / "set", TRIALS)
     return load(work / "set", windows="thesis")
 
 
-def _stream(data: DataSet) -> tuple[FloatArray, BoolArray]:
+def stream_of(data: DataSet) -> tuple[FloatArray, BoolArray]:
     """Some trials end to end: values [T, C] and valid [T, C/3]."""
     # Spread over the set, so that every action is in the stream.
     every = max(1, len(data.recordings) // STREAMED)
