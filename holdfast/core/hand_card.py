@@ -130,12 +130,6 @@ class HandCard:
         return np.array([contact.stiffness for contact in self.contacts])
 
     @property
-    def side_parts(self) -> tuple[float, float]:
-        """The stiffness of either side over that of one fingertip."""
-        part = self.part
-        return float(part[: self.thumb].sum()), float(part[self.thumb :].sum())
-
-    @property
     def along_m(self) -> FloatArray:
         """[S] positions of the contacts along the axis of a cylinder."""
         return 1e-3 * np.array([contact.along_mm for contact in self.contacts])

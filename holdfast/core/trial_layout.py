@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     from holdfast.core.contract import FloatArray, Unit
 
 META, EVENTS, TACTILE = "meta.json", "events.jsonl", "tactile.csv"
-TRUTH_SUFFIX, ONSET_SUFFIX, FRAMES_SUFFIX = ".truth.json", ".onset.json", ".frames.npz"
-INTENT_SUFFIX = ".intent.csv"
+TRUTH_SUFFIX, INTENT_SUFFIX = ".truth.json", ".intent.csv"
 HAND_FILE = "hand.toml"
 """The hand card of a set, next to the set's meta.json (core/hand_card.py)."""
 TRUTH = "tactile" + TRUTH_SUFFIX

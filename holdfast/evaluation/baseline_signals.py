@@ -33,8 +33,7 @@ OUTPUTS = ("loudest", "now", "usable")
 NARROW = 2048
 """Signals times settings that numpy steps in about the time of one."""
 BACK_SAMPLES = 2
-JUMP_N = 0.5
-"""The shear-rate threshold: samples back, and the change of the summed shear from there, in N."""
+"""The shear-rate threshold: samples back to the summed shear that the newest is compared with."""
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,8 @@
     python -m holdfast.sessions.camera '{"camera": "oak", "out": "trial_1", ..}'
 
 One process films one trial, on the same monotonic clock as the recorder. It ends when its standard
-input does, so it never outlives the recorder. Errors are written to camera.json and stderr.
+input does, so it never outlives the recorder; frames from a file are read to their end first.
+Errors are written to camera.json and stderr.
 """
 
 from __future__ import annotations

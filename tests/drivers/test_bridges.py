@@ -1,5 +1,4 @@
-"""Every bridge, by the same sentences: FT232H, tiny-usb with four firmwares, the MCP2221A, and the
-board's own I2C."""
+"""Every bridge, by the same sentences: the FT232H and the board's own I2C."""
 
 from __future__ import annotations
 

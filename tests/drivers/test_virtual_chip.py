@@ -18,9 +18,8 @@ from holdfast.drivers.tmag5273 import (
     RESULTS,
     XYZ,
 )
-from holdfast.drivers.virtual import clock as clock_module
 from holdfast.drivers.virtual.chip import Chip, noise_of
-from holdfast.drivers.virtual.clock import VirtualClock, WallClock
+from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.faults import Fault, Faults, read_fault
 from holdfast.drivers.virtual.virtual_hand import Noise, Wire, wiring_of
 
@@ -176,14 +175,6 @@ def test_virtual_time_never_runs_backwards():
     for t_ns, now_ns in ((3, 8), (9, 9)):
         clock.wait_until(t_ns)
         assert clock.now_ns() == now_ns
-
-
-def test_real_time_is_slept_through(monkeypatch):
-    slept: list[float] = []
-    monkeypatch.setattr(clock_module.time, "sleep", slept.append)
-    for duration_ns in (-1, 0, 1, 1_500_000_000):
-        WallClock().spend(duration_ns)
-    assert slept == [pytest.approx(1e-9), pytest.approx(1.5)]
 
 
 def test_a_fault_lasts_from_its_time_on_and_one_that_happens_happens_once():

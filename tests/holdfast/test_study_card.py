@@ -1,4 +1,4 @@
-"""Protocol cards and questionnaires: the thesis' table 5.4, cards of one's own, and scores."""
+"""Protocol cards: the thesis' table 5.4, and cards of one's own."""
 
 from __future__ import annotations
 

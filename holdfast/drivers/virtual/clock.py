@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import Protocol
 
 
@@ -35,16 +34,3 @@ class VirtualClock:
     def wait_until(self, t_ns: int) -> None:
         """Let time pass until t_ns."""
         self._now_ns = max(self._now_ns, t_ns)
-
-
-class WallClock:
-    """Real time: a bridge's transfers take as long as on real hardware."""
-
-    def now_ns(self) -> int:
-        """time.monotonic_ns."""
-        return time.monotonic_ns()
-
-    def spend(self, duration_ns: int) -> None:
-        """Sleep."""
-        if duration_ns > 0:
-            time.sleep(1e-9 * duration_ns)

@@ -125,7 +125,7 @@ def is_list_of(value: Any, kind: type) -> bool:
 
 
 class ProtocolReader(CardReader):
-    """Checks that recording protocols, study protocols and questionnaires share.
+    """Checks that recording and study protocols share.
 
     Every method returns the value of a key, or raises CardError with what is allowed.
     """

@@ -94,7 +94,7 @@ class Runner:
         heading = part.title
         if part.step is not None:
             heading = f"step {part.step} of {self.protocol.last_step}, {heading}"
-        # Questionnaires take no planned time.
+        # A part that only informs takes no planned time.
         if part.minutes:
             heading += f": {clock_text(60.0 * part.minutes)} planned"
         # A part that takes too long uses up no time of the parts after it.
