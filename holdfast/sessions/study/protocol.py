@@ -163,11 +163,10 @@ class StudyProtocol:
 
         for part in self.parts:
             number = "" if part.step is None else str(part.step)
-            minutes = f"{part.minutes:g}" if part.minutes else "-"
             title = part.title
             if part.repetitions:
                 title += f" x {part.repetitions}"
-            lines.append(f"{number:>4} {minutes:>5} min  {title}")
+            lines.append(f"{number:>4} {part.minutes:>5g} min  {title}")
 
         steps = f"steps {self.first_step} to {self.last_step}"
         return [*lines, f"{steps}, {self.minutes:g} minutes"]

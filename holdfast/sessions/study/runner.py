@@ -94,9 +94,7 @@ class Runner:
         heading = part.title
         if part.step is not None:
             heading = f"step {part.step} of {self.protocol.last_step}, {heading}"
-        # A part that only informs takes no planned time.
-        if part.minutes:
-            heading += f": {clock_text(60.0 * part.minutes)} planned"
+        heading += f": {clock_text(60.0 * part.minutes)} planned"
         # A part that takes too long uses up no time of the parts after it.
         left_s = max(0.0, self._left_s())
         left_s += 60.0 * self.protocol.minutes_after(number)
