@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -25,6 +26,8 @@ def of_this_process(n_workers: int) -> Iterator[Any]:
             dashboard_address=None,
         ) as local:
             yield local
+        # It leaves connections to the collector, which warns of each: here, and in no later test.
+        gc.collect()
 
 
 @pytest.fixture
