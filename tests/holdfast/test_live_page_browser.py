@@ -76,10 +76,10 @@ def test_a_phone_and_a_desk_show_state_forces_and_faults_in_words(tab, width, da
 
 def test_the_wearers_own_command_stands_beside_the_fingers_and_silence_is_unknown(tab):
     with served() as page:
-        intent = {"wants": "open", "envelope": [0.62, 0.08], "link": "live"}
+        intent = {"wants": "open", "link": "live"}
         page.frame(sample(0, intent=intent))
         opened(tab, page, 390)
-        assert "wearer's command\nopen; envelopes 0.62, 0.08" in text_of(tab, "numbers")
+        assert "wearer's command\nopen" in text_of(tab, "numbers")
         page.frame(sample(1, intent=intent | {"wants": "unknown", "link": "expired"}))
         words = "unknown: its sender is silent"
         tab.wait_until(

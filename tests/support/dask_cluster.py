@@ -26,7 +26,8 @@ def of_this_process(n_workers: int) -> Iterator[Any]:
             dashboard_address=None,
         ) as local:
             yield local
-        # It leaves connections to the collector, which warns of each: here, and in no later test.
+        # It leaves connections to the collector, which warns of each: of no later test.
+        warnings.simplefilter("ignore", ResourceWarning)
         gc.collect()
 
 
