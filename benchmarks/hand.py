@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.clock import MonotonicClock
-from holdfast.core.contract import FloatArray, Prediction, Sample
-from holdfast.core.reading import Json
+from holdfast.core.contract import FloatArray, Json, Prediction, Sample
 from holdfast.core.source import SourceReading
 from holdfast.drivers.bridges import BRIDGES, open_virtual
 from holdfast.drivers.bus import Bus, Reply, Transfer

@@ -14,8 +14,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.core.reading import Json
+from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.core.trial_layout import (
     HELD_ACTIONS,
     SITUATION_OF_ACTION,

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from benchmarks.cost.picture import figure as cost_figure
 from benchmarks.cost.picture import on_hands
-from holdfast.core.reading import Json
+from holdfast.core.contract import Json
 from holdfast.evaluation.latency.picture import latency
 from holdfast.evaluation.style import GRID, INK, OURS, QUIET, WARNING, drawing, svg
 

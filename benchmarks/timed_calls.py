@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.core.reading import Json
+from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.edge_runtime.graph import StepGraph, open_session
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import read_sealed

@@ -12,7 +12,7 @@ from benchmarks.cost.picture import figure, on_hands
 from benchmarks.world import page as world
 from examples.demo import demo_picture
 from holdfast.cli.command import show
-from holdfast.core.reading import Json
+from holdfast.core.contract import Json
 from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.model import Model
 from holdfast.evaluation.style import for_any_page

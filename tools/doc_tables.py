@@ -19,8 +19,8 @@ from typing import NoReturn
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from holdfast.cli.command import show
+from holdfast.core.contract import Json
 from holdfast.core.errors import DataNotFound
-from holdfast.core.reading import Json
 from holdfast.core.writing import write_whole
 from holdfast.evaluation.formats import markdown_cell
 from tools import table_rows

@@ -25,8 +25,8 @@ from pathlib import Path
 
 from holdfast.cli.command import finish, path_argument, run_script, seed
 from holdfast.cli.main import main
+from holdfast.core.contract import Json
 from holdfast.core.errors import HoldfastError, UsageError
-from holdfast.core.reading import Json
 from holdfast.core.writing import write_whole
 
 AT_ONCE = 2

@@ -8,8 +8,8 @@ from typing import Any
 
 from benchmarks.cost.point import GOOD, README_POINTS, RECOMMENDED, REFERENCE
 from benchmarks.world.page import FUNCTIONS as WORLD
-from holdfast.core.reading import Json
-from holdfast.core.trial_layout import NORMAL_FLOOR, SITUATION_OF_ACTION
+from holdfast.core.contract import NORMAL_FLOOR, Json
+from holdfast.core.trial_layout import SITUATION_OF_ACTION
 from holdfast.evaluation.formats import DEPLOYED, markdown
 from holdfast.export.features import GROUPS, LAGS_S, feature_count, feature_graph
 from holdfast.export.spec import StepSpec

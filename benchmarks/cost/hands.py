@@ -11,8 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from holdfast.core.contract import BoolArray
-from holdfast.core.reading import Json
+from holdfast.core.contract import BoolArray, Json
 from holdfast.evaluation.alarms import EventMatch, event_scores
 from holdfast.evaluation.statistics import share
 from holdfast.training.recording import DataSet, Recording

@@ -16,8 +16,7 @@ from benchmarks.cost.features import everywhere, windows
 from benchmarks.cost.hands import HANDS, UNCHANGED, hand_figures
 from benchmarks.cost.point import ON_HANDS, Point
 from benchmarks.cost.recordings import per_recording, read
-from holdfast.core.contract import RISKY_SLIP, FloatArray
-from holdfast.core.reading import Json
+from holdfast.core.contract import RISKY_SLIP, FloatArray, Json
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.evaluation.alarms import (
     Answers,

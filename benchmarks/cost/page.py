@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from holdfast.core.reading import Json
+from holdfast.core.contract import Json
 from tools.table_rows import cost_front, with_interval
 
 

@@ -18,9 +18,8 @@ from scipy.signal import butter
 
 from benchmarks.cost.forest_c import c_walk
 from benchmarks.timed_calls import step_call, times_beside
-from holdfast.core.contract import CLASSES
+from holdfast.core.contract import CLASSES, Json
 from holdfast.core.errors import LibraryMissing
-from holdfast.core.reading import Json
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import read_sealed
 from holdfast.evaluation.latency.calls import STEP

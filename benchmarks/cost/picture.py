@@ -19,7 +19,7 @@ from benchmarks.cost.point import (
     TREES,
     Point,
 )
-from holdfast.core.reading import Json
+from holdfast.core.contract import Json
 from holdfast.evaluation.style import GRID, INK, OURS, QUIET, WARNING, drawing, svg
 
 COMPUTED = {

@@ -27,8 +27,7 @@ from benchmarks.cost.point import GOOD, GROUPS, ON_HANDS, POOLED, Point, points
 from benchmarks.cost.recordings import PARTS, Parts, read, require_parts, simulate
 from benchmarks.timed_calls import learner_call, step_call
 from holdfast.cli.options import CORES
-from holdfast.core.contract import FloatArray
-from holdfast.core.reading import Json
+from holdfast.core.contract import FloatArray, Json
 from holdfast.core.writing import write_whole
 from holdfast.evaluation.jobs import Job, Workers
 from holdfast.evaluation.latency.timing import time_in_turns

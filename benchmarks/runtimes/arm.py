@@ -26,8 +26,8 @@ from benchmarks.runtimes.here import same_bits
 from benchmarks.runtimes.programs import called, require
 from benchmarks.runtimes.stream import stream_of
 from holdfast.cli.command import show
+from holdfast.core.contract import Json
 from holdfast.core.errors import HoldfastError
-from holdfast.core.reading import Json
 from holdfast.edge_runtime.model import Model
 from holdfast.export.c.exporting import export_c
 

@@ -20,7 +20,7 @@ from benchmarks.runtimes.c_programs import (
     answers_of,
 )
 from benchmarks.runtimes.stream import Stream, stream_of
-from holdfast.core.reading import Json
+from holdfast.core.contract import Json
 from holdfast.edge_runtime.c_engine import LIBRARY, CompiledModel
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.model import Model

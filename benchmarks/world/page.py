@@ -11,7 +11,7 @@ from typing import Any
 from benchmarks.world.draws import KINDS, RISKY
 from benchmarks.world.picture import picture
 from benchmarks.world.ranges import TABLE
-from holdfast.core.reading import Json
+from holdfast.core.contract import Json
 
 BEFORE = Path("docs/measured/world-d86a7e638b14.json")
 NOW = Path("docs/measured/world-080828f74eb1.json")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from matplotlib.axes import Axes
 
-from holdfast.core.reading import Json
+from holdfast.core.contract import Json
 from holdfast.evaluation.style import GRID, OURS, QUIET, drawing, for_any_page, svg
 
 DROPS = (

@@ -24,8 +24,9 @@ from benchmarks.world.draws import (
 from benchmarks.world.trials_file import ROOT, TrialsFile, code_sha256, file_sha256
 from holdfast.cli.command import path_argument, seed, show
 from holdfast.cli.options import CORES, add_job_options, chosen_workers
+from holdfast.core.contract import Json
 from holdfast.core.locked import locked_sets
-from holdfast.core.reading import Json, model_path
+from holdfast.core.reading import model_path
 from holdfast.core.writing import require_writable, write_whole
 
 SEED = 8001

@@ -22,7 +22,7 @@ from benchmarks.world.outcomes import (
     oracle_saves,
     possible_run,
 )
-from holdfast.core.reading import Json
+from holdfast.core.contract import Json
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from benchmarks.loop_figures import BLOCKED_N, BLOCKED_S
 from benchmarks.world.draws import FALLS, HAND_OVERS, KINDS, PULLS, RISKY
 from benchmarks.world.outcomes import CEILING, CLOSURES
-from holdfast.core.reading import Json
+from holdfast.core.contract import Json
 from holdfast.evaluation.statistics import share
 
 Records = Sequence[Json]

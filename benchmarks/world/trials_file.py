@@ -11,7 +11,7 @@ import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from holdfast.core.reading import Json
+from holdfast.core.contract import Json
 
 ROOT = Path(__file__).resolve().parents[2]
 CODE = (

@@ -102,8 +102,8 @@ def _to_format(args: argparse.Namespace) -> int:
 
 
 def _from_xdf(args: argparse.Namespace) -> int:
+    from holdfast.core.trial_layout import checked_name
     from holdfast.interop.xdf import cuts, read_xdf, write_trials
-    from holdfast.sessions.recorder.protocol import checked_name
 
     if not args.person:
         raise UsageError("--to trials without a person", next_step="--person p01")

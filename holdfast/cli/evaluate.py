@@ -19,11 +19,11 @@ from holdfast.cli.options import (
     chosen_model,
     chosen_workers,
 )
-from holdfast.core.reading import Json
 from holdfast.core.writing import require_writable
 from holdfast.evaluation import MOST_FALSE_PER_MIN
 
 if TYPE_CHECKING:
+    from holdfast.core.contract import Json
     from holdfast.evaluation.evaluate import EvaluationRequest
     from holdfast.evaluation.figures import Evaluation
     from holdfast.training.progress import Stages

@@ -31,10 +31,10 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.core.contract import AXES, UNIT_OF, FloatArray, IntArray, Unit
+from holdfast.core.contract import AXES, UNIT_OF, FloatArray, IntArray, Json, Unit
 from holdfast.core.errors import CardError, ColumnError, NotANumber, listed
 from holdfast.core.hand_card import HandCard, read_hand_card
-from holdfast.core.reading import CardReader, Json, read_toml
+from holdfast.core.reading import CardReader, read_toml
 from holdfast.core.toml_lines import line_naming, line_of, table_lines, toml_text
 
 NS_OF: Mapping[str, int] = MappingProxyType(

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -48,6 +49,14 @@ UNIT_OF: dict[str, tuple[Unit, float]] = {
     "count": ("count", 1.0),
 }
 """A unit that arrays may come in -> the unit of ours, and the factor to it."""
+NORMAL_FLOOR: Mapping[Unit, float] = MappingProxyType(
+    {"N": 0.3, "uT": 100.0, "count": 300.0}
+)
+"""A finger with a smaller normal reading touches nothing; above the noise of a resting channel.
+
+In the stream's unit. No friction ratio is computed below it, and a resting normal below minus this
+value means a reversed magnet.
+"""
 State = Literal["unknown", "nothing", "grasp", "safe_slip", "risky_slip"]
 Reason = Literal[
     "", "settling", "sensors", "repeats", "rate", "started_loaded", "late", "clock"
@@ -64,6 +73,8 @@ CommandLink = Literal["none", "live", "expired"]
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
+Json = dict[str, Any]
+"""A JSON object as it stands in a file, looked up by its keys."""
 
 RATE_TOLERANCE = 0.10
 """A source may run within +-10 % of the rate a model was built for (median step)."""

@@ -33,9 +33,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.core.errors import CardError
-from holdfast.core.reading import CardReader, Json, read_toml
+from holdfast.core.reading import CardReader, read_toml
 
 Side = Literal["thumb", "opposing"]
 SIDES: tuple[Side, ...] = ("thumb", "opposing")

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from holdfast.core.contract import Json
 from holdfast.core.errors import SetLocked
-from holdfast.core.reading import Json
 from holdfast.core.trial_layout import META, read_json
 
 FILE = Path(__file__).with_name("locked.toml")

@@ -10,12 +10,13 @@ import json
 import tomllib
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from holdfast.core.errors import CardError
 
-Json = dict[str, Any]
-"""A JSON object as it stands in a file, looked up by its keys."""
+if TYPE_CHECKING:
+    from holdfast.core.contract import Json
+
 _PACKAGE = Path(__file__).resolve().parent.parent
 _IN_WHEEL, _IN_CHECKOUT = _PACKAGE / "models", _PACKAGE.parent / "models"
 MODELS = _IN_CHECKOUT if _IN_CHECKOUT.is_dir() else _IN_WHEEL

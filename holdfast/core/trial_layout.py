@@ -16,6 +16,7 @@ guess would put wrong labels on all windows of the object.
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,11 +24,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from holdfast.core.errors import LabelError, one_line
-from holdfast.core.reading import Json, json_of, text_of
+from holdfast.core.errors import LabelError, UsageError, one_line
+from holdfast.core.reading import json_of, text_of
 
 if TYPE_CHECKING:
-    from holdfast.core.contract import FloatArray, Unit
+    from holdfast.core.contract import FloatArray, Json
 
 META, EVENTS, TACTILE = "meta.json", "events.jsonl", "tactile.csv"
 TRUTH_SUFFIX, INTENT_SUFFIX = ".truth.json", ".intent.csv"
@@ -42,6 +43,10 @@ LOG_MARKS = ("metadata.yaml", "meta/info.json")
 """Files in the folder of a log: a bag of ROS 2, a LeRobot set."""
 DISCARDED = "discarded"
 """A person's folder of trials that were done again: kept on the disk, read by nothing."""
+
+NAME = re.compile(r"[A-Za-z0-9]+(-[A-Za-z0-9]+)*")
+"""Words joined by dashes: safe as a folder on every system, and no address."""
+LONGEST_NAME = 24
 
 SITUATION_OF_ACTION = MappingProxyType(
     {
@@ -78,6 +83,8 @@ OTHER_ACTIONS = tuple(
     name for name in SITUATION_OF_ACTION if name not in THESIS_ACTIONS
 )
 """Actions without a script: a trial's truth tells what happens when."""
+UNSCRIPTED = (*OTHER_ACTIONS, "daily")
+"""Actions whose labels come only from the truth file of a trial."""
 LABELLED_ACTIONS = ("hold", "slip")
 """Actions that need no truth: whether the object slipped is all that is known of a trial."""
 HELD_ACTIONS = tuple(
@@ -277,16 +284,20 @@ def _checked(mass: Any, source: str, name: str) -> Mass:
     return Mass(float(mass), source)
 
 
+def checked_name(text: str, what: str) -> str:
+    """A pseudonym or a name that may become a folder. Raises UsageError."""
+    # Folders of these names have a meaning of their own among a person's.
+    reserved = text.lower() in ("nothing", DISCARDED)
+    if reserved or not NAME.fullmatch(text) or len(text) > LONGEST_NAME:
+        raise UsageError(
+            f"{what} {text[:40]!r} is not allowed",
+            cause="an address, a path, or a reserved word",
+            next_step=f"up to {LONGEST_NAME} letters, digits and dashes, such as p01; no real name",
+        )
+    return text
+
+
 # -- the contact rule
-
-NORMAL_FLOOR: Mapping[Unit, float] = MappingProxyType(
-    {"N": 0.3, "uT": 100.0, "count": 300.0}
-)
-"""A finger with a smaller normal reading touches nothing; above the noise of a resting channel.
-
-In the stream's unit. No friction ratio is computed below it, and a resting normal below minus this
-value means a reversed magnet.
-"""
 
 CONTACT_SHARE, CONTACT_SMOOTH_S = 0.1, 0.1
 """A hand is closed on something while its normal force exceeds this share of its 95 % quantile."""

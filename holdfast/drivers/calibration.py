@@ -18,6 +18,7 @@ import numpy as np
 
 from holdfast.core.contract import (
     NORMAL_AXIS,
+    NORMAL_FLOOR,
     UNITS,
     BoolArray,
     FloatArray,
@@ -33,7 +34,6 @@ from holdfast.core.errors import (
     UnitError,
 )
 from holdfast.core.reading import json_of, text_of
-from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.core.writing import write_whole
 
 MIN_BIAS_ROWS = 30

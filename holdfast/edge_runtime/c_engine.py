@@ -17,9 +17,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.core.errors import GoldenMismatch, LibraryRefused
-from holdfast.core.reading import Json
 from holdfast.edge_runtime.graph import Outputs
 from holdfast.edge_runtime.model import check_golden, golden_from_json, golden_input
 from holdfast.edge_runtime.model_file import card_of, digest_of, read_sealed

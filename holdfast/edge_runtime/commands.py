@@ -12,9 +12,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from holdfast.core.contract import CommandLink
+from holdfast.core.contract import CommandLink, Json
 from holdfast.core.hand_lines import SILENCE_NS, LinePort, line_port, printable
-from holdfast.core.reading import Json
 
 KEYS = {"opening", "override"}
 EXPIRES_NS = SILENCE_NS

@@ -22,9 +22,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import SITUATIONS, BoolArray, FloatArray
+from holdfast.core.contract import SITUATIONS, BoolArray, FloatArray, Json
 from holdfast.core.errors import GoldenMismatch, NotAModel
-from holdfast.core.reading import Json
 from holdfast.edge_runtime.graph import Outputs, StepGraph, open_session, run_recording
 from holdfast.edge_runtime.model_file import (
     EMPTY,

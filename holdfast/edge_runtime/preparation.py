@@ -15,8 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from holdfast.core.contract import NORMAL_AXIS, BoolArray, FloatArray
-from holdfast.core.reading import Json
+from holdfast.core.contract import NORMAL_AXIS, BoolArray, FloatArray, Json
 
 MOST_ROWS = 100_000
 """A bias is taken from fewer rows; these would be ten minutes of a resting hand."""

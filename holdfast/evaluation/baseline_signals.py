@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from onnx import TensorProto
 
-from holdfast.core.contract import NORMAL_AXIS, BoolArray, FloatArray
-from holdfast.core.trial_layout import NORMAL_FLOOR
+from holdfast.core.contract import NORMAL_AXIS, NORMAL_FLOOR, BoolArray, FloatArray
 from holdfast.edge_runtime.graph import BATCH, open_session, steps_of
 from holdfast.evaluation.model_outputs import everywhere
 from holdfast.export.builder import GraphBuilder

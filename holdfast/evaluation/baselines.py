@@ -18,11 +18,11 @@ import numpy as np
 from holdfast.core.contract import (
     GRASP,
     NORMAL_AXIS,
+    NORMAL_FLOOR,
     NOTHING,
     RISKY_SLIP,
     BoolArray,
 )
-from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
 from holdfast.edge_runtime.graph import open_session, steps_of
 from holdfast.evaluation.alarms import CONFIDENCES, Answers, match_alarms, requests_at

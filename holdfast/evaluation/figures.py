@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 
-from holdfast.core.contract import untold_of
-from holdfast.core.reading import Json
+from holdfast.core.contract import Json, untold_of
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.evaluation.methods import (
     MethodFigures,

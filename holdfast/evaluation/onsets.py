@@ -6,8 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from holdfast.core.contract import RISKY_SLIP, SITUATIONS
-from holdfast.core.reading import Json
+from holdfast.core.contract import RISKY_SLIP, SITUATIONS, Json
 from holdfast.core.trial_layout import TACTILE, read_json, truth_path
 from holdfast.training.recording import Recording
 

@@ -13,8 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contract import SAFE_SLIP, SITUATIONS
-from holdfast.core.reading import Json
+from holdfast.core.contract import SAFE_SLIP, SITUATIONS, Json
 from holdfast.core.trial_layout import (
     EVENTS,
     RISKY_ACTIONS,

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-from holdfast.core.reading import Json
+from holdfast.core.contract import Json
 from holdfast.core.writing import write_whole
 from holdfast.evaluation.formats import markdown
 

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from holdfast.core.contract import BoolArray, untold_of
-from holdfast.core.reading import Json
+from holdfast.core.contract import BoolArray, Json, untold_of
 from holdfast.core.trial_layout import read_json
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.evaluation.baselines import Baseline

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from holdfast.core.contract import BoolArray
-from holdfast.core.reading import Json
+from holdfast.core.contract import BoolArray, Json
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.evaluation.alarms import requests_at

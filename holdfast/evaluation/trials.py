@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import NOTHING, RISKY_SLIP, SAFE_SLIP, BoolArray
-from holdfast.core.reading import Json
+from holdfast.core.contract import NOTHING, RISKY_SLIP, SAFE_SLIP, BoolArray, Json
 from holdfast.core.trial_layout import (
     OTHER_ACTIONS,
     RISKY_ACTIONS,

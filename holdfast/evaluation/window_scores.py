@@ -16,10 +16,10 @@ import numpy.typing as npt
 from holdfast.core.contract import (
     CLASSES,
     SITUATIONS,
+    Json,
     untold_of,
 )
 from holdfast.core.errors import ChannelError
-from holdfast.core.reading import Json
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.graph import Outputs, run_recordings
 from holdfast.edge_runtime.monitor import Model, require_fit

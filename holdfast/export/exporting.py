@@ -14,10 +14,8 @@ from typing import TYPE_CHECKING
 
 import onnx
 
-from holdfast.core.contract import channel_names
+from holdfast.core.contract import NORMAL_FLOOR, Json, channel_names
 from holdfast.core.errors import OutputError, UsageError
-from holdfast.core.reading import Json
-from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.edge_runtime.graph import open_session
 from holdfast.edge_runtime.model import golden_answers, golden_to_json

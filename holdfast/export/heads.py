@@ -21,8 +21,7 @@ import numpy as np
 import numpy.typing as npt
 from onnx import TensorProto
 
-from holdfast.core.contract import CLASSES, GRASP, NOTHING, SITUATIONS
-from holdfast.core.reading import Json
+from holdfast.core.contract import CLASSES, GRASP, NOTHING, SITUATIONS, Json
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.learner import Learner, add_learner, votes_in_all
 from holdfast.export.network import IntArray

@@ -8,8 +8,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import FloatArray
-from holdfast.core.trial_layout import NORMAL_FLOOR
+from holdfast.core.contract import NORMAL_FLOOR, FloatArray
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.guard import GuardOutputs
 from holdfast.export.spec import StepSpec

@@ -13,8 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from holdfast.core.contract import NORMAL_AXIS, FloatArray
-from holdfast.core.trial_layout import NORMAL_FLOOR
+from holdfast.core.contract import NORMAL_AXIS, NORMAL_FLOOR, FloatArray
 from holdfast.export.history import History
 from holdfast.export.pooled import (
     ACROSS,

@@ -7,10 +7,8 @@ import warnings
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
-from holdfast.core.contract import UNITS, Unit, is_rate
+from holdfast.core.contract import NORMAL_FLOOR, UNITS, Json, Unit, is_rate
 from holdfast.core.errors import ChannelError, RateError, UnitError
-from holdfast.core.reading import Json
-from holdfast.core.trial_layout import NORMAL_FLOOR
 
 if TYPE_CHECKING:
     from holdfast.core.hand_card import HandCard

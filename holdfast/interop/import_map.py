@@ -53,9 +53,9 @@ from pathlib import Path
 from typing import Any
 
 from holdfast.core.column_map import NS_OF, ColumnMap, MapReader, column_map_of
-from holdfast.core.contract import SITUATIONS
+from holdfast.core.contract import SITUATIONS, Json
 from holdfast.core.errors import CardError, LabelError
-from holdfast.core.reading import Json, read_toml
+from holdfast.core.reading import read_toml
 from holdfast.core.toml_lines import line_of
 from holdfast.interop.logs.layout import TableFormat
 from holdfast.training.datasets.trials import EMPTY_HAND, FOLDERS, action_of

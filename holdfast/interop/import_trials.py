@@ -26,6 +26,7 @@ from holdfast.core.errors import (
 from holdfast.core.trial_file import (
     Trial,
 )
+from holdfast.core.trial_layout import LABELLED_ACTIONS, UNSCRIPTED
 from holdfast.interop.events import (
     Event,
     EventTables,
@@ -52,7 +53,6 @@ from holdfast.interop.import_rows import (
 from holdfast.interop.logs.find import LogPlace, find_logs, read_log
 from holdfast.training.datasets.trials import EMPTY_HAND
 from holdfast.training.progress import Part, ignored
-from holdfast.training.timeline import LABELLED_ACTIONS, UNSCRIPTED
 
 PROVENANCE = "events"
 """What a truth file says of where its phases come from."""

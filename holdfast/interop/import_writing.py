@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.core.column_map import ColumnMap
-from holdfast.core.contract import channel_names
+from holdfast.core.contract import Json, channel_names
 from holdfast.core.hand_card import (
     FEWEST_SENSORS,
     FINGERS_AT_MM,
@@ -18,7 +18,6 @@ from holdfast.core.hand_card import (
     Side,
     find_hand_card,
 )
-from holdfast.core.reading import Json
 from holdfast.core.toml_lines import toml_text
 from holdfast.core.trial_file import TIME_COLUMN
 from holdfast.core.trial_layout import HAND_FILE, MASSES_KEY, META, truth_path

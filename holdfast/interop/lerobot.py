@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from holdfast.core.contract import SITUATIONS, channel_names
+from holdfast.core.contract import SITUATIONS, Json, channel_names
 from holdfast.core.errors import DataError, EmptyRecording, NotANumber, needs_extra
-from holdfast.core.reading import Json, json_of, text_of
+from holdfast.core.reading import json_of, text_of
 from holdfast.core.writing import write_whole
 from holdfast.interop.logs.log import Columns as LogColumns
 from holdfast.interop.logs.log import ForeignLog, Stream

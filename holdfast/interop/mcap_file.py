@@ -25,10 +25,10 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.core.contract import AXES, FloatArray, Unit
+from holdfast.core.contract import AXES, FloatArray, Json, Unit
 from holdfast.core.errors import DataError, NotANumber, needs_extra
 from holdfast.core.hand_card import hand_of_counts
-from holdfast.core.reading import Json, json_of
+from holdfast.core.reading import json_of
 from holdfast.interop.logs.log import ForeignLog, Stream, columns_of
 from holdfast.interop.payload import TrialPayload, log_lines
 

@@ -21,10 +21,10 @@ from holdfast.core.contract import (
     BoolArray,
     FloatArray,
     IntArray,
+    Json,
     Unit,
 )
 from holdfast.core.errors import DataNotFound
-from holdfast.core.reading import Json
 from holdfast.core.trial_file import read_trial
 from holdfast.core.trial_layout import EVENTS, META, TACTILE, read_events, read_json
 from holdfast.training.datasets import LAYOUTS, find, layout_of, reader_of

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.column_map import ColumnMap, SensorColumns, TimeColumn
-from holdfast.core.contract import UNIT_OF
+from holdfast.core.contract import UNIT_OF, Json
 from holdfast.core.errors import (
     ColumnError,
     DataError,
@@ -23,7 +23,6 @@ from holdfast.core.errors import (
     EmptyRecording,
     listed,
 )
-from holdfast.core.reading import Json
 from holdfast.interop.column_names import (
     counted_sensors,
     guess_sensors,

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.core.column_map import NS_OF, SensorColumns, TimeColumn
-from holdfast.core.contract import SITUATIONS
+from holdfast.core.contract import SITUATIONS, Json
 from holdfast.core.errors import count_of, listed
-from holdfast.core.reading import Json
+from holdfast.core.trial_layout import LABELLED_ACTIONS, UNSCRIPTED
 from holdfast.interop.column_names import longest_stream, unit_of_time, words_of
 from holdfast.interop.events import is_event_table
 from holdfast.interop.import_map import ROW, path_pattern
@@ -26,7 +26,6 @@ from holdfast.interop.logs.log import (
     text_cells,
 )
 from holdfast.training.datasets.trials import action_of
-from holdfast.training.timeline import LABELLED_ACTIONS, UNSCRIPTED
 
 WORDS = {
     "trial": {"trial", "run", "episode", "recording", "rep", "repetition", "take"}

@@ -22,7 +22,14 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.core.contract import SITUATIONS, UNITS, FloatArray, Unit, channel_names
+from holdfast.core.contract import (
+    SITUATIONS,
+    UNITS,
+    FloatArray,
+    Json,
+    Unit,
+    channel_names,
+)
 from holdfast.core.errors import (
     DataNotFound,
     EmptyRecording,
@@ -34,7 +41,6 @@ from holdfast.core.errors import (
     needs_extra,
 )
 from holdfast.core.lsl_streams import StreamFacts, order_of, unit_of
-from holdfast.core.reading import Json
 from holdfast.core.trial_file import (
     LATEST_S,
     MIN_ROWS,

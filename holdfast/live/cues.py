@@ -23,9 +23,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from holdfast.core.contract import Prediction
+from holdfast.core.contract import Json, Prediction
 from holdfast.core.errors import CardError, DataNotFound
-from holdfast.core.reading import CardReader, Json, read_toml
+from holdfast.core.reading import CardReader, read_toml
 from holdfast.live.outputs import STOPPED
 from holdfast.live.wire import Wire, open_wire
 

@@ -26,11 +26,11 @@ import numpy.typing as npt
 
 from holdfast.core.contract import (
     FloatArray,
+    Json,
     Prediction,
     Sample,
 )
 from holdfast.core.errors import count_of
-from holdfast.core.reading import Json
 from holdfast.core.source import SelfPaced, Source, SourceReading
 from holdfast.edge_runtime.commands import Command
 from holdfast.edge_runtime.monitor import GripMonitor

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import NORMAL_AXIS, BoolArray, FloatArray
+from holdfast.core.contract import NORMAL_AXIS, BoolArray, FloatArray, Json
 from holdfast.core.errors import (
     ChannelError,
     DataError,
@@ -21,7 +21,6 @@ from holdfast.core.errors import (
     NotANumber,
     TooFewGroups,
 )
-from holdfast.core.reading import Json
 from holdfast.drivers.calibration import (
     Calibration,
     CalibrationOrigin,

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from holdfast.core.contract import Json
 from holdfast.core.errors import CameraUnavailable, DataError, HoldfastError, UsageError
-from holdfast.core.reading import Json
 from holdfast.drivers.camera.recording import TAGS, read_about
 from holdfast.drivers.camera.sources import (
     OAK,

@@ -31,6 +31,7 @@ import numpy as np
 
 from holdfast.core.contract import (
     NORMAL_AXIS,
+    NORMAL_FLOOR,
     UNIT_OF,
     BoolArray,
     FloatArray,
@@ -47,7 +48,6 @@ from holdfast.core.errors import (
     count_of,
     listed,
 )
-from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.sessions.calibration import PUBLISHED_N, LoadSet, Probing, fit
 
 UNITS_N = {

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from holdfast.core.contract import Json
 from holdfast.core.errors import (
     DataError,
     DataNotFound,
@@ -19,7 +20,6 @@ from holdfast.core.errors import (
     TimeError,
     UsageError,
 )
-from holdfast.core.reading import Json
 from holdfast.core.trial_layout import (
     EVENTS,
     HELD_ACTIONS,

@@ -18,9 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contract import FloatArray, channel_names
+from holdfast.core.contract import FloatArray, Json, channel_names
 from holdfast.core.errors import OutputError
-from holdfast.core.reading import Json
 from holdfast.core.trial_file import TIME_COLUMN
 from holdfast.core.trial_layout import HAND_FILE
 from holdfast.core.writing import require_writable, whole_folder, write_whole

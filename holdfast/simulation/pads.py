@@ -12,8 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from holdfast.core.contract import GRASP, NOTHING, FloatArray
-from holdfast.core.trial_layout import NORMAL_FLOOR
+from holdfast.core.contract import GRASP, NORMAL_FLOOR, NOTHING, FloatArray
 from holdfast.simulation.effect import Parameter
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.run import TrialMotion

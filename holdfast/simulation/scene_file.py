@@ -38,10 +38,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from holdfast.core.contract import UNITS, Unit
+from holdfast.core.contract import UNITS, Json, Unit
 from holdfast.core.errors import HoldfastError, UsageError
 from holdfast.core.hand_card import HandCard, hand_of_counts, hand_of_section
-from holdfast.core.reading import Json, read_toml
+from holdfast.core.reading import read_toml
 from holdfast.simulation import STYLES, find_scene_file
 from holdfast.simulation.effect import (
     EFFECT_MODULES,

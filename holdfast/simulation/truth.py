@@ -26,8 +26,8 @@ from holdfast.core.contract import (
     SAFE_SLIP,
     SITUATIONS,
     BoolArray,
+    Json,
 )
-from holdfast.core.reading import Json
 from holdfast.core.trial_layout import RISKY_ACTIONS
 from holdfast.simulation.protocol import ACTION_MODULES, PlannedTrial, action_module
 from holdfast.simulation.run import TrialMotion

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 
+from holdfast.core.contract import Json
 from holdfast.core.errors import count_of
-from holdfast.core.reading import Json
 
 ABSENT = "-"
 """What a table has for a class that is absent from the truth."""

@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from holdfast.core.contract import CANNOT_TELL, untold_of
+from holdfast.core.contract import CANNOT_TELL, Json, untold_of
 from holdfast.core.errors import DataError, UsageError
-from holdfast.core.reading import Json
 from holdfast.core.trial_layout import read_json
 from holdfast.core.writing import require_writable
 from holdfast.export.artifact import (

@@ -16,9 +16,9 @@ import numpy as np
 from holdfast.core.contract import (
     CLASSES,
     SITUATIONS,
+    Json,
 )
 from holdfast.core.errors import ColumnError, DataError, NotANumber, RateError
-from holdfast.core.reading import Json
 from holdfast.core.trial_file import implausible_rate
 from holdfast.core.trial_layout import (
     INTENT_SUFFIX,

@@ -17,8 +17,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import lfilter
 
-from holdfast.core.contract import CLASSES, SITUATIONS, BoolArray, FloatArray
-from holdfast.core.trial_layout import NORMAL_FLOOR
+from holdfast.core.contract import (
+    CLASSES,
+    NORMAL_FLOOR,
+    SITUATIONS,
+    BoolArray,
+    FloatArray,
+)
 from holdfast.export.pooled import side_matrix
 from holdfast.training.featurise import spec_for
 from holdfast.training.plan import POOLED_GROUPS

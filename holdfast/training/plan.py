@@ -11,7 +11,7 @@ from typing import Literal
 
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 
-from holdfast.core.reading import Json
+from holdfast.core.contract import Json
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.export.learner import Forest
 

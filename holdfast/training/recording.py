@@ -23,10 +23,10 @@ from holdfast.core.contract import (
     BoolArray,
     FloatArray,
     IntArray,
+    Json,
     Unit,
 )
 from holdfast.core.errors import ClassMissing, TooFewGroups, count_of
-from holdfast.core.reading import Json
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.timeline import Phase, RiskyEvent
 

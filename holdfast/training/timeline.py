@@ -25,21 +25,19 @@ from holdfast.core.contract import (
     RISKY_SLIP,
     SITUATIONS,
     FloatArray,
+    Json,
 )
 from holdfast.core.errors import LabelError
-from holdfast.core.reading import Json
 from holdfast.core.trial_file import LONGEST_S, Trial
 from holdfast.core.trial_layout import (
     LABELLED_ACTIONS,
-    OTHER_ACTIONS,
     SITUATION_OF_ACTION,
+    UNSCRIPTED,
     contact_rows,
     read_json,
     truth_path,
 )
 
-UNSCRIPTED = (*OTHER_ACTIONS, "daily")
-"""Actions whose labels come only from the truth file of a trial."""
 ACTION_S = 7.0
 """When the thesis' script starts the action, from the first row."""
 HOLD_AGAIN_S = 2.0

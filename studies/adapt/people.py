@@ -12,8 +12,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from holdfast.core.contract import SITUATIONS
-from holdfast.core.reading import Json
+from holdfast.core.contract import SITUATIONS, Json
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.graph import Outputs
 from holdfast.evaluation.alarms import Answers

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from holdfast.core.reading import Json
+from holdfast.core.contract import Json
 from holdfast.core.writing import require_writable
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import votes_in_all

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.core.reading import Json
+from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.simulation.loop_sensing import IntArray, LoopSensors
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.rows import PlanBatch, Rows

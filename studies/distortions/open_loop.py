@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.core.contract import NOTHING, BoolArray
-from holdfast.core.reading import Json
+from holdfast.core.contract import NOTHING, BoolArray, Json
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.alarms import (

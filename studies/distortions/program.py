@@ -23,8 +23,8 @@ from holdfast.cli.options import (
     chosen_model,
     chosen_workers,
 )
+from holdfast.core.contract import Json
 from holdfast.core.errors import UsageError
-from holdfast.core.reading import Json
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.jobs import Workers

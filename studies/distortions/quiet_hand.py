@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.core.contract import NOTHING, SITUATIONS, BoolArray, FloatArray
+from holdfast.core.contract import NOTHING, SITUATIONS, BoolArray, FloatArray, Json
 from holdfast.core.hand_card import Side
-from holdfast.core.reading import Json
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.simulation.closed_loop import model_of
 from holdfast.simulation.effect import stream

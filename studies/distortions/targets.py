@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from holdfast.core.reading import Json
+from holdfast.core.contract import Json
 from studies.distortions.table import UNCHANGED
 
 LEAST_RECALL_CHANGE = -0.03

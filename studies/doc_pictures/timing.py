@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from matplotlib.axes import Axes
 
-from holdfast.core.reading import Json
+from holdfast.core.contract import Json
 from holdfast.evaluation.formats import DEPLOYED
 from holdfast.evaluation.style import (
     GRID,

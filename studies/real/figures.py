@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from holdfast.core.reading import Json
+from holdfast.core.contract import Json
 from holdfast.evaluation.provenance import Host
 from holdfast.evaluation.window_scores import WindowFigures
 from holdfast.export.verify import ExportReport

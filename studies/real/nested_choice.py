@@ -18,8 +18,7 @@ from pathlib import Path
 import numpy as np
 from sklearn.metrics import average_precision_score, f1_score, roc_auc_score
 
-from holdfast.core.contract import FloatArray
-from holdfast.core.reading import Json
+from holdfast.core.contract import FloatArray, Json
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.export.heads import riskier_argmax
 from holdfast.export.learner import LEARNERS, forest_votes, votes_of_trees

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.loop_figures import LoopFigures, ThreeRuns, loop_figures
+from holdfast.core.contract import Json
 from holdfast.core.errors import UsageError
-from holdfast.core.reading import Json
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.grip import CONTROLLERS, AnswerRules
 from holdfast.edge_runtime.monitor import require_fit

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from matplotlib.axes import Axes
 
-from holdfast.core.reading import Json
+from holdfast.core.contract import Json
 from holdfast.evaluation.style import INK, OURS, QUIET, drawing, svg
 from studies.shared_control.plan import CURVE_SETS, LAG_MS, LAGS_MS, SETTINGS
 

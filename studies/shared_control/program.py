@@ -17,9 +17,9 @@ from holdfast.cli.options import (
     chosen_workers,
 )
 from holdfast.cli.simulate import trial_count
+from holdfast.core.contract import Json
 from holdfast.core.errors import UsageError
 from holdfast.core.locked import locked_sets
-from holdfast.core.reading import Json
 from holdfast.core.trial_layout import read_json
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.evaluation.style import for_any_page

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from holdfast.core.reading import Json
+from holdfast.core.contract import Json
 from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS, SOURCE
 
 

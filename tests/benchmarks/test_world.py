@@ -29,8 +29,8 @@ from benchmarks.world.program import SEED, seed_line
 from benchmarks.world.ranges import EVENT_N, HELD_N, RANGES, REFUSED_GRIP_N
 from benchmarks.world.scores import beside, table_of
 from benchmarks.world.trials_file import TrialsFile
+from holdfast.core.contract import Json
 from holdfast.core.locked import locked_sets
-from holdfast.core.reading import Json
 from tools.doc_tables import tables_of
 
 DEVELOPMENT = 150

@@ -18,7 +18,7 @@ from hypothesis.extra.numpy import arrays
 
 from holdfast.cli import calibrate
 from holdfast.cli.command import Parser
-from holdfast.core.contract import FloatArray, Unit, channel_names
+from holdfast.core.contract import NORMAL_FLOOR, FloatArray, Unit, channel_names
 from holdfast.core.errors import (
     ChannelError,
     ColumnError,
@@ -29,7 +29,6 @@ from holdfast.core.errors import (
     TooFewGroups,
     UnitError,
 )
-from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.drivers.calibration import (
     Bias,
     Calibration,

@@ -33,8 +33,14 @@ from hard_marks import (
 from scipy.signal import sosfilt
 from test_bank import bank_model, bank_outputs, by_scipy, forces, spec_at
 
-from holdfast.core.contract import RISKY_SLIP, FloatArray, Prediction, Sample, Unit
-from holdfast.core.trial_layout import NORMAL_FLOOR
+from holdfast.core.contract import (
+    NORMAL_FLOOR,
+    RISKY_SLIP,
+    FloatArray,
+    Prediction,
+    Sample,
+    Unit,
+)
 from holdfast.edge_runtime.decision import DecisionRules, DecisionState, decide
 from holdfast.edge_runtime.graph import StepGraph, open_session, run_recording
 from holdfast.edge_runtime.monitor import GripMonitor, Model

@@ -18,9 +18,8 @@ from hypothesis import strategies as st
 from pooled_reference import PooledReference
 from scipy.signal import sosfilt
 
-from holdfast.core.contract import BoolArray, FloatArray, Unit
+from holdfast.core.contract import NORMAL_FLOOR, BoolArray, FloatArray, Unit
 from holdfast.core.errors import UsageError
-from holdfast.core.trial_layout import NORMAL_FLOOR
 from holdfast.edge_runtime.graph import (
     BATCH,
     Outputs,

@@ -20,8 +20,7 @@ from small_model import for_the_hand, graph_of
 
 from benchmarks.runtimes.c_programs import FLAGS, WASM, compiled
 from examples.browser.setups import setup_numbers
-from holdfast.core.contract import Prediction, channel_names
-from holdfast.core.reading import Json
+from holdfast.core.contract import Json, Prediction, channel_names
 from holdfast.drivers.replay import open_replay
 from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.edge_runtime.grip_control import GripControl

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from holdfast.core.reading import Json
+from holdfast.core.contract import Json
 from tools.doc_tables import fill, tables_of
 
 ROOT = Path(__file__).resolve().parents[2]

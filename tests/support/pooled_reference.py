@@ -9,8 +9,7 @@ import math
 
 import numpy as np
 
-from holdfast.core.contract import BoolArray, FloatArray, Unit
-from holdfast.core.trial_layout import NORMAL_FLOOR
+from holdfast.core.contract import NORMAL_FLOOR, BoolArray, FloatArray, Unit
 
 SPANS = (2, 4, 8, 16, 32, 64)
 """Samples at 150 Hz."""

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from holdfast.core.contract import NORMAL_FLOOR
 from holdfast.core.errors import LabelError
 from holdfast.core.trial_layout import (
-    NORMAL_FLOOR,
     SITUATION_OF_ACTION,
     Mass,
     contact_rows,

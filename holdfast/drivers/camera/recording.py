@@ -28,7 +28,7 @@ from typing import Any, TextIO
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import FloatArray
+from holdfast.core.contract import FloatArray, Json
 from holdfast.core.errors import (
     ColumnError,
     DataNotFound,
@@ -36,7 +36,7 @@ from holdfast.core.errors import (
     NotANumber,
     OutputError,
 )
-from holdfast.core.reading import Json, json_of, text_of
+from holdfast.core.reading import json_of, text_of
 from holdfast.core.writing import write_whole
 from holdfast.drivers.camera.sources import Frame, Lens, require_forward
 

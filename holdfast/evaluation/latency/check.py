@@ -26,8 +26,7 @@ import onnx
 import onnxruntime as ort
 
 from holdfast import edge_runtime
-from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.core.reading import Json
+from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.edge_runtime.graph import open_session, run_recording
 from holdfast.edge_runtime.monitor import Model
 from holdfast.evaluation.latency.calls import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from holdfast.core.reading import Json
+from holdfast.core.contract import Json
 from holdfast.evaluation.latency.calls import FLOOR, GRIP, OWN, STEP
 from holdfast.evaluation.style import OURS, QUIET, STYLE, WARNING, svg
 

@@ -15,9 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.column_map import flat_fields
-from holdfast.core.contract import IntArray
+from holdfast.core.contract import IntArray, Json
 from holdfast.core.errors import ColumnError
-from holdfast.core.reading import Json
 
 Column = npt.NDArray[Any]
 """[T] numbers, or texts as objects, "" for none."""

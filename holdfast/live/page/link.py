@@ -26,8 +26,8 @@ from contextlib import closing, suppress
 from dataclasses import dataclass
 from ipaddress import ip_address
 
+from holdfast.core.contract import Json
 from holdfast.core.errors import OutputError, UsageError
-from holdfast.core.reading import Json
 
 LOOPBACK = "127.0.0.1"
 LOOPBACK_NAMES = ("localhost", LOOPBACK, "::1")

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 from holdfast.core.contract import (
     RISKY_SLIP,
     SITUATIONS,
+    Json,
     Prediction,
     Sample,
     untold_of,
 )
 from holdfast.core.hand_card import SIDES, HandCard, hand_or_usual, sensor_names
-from holdfast.core.reading import Json
 from holdfast.core.source import SourceReading
 from holdfast.edge_runtime.batch import ONE_HAND
 from holdfast.edge_runtime.grip_control import FrictionMargin, sense_of

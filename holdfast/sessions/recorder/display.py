@@ -14,9 +14,9 @@ from typing import TextIO
 
 import numpy as np
 
+from holdfast.core.contract import Json
 from holdfast.core.errors import visible_lines
 from holdfast.core.hand_card import HandCard, read_hand_card
-from holdfast.core.reading import Json
 from holdfast.core.source import SourceReading
 from holdfast.live.page.link import PageLink, open_page
 from holdfast.live.page.run_page import drawn_hand, intent_message

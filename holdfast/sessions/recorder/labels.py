@@ -17,9 +17,15 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contract import NORMAL_AXIS, SITUATIONS, FloatArray
+from holdfast.core.contract import (
+    NORMAL_AXIS,
+    NORMAL_FLOOR,
+    SITUATIONS,
+    FloatArray,
+    Json,
+)
 from holdfast.core.errors import LabelError
-from holdfast.core.reading import Json, json_of, text_of
+from holdfast.core.reading import json_of, text_of
 from holdfast.core.source import Source
 from holdfast.core.trial_file import Trial, read_trial
 from holdfast.core.trial_layout import (
@@ -27,7 +33,6 @@ from holdfast.core.trial_layout import (
     EVENTS,
     HELD_ACTIONS,
     META,
-    NORMAL_FLOOR,
     SITUATION_OF_ACTION,
     TACTILE,
     TRUTH,

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from holdfast.core.errors import UsageError
+from holdfast.core.trial_layout import checked_name
 from holdfast.live.hand_sources import is_hand
 from holdfast.sessions.camera import CameraOptions
 from holdfast.sessions.recorder.folder import done
@@ -14,7 +15,6 @@ from holdfast.sessions.recorder.protocol import (
     NOTHING,
     Protocol,
     Task,
-    checked_name,
     read_protocol,
     tasks_left,
 )

@@ -21,23 +21,27 @@ Every person gets a random order, drawn from the seed and the pseudonym, so it i
 from __future__ import annotations
 
 import hashlib
-import re
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from holdfast.core.errors import DataNotFound, UsageError
-from holdfast.core.reading import CardReader, Json, read_toml
-from holdfast.core.trial_layout import DISCARDED, SITUATION_OF_ACTION
+from holdfast.core.reading import CardReader, read_toml
+from holdfast.core.trial_layout import (
+    LONGEST_NAME,
+    NAME,
+    SITUATION_OF_ACTION,
+    checked_name,
+)
+
+if TYPE_CHECKING:
+    from holdfast.core.contract import Json
 
 ACTIONS = tuple(SITUATION_OF_ACTION)
 """Of scenes and of training too: a folder of trials is named after its action."""
 NOTHING = "nothing"
-NAME = re.compile(r"[A-Za-z0-9]+(-[A-Za-z0-9]+)*")
-"""Words joined by dashes: safe as a folder on every system, and no address."""
-LONGEST_NAME = 24
 MOST_TRIALS = 10_000
 """Beyond it a count is a slip of the key."""
 MOST_MASS_G = 100_000.0
@@ -93,19 +97,6 @@ def tasks_left(planned: Iterable[Task], done: Iterable[Task]) -> list[Task]:
         else:
             left.append(task)
     return left
-
-
-def checked_name(text: str, what: str) -> str:
-    """A pseudonym or a name that may become a folder. Raises UsageError."""
-    # Folders of these names have a meaning of their own among a person's.
-    reserved = text.lower() in (NOTHING, DISCARDED)
-    if reserved or not NAME.fullmatch(text) or len(text) > LONGEST_NAME:
-        raise UsageError(
-            f"{what} {text[:40]!r} is not allowed",
-            cause="an address, a path, or a reserved word",
-            next_step=f"up to {LONGEST_NAME} letters, digits and dashes, such as p01; no real name",
-        )
-    return text
 
 
 def read_protocol(path: Path) -> Protocol:

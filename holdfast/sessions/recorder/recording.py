@@ -10,9 +10,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from holdfast.core.contract import Json
 from holdfast.core.errors import LabelError
 from holdfast.core.hand_card import read_hand_card
-from holdfast.core.reading import Json, json_of, text_of
+from holdfast.core.reading import json_of, text_of
+from holdfast.core.trial_layout import checked_name
 from holdfast.drivers.calibration import read_calibration
 from holdfast.drivers.hand import LiveHand
 from holdfast.live.bias import MeasuredBias, measure_bias, require_good
@@ -30,7 +32,7 @@ from holdfast.sessions.recorder.folder import (
 )
 from holdfast.sessions.recorder.labels import scene_truth_of
 from holdfast.sessions.recorder.plan import Plan, RecordOptions, planned, require_keys
-from holdfast.sessions.recorder.protocol import NOTHING, checked_name
+from holdfast.sessions.recorder.protocol import NOTHING
 from holdfast.sessions.recorder.session import Display, RunContext, Session
 from holdfast.sessions.set_source import read_set_trial
 

@@ -16,9 +16,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from holdfast.core.contract import FloatArray
+from holdfast.core.contract import FloatArray, Json
 from holdfast.core.errors import EmptyRecording, TimeError
-from holdfast.core.reading import Json
 from holdfast.core.source import SelfPaced, Source, SourceReading
 from holdfast.core.trial_layout import META
 from holdfast.core.writing import write_whole

@@ -15,9 +15,8 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from holdfast.core.contract import FloatArray, channel_names
+from holdfast.core.contract import FloatArray, Json, channel_names
 from holdfast.core.errors import DataError, HoldfastError, OutputError
-from holdfast.core.reading import Json
 from holdfast.core.source import SourceReading
 from holdfast.core.tactile_file import TactileFile
 from holdfast.core.trial_layout import EVENTS, TACTILE, intent_path

@@ -18,8 +18,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+from holdfast.core.contract import Json
 from holdfast.core.errors import LabelError, OutputError
-from holdfast.core.reading import Json
 from holdfast.core.tactile_file import repair_lines
 from holdfast.core.trial_layout import read_events
 from holdfast.sessions.recorder.folder import is_json_object

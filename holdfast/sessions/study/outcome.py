@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from holdfast.core.contract import Json
 from holdfast.core.errors import DataError, DataNotFound, ModelError
-from holdfast.core.reading import Json
 from holdfast.core.trial_layout import META, read_events
 from holdfast.sessions.recorder.folder import KEPT, REDONE
 from holdfast.sessions.recorder.labels import read_meta

@@ -35,8 +35,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from holdfast.core.contract import Json
 from holdfast.core.errors import DataNotFound
-from holdfast.core.reading import Json, read_toml
+from holdfast.core.reading import read_toml
 from holdfast.sessions.recorder.protocol import (
     NOTHING,
     Protocol,

@@ -12,7 +12,7 @@ from typing import TextIO
 
 from holdfast.core.errors import CardError, DataNotFound, UsageError
 from holdfast.core.lines import stream_sink
-from holdfast.core.trial_layout import read_events
+from holdfast.core.trial_layout import checked_name, read_events
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.live.hand_sources import is_hand
@@ -22,7 +22,6 @@ from holdfast.sessions.recorder.display import StatusLine, columns_of
 from holdfast.sessions.recorder.folder import alone, require_ours, reserved
 from holdfast.sessions.recorder.keys import Keys, listening
 from holdfast.sessions.recorder.plan import RecordOptions
-from holdfast.sessions.recorder.protocol import checked_name
 from holdfast.sessions.recorder.recording import kind_of
 from holdfast.sessions.recorder.session import Display, RunContext
 from holdfast.sessions.study.console import HELP, Console, Rehearsal

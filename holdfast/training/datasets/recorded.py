@@ -15,8 +15,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from holdfast.core.contract import Json
 from holdfast.core.errors import DataNotFound, LabelError, UnitError
-from holdfast.core.reading import Json
 from holdfast.core.trial_file import Trial
 from holdfast.core.trial_layout import (
     DISCARDED,

@@ -17,7 +17,15 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contract import CLASSES, NOTHING, RATE_TOLERANCE, UNITS, Unit
+from holdfast.core.contract import (
+    CLASSES,
+    NORMAL_FLOOR,
+    NOTHING,
+    RATE_TOLERANCE,
+    UNITS,
+    Json,
+    Unit,
+)
 from holdfast.core.errors import (
     ChannelError,
     DataNotFound,
@@ -25,13 +33,11 @@ from holdfast.core.errors import (
     RateError,
     UnitError,
 )
-from holdfast.core.reading import Json
 from holdfast.core.trial_file import Trial, implausible_rate, read_trial
 from holdfast.core.trial_layout import (
     LABELLED_ACTIONS,
     MASSES_KEY,
     META,
-    NORMAL_FLOOR,
     mass_of,
     object_name,
     read_json,

@@ -14,9 +14,14 @@ from pathlib import Path
 from typing import NoReturn
 
 from holdfast.core.errors import ChannelError, DataError, LabelError
-from holdfast.core.trial_layout import META, SITUATION_OF_ACTION, plain_word, read_json
+from holdfast.core.trial_layout import (
+    META,
+    SITUATION_OF_ACTION,
+    UNSCRIPTED,
+    plain_word,
+    read_json,
+)
 from holdfast.training.progress import Part, ignored
-from holdfast.training.timeline import UNSCRIPTED
 from holdfast.training.windows import TimedTrial
 
 EMPTY_HAND = "nothing"
