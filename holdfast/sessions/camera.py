@@ -17,9 +17,8 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from holdfast.core.contract import Json
 from holdfast.core.errors import CameraUnavailable, DataError, HoldfastError, UsageError
 from holdfast.drivers.camera.recording import TAGS, read_about
 from holdfast.drivers.camera.sources import (
@@ -30,6 +29,9 @@ from holdfast.drivers.camera.sources import (
 )
 from holdfast.live.running import say
 from holdfast.sessions.onset import doubt
+
+if TYPE_CHECKING:
+    from holdfast.core.contract import Json
 
 FPS = 60.0
 EXPOSURE_MS = 2.0

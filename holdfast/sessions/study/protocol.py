@@ -33,9 +33,8 @@ import string
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from holdfast.core.contract import Json
 from holdfast.core.errors import DataNotFound
 from holdfast.core.reading import read_toml
 from holdfast.sessions.recorder.protocol import (
@@ -45,6 +44,9 @@ from holdfast.sessions.recorder.protocol import (
     Task,
     is_list_of,
 )
+
+if TYPE_CHECKING:
+    from holdfast.core.contract import Json
 
 PROTOCOLS = Path(__file__).with_name("protocols")
 """Folder of the study protocols that ship."""
