@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from holdfast.core.contract import Json
 from holdfast.core.errors import (
     DataError,
     DataNotFound,
@@ -30,6 +29,9 @@ from holdfast.core.trial_layout import (
     read_events,
 )
 from holdfast.core.writing import write_whole
+
+if TYPE_CHECKING:
+    from holdfast.core.contract import Json
 
 if TYPE_CHECKING:
     from holdfast.drivers.camera.motion import Motion
