@@ -23,7 +23,7 @@ from holdfast.cli.command import (
 )
 from holdfast.cli.options import CORES, add_job_options, chosen_workers
 from holdfast.core.contract import Json
-from holdfast.core.reading import model_path
+from holdfast.core.schema import model_path
 from tools.harness import Program, measured_now
 
 if TYPE_CHECKING:

@@ -26,7 +26,7 @@ from holdfast.cli.command import path_argument, seed, show
 from holdfast.cli.options import CORES, add_job_options, chosen_workers
 from holdfast.core.contract import Json
 from holdfast.core.locked import locked_sets
-from holdfast.core.reading import model_path
+from holdfast.core.schema import model_path
 from holdfast.core.writing import require_writable, write_whole
 
 SEED = 8001

@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure, write latency.json and latency.svg, print the tables."""
-    from holdfast.core.reading import model_path
+    from holdfast.core.schema import model_path
     from holdfast.core.writing import require_writable
     from holdfast.evaluation.latency.check import KIND, figures_of
     from holdfast.evaluation.latency.picture import latency

@@ -24,7 +24,7 @@ from holdfast.cli.command import (
     show_found,
 )
 from holdfast.core.errors import UsageError, visible
-from holdfast.core.reading import model_path
+from holdfast.core.schema import model_path
 
 if TYPE_CHECKING:
     from holdfast.core.hand_card import HandCard

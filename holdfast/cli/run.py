@@ -25,7 +25,7 @@ from holdfast.cli.options import (
     require_intent,
     set_reader,
 )
-from holdfast.core.reading import DEFAULT_MODEL
+from holdfast.core.schema import DEFAULT_MODEL
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

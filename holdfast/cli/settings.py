@@ -21,7 +21,8 @@ from typing import Any
 
 from holdfast.cli.command import WITH_SETTINGS, Parser, path_argument
 from holdfast.core.errors import CardError, DataNotFound
-from holdfast.core.reading import CardReader, read_toml, shipped
+from holdfast.core.reading import CardReader, read_toml
+from holdfast.core.schema import shipped
 
 DEFAULT = Path("holdfast.toml")
 HAND = ("source", "calibration", "bias", "model", "intent")

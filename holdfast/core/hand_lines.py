@@ -28,7 +28,7 @@ from urllib.parse import SplitResult, parse_qs, unquote, urlsplit
 
 from holdfast.core.contract import Json
 from holdfast.core.errors import UsageError
-from holdfast.core.reading import json_of
+from holdfast.core.schema import json_of
 
 SILENCE_NS = 300_000_000
 """A sender that has been silent for longer is gone."""

@@ -25,7 +25,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from holdfast.core.errors import LabelError, UsageError, one_line
-from holdfast.core.reading import json_of, text_of
+from holdfast.core.schema import json_of, text_of
 
 if TYPE_CHECKING:
     from holdfast.core.contract import FloatArray, Json

@@ -33,7 +33,7 @@ from holdfast.core.errors import (
     NotANumber,
     UnitError,
 )
-from holdfast.core.reading import json_of, text_of
+from holdfast.core.schema import json_of, text_of
 from holdfast.core.writing import write_whole
 
 MIN_BIAS_ROWS = 30

@@ -13,7 +13,7 @@ import numpy as np
 
 from holdfast.core.contract import UNITS, BoolArray, FloatArray, Sample, Unit
 from holdfast.core.errors import DataNotFound, UnitError
-from holdfast.core.reading import json_of, text_of
+from holdfast.core.schema import json_of, text_of
 from holdfast.core.source import SourceReading
 from holdfast.core.trial_file import read_trial
 from holdfast.core.trial_layout import TACTILE

@@ -25,7 +25,7 @@ from typing import Literal, Protocol
 from holdfast.core.contract import CommandLink, Json
 from holdfast.core.errors import ColumnError, NotANumber
 from holdfast.core.hand_lines import LinePort
-from holdfast.core.reading import text_of
+from holdfast.core.schema import text_of
 from holdfast.edge_runtime.commands import EXPIRES_NS
 
 Wants = Literal["open", "close", "rest", "unknown", ""]

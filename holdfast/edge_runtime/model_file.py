@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from holdfast.core.contract import CLASSES, RATES_HZ, SITUATIONS, UNITS, Json, Unit
 from holdfast.core.errors import BrokenSeal, DataNotFound, NotAModel, RuntimeRefused
-from holdfast.core.reading import model_path, shipped
+from holdfast.core.schema import model_path, shipped
 from holdfast.edge_runtime.decision import LIMITS, DecisionRules
 from holdfast.edge_runtime.preparation import Preparation, preparation_from_json
 

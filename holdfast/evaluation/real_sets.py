@@ -11,7 +11,7 @@ from pathlib import Path
 
 from holdfast.core.contract import Json
 from holdfast.core.errors import DataNotFound, NotAModel
-from holdfast.core.reading import json_of, text_of
+from holdfast.core.schema import json_of, text_of
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
 from holdfast.evaluation.figures import Evaluation

@@ -25,7 +25,7 @@ import onnx
 
 from holdfast.core.contract import Json
 from holdfast.core.errors import NotAdapted, VerificationFailed
-from holdfast.core.reading import json_of
+from holdfast.core.schema import json_of
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.graph import Outputs, open_session, run_recording
 from holdfast.edge_runtime.model import golden_input

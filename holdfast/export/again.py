@@ -18,7 +18,7 @@ import onnx
 from holdfast.core.contract import Json, channel_names
 from holdfast.core.errors import UsageError, VerificationFailed
 from holdfast.core.hand_card import HandCard
-from holdfast.core.reading import json_of
+from holdfast.core.schema import json_of
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.edge_runtime.decision import LIMITS, DecisionRules
 from holdfast.edge_runtime.graph import Outputs, open_session, run_recording

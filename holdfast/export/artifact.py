@@ -19,7 +19,7 @@ import numpy as np
 
 from holdfast.core.contract import SITUATIONS, Json
 from holdfast.core.errors import ArtifactError, OutputError
-from holdfast.core.reading import json_of, text_of
+from holdfast.core.schema import json_of, text_of
 from holdfast.core.writing import remove, write_whole
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.preparation import Preparation, preparation_from_json

@@ -22,7 +22,7 @@ import numpy as np
 
 from holdfast.core.contract import SITUATIONS, Json, channel_names
 from holdfast.core.errors import DataError, EmptyRecording, NotANumber, needs_extra
-from holdfast.core.reading import json_of, text_of
+from holdfast.core.schema import json_of, text_of
 from holdfast.core.writing import write_whole
 from holdfast.interop.logs.log import Columns as LogColumns
 from holdfast.interop.logs.log import ForeignLog, Stream

@@ -28,7 +28,7 @@ import numpy as np
 from holdfast.core.contract import AXES, FloatArray, Json, Unit
 from holdfast.core.errors import DataError, NotANumber, needs_extra
 from holdfast.core.hand_card import hand_of_counts
-from holdfast.core.reading import json_of
+from holdfast.core.schema import json_of
 from holdfast.interop.logs.log import ForeignLog, Stream, columns_of
 from holdfast.interop.payload import TrialPayload, log_lines
 

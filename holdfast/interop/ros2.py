@@ -13,7 +13,7 @@ import numpy as np
 
 from holdfast.core.contract import Json
 from holdfast.core.errors import ColumnError, NotANumber, needs_extra
-from holdfast.core.reading import json_of
+from holdfast.core.schema import json_of
 from holdfast.interop.logs.log import ForeignLog, Stream, columns_of
 
 with needs_extra("ros2"):

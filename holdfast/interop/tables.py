@@ -17,7 +17,7 @@ import numpy as np
 
 from holdfast.core.contract import Json, channel_names
 from holdfast.core.errors import NotANumber, needs_extra
-from holdfast.core.reading import json_of
+from holdfast.core.schema import json_of
 from holdfast.core.trial_file import TIME_COLUMN
 from holdfast.interop.logs.log import Columns, ForeignLog, Stream
 from holdfast.interop.payload import NO_LABEL, TrialPayload

@@ -166,7 +166,7 @@ def _runtime() -> list[Finding]:
 def _models() -> list[Finding]:
     """The shipped models, and the one that `holdfast export` without options wrote here."""
     from holdfast.core.errors import HoldfastError
-    from holdfast.core.reading import shipped
+    from holdfast.core.schema import shipped
     from holdfast.edge_runtime.monitor import Model
 
     # only where it was built: most machines have the shipped models alone

@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks import timed_calls
 from benchmarks.cost import peers
-from holdfast.core.reading import DEFAULT_MODEL, model_path
+from holdfast.core.schema import DEFAULT_MODEL, model_path
 from holdfast.edge_runtime.model import Model
 from holdfast.evaluation.latency import check as bench
 from holdfast.evaluation.latency.calls import (

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from small_model import card_of, sealed_bytes, with_metadata
 
 from holdfast.cli.main import main
-from holdfast.core import reading
+from holdfast.core import schema
 from holdfast.core.errors import (
     LONGEST_LINE,
     CardError,
@@ -206,9 +206,9 @@ def test_a_shipped_model_is_named_by_a_bare_name_that_no_file_has(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    name = reading.DEFAULT_MODEL
-    assert reading.model_path(name) == reading.MODELS / f"{name}.onnx"
+    name = schema.DEFAULT_MODEL
+    assert schema.model_path(name) == schema.MODELS / f"{name}.onnx"
     for word in ("nowhere", f"mine/{name}", f"{name}.onnx"):
-        assert reading.model_path(word) == Path(word)
+        assert schema.model_path(word) == Path(word)
     Path(name).touch()
-    assert reading.model_path(name) == Path(name)
+    assert schema.model_path(name) == Path(name)

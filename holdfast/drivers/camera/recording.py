@@ -36,7 +36,7 @@ from holdfast.core.errors import (
     NotANumber,
     OutputError,
 )
-from holdfast.core.reading import json_of, text_of
+from holdfast.core.schema import json_of, text_of
 from holdfast.core.writing import write_whole
 from holdfast.drivers.camera.sources import Frame, Lens, require_forward
 

@@ -22,7 +22,7 @@ from holdfast.core.errors import (
     count_of,
 )
 from holdfast.core.hand_card import HandCard
-from holdfast.core.reading import json_of, text_of
+from holdfast.core.schema import json_of, text_of
 from holdfast.core.tactile_file import RepairResult, repair_lines, repair_table
 from holdfast.core.trial_layout import DISCARDED, EVENTS, HAND_FILE, META, TACTILE
 from holdfast.core.writing import require_writable, write_whole

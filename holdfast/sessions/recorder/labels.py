@@ -25,7 +25,7 @@ from holdfast.core.contract import (
     Json,
 )
 from holdfast.core.errors import LabelError
-from holdfast.core.reading import json_of, text_of
+from holdfast.core.schema import json_of, text_of
 from holdfast.core.source import Source
 from holdfast.core.trial_file import Trial, read_trial
 from holdfast.core.trial_layout import (

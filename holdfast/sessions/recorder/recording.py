@@ -13,7 +13,7 @@ from typing import Any
 from holdfast.core.contract import Json
 from holdfast.core.errors import LabelError
 from holdfast.core.hand_card import read_hand_card
-from holdfast.core.reading import json_of, text_of
+from holdfast.core.schema import json_of, text_of
 from holdfast.core.trial_layout import checked_name
 from holdfast.drivers.calibration import read_calibration
 from holdfast.drivers.hand import LiveHand

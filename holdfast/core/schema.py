@@ -1,0 +1,193 @@
+"""Every TOML and JSON of ours, read into a `msgspec.Struct` that declares keys, types and bounds.
+
+    class Row(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+        object: str
+        count: Annotated[int, msgspec.Meta(ge=1, le=10_000)] = 1
+
+    rows = read(path, dict[str, Row])
+
+A value that does not fit is one error that names file, key, value and what is allowed there.
+msgspec says neither which key of a dictionary it was nor the value: both are looked up in what was
+read. Here is also where the shipped models are.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import tomllib
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
+
+import msgspec
+
+from holdfast.core.errors import CardError, DataError
+
+T = TypeVar("T")
+_PACKAGE = Path(__file__).resolve().parent.parent
+_IN_WHEEL, _IN_CHECKOUT = _PACKAGE / "models", _PACKAGE.parent / "models"
+MODELS = _IN_CHECKOUT if _IN_CHECKOUT.is_dir() else _IN_WHEEL
+"""The models that are installed with Holdfast."""
+DEFAULT_MODEL = "holdfast-150hz"
+"""The shipped model that a run takes where none is named."""
+LONGEST_VALUE = 80
+"""Characters of a value in an error."""
+
+
+def shipped() -> list[str]:
+    """Names of the shipped models, sorted: "holdfast-150hz" is the default."""
+    return sorted(path.stem for path in MODELS.glob("*.onnx"))
+
+
+def model_path(word: str | Path) -> Path:
+    """The file that a word names: a path, or the name of a shipped model.
+
+    >>> model_path("mine/holdfast.onnx").as_posix()
+    'mine/holdfast.onnx'
+    >>> model_path("holdfast-150hz").name
+    'holdfast-150hz.onnx'
+    """
+    path = Path(word)
+    # a name of a shipped model; a file of that name in the working folder comes first
+    inside = MODELS / f"{path.name}.onnx"
+    is_bare_name = path == Path(path.name) and not path.exists()
+    return inside if is_bare_name and inside.is_file() else path
+
+
+def text_of(path: Path) -> str:
+    """The text of a file, UTF-8, with the line ends that it has."""
+    return path.read_bytes().decode("utf-8")
+
+
+def json_of(text: str | bytes) -> Any:
+    """The value of a JSON text. Raises ValueError, also for numbers that are not finite."""
+    try:
+        return json.loads(text, parse_constant=_finite, parse_float=_finite)
+    except RecursionError:
+        raise ValueError("it nests too deep") from None
+
+
+def toml_of(text: str) -> dict[str, Any]:
+    """The tables of a TOML text. Raises ValueError, also for numbers that are not finite."""
+    try:
+        return tomllib.loads(text, parse_float=_finite)
+    except RecursionError:
+        raise ValueError("it nests too deep") from None
+
+
+def _finite(word: str) -> float:
+    number = float(word)
+    if not math.isfinite(number):
+        raise ValueError(f"{word} is not a finite number")
+    return number
+
+
+def read(path: Path, kind: type[T], error: type[DataError] = CardError) -> T:
+    """What a .toml or JSON file holds, as a kind. Raises FileNotFoundError, and error.
+
+    error: its class for a file that cannot be read, or whose content does not fit.
+    """
+    try:
+        text = text_of(path)
+        raw = toml_of(text) if path.suffix == ".toml" else json_of(text)
+    except FileNotFoundError:
+        raise
+    except OSError as reason:
+        raise error(
+            "cannot be read", where=path, cause=reason.strerror or str(reason)
+        ) from None
+    except ValueError as reason:
+        form = "TOML" if path.suffix == ".toml" else "JSON"
+        raise error(
+            f"not valid {form}: {str(reason)[:200]}",
+            where=path,
+            next_step="correct that line",
+        ) from None
+    return checked(raw, kind, path, error)
+
+
+def checked(
+    raw: Any, kind: type[T], where: Path | str, error: type[DataError] = CardError
+) -> T:
+    """A value that was read, as a kind; where: what its error names. Raises error.
+
+    A Struct whose __post_init__ raises ValueError("what; allowed: what is") is heard too.
+    """
+    try:
+        return msgspec.convert(raw, kind)
+    except msgspec.ValidationError as reason:
+        what, allowed = _explained(raw, kind, str(reason))
+        step = f"allowed: {allowed}" if allowed else "correct that value"
+        raise error(what, where=where, next_step=step) from None
+
+
+# -- what msgspec leaves out: the key of a dictionary, the value, the fields that are known
+
+
+def _explained(raw: Any, kind: Any, message: str) -> tuple[str, str]:
+    """(key and value, what is allowed there) of a message of msgspec."""
+    said, _, place = message.partition(" - at `")
+    key, value, kind = _place(raw, kind, place)
+    if named := re.fullmatch(r"Object (.+) field `(.+)`", said):
+        what = "is missing" if "missing" in named[1] else "is not known"
+        fields = [one.encode_name for one in msgspec.structs.fields(kind)]
+        return f"{_joined(key, named[2])} {what}", ", ".join(fields)
+    if not said.startswith(("Expected ", "Invalid ")):
+        own, _, allowed = said.partition("; allowed: ")
+        return f"{key}: {own}" if key else own, allowed
+
+    shown = repr(value)[:LONGEST_VALUE]
+    allowed = said.removeprefix("Expected ").partition(", got ")[0].replace("`", "")
+    if choices := _choices(kind):
+        allowed = ", ".join(choices)
+    return f"{key} = {shown}" if key else f"{shown}", allowed
+
+
+def _place(raw: Any, kind: Any, place: str) -> tuple[str, Any, Any]:
+    """(key, value, kind) of what does not fit; place: as msgspec writes it, `$.rows[2].count`."""
+    key = ""
+    for field, index in re.findall(r"\.([^.\[`]+)|\[([^\]]+)\]", place):
+        kind = _bare(kind)
+        if field:
+            fields = msgspec.structs.fields(kind)
+            kind = next(one.type for one in fields if one.encode_name == field)
+            raw, key = raw[field], _joined(key, field)
+        elif index == "...":
+            # A dictionary: msgspec does not say which of its values it was.
+            kind = get_args(kind)[1]
+            name = next(name for name in raw if not _fits(raw[name], kind))
+            raw, key = raw[name], _joined(key, name)
+        else:
+            kinds = get_args(kind)
+            is_fixed = get_origin(kind) is tuple and kinds[-1] is not Ellipsis
+            kind = kinds[int(index) if is_fixed else 0]
+            raw, key = raw[int(index)], f"{key}[{index}]"
+    return key, raw, _bare(kind)
+
+
+def _joined(key: str, name: str) -> str:
+    return f"{key}.{name}" if key else name
+
+
+def _fits(value: Any, kind: Any) -> bool:
+    try:
+        msgspec.convert(value, kind)
+    except msgspec.ValidationError:
+        return False
+    return True
+
+
+def _bare(kind: Any) -> Any:
+    """A kind without its bounds and without None."""
+    if get_origin(kind) is Annotated:
+        return _bare(get_args(kind)[0])
+    if get_origin(kind) in (Union, UnionType):
+        return _bare(next(one for one in get_args(kind) if one is not type(None)))
+    return kind
+
+
+def _choices(kind: Any) -> list[str]:
+    """The words of a Literal."""
+    return [str(one) for one in get_args(kind)] if get_origin(kind) is Literal else []
