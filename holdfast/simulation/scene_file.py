@@ -300,7 +300,7 @@ class _SceneReader(NumberReader):
         """The hand of a card, or of numbers of contacts. Raises CardError."""
         section = self.table(raw, "hand")
         if "card" in section:
-            return hand_of_section(section, self)
+            return hand_of_section(section, self.path)
         counts = self.numbers("hand", section, HAND)
         thumb = self.whole("hand.thumb", counts["thumb"])
         return hand_of_counts(thumb, self.whole("hand.finger", counts["finger"]))
