@@ -336,7 +336,7 @@ def test_a_hand_has_2_to_12_sensors_and_32_contacts(tmp_path: Path) -> None:
     for sensors, bare, says in (
         (1, 1, "1 sensors"),
         (13, 0, "13"),
-        (12, 21, "33 contacts"),
+        (12, 21, "33 of them"),
     ):
         with pytest.raises(CardError, match=says):
             hand(sensors, bare)
