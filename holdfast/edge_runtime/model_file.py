@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -235,7 +236,7 @@ def check_runtime(version: str | None = None) -> None:
 
 Count = Annotated[int, Meta(ge=0, le=10_000)]
 """Of sensors, or of samples to settle: more than any model has, and few enough to load in time."""
-Reading = Annotated[float, Meta(gt=0.0, lt=float("inf"))]
+Reading = Annotated[float, Meta(gt=0.0, le=sys.float_info.max)]
 """In the model's unit."""
 
 
