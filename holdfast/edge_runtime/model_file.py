@@ -236,7 +236,7 @@ def check_runtime(version: str | None = None) -> None:
 
 Count = Annotated[int, Meta(ge=0, le=10_000)]
 """Of sensors, or of samples to settle: more than any model has, and few enough to load in time."""
-Reading = Annotated[float, Meta(gt=0.0, le=sys.float_info.max)]
+Reading = Annotated[float, Meta(ge=sys.float_info.min, le=sys.float_info.max)]
 """In the model's unit."""
 
 
