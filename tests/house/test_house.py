@@ -41,7 +41,6 @@ NOT_ON_THE_HAND = {
 }
 OF_ONE_FILE = (
     "depthai",
-    "foxglove_schemas_protobuf",
     "mcap",
     "openpyxl",
     "pyarrow",
