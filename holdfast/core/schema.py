@@ -17,13 +17,15 @@ import json
 import math
 import re
 import tomllib
+from contextlib import suppress
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
-import msgspec
-
 from holdfast.core.errors import CardError, DataError
+
+with suppress(ImportError):  # the doctor runs without it, and reads no card
+    import msgspec
 
 T = TypeVar("T")
 _PACKAGE = Path(__file__).resolve().parent.parent

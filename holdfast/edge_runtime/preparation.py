@@ -10,7 +10,6 @@ is unknown and not a guess.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
 from typing import Annotated, Literal
 
 import msgspec
@@ -23,8 +22,7 @@ MOST_ROWS = 100_000
 """A bias is taken from fewer rows; these would be ten minutes of a resting hand."""
 
 
-@dataclass(frozen=True)
-class Preparation:
+class Preparation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How a stream is tared from its first, unloaded rows.
 
     bias_rows: how many rows the bias is taken from (0: the stream is already tared). statistic:
@@ -90,7 +88,7 @@ class Preparation:
 
     def to_json(self) -> Json:
         """As a JSON object, for the metadata."""
-        return asdict(self)
+        return msgspec.structs.asdict(self)
 
 
 def _finite(values: FloatArray) -> FloatArray:
