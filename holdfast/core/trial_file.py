@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 import numpy.typing as npt
@@ -111,7 +112,7 @@ def read_trial(path: str | Path) -> Trial:
     path = Path(path)
     header = _header(path)
     check_columns(header, path)
-    return trial_of(header, _table(path, header), path)
+    return trial_of(header, table_of(path, header, path), path)
 
 
 def trial_of(
@@ -242,14 +243,14 @@ def check_columns(header: list[str], path: Path) -> int:
     raise ColumnError(what, where=path, next_step=fix)
 
 
-def _table(path: Path, header: list[str]) -> FloatArray:
-    """[T, columns] of numbers. Raises NotANumber or ColumnError."""
+def table_of(lines: Path | TextIO, header: list[str], path: Path) -> FloatArray:
+    """[T, columns] of numbers in lines below a header. Raises NotANumber or ColumnError."""
     try:
         with warnings.catch_warnings():
             # numpy warns about a table without rows; require_rows says it better
             warnings.simplefilter("ignore", UserWarning)
             table = np.loadtxt(
-                path,
+                lines,
                 delimiter=",",
                 skiprows=1,
                 ndmin=2,
