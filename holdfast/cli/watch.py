@@ -7,7 +7,6 @@ holdfast watch --camera drawn.frames.npz --out build/watched
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -48,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
 
     source = _source(args)
     with stop_signals() as stopped:
-        watched = watch(source, args.out, say=say, stopped=stopped)
+        watched = watch(source, args.out, stopped=stopped)
     counts = f"{watched.frames} frames with tags read, {watched.in_video} in the video"
     words = f"{counts}, {watched.lost} lost between them\n"
     words += f"{args.out}; next: holdfast onset {args.out}"
@@ -69,7 +68,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _source(args: argparse.Namespace) -> FrameSource:
     """The camera, or stored frames. Raises UsageError or a DataError."""
-    from holdfast.drivers.camera.sources import OAK, Lens, Oak, read_frames
+    from holdfast.drivers.camera.recording import Lens
+    from holdfast.drivers.camera.sources import OAK, Oak, read_frames
     from holdfast.sessions.camera import CameraOptions
 
     options = CameraOptions(args.camera, args.tag_mm, args.fps, args.exposure_ms)
@@ -79,7 +79,4 @@ def _source(args: argparse.Namespace) -> FrameSource:
         lens = Lens(**options.shooting(), clock="monotonic", apart_mm=args.apart_mm)
         return Oak(lens, args.seconds)
 
-    source = read_frames(Path(args.camera))
-    if args.apart_mm is not None:
-        source.lens = replace(source.lens, apart_mm=args.apart_mm)
-    return source
+    return read_frames(Path(args.camera), args.apart_mm)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from holdfast.core.errors import (
     DataError,
     DataNotFound,
+    EmptyRecording,
     LabelError,
     NotANumber,
     TimeError,
@@ -85,38 +86,39 @@ def watched(
 ) -> WatchedTrial:
     """Read a watched folder. Raises LabelError if it is void."""
     from holdfast.drivers.camera.motion import motion
-    from holdfast.drivers.camera.recording import (
-        TAGS,
-        read_about,
-        read_tracks,
-        require_whole,
-    )
+    from holdfast.drivers.camera.recording import TAGS, read_about, read_tracks
 
     about = read_about(folder)
-    if about.get("void"):
+    if about.void is not None:
         raise LabelError(
             "the trial is void and gets no label",
             where=folder,
-            cause=str(about["void"]),
+            cause=about.void,
             next_step="record it again",
         )
 
     tracks = read_tracks(folder)
     # A file that was cut would give a slip that ends too early.
-    require_whole(len(tracks.t_s), about.get("frames"), folder / TAGS)
+    if len(tracks.t_s) < about.frames:
+        raise EmptyRecording(
+            f"holds {len(tracks.t_s)} of its {about.frames} frames",
+            where=folder / TAGS,
+            cause="an interrupted copy, or a broken disk",
+            next_step="copy it again from where it was recorded",
+        )
 
     try:
         moved = motion(
             tracks.t_s,
             tracks.of(OBJECT_TAG),
             tracks.of(HAND_TAG),
-            tag_mm or float(about["tag_mm"]),
-            apart_mm or about.get("apart_mm"),
+            tag_mm or about.tag_mm,
+            apart_mm or about.apart_mm,
         )
     except LabelError as error:
         raise _with_place(error, folder) from None
 
-    starts_s = 0.0 if about.get("clock") == "trial" else _starts_s(folder, moved)
+    starts_s = 0.0 if about.clock == "trial" else _starts_s(folder, moved)
     return WatchedTrial(folder, moved, starts_s)
 
 

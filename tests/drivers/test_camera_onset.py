@@ -111,7 +111,7 @@ def test_tags_of_two_sizes_are_reported_as_soon_as_they_were_watched_and_what_wa
         for line in done.stderr.splitlines()
         if "TagError" in line and "12.5" in line
     ]
-    assert read_about(tmp_path / "out")["void"] is None
+    assert read_about(tmp_path / "out").void is None
     assert len(read_tracks(tmp_path / "out").t_s) == 30
     assert (tmp_path / "out/camera.mkv").stat().st_size > 0
 
@@ -132,7 +132,7 @@ def test_a_measured_distance_finds_tags_that_a_printer_scaled_alike_and_stays_wi
             f"{factor * apart_mm:g}",
         )
         assert done.returncode == code, done.stderr
-        assert read_about(out)["apart_mm"] == pytest.approx(factor * apart_mm)
+        assert read_about(out).apart_mm == pytest.approx(factor * apart_mm)
         again = command("onset", out, "--action", "pull")
         assert ("TagError" in done.stderr, "TagError" in again.stderr) == (
             code == 3,
