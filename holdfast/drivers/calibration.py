@@ -247,7 +247,10 @@ class CalibrationFile(
                 raise ValueError(f"{name} has {len(rows)}; allowed: {n_sensors} rows")
         for number, matrix in enumerate(self.matrix_n_per_ut, 1):
             if _is_singular(np.array(matrix)):
-                raise ValueError(f"matrix_n_per_ut of sensor {number} is singular")
+                raise ValueError(
+                    f"matrix_n_per_ut of sensor {number} is singular; "
+                    "allowed: loads in three directions (holdfast calibrate)"
+                )
 
 
 def _is_singular(matrix: FloatArray) -> bool:
