@@ -22,13 +22,12 @@ from typing import Any
 from holdfast.core.column_map import ColumnMap, read_column_map
 from holdfast.core.contract import UNITS, Unit
 from holdfast.core.errors import CardError, UsageError
-from holdfast.core.hand_lines import LineUrl, line_url, unix_listener
+from holdfast.core.hand_lines import LineUrl, line_url
 from holdfast.drivers.line_feeds import (
     DatagramFeed,
     Feed,
-    SerialEnd,
-    StandardInput,
-    StreamFeed,
+    serial_feed,
+    stdin_feed,
 )
 from holdfast.drivers.line_source import LineOptions, LineSource
 from holdfast.drivers.sample_lines import SampleReader
@@ -93,7 +92,7 @@ def open_lines(
         )
 
     reader = SampleReader(column_map, words.unit)
-    feed = _feed(words.where, clock, report)
+    feed = _feed(words.where)
     with ExitStack() as on_error:
         on_error.callback(feed.close)
         report(f"{feed.name}: waiting for the first samples")
@@ -178,48 +177,23 @@ def _rate(text: str) -> float:
 # -- what they open
 
 
-def _feed(where: LineUrl, clock: Any, report: Report) -> Feed:
-    openers = {
-        "stdin": _stdin,
-        "unix": _datagrams,
-        "serial": _serial,
-    }
-    return openers[where.parts.scheme](where, clock, report)
-
-
-def _stdin(where: LineUrl, clock: Any, report: Report) -> Feed:
+def _feed(where: LineUrl) -> Feed:
+    scheme = where.parts.scheme
+    if scheme == "unix":
+        return DatagramFeed(where)
+    if scheme == "serial":
+        return _serial(where)
     if where.parts.netloc or where.parts.path:
         raise _not_an_address(where.url, "nothing but options stands behind stdin://")
-    return StreamFeed("stdin", StandardInput(), report)
+    return stdin_feed()
 
 
-def _datagrams(where: LineUrl, clock: Any, report: Report) -> Feed:
-    with ExitStack() as stack:
-        listener = unix_listener(where, "samples", stack)
-        name = f"unix://{where.parts.path}"
-        feed = DatagramFeed(name, listener, stack.pop_all().close)
-    return feed
-
-
-def _serial(where: LineUrl, clock: Any, report: Report) -> Feed:
-    from holdfast.live.links import open_port, opening_error
-
+def _serial(where: LineUrl) -> Feed:
     baud = where.options.get("baud", str(DEFAULT_BAUD))
-    path = where.path
-    if where.parts.netloc or not path.strip("/"):
+    if where.parts.netloc or not where.path.strip("/"):
         raise _not_an_address(where.url, "serial:///dev/ttyX, with three slashes")
     if not baud.isdecimal() or len(baud) > 9:
         raise UsageError(
             f"baud={baud[:40]!r} is not a whole number", next_step="baud=115200"
         )
-
-    def open_again() -> int:
-        return open_port(path, int(baud))
-
-    try:
-        handle = open_again()
-    except OSError as error:
-        raise opening_error(path, error) from None
-    return StreamFeed(
-        f"serial://{path}", SerialEnd(handle, open_again, clock.now_ns), report
-    )
+    return serial_feed(where.path, int(baud))

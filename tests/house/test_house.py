@@ -47,6 +47,7 @@ OF_ONE_FILE = (
     "pylsl",
     "pyxdf",
     "rosbags",
+    "serial",
 )
 READS_PICKLE = {
     "pickle",
