@@ -12,8 +12,7 @@ from numbered_lines import numbered_sender
 
 from holdfast.core.errors import ColumnError, DeviceLost, NotANumber
 from holdfast.core.hand_lines import line_port
-from holdfast.core.lsl_streams import StreamFacts
-from holdfast.drivers.lsl import LslIntent
+from holdfast.drivers.lsl import LslIntent, StreamFacts
 from holdfast.edge_runtime.intent import (
     INTENT_HEADER,
     Intent,
