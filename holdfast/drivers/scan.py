@@ -1,4 +1,4 @@
-"""What is on a bus: muxes, sensors, their variants, and what is wrong with them.
+"""What is on a bus, what is wrong with it, and how fast it can be read: for `holdfast scan`.
 
 The scan reads only. It writes nothing to an address before a TMAG5273 or a mux has identified
 itself there (layout.py, finger.py), and nothing to the general call, which resets
@@ -9,8 +9,10 @@ sensor's own addresses and at those that a layout names.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from statistics import median
 from typing import Literal
 
 from holdfast.core.errors import DeviceNotFound, WrongDevice
@@ -22,12 +24,20 @@ from holdfast.drivers.layout import (
     LAYOUTS,
     MUX_ADDRESS,
     MUX_ADDRESSES,
+    ScanPlanner,
     answering,
     enable_channels,
     is_mux,
     plain_read,
+    read_layout,
 )
-from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES, RANGES_MT, REGISTERS
+from holdfast.drivers.tmag5273 import (
+    FACTORY_ADDRESSES,
+    PACKET_BYTES,
+    RANGES_MT,
+    REGISTERS,
+    RESULTS,
+)
 
 LETTERS = dict(zip(FACTORY_ADDRESSES, "ABCD", strict=True))
 SENSOR_ADDRESSES = frozenset(FACTORY_ADDRESSES).union(
@@ -37,6 +47,17 @@ NOT_IDENTIFIED = (
     "answers every read with one byte, so it may have no registers; "
     "not identified for its safety"
 )
+STATUS_BITS = (
+    ("CONV_STATUS", "DIAG_STATUS"),
+    ("DEVICE_STATUS", "OSC_ER"),
+    ("DEVICE_STATUS", "OTP_CRC_ER"),
+    ("DEVICE_STATUS", "VCC_UV_ER"),
+)
+"""Register and bit of what a chip reports as wrong."""
+TIMED_SCANS = 20
+MODEL_RATES_HZ = (300.0, 150.0, 100.0, 50.0)
+SPARE = 0.8
+"""Largest share of a period that a scan may take: the rest is for the model and for delays."""
 
 
 @dataclass(frozen=True)
@@ -126,17 +147,13 @@ def _identified(bus: Bus, address: int, pause: Callable[[float], None]) -> BusDe
 
 def _health(bus: Bus, address: int) -> str:
     """What the status registers report as wrong."""
-    status = REGISTERS["CONV_STATUS"]
-    device = REGISTERS["DEVICE_STATUS"]
-    reads = [Transfer(address, bytes([one.address]), 1) for one in (device, status)]
-    device_reply, status_reply = bus.scan(reads)
-    if not (device_reply.acked and status_reply.acked):
-        return "stopped answering"
     troubles = []
-    if status.read(status_reply.data[0], "DIAG_STATUS"):
-        troubles.append("its own diagnosis failed")
-    for name in ("OSC_ER", "OTP_CRC_ER", "VCC_UV_ER"):
-        if device.read(device_reply.data[0], name):
+    for register, name in STATUS_BITS:
+        one = REGISTERS[register]
+        (reply,) = bus.scan([Transfer(address, bytes([one.address]), 1)])
+        if not reply.acked:
+            return "stopped answering"
+        if one.read(reply.data[0], name):
             troubles.append(name)
 
     if address not in FACTORY_ADDRESSES:
@@ -147,16 +164,83 @@ def _health(bus: Bus, address: int) -> str:
 
 
 def as_layout(found: list[BusDevice]) -> str:
-    """The sensors as a layout for a URL, such as 0:35,0:22,71/1:35, ordered by mux and channel."""
-    sensors = [one for one in found if one.kind == "sensor"]
+    """The sensors as a layout for a URL, such as 0:35,0:22,71/1:35, ordered by mux and channel.
 
-    # the order of the factory addresses is that of the fingers in `mux`
-    def rank(one: BusDevice) -> tuple[tuple[int, ...], int, int]:
+    Behind one channel the order of the factory addresses is that of the fingers in `mux`.
+    """
+    order = (*FACTORY_ADDRESSES, *ADDRESSES)
+
+    def rank(one: BusDevice) -> tuple[int, int, int]:
         # what is directly on the bus comes first
-        behind = () if one.channel is None else (one.mux, one.channel)
-        order = len(FACTORY_ADDRESSES)
-        if one.address in FACTORY_ADDRESSES:
-            order = FACTORY_ADDRESSES.index(one.address)
-        return behind, order, one.address
+        at = order.index(one.address)
+        return (0, 0, at) if one.channel is None else (one.mux, one.channel, at)
 
+    sensors = [one for one in found if one.kind == "sensor"]
     return ",".join(one.place for one in sorted(sensors, key=rank))
+
+
+# -- a bus and its rate
+
+
+@dataclass(frozen=True)
+class ScannedBus:
+    """What is on one bus. layout: of its sensors, "" without one.
+
+    scan_s: median time of a scan of all sensors. model_hz: the fastest model that this serves, None
+    where it serves none.
+    """
+
+    url: str
+    devices: list[BusDevice]
+    layout: str = ""
+    scan_s: float | None = None
+    model_hz: float | None = None
+
+    def lines(self) -> list[str]:
+        """A line for each device (where, what it is, what is wrong), then the rate."""
+        lines = [self.url]
+        for device in self.devices:
+            found = f"  {device.place:<8}{device.what:<28}{device.trouble}"
+            lines.append(found.rstrip())
+        if self.scan_s is None:
+            cause = "power, SDA and SCL swapped, or pull-ups missing?"
+            return [*lines, f"  no sensor: {cause}"]
+        serves = f"serves no model, {MODEL_RATES_HZ[-1]:g} Hz needs another bridge"
+        if self.model_hz is not None:
+            serves = f"serves a model of {self.model_hz:g} Hz"
+        rate = f"a scan takes {1e3 * self.scan_s:.2f} ms ({1.0 / self.scan_s:.0f} Hz)"
+        return [
+            *lines,
+            f"  layout={self.layout} (put them in the order of the fingers)",
+            f"  {rate}: {serves}",
+        ]
+
+
+def survey(
+    url: str, bus: Bus, named: frozenset[int], sleep: Callable[[float], None]
+) -> ScannedBus:
+    """Look at an open bus, and time its sensors. named: addresses that a layout names.
+
+    Raises a DeviceError.
+    """
+    devices = look_at(bus, sleep, named)
+    layout = as_layout(devices)
+    if not layout:
+        return ScannedBus(url, devices)
+    scan_s = median_scan_s(bus, layout)
+    served = [rate_hz for rate_hz in MODEL_RATES_HZ if scan_s * rate_hz < SPARE]
+    return ScannedBus(url, devices, layout, scan_s, max(served, default=None))
+
+
+def median_scan_s(bus: Bus, layout: str) -> float:
+    """The time of one scan of these sensors."""
+    fingers = read_layout(layout)
+    reads = [Transfer(one.address, bytes([RESULTS]), PACKET_BYTES) for one in fingers]
+    planner = ScanPlanner(fingers)
+    times_s = []
+    for _ in range(TIMED_SCANS):
+        transfers = planner.plan(reads, doubtful=False).transfers
+        started_s = time.perf_counter()
+        bus.scan(transfers)
+        times_s.append(time.perf_counter() - started_s)
+    return median(times_s)
