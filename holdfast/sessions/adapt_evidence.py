@@ -22,7 +22,6 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import LogisticRegression
 
 from holdfast.core.contract import GRASP, RISKY_SLIP, BoolArray, FloatArray
-from holdfast.core.errors import listed
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
 from holdfast.edge_runtime.graph import Outputs
 from holdfast.edge_runtime.model import Model
@@ -156,7 +155,7 @@ def stream_of(recording: Recording, outputs: Outputs) -> Stream:
 
 
 def contradicted(streams: Sequence[Stream], rules: DecisionRules) -> list[str]:
-    """Trials whose labels a base contradicts.
+    """Trials whose labels a base contradicts; warns (ContradictedLabels) of them.
 
     It acts in a trial without a slip, or in none of a trial's slips.
     """
@@ -165,27 +164,22 @@ def contradicted(streams: Sequence[Stream], rules: DecisionRules) -> list[str]:
     names = []
     for stream, on in zip(streams, requests, strict=True):
         one = stream.recording
-        if one.events:
-            outcomes = match_alarms(one, on[:, 0]).outcomes
-            agrees = any(outcome.alarm_s is not None for outcome in outcomes)
-        else:
-            agrees = not on.any()
+        outcomes = match_alarms(one, on[:, 0]).outcomes
+        found = any(outcome.alarm_s is not None for outcome in outcomes)
+        agrees = found if one.events else not on.any()
         if not agrees:
             names.append(one.trial_id)
-    return names
 
-
-def warn_of_contradicted(names: list[str], n_trials: int) -> None:
-    """Warn (ContradictedLabels) of trials whose labels the base contradicts."""
     if names:
         warnings.warn(
-            f"the base contradicts the labels of {len(names)} of {n_trials} trials: "
-            f"{listed(names, most=len(names))}; likely cause: it does not know this person yet, or "
+            f"the base contradicts the labels of {len(names)} of {len(streams)} trials: "
+            f"{', '.join(names)}; likely cause: it does not know this person yet, or "
             "a pull or a fall was labelled as a pass; next: look at these trials before you trust "
             "the adapted file",
             ContradictedLabels,
             stacklevel=2,
         )
+    return names
 
 
 def corrected(
@@ -267,18 +261,15 @@ def _slip_numbers(streams: Sequence[Stream]) -> IntArray:
 def _row_weights(slip: IntArray, n_person: int) -> FloatArray:
     """[N] slips weigh as much as the rest, and the person's (the first rows) most of the rest."""
     of_slip = slip != NO_EVENT
-    of_person = np.arange(len(slip)) < n_person
-    shares = (
-        (of_slip, 1.0),
-        (~of_slip & of_person, OF_PERSON),
-        (~of_slip & ~of_person, 1.0 - OF_PERSON),
-    )
-
+    of_person = ~of_slip & (np.arange(len(slip)) < n_person)
     weight = np.zeros(len(slip))
-    for rows, share in shares:
-        # A group shares its weight: how many rows it has does not matter.
+    # A group shares its weight: how many rows it has does not matter.
+    for rows, share in (
+        (of_slip, 1.0),
+        (of_person, OF_PERSON),
+        (~of_slip & ~of_person, 1.0 - OF_PERSON),
+    ):
         weight[rows] = SCALE * share / max(1, rows.sum())
-
     return weight
 
 
