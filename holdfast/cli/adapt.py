@@ -24,7 +24,7 @@ from holdfast.core.errors import OutputError, UsageError
 from holdfast.core.writing import require_writable
 
 if TYPE_CHECKING:
-    from holdfast.sessions.adapt import HeldOutFigures
+    from holdfast.sessions.adapt_point import HeldOutFigures
 
 STAGES = 7
 

@@ -32,16 +32,15 @@ from holdfast.evaluation.window_scores import require_model_fits
 from holdfast.export.correction import Correction, corrected_votes, rows_of
 from holdfast.export.heads import FloatRows, riskier_argmax, situation_votes, weighted
 from holdfast.export.network import (
-    EXACT_FLOAT32,
     INPUT_MOST,
     LOGIT_STEPS,
-    WEIGHT_MOST,
     Float32Array,
     Inputs,
     IntArray,
     Layer,
     Network,
 )
+from holdfast.training.network_fit import whole_weights
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import DataSet, Recording
 
@@ -313,27 +312,16 @@ def _best_of_slips(slip: IntArray, logit: FloatArray) -> BoolArray:
 
 
 def _in_whole_numbers(inputs: Inputs, weights: FloatArray, bias: float) -> Correction:
-    """The largest whole numbers that float32 still adds exactly."""
-    # What is left of the whole numbers that float32 holds once every weight may be rounded up.
-    room = EXACT_FLOAT32 - (INPUT_MOST + 1) * len(weights)
-    most_sum = INPUT_MOST * np.abs(weights).sum() + abs(bias) + MOST_NATS
-    most_weight = np.abs(weights).max() + 1e-9
-    # Rounded to whole numbers, sums are exact in any order, as those of the forest are.
-    size_for_sum = room / most_sum
-    size_for_weight = (WEIGHT_MOST - 1) / most_weight
-    size = min(size_for_sum, size_for_weight)
-
-    whole = np.zeros((len(weights), 2), dtype=np.float32)
+    """The largest whole numbers that float32 still adds exactly, MOST_NATS further too."""
+    most_bias = np.array([abs(bias) + MOST_NATS])
+    rule, _, (steps,) = whole_weights(weights[:, None], most_bias, INPUT_MOST)
     # Two logits: that of "no slip" stays zero, as in logistic regression.
-    whole[:, 1] = np.round(weights * size)
-    whole_bias = np.round(bias * size)
-    biases = np.array([0.0, whole_bias], dtype=np.float32)
+    whole = np.concatenate([np.zeros_like(rule), rule], axis=1)
+    biases = np.array([0.0, np.round(bias * steps)], dtype=np.float32)
     # Back from the size of the weights to the steps in which the graph counts logits.
-    scales = np.array([1.0, LOGIT_STEPS / size], dtype=np.float32)
+    scales = np.array([1.0, LOGIT_STEPS / steps], dtype=np.float32)
     layer = Layer(whole, biases, scales)
-
-    network = Network(inputs, (layer,), votes_in_all=1)
-    return Correction(network)
+    return Correction(Network(inputs, (layer,), votes_in_all=1))
 
 
 def moved(correction: Correction, nats: float) -> Correction:

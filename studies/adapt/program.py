@@ -20,13 +20,14 @@ from holdfast.core.contract import Json
 from holdfast.core.writing import require_writable
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import votes_in_all
-from holdfast.sessions.adapt import SEED, TRIALS, Evidence, simulated_slips
+from holdfast.sessions.adapt import SEED, TRIALS, simulated_slips
 from holdfast.sessions.adapt_evidence import (
     Stream,
     corrected,
     label_weights,
     streams_of,
 )
+from holdfast.sessions.adapt_point import Evidence
 from holdfast.simulation import SCENES
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene

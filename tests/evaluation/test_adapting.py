@@ -11,12 +11,7 @@ from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
 from holdfast.core.errors import TooLittleToAdapt
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
 from holdfast.export.correction import corrected_votes
-from holdfast.sessions.adapt import (
-    LEAST_RECALL,
-    Evidence,
-    HeldOutFigures,
-    require_enough,
-)
+from holdfast.sessions.adapt import require_enough
 from holdfast.sessions.adapt_evidence import (
     MOST_NATS,
     ContradictedLabels,
@@ -28,6 +23,7 @@ from holdfast.sessions.adapt_evidence import (
     moved,
     stream_of,
 )
+from holdfast.sessions.adapt_point import LEAST_RECALL, Evidence, HeldOutFigures
 from holdfast.training.recording import Recording
 from holdfast.training.timeline import Phase, RiskyEvent
 
