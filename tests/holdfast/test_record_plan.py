@@ -158,10 +158,10 @@ def test_two_recorders_do_not_share_a_folder(tmp_path):
     with opened(tmp_path / "out", "N", "simulated"):
         with pytest.raises(OutputError, match="another recorder"):
             one_pull(tmp_path / "out")
-        assert main(["repair", str(tmp_path / "out/p01")]) == 5, (
+        assert main(["check", "--repair", str(tmp_path / "out/p01")]) == 5, (
             "a file that is being written is not repaired"
         )
-    assert main(["repair", str(tmp_path / "out/p01")]) == 0
+    assert main(["check", "--repair", str(tmp_path / "out/p01")]) == 0
 
 
 def test_units_and_what_is_simulated_are_not_mixed_in_a_folder(tmp_path):

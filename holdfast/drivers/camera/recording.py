@@ -296,7 +296,7 @@ def read_video(folder: Path, dai: Any, *, images: bool = True) -> Iterator[Frame
             f"the video cannot be read ({last or 'no frame'})",
             where=folder / VIDEO,
             cause="it was cut off, or another program wrote it",
-            next_step=f"{TAGS} may still hold the tracks: holdfast onset",
+            next_step=f"{TAGS} may still hold the tracks: holdfast watch --onset",
         )
 
 

@@ -3,7 +3,7 @@
 Where several sources have a time for an event, the first of PROVENANCES counts: a scene's own
 truth, a camera, a key that the operator pressed (late by about 0.2 s), and a rule that reads from
 the normal forces when the hand closed and when it was empty again. Nothing else is guessed: without
-a load onset the grip has no label. The file is derived; `holdfast onset` writes it again.
+a load onset the grip has no label. The file is derived; `holdfast watch --onset` writes it again.
 
 The truth of a scene becomes events of the recorded trial here, too.
 """
