@@ -18,7 +18,10 @@ GROUPS = {
         "run": ("run", "read a hand live and answer every sample"),
         "record": ("record", "record trials by keys and a protocol"),
         "replay": ("replay", "a model's answers on a recorded trial, as JSON lines"),
-        "check": ("check", "say what a folder of recordings holds and lacks; repair it"),
+        "check": (
+            "check",
+            "say what a folder of recordings holds and lacks; repair it",
+        ),
         "import": ("importing", "turn logs of other programs into trials"),
         "train": ("train", "train on recordings; writes an artifact folder"),
         "export": ("export", "turn an artifact into one verified, sealed model file"),
