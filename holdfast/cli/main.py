@@ -18,8 +18,10 @@ GROUPS = {
         "run": ("run", "read a hand live and answer every sample"),
         "record": ("record", "record trials by keys and a protocol"),
         "replay": ("replay", "a model's answers on a recorded trial, as JSON lines"),
-        "check": ("check", "say what a folder of recordings holds and lacks"),
-        "repair": ("repair", "repair trials after a kill or a power cut"),
+        "check": (
+            "check",
+            "say what a folder of recordings holds and lacks; repair it",
+        ),
         "import": ("importing", "turn logs of other programs into trials"),
         "train": ("train", "train on recordings; writes an artifact folder"),
         "export": ("export", "turn an artifact into one verified, sealed model file"),
@@ -39,8 +41,7 @@ GROUPS = {
     "with people": {
         "study": ("study", "run a study with a person: steps, trials, report"),
         "adapt": ("adapt", "adapt a model file to one person, from two minutes"),
-        "watch": ("watch", "film two printed tags: lossless video and their tracks"),
-        "onset": ("onset", "find the onset of slip in a film; writes a label"),
+        "watch": ("watch", "film two printed tags; label the onset of slip"),
     },
     "other formats": {
         "convert": ("convert", "write recordings in the formats of other tools"),
@@ -53,7 +54,11 @@ VERBS = {
     for verb, (name, about) in group.items()
 }
 """Verb -> its module, and what it does."""
-OLD = {"loop": "python -m studies loop SCENE.., or make loop, in a checkout"}
+OLD = {
+    "loop": "python -m studies loop SCENE.., or make loop, in a checkout",
+    "onset": "holdfast watch --onset TRIAL",
+    "repair": "holdfast check --repair DIR",
+}
 """A word that was a command -> what does it now."""
 
 START = """\

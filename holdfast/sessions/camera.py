@@ -77,7 +77,7 @@ class CameraOptions:
         }
         given = [option for option, value in ignored.items() if value is not None]
         if given:
-            corrects = "; holdfast onset --tag-mm corrects the side"
+            corrects = "; holdfast watch --onset --tag-mm corrects the side"
             raise UsageError(
                 f"{', '.join(given)} would be ignored",
                 cause=f"only --camera {OAK} uses it; other frames bring their own",

@@ -145,7 +145,7 @@ def test_a_void_trial_gets_no_label(recorded, tmp_path, capsys):
     write_about(
         tmp_path, msgspec.structs.replace(read_about(recorded), void="no longer on USB")
     )
-    assert main(["onset", str(tmp_path), "--action", "pull"]) == 3
+    assert main(["watch", "--onset", str(tmp_path), "--action", "pull"]) == 3
     assert "void" in capsys.readouterr().err
     assert not (tmp_path / "events.jsonl").exists()
 
@@ -204,7 +204,7 @@ def test_half_the_tracks_are_no_whole_trial_in_which_nothing_slips(
     recorded, tmp_path, capsys
 ):
     cut(recorded, tmp_path, "tags.csv", 0.4)
-    assert main(["onset", str(tmp_path), "--action", "pull"]) == 3
+    assert main(["watch", "--onset", str(tmp_path), "--action", "pull"]) == 3
     assert f"of its {N_FRAMES} frames" in capsys.readouterr().err
     assert not (tmp_path / "events.jsonl").exists()
 
@@ -214,7 +214,7 @@ def test_a_video_of_another_time_gives_a_trial_no_onset(tmp_path, capsys):
     (tmp_path / "tactile.csv").write_text(
         "Time,X1,Y1,Z1,host_ns\n0.0,0,0,0,5000250000000\n"
     )
-    assert main(["onset", str(tmp_path), "--action", "pull"]) == 3
+    assert main(["watch", "--onset", str(tmp_path), "--action", "pull"]) == 3
     assert "another time" in capsys.readouterr().err
     assert not (tmp_path / "events.jsonl").exists()
 

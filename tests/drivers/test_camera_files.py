@@ -147,20 +147,20 @@ def test_onset_counts_from_the_first_tactile_sample_and_leaves_other_events_alon
     )
     (tmp_path / "events.jsonl").write_text(other + "\n")
     for _ in range(2):
-        assert main(["onset", str(tmp_path), "--action", "pass"]) == 0
+        assert main(["watch", "--onset", str(tmp_path), "--action", "pass"]) == 0
     first, mine = map(json.loads, (tmp_path / "events.jsonl").read_text().splitlines())
     assert first == json.loads(other)
     assert mine["t0_s"] == pytest.approx(0.55, abs=0.003)
     assert (mine["label"], mine["provenance"], mine["by"]) == (
         "safe_slip",
         "camera",
-        "holdfast onset",
+        "holdfast watch",
     )
 
 
 def test_without_tactile_samples_onset_counts_from_the_first_frame(tmp_path, capsys):
     hand_made(tmp_path, at_s=5000.0, slides_at_s=0.8)
-    assert main(["onset", str(tmp_path), "--action", "pull"]) == 0
+    assert main(["watch", "--onset", str(tmp_path), "--action", "pull"]) == 0
     assert json.loads((tmp_path / "events.jsonl").read_text())["t0_s"] == pytest.approx(
         0.8, abs=0.003
     )
@@ -173,7 +173,7 @@ def test_without_tactile_samples_onset_counts_from_the_first_frame(tmp_path, cap
         (("--action", "fly"), "", 2, "fly"),
         (("--gross-mm", "0"), "", 2, "not a number above 0"),
         (("--apart-mm", "30"), "", 3, "tags are 30 mm apart, but 20.00 mm"),
-        (("--from", "0.9"), "", 3, "never rest"),
+        (("--until", "0.1"), "", 3, "rest"),
         (("--action", "pull"), "tactile.csv", 3, "host_ns"),
         (("--action", "pull"), "events.jsonl", 3, "not a JSON object"),
         (("--action", "pull"), "camera.json", 3, "not valid JSON"),
@@ -183,7 +183,7 @@ def test_what_onset_cannot_use_is_one_line(tmp_path, capsys, words, spoils, code
     hand_made(tmp_path, at_s=5000.0, slides_at_s=0.8)
     if spoils:
         (tmp_path / spoils).write_text("nonsense\nmore\n")
-    assert main(["onset", str(tmp_path), *words]) == code
+    assert main(["watch", "--onset", str(tmp_path), *words]) == code
     err = capsys.readouterr().err
     assert err.count("\n") == 1
     assert says in err
@@ -194,7 +194,8 @@ def test_a_gross_distance_within_what_the_pads_give_is_refused(tmp_path, capsys)
         (tmp_path / name).mkdir()
         hand_made(tmp_path / name, at_s=0.0, slides_at_s=slides_at_s)
     words = (
-        "onset",
+        "watch",
+        "--onset",
         str(tmp_path / "slid"),
         "--action",
         "pull",
@@ -211,7 +212,7 @@ def test_a_gross_distance_within_what_the_pads_give_is_refused(tmp_path, capsys)
 
 def test_an_object_that_stays_gets_no_line_and_needs_no_action(tmp_path, capsys):
     hand_made(tmp_path, at_s=0.0, slides_at_s=None)
-    assert main(["onset", str(tmp_path)]) == 0
+    assert main(["watch", "--onset", str(tmp_path)]) == 0
     assert "no onset" in capsys.readouterr().out
     assert (tmp_path / "events.jsonl").read_text() == ""
 
@@ -263,7 +264,7 @@ def test_depthai_is_imported_in_one_file_and_by_no_help():
     files = [path for path, text in naming.items() if "depthai" in imports_of(text, "")]
     assert files == [ROOT / "holdfast/drivers/camera/sources.py"]
     code = (
-        "import sys; from holdfast.cli import onset, watch; import holdfast.drivers.camera.graph; "
+        "import sys; from holdfast.cli import watch; import holdfast.drivers.camera.graph; "
         "print('depthai' in sys.modules)"
     )
     assert process("-c", code).stdout == "False\n"

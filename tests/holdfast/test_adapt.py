@@ -16,8 +16,7 @@ from long_steps import long_steps
 
 from holdfast.core.errors import UsageError
 from holdfast.edge_runtime.model import Model
-from holdfast.sessions.adapted_files import base_model
-from holdfast.sessions.adapting import of_person
+from holdfast.sessions.adapt import base_model, of_person
 from holdfast.sessions.recorder.protocol import read_protocol
 from holdfast.simulation import SCENES
 from holdfast.training.datasets import load

@@ -80,8 +80,6 @@ OFTEN = (
     "record",
     "study",
     "watch",
-    "onset",
-    "repair",
     "replay",
     "selftest",
 )

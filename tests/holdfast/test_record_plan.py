@@ -158,10 +158,10 @@ def test_two_recorders_do_not_share_a_folder(tmp_path):
     with opened(tmp_path / "out", "N", "simulated"):
         with pytest.raises(OutputError, match="another recorder"):
             one_pull(tmp_path / "out")
-        assert main(["repair", str(tmp_path / "out/p01")]) == 5, (
+        assert main(["check", "--repair", str(tmp_path / "out/p01")]) == 5, (
             "a file that is being written is not repaired"
         )
-    assert main(["repair", str(tmp_path / "out/p01")]) == 0
+    assert main(["check", "--repair", str(tmp_path / "out/p01")]) == 0
 
 
 def test_units_and_what_is_simulated_are_not_mixed_in_a_folder(tmp_path):
@@ -227,27 +227,25 @@ def test_actions_are_those_of_scenes_and_of_training():
     ("text", "says"),
     [
         ("[[trials", "not valid TOML"),
-        ("", "trials = None"),
+        ("", "trials is missing"),
         ("trials = 3", "trials = 3"),
         ("[[trials]]\naction = 'fly'\nobjects = ['a']", "action = 'fly'"),
         ("[[trials]]\naction = 'pull'", "objects = []"),
         ("[[trials]]\naction = 'nothing'\nobjects = ['a']", "objects = ['a']"),
         ("[[trials]]\naction = 'pull'\nobjects = ['../a']", "'../a'"),
         ("[[trials]]\naction = 'pull'\nobjects = ['a']\ncount = 0", "count = 0"),
-        ("[[trials]]\naction = 'pull'\nobjects = ['a']\ncount = true", "count = True"),
         (
             "[[trials]]\naction = 'pull'\nobjects = ['a']\ncolour = 1",
-            "'colour' is not known",
+            "trials[0].colour is not known",
         ),
         (
-            "[[trials]]\naction = 'pull'\nobjects = ['a']\n[objects.a]\nmass_g = nan",
-            "mass_g = nan",
+            "[[trials]]\naction = 'pull'\nobjects = ['a']\n[objects.a]\nmass_g = 0",
+            "objects.a.mass_g = 0",
         ),
         (
             "[[trials]]\naction = 'pull'\nobjects = ['a']\n[objects]\na = 3",
             "objects.a = 3",
         ),
-        ("x = " + "[" * 5000, "not valid TOML"),
     ],
 )
 def test_a_card_that_cannot_be_is_refused_by_its_key(tmp_path, text, says):

@@ -1,4 +1,4 @@
-"""`holdfast repair`: at most one torn last line is moved aside, and whatever else is wrong is
+"""`check --repair`: at most one torn last line is moved aside, and whatever else is wrong is
 refused as it is."""
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def test_where_header_and_rows_disagree_repair_refuses_and_changes_nothing(
     assert damage(recorded) != recorded
     folder = trial(tmp_path, damage(recorded), state, EVENT + b"\n{")
     before = bytes_of(folder)
-    assert main(["repair", str(tmp_path)]) == 3
+    assert main(["check", "--repair", str(tmp_path)]) == 3
     assert "not repaired" in capsys.readouterr().out
     assert bytes_of(folder) == before
 
@@ -96,7 +96,7 @@ def test_a_torn_last_line_is_moved_beside_the_file_and_never_deleted(
 ):
     torn = recorded[recorded.rindex(b"\n", 0, -1) + 1 : -9]
     folder = trial(tmp_path, recorded + torn, state, EVENT + b"\n" + EVENT[:20])
-    assert main(["repair", str(tmp_path)]) == 0
+    assert main(["check", "--repair", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     removed = (
         f"{len(torn)} bytes of an incomplete line removed, {ROWS} samples complete"
@@ -113,7 +113,7 @@ def test_a_torn_last_line_is_moved_beside_the_file_and_never_deleted(
         "events.jsonl": EVENT + b"\n",
         "events.jsonl.torn": EVENT[:20],
     }
-    assert main(["repair", str(tmp_path)]) == 0
+    assert main(["check", "--repair", str(tmp_path)]) == 0
     assert bytes_of(folder) == files
     assert "complete" in capsys.readouterr().out
 
@@ -148,7 +148,7 @@ UNUSUAL: dict[str, Damage] = {
 def test_a_file_whose_rows_are_whole_loses_nothing(tmp_path, recorded, change, state):
     folder = trial(tmp_path, change(recorded), state, EVENT)
     before = bytes_of(folder)
-    assert main(["repair", str(tmp_path)]) == 0
+    assert main(["check", "--repair", str(tmp_path)]) == 0
     after = bytes_of(folder)
     table = folder / "tactile.csv"
     assert repair_table(table).rows == len(read_trial(table).t_s) == ROWS
@@ -209,11 +209,11 @@ def test_a_trial_killed_before_its_header_was_written_is_void_once(
     header = recorded.partition(b"\n")[0]
     begun = header if written.startswith("all") else written.encode()
     folder = trial(tmp_path, begun + bytes(zeros), events=b"")
-    assert main(["repair", str(tmp_path)]) == 0
+    assert main(["check", "--repair", str(tmp_path)]) == 0
     assert "marked as void" in capsys.readouterr().out
     assert meta_of(folder)["state"] == "void"
     before = bytes_of(folder)
-    assert main(["repair", str(tmp_path)]) == 0
+    assert main(["check", "--repair", str(tmp_path)]) == 0
     assert "void: no sample was recorded" in capsys.readouterr().out
     assert bytes_of(folder) == before
     assert before["tactile.csv"] == begun + bytes(zeros)
@@ -225,7 +225,7 @@ def test_a_trial_killed_before_it_had_a_file_is_void_too(tmp_path, capsys, folde
     there = trial(tmp_path, b"")
     for name in ("tactile.csv", "events.jsonl"):
         (there / name).unlink()
-    assert main(["repair", str(tmp_path / folder)]) == 0
+    assert main(["check", "--repair", str(tmp_path / folder)]) == 0
     assert "marked as void" in capsys.readouterr().out
     assert meta_of(there)["state"] == "void"
 
@@ -242,7 +242,7 @@ def test_a_trial_that_lost_its_samples_or_its_meta_is_refused_and_stays_as_it_is
     if left == "no meta":
         (folder / "meta.json").write_text("")
     before = bytes_of(folder)
-    assert main(["repair", str(tmp_path)]) == 3
+    assert main(["check", "--repair", str(tmp_path)]) == 3
     assert "not repaired" in capsys.readouterr().out
     assert bytes_of(folder) == before
 

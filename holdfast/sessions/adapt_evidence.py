@@ -22,7 +22,6 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import LogisticRegression
 
 from holdfast.core.contract import GRASP, RISKY_SLIP, BoolArray, FloatArray
-from holdfast.core.errors import listed
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
 from holdfast.edge_runtime.graph import Outputs
 from holdfast.edge_runtime.model import Model
@@ -33,16 +32,15 @@ from holdfast.evaluation.window_scores import require_model_fits
 from holdfast.export.correction import Correction, corrected_votes, rows_of
 from holdfast.export.heads import FloatRows, riskier_argmax, situation_votes, weighted
 from holdfast.export.network import (
-    EXACT_FLOAT32,
     INPUT_MOST,
     LOGIT_STEPS,
-    WEIGHT_MOST,
     Float32Array,
     Inputs,
     IntArray,
     Layer,
     Network,
 )
+from holdfast.training.network_fit import whole_weights
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import DataSet, Recording
 
@@ -156,7 +154,7 @@ def stream_of(recording: Recording, outputs: Outputs) -> Stream:
 
 
 def contradicted(streams: Sequence[Stream], rules: DecisionRules) -> list[str]:
-    """Trials whose labels a base contradicts.
+    """Trials whose labels a base contradicts; warns (ContradictedLabels) of them.
 
     It acts in a trial without a slip, or in none of a trial's slips.
     """
@@ -165,27 +163,22 @@ def contradicted(streams: Sequence[Stream], rules: DecisionRules) -> list[str]:
     names = []
     for stream, on in zip(streams, requests, strict=True):
         one = stream.recording
-        if one.events:
-            outcomes = match_alarms(one, on[:, 0]).outcomes
-            agrees = any(outcome.alarm_s is not None for outcome in outcomes)
-        else:
-            agrees = not on.any()
+        outcomes = match_alarms(one, on[:, 0]).outcomes
+        found = any(outcome.alarm_s is not None for outcome in outcomes)
+        agrees = found if one.events else not on.any()
         if not agrees:
             names.append(one.trial_id)
-    return names
 
-
-def warn_of_contradicted(names: list[str], n_trials: int) -> None:
-    """Warn (ContradictedLabels) of trials whose labels the base contradicts."""
     if names:
         warnings.warn(
-            f"the base contradicts the labels of {len(names)} of {n_trials} trials: "
-            f"{listed(names, most=len(names))}; likely cause: it does not know this person yet, or "
+            f"the base contradicts the labels of {len(names)} of {len(streams)} trials: "
+            f"{', '.join(names)}; likely cause: it does not know this person yet, or "
             "a pull or a fall was labelled as a pass; next: look at these trials before you trust "
             "the adapted file",
             ContradictedLabels,
             stacklevel=2,
         )
+    return names
 
 
 def corrected(
@@ -267,18 +260,15 @@ def _slip_numbers(streams: Sequence[Stream]) -> IntArray:
 def _row_weights(slip: IntArray, n_person: int) -> FloatArray:
     """[N] slips weigh as much as the rest, and the person's (the first rows) most of the rest."""
     of_slip = slip != NO_EVENT
-    of_person = np.arange(len(slip)) < n_person
-    shares = (
-        (of_slip, 1.0),
-        (~of_slip & of_person, OF_PERSON),
-        (~of_slip & ~of_person, 1.0 - OF_PERSON),
-    )
-
+    of_person = ~of_slip & (np.arange(len(slip)) < n_person)
     weight = np.zeros(len(slip))
-    for rows, share in shares:
-        # A group shares its weight: how many rows it has does not matter.
+    # A group shares its weight: how many rows it has does not matter.
+    for rows, share in (
+        (of_slip, 1.0),
+        (of_person, OF_PERSON),
+        (~of_slip & ~of_person, 1.0 - OF_PERSON),
+    ):
         weight[rows] = SCALE * share / max(1, rows.sum())
-
     return weight
 
 
@@ -322,27 +312,16 @@ def _best_of_slips(slip: IntArray, logit: FloatArray) -> BoolArray:
 
 
 def _in_whole_numbers(inputs: Inputs, weights: FloatArray, bias: float) -> Correction:
-    """The largest whole numbers that float32 still adds exactly."""
-    # What is left of the whole numbers that float32 holds once every weight may be rounded up.
-    room = EXACT_FLOAT32 - (INPUT_MOST + 1) * len(weights)
-    most_sum = INPUT_MOST * np.abs(weights).sum() + abs(bias) + MOST_NATS
-    most_weight = np.abs(weights).max() + 1e-9
-    # Rounded to whole numbers, sums are exact in any order, as those of the forest are.
-    size_for_sum = room / most_sum
-    size_for_weight = (WEIGHT_MOST - 1) / most_weight
-    size = min(size_for_sum, size_for_weight)
-
-    whole = np.zeros((len(weights), 2), dtype=np.float32)
+    """The largest whole numbers that float32 still adds exactly, MOST_NATS further too."""
+    most_bias = np.array([abs(bias) + MOST_NATS])
+    rule, _, (steps,) = whole_weights(weights[:, None], most_bias, INPUT_MOST)
     # Two logits: that of "no slip" stays zero, as in logistic regression.
-    whole[:, 1] = np.round(weights * size)
-    whole_bias = np.round(bias * size)
-    biases = np.array([0.0, whole_bias], dtype=np.float32)
+    whole = np.concatenate([np.zeros_like(rule), rule], axis=1)
+    biases = np.array([0.0, np.round(bias * steps)], dtype=np.float32)
     # Back from the size of the weights to the steps in which the graph counts logits.
-    scales = np.array([1.0, LOGIT_STEPS / size], dtype=np.float32)
+    scales = np.array([1.0, LOGIT_STEPS / steps], dtype=np.float32)
     layer = Layer(whole, biases, scales)
-
-    network = Network(inputs, (layer,), votes_in_all=1)
-    return Correction(network)
+    return Correction(Network(inputs, (layer,), votes_in_all=1))
 
 
 def moved(correction: Correction, nats: float) -> Correction:
