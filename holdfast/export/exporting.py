@@ -227,3 +227,8 @@ def sealed_with(model: onnx.ModelProto, metadata: Mapping[str, str]) -> bytes:
     # In protobuf, two bytes (field number and length) stand between the key and its digits.
     start = zeroed.rfind(SEAL_KEY.encode()) + len(SEAL_KEY) + 2
     return zeroed[:start] + digest.encode() + zeroed[start + DIGITS :]
+
+
+def metadata_of(model: onnx.ModelProto) -> dict[str, str]:
+    """In the order of the file, on which its bytes depend."""
+    return {entry.key: entry.value for entry in model.metadata_props}

@@ -15,7 +15,7 @@ import onnx
 from onnx import helper
 
 from holdfast.core.errors import VerificationFailed
-from holdfast.export.heads import FloatRows, Head, learned_name
+from holdfast.export.heads import Correction, FloatRows, Head, learned_name
 from holdfast.export.learner import (
     Forest,
     Learner,
@@ -56,6 +56,19 @@ def edge_rows(n_features: int) -> FloatRows:
     values = [0.0, -0.0, subnormal, -subnormal, limits.tiny, limits.max, limits.min]
     column = np.array(values, dtype=np.float32)[:, None]
     return np.repeat(column, n_features, axis=1)
+
+
+def hard_rows_of(correction: Correction | None, rows: FloatRows) -> FloatRows:
+    """Hard rows [H, F] for a correction: at the edges of float32, and on its inputs' steps."""
+    n = rows.shape[1]
+    if correction is None:
+        return edge_rows(n)
+
+    # Of the correction's inputs, the first n are the features. Magnitudes and votes follow from
+    # them, so only features can be moved to a step.
+    inputs = correction.network.inputs
+    features = Inputs(inputs.knee[:n], inputs.gain[:n], inputs.offset[:n])
+    return np.concatenate([edge_rows(n), step_rows(features, rows, 0)])
 
 
 def step_rows(inputs: Inputs, rows: FloatRows, seed: int) -> FloatRows:

@@ -13,15 +13,9 @@ from holdfast.core.locked import require_open
 from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import CARD_SUFFIX, read_card, read_sealed
-from holdfast.export.adapted_file import (
-    AdaptedVerification,
-    adapted,
-    is_adapted,
-    metadata_of,
-    undone,
-    verify_adapted,
-)
-from holdfast.export.exporting import readable_card
+from holdfast.export.changed import adapted, is_adapted, undone, verify_adapted
+from holdfast.export.exporting import metadata_of, readable_card
+from holdfast.export.verify import AdaptedVerification
 from holdfast.sessions.adapting import (
     Fitted,
     adapt,
@@ -83,7 +77,7 @@ def adapt_file(
     rows = fitted.rows()
     made = adapted(base, fitted.adaptation)
     # Before it is written: a file that fails is never on the disk.
-    verified = verify_adapted(base, made, model.card, correction, rows)
+    verified = verify_adapted(base, made, correction, rows)
     _write(out, made)
 
     return fitted, verified

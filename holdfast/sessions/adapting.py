@@ -25,9 +25,8 @@ from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import ModelCard, votes_in_all
 from holdfast.evaluation.alarms import Answers, act_requests, match_alarms
 from holdfast.evaluation.trials import voluntary_actions
-from holdfast.export.adapted_file import Adaptation
-from holdfast.export.correction import Correction
-from holdfast.export.heads import FloatRows
+from holdfast.export.changed import Adaptation
+from holdfast.export.heads import Correction, FloatRows
 from holdfast.sessions.slip_evidence import (
     LabelWeights,
     PersonCounts,

@@ -20,8 +20,8 @@ from holdfast.core.errors import UsageError
 from holdfast.edge_runtime.graph import StepGraph, open_session, run_recording
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import CONTACT_KEY
-from holdfast.export.again import with_contact_rule
 from holdfast.export.artifact import read_artifact
+from holdfast.export.changed import changed
 from holdfast.export.exporting import model_card, seal, whole_graph
 from holdfast.export.features import feature_graph
 from holdfast.export.guard import reference_contact
@@ -224,7 +224,7 @@ def test_an_older_file_loads_and_warns_once_in_plain_words(
 
 def test_an_older_file_is_exported_again_with_its_own_learner(older: Path) -> None:
     old = older.read_bytes()
-    card, new = with_contact_rule(old)
+    card, new = changed(old)
     assert card[CONTACT_KEY] == rule_of(StepSpec.from_json(card["spec"])).to_json()
     assert learner_digest(old) == learner_digest(new)
 
@@ -232,7 +232,7 @@ def test_an_older_file_is_exported_again_with_its_own_learner(older: Path) -> No
     path.write_bytes(new)
     assert Model(path).card.decides_by_force
     with pytest.raises(UsageError, match="up to date"):
-        with_contact_rule(new)
+        changed(new)
 
 
 def learner_digest(data: bytes) -> str:
