@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import msgspec
 import onnx
 
 from holdfast.core.contract import NORMAL_FLOOR, Json, channel_names
@@ -101,7 +102,9 @@ def spec_for_hand(spec: StepSpec, hand: HandCard, where: str | Path = "") -> Ste
             cause=f"features of single sensors: {', '.join(of_sensors)}",
             next_step="export a model whose features are all pooled (docs/features.md)",
         )
-    return replace(spec, n_sensors=hand.n_sensors, hand=hand, min_valid_sensors=0)
+    return msgspec.structs.replace(
+        spec, n_sensors=hand.n_sensors, hand=hand, min_valid_sensors=0
+    )
 
 
 def require_replaceable(artifact: Path, model: Path, *, force: bool) -> None:

@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import groupby
 
+import msgspec
 import numpy as np
 import onnx
 from onnx import TensorProto
@@ -255,7 +256,7 @@ def add_features_alone(graph: GraphBuilder, spec: StepSpec) -> str:
 
     The zero stays 0: training prepares a recording as a whole, with the bias of its own start.
     """
-    spec = replace(spec, force_decides=False)
+    spec = msgspec.structs.replace(spec, force_decides=False)
     guarded = add_guard(graph, spec)
     known = [GROUPS[name] for name in spec.groups if name in GROUPS]
     # only the bank's memory never ends
