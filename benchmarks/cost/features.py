@@ -15,8 +15,7 @@ from benchmarks.cost.recordings import read, starts
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import DataError
 from holdfast.export.detectors import STATES_PER_BAND, step_matrix
-from holdfast.export.features import SCALED_LAGS, SPANS_S, feature_count
-from holdfast.export.history import LAGS_S
+from holdfast.export.features import LAGS_S, SCALED_LAGS, SPANS_S, feature_count
 from holdfast.export.spec import BANDS_HZ, WINDOW_S, StepSpec
 from holdfast.training.crossval import main_task
 from holdfast.training.featurise import (
