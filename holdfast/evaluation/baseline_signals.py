@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 from onnx import TensorProto
 
@@ -78,7 +79,7 @@ def detector_signals(
     return signals
 
 
-class _ShortPast(StepSpec):
+class _ShortPast(StepSpec, frozen=True):
     """The same step without the 0.5 s of samples that only features read."""
 
     @property
@@ -94,7 +95,7 @@ class _ShortPast(StepSpec):
 
 def _signals_graph(spec: StepSpec) -> bytes:
     graph = GraphBuilder(spec.n_sensors)
-    spec = _ShortPast(**{**vars(spec), "force_decides": False})
+    spec = _ShortPast(**{**msgspec.structs.asdict(spec), "force_decides": False})
     # The bank reads the newest sample only; a short past makes the state, and the step, small.
     guarded = add_guard(graph, spec)
     rectified, _ = add_bank(graph, spec, guarded)

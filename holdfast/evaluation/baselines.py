@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeVar
 
+import msgspec
 import numpy as np
 
 from holdfast.core.contract import (
@@ -182,7 +183,9 @@ def raw_forest(data: DataSet, spec: StepSpec, seed: int) -> bytes:
     """The thesis' forest, trained on a set, as a step graph of its own."""
     task = main_task(data)
     # The rate of the model, of which that of the set may be off by some per cent.
-    narrow = replace(spec_for(data, RAW_BASELINE.groups), rate_hz=spec.rate_hz)
+    narrow = msgspec.structs.replace(
+        spec_for(data, RAW_BASELINE.groups), rate_hz=spec.rate_hz
+    )
     alone = replace(data, tasks={task: data.tasks[task]})
     features = features_of(alone, narrow)[task]
     # On all rows: it is scored on other sets, so nothing has to be held out.

@@ -26,16 +26,15 @@ from holdfast.edge_runtime.model_file import (
     read_sealed,
     votes_in_all,
 )
-from holdfast.export.adapted_file import (
+from holdfast.export.changed import (
     Adaptation,
-    AdaptedVerification,
     adapted,
     is_adapted,
-    metadata_of,
     undone,
     verify_adapted,
 )
-from holdfast.export.exporting import readable_card
+from holdfast.export.exporting import metadata_of, readable_card
+from holdfast.export.verify import AdaptedVerification
 from holdfast.sessions.adapt_evidence import (
     PersonCounts,
     contradicted,
@@ -153,7 +152,7 @@ def adapt_file(
     made = adapted(base, Adaptation(correction, point.rules, about))
     rows = np.concatenate([one.features for one in (*of_own, *of_others)])
     # Before it is written: a file that fails is never on the disk.
-    verified = verify_adapted(base, made, model.card, correction, rows)
+    verified = verify_adapted(base, made, correction, rows)
     _write(out, made)
     return AdaptedFile(counts, point, of_base, against, verified)
 

@@ -29,8 +29,13 @@ from holdfast.evaluation.alarms import COLLAR_S, Answers, act_requests, match_al
 from holdfast.evaluation.model_outputs import everywhere, risky_permille, steps_with
 from holdfast.evaluation.trials import voluntary_actions, without_samples
 from holdfast.evaluation.window_scores import require_model_fits
-from holdfast.export.correction import Correction, corrected_votes, rows_of
-from holdfast.export.heads import FloatRows, riskier_argmax, situation_votes, weighted
+from holdfast.export.heads import (
+    Correction,
+    FloatRows,
+    riskier_argmax,
+    situation_votes,
+    weighted,
+)
 from holdfast.export.network import (
     INPUT_MOST,
     LOGIT_STEPS,
@@ -187,7 +192,7 @@ def corrected(
     """The answers after a correction."""
     if correction is None or not len(stream.row):
         return stream.answers
-    votes = corrected_votes(correction, stream.features, stream.votes)
+    votes = correction.corrected(stream.features, stream.votes)
     situation = stream.answers.situation.copy()
     permille = stream.answers.risky_permille.copy()
     # Ties go to the riskier situation, as in the graph.
@@ -231,7 +236,7 @@ def fit_correction(
 
 
 def _rows_of(streams: Sequence[Stream]) -> Float32Array:
-    return np.concatenate([rows_of(one.features, one.votes) for one in streams])
+    return np.concatenate([Correction.rows(one.features, one.votes) for one in streams])
 
 
 def _inputs(others: Sequence[Stream], votes_in_all: int) -> Inputs:

@@ -16,7 +16,7 @@ from holdfast.core.contract import RISKY_SLIP, BoolArray
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.evaluation.alarms import Answers, act_requests, match_alarms
 from holdfast.evaluation.trials import voluntary_actions
-from holdfast.export.correction import Correction
+from holdfast.export.heads import Correction
 from holdfast.sessions.adapt_evidence import (
     LabelWeights,
     Stream,

@@ -10,7 +10,6 @@ import pytest
 from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
 from holdfast.core.errors import TooLittleToAdapt
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
-from holdfast.export.correction import corrected_votes
 from holdfast.sessions.adapt import require_enough
 from holdfast.sessions.adapt_evidence import (
     MOST_NATS,
@@ -104,9 +103,7 @@ def test_a_threshold_alone_cannot_tell_votes_that_are_alike_apart() -> None:
 def test_a_moved_rule_still_adds_exactly_and_keeps_more_or_fewer_risky_votes() -> None:
     fitted, one = fit_correction(passes(), slips(), VOTES), stream(5, slip=False)
     risky = [
-        corrected_votes(moved(fitted, nats), one.features, one.votes)[
-            :, RISKY_SLIP
-        ].sum()
+        moved(fitted, nats).corrected(one.features, one.votes)[:, RISKY_SLIP].sum()
         for nats in (-MOST_NATS, 0.0, MOST_NATS)
     ]
     assert risky == sorted(risky)

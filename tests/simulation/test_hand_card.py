@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from small_model import artifact, card_of, graph_of, spec
@@ -274,7 +275,9 @@ def test_a_model_carries_the_card_and_is_not_scored_on_another_hand(
     sets: dict[str, Path],
 ) -> None:
     pinch, six = (load(sets[name], windows="natural") for name in ("pinch", "six"))
-    made = artifact(replace(spec(("now",), n_sensors=6), hand=pinch.hand))
+    made = artifact(
+        msgspec.structs.replace(spec(("now",), n_sensors=6), hand=pinch.hand)
+    )
     data = seal(graph_of(made), model_card(made), made.spec)
     stored = read_card({"holdfast.card": json.dumps(card_of(data)), **SEALED})
     assert stored.hand is not None

@@ -15,7 +15,7 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from holdfast.core.contract import FloatArray, Json, channel_names
+from holdfast.core.contract import FloatArray, IntArray, Json, channel_names
 from holdfast.core.errors import DataError, HoldfastError, OutputError
 from holdfast.core.source import SourceReading
 from holdfast.core.tactile_file import TactileFile
@@ -97,7 +97,7 @@ class Quality:
 
     def figures(self) -> QualityFigures:
         """Figures of the whole trial."""
-        steps = np.diff(np.array(self.times_ns, dtype=np.int64))
+        steps: IntArray = np.diff(np.array(self.times_ns, dtype=np.int64))
         rate_hz = None
         jitter_ms = None
         if len(steps):

@@ -188,7 +188,7 @@ def _parts(
     for entry in entries:
         if entry.event in STATES:
             # A part may be begun again: its last line counts.
-            states[entry.part] = STATES[entry.event]
+            states[entry.part] = STATES[Event(entry.event)]
             begun[entry.part] += entry.event == Event.BEGUN
 
     outcomes = []
