@@ -6,13 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
-import numpy as np
-
 from holdfast.core.errors import UsageError, count_of
 from holdfast.core.locked import require_open
 from holdfast.core.trial_layout import read_json
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
-from holdfast.edge_runtime.graph import Outputs
 from holdfast.evaluation import MOST_FALSE_PER_MIN
 from holdfast.evaluation.alarms import choose_confidence
 from holdfast.evaluation.baselines import Baseline, baselines, raw_forest
@@ -32,8 +29,6 @@ from holdfast.evaluation.thresholds import (
     find_thresholds,
 )
 from holdfast.evaluation.window_scores import (
-    WindowFigures,
-    at_windows,
     heads_with_task,
     require_model_fits,
     window_figures,
@@ -238,7 +233,7 @@ class _Run:
         steps = steps_with(self.model, [*OUTPUTS, *heads])
         computed = everywhere(steps, recordings, self.part)
         outputs = read_outputs(self.model, recordings, computed)
-        windows = self._window_figures(data, computed)
+        windows = window_figures(self.model, data, computed, seed=self.request.seed)
         # The outputs of a long set take much memory, and are read by now.
         del computed
 
@@ -276,18 +271,6 @@ class _Run:
         require_model_fits(self.model, data)
         # Unseen people alone, where the model was trained on others of the set.
         return data.of_groups(self.request.people) if self.request.people else data
-
-    def _window_figures(
-        self, data: DataSet, computed: Sequence[Outputs]
-    ) -> WindowFigures:
-        whole = data.with_situations()
-
-        names = ["situation", "unknown", *heads_with_task(self.model, whole)]
-        every_row = [np.arange(len(one.samples)) for one in whole.recordings]
-        # Without the outputs of which only the events are made.
-        wanted = [{name: out[name] for name in names} for out in computed]
-        answers = at_windows(whole, wanted, every_row)
-        return window_figures(self.model, whole, answers, seed=self.request.seed)
 
 
 def _label(name: str, data: DataSet) -> str:

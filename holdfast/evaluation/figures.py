@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 
 from holdfast.core.contract import Json, untold_of
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.evaluation.methods import (
     MethodFigures,
-    MethodResult,
+    TrialOutcome,
     figures_of_methods,
-    together,
 )
 from holdfast.evaluation.scored_set import ScoredSet, SetFigures, compared
 from holdfast.evaluation.statistics import McNemar
@@ -85,16 +84,15 @@ def all_sets(
     card: ModelCard, scored: Mapping[str, ScoredSet], thresholds: Thresholds, seed: int
 ) -> Evaluation:
     """The figures of all sets together."""
-    trials = []
-    by_method: dict[str, list[MethodResult]] = {}
+    methods: dict[str, list[TrialOutcome]] = {}
     drawn: dict[str, list[AnsweredTrial]] = {}
     central = None
     times = {}
     for name, one in scored.items():
-        trials += one.trials
-        for method, result in one.methods.items():
-            # By name: with other settings for each set it is still the same method.
-            by_method.setdefault(method, []).append(result)
+        for method, outcomes in one.methods.items():
+            # By name: with other settings for each set it is still the same method. Its events
+            # and minutes are counted as those of one set, which is no mean over sets.
+            methods.setdefault(method, []).extend(outcomes)
 
         # The first set with a trial to draw stands for all.
         drawn = drawn or one.drawn
@@ -104,8 +102,6 @@ def all_sets(
             headline = one.methods[thresholds.headline]
             times[name] = _times(headline, one.to_state_ms)
 
-    # Not a mean over sets: their events and minutes are counted as those of one set.
-    methods = {name: together(of_sets) for name, of_sets in by_method.items()}
     model = EvaluatedModel(
         model_id=card.model_id,
         rate_hz=card.rate_hz,
@@ -120,7 +116,7 @@ def all_sets(
         thresholds=thresholds,
         seed=seed,
         sets={name: one.figures for name, one in scored.items()},
-        rows=figures_of_methods(methods, trials, seed),
+        rows=figures_of_methods(methods, seed),
         mcnemar=compared(methods, thresholds),
         drawn=drawn,
         times=times,
@@ -128,11 +124,11 @@ def all_sets(
     )
 
 
-def _times(method: MethodResult, to_state_ms: list[float]) -> TimesMs:
+def _times(of: Sequence[TrialOutcome], to_state_ms: list[float]) -> TimesMs:
     # A state may come without an alarm, so the lists differ in length.
     times = TimesMs(to_state_ms)
-    for match in method.matches:
-        for outcome in match.outcomes:
+    for one in of:
+        for outcome in one.match.outcomes:
             if outcome.delay_s is None:
                 continue
             times.to_act.append(1e3 * outcome.delay_s)

@@ -13,7 +13,8 @@ from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.graph import Outputs, Steps
 from holdfast.evaluation.alarms import Answers
-from holdfast.evaluation.window_scores import answers_at, require_model_fits
+from holdfast.evaluation.window_scores import require_model_fits
+from holdfast.export.heads import riskier_argmax
 from holdfast.export.network import IntArray
 from holdfast.training.featurise import stepped
 from holdfast.training.progress import Part, ignored
@@ -84,7 +85,7 @@ def read_outputs(
         # A model of four situations has no votes by weight.
         eight = np.full(len(votes), NO_CLASS)
         if model.card.has_weight:
-            eight = np.where(withheld, NO_CLASS, answers_at(votes, "eight"))
+            eight = np.where(withheld, NO_CLASS, riskier_argmax(votes))
         read.append(
             ModelOutputs(
                 recording,

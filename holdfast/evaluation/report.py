@@ -11,9 +11,8 @@ from typing import Any
 
 from holdfast.evaluation import pictures as draw
 from holdfast.evaluation.figures import Evaluation
-from holdfast.evaluation.formats import DEPLOYED, LAWS, ORACLE
+from holdfast.evaluation.formats import DEPLOYED, LAWS, ORACLE, onsets_in_words
 from holdfast.evaluation.html import write_page
-from holdfast.evaluation.onsets import onsets_in_words
 from holdfast.evaluation.real_sets import RealFigures, RealSetsMissing
 from holdfast.training.figures import PLURAL
 

@@ -9,8 +9,7 @@ import numpy as np
 from holdfast.core.errors import count_of
 from holdfast.evaluation.html import write_page
 from holdfast.evaluation.pictures import trial
-from holdfast.evaluation.stream_pictures import labelled
-from holdfast.evaluation.style import svg
+from holdfast.evaluation.style import labelled, svg
 from holdfast.evaluation.trials import AnsweredTrial, LabelledTrial, central_trial
 from holdfast.export.spec import window_samples
 from holdfast.training.crossval import main_task
