@@ -129,8 +129,8 @@ def _simulator(request: BenchRequest) -> Json:
 
 
 def _latency(request: BenchRequest) -> Json:
+    from benchmarks.latency import figures_of
     from benchmarks.timed_calls import steps_beside
-    from holdfast.evaluation.latency.check import figures_of
 
     older = request.older
     beside = [] if older is None else steps_beside(MODEL, older)
