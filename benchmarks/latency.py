@@ -27,25 +27,23 @@ from holdfast.edge_runtime.c_engine import LIBRARY, CompiledModel
 from holdfast.edge_runtime.graph import open_session, run_recording
 from holdfast.edge_runtime.model import ANSWERS
 from holdfast.edge_runtime.monitor import Model
-from holdfast.evaluation.latency.calls import (
+from holdfast.evaluation.bench import (
     FLOOR,
     GRIP,
     STEP,
-    Stream,
-    grip_of,
-    step_of,
-)
-from holdfast.evaluation.latency.check import (
+    TURNS,
     Calls,
     CallTimes,
+    Stream,
     board_ratios,
     budget_figures,
     budgets,
+    grip_of,
+    memory,
+    step_of,
     timed,
     with_floor,
 )
-from holdfast.evaluation.latency.memory import memory
-from holdfast.evaluation.latency.timing import TURNS
 from holdfast.export.c.exporting import export_c
 from holdfast.export.exporting import export_artifact
 from holdfast.export.verify import cut_learners

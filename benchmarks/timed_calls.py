@@ -14,7 +14,7 @@ from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.edge_runtime.graph import StepGraph, open_session
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import read_sealed
-from holdfast.evaluation.latency.timing import (
+from holdfast.evaluation.bench import (
     CALLS_A_TURN,
     TURNS,
     busy_wait,

@@ -27,8 +27,7 @@ from holdfast.core.contract import CLASSES, Json
 from holdfast.core.errors import LibraryMissing
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import read_sealed
-from holdfast.evaluation.latency.calls import STEP
-from holdfast.evaluation.latency.timing import CALLS_A_TURN, TURNS
+from holdfast.evaluation.bench import CALLS_A_TURN, STEP, TURNS
 from holdfast.export.learner import Forest, reference_votes
 from holdfast.export.spec import bands_for
 from holdfast.training.crossval import fit_learner

@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     """Measure, write latency.json, print the tables."""
     from holdfast.core.schema import model_path
     from holdfast.core.writing import require_writable
-    from holdfast.evaluation.latency.check import KIND, figures_of
+    from holdfast.evaluation.bench import KIND, figures_of
     from holdfast.evaluation.provenance import table_lines, write_measured
     from holdfast.training.progress import stages
 

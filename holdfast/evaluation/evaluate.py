@@ -12,27 +12,26 @@ from holdfast.core.trial_layout import read_json
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.evaluation import MOST_FALSE_PER_MIN
 from holdfast.evaluation.alarms import choose_confidence
-from holdfast.evaluation.baselines import Baseline, baselines, raw_forest
-from holdfast.evaluation.figures import Evaluation, all_sets
+from holdfast.evaluation.baselines import (
+    Baseline,
+    Chosen,
+    MatchingStreams,
+    Thresholds,
+    baselines,
+    find_thresholds,
+    raw_forest,
+)
 from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.model_outputs import (
     OUTPUTS,
     everywhere,
-    read_outputs,
-    steps_with,
-)
-from holdfast.evaluation.scored_set import ScoredSet, score_set
-from holdfast.evaluation.thresholds import (
-    Chosen,
-    MatchingStreams,
-    Thresholds,
-    find_thresholds,
-)
-from holdfast.evaluation.window_scores import (
     heads_with_task,
+    read_outputs,
     require_model_fits,
+    steps_with,
     window_figures,
 )
+from holdfast.evaluation.scored_set import Evaluation, ScoredSet, all_sets, score_set
 from holdfast.export.spec import StepSpec
 from holdfast.training.datasets import find, load
 from holdfast.training.progress import Part, Say, ignored
@@ -44,13 +43,12 @@ class EvaluationRequest:
     """The options of an evaluation.
 
     data: sets to score. choose: sets to choose the confidence on, if any. train: a set to train the
-    raw-window forest on. groups: so many people (or blocks) only. people: these only, if any.
+    raw-window forest on. people: these only, if any.
     """
 
     data: Sequence[str]
     choose: Sequence[str] = ()
     train: str | None = None
-    groups: int | None = None
     people: frozenset[str] = frozenset()
     most_false_per_min: float = MOST_FALSE_PER_MIN
     seed: int = 0
@@ -262,7 +260,6 @@ class _Run:
         data = load(
             name,
             channels=self.model.card.n_channels,
-            groups=self.request.groups,
             seed=self.request.seed,
             windows="natural",
             part=self.part,

@@ -16,9 +16,9 @@ from holdfast.core.contract import SAFE_SLIP, SITUATIONS, Json
 from holdfast.core.trial_layout import EVENTS, RISKY_ACTIONS, read_events
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.evaluation.alarms import delays_ms, match_alarms
+from holdfast.evaluation.baselines import requests_of
 from holdfast.evaluation.model_outputs import run_model
 from holdfast.evaluation.statistics import Spread, spread
-from holdfast.evaluation.thresholds import requests_of
 from holdfast.evaluation.trials import (
     AnsweredTrial,
     LabelledTrial,

@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 
 from holdfast.core.contract import NORMAL_AXIS, SAFE_SLIP, BoolArray
 from holdfast.edge_runtime.decision import UNKNOWN
-from holdfast.evaluation.figures import TimesMs
 from holdfast.evaluation.formats import spaced
+from holdfast.evaluation.scored_set import TimesMs
 from holdfast.evaluation.states import CalibrationBin, ConfusionFigures
 from holdfast.evaluation.style import (
     INK,

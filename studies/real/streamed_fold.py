@@ -8,10 +8,11 @@ import numpy as np
 
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.monitor import Model
-from holdfast.evaluation.model_outputs import everywhere, steps_with
-from holdfast.evaluation.window_scores import (
+from holdfast.evaluation.model_outputs import (
     at_windows,
+    everywhere,
     heads_with_task,
+    steps_with,
     window_figures,
 )
 from holdfast.export.artifact import Artifact, write_artifact

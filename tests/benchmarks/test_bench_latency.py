@@ -14,22 +14,25 @@ from benchmarks.cost import peers
 from benchmarks.latency import BARE, C_FLOOR, C_STEP, OWN, part_ratios
 from holdfast.core.schema import DEFAULT_MODEL, model_path
 from holdfast.edge_runtime.model import Model
-from holdfast.evaluation.latency import check
-from holdfast.evaluation.latency.calls import FLOOR, GRIP, STEP
-from holdfast.evaluation.latency.check import (
+from holdfast.evaluation import bench
+from holdfast.evaluation.bench import (
     BUDGET,
+    FLOOR,
+    GRIP,
+    LIVE_PATH,
+    STEP,
     CallTimes,
     board_ratios,
     budget_figures,
     budgets,
+    memory,
 )
-from holdfast.evaluation.latency.memory import LIVE_PATH, memory
 
 LIMITS = tomllib.loads(BUDGET.read_text("utf-8"))
 
 
 def test_a_board_s_figures_have_every_budget_of_a_board(eight_classes):
-    figures = check.figures_of(eight_classes.model, turns=3)
+    figures = bench.figures_of(eight_classes.model, turns=3)
     assert [row["what"] for row in figures["rows"]] == [STEP, GRIP, FLOOR]
     assert [one["budget"] for one in figures["budgets"]] == list(LIMITS["at_most"])
 
