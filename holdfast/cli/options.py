@@ -192,17 +192,24 @@ def _process_count(word: str) -> int:
     return int(word)
 
 
-def add_engine_options(parser: argparse.ArgumentParser) -> None:
-    """The options that `run`, `evaluate` and `make loop` share."""
-    option = parser.add_argument
+def add_engine_option(parser: argparse.ArgumentParser) -> None:
+    """--engine."""
     engine = "what computes a step: onnxruntime (default), or a library by holdfast export --to c"
-    option("--engine", choices=ENGINES, default=ONNXRUNTIME, help=engine)
+    parser.add_argument("--engine", choices=ENGINES, default=ONNXRUNTIME, help=engine)
+
+
+def add_engine_options(parser: argparse.ArgumentParser) -> None:
+    """The options that `run` and `make loop` share."""
+    add_engine_option(parser)
+    option = parser.add_argument
     library = "the library of --engine c (default MODEL-c/libholdfast.so)"
     option("--library", type=path_argument, metavar="FILE", help=library)
 
 
 def chosen_model(args: argparse.Namespace) -> ModelChoice:
     """The file of args.model with the engine that the user chose."""
+    # Some commands look for the library beside the model alone.
+    given = getattr(args, "library", None)
     # As text: the choice is sent to other processes and written into results.
-    library = None if args.library is None else str(args.library)
+    library = None if given is None else str(given)
     return ModelChoice(str(args.model), args.engine, library)

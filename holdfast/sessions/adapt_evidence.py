@@ -26,9 +26,13 @@ from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
 from holdfast.edge_runtime.graph import Outputs
 from holdfast.edge_runtime.model import Model
 from holdfast.evaluation.alarms import COLLAR_S, Answers, act_requests, match_alarms
-from holdfast.evaluation.model_outputs import everywhere, risky_permille, steps_with
+from holdfast.evaluation.model_outputs import (
+    everywhere,
+    require_model_fits,
+    risky_permille,
+    steps_with,
+)
 from holdfast.evaluation.trials import voluntary_actions, without_samples
-from holdfast.evaluation.window_scores import require_model_fits
 from holdfast.export.heads import (
     Correction,
     FloatRows,

@@ -19,7 +19,7 @@ from holdfast.core.hand_card import (
     read_hand_card,
 )
 from holdfast.edge_runtime.model_file import read_card
-from holdfast.evaluation.window_scores import require_model_fits
+from holdfast.evaluation.model_outputs import require_model_fits
 from holdfast.export.exporting import model_card, seal
 from holdfast.export.spec import StepSpec
 from holdfast.simulation.folder import write_set

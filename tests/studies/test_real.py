@@ -14,8 +14,8 @@ import pytest
 from page_tables import filled
 
 from holdfast.evaluation.jobs import Workers
+from holdfast.evaluation.model_outputs import WindowFigures
 from holdfast.evaluation.provenance import host
-from holdfast.evaluation.window_scores import WindowFigures
 from holdfast.export.verify import ExportReport
 from holdfast.training.crossval import HeldOut, cross_validate
 from holdfast.training.datasets import load

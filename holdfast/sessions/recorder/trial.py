@@ -97,7 +97,8 @@ class Quality:
 
     def figures(self) -> QualityFigures:
         """Figures of the whole trial."""
-        steps: IntArray = np.diff(np.array(self.times_ns, dtype=np.int64))
+        times_ns: IntArray = np.array(self.times_ns, dtype=np.int64)
+        steps = times_ns[1:] - times_ns[:-1]
         rate_hz = None
         jitter_ms = None
         if len(steps):

@@ -1,16 +1,13 @@
-"""Trials over time: forces, critical points, truth, and the answers of a model."""
+"""The demo's picture of a trial over time: forces, critical points, truth, a model's answers."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from holdfast.core.contract import (
     NORMAL_AXIS,
@@ -22,8 +19,8 @@ from holdfast.core.contract import (
 )
 from holdfast.core.hand_card import read_hand_card, sensor_names
 from holdfast.core.trial_layout import HAND_FILE, read_json, truth_path
-from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.evaluation.formats import spaced
+from holdfast.evaluation.pictures import draw_unknown, spans
 from holdfast.evaluation.style import (
     FINGER_COLOURS,
     FINGER_LINES,
@@ -31,8 +28,7 @@ from holdfast.evaluation.style import (
     NOTE,
     QUIET,
     SITUATION_COLOURS,
-    WARNING,
-    drawing,
+    labelled,
     svg,
 )
 from holdfast.training.critical_points import CriticalPoint, offline_critical_points
@@ -97,16 +93,6 @@ def picture_of(
         answer=answer,
         acts=acts,
     )
-
-
-@contextmanager
-def labelled(kind: str, width: float, height: float) -> Iterator[Figure]:
-    """A figure in the common style that shows the kind of its data (simulated, recorded)."""
-    with drawing(width, height) as figure:
-        figure.suptitle(
-            kind, x=0.995, ha="right", fontsize=8, color=WARNING, style="italic"
-        )
-        yield figure
 
 
 def stream(picture: StreamPicture, kind: str) -> str:
@@ -212,38 +198,6 @@ def _decision(axes: Axes, picture: StreamPicture) -> None:
     axes.set_yticks(range(len(names)), names)
     # Room above risky slip for the triangle of a request.
     axes.set_ylim(-0.5, len(names))
-
-
-def draw_unknown(
-    axes: Axes,
-    situation: npt.NDArray[np.int64],
-    step_s: float,
-    height: tuple[float, float],
-) -> None:
-    """A hatched bar where the state is unknown. height: lower edge, and height."""
-    axes.broken_barh(
-        spans(situation == UNKNOWN, step_s),
-        height,
-        facecolor="white",
-        edgecolor=QUIET,
-        linewidth=0.5,
-        hatch="////",
-    )
-
-
-def spans(flags: BoolArray, step_s: float) -> list[tuple[float, float]]:
-    """[T] flags -> start and length in s of every run of them.
-
-    >>> spans(np.array([True, False, True, True]), 0.5)
-    [(0.0, 0.5), (1.0, 1.0)]
-    """
-    # A zero on both sides makes a run at either end begin and stop like any other.
-    change = np.diff(flags.astype(np.int8), prepend=0, append=0)
-    firsts = np.flatnonzero(change == 1)
-    lengths = np.flatnonzero(change == -1) - firsts
-    starts_s = (firsts * step_s).tolist()
-    lengths_s = (lengths * step_s).tolist()
-    return list(zip(starts_s, lengths_s, strict=True))
 
 
 def _around(picture: StreamPicture, t_s: FloatArray) -> tuple[float, float]:

@@ -1,13 +1,11 @@
-"""The picture of the latency check."""
+"""The picture of `make bench NAME=latency`."""
 
 from __future__ import annotations
 
-import matplotlib as mpl
-from matplotlib.figure import Figure
-
+from benchmarks.latency import OWN
 from holdfast.core.contract import Json
-from holdfast.evaluation.latency.calls import FLOOR, GRIP, OWN, STEP
-from holdfast.evaluation.style import OURS, QUIET, STYLE, WARNING, svg
+from holdfast.evaluation.bench import FLOOR, GRIP, STEP
+from holdfast.evaluation.style import OURS, QUIET, WARNING, drawing, svg
 
 COLOURS = {STEP: OURS, GRIP: OURS, OWN: OURS, FLOOR: WARNING}
 """Of calls in the picture; all others are quiet."""
@@ -16,8 +14,7 @@ COLOURS = {STEP: OURS, GRIP: OURS, OWN: OURS, FLOOR: WARNING}
 def latency(figures: Json) -> str:
     """Half, 99 % and 99.9 % of the calls."""
     rows = figures["rows"]
-    with mpl.rc_context(STYLE):
-        drawn = Figure(figsize=(7.6, 0.34 * len(rows) + 0.9))
+    with drawing(7.6, 0.34 * len(rows) + 0.9) as drawn:
         axes = drawn.subplots()
 
         for place, row in enumerate(rows):
