@@ -34,8 +34,7 @@ def run(args: argparse.Namespace) -> int:
     if args.example:
         return _write_example(Path(args.folder))
     from holdfast.training.datasets import find
-    from holdfast.training.folder_check import examine
-    from holdfast.training.folder_lines import report_lines
+    from holdfast.training.check import examine, report_lines
     from holdfast.training.progress import stages
 
     with stages(1) as begin:
