@@ -33,8 +33,8 @@ def run(args: argparse.Namespace) -> int:
     # The folder is written here and not read.
     if args.example:
         return _write_example(Path(args.folder))
-    from holdfast.training.datasets import find
     from holdfast.training.check import examine, report_lines
+    from holdfast.training.datasets import find
     from holdfast.training.progress import stages
 
     with stages(1) as begin:

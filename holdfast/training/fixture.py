@@ -50,7 +50,7 @@ SET_DOWN: list[Step] = [
     ("safe_slip", 0.2, 1.0, 0.1, 0.1, 0.1),
     ("", 0.3, 0.0, 0.0, 0.0, 0.0),
 ]
-"""Something else carries the object; the hand holds it a little longer."""
+"""Something else carries the object, then the hand lets go: the full bottle is passed so too."""
 ACTIONS = {"pass": GIVEN, "pull": LOST, "fall": LOST, "put-down": SET_DOWN}
 
 
@@ -65,7 +65,7 @@ class _Hand:
         angle = opposed + self.rng.uniform(-0.5, 0.5, N_SENSORS)
         self.along = np.stack([np.sin(angle), np.cos(angle), 0.0 * angle], axis=1)
         # At rest a magnet is nearest along its normal, so that offset is the largest.
-        low, high = [-0.5, -0.5, 0.2], [0.5, 0.5, 0.8]
+        low, high = [-0.5, -0.5, 0.4], [0.5, 0.5, 0.8]
         self.offset_n = self.rng.uniform(low, high, (N_SENSORS, 3))
 
     def trial(
@@ -74,12 +74,13 @@ class _Hand:
         """Table [T, 19] and phases of a trial with an object of the table."""
         # A child of the generator: a change inside one trial changes no other.
         (rng,) = self.rng.spawn(1)
+        in_two = (name, action) == ("full-bottle", "pass")
         steps: list[Step] = [
             ("nothing", rest_s, 0.0, 0.0, 0.0, 0.0),
             ("grasp", 0.4, 1.0, 0.0, 0.0, 0.2),
             ("", 0.4, 1.0, 1.0, 0.0, 0.0),
             ("", hold_s, 1.0, 1.0, 0.0, 0.0),
-            *ACTIONS[action],
+            *(SET_DOWN if in_two else ACTIONS[action]),
             ("nothing", 2.5, 0.0, 0.0, 0.0, 0.0),
         ]
         ends_s = [0.0]
@@ -144,8 +145,7 @@ def write_fixture(
 
     empty = hand.readings([0.0, 20.0], np.zeros((2, 4)), hand.rng)
     _write_table(folder / "nothing/trial_1.csv", empty)
-    about: Json = {"kind": KIND, "unit": "N", "recordings by": "nobody"}
-    about |= {"redistributable": True, "seed": seed}
+    about = {"kind": KIND, "unit": "N", "redistributable": True}
     (folder / META).write_text(json.dumps(about))
 
 
