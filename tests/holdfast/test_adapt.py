@@ -105,7 +105,7 @@ def _refused(run: Run, folder: Path) -> None:
 
 @pytest.fixture
 def slips_as_passes(fixture_folder: Path, tmp_path: Path) -> Path:
-    """A person's trials with objects that no table knows, two in three pulls and falls filed as passes."""
+    """Trials with objects that no table knows; two in three pulls and falls are filed as passes."""
     out = tmp_path / "person"
     for number, thing in enumerate(sorted(fixture_folder.glob("*-*"))):
         shutil.copytree(thing, out / f"thing-{number}")
