@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.cost.kept_rows import digest_of, kept_rows
 from benchmarks.cost.point import EVERY_POOLED, GROUPS, WINDOWS_S, Point, Set
 from benchmarks.cost.recordings import read, starts
 from holdfast.core.contract import FloatArray
@@ -18,13 +19,7 @@ from holdfast.export.detectors import STATES_PER_BAND, step_matrix
 from holdfast.export.features import LAGS_S, SCALED_LAGS, SPANS_S, feature_count
 from holdfast.export.spec import BANDS_HZ, WINDOW_S, StepSpec
 from holdfast.training.crossval import main_task
-from holdfast.training.featurise import (
-    FloatRows,
-    digest_of,
-    features_everywhere,
-    features_of,
-    kept_rows,
-)
+from holdfast.training.featurise import FloatRows, features_everywhere, features_of
 from holdfast.training.recording import DataSet
 
 

@@ -42,9 +42,8 @@ def run(args: argparse.Namespace) -> int:
         return _write_example(Path(args.folder))
     if args.repair:
         return _repair(args)
+    from holdfast.training.check import examine, report_lines
     from holdfast.training.datasets import find
-    from holdfast.training.folder_check import examine
-    from holdfast.training.folder_lines import report_lines
     from holdfast.training.progress import stages
 
     with stages(1) as begin:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holdfast.training.featurise import digest_of, kept_rows
+from benchmarks.cost.kept_rows import digest_of, kept_rows
 
 
 def test_rows_are_computed_once_and_read_back_bit_for_bit(tmp_path: Path) -> None:
