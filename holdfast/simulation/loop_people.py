@@ -18,9 +18,9 @@ from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.simulation.body import Body
 from holdfast.simulation.effect import stream
 from holdfast.simulation.protocol import ACTION_MODULES, NEVER_S, PlannedTrial
-from holdfast.simulation.run import TrialMotion
 from holdfast.simulation.script import Script
 from holdfast.simulation.script_times import Times, smooth
+from holdfast.simulation.stepper import TrialMotion
 from holdfast.simulation.truth import load_onset, slip_onset
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from holdfast.core.contract import GRASP, NORMAL_FLOOR, NOTHING, FloatArray
 from holdfast.simulation.effect import Parameter
 from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.run import TrialMotion
+from holdfast.simulation.stepper import TrialMotion
 from holdfast.simulation.truth import Mark, Truth
 
 TOUCHES = {

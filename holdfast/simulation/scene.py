@@ -32,9 +32,9 @@ from holdfast.simulation.protocol import (
     action_module,
     draw_trial,
 )
-from holdfast.simulation.run import Done, StepSettings, TrialMotion, motions
 from holdfast.simulation.scene_file import SceneFile
 from holdfast.simulation.script_times import grid_of
+from holdfast.simulation.stepper import Done, StepSettings, TrialMotion, motions
 from holdfast.simulation.truth import Truth, truth_of
 
 BATCH = 1000

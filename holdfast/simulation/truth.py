@@ -30,8 +30,8 @@ from holdfast.core.contract import (
 )
 from holdfast.core.trial_layout import RISKY_ACTIONS
 from holdfast.simulation.protocol import ACTION_MODULES, PlannedTrial, action_module
-from holdfast.simulation.run import TrialMotion
 from holdfast.simulation.script_times import CATCH_S, Times
+from holdfast.simulation.stepper import TrialMotion
 
 LOAD_N = 0.1
 """Change of the force of people and box that counts as load onset."""
