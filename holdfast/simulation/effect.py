@@ -31,7 +31,6 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray, Unit
-from holdfast.core.reading import CardReader
 
 Drawn = Mapping[str, Any]
 """Parameter name -> value of one trial: a float, or a list of floats."""
@@ -165,38 +164,6 @@ def _drawn(kind: str, numbers: list[float], rng: np.random.Generator) -> float:
     if kind == "normal":
         return float(rng.normal(first, second))
     return float(math.exp(rng.uniform(math.log(first), math.log(second))))
-
-
-class NumberReader(CardReader):
-    """Checks the numbers of a scene file against tables of parameters."""
-
-    def whole(self, key: str, number: float) -> int:
-        """The number as an int. Raises CardError for a fraction."""
-        if number != int(number):
-            raise self.refused(key, number, "a whole number")
-        return int(number)
-
-    def numbers(
-        self, key: str, values: Mapping[str, Any], table: Mapping[str, Parameter]
-    ) -> dict[str, float]:
-        """Constants by name, defaults where the file has none; distributions are refused."""
-        self.require_known(values, table, key)
-        for name, value in values.items():
-            if isinstance(value, dict) or table[name].problem(value):
-                raise self.refused(f"{key}.{name}", value, table[name].allowed())
-        numbers = {}
-        for name, parameter in table.items():
-            numbers[name] = float(values.get(name, parameter.default))
-        return numbers
-
-    def require_possible(
-        self, key: str, values: Mapping[str, Any], table: Mapping[str, Parameter]
-    ) -> None:
-        """Raise CardError for a constant or a distribution outside of its range."""
-        for name, value in values.items():
-            problem = table[name].problem(value)
-            if problem:
-                raise self.refused(f"{key}.{name}", value, problem)
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,8 @@ from holdfast.simulation.script import body_of
 from holdfast.simulation.script_times import (
     SETTLE_S,
     Times,
-    busy,
     grid_of,
+    needs_fine_steps,
     pieces_of,
 )
 from holdfast.simulation.stepper import (
@@ -119,6 +119,7 @@ class HandsAndObjects:
     forces_n    [B, S, 3] at the last sample
     position_m  [B, 3] at the last sample
     all         every trial, as it is stepped
+    busy        [periods, B] where the script of a trial, or an effect, asks for fine steps
     slid        [B] whether the object slid in the last period
     tape        the truth at every step; a trial takes only some of its rows
     """
@@ -143,7 +144,13 @@ class HandsAndObjects:
         self.forces_n = np.zeros((batch, len(self.all.travel_m), 3))
         self.position_m = np.zeros((batch, 3))
         self.pieces = pieces_of(settings.rate_hz, settings.step_s)
-        self.busy = _busy(trials, settings, spans)
+        # Trials begin at samples of their own, so the same period is another sample in each.
+        index = spans.begins + np.arange(spans.periods)[:, None]
+        self.busy = np.zeros(index.shape, dtype=np.bool_)
+        for k, trial in enumerate(trials):
+            more = settings.busy[k] if settings.busy else ()
+            rate_hz = settings.rate_hz
+            self.busy[:, k] = needs_fine_steps(trial, index[:, k], rate_hz, more)
         self.slid = np.zeros(batch, dtype=np.bool_)
 
         # A trial may skip rows of the tape: those of fine steps that it does not take.
@@ -235,24 +242,3 @@ class HandsAndObjects:
     ) -> TrialMotion:
         """What became of a trial, as an open loop gives it; forces and positions [T, ..]."""
         return self.tape.motion(trial, self.settings.rate_hz, forces_n, position_m)
-
-
-def _busy(
-    trials: Sequence[PlannedTrial], settings: StepSettings, spans: Spans
-) -> BoolArray:
-    """[periods, B] where the script of a trial, or an effect, wants fine steps."""
-    periods = np.arange(spans.periods)[:, None]
-
-    # Trials begin at samples of their own, so the same period is another sample in each.
-    index = spans.begins + periods
-    from_s = index / settings.rate_hz
-    until_s = from_s + 1.0 / settings.rate_hz
-    is_busy = np.zeros(index.shape, dtype=np.bool_)
-
-    for k, trial in enumerate(trials):
-        more = settings.busy[k] if settings.busy else ()
-        for start_s, end_s in [*busy(trial), *more]:
-            touches = (until_s[:, k] > start_s) & (from_s[:, k] < end_s)
-            is_busy[:, k] |= touches
-
-    return is_busy

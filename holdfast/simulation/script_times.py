@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import FloatArray
+from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.simulation.effect import Interval
 from holdfast.simulation.protocol import (
     ACTION_MODULES,
@@ -188,6 +188,24 @@ def _acting(trial: PlannedTrial, times: Times) -> list[Interval]:
     return [(act, act + watched_s)]
 
 
+def needs_fine_steps(
+    trial: PlannedTrial,
+    index: npt.NDArray[np.int64],
+    rate_hz: float,
+    more: Sequence[Interval] = (),
+) -> BoolArray:
+    """[n] whether the sample periods that begin at samples index [n] get fine steps.
+
+    They do where they touch an interval in which anything can happen; more: further intervals.
+    """
+    from_s = index / rate_hz
+    until_s = from_s + 1.0 / rate_hz
+    is_fine = np.zeros(len(index), dtype=np.bool_)
+    for start, end in [*busy(trial), *more]:
+        is_fine |= (until_s > start) & (from_s < end)
+    return is_fine
+
+
 @dataclass(frozen=True)
 class Grid:
     """Steps of one trial; before the first and after the last one there is no contact.
@@ -233,13 +251,7 @@ def grid_of(
 
     # Sample periods in which anything can happen get fine steps.
     index = np.arange(first, max(stop, first + 1))
-    from_s = index / rate_hz
-    until_s = from_s + 1.0 / rate_hz
-    is_fine = np.zeros(len(index), dtype=np.bool_)
-
-    # An overlap of any length makes the whole period fine.
-    for start, end in [*busy(trial), *more]:
-        is_fine |= (until_s > start) & (from_s < end)
+    is_fine = needs_fine_steps(trial, index, rate_hz, more)
     counts = np.where(is_fine, pieces_of(rate_hz, step_s), 1)
 
     # `place` is the sample period of each step, `within` the number of the step in it

@@ -90,7 +90,7 @@ def test_a_new_card_needs_no_code(tmp_path):
             + PLAIN.replace("soft-ball", "lead"),
             ["trials[0].objects", "lead", "70 N"],
         ),
-        ("title = 3", ["trials", "at least one"]),
+        ("title = 'x'", ["trials", "is missing"]),
         ("[trails]\n" + PLAIN, ["trails", "not known", "trials"]),
         ("[[trials]\n", ["not valid TOML"]),
     ],
