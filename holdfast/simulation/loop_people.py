@@ -21,7 +21,7 @@ from holdfast.simulation.protocol import ACTION_MODULES, NEVER_S, PlannedTrial
 from holdfast.simulation.script import Script
 from holdfast.simulation.script_times import Times, smooth
 from holdfast.simulation.stepper import TrialMotion
-from holdfast.simulation.truth import load_onset, slip_onset
+from holdfast.simulation.truth import change_n, load_onset, slip_onset
 
 
 @dataclass(frozen=True)
@@ -343,8 +343,4 @@ def _peak_n(motion: TrialMotion, act_s: float, last: int) -> float:
     first = int(np.searchsorted(motion.at_s, act_s))
     if first > last:
         return 0.0
-    # Beyond what they exerted before the action.
-    before_n = motion.agents_n[max(first - 1, 0)]
-    change = motion.agents_n[first : last + 1] - before_n
-    size_n = np.sqrt((change * change).sum(axis=1))
-    return float(size_n.max())
+    return float(change_n(motion, first)[first : last + 1].max())
