@@ -46,6 +46,7 @@ from holdfast.core.errors import CardError, HoldfastError, UsageError
 from holdfast.core.hand_card import HandCard, hand_of_counts, read_hand_card
 from holdfast.core.schema import read, text_of
 from holdfast.simulation import STYLES, find_scene_file
+from holdfast.simulation.actions import ACTION_MODULES, EMPTY_HANDED, parameters_of
 from holdfast.simulation.effect import (
     EFFECT_MODULES,
     Effect,
@@ -61,14 +62,7 @@ from holdfast.simulation.objects import (
     HeldObject,
     held_object,
 )
-from holdfast.simulation.protocol import (
-    ALL_ACTIONS,
-    EMPTY_HANDED,
-    HOLD_KEYS,
-    TrialsRow,
-    least_grip_n,
-    parameters_of,
-)
+from holdfast.simulation.protocol import HOLD_KEYS, TrialsRow, least_grip_n
 
 MAX_GRIP_N = 70.0
 """Greatest opposition grip of the Michelangelo hand, N a side (thesis, 5.1.1)."""
@@ -277,8 +271,8 @@ def _row(
     names = row.get("objects", [])
 
     # Action and style first, because the allowed keys follow from them.
-    if action not in ALL_ACTIONS:
-        raise _refused(f"{key}.action", action, ", ".join(ALL_ACTIONS))
+    if action not in ACTION_MODULES:
+        raise _refused(f"{key}.action", action, ", ".join(ACTION_MODULES))
     if style not in styles:
         raise _refused(f"{key}.style", style, ", ".join(styles))
     if not isinstance(count, int) or not 1 <= count <= MOST_TRIALS:

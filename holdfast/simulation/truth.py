@@ -7,10 +7,10 @@ gross slip      all elements of all touching contacts slide, or the slip since l
                 by 15 degrees since, the limit of human_slip_uskin between safe and not
 contact lost    the last contact ends
 
-In an everyday action (everyday.py) slips come and go, also without a load from outside. A slip is
-a stretch of steps in which elements slide, with pauses of PAUSE_S at most, in which the object
-slides as a whole or by 2 mm. It is risky from its load onset, or from its begin where no load from
-outside caused it, to its end. Everything else is a grasp until the hand opens.
+In an everyday action (actions/everyday.py) slips come and go, also without a load from outside. A
+slip is a stretch of steps in which elements slide, with pauses of PAUSE_S at most, in which the
+object slides as a whole or by 2 mm. It is risky from its load onset, or from its begin where no
+load from outside caused it, to its end. Everything else is a grasp until the hand opens.
 """
 
 from __future__ import annotations
@@ -24,14 +24,13 @@ from holdfast.core.contract import (
     GRASP,
     NOTHING,
     RISKY_SLIP,
-    SAFE_SLIP,
     SITUATIONS,
     BoolArray,
     FloatArray,
     Json,
 )
-from holdfast.core.trial_layout import RISKY_ACTIONS
-from holdfast.simulation.protocol import ACTION_MODULES, PlannedTrial, action_module
+from holdfast.simulation.actions import action_named
+from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.script_times import CATCH_S, Times
 from holdfast.simulation.stepper import TrialMotion
 
@@ -43,8 +42,6 @@ PAUSE_S = 0.1
 """A pause without any sliding that ends a slip of an everyday action."""
 GROSS_TURN_RAD = np.radians(15.0)
 """Turn in the grip since load onset that counts as gross slip."""
-TRANSFERRED = 0.95
-"""Share of the final force at which the weight counts as taken over."""
 PROVENANCE = "scene"
 """Origin of a phase in the sidecar: the simulation itself, not a person or a detector."""
 EVENTS = (
@@ -116,7 +113,7 @@ def _phase(start_s: float, stop_s: float, situation: int) -> Json:
 
 
 @dataclass
-class _Steps:
+class Steps:
     """Steps of a trial's events; None for one that it does not have.
 
     contact    the first one with contact
@@ -132,14 +129,19 @@ class _Steps:
     incipient: int | None = None
     gross: int | None = None
 
+    def gone_s(self, motion: TrialMotion) -> float:
+        """When the object leaves the hand: one that is never lost with the last step."""
+        at_s = motion.at_s
+        return float(at_s[min(self.lost, len(at_s) - 1)])
+
 
 def truth_of(trial: PlannedTrial, motion: TrialMotion) -> Truth:
     """Read the events of a trial from its steps."""
     # A sample lasts until the next one would come.
     end_s = 2.0 * float(motion.t_s[-1]) - float(motion.t_s[-2])
-    everyday = trial.action in ACTION_MODULES
-    if everyday and not trial.holds_object:
-        touched: Truth = action_module(trial.action).touch_truth(motion)
+    action = action_named(trial.action)
+    if action.touch_truth is not None:
+        touched: Truth = action.touch_truth(motion)
         return touched
     held = np.flatnonzero(motion.gripped)
     if not held.size:
@@ -147,31 +149,17 @@ def truth_of(trial: PlannedTrial, motion: TrialMotion) -> Truth:
 
     at_s = motion.at_s
     times = Times.of(trial)
-    steps = _Steps(contact=int(held[0]), lost=int(held[-1]) + 1)
+    steps = Steps(contact=int(held[0]), lost=int(held[-1]) + 1)
     marks: list[Mark] = [(0.0, NOTHING), (at_s[steps.contact], GRASP)]
-
-    # An object that is never lost leaves the hand with the last step.
-    gone_s = at_s[min(steps.lost, len(at_s) - 1)]
-    if everyday:
-        _mark_slips(marks, trial, motion, times, steps)
-    else:
+    if not action.everyday:
         _find_events(motion, times, steps)
-        lost_early = steps.lost < len(at_s) and at_s[steps.lost] < times.act
-        if "used" in trial.drawn and lost_early:
-            _mark_failure(marks, motion, steps)
-        elif trial.action == "hold":
-            _mark_disturbances(marks, motion, times, steps.lost)
-        elif steps.onset is None or steps.onset >= steps.lost:
-            pass  # the action loads nothing while the object is held
-        elif trial.action not in RISKY_ACTIONS:
-            _mark_hand_over(marks, trial, motion, times, steps.onset)
-            # The taker may have the object before the hand opens.
-            marks = [mark for mark in marks if mark[0] < gone_s]
-        elif steps.gross is not None:
-            # A pull or a fall that the grip withstands stays a grasp.
-            marks.append((at_s[steps.onset], RISKY_SLIP))
+    lost_early = steps.lost < len(at_s) and at_s[steps.lost] < times.act
+    if "used" in trial.drawn and lost_early and not action.everyday:
+        _mark_failure(marks, motion, steps)
+    else:
+        action.mark(marks, trial, motion, times, steps)
 
-    marks.append((gone_s, NOTHING))
+    marks.append((steps.gone_s(motion), NOTHING))
     slip_m = motion.slip_m[steps.lost - 1] - motion.slip_m[steps.contact]
     return Truth(
         contact_s=_time(motion, steps.contact),
@@ -185,14 +173,14 @@ def truth_of(trial: PlannedTrial, motion: TrialMotion) -> Truth:
     )
 
 
-def _find_events(motion: TrialMotion, times: Times, steps: _Steps) -> None:
+def _find_events(motion: TrialMotion, times: Times, steps: Steps) -> None:
     """Load onset, and the slip since then: what slipped while the grip closed does not count."""
     onset = load_onset(motion, times.act)
     steps.onset = onset
     if onset is not None:
         far = slipped_far(motion, onset)
-        steps.incipient = _first(motion.slips, onset, steps.lost)
-        steps.gross = _first(motion.slides | far, onset, steps.lost)
+        steps.incipient = first_of(motion.slips, onset, steps.lost)
+        steps.gross = first_of(motion.slides | far, onset, steps.lost)
 
 
 def slipped_far(motion: TrialMotion, since: int) -> BoolArray:
@@ -211,7 +199,7 @@ def _time(motion: TrialMotion, step: int | None) -> float | None:
     return float(motion.at_s[step])
 
 
-def _step_at(motion: TrialMotion, at_s: float) -> int:
+def step_at(motion: TrialMotion, at_s: float) -> int:
     """The first step at or after a time; one more than there are where none is."""
     return int(np.searchsorted(motion.at_s, at_s))
 
@@ -225,55 +213,8 @@ def change_n(motion: TrialMotion, since: int) -> FloatArray:
 
 def load_onset(motion: TrialMotion, act_s: float) -> int | None:
     """The step at which the force of people and box has changed by LOAD_N; None: never."""
-    first = _step_at(motion, act_s)
-    return _first(change_n(motion, first) > LOAD_N, first)
-
-
-def _mark_hand_over(
-    marks: list[Mark],
-    trial: PlannedTrial,
-    motion: TrialMotion,
-    times: Times,
-    onset: int,
-) -> None:
-    """A hand-over: safe while the weight goes over, and again when the hand opens."""
-    at_s = motion.at_s
-    marks.append((at_s[onset], SAFE_SLIP))
-    before_opening = at_s < times.open
-    pauses = trial.action != "pass" or trial.drawn["wait_s"] != 0.0
-    if not pauses or not before_opening[onset:].any():
-        return
-
-    # The force that people and box carry in the pause before the hand opens.
-    size_n = change_n(motion, onset)
-    plateau_n = size_n[before_opening][-1]
-    taken = _first(size_n >= TRANSFERRED * plateau_n, onset)
-    taken_s = at_s[onset if taken is None else taken]
-    if taken_s < times.open:
-        marks += [(taken_s, GRASP), (times.open, SAFE_SLIP)]
-
-
-def _mark_disturbances(
-    marks: list[Mark], motion: TrialMotion, times: Times, lost: int
-) -> None:
-    """A disturbed hold: a grasp, unless the object slips 2 mm or is lost before the hand opens."""
-    at_s = motion.at_s
-    acts = _step_at(motion, times.act)
-    opens = _step_at(motion, times.open)
-    stop = min(opens, lost)
-    far = slipped_far(motion, min(acts, len(at_s) - 1))
-
-    if _first(far, acts, stop) is not None:
-        sliding = acts + np.flatnonzero(motion.slips[acts:stop])
-        if not sliding.size:
-            # It has turned with the skin, which slides nowhere.
-            sliding = acts + np.flatnonzero(far[acts:stop])
-        marks.append((at_s[sliding[0]], RISKY_SLIP))
-        if lost > opens:
-            # A slip that ends before the hand opens ends as a grasp.
-            marks.append((at_s[sliding[-1]], GRASP))
-    if lost > opens:
-        marks.append((times.open, SAFE_SLIP))
+    first = step_at(motion, act_s)
+    return first_of(change_n(motion, first) > LOAD_N, first)
 
 
 def _stretches(motion: TrialMotion, start: int, stop: int) -> list[Stretch]:
@@ -283,7 +224,7 @@ def _stretches(motion: TrialMotion, start: int, stop: int) -> list[Stretch]:
     return np.split(sliding, pauses) if sliding.size else []
 
 
-def _mark_failure(marks: list[Mark], motion: TrialMotion, steps: _Steps) -> None:
+def _mark_failure(marks: list[Mark], motion: TrialMotion, steps: Steps) -> None:
     """A hold that fails by itself, in a scene that draws the friction used: a slip to its end."""
     # The slip that loses the object is the last one.
     stretches = _stretches(motion, steps.contact, steps.lost)
@@ -292,32 +233,36 @@ def _mark_failure(marks: list[Mark], motion: TrialMotion, steps: _Steps) -> None
 
 
 def slip_onset(trial: PlannedTrial, motion: TrialMotion) -> int | None:
-    """The step at which an everyday action begins to endanger the grip; None where it does not.
+    """The step at which an action begins to endanger the grip; None where it does not.
 
     It is the load onset where a load comes from outside, else the begin of the first slip.
     """
     times = Times.of(trial)
-    if trial.action in action_module(trial.action).LOADED:
+    action = action_named(trial.action)
+    if action.loaded:
         onset = load_onset(motion, times.act)
+        if not action.everyday or onset is None:
+            return onset
         # The person who takes the object at the end is no load of the action.
-        before_end = onset is not None and motion.at_s[onset] < times.open - CATCH_S
-        return onset if before_end else None
+        return onset if motion.at_s[onset] < times.open - CATCH_S else None
     held = np.flatnonzero(motion.gripped)
-    slips = _slips(motion, times, int(held[-1]) + 1) if held.size else []
+    slips = slips_in(motion, times, int(held[-1]) + 1) if held.size else []
     return slips[0][0] if slips else None
 
 
-def _slips(motion: TrialMotion, times: Times, lost: int) -> list[tuple[int, int, int]]:
+def slips_in(
+    motion: TrialMotion, times: Times, lost: int
+) -> list[tuple[int, int, int]]:
     """(begin, gross slip, end) of each slip of an everyday action, numbers of steps."""
     slips = []
-    stop = min(_step_at(motion, times.open), lost)
-    for part in _stretches(motion, _step_at(motion, times.act), stop):
+    stop = min(step_at(motion, times.open), lost)
+    for part in _stretches(motion, step_at(motion, times.act), stop):
         begin = int(part[0])
         end = int(part[-1]) + 1
 
         # Travel counts from the begin of this slip, not from that of the action.
         far = slipped_far(motion, begin)
-        gross = _first(motion.slides | far, begin, end)
+        gross = first_of(motion.slides | far, begin, end)
         # Elements that creep while the others hold move nothing.
         if gross is not None:
             slips.append((begin, gross, end))
@@ -325,52 +270,7 @@ def _slips(motion: TrialMotion, times: Times, lost: int) -> list[tuple[int, int,
     return slips
 
 
-def _mark_slips(
-    marks: list[Mark],
-    trial: PlannedTrial,
-    motion: TrialMotion,
-    times: Times,
-    steps: _Steps,
-) -> None:
-    """An everyday action: held, then every slip, and held again where the object stays."""
-    at_s = motion.at_s
-    lost = steps.lost
-    loaded = trial.action in action_module(trial.action).LOADED
-    slips = _slips(motion, times, lost)
-    ended = steps.contact
-    for begin, _, end in slips:
-        start = _loaded_from(motion, times.act, begin) if loaded else begin
-        if start > ended:
-            marks.append((at_s[start], RISKY_SLIP))
-        else:
-            # The load of the slip before is still there: both are one.
-            marks.pop()
-        ended = end
-        # A slip that lasts until the hand opens ends with the opening.
-        if end < lost and at_s[end] < times.open:
-            marks.append((at_s[end], GRASP))
-
-    # An object that is still there is handed to a person as the hand opens.
-    if lost >= len(at_s) or at_s[lost] >= times.open:
-        marks.append((times.open, SAFE_SLIP))
-
-    # The events are those of the first slip.
-    if loaded:
-        steps.onset = slip_onset(trial, motion)
-    if slips:
-        steps.incipient, steps.gross, _ = slips[0]
-
-
-def _loaded_from(motion: TrialMotion, act_s: float, begin: int) -> int:
-    """The step from which on the load of a slip that begins at a step has been there."""
-    first = _step_at(motion, act_s)
-    size_n = change_n(motion, first)[first : begin + 1]
-    unloaded = np.flatnonzero(size_n <= LOAD_N)
-    # A slip of a load that is below LOAD_N begins with itself.
-    return min(first + int(unloaded[-1]) + 1, begin) if unloaded.size else first
-
-
-def _first(flags: BoolArray, start: int = 0, stop: int | None = None) -> int | None:
+def first_of(flags: BoolArray, start: int = 0, stop: int | None = None) -> int | None:
     """The first step from start up to stop whose flag is set."""
     where = np.flatnonzero(flags[start:stop])
     return start + int(where[0]) if where.size else None
