@@ -342,15 +342,3 @@ def sensor_names(card: HandCard | None, n_sensors: int) -> tuple[str, ...]:
     if hand is not None:
         return hand.sensor_names
     return tuple(f"sensor {k}" for k in range(1, n_sensors + 1))
-
-
-def hand_of_section(section: Json, where: Path) -> HandCard:
-    """The hand that the section [hand] of a scene file names. Raises CardError."""
-    name = section["card"]
-    if not isinstance(name, str) or len(section) > 1:
-        raise CardError(
-            f"hand = {section!r:.80}",
-            where=where,
-            next_step='allowed: card = "NAME or path" alone, or numbers of contacts',
-        )
-    return read_hand_card(name, where.parent)

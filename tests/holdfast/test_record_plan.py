@@ -41,7 +41,7 @@ from holdfast.sessions.recorder.protocol import (
     tasks_left,
 )
 from holdfast.sessions.recorder.recording import record
-from holdfast.simulation import protocol as simulated
+from holdfast.simulation import actions as simulated
 from holdfast.training.datasets import load, trials
 
 
@@ -219,7 +219,7 @@ def test_a_run_goes_on_where_the_last_one_stopped(tmp_path, two_objects):
 
 def test_actions_are_those_of_scenes_and_of_training():
     # A slip says nothing but that the object slipped; a scene says how.
-    assert set(ACTIONS) - {"slip"} == set(simulated.ALL_ACTIONS)
+    assert set(ACTIONS) - {"slip"} == set(simulated.ACTION_MODULES)
     assert set(ACTIONS) - {"nothing"} <= set(trials.FOLDERS)
 
 

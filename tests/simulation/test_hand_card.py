@@ -169,7 +169,7 @@ def test_mixed_sides_and_a_pad_on_both_are_refused(tmp_path: Path) -> None:
         card(tmp_path, TWO.replace("along_mm = 0", 'along_mm = 0\npad = "p"'))
 
 
-@pytest.mark.parametrize("line", ["card = 3\n", 'card = "pinch-pad"\nthumb = 2\n'])
+@pytest.mark.parametrize("line", ["card = 3\n", 'card = "pinch-pad"\nthumb = 3\n'])
 def test_a_scene_names_one_card_or_counts(tmp_path: Path, line: str) -> None:
     with pytest.raises(CardError, match="card ="):
         scene(tmp_path, ROWS + "[hand]\n" + line)

@@ -13,9 +13,10 @@ from dataclasses import replace
 import numpy as np
 
 from holdfast.core.contract import GRASP, NORMAL_FLOOR, NOTHING, FloatArray
+from holdfast.simulation.actions import Action
 from holdfast.simulation.effect import Parameter
 from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.run import TrialMotion
+from holdfast.simulation.stepper import TrialMotion
 from holdfast.simulation.truth import Mark, Truth
 
 TOUCHES = {
@@ -36,23 +37,6 @@ TOUCHES = {
     ),
 }
 """Parameters of both actions."""
-ACTIONS: dict[str, dict[str, Parameter]] = {
-    "stroke": {
-        **TOUCHES,
-        "touch_s": Parameter(
-            {"uniform": [0.2, 1.2]}, "s", 0.01, 60, "duration of a stroke"
-        ),
-        "rub": Parameter({"uniform": [0.2, 0.9]}, "", 0, 3, "shear over normal force"),
-    },
-    "tap": {
-        **TOUCHES,
-        "touch_s": Parameter(
-            {"log_uniform": [0.02, 0.15]}, "s", 0.005, 60, "duration of a tap"
-        ),
-        "rub": Parameter({"uniform": [0, 0.3]}, "", 0, 3, "shear over normal force"),
-    },
-}
-"""Further parameters of each action, drawn after the common ones."""
 EDGE = 0.2
 """Share of a stroke in which the force comes, and in which it goes."""
 WITHIN = 8
@@ -132,3 +116,25 @@ def touch_truth(motion: TrialMotion) -> Truth:
         contact_s = float(motion.t_s[rows[0]])
         lost_s = float(motion.t_s[rows[-1]]) + period_s
     return Truth(contact_s, None, None, None, lost_s, 0.0, tuple(marks), end_s)
+
+
+STROKE = {
+    **TOUCHES,
+    "touch_s": Parameter(
+        {"uniform": [0.2, 1.2]}, "s", 0.01, 60, "duration of a stroke"
+    ),
+    "rub": Parameter({"uniform": [0.2, 0.9]}, "", 0, 3, "shear over normal force"),
+}
+"""Parameters of the action `stroke`."""
+TAP = {
+    **TOUCHES,
+    "touch_s": Parameter(
+        {"log_uniform": [0.02, 0.15]}, "s", 0.005, 60, "duration of a tap"
+    ),
+    "rub": Parameter({"uniform": [0, 0.3]}, "", 0, 3, "shear over normal force"),
+}
+"""Parameters of the action `tap`."""
+ACTIONS = {
+    "stroke": Action(STROKE, touched=touched, touch_truth=touch_truth),
+    "tap": Action(TAP, touched=touched, touch_truth=touch_truth),
+}

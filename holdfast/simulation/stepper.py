@@ -1,4 +1,8 @@
-"""Steps batches of trials through the core: forces at every sample, and the truth at every step."""
+"""Steps trials through the core: forces at every sample, and the truth at every step.
+
+A `Part` is some trials of a batch with all that a step of them needs. The open loop (motions) and
+the closed one (loop_physics.py) step parts; they differ in when they do, and in what is taken out.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.simulation.body import Body, State, at_rest
+from holdfast.simulation.body import Body, Inputs, State, at_rest
 from holdfast.simulation.core import step
 from holdfast.simulation.effect import (
     NO_EFFECTS,
     Interval,
     PhysicsEffects,
-    without_first,
+    some_trials,
 )
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.script import Script, body_of
@@ -86,6 +90,8 @@ class TrialMotion:
 class StepTape:
     """What every step of every trial leaves: the truth of TrialMotion.
 
+    at_s      [steps, B] ends of the steps
+    taken     [steps, B] the rows that are of a trial: it may skip some
     agents_n  [steps, 3, B], single precision to save memory
     gripped   [steps, B]
     slips     [steps, B]
@@ -95,15 +101,22 @@ class StepTape:
     """
 
     def __init__(self, steps: int, batch: int) -> None:
+        shape = (steps, batch)
+        self.at_s = np.zeros(shape)
         self.agents_n = np.zeros((steps, 3, batch), dtype=np.float32)
-        self.gripped = np.zeros((steps, batch), dtype=np.bool_)
-        self.slips = np.zeros((steps, batch), dtype=np.bool_)
-        self.slides = np.zeros((steps, batch), dtype=np.bool_)
-        self.slip_m = np.zeros((steps, batch), dtype=np.float32)
+        self.taken, self.gripped, self.slips, self.slides = np.zeros(
+            (4, *shape), dtype=np.bool_
+        )
+        self.slip_m = np.zeros(shape, dtype=np.float32)
         self.turned_rad: npt.NDArray[np.float32] | None = None
 
     def write(
-        self, k: int, trials: slice | IntArray, state: State, travel_m: FloatArray
+        self,
+        k: int,
+        trials: slice | IntArray,
+        at_s: FloatArray,
+        state: State,
+        travel_m: FloatArray,
     ) -> None:
         """Step k of some trials; travel_m [S, B]: how far each contact has slipped."""
         # The events of a trial are read off these flags, so they are of the core and of no sensor.
@@ -117,6 +130,8 @@ class StepTape:
         sliding = fast.all(axis=0) | ~touching
         travelled_m = (travel_m * touching).sum(axis=0)
 
+        self.at_s[k, trials] = at_s
+        self.taken[k, trials] = True
         self.agents_n[k][:, trials] = state.agents_n
         self.gripped[k, trials] = gripped
         self.slips[k, trials] = slipping.any(axis=0)
@@ -129,28 +144,24 @@ class StepTape:
             self.turned_rad[k, trials] = state.turned_rad
 
     def motion(
-        self,
-        trial: int,
-        steps: slice | BoolArray,
-        at_s: FloatArray,
-        t_s: FloatArray,
-        forces_n: FloatArray,
-        position_m: FloatArray,
+        self, trial: int, rate_hz: float, forces_n: FloatArray, position_m: FloatArray
     ) -> TrialMotion:
-        """One trial of the tape, with its steps at at_s and its samples at t_s."""
+        """One trial of the tape, with its samples."""
+        # The rows that the trial skipped hold nothing of it.
+        taken = self.taken[:, trial]
         turned_rad = None
         if self.turned_rad is not None:
-            turned_rad = self.turned_rad[steps, trial].astype(np.float64)
+            turned_rad = self.turned_rad[taken, trial].astype(np.float64)
         return TrialMotion(
-            t_s=t_s,
+            t_s=np.arange(len(forces_n)) / rate_hz,
             forces_n=forces_n,
             position_m=position_m,
-            at_s=at_s,
-            agents_n=self.agents_n[steps, :, trial].astype(np.float64),
-            gripped=self.gripped[steps, trial],
-            slips=self.slips[steps, trial],
-            slides=self.slides[steps, trial],
-            slip_m=self.slip_m[steps, trial].astype(np.float64),
+            at_s=self.at_s[taken, trial],
+            agents_n=self.agents_n[taken, :, trial].astype(np.float64),
+            gripped=self.gripped[taken, trial],
+            slips=self.slips[taken, trial],
+            slides=self.slides[taken, trial],
+            slip_m=self.slip_m[taken, trial].astype(np.float64),
             turned_rad=turned_rad,
         )
 
@@ -214,6 +225,62 @@ class ForceMean:
         return mean
 
 
+class Part:
+    """Some trials of a batch, and all that a step of them needs.
+
+    trials    their places in the batch
+    body      their constants
+    state     where everything is
+    effects   what takes part in every step
+    travel_m  [S, n] how far each contact has slipped so far
+    mean      of the forces, where the chip averages
+    """
+
+    def __init__(
+        self, settings: StepSettings, script: Script, start_s: FloatArray
+    ) -> None:
+        self.trials: slice | IntArray = slice(None)
+        self.body = script.body
+        self.effects = settings.effects
+
+        # Before its first step a trial rests as its script has it then.
+        opening = script.chunk(start_s[None])[0]
+        self.state = at_rest(self.body, opening.closure_m)
+        self.travel_m = np.zeros_like(self.state.normal_n)
+        self.mean: ForceMean | None = None
+        if settings.average_s:
+            self.mean = ForceMean(settings, *self.travel_m.shape)
+
+    def some(self, which: IntArray, trials: slice | IntArray) -> Part:
+        """A copy with those of its trials; trials: their places in the batch."""
+        part: Part = some_trials(self, which, self.travel_m.shape[1])
+        part.trials = trials
+        return part
+
+    def step(
+        self,
+        tape: StepTape,
+        row: int,
+        inputs: Inputs,
+        at_s: FloatArray,
+        dt_s: FloatArray,
+    ) -> None:
+        """One step of dt_s to at_s [n], which leaves its truth in a row of the tape."""
+        step(self.body, self.state, inputs, dt_s, at_s, self.effects)
+        self.travel_m += travel_of(self.state, dt_s)
+        tape.write(row, self.trials, at_s, self.state, self.travel_m)
+        if self.mean is not None:
+            self.mean.add(self.body, self.state, at_s, dt_s)
+
+    def felt_n(self, which: IntArray) -> FloatArray:
+        """[n, S, 3] what the sensors feel of some of the trials, at a sample."""
+        if self.mean is not None:
+            forces = self.mean.take(which)
+        else:
+            forces = forces_of(self.body, self.state)[..., which]
+        return forces.transpose(2, 0, 1)
+
+
 def motions(
     trials: Sequence[PlannedTrial],
     settings: StepSettings,
@@ -229,22 +296,22 @@ def motions(
         more = settings.busy[k] if settings.busy else ()
         grids.append(grid_of(trial, settings.rate_hz, settings.step_s, more))
 
-    running = _Running(trials, settings, grids)
-    n_steps = len(running.at_s)
+    loop = _OpenLoop(trials, settings, grids)
+    n_steps = len(loop.at_s)
 
     # Inputs of many steps at once: a call of numpy costs as much as a small batch.
     for start in range(0, n_steps, CHUNK):
-        running.leave(start)
-        running.step_on(start, start + CHUNK)
+        loop.leave(start)
+        loop.step_on(start, start + CHUNK)
         share = (start + CHUNK) / n_steps
         done(min(1.0, share))
 
     for k, grid in enumerate(grids):
-        yield running.motion(k, grid)
+        yield loop.motion(k, grid)
 
 
-class _Running:
-    """The trials of a batch that still run, all from `first` on, with everything they need.
+class _OpenLoop:
+    """The trials of a batch that still run, all from `first` on: each on the steps of its own grid.
 
     at_s, before_s        [K, B] end and start of each step
     sample                [K, B] the sample that it ends at, or -1
@@ -260,8 +327,7 @@ class _Running:
         grids: Sequence[Grid],
     ) -> None:
         self.trials = trials
-        self.settings = settings
-        self.effects = settings.effects
+        self.rate_hz = settings.rate_hz
         self.first = 0
         self.at_s, self.sample = _stack(grids)
         start_s = np.array([grid.start_s for grid in grids])
@@ -270,29 +336,18 @@ class _Running:
         self.before_s = np.vstack([start_s, self.at_s[:-1]])
         self.steps = np.array([len(grid.at_s) for grid in grids])
 
-        self.body = body_of(trials, settings.pressure)
-        self.script = Script(trials, self.body)
-
-        # Before its first step a trial rests as its script has it then.
-        opening = self.script.chunk(start_s[None])[0]
-        self.state = at_rest(self.body, opening.closure_m)
-
-        contacts, batch = self.state.normal_n.shape
-        self.mean: ForceMean | None = None
-        if settings.average_s:
-            self.mean = ForceMean(settings, contacts, batch)
-
-        self.travel_m = np.zeros((contacts, batch))
+        self.script = Script(trials, body_of(trials, settings.pressure))
+        self.part = Part(settings, self.script, start_s)
 
         # The samples of all trials lie end to end: trial k has rows starts[k] to starts[k + 1].
         counts = [grid.n_samples for grid in grids]
         self.starts = np.cumsum([0, *counts])
         total = self.starts[-1]
-        self.forces_n = np.zeros((total, contacts, 3))
+        self.forces_n = np.zeros((total, len(self.part.travel_m), 3))
         self.position_m = np.zeros((total, 3))
 
         # Forces are kept at samples, but events can happen at any step.
-        self.tape = StepTape(len(self.at_s), batch)
+        self.tape = StepTape(*self.at_s.shape)
 
     def leave(self, start: int) -> None:
         """Drop ended trials from the front where that is worth the copying; at least two stay."""
@@ -310,63 +365,37 @@ class _Running:
 
         self.trials = self.trials[count:]
         self.first = self.first + count
-
-        # Body and script follow from the trials alone; state, effects and sums are carried over.
-        self.body = body_of(self.trials, self.settings.pressure)
-        self.script = Script(self.trials, self.body, self.script.boxed)
-        self.state = without_first(self.state, count, batch)
-        self.effects = without_first(self.effects, count, batch)
-        self.mean = without_first(self.mean, count, batch)
-        self.travel_m = self.travel_m[:, count:].copy()
+        left = np.arange(count, batch)
+        self.part = self.part.some(left, slice(self.first, None))
+        self.script = Script(self.trials, self.part.body, self.script.boxed)
 
     def step_on(self, start: int, stop: int) -> None:
         """Steps start .. stop of the running trials."""
         first = self.first
-        state = self.state
-        mean = self.mean
         chunk_s = self.at_s[start:stop, first:]
 
         for k, inputs in enumerate(self.script.chunk(chunk_s), start):
             at_s = self.at_s[k, first:]
-            dt_s = at_s - self.before_s[k, first:]
-            step(self.body, state, inputs, dt_s, at_s, self.effects)
-            self.travel_m += travel_of(state, dt_s)
-            self.tape.write(k, slice(first, None), state, self.travel_m)
-            if mean is not None:
-                mean.add(self.body, state, at_s, dt_s)
+            self.part.step(self.tape, k, inputs, at_s, at_s - self.before_s[k, first:])
 
             # A step that ends at a sample leaves what the sensors feel.
             samples = self.sample[k, first:]
             sampled = (samples >= 0).nonzero()[0]
             if sampled.size:
-                self._sample(k, sampled)
-
-    def _sample(self, k: int, trials: IntArray) -> None:
-        """Keep what the sensors feel of the running trials whose step k ends at a sample."""
-        whole = self.first + trials
-        rows = self.starts[whole] + self.sample[k, whole]
-        if self.mean is None:
-            forces = forces_of(self.body, self.state)[..., trials]
-        else:
-            forces = self.mean.take(trials)
-        self.position_m[rows] = self.state.position_m[:, trials].T
-        self.forces_n[rows] = forces.transpose(2, 0, 1)
+                rows = self.starts[first + sampled] + samples[sampled]
+                self.forces_n[rows] = self.part.felt_n(sampled)
+                self.position_m[rows] = self.part.state.position_m[:, sampled].T
 
     def motion(self, trial: int, grid: Grid) -> TrialMotion:
         """What became of a trial."""
-        start = self.starts[trial]
-        stop = self.starts[trial + 1]
-        rows = slice(start, stop)
+        rows = slice(self.starts[trial], self.starts[trial + 1])
         position_m = self.position_m[rows]
         last = grid.sample[-1]
 
-        # After the last step the object is where it was.
+        # After the last step the object is where it was, and the trial only waits for others.
         position_m[last + 1 :] = position_m[last]
-        t_s = np.arange(grid.n_samples) / self.settings.rate_hz
-        steps = slice(len(grid.at_s))
-        forces_n = self.forces_n[rows]
-
-        return self.tape.motion(trial, steps, grid.at_s, t_s, forces_n, position_m)
+        self.tape.taken[len(grid.at_s) :, trial] = False
+        return self.tape.motion(trial, self.rate_hz, self.forces_n[rows], position_m)
 
 
 def _stack(grids: Sequence[Grid]) -> tuple[FloatArray, IntArray]:

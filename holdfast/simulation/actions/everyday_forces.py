@@ -12,18 +12,17 @@ from dataclasses import replace
 import numpy as np
 
 from holdfast.core.contract import FloatArray
+from holdfast.simulation.actions import EVERYDAY
 from holdfast.simulation.body import Body, Changes, Floor, Pull
-from holdfast.simulation.everyday import (
-    ACTIONS,
-    HEEL,
-    TABLE_GAP_M,
-    TABLE_OVERSHOOT_M,
-    hit_n,
-    relaxed,
-)
-from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial, least_grip_n
 from holdfast.simulation.script_times import CATCH_S, smooth
 
+HEEL = 0.3
+"""Second harmonic of the steps over the first: the heel strike."""
+TABLE_GAP_M = 0.01
+"""Distance of the table from the object when the action begins."""
+TABLE_OVERSHOOT_M = 0.005
+"""How far the table comes beyond the first touch, if the object does not give way."""
 ARM_DAMPING = 0.7
 """Of the arm of a person, over critical damping."""
 CATCHER_N_PER_M = 800.0
@@ -63,7 +62,7 @@ class Everyday:
 
         # Which trials have which action, and which actions the batch has at all.
         actions = np.array([trial.action for trial in trials])
-        self.is_on = {name: actions == name for name in ACTIONS}
+        self.is_on = {name: actions == name for name in EVERYDAY}
         self.present = {name for name, is_on in self.is_on.items() if is_on.any()}
         self.any_of_them = np.logical_or.reduce(list(self.is_on.values()))
         self.touches = "touch-table" in self.present
@@ -279,3 +278,23 @@ def _across(down: FloatArray, angle: FloatArray) -> FloatArray:
     first = first / np.sqrt((first * first).sum(axis=0))
     second = np.cross(down, first, axis=0)
     return np.cos(angle) * first + np.sin(angle) * second
+
+
+def hit_n(trial: PlannedTrial) -> float:
+    """Peak force of a weight that drops in, N: half a sine with the momentum of its fall."""
+    drawn = trial.drawn
+    if trial.action != "stack":
+        return 0.0
+
+    # Free fall, and all of its momentum in the hit: the weight stays where it lands.
+    speed_m_s = np.sqrt(2.0 * GRAVITY_M_S2 * 1e-3 * drawn["drop_mm"])
+    momentum_n_s = 1e-3 * drawn["added_g"] * speed_m_s
+    return float(momentum_n_s * np.pi / (2.0 * drawn["hit_s"]))
+
+
+def relaxed(trial: PlannedTrial) -> float:
+    """What is left of a grip that relaxes, over the grip; 1 of other actions."""
+    if trial.action != "relax":
+        return 1.0
+    least_n = least_grip_n(trial.object, trial.drawn["friction_factor"])
+    return min(1.0, trial.drawn["left"] * least_n / trial.grip_n)
