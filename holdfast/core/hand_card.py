@@ -136,22 +136,29 @@ class HandCard:
     @property
     def sensed(self) -> BoolArray:
         """[S] which contacts have a sensor."""
-        return np.array([contact.sensed for contact in self.contacts])
+        return self._each("sensed").astype(np.bool_)
 
     @property
     def part(self) -> FloatArray:
         """[S] a contact's stiffness over that of one fingertip."""
-        return np.array([contact.stiffness for contact in self.contacts])
+        return self._each("stiffness")
 
     @property
     def along_m(self) -> FloatArray:
         """[S] positions of the contacts along the axis of a cylinder."""
-        return 1e-3 * np.array([contact.along_mm for contact in self.contacts])
+        return 1e-3 * self._each("along_mm")
 
     @property
     def across_m(self) -> FloatArray:
         """[S] positions of the contacts across that axis."""
-        return 1e-3 * np.array([contact.across_mm for contact in self.contacts])
+        return 1e-3 * self._each("across_mm")
+
+    def _each(self, name: str) -> FloatArray:
+        """[S] a value of every contact."""
+        values: FloatArray = np.array(
+            [getattr(contact, name) for contact in self.contacts]
+        )
+        return values
 
     @property
     def pads(self) -> list[list[int]]:
