@@ -113,7 +113,7 @@ def test_frames_that_cannot_be_used_are_refused_by_name(tmp_path, how):
         ("HEAD0,0.2,,,,,,,,,\n1,0.2,,,,,,,,,\n", TimeError),
         ("HEAD0,nan,,,,,,,,,\n", TimeError),
         ("HEAD0,0.1,,,,,,,,,\n\n", NotANumber),
-        ("HEAD0,0.1,0\n", EmptyRecording),
+        ("HEAD0,0.1,0\n", NotANumber),
     ],
 )
 def test_tracks_that_cannot_be_used_are_refused(tmp_path, text, error):
