@@ -114,19 +114,13 @@ def _require_distinct(text: str, fingers: Sequence[Finger]) -> None:
     places = {(one.behind, one.address) for one in fingers}
     moved = [one.moved for one in fingers if one.moved]
     factory = {one.address for one in fingers}
-    # a moved chip would meet a chip that still has that address from the factory
-    doubled = len(places) < len(fingers) or len(set(moved)) < len(moved)
-    if doubled or not factory.isdisjoint(moved):
+    # a moved chip would meet a chip that still has that address from the factory, and a mux
+    # answers at its address whatever its mask is
+    met = factory.intersection(moved) | factory.union(moved) & muxes_of(fingers)
+    if met or len(places) < len(fingers) or len(set(moved)) < len(moved):
         raise UsageError(
-            f"{text!r}: two fingers at one place",
+            f"{text!r}: two fingers, or a finger and a mux, at one place",
             next_step="give each its own address or channel",
-        )
-    # a mux answers at its address whatever its mask is
-    taken = factory.union(moved) & muxes_of(fingers)
-    if taken:
-        raise UsageError(
-            f"{text!r}: a finger has a mux's address, {min(taken):#04x}",
-            next_step="choose another",
         )
 
 
