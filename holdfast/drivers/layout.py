@@ -61,24 +61,18 @@ class Finger:
         return frozenset({(self.mux, self.channel)})
 
 
+SHARED = (
+    Finger(0x35, 0),
+    Finger(0x22, 0),
+    Finger(0x78, 0),
+    Finger(0x44, 0),
+    Finger(0x35, 1),
+    Finger(0x22, 1),
+)
 LAYOUTS: dict[str, tuple[Finger, ...]] = {
-    "mux": (
-        Finger(0x35, 0),
-        Finger(0x22, 0),
-        Finger(0x78, 0),
-        Finger(0x44, 0),
-        Finger(0x35, 1),
-        Finger(0x22, 1),
-    ),
+    "mux": SHARED,
     "mux6": tuple(Finger(0x35, channel) for channel in range(6)),
-    "moved": (
-        Finger(0x35, 0, 0x50),
-        Finger(0x22, 0, 0x51),
-        Finger(0x78, 0, 0x52),
-        Finger(0x44, 0, 0x53),
-        Finger(0x35, 1, 0x54),
-        Finger(0x22, 1, 0x55),
-    ),
+    "moved": tuple(replace(one, moved=0x50 + k) for k, one in enumerate(SHARED)),
 }
 """"mux": four fingers on one channel, two on another. "mux6": one a channel. "moved": see above."""
 
