@@ -196,13 +196,6 @@ def test_each_error_of_the_kernel_has_its_own(opens, transfers, error, says):
     assert says in str(raised.value)
 
 
-def test_a_bus_number_has_nine_digits_at_most():
-    with pytest.raises(DeviceNotFound):
-        open_bus("i2c", "9" * 9)
-    with pytest.raises(UsageError):
-        open_bus("i2c", "9" * 10)
-
-
 def test_a_bus_that_is_held_low_is_cleared_nine_times_at_most():
     class Stuck:
         name, held, cleared = "stuck", 9, 0
