@@ -260,9 +260,9 @@ def test_a_card_that_cannot_be_is_refused_by_its_key(tmp_path, text, says):
     ("words", "says"),
     [
         ("", "no trials given"),
-        ("--object cup", "go together"),
-        ("--action pull", "go together"),
-        ("--object cup --action nothing", "go together"),
+        ("--object cup", "--object and --action"),
+        ("--action pull", "--object and --action"),
+        ("--object cup --action nothing", "--object and --action"),
         ("--object a_b --action pull --trials 1", "object 'a_b'"),
         ("--object cup --action pull", "without an end"),
         ("--object cup --action pull --trials 0", "--trials 0"),

@@ -162,9 +162,9 @@ def keep_hand(root: Path, card: HandCard, n_sensors: int) -> None:
 
     Raises ChannelError for a card of another hand, OutputError where it cannot be written.
     """
-    there = root / HAND_FILE
-    kept = text_of(there) if there.is_file() else card.text
-    if card.n_sensors != n_sensors or kept != card.text:
+    path = root / HAND_FILE
+    is_another = path.is_file() and text_of(path) != card.text
+    if is_another or card.n_sensors != n_sensors:
         raise ChannelError(
             f"{card.name} is the card of another hand",
             where="--hand",
@@ -172,7 +172,7 @@ def keep_hand(root: Path, card: HandCard, n_sensors: int) -> None:
             "recordings with another card",
             next_step="give the card of this hand, or another --out",
         )
-    write_whole(there, card.text)
+    write_whole(path, card.text)
 
 
 # -- trials
@@ -192,22 +192,26 @@ def new_trial(root: Path, person: str, task: Task) -> Path:
     # After the highest number that is there: a gap below it is not filled.
     taken = [number(path) for path in place.glob("*")]
     folder = place / f"trial_{max(taken, default=0) + 1}"
-
-    try:
+    with _written(folder, "made"):
         folder.mkdir(parents=True)
+    return folder
+
+
+@contextmanager
+def _written(folder: Path, how: str) -> Iterator[None]:
+    """An OSError within is an OutputError: a folder that cannot be made or moved."""
+    try:
+        yield
     except OSError as error:
         raise OutputError(
-            f"cannot be made ({error.strerror})", where=folder, next_step="make room"
+            f"cannot be {how} ({error.strerror})", where=folder, next_step="make room"
         ) from None
-
-    return folder
 
 
 def number(folder: Path) -> int:
     """3 of trial_3; 0 of anything else."""
     digits = folder.name.removeprefix("trial_")
-    # Nine digits and more are no number of ours, and int() could take long.
-    return int(digits) if digits.isdecimal() and len(digits) < 9 else 0
+    return int(digits) if digits.isdecimal() else 0
 
 
 def discard(root: Path, person: str, folder: Path) -> Path:
@@ -218,34 +222,20 @@ def discard(root: Path, person: str, folder: Path) -> Path:
         write_meta(folder, meta | {"state": REDONE})
     home = root / person
     place = home / DISCARDED / folder.parent.relative_to(home)
-
-    try:
+    with _written(folder, "moved"):
         place.mkdir(parents=True, exist_ok=True)
         # The same trial may be repeated several times.
         earlier = len(list(place.glob(f"{folder.name}-*")))
-        target = place / f"{folder.name}-{earlier + 1}"
-        folder.rename(target)
-    except OSError as error:
-        raise OutputError(
-            f"cannot be moved ({error.strerror})",
-            where=folder,
-            next_step="move it yourself",
-        ) from None
-
-    return target
+        return folder.rename(place / f"{folder.name}-{earlier + 1}")
 
 
 def trials_of(root: Path, person: str) -> list[tuple[Path, Json]]:
     """The trials of a person with their meta.json, without the discarded ones."""
     home = root / person
     trials = []
-    # The empty hand has no folder of an object above that of its action.
-    metas = list(home.glob(f"*/trial_*/{META}"))
-    metas += home.glob(f"*/*/trial_*/{META}")
-
-    for folder in sorted(meta.parent for meta in metas):
-        if DISCARDED not in folder.relative_to(home).parts:
-            trials.append((folder, read_meta(folder)))
+    for path in sorted(home.rglob(f"trial_*/{META}")):
+        if DISCARDED not in path.relative_to(home).parts:
+            trials.append((path.parent, read_meta(path.parent)))
     return trials
 
 
@@ -254,11 +244,7 @@ def done(root: Path, person: str) -> list[Task]:
     tasks = []
     for _, meta in trials_of(root, person):
         if meta.get("state") == KEPT:
-            name = str(meta.get("object"))
-            action = str(meta.get("action"))
-            style = str(meta.get("style"))
-            tasks.append(Task(name, action, style))
-
+            tasks.append(Task(meta["object"], meta["action"], meta.get("style", "")))
     return tasks
 
 

@@ -6,9 +6,9 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 from holdfast.core.errors import CardError, DataNotFound, UsageError
 from holdfast.core.lines import stream_sink
@@ -53,6 +53,13 @@ class StudyOptions:
 
     recording: RecordOptions
     rehearse: bool = False
+
+    @classmethod
+    def of(cls, args: Any) -> StudyOptions:
+        """From the words on a command line."""
+        # The protocol of the study is not one of the recorder.
+        recording = replace(RecordOptions.of(args), protocol=None)
+        return cls(recording, args.rehearse)
 
     @property
     def home(self) -> Path:
