@@ -8,7 +8,7 @@ from __future__ import annotations
 import fcntl
 import json
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 from holdfast.core.contract import Json
@@ -71,28 +71,34 @@ def opened(root: Path, unit: str, kind: str) -> Iterator[None]:
         yield
 
 
+def _root_of(place: Path) -> Path | None:
+    """The folder of recordings that a place is, or is in; None outside one."""
+    whole = place.absolute()
+    for root in (whole, *whole.parents):
+        if (root / LOCK).is_file():
+            return root
+    return None
+
+
 @contextmanager
 def alone(place: Path) -> Iterator[None]:
-    """No other recorder uses the folder, or one above it, meanwhile. Raises OutputError."""
-    whole = place.absolute()
-    with ExitStack() as held:
-        # A folder above may be the recorder's, with this one as a person or a trial in it.
-        for root in (whole, *whole.parents):
-            # The study holds it, and those above it.
-            if root in _RESERVED:
-                break
-            if not (root / LOCK).is_file():
-                continue
-            lock = held.enter_context((root / LOCK).open())
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                raise OutputError(
-                    "another recorder or study is using it",
-                    where=root,
-                    cause="a second terminal",
-                    next_step="end that program first, or name another folder",
-                ) from None
+    """No other recorder uses the folder of recordings meanwhile. Raises OutputError."""
+    # The place may be a person or a trial in it.
+    root = _root_of(place)
+    # A study of this program holds it already.
+    if root is None or root in _RESERVED:
+        yield
+        return
+    with (root / LOCK).open() as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise OutputError(
+                "another recorder or study is using it",
+                where=root,
+                cause="a second terminal",
+                next_step="end that program first, or name another folder",
+            ) from None
         yield
 
 
@@ -102,37 +108,34 @@ def reserved(root: Path) -> Iterator[None]:
 
     Raises OutputError where another recorder or study uses it.
     """
-    whole = root.absolute()
-    with alone(whole):
-        _RESERVED.add(whole)
+    with alone(root):
+        _RESERVED.add(root.absolute())
         try:
             yield
         finally:
-            _RESERVED.discard(whole)
+            _RESERVED.clear()
 
 
 def require_ours(root: Path) -> Json:
     """meta.json of a folder of recordings; empty for a new or empty folder. Raises OutputError."""
-    for above in root.absolute().parents:
+    above = _root_of(root.absolute().parent)
+    if above is not None:
         # A person's data would be in two places, and a withdrawal would delete only one.
-        if (above / LOCK).is_file() and read_meta(above).get("recorder") == FORMAT:
-            raise OutputError(
-                "is within a recording folder",
-                where=root,
-                cause="the recorder makes the person's folder itself",
-                next_step=f"--out {above}",
-            )
+        raise OutputError(
+            "is within a recording folder",
+            where=root,
+            cause="the recorder makes the person's folder itself",
+            next_step=f"--out {above}",
+        )
 
     if not root.exists():
         return {}
-
     if root.is_dir():
         meta = read_meta(root)
         # A run that was refused early may have left its lock and nothing else.
         is_empty = all(path.name == LOCK for path in root.iterdir())
         if is_empty or meta.get("recorder") == FORMAT:
             return meta
-
     raise OutputError(
         "exists but is not a recording folder",
         where=root,
@@ -276,19 +279,8 @@ def repair(folder: Path) -> list[str]:
 
     Raises a DataError or OutputError; what is whole in the trial is then unchanged.
     """
-    try:
-        return _repaired(folder)
-    except OutputError as error:
-        step = "make room, then run holdfast check --repair again"
-        raise OutputError(
-            error.what, where=error.where, cause=error.cause, next_step=step
-        ) from None
-
-
-def _repaired(folder: Path) -> list[str]:
     meta = read_meta(folder)
     state = meta.get("state")
-
     try:
         samples = repair_table(folder / TACTILE)
     except EmptyRecording:
@@ -296,18 +288,16 @@ def _repaired(folder: Path) -> list[str]:
             raise
         return [_voided(folder, meta)]
 
-    done = _removed(
-        samples, f"line removed, {count_of(samples.rows, 'sample')} complete"
-    )
+    count = count_of(samples.rows, "sample")
+    done = _removed(samples, f"line removed, {count} complete")
     if (folder / EVENTS).exists():
         events = repair_lines(folder / EVENTS, is_json_object)
         done += _removed(events, "event removed")
     if state == RECORDING:
         # The samples before the cut are whole, but the trial is not: training leaves it out.
-        why = f"cut off; mended, {count_of(samples.rows, 'sample')}"
-        write_meta(folder, meta | {"state": INTERRUPTED, "why": why})
-        done.append(f"marked as interrupted with {count_of(samples.rows, 'sample')}")
-
+        meta |= {"state": INTERRUPTED, "why": f"cut off; repaired, {count}"}
+        write_meta(folder, meta)
+        done.append(f"marked as interrupted with {count}")
     return done
 
 

@@ -52,10 +52,6 @@ ENTER = b"\n\r"
 """A terminal sends CR or LF, a pipe LF."""
 ERASE = b"\x7f\x08"
 ESCAPE = b"\x1b"
-LONGEST_TEXT = 1000
-"""Bytes of a note; what is typed beyond is dropped."""
-LEFT_OUT = "-"
-"""Typed where a question is not to be answered."""
 NO_KEY = "no key can be pressed any more; run the same command again to go on here"
 
 
@@ -111,23 +107,19 @@ class Console:
         """
         began_ns = self.clock.now_ns()
         drawn_s = -REDRAW_S
-
         while not self.stopped():
             spent_s = 1e-9 * (self.clock.now_ns() - began_ns)
             if spent_s >= drawn_s + REDRAW_S:
                 drawn_s = spent_s
-                if paused:
-                    self.draw(f"paused for {clock_text(spent_s)}")
-                else:
-                    self.draw(countdown(left_s - spent_s))
+                paused_for = f"paused for {clock_text(spent_s)}"
+                self.draw(paused_for if paused else countdown(left_s - spent_s))
             letter = letter_of(self.keys, WAIT_S)
             if letter in KEYS:
                 return KEYS[letter]
             # Without keys the study would wait for ever.
             if self.keys.closed:
                 self.report(NO_KEY)
-                return Key.QUIT
-
+                break
         return Key.QUIT
 
     def text(self, prompt: str) -> str | None:
@@ -155,7 +147,7 @@ class Console:
             if byte and byte in ERASE:
                 # A letter of several bytes goes as a whole.
                 typed = typed.decode("utf-8", "ignore")[:-1].encode()
-            elif byte and len(typed) < LONGEST_TEXT and (byte >= b" " or byte == b"\t"):
+            elif byte >= b" ":
                 # Control characters would move the cursor of the reader.
                 typed += byte
             elif self.keys.closed:
@@ -163,10 +155,6 @@ class Console:
                 return None
 
         return None
-
-    def trial_keys(self) -> TrialKeys:
-        """The keys of one trial."""
-        return TrialKeys(self.keys)
 
     def failed(self, error: HoldfastError) -> None:
         """Report what failed; the operator corrects it, tries again or skips."""
@@ -195,7 +183,7 @@ class Rehearsal(Console):
 
     def text(self, prompt: str) -> str | None:
         """No answer."""
-        return LEFT_OUT
+        return None
 
     def failed(self, error: HoldfastError) -> None:
         """End with the error: no operator can correct it."""

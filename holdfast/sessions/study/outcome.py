@@ -42,7 +42,7 @@ class PartOutcome:
     state: of STATES, or NOT_REACHED.
     """
 
-    step: int | None
+    step: int
     title: str
     planned_s: float
     spent_s: float | None
@@ -51,24 +51,14 @@ class PartOutcome:
 
 
 @dataclass(frozen=True)
-class Note:
-    """What the operator noted; at: UTC."""
+class Remark:
+    """A note or an adverse event. at: UTC. severity: mild, moderate, severe, or None."""
 
     at: str
-    step: int | None
+    step: int
     title: str
     text: str
-
-
-@dataclass(frozen=True)
-class AdverseEvent:
-    """at: UTC. severity: mild, moderate, severe, or None where it was not given."""
-
-    at: str
-    step: int | None
-    title: str
-    severity: str | None
-    text: str
+    severity: str | None = None
 
 
 @dataclass
@@ -102,8 +92,8 @@ class StudyOutcome:
     began: str
     ended: str
     parts: list[PartOutcome]
-    adverse: list[AdverseEvent]
-    notes: list[Note]
+    adverse: list[Remark]
+    notes: list[Remark]
     trials: list[TrialCounts]
     figures: ParticipantFigures | None
     no_figures: str
@@ -159,8 +149,8 @@ def outcome_of(
         began=entries[0].at,
         ended=entries[-1].at,
         parts=_parts(protocol, entries, progress),
-        adverse=_adverse(protocol, entries),
-        notes=_notes(protocol, entries),
+        adverse=_remarks(protocol, entries, Event.ADVERSE),
+        notes=_remarks(protocol, entries, Event.NOTE),
         trials=_trials(protocol, home),
         figures=figures,
         no_figures=why,
@@ -209,26 +199,18 @@ def _parts(
     return outcomes
 
 
-def _adverse(protocol: StudyProtocol, entries: list[Entry]) -> list[AdverseEvent]:
-    """Every adverse event, with the description that follows it, if it was given."""
-    events: list[AdverseEvent] = []
+def _remarks(
+    protocol: StudyProtocol, entries: list[Entry], event: Event
+) -> list[Remark]:
+    """All of one event; an adverse event has the description that follows it, if it was given."""
+    remarks: list[Remark] = []
     for entry in entries:
-        if entry.event == Event.ADVERSE:
+        if entry.event == event:
             part = protocol.parts[entry.part]
-            events.append(AdverseEvent(entry.at, part.step, part.title, None, ""))
-        elif entry.event == Event.DETAIL and events:
-            # The description follows its event, unless the terminal was gone.
-            events[-1] = replace(events[-1], severity=entry.severity, text=entry.text)
-    return events
-
-
-def _notes(protocol: StudyProtocol, entries: list[Entry]) -> list[Note]:
-    notes = []
-    for entry in entries:
-        if entry.event == Event.NOTE:
-            part = protocol.parts[entry.part]
-            notes.append(Note(entry.at, part.step, part.title, entry.text))
-    return notes
+            remarks.append(Remark(entry.at, part.step, part.title, entry.text))
+        elif entry.event == Event.DETAIL and event == Event.ADVERSE:
+            remarks[-1] = replace(remarks[-1], text=entry.text, severity=entry.severity)
+    return remarks
 
 
 def _trials(protocol: StudyProtocol, home: Path) -> list[TrialCounts]:
@@ -277,7 +259,6 @@ def write_report(home: Path, outcome: StudyOutcome) -> Path:
             pictures[action] = timelines(rows, figures.kind)
         if figures.central is not None:
             central = trial(figures.central, figures.kind)
-
     return write_page(
         home / "report.html",
         "participant_report.html",

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from holdfast.core.errors import HoldfastError
 from holdfast.sessions.recorder.protocol import Task
-from holdfast.sessions.study.console import Console, Key, clock_text
+from holdfast.sessions.study.console import Console, Key, TrialKeys, clock_text
 from holdfast.sessions.study.journal import Event, Journal, withdraw
 from holdfast.sessions.study.protocol import StudyPart, StudyProtocol
 from holdfast.sessions.study.trials import Trials
@@ -223,7 +223,7 @@ class Runner:
 
     def _trial(self, task: Task) -> Ending:
         # During a trial the keys are those of the recorder, and `a` for an adverse event.
-        trial_keys = self.console.trial_keys()
+        trial_keys = TrialKeys(self.console.keys)
         try:
             self.trials.record(task, trial_keys)
         except HoldfastError as error:
