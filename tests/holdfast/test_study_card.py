@@ -63,7 +63,7 @@ def test_its_trials_are_five_objects_with_three_actions_three_times_and_heavy_on
 
 
 def test_a_virtual_participant_of_every_style_has_all_its_trials() -> None:
-    wanted = Counter(THESIS.recording_protocol().tasks)
+    wanted = Counter(THESIS.tasks)
     for style in ("p1", "p2"):
         trials = Scene(read_scene_file(style), 0).trials()
         assert Counter(Task(one.object.name, one.action) for one in trials) == wanted

@@ -28,7 +28,6 @@ others are counted from first_step (1). Protocols that ship are found by name.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -147,21 +146,13 @@ class StudyPart:
 
 
 @dataclass(frozen=True)
-class StudyProtocol:
-    """A whole study protocol. mass_g: of objects that it defines."""
+class StudyProtocol(Protocol):
+    """A whole study protocol; its trials are those that the recorder reads."""
 
-    name: str
-    text: str
     title: str
-    before: list[str]
+    before: tuple[str, ...]
     parts: list[StudyPart]
     first_step: int
-    mass_g: dict[str, float]
-
-    @property
-    def sha256(self) -> str:
-        """Of the file's text."""
-        return hashlib.sha256(self.text.encode()).hexdigest()
 
     @property
     def last_step(self) -> int:
@@ -190,14 +181,6 @@ class StudyProtocol:
         steps = f"steps {self.first_step} to {self.last_step}"
         return [*lines, f"{steps}, {self.minutes:g} minutes"]
 
-    def recording_protocol(self) -> Protocol:
-        """Its trials, as the recorder reads them."""
-        tasks: list[Task] = []
-        for part in self.parts:
-            if part.task:
-                tasks += [part.task] * part.repetitions
-        return Protocol(self.name, self.text, tuple(tasks), self.mass_g)
-
 
 def shipped_protocols() -> list[str]:
     """Names of the study protocols that ship, sorted."""
@@ -223,14 +206,20 @@ def read_study(name: str | Path) -> StudyProtocol:
     for of_object, entry in card.objects.items():
         if entry.mass_g is not None:
             mass_g[of_object] = entry.mass_g
+    parts = _Parts(path, card).all()
+    tasks: list[Task] = []
+    for part in parts:
+        if part.task:
+            tasks += [part.task] * part.repetitions
     return StudyProtocol(
         name=path.stem,
         text=text_of(path),
-        title=card.title or path.stem,
-        before=list(card.before),
-        parts=_Parts(path, card).all(),
-        first_step=card.first_step,
+        tasks=tuple(tasks),
         mass_g=mass_g,
+        title=card.title or path.stem,
+        before=card.before,
+        parts=parts,
+        first_step=card.first_step,
     )
 
 

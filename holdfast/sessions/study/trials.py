@@ -146,8 +146,8 @@ class Trials:
             # does.
             stopped=lambda: stopped() or keys.ends,
         )
-        protocol = self.protocol.recording_protocol()
-        record_plan(options, Plan(protocol, [task], self.kept(task)), context)
+        plan = Plan(self.protocol, [task], self.kept(task))
+        record_plan(options, plan, context)
 
     def discard_last(self, task: Task) -> Path:
         """Move the last kept trial of a task to the discarded ones; returns its new path."""
