@@ -164,8 +164,3 @@ def test_the_card_is_a_protocol_of_eight_hand_overs_and_holding() -> None:
         8,
         8,
     ]
-
-
-def test_every_path_the_page_points_to_exists() -> None:
-    links = re.findall(r"\]\(([^)#]+)\)", PAGE.read_text("utf-8"))
-    assert [link for link in links if not (PAGE.parent / link).exists()] == []

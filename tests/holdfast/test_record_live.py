@@ -32,7 +32,6 @@ from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.sessions.recorder.display import (
     OVER_THE_LINE_ABOVE,
     StatusLine,
-    columns_of,
     status_text,
 )
 from holdfast.sessions.recorder.protocol import Task
@@ -227,15 +226,6 @@ def test_a_terminal_shows_the_line_while_a_trial_runs(tmp_path, monkeypatch):
     os.close(master)
     assert b"lost; forces" in screen
     assert OVER_THE_LINE_ABOVE.encode() + b"kept:" in screen
-
-
-def test_a_line_is_drawn_only_on_a_terminal_that_can_redraw_it(tmp_path, monkeypatch):
-    master, slave = pty.openpty()
-    with os.fdopen(slave, "w") as terminal, (tmp_path / "log").open("w") as file:
-        for term, columns in (("xterm", 80), ("dumb", 0)):
-            monkeypatch.setenv("TERM", term)
-            assert (columns_of(terminal), columns_of(file)) == (columns, 0)
-    os.close(master)
 
 
 @OVERWRITTEN.mark

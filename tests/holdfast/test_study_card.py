@@ -85,19 +85,6 @@ def test_before_each_recording_a_video_and_questions_of_the_same_object_and_acti
     )
 
 
-def test_the_list_shows_every_step_with_its_minutes_and_the_sum() -> None:
-    lines = THESIS.listing()
-    assert lines[-1] == "steps 0 to 31, 49 minutes"
-    assert (
-        sum(
-            float(m[1])
-            for m in map(re.compile(r" +\d+ +([\d.]+) min").match, lines)
-            if m
-        )
-        == 49
-    )
-
-
 def test_one_table_makes_the_steps_of_every_object_and_action(tmp_path) -> None:
     card = read_study(protocol_of(tmp_path, TRIALS))
     assert [part.title for part in card.parts] == [
