@@ -31,7 +31,6 @@ from holdfast.core.errors import (
     UsageError,
 )
 from holdfast.sessions.study import journal as journals
-from holdfast.sessions.study.console import TrialKeys, letter_of
 from holdfast.sessions.study.journal import (
     Event,
     Journal,
@@ -145,12 +144,11 @@ def test_a_note_can_be_corrected_and_dropped_and_an_arrow_key_is_no_letter(
 def test_an_arrow_key_ends_no_trial_and_begins_no_step(pressing) -> None:
     keys, press = pressing
     press("\x1b[A")
-    during = TrialKeys(keys)
-    assert [letter_of(keys, 1.0), letter_of(keys, 0.0)] == ["", ""]
+    assert [keys.letter(1.0), keys.letter()] == ["", ""]
     press("\x1b[A")
-    assert (during.pressed(1.0), during.adverse, during.ends) == ("", False, False)
+    assert (keys.pressed(1.0), keys.last) == ("", "")
     press("a")
-    assert (during.pressed(1.0), during.adverse, during.ends) == ("", True, True)
+    assert (keys.pressed(1.0), keys.pressed(), keys.last) == ("", "", "a")
 
 
 # -- where it goes on

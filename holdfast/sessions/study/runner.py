@@ -9,7 +9,7 @@ from pathlib import Path
 
 from holdfast.core.errors import HoldfastError
 from holdfast.sessions.recorder.protocol import Task
-from holdfast.sessions.study.console import Console, Key, TrialKeys, clock_text
+from holdfast.sessions.study.console import ADVERSE, Console, Key, clock_text
 from holdfast.sessions.study.journal import Event, Journal, withdraw
 from holdfast.sessions.study.protocol import StudyPart, StudyProtocol
 from holdfast.sessions.study.trials import Trials
@@ -223,13 +223,13 @@ class Runner:
 
     def _trial(self, task: Task) -> Ending:
         # During a trial the keys are those of the recorder, and `a` for an adverse event.
-        trial_keys = TrialKeys(self.console.keys)
+        keys = self.console.keys
+        keys.last = ""
         try:
-            self.trials.record(task, trial_keys)
+            self.trials.record(task)
         except HoldfastError as error:
             # One failed trial does not end the study: the operator tries again or skips.
             name = type(error).__name__
             self.journal.append(Event.FAILED, part=self.journal.part, error=name)
             self.console.failed(error)
-
-        return self._adverse() if trial_keys.adverse else Ending.GOES_ON
+        return self._adverse() if keys.last == ADVERSE else Ending.GOES_ON
