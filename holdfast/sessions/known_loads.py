@@ -110,19 +110,12 @@ def _csv_set(path: Path, load_unit: str) -> LoadSet:
             next_step="press every fingertip at least twice, with a pause",
         )
 
-    # Rows before the first pause belong to no probing.
-    field = field[starts[0] :]
-    force = force[starts[0] :]
-    load_n = load_n[starts[0] :]
-    blocks = (
-        np.searchsorted(starts, np.arange(len(force)) + starts[0], side="right") - 1
-    )
+    blocks = np.searchsorted(starts, np.arange(len(force)), side="right") - 1
     rests = []
     for block in range(len(starts)):
-        of_block = np.flatnonzero(blocks == block)
-        pressed = np.argmax(load_n[of_block] >= UNLOADED_N)
         # Each probing has its own rest, so that a drift between them is no load.
-        rests.append(np.median(field[of_block[:pressed]], axis=0))
+        at_rest = (blocks == block) & (load_n < UNLOADED_N)
+        rests.append(np.median(field[at_rest], axis=0))
 
     # The rest of the hardware is that of most probings, whatever one drifted to.
     rest_ut = np.median(rests, axis=0)
@@ -132,9 +125,18 @@ def _csv_set(path: Path, load_unit: str) -> LoadSet:
     left_out = f"{count_of(n_lost, 'row')} with a lost value left out"
     note = f"{left_out}; sensors with a reversed magnet: {turned}"
     names = [f"probing {block + 1}" for block in range(len(starts))]
-    moved = field - np.array(rests)[blocks]
+    # Rows before the first pause belong to no probing.
+    inside = blocks >= 0
     return LoadSet(
-        path.stem, names, blocks, moved, force, load_unit, rest_ut, reversed_, note
+        path.stem,
+        names,
+        blocks[inside],
+        (field - np.array(rests)[blocks])[inside],
+        force[inside],
+        load_unit,
+        rest_ut,
+        reversed_,
+        note,
     )
 
 
