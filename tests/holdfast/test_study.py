@@ -104,7 +104,7 @@ def test_a_study_goes_from_step_to_step_and_ends(talk: Study) -> None:
     times = [entry["t_s"] for entry in entries]
     assert times == sorted(times)
     assert times[1:5] == [0.0, 1.0, 1.0, 2.0]
-    assert {entry["at"] for entry in entries} == {"2026-01-01T00:00:00Z"}
+    assert all(entry["at"].endswith("Z") for entry in entries)
 
     assert talk.run("q") == Ending.FINISHED
     assert said(talk.messages, "every step of this person's study is done")
@@ -483,7 +483,7 @@ def test_a_file_that_cannot_be_deleted_is_named_and_the_rest_is_deleted(
     assert [path.name for path in talk.home.iterdir()] == ["stuck.txt"]
     with pytest.raises(UsageError, match=r"deletion did not end.*--withdraw"):
         talk.run(" ")
-    withdraw(talk.out, "p01", talk.messages.append, str)
+    withdraw(talk.out, "p01", talk.messages.append)
     assert not talk.home.exists()
     with pytest.raises(
         UsageError, match=r"has withdrawn; next: give a pseudonym that is new"

@@ -15,7 +15,6 @@ from study_bench import TRIALS, Study, options
 from holdfast.cli import study as verb
 from holdfast.core.errors import DataNotFound
 from holdfast.sessions.study.outcome import outcome_of, summary_lines, write_report
-from holdfast.sessions.study.protocol import read_study
 from holdfast.training.datasets import load
 
 if TYPE_CHECKING:
@@ -151,37 +150,6 @@ def test_trials_without_a_label_are_not_recognised_and_not_missed(
     assert "Trials without a label of their action: 4" in page
     assert outcome.figures.unlabelled == {"no key l, and no camera": 4}
     assert "not finished" in page
-
-
-def test_a_key_that_gave_no_label_is_not_called_a_key_that_was_not_pressed(
-    tmp_path: Path, card: Path, eight_classes: Built
-) -> None:
-    study = Study(tmp_path, TRIALS, f"sim://{card}")
-    study.run("  " + "   " + " " + "   " + "q")
-    for truth in study.home.rglob("tactile.truth.json"):
-        truth.write_text(json.dumps(json.loads(truth.read_text()) | {"phases": []}))
-    press = {"t_s": 0.01, "mark": "load_onset", "provenance": "key"}
-    events = study.home / "soft-ball/pass/trial_1/events.jsonl"
-    events.write_text(json.dumps(press) + "\n")
-    for other in study.home.rglob("events.jsonl"):
-        if other != events:
-            other.write_text("")
-    outcome = outcome_of(study.out, "p01", study.protocol, eight_classes.model)
-    assert outcome.figures is not None
-    reasons = outcome.figures.unlabelled
-    assert reasons.pop("no key l, and no camera") == 3
-    ((why, trials),) = reasons.items()
-    assert (why.startswith("marked, but outside the grip"), trials) == (True, 1)
-    assert f"1: {why}" in write_report(study.home, outcome).read_text()
-
-
-def test_the_table_of_another_protocol_is_not_called_the_thesis(two: Study) -> None:
-    assert "thesis" not in report_of(two, "p02")[1].partition("By object")[2][:200]
-    outcome = outcome_of(two.out, "p02", two.protocol, two.args.model)
-    assert not outcome.thesis_protocol
-    assert outcome_of(
-        two.out, "p02", read_study("thesis"), two.args.model
-    ).thesis_protocol
 
 
 def test_a_model_that_does_not_fit_leaves_a_report_that_says_so(two: Study) -> None:

@@ -135,7 +135,6 @@ class Study:
         typed: str,
         *,
         stopped: Callable[[], bool] = never,
-        utc: Callable[[], str] = lambda: "2026-01-01T00:00:00Z",
         show: Any = None,
         **typing: Any,
     ) -> str:
@@ -149,7 +148,7 @@ class Study:
             display.show = show  # type: ignore[method-assign]
         chosen = StudyOptions.of(self.args)
         chosen.require_consistent(self.protocol)
-        return run_parts(chosen, self.protocol, console, display, utc)
+        return run_parts(chosen, self.protocol, console, display)
 
     def entries(self, *events: str) -> list[dict[str, Any]]:
         """The lines of the journal, of all events or of some."""
