@@ -107,10 +107,6 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
             "real_time_priority": has_priority,
             "configuration": _configuration(options),
         }
-        camera = None
-        if options.camera.camera is not None:
-            shooting = options.camera.shooting()
-            camera = context.camera({"camera": options.camera.camera, **shooting})
         session = Session(
             options,
             context,
@@ -119,7 +115,6 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
             measured.bias.values,
             about,
             mass_g=plan.mass_g,
-            camera=camera,
             intent=intent,
             truth=scene_truth_of(options.source, source),
         )

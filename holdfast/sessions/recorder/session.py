@@ -72,8 +72,7 @@ class Display:
 class RunContext:
     """What surrounds a run: its clock, its operator, and what ends it.
 
-    host_ns: CLOCK_MONOTONIC, ns, which also stamps a camera's frames. camera: what films, from the
-    options of its process.
+    host_ns: CLOCK_MONOTONIC, ns, which also stamps a camera's frames.
     """
 
     clock: Any
@@ -81,7 +80,6 @@ class RunContext:
     display: Display
     stopped: Callable[[], bool]
     host_ns: Callable[[], int] = time.monotonic_ns
-    camera: Callable[[Json], CameraProcess] = CameraProcess
 
 
 @dataclass
@@ -100,7 +98,6 @@ class Session:
     bias: FloatArray
     about: Json
     mass_g: dict[str, float] = field(default_factory=dict)
-    camera: CameraProcess | None = None
     intent: IntentMonitor | None = None
     truth: TruthEvents | None = None
     kept: int = 0
@@ -112,6 +109,7 @@ class Session:
         self.report = self.context.display.report
         self.stopped = self.context.stopped
         self.period_ns = 1e9 / self.rate_hz
+        self.camera = CameraProcess(self.options.camera)
 
     def run(self, tasks: Iterable[Task]) -> int:
         """Record the tasks in order; returns the number of trials kept.
@@ -186,16 +184,14 @@ class Session:
         self._write_mass(folder, task)
         trial = None
         try:
-            if self.camera is not None:
-                self.camera.start(folder)
+            self.camera.start(folder)
             trial = self._open(folder, task)
             self.report(f"recording {folder.relative_to(out)}; {HELP_TRIAL}")
             outcome = self._samples(trial)
             self._end(trial, task, outcome)
         except BaseException as error:
             # Also for an interrupt: what was written stays, and the trial says how it ended.
-            if self.camera is not None:
-                self.camera.stop()
+            self.camera.stop()
             if trial is None:
                 # Nothing was recorded: the folder is no trial, and its number is free again.
                 discard(out, self.options.person, folder)
@@ -256,8 +252,8 @@ class Session:
             if ends:
                 return ends
             # A look costs a system call, so not every sample pays for it.
-            if self.camera is not None and turn % CAMERA_EVERY == 0:
-                self._look_at_camera(trial, self.camera)
+            if turn % CAMERA_EVERY == 0:
+                self._look_at_camera(trial)
             turn += 1
             # Turns whose time has passed are lost samples, and none is read late for them.
             spent_ns = self.clock.now_ns() - start_ns
@@ -282,18 +278,16 @@ class Session:
             return SIGNAL
         return ""
 
-    def _look_at_camera(self, trial: TrialRecorder, camera: CameraProcess) -> None:
-        why = camera.lost()
+    def _look_at_camera(self, trial: TrialRecorder) -> None:
+        why = self.camera.lost()
         if why:
             trial.note({"t_s": trial.t_s, "event": "camera_lost", "why": why})
             self.report(f"the camera failed, the hand is still recorded: {why}")
 
     def _end(self, trial: TrialRecorder, task: Task, outcome: str) -> None:
-        filmed: Json = {}
-        if self.camera is not None:
-            self._look_at_camera(trial, self.camera)
-            # The camera films on until the last sample is written.
-            filmed = self.camera.stop()
+        self._look_at_camera(trial)
+        # The camera films on until the last sample is written.
+        filmed = self.camera.stop()
         # A scene's truth is cut to the span of the samples, so it is written at the end.
         over = self._note_truth(trial)
         if outcome == SOURCE_OVER:

@@ -25,7 +25,7 @@ from holdfast.sessions.study.journal import (
     progress_of,
     read_journal,
 )
-from holdfast.sessions.study.protocol import StudyProtocol, read_study
+from holdfast.sessions.study.protocol import StudyProtocol
 
 if TYPE_CHECKING:
     from holdfast.evaluation.outcomes import ParticipantFigures
@@ -79,10 +79,7 @@ class TrialCounts:
 
 @dataclass(frozen=True)
 class StudyOutcome:
-    """All of one person. figures: of the model, None where `no_figures` says why not.
-
-    thesis_protocol: whether it followed the shipped protocol of that name, to the letter.
-    """
+    """All of one person. figures: of the model, None where `no_figures` says why not."""
 
     person: str
     title: str
@@ -97,7 +94,6 @@ class StudyOutcome:
     trials: list[TrialCounts]
     figures: ParticipantFigures | None
     no_figures: str
-    thesis_protocol: bool
 
     @property
     def kept(self) -> int:
@@ -154,7 +150,6 @@ def outcome_of(
         trials=_trials(protocol, home),
         figures=figures,
         no_figures=why,
-        thesis_protocol=protocol.sha256 == read_study("thesis").sha256,
     )
 
 
@@ -216,28 +211,27 @@ def _remarks(
 def _trials(protocol: StudyProtocol, home: Path) -> list[TrialCounts]:
     """Trials on the disk, by the tasks of the protocol first."""
     counts: dict[tuple[str, str], TrialCounts] = {}
-
-    def of(name: str, action: str) -> TrialCounts:
-        return counts.setdefault((name, action), TrialCounts(name, action))
-
     for part in protocol.parts:
         if part.task:
-            of(part.task.object, part.task.action).planned += part.repetitions
+            of_task = part.task.object, part.task.action
+            counts.setdefault(
+                of_task, TrialCounts(*of_task)
+            ).planned += part.repetitions
 
     # From the disk and not from the journal: the disk shows what was kept in the end.
     for path in home.rglob(f"trial_*/{META}"):
         meta = read_meta(path.parent)
-        trials = of(str(meta.get("object")), str(meta.get("action")))
-        camera = meta.get("camera")
-        if meta.get("state") == KEPT:
+        of_trial = str(meta.get("object")), str(meta.get("action"))
+        trials = counts.setdefault(of_trial, TrialCounts(*of_trial))
+        state = meta.get("state")
+        if state == KEPT:
             trials.kept += 1
             # A video that is void has gaps, or ended before the trial.
-            trials.filmed += isinstance(camera, dict) and not camera.get("void")
-        elif meta.get("state") == REDONE:
+            trials.filmed += "camera" in meta and not meta["camera"].get("void")
+        elif state == REDONE:
             trials.redone += 1
         else:
             trials.interrupted += 1
-
     return list(counts.values())
 
 
