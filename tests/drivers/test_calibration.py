@@ -40,7 +40,7 @@ from holdfast.drivers.calibration import (
     write_bias,
     write_calibration,
 )
-from holdfast.sessions.calibrate import Fit, LoadSet, Probing, measured_shear_gain
+from holdfast.sessions.calibrate import Fit, LoadSet, measured_shear_gain
 from holdfast.sessions.calibrate import calibrate as fit_calibration
 from holdfast.sessions.known_loads import read_load_sets
 from holdfast.simulation.magnet import HEIGHT, dipole_ut, place_m, shear_gain
@@ -141,13 +141,10 @@ def loads_of(
     reversed_: Any = None,
 ) -> LoadSet:
     """Rows as a set of loads; fields are less their rest."""
-    probings = []
-    for block in np.unique(blocks):
-        of_block = blocks == block
-        probings.append(Probing(str(block), field_ut[of_block], force_n[of_block]))
     upright = np.zeros(field_ut.shape[1], dtype=np.bool_)
     turned = upright if reversed_ is None else reversed_
-    return LoadSet("loads", probings, "N", None, turned, "")
+    names = [str(block) for block in np.unique(blocks)]
+    return LoadSet("loads", names, blocks, field_ut, force_n, "N", None, turned, "")
 
 
 def fit(*rows: Any) -> Fit:
@@ -499,11 +496,10 @@ def touches(normal_only: bool = False) -> LoadSet:
         loads += [(x, y, firm_n) for n in shear_n for x, y in ((n, 0.0), (0.0, -n))]
         presses += [rows * np.array([load]) for load in loads]
     rest_ut = dipole_ut(place_m(np.zeros((1, 3)), HEIGHT.default))[0]
-    probings = []
-    for k, force_n in enumerate(presses):
-        field_ut = dipole_ut(place_m(force_n, HEIGHT.default)) - rest_ut
-        probings.append(Probing(str(k), field_ut[:, None], force_n))
-    return LoadSet("touches", probings, "N", None, np.zeros(1, dtype=np.bool_), "")
+    force_n = np.concatenate(presses)
+    field_ut = dipole_ut(place_m(force_n, HEIGHT.default)) - rest_ut
+    blocks = np.repeat(np.arange(float(len(presses))), 30)
+    return loads_of(field_ut[:, None], force_n, blocks)
 
 
 def test_the_shear_gain_of_stiffening_silicone_is_that_of_light_touches() -> None:
