@@ -308,8 +308,9 @@ def adapted(base: bytes, adaptation: Adaptation) -> bytes:
     card = json_of(metadata[CARD_KEY])
     card["decision"] = adaptation.decision.to_json()
     if adaptation.correction is not None:
-        _add_correction(model, adaptation.correction)
-        card["heads"]["situation"]["correction"] = {
+        head = card["heads"]["situation"]
+        _add_correction(model, adaptation.correction, len(head["classes"]))
+        head["correction"] = {
             "inputs": adaptation.correction.network.n_features,
             "steps_per_nat": LOGIT_STEPS,
         }
@@ -406,11 +407,10 @@ def _require_corrected(
     return _require_answers(old, new, {VOTES: votes}, OF_THE_VOTES, where)
 
 
-def _add_correction(model: onnx.ModelProto, correction: Correction) -> None:
+def _add_correction(
+    model: onnx.ModelProto, correction: Correction, n_classes: int
+) -> None:
     """Put it behind the votes of a model, in place: no other operator is changed."""
-    (output,) = [output for output in model.graph.output if output.name == VOTES]
-    n_classes = output.type.tensor_type.shape.dim[1].dim_value
-
     # the number of sensors only matters to a graph with a state, which this part has not
     graph = GraphBuilder(1, PREFIX)
     correction.add(graph, FEATURES, BEFORE, n_classes, VOTES)
@@ -418,11 +418,13 @@ def _add_correction(model: onnx.ModelProto, correction: Correction) -> None:
 
     # the correction takes over the name of the votes, so their readers need no change
     nodes = list(model.graph.node)
-    (at,) = [k for k, node in enumerate(nodes) if VOTES in node.output]
-    nodes[at].output[:] = [BEFORE]
-    # ONNX wants nodes in the order in which they can run
-    del model.graph.node[at + 1 :]
-    model.graph.node.extend([*added, *nodes[at + 1 :]])
+    del model.graph.node[:]
+    for node in nodes:
+        model.graph.node.append(node)
+        if VOTES in node.output:
+            model.graph.node[-1].output[:] = [BEFORE]
+            # ONNX wants nodes in the order in which they can run
+            model.graph.node.extend(added)
     model.graph.initializer.extend(constants)
 
 

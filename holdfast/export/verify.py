@@ -19,7 +19,6 @@ from onnx import numpy_helper
 from onnx.utils import Extractor
 
 from holdfast.core.contract import (
-    CLASSES,
     NOTHING,
     SITUATIONS,
     BoolArray,
@@ -41,9 +40,8 @@ from holdfast.export.heads import (
     ByForce,
     FloatRows,
     Head,
-    reference_heavy,
     reference_label,
-    reference_probability,
+    reference_outputs,
     riskier_argmax,
 )
 from holdfast.export.learner import FOREST_KINDS, Forest, reference_votes
@@ -234,22 +232,14 @@ def _compare(
     expected = learned
     if by_force:
         expected = ByForce.of(head).in_contact(learned)
-    votes = answers[head.votes_name]
-    if head.name == MAIN_HEAD:
-        answered = answers["situation"]
-    else:
-        # another head publishes no label: a consumer derives it from its votes
-        answered = riskier_argmax(votes.astype(np.int64))
-
-    # Votes are whole numbers: both sides must be equal on every row, without a tolerance.
-    labels = reference_label(head, expected)
-    wrong_votes = int(np.any(votes != expected, axis=1).sum())
-    wrong_labels = int((labels != answered).sum())
-    wrong_others = _wrong_others(head, expected, answers)
-    if wrong_labels or wrong_votes or wrong_others:
+    wrong = {}
+    for name, reference in reference_outputs(head, expected).items():
+        if differ := _rows_that_differ(answers[name], reference):
+            wrong[name] = differ
+    if wrong:
+        found = ", ".join(f"{name} in {count}" for name, count in wrong.items())
         raise VerificationFailed(
-            f"head {head.name}: {wrong_labels} labels, {wrong_votes} votes "
-            f"and {wrong_others} other outputs of {len(rows)} rows differ",
+            f"head {head.name}: outputs differ from the reference, of {len(rows)} rows {found}",
             cause="a converter or runtime that treats the learner differently",
             next_step=REPORT_VERSIONS,
         )
@@ -258,29 +248,15 @@ def _compare(
     plain = None
     if isinstance(head.learner, FOREST_KINDS):
         plain = _disagreement(head.learner, rows[:given], learned[:given])
-    return HeadVerification(len(rows), wrong_labels, wrong_votes, plain, nodes)
+    return HeadVerification(len(rows), 0, 0, plain, nodes)
 
 
-def _wrong_others(head: Head, votes: IntArray, answers: Outputs) -> int:
-    """Rows with probabilities beyond PROBABILITY_TOLERANCE, or with a wrong weight."""
-    probability = reference_probability(head, votes)
-    if head.name != MAIN_HEAD:
-        return _far(answers[head.name], probability[:, 1])
-    if head.classes != CLASSES:
-        return _far(answers["p_situation"], probability)
-
-    by_situation = probability.reshape(len(votes), -1, 2).sum(axis=2)
-    wrong = _far(answers["p_class"], probability)
-    wrong += _far(answers["p_situation"], by_situation)
-    wrong_weights = answers["weight"] != reference_heavy(votes)
-    return wrong + int(wrong_weights.sum())
-
-
-def _far(got: npt.NDArray[Any], expected: npt.NDArray[np.float64]) -> int:
-    """Rows in which a probability is not within PROBABILITY_TOLERANCE."""
-    apart = np.abs(got - expected).reshape(len(got), -1).max(axis=1)
+def _rows_that_differ(got: npt.NDArray[Any], expected: npt.NDArray[Any]) -> int:
+    """Votes, labels and flags must be equal, probabilities within PROBABILITY_TOLERANCE."""
+    most = PROBABILITY_TOLERANCE if expected.dtype == np.float64 else 0.0
+    apart = np.abs(got.astype(float) - expected).reshape(len(got), -1).max(axis=1)
     # "not near" instead of "far": a NaN is neither, and must count
-    return int(np.sum(~(apart <= PROBABILITY_TOLERANCE)))
+    return int(np.sum(~(apart <= most)))
 
 
 def _disagreement(
