@@ -44,10 +44,8 @@ class GraphBuilder:
         An input is the name of a tensor, or numbers, which become a constant of their type:
         float64 for a float, int64 for a list of whole numbers (shapes, axes, indices).
         """
-        names = self._named(inputs)
         made = out or self._fresh(op)
-        self._nodes.append(helper.make_node(op, names, [made], **attributes))
-        return made
+        return self.nodes(op, *inputs, outs=[made], **attributes)[0]
 
     def nodes(
         self,

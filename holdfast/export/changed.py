@@ -75,8 +75,8 @@ from holdfast.export.verify import (
 )
 
 FEATURES, VOTES = "features", "votes"
-KEPT = "kept_"
-"""Begins the names of what is copied: the new step numbers its own tensors."""
+NEW = "new_"
+"""Begins the names of the new step's tensors: what is copied keeps its names."""
 PREFIX = "adapted_"
 """Begins the name of every tensor that a correction adds."""
 BEFORE = f"{PREFIX}votes_before"
@@ -206,16 +206,14 @@ def _joined(
 
     rules: of the contact rule that the votes of this name get.
     """
-    graph = GraphBuilder(spec.n_sensors)
+    # a file that was changed before has such names already
+    prefix = NEW
+    while any(node.output[0].startswith(prefix) for node in old.graph.node):
+        prefix += NEW
+    graph = GraphBuilder(spec.n_sensors, prefix)
     _, empty = add_step(graph, spec)
     constants = {one.name: one for one in old.graph.initializer}
     published = {one.name: one for one in old.graph.output}
-
-    def new_name(name: str) -> str:
-        # votes before the contact rule have a name that verification looks for
-        stays = name in published or name.startswith(learned_name(""))
-        return name if stays else KEPT + name
-
     behind = {FEATURES}
     for node in old.graph.node:
         if behind.isdisjoint(node.input):
@@ -223,20 +221,15 @@ def _joined(
         behind.update(node.output)
         for name in node.input:
             if name in constants:
-                constant = onnx.TensorProto()
-                constant.CopyFrom(constants[name])
-                constant.name = KEPT + name
-                graph.copy_constant(constant)
+                graph.copy_constant(constants[name])
 
         (made,) = node.output
-        rule = rules.get(made)
         copied = onnx.NodeProto()
         copied.CopyFrom(node)
-        copied.input[:] = [new_name(name) for name in node.input]
-        copied.output[:] = [learned_name(made) if rule else new_name(made)]
         graph.copy(copied)
-        if rule:
-            rule.add(graph, copied.output[0], empty, made)
+        if made in rules:
+            copied.output[:] = [learned_name(made)]
+            rules[made].add(graph, learned_name(made), empty, made)
         if made in published:
             graph.copy_output(published[made])
 
