@@ -80,10 +80,6 @@ class GraphBuilder:
             self._constants[key] = numpy_helper.from_array(array, name)
         return self._constants[key].name
 
-    def ints(self, *values: int) -> str:
-        """A constant int64 vector (shapes, axes, indices)."""
-        return self.constant(values, np.int64)
-
     def copy(self, node: onnx.NodeProto) -> None:
         """Add a node of another graph as it is."""
         self._nodes.append(node)
@@ -158,7 +154,7 @@ class GraphBuilder:
 
     def _unpack_state(self) -> list[onnx.NodeProto]:
         """Nodes in front of all others: clear the state of recordings that reset, then split it."""
-        rows = self.ints(*self._state_rows.values())
+        rows = self.constant(list(self._state_rows.values()), np.int64)
         fields = [f"state_{name}" for name in self._state_rows]
 
         # chosen, not multiplied: NaN x 0 is NaN, and would outlive a reset

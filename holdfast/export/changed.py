@@ -61,10 +61,8 @@ from holdfast.export.heads import (
 )
 from holdfast.export.network import LOGIT_STEPS, IntArray
 from holdfast.export.spec import StepSpec
-from holdfast.export.structure import edge_rows, hard_rows_of
+from holdfast.export.structure import edge_rows, hard_rows_of, require
 from holdfast.export.verify import (
-    CHUNK,
-    REPORT_VERSIONS,
     SINGLE_ROWS,
     AdaptedVerification,
     compare_streams,
@@ -180,8 +178,8 @@ def _with_new_step(old: onnx.ModelProto, spec: StepSpec, card: Json) -> onnx.Mod
 
     new = _joined(old, spec, rules)
     rows = _rows(old, StepSpec.from_json(card["spec"]))
-    before = run_rows(open_session(cut_learners(old)), rows, CHUNK)
-    after = run_rows(open_session(cut_learners(new)), rows, CHUNK)
+    before = run_rows(open_session(cut_learners(old)), rows)
+    after = run_rows(open_session(cut_learners(new)), rows)
     # by force the votes change, and so does all that follows from them
     follow = set(before) if rules else set()
     expected = {}
@@ -191,10 +189,10 @@ def _with_new_step(old: onnx.ModelProto, spec: StepSpec, card: Json) -> onnx.Mod
 
     if rules:
         empty = open_session(cut_learners(new, touches=False))
-        without = run_rows(empty, rows, CHUNK)
+        without = run_rows(empty, rows)
         for name, rule in rules.items():
             same = bool((without[name] == rule.without_contact()).all())
-            _require(same, f"{name} of an empty hand")
+            require(same, f"{name} of an empty hand differ from the reference")
     compare_streams(new, spec, seed=0)
     return new
 
@@ -264,19 +262,10 @@ def _require_answers(
     """Votes are as expected; what does not follow from votes is as in the old file, bit for bit."""
     for name, answers in old.items():
         if name in expected:
-            _require(np.array_equal(new[name], expected[name]), f"{name}{where}")
-        elif name not in follow:
-            _require(answers.tobytes() == new[name].tobytes(), f"{name}{where}")
-
-
-def _require(same: bool, what: str) -> None:
-    """Raise VerificationFailed unless something is the same."""
-    if not same:
-        raise VerificationFailed(
-            f"the changed file: {what} differ from the reference",
-            cause="a runtime that computes differently",
-            next_step=REPORT_VERSIONS,
-        )
+            same = np.array_equal(new[name], expected[name])
+        else:
+            same = name in follow or answers.tobytes() == new[name].tobytes()
+        require(same, f"the changed file: {name}{where} differ from the reference")
 
 
 @dataclass(frozen=True)
@@ -368,12 +357,13 @@ def verify_adapted(
     hard = np.concatenate([rows, hard_rows_of(correction, rows)])
     session = open_session(cut_learners(onnx.load_from_string(data)))
     of_base = open_session(cut_learners(onnx.load_from_string(base)))
-    old, new = run_rows(of_base, hard, CHUNK), run_rows(session, hard, CHUNK)
+    old, new = run_rows(of_base, hard), run_rows(session, hard)
     _require_corrected(old, new, hard, correction, "")
     weights = card["heads"]["situation"].get("label_weights")
     votes = situation_votes(new[VOTES].astype(np.int64))
     label = riskier_argmax(weighted(votes, weights))
-    _require(np.array_equal(new["situation"], label), "labels")
+    same = np.array_equal(new["situation"], label)
+    require(same, "labels differ from the reference")
     n_single = require_single_rows_equal(session, hard, new, SINGLE_ROWS, seed=0)
 
     spec = StepSpec.from_json(card["spec"])

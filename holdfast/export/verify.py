@@ -24,7 +24,6 @@ from holdfast.core.contract import (
     BoolArray,
     FloatArray,
 )
-from holdfast.core.errors import VerificationFailed
 from holdfast.edge_runtime.graph import (
     BATCH,
     Outputs,
@@ -47,7 +46,7 @@ from holdfast.export.heads import (
 from holdfast.export.learner import FOREST_KINDS, Forest, reference_votes
 from holdfast.export.network import IntArray
 from holdfast.export.spec import ContactRule, StepSpec
-from holdfast.export.structure import hard_rows, require_same_numbers
+from holdfast.export.structure import hard_rows, require, require_same_numbers
 
 SINGLE_ROWS = 2_000
 """Rows of each head that are computed alone: one call a row is slow."""
@@ -65,7 +64,6 @@ OF_THE_STEP = (
     "state_out",
 )
 """Outputs that exist without a learner."""
-REPORT_VERSIONS = "report the versions that holdfast doctor prints"
 
 
 @dataclass(frozen=True)
@@ -150,7 +148,7 @@ def verify(
         report(f"verifying head {head.name} on {len(rows)} rows and on its thresholds")
         # The given rows come first: by their number `_compare` tells them from the hard ones.
         hard = np.concatenate([rows, hard_rows(head.learner, rows, seed)])
-        answers = run_rows(learners, hard, CHUNK)
+        answers = run_rows(learners, hard)
         nodes = require_same_numbers(model, head)
         compared[head.name] = _compare(
             head, hard, answers, len(rows), nodes, by_force=spec.contact is not None
@@ -200,7 +198,7 @@ def decides_by_force(model: onnx.ModelProto) -> bool:
     return any(EMPTY in node.output for node in model.graph.node)
 
 
-def run_rows(session: Any, rows: npt.NDArray[Any], chunk: int) -> Outputs:
+def run_rows(session: Any, rows: npt.NDArray[Any], chunk: int = CHUNK) -> Outputs:
     """Every output of a session with one input, for all rows, `chunk` of them at once."""
     (given,) = session.get_inputs()
     names = [output.name for output in session.get_outputs()]
@@ -236,13 +234,9 @@ def _compare(
     for name, reference in reference_outputs(head, expected).items():
         if differ := _rows_that_differ(answers[name], reference):
             wrong[name] = differ
-    if wrong:
-        found = ", ".join(f"{name} in {count}" for name, count in wrong.items())
-        raise VerificationFailed(
-            f"head {head.name}: outputs differ from the reference, of {len(rows)} rows {found}",
-            cause="a converter or runtime that treats the learner differently",
-            next_step=REPORT_VERSIONS,
-        )
+    require(
+        not wrong, f"head {head.name}: outputs differ, rows of {len(rows)}: {wrong}"
+    )
 
     # scikit-learn averages probabilities, whole votes are rounded: reported, not required
     plain = None
@@ -296,12 +290,8 @@ def require_single_rows_equal(
 def _require_same(name: str, one: npt.NDArray[Any], many: npt.NDArray[Any]) -> None:
     """Raise VerificationFailed where two arrays differ in any bit."""
     # as bytes: == would take 0.0 for -0.0, and NaN for different from itself
-    if one.tobytes() != np.ascontiguousarray(many).tobytes():
-        raise VerificationFailed(
-            f"output {name!r}: a single row and a batch differ",
-            cause="an operator that rounds differently by batch size",
-            next_step=REPORT_VERSIONS,
-        )
+    same = one.tobytes() == np.ascontiguousarray(many).tobytes()
+    require(same, f"output {name!r}: a single row and a batch differ")
 
 
 def _check_ties(model: onnx.ModelProto, heads: list[Head]) -> int:
@@ -312,10 +302,8 @@ def _check_ties(model: onnx.ModelProto, heads: list[Head]) -> int:
     session = open_session(_cut(model, "votes", ["situation"]))
     votes = _tied_votes(len(main.classes))
     (got,) = session.run(None, {"votes": votes.astype(np.float32)})
-    if not np.array_equal(got, reference_label(main, votes)):
-        raise VerificationFailed(
-            "the riskier class does not win ties", next_step="report this"
-        )
+    same = np.array_equal(got, reference_label(main, votes))
+    require(same, "the riskier class does not win ties")
     return len(votes)
 
 
@@ -336,15 +324,12 @@ def _check_without_contact(
 ) -> None:
     """A hand that touches nothing is called nothing, whatever the learner says."""
     session = open_session(cut_learners(model, touches=False))
-    answers = run_rows(session, rows[:SINGLE_ROWS], CHUNK)
+    answers = run_rows(session, rows[:SINGLE_ROWS])
     wrong = bool(answers["situation"].any())
     for head in heads:
         expected = ByForce.of(head).without_contact()
         wrong |= bool((answers[head.votes_name] != expected).any())
-    if wrong:
-        raise VerificationFailed(
-            "a hand without contact is not called nothing", next_step="report this"
-        )
+    require(not wrong, "a hand without contact is not called nothing")
 
 
 def compare_streams(model: onnx.ModelProto, spec: StepSpec, seed: int) -> int:
@@ -366,13 +351,15 @@ def _compare_stream(
     alone = run_recording(session, values, valid, names)
 
     flags = reference_flags(values, valid, spec)
-    for name, expected in flags.items():
-        _require_flags(name, np.array_equal(alone[name], expected))
+    answered = {name: alone[name] for name in flags}
     if spec.contact is not None:
-        empty, _ = reference_contact(values, valid, spec, spec.contact)
-        is_nothing = alone["situation"] == NOTHING
-        _require_flags("situation", np.array_equal(is_nothing, empty))
-        _require_flags(EMPTY, np.array_equal(alone[EMPTY][:, 0], empty))
+        flags[EMPTY], _ = reference_contact(values, valid, spec, spec.contact)
+        flags["situation"] = flags[EMPTY]
+        answered[EMPTY] = alone[EMPTY][:, 0]
+        answered["situation"] = alone["situation"] == NOTHING
+    for name, expected in flags.items():
+        same = np.array_equal(answered[name], expected)
+        require(same, f"output {name!r} does not follow its rule in plain Python")
 
     # The other recordings of the batch differ in size, so that a mix-up of rows would show.
     scale = np.random.default_rng(seed).uniform(0.1, 2.0, size=BATCH)
@@ -387,14 +374,6 @@ def _compare_stream(
             _require_same(name, alone[name][t], value[BATCH // 2])
 
     return len(values) * BATCH
-
-
-def _require_flags(name: str, same: bool) -> None:
-    """Raise VerificationFailed unless an output is that of its rule in plain Python."""
-    if not same:
-        raise VerificationFailed(
-            f"output {name!r} does not follow the guard's rule", next_step="report this"
-        )
 
 
 def touching_input(

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from holdfast.core.errors import CompilerFailed, OutputError
 from holdfast.core.writing import require_writable, whole_folder, write_whole
-from holdfast.edge_runtime.c_engine import ABOUT, LIBRARY
+from holdfast.edge_runtime.c_engine import LIBRARY
 from holdfast.export.c.graph import read_graph
 from holdfast.export.c.source import CSource, c_source
 
@@ -50,16 +50,12 @@ def export_c(
     model: Path, folder: Path, *, build: bool = False, force: bool = False
 ) -> CExport:
     """Write the C form of a model. Raises a ModelError, CompilerFailed or OutputError."""
-    graph = read_graph(model)
-    names = ["holdfast.c", "holdfast.h", "holdfast_selftest.c", ABOUT]
-    if build:
-        names.append(LIBRARY)
-
+    source = c_source(read_graph(model))
+    names = [*source.files, LIBRARY] if build else [*source.files]
     # before the compiler runs, which takes a while
     _require_free(folder, names, force=force)
     require_writable(folder)
 
-    source = c_source(graph)
     contents: dict[str, str | bytes] = dict(source.files)
     selftest: list[str] = []
     if build:
