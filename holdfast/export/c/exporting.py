@@ -17,7 +17,7 @@ from holdfast.core.errors import CompilerFailed, OutputError
 from holdfast.core.writing import require_writable, whole_folder, write_whole
 from holdfast.edge_runtime.c_engine import LIBRARY
 from holdfast.export.c.graph import read_graph
-from holdfast.export.c.source import CSource, c_source
+from holdfast.export.c.source import c_source
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
 """How a library is compiled.
@@ -38,11 +38,14 @@ LONGEST_MESSAGE = 200
 class CExport:
     """What was written. selftest: what the compiled self-test printed; empty without --build.
 
-    names: of the files in the folder. source: their text, and the memory that a hand needs.
+    files: their names. The memory of one hand, in bytes: state, kept from sample to sample; tables,
+    constants that all hands of a program share; stack of one step, while it runs.
     """
 
-    names: list[str]
-    source: CSource
+    files: list[str]
+    state_bytes: int
+    table_bytes: int
+    stack_bytes: int
     selftest: list[str]
 
 
@@ -67,7 +70,9 @@ def export_c(
         for name, content in contents.items():
             write_whole(unfinished / name, content)
 
-    return CExport(names, source, selftest)
+    return CExport(
+        names, source.state_bytes, source.table_bytes, source.stack_bytes, selftest
+    )
 
 
 def _require_free(folder: Path, names: list[str], *, force: bool) -> None:
