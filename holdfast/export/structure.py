@@ -109,8 +109,8 @@ def _moved(
     """
     directions = np.array([-np.inf, 0.0, np.inf], np.float32)
     towards = rng.choice(directions, size=rows.shape)
-    beside = np.where(towards == 0.0, to, np.nextafter(to, towards))
-    return np.where(rng.random(rows.shape) < share, beside, rows)
+    moved = np.where(towards == 0.0, to, np.nextafter(to, towards))
+    return np.where(rng.random(rows.shape) < share, moved, rows)
 
 
 def largest_float32_not_above(threshold: npt.NDArray[np.float64]) -> FloatRows:
@@ -203,7 +203,7 @@ def _votes_of(exported: dict[str, Any], trees: list[Any], head: Head) -> FloatRo
 
 
 def require(same: bool, otherwise: str) -> None:
-    """Raise VerificationFailed, which says what is otherwise, unless something is the same."""
+    """Raise VerificationFailed with the text `otherwise` unless something is the same."""
     if not same:
         raise VerificationFailed(
             otherwise,

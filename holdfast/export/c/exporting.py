@@ -117,15 +117,15 @@ def compiled_library(files: Mapping[str, str]) -> tuple[bytes, str]:
 
 def find_compiler() -> str:
     """The compiler in $CC, else the first of COMPILERS. Raises CompilerFailed."""
-    wanted = os.environ.get("CC", "")
-    names = (wanted,) if wanted else COMPILERS
+    named = os.environ.get("CC", "")
+    names = (named,) if named else COMPILERS
 
     for name in names:
         path = shutil.which(name)
         if path is not None:
             return path
 
-    missing = "CC names a program that is not there" if wanted else "none is installed"
+    missing = "CC names a program that is not there" if named else "none is installed"
     raise CompilerFailed(
         f"no C compiler ({', '.join(names)})",
         cause=missing,

@@ -114,18 +114,18 @@ def _snippets(used_in: str) -> str:
     """The helpers of maths.c that a source uses, and those that they use, in their order."""
     parts = _SNIPPET.split(_template("maths.c", {}))
     helpers = dict(zip(parts[1::2], parts[2::2], strict=True))
-    wanted: set[str] = set()
+    used: set[str] = set()
     texts = [used_in]
 
     # a helper may use others: go on until no new one turns up
     while texts:
         called = set(re.findall(r"\w+", texts.pop()))
-        new = called & set(helpers) - wanted
+        new = called & set(helpers) - used
         for name in new:
-            wanted.add(name)
+            used.add(name)
             texts.append(helpers[name])
 
-    bodies = [body.strip() + "\n" for name, body in helpers.items() if name in wanted]
+    bodies = [body.strip() + "\n" for name, body in helpers.items() if name in used]
     return "\n".join(bodies)
 
 
