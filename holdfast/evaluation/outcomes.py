@@ -15,7 +15,7 @@ import numpy as np
 from holdfast.core.contract import SAFE_SLIP, SITUATIONS, Json
 from holdfast.core.trial_layout import EVENTS, RISKY_ACTIONS, read_events
 from holdfast.edge_runtime.engine import OpenedModel
-from holdfast.evaluation.alarms import delays_ms, match_alarms
+from holdfast.evaluation.alarms import event_times, match_alarms
 from holdfast.evaluation.baselines import requests_of
 from holdfast.evaluation.model_outputs import run_model
 from holdfast.evaluation.statistics import Spread, spread
@@ -192,7 +192,7 @@ def _figures(name: str, action: str, trials: Sequence[AnsweredTrial]) -> ActionF
         recognised=sum(right),
         false_alarms=sum(len(one.false_s) for one in judged),
         minutes=sum(one.minutes for one in judged),
-        delay_ms=spread(delays_ms(judged)),
+        delay_ms=spread(event_times(judged).delay_ms),
     )
 
 

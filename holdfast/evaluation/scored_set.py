@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 from holdfast.core.contract import RISKY_SLIP, SITUATIONS, BoolArray, Json, untold_of
 from holdfast.core.trial_layout import read_json
 from holdfast.edge_runtime.model_file import ModelCard
-from holdfast.evaluation.alarms import delays_ms
+from holdfast.evaluation.alarms import EventTimes, event_times
 from holdfast.evaluation.baselines import Baseline, Thresholds, requests_of
 from holdfast.evaluation.methods import (
     MethodFigures,
@@ -152,7 +153,7 @@ def score_set(
         methods=methods,
         drawn=drawn,
         central=central_trial(drawn, data.recordings),
-        to_state_ms=delays_ms(risky),
+        to_state_ms=event_times(risky).delay_ms,
     )
 
 
@@ -238,14 +239,11 @@ class EvaluatedModel:
     cannot_tell: dict[str, str]
 
 
-@dataclass
-class TimesMs:
-    """ms of every event: to the first risky state, to the alarm; the lead there was, and left."""
+class Times(NamedTuple):
+    """Times of a set's events: load onset to the first risky state, ms, and those of the alarms."""
 
-    to_state: list[float]
-    to_act: list[float] = field(default_factory=list)
-    available: list[float] = field(default_factory=list)
-    left: list[float] = field(default_factory=list)
+    to_state_ms: list[float]
+    of_events: EventTimes
 
 
 @dataclass(frozen=True)
@@ -262,7 +260,7 @@ class Evaluation:
     rows: dict[str, MethodFigures]
     mcnemar: dict[str, McNemar]
     drawn: dict[str, list[AnsweredTrial]] = field(default_factory=dict)
-    times: dict[str, TimesMs] = field(default_factory=dict)
+    times: dict[str, Times] = field(default_factory=dict)
     central: AnsweredTrial | None = None
 
     def to_json(self) -> Json:
@@ -304,7 +302,8 @@ def all_sets(
         # A set without events has no delays to draw.
         if one.figures.card.events:
             headline = one.methods[thresholds.headline]
-            times[name] = _times(headline, one.to_state_ms)
+            of_events = event_times([outcome.match for outcome in headline])
+            times[name] = Times(one.to_state_ms, of_events)
 
     model = EvaluatedModel(
         model_id=card.model_id,
@@ -326,19 +325,3 @@ def all_sets(
         times=times,
         central=central,
     )
-
-
-def _times(of: Sequence[TrialOutcome], to_state_ms: list[float]) -> TimesMs:
-    # A state may come without an alarm, so the lists differ in length.
-    times = TimesMs(to_state_ms)
-    for one in of:
-        for outcome in one.match.outcomes:
-            if outcome.delay_s is None:
-                continue
-            times.to_act.append(1e3 * outcome.delay_s)
-            # A recorded event may have an onset and no known gross slip.
-            if outcome.available_s is not None and outcome.lead_s is not None:
-                times.available.append(1e3 * outcome.available_s)
-                times.left.append(1e3 * outcome.lead_s)
-
-    return times

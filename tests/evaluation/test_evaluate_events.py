@@ -238,7 +238,7 @@ def test_detectors_fire_where_those_of_a_step_graph_with_their_thresholds_do() -
         graph = feature_graph(replace(SPEC, detectors=rules)).SerializeToString()
         expected = everywhere(steps_of(open_session(graph), ["detectors"]), streams)
         for one, fired, of_graph in zip(signals, fires, expected, strict=True):
-            cone = cone_fires(one, SPEC, ratio / 4.0)
+            cone = cone_fires(SPEC, one, ratio / 4.0)
             for name, mine in (("band_pass", fired), ("friction_cone", cone)):
                 assert mine.any()
                 column = of_graph["detectors"][:, columns.index(name)]
