@@ -174,6 +174,8 @@ def _figures(name: str, action: str, trials: Sequence[AnsweredTrial]) -> ActionF
     """Of one cell; "": of all objects, or of all actions."""
     right = []
     judged = []
+    false_alarms = 0
+    minutes = 0.0
     for one in trials:
         was_right = recognised(one)
         if was_right is not None:
@@ -181,7 +183,10 @@ def _figures(name: str, action: str, trials: Sequence[AnsweredTrial]) -> ActionF
         recording = one.trial.recording
         # A pull without a label may have slipped: its alarm may be right, so it is not judged.
         if recording.action not in RISKY_ACTIONS or recording.events:
-            judged.append(match_alarms(recording, one.requests))
+            match = match_alarms(recording, one.requests)
+            judged.append(match)
+            false_alarms += len(match.false_s)
+            minutes += match.minutes
 
     return ActionFigures(
         object=name,
@@ -190,8 +195,8 @@ def _figures(name: str, action: str, trials: Sequence[AnsweredTrial]) -> ActionF
         # Recognised of these only: without a label nothing was judged.
         labelled=len(right),
         recognised=sum(right),
-        false_alarms=sum(len(one.false_s) for one in judged),
-        minutes=sum(one.minutes for one in judged),
+        false_alarms=false_alarms,
+        minutes=minutes,
         delay_ms=spread(event_times(judged).delay_ms),
     )
 

@@ -37,6 +37,10 @@ MADE_FROM = ("title", "card_sha256", "seed", "effects")
 """Keys of a set's meta.json that its figures repeat."""
 
 
+def _json(rows: Mapping[str, MethodFigures] | Mapping[str, McNemar]) -> Json:
+    return {name: asdict(one) for name, one in rows.items()}
+
+
 @dataclass(frozen=True)
 class SetCard:
     """What a set is. made_from: those of MADE_FROM that its meta.json has.
@@ -86,9 +90,9 @@ class SetFigures:
         figures = {
             "data": self.card.to_json(),
             "windows": self.windows.to_json(),
-            "rows": {name: asdict(one) for name, one in self.rows.items()},
+            "rows": _json(self.rows),
             "states": asdict(self.states),
-            "mcnemar": {name: asdict(one) for name, one in self.mcnemar.items()},
+            "mcnemar": _json(self.mcnemar),
         }
         if self.thresholds:
             figures["thresholds"] = self.thresholds.to_json()
@@ -197,10 +201,12 @@ def _card(
 ) -> SetCard:
     meta = read_json(root / "meta.json")
     seconds = 0.0
+    events = 0
     onsets = []
     for one, trial in zip(data.recordings, trials, strict=True):
         # Each recording has a rate of its own, by which its samples count.
         seconds += len(one.samples) / one.rate_hz
+        events += len(one.events)
         onsets += trial.sources((SITUATIONS[RISKY_SLIP],))
 
     return SetCard(
@@ -214,7 +220,7 @@ def _card(
         groups=len(data.groups()),
         group_kind=data.group_kind,
         minutes=seconds / 60.0,
-        events=sum(len(one.events) for one in data.recordings),
+        events=events,
         samples=data.notes.get("samples"),
         onsets_by=counted(onsets),
         trained_on_recordings=windows.trained_on_recordings,
@@ -275,10 +281,7 @@ class Evaluation:
             "thresholds": self.thresholds.to_json(),
             "seed": self.seed,
             "sets": {name: one.to_json() for name, one in self.sets.items()},
-            "all": {
-                "rows": {name: asdict(one) for name, one in self.rows.items()},
-                "mcnemar": {name: asdict(one) for name, one in self.mcnemar.items()},
-            },
+            "all": {"rows": _json(self.rows), "mcnemar": _json(self.mcnemar)},
         }
 
 
