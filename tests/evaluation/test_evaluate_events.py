@@ -298,11 +298,6 @@ def test_voluntary_actions_are_called_where_an_act_is_requested_at_any_sample_of
     assert figures.false_alarms == figures.collar_40_ms.false_alarms == 2
 
 
-def test_the_wider_collar_forgives_what_the_narrow_one_does_not() -> None:
-    figures = figures_of([LabelledTrial(recording(EVENT), {})], at((97, 99)))
-    assert (figures.recall, figures.collar_40_ms.recall) == (0.0, 1.0)
-
-
 def answered(
     situation: np.ndarray, phases: tuple[Phase, ...] = (), risky: float = 0.0
 ) -> ModelOutputs:
