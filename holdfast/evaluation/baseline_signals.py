@@ -105,7 +105,7 @@ def _signals_graph(spec: StepSpec) -> bytes:
     return bytes(graph.model().SerializeToString())
 
 
-def cone_fires(of: DetectorSignals, spec: StepSpec, friction: float) -> BoolArray:
+def cone_fires(spec: StepSpec, of: DetectorSignals, friction: float) -> BoolArray:
     """[T] whether some usable finger, pressed hard enough, leaves the cone of this friction."""
     # A product instead of a ratio: no division by a normal force near 0.
     outside = of.shear > of.normal * friction
