@@ -155,7 +155,7 @@ def train_on_sets(
             part=progress.part,
         )
         count = f"{len(data.recordings)} recordings at {data.rate_hz:.4g} Hz"
-        describe(f"{data.name}: {data.kind}; {count}\n{windows_table(data)}")
+        describe(f"{data.name}: {data.kind}; {count}\n{_counts(data)}")
         sets.append(data)
 
     plan = PLANS[request.features](request.size, request.learner)
@@ -223,27 +223,17 @@ def _rebuilds_fixture(request: TrainingRequest) -> bool:
     return isinstance(origin, dict) and origin.get("kind") == KIND
 
 
-def windows_table(data: DataSet) -> str:
-    """Windows by class, a line for each task; in the thesis' layout object x action too."""
-    if "table" in data.notes:
-        return f"{data.notes['table']}\n\n{_on_counts(data.notes)}"
+def _counts(data: DataSet) -> str:
+    """Windows by class, a line for each task, and before they were undersampled."""
+    counts = {task: rows.class_counts() for task, rows in data.tasks.items()}
+    if "windows_natural" in data.notes:
+        counts["before undersampling"] = data.notes["windows_natural"]
 
     lines = []
-    for task, rows in data.tasks.items():
-        counts = rows.class_counts().items()
-        cells = ", ".join(f"{name} {count:,}" for name, count in counts)
-        lines.append(f"{task}: {len(rows):,} windows ({cells})")
+    for task, of_class in counts.items():
+        cells = ", ".join(f"{name} {count:,}" for name, count in of_class.items())
+        lines.append(f"{task}: {sum(of_class.values()):,} windows ({cells})")
     return "\n".join(lines)
-
-
-def _on_counts(notes: Json) -> str:
-    """The counts that were undersampled, or else the note that counts are no weights."""
-    counts = notes.get("windows_natural") or notes["windows"]
-    if counts == notes["windows"]:
-        return "in training every class weighs the same, whatever its count"
-
-    natural = ", ".join(f"{name} {count}" for name, count in counts.items())
-    return f"all windows before undersampling: {natural}"
 
 
 def warn_of_scarcity(data: DataSet, *, undersampled: bool = False) -> None:

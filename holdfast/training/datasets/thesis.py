@@ -81,15 +81,11 @@ from holdfast.training.timeline import (
 from holdfast.training.windows import (
     Choice,
     TimedTrial,
-    class_counts,
     classes_of,
-    counts_table,
-    dense_windows,
-    denser_windows,
     labelled_rows,
-    natural_windows,
     sample_counts,
     undersample,
+    windows_of,
 )
 
 WEIGHT_CAVEAT = (
@@ -139,13 +135,12 @@ def load(
 
     Where the mass of an object is not known, the task is "situations" (labels 0..3).
     channels: refuse the set if it has another number; None takes it as it is.
-    windows: training/windows.py; thesis draws by the seed; none
-    leaves the task and its counts out.
+    windows: training/windows.py; thesis draws by the seed; none leaves the task and its counts out.
     People are the groups; without at least two, every trial is its own. `notes` has the counts of
-    samples and of the windows, these also as a table, and where they were drawn from the natural
-    ones, the counts of those. rate_hz is the median over the trials to three digits, so that a
-    clock that is a microsecond off does not cost the window a sample. Raises a DataError, such as
-    RateError for a trial more than 10 % off the others, which names the place.
+    samples and of windows, and of those before undersampling. rate_hz is the median over the trials
+    to three digits, so that a clock that is a microsecond off does not cost the window a sample.
+    Raises a DataError, such as RateError for a trial more than 10 % off the others, which names the
+    place.
     """
     found = readers(root)
     if not found:
@@ -259,18 +254,13 @@ def _windows(
     notes: Json = {}
     classes = classes_of(trials)
     task = "classes" if classes == CLASSES else "situations"
-    if choice == "balanced":
-        chosen = dense_windows(trials, part)
-    elif choice == "dense":
-        chosen = denser_windows(trials, part)
-    else:
-        chosen = natural_windows(trials, part)
-        notes["windows_natural"] = class_counts(chosen, classes)
+    chosen = windows_of(trials, choice, part)
     if choice == "thesis":
+        notes["windows_natural"] = labelled_rows(chosen, classes).class_counts()
         chosen = undersample(chosen, seed)
-    notes["windows"] = class_counts(chosen, classes)
-    notes["table"] = counts_table(chosen, classes)
-    return {task: labelled_rows(chosen, classes)}, notes
+    rows = labelled_rows(chosen, classes)
+    notes["windows"] = rows.class_counts()
+    return {task: rows}, notes
 
 
 def meta_of(root: Path) -> Json:
