@@ -29,7 +29,7 @@ from holdfast.core.trial_layout import (
     weigh_it,
 )
 from holdfast.training.datasets import LAYOUTS, layout_of, load, reader_of
-from holdfast.training.datasets.thesis import common_rate, of_trials
+from holdfast.training.datasets.thesis import SetMeta, common_rate, of_trials
 from holdfast.training.datasets.trials import FOLDERS, TrialReader, read_all
 from holdfast.training.figures import in_words as counted
 from holdfast.training.judging import strictest_hold_out
@@ -190,7 +190,7 @@ def _examine_trials(report: FolderReport, root: Path, layout: str, part: Part) -
         common_rate([trial.recording for trial in trials], faults.append)
         rate_hz = trials[0].recording.rate_hz
         # Neither names nor rates change what is held out.
-        about = {"name": "", "kind": ""}
+        about = SetMeta()
         try:
             _hold_out(report, of_trials(trials, about, rate_hz, "balanced", seed=0))
         except RateError as error:

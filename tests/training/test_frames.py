@@ -19,7 +19,6 @@ from holdfast.core.errors import (
     LabelError,
     NotANumber,
     TimeError,
-    UnitError,
 )
 from holdfast.core.trial_layout import truth_path
 from holdfast.training.datasets import load
@@ -157,5 +156,5 @@ def test_a_mass_or_a_unit_is_checked(frames: dict[str, pd.DataFrame]) -> None:
         mug, masses_g={"mug": 320}, windows="natural"
     )
     assert set((heavy.tasks["classes"].label % 2).tolist()) == {1}
-    with pytest.raises(UnitError, match="lbf"):
+    with pytest.raises(LabelError, match="lbf"):
         training.recordings_from_frames(frames, unit="lbf")  # type: ignore[arg-type]

@@ -156,9 +156,9 @@ def test_a_trial_off_the_script_is_told_where_to_write_its_start(small: Path) ->
 @pytest.mark.parametrize(
     ("key", "value", "says"),
     [
-        ("action_at_s", "late", "action_at_s is 'late'"),
-        ("action_at_s", -1, "write seconds from the first row"),
-        ("masses_g", 3, "masses_g is no table"),
+        ("action_at_s", "late", "action_at_s = 'late'"),
+        ("action_at_s", -1, "action_at_s = -1; next: allowed: float > 0.0"),
+        ("masses_g", 3, "masses_g = 3"),
         ("masses_g", {"soft-ball": "heavy"}, "'heavy'"),
     ],
 )

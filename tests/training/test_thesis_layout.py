@@ -19,7 +19,6 @@ from holdfast.core.errors import (
     DataNotFound,
     LabelError,
     RateError,
-    UnitError,
 )
 from holdfast.core.trial_file import Trial, read_trial
 from holdfast.core.trial_layout import mass_g, object_name, truth_path
@@ -253,7 +252,7 @@ def slowed_down_until_no_band_is_left(root: Path) -> None:
         (renamed("hard-ball/pass", "hard-ball/juggle"), LabelError, "juggle"),
         (written("meta.json", "{"), LabelError, "meta.json"),
         (written("meta.json", "[]"), LabelError, "meta.json"),
-        (written("meta.json", '{"unit": "lbf"}'), UnitError, "lbf"),
+        (written("meta.json", '{"unit": "lbf"}'), LabelError, "lbf"),
         (
             lambda root: retime(root / TRIAL, lambda t_s: t_s * 1.2),
             RateError,

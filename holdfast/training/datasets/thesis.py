@@ -14,7 +14,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Annotated, Any
 
+import msgspec
 import numpy as np
 
 from holdfast.core.contract import (
@@ -22,7 +24,6 @@ from holdfast.core.contract import (
     NORMAL_FLOOR,
     NOTHING,
     RATE_TOLERANCE,
-    UNITS,
     Json,
     Unit,
 )
@@ -31,12 +32,11 @@ from holdfast.core.errors import (
     DataNotFound,
     LabelError,
     RateError,
-    UnitError,
 )
-from holdfast.core.trial_file import Trial, implausible_rate, read_trial
+from holdfast.core.schema import checked
+from holdfast.core.trial_file import LONGEST_S, Trial, implausible_rate, read_trial
 from holdfast.core.trial_layout import (
     LABELLED_ACTIONS,
-    MASSES_KEY,
     META,
     mass_of,
     object_name,
@@ -63,12 +63,11 @@ from holdfast.training.recording import (
     grouped,
 )
 from holdfast.training.timeline import (
-    ACTION_KEY,
     ACTION_S,
     OF_WHOLE_TRIAL,
     Phases,
     RiskyEvents,
-    action_start_s,
+    action_of_trial_s,
     events_of,
     events_of_whole_trial,
     has_phases,
@@ -150,7 +149,7 @@ def load(
             next_step="give a folder with <object>/<action>/trial_<n>.csv in it",
         )
     return assembled(
-        meta_of(root),
+        _meta_of(root),
         found,
         channels=channels,
         seed=seed,
@@ -165,7 +164,7 @@ def readers(root: Path, fault: Fault = refuse) -> list[TrialReader]:
     fault: receives the DataError of each folder that is at no trial's place. Raises one for the
     set's meta.json.
     """
-    meta = meta_of(root)
+    meta = _meta_of(root)
     return [
         TrialReader(place, partial(timed, place, root, meta))
         for place in places(root, fault)
@@ -173,7 +172,7 @@ def readers(root: Path, fault: Fault = refuse) -> list[TrialReader]:
 
 
 def assembled(
-    meta: Json,
+    meta: SetMeta,
     readers: Sequence[TrialReader],
     *,
     channels: int | None,
@@ -189,13 +188,13 @@ def assembled(
     rate_hz = common_rate(recordings)
     n_channels = 3 * recordings[0].n_sensors
     if channels not in (None, n_channels):
-        raise ChannelsNotOffered(str(meta["name"]), channels, [n_channels])
+        raise ChannelsNotOffered(meta.name, channels, [n_channels])
     return of_trials(trials, meta, rate_hz, windows, seed, span(part, READING, 1.0))
 
 
 def of_trials(
     trials: list[TimedTrial],
-    meta: Json,
+    meta: SetMeta,
     rate_hz: float,
     windows: Choice,
     seed: int,
@@ -210,20 +209,17 @@ def of_trials(
     unit = trials[0].recording.unit
     recordings, group_kind = grouped([trial.recording for trial in trials])
     return DataSet(
-        name=str(meta["name"]),
+        name=meta.name,
         recordings=recordings,
         tasks=tasks,
         rate_hz=rate_hz,
         unit=unit,
         preparation=preparation(unit),
-        kind=str(meta["kind"]),
-        redistributable=meta.get("redistributable") is True,
+        kind=meta.kind,
+        redistributable=meta.redistributable,
         caveat=_caveat(trials, meta),
         group_kind=group_kind,
         notes={
-            "layout": "thesis",
-            "recordings_by": str(meta.get("recordings by", "not stated")),
-            "seed": seed,
             "bands_hz": list(bands_for(rate_hz)),
             "samples": sample_counts(trials),
             **notes,
@@ -231,7 +227,7 @@ def of_trials(
     )
 
 
-def _caveat(trials: Sequence[TimedTrial], meta: Json) -> str:
+def _caveat(trials: Sequence[TimedTrial], meta: SetMeta) -> str:
     """The sentences that stand with every figure of these trials."""
     sources = [trial.labels_by for trial in trials]
     guessed = sources.count(OF_WHOLE_TRIAL["slip"])
@@ -241,7 +237,7 @@ def _caveat(trials: Sequence[TimedTrial], meta: Json) -> str:
         sentences.append(WEIGHT_CAVEAT)
     # Trials with phases, and those that only say slip or hold, follow no script.
     if any(source.startswith(BY_SCRIPT) for source in sources):
-        sentences.append(CAVEAT.format(at_s=meta.get(ACTION_KEY, ACTION_S)))
+        sentences.append(CAVEAT.format(at_s=meta.action_at_s))
     if guessed:
         sentences.append(SLIP_CAVEAT.format(n=guessed, of=len(trials)))
     return " ".join(sentences)
@@ -263,44 +259,34 @@ def _windows(
     return {task: rows}, notes
 
 
-def meta_of(root: Path) -> Json:
-    """The set's meta.json, with the assumption for each key it lacks. Raises a DataError."""
-    where = root / META
-    assumed = {"unit": "N", "kind": "recorded", "name": root.resolve().name}
-    meta = {**assumed, **read_json(where)}
-    require_unit(meta["unit"], where)
-    if not isinstance(meta.get(MASSES_KEY, {}), dict):
-        example = f'{{"{MASSES_KEY}": {{"mug": 320.0}}}}'
-        raise LabelError(
-            f"{MASSES_KEY} is no table", where=where, next_step=f"write {example}"
-        )
+class SetMeta(msgspec.Struct, frozen=True):
+    """The meta.json of a set, with what is assumed for a key that it lacks; others are ignored."""
 
-    # Read here for its error alone: a bad time is refused even where no trial uses the script.
-    action_start_s(meta, where)
-    return meta
+    unit: Unit = "N"
+    kind: str = "recorded"
+    name: str = ""
+    redistributable: bool = False
+    masses_g: dict[str, Any] = {}
+    action_at_s: Annotated[float, msgspec.Meta(gt=0.0, lt=LONGEST_S)] = ACTION_S
 
 
-def require_unit(unit: object, where: Path) -> None:
-    """Raise UnitError where a meta.json gives no unit that is known."""
-    if unit not in UNITS:
-        raise UnitError(
-            f"unit {unit!r} is not one of {', '.join(UNITS)}",
-            where=where,
-            next_step="write the unit the channels are in",
-        )
+def _meta_of(root: Path) -> SetMeta:
+    """The set's meta.json. Raises LabelError."""
+    name = {"name": root.resolve().name}
+    return checked(name | read_json(root / META), SetMeta, root / META, LabelError)
 
 
 def timed(
     place: TrialPlace,
     root: Path,
-    meta: Json,
+    meta: SetMeta,
     phased: Callable[[Trial], tuple[Phases, RiskyEvents]] | None = None,
 ) -> TimedTrial:
     """Read and prepare a trial. phased: gives its phases; default: its truth, else the script."""
     trial, folder = read_trial(place.path), place.object_folder
 
     trial_id = place.path.relative_to(root).with_suffix("").as_posix()
-    recording = prepared(trial, meta["unit"], trial_id)
+    recording = prepared(trial, meta.unit, trial_id)
     recording = replace(
         recording,
         object_name=object_name(folder.name) if folder else None,
@@ -308,19 +294,20 @@ def timed(
         person=place.person,
     )
 
-    action_at_s = action_start_s(meta, root / META) or ACTION_S
     if phased is None:
-        phases, events = _phased(trial, recording, action_at_s)
+        phases, events = _phased(trial, recording, meta.action_at_s)
     else:
         phases, events = phased(trial)
     truth = truth_path(trial.path)
-    mass = mass_of(folder, meta.get(MASSES_KEY)) if folder else None
+    mass = mass_of(folder, meta.masses_g) if folder else None
     return TimedTrial(
         replace(recording, phases=phases, events=events),
         heavy=mass.heavy if mass else None,
         timed=has_phases(truth) or place.action in LABELLED_ACTIONS,
         mass=mass,
-        labels_by=labels_by(truth, action_at_s, place.action) if folder else OPEN_HAND,
+        labels_by=labels_by(truth, meta.action_at_s, place.action)
+        if folder
+        else OPEN_HAND,
     )
 
 
@@ -348,8 +335,7 @@ def _phased(
         phases = read_truth(truth, trial.t_s)
     else:
         # A trial's own time goes before that of the set.
-        of_trial = action_start_s(read_json(truth), truth)
-        starts_s = of_trial or action_at_s
+        starts_s = action_of_trial_s(truth) or action_at_s
         phases = scripted(trial, recording.samples, action, name, starts_s)
     if has_phases(truth):
         return phases, read_events(truth)
