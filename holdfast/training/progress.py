@@ -111,8 +111,3 @@ Part = Callable[[float], None]
 
 def ignored(message: object) -> None:
     """A Say or a Part that shows nothing."""
-
-
-def span(part: Part, start: float, stop: float) -> Part:
-    """A Part for what lasts from one share of a stage to another."""
-    return lambda share: part(start + (stop - start) * share)

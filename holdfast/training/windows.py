@@ -49,7 +49,6 @@ from holdfast.core.contract import (
 )
 from holdfast.core.trial_layout import Mass
 from holdfast.export.spec import HISTORY_S, WINDOW_S, window_samples
-from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import NO_OBJECT, LabelledRows, Recording
 from holdfast.training.timeline import Phase
 
@@ -119,14 +118,11 @@ class _Spot:
     source: str
 
 
-def windows_of(
-    trials: Sequence[TimedTrial], choice: Choice, part: Part = ignored
-) -> pd.DataFrame:
+def windows_of(trials: Sequence[TimedTrial], choice: Choice) -> pd.DataFrame:
     """The windows of a choice, one line each; for "thesis" all that `undersample` draws from.
 
     Columns: trial (index), row (the window's last), label (of classes_of), object, action and
-    source (band-pass, friction, both, slip, keep, nothing, dense). part: receives the share of
-    trials done.
+    source (band-pass, friction, both, slip, keep, nothing, dense).
     """
     import pandas as pd  # a third of a second, which no command without windows needs
 
@@ -149,7 +145,6 @@ def windows_of(
             if weighed:
                 label = class_id(spot.situation, heavy=heavy)
             lines.append((index, spot.row, label, name, action, spot.source))
-        part((index + 1) / len(trials))
     return pd.DataFrame(lines, columns=COLUMNS)
 
 

@@ -36,7 +36,7 @@ from holdfast.training.metrics import report
 from holdfast.training.plan import RAW_BASELINE, TrainingPlan
 from holdfast.training.progress import Say, stages
 from holdfast.training.recording import DataSet
-from studies.leaky import leaky_folds
+from studies.folds import leaky_folds
 from studies.real.figures import (
     FinalModel,
     RealStudy,

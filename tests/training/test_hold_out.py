@@ -13,7 +13,7 @@ from own_data import write_meta, write_people_folders
 from holdfast.core.errors import DataError, DataNotFound, LabelError, TooFewGroups
 from holdfast.core.trial_layout import truth_path
 from holdfast.training.datasets import join, load
-from holdfast.training.recording import DataSet, grouped_folds, regrouped
+from holdfast.training.recording import DataSet, assign_groups, folds_of, regrouped
 
 PULL = "soft-ball/pull/trial_1"
 
@@ -43,7 +43,7 @@ def test_folders_of_people_make_people_the_groups_of_every_split(data: DataSet) 
     assert (data.groups(), data.group_kind) == (["p01", "p02"], "person")
     assert len(data.recordings) == 2 * 16
     people = np.array(data.group_of("classes"))
-    for train, test in grouped_folds(people, 2):
+    for train, test in folds_of(people, assign_groups(people, 2)):
         assert set(people[train]).isdisjoint(people[test])
     of = {one.trial_id: one for one in data.recordings}
     trial = of[f"p02/{PULL}"]

@@ -22,7 +22,6 @@ from holdfast.core.errors import (
     DataNotFound,
     LabelError,
     RateError,
-    TooFewGroups,
     UnitError,
     UsageError,
 )
@@ -81,7 +80,7 @@ def load(
     that is natural, to score on (training/windows.py), or none: recordings alone, which are read
     sooner. hold_out: what a group is; None for people where there are two.
 
-    Raises DataNotFound, ChannelsNotOffered, TooFewGroups, UsageError, or a DataError of the reader.
+    Raises DataNotFound, ChannelsNotOffered, UsageError, or a DataError of the reader.
     """
     root = find(name_or_path)
     layout = layout_of(root)
@@ -210,16 +209,13 @@ def reader_of(layout: str) -> Any:
 def keep_groups(data: DataSet, n_groups: int, *, seed: int = 0) -> DataSet:
     """The part of a set that n_groups people (or blocks), chosen by seed, recorded.
 
-    Raises UsageError for less than one, TooFewGroups for more than there are.
+    Raises UsageError for less than one and for more than there are.
     """
     names = data.groups()
-    next_step = f"keep 1 to {len(names)}"
-    if n_groups < 1:
-        raise UsageError(f"groups={n_groups} keeps no group", next_step=next_step)
-    if n_groups > len(names):
-        raise TooFewGroups(
+    if not 1 <= n_groups <= len(names):
+        raise UsageError(
             f"{n_groups} groups (people, blocks) requested, {len(names)} exist",
-            next_step=next_step,
+            next_step=f"keep 1 to {len(names)}",
         )
 
     kept = set(np.random.default_rng(seed).permutation(names)[:n_groups].tolist())

@@ -54,7 +54,7 @@ from holdfast.training.datasets.trials import (
     read_all,
     refuse,
 )
-from holdfast.training.progress import Part, ignored, span
+from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import (
     DataSet,
     LabelledRows,
@@ -104,8 +104,6 @@ BY_SCRIPT = "script"
 """How the source of labels begins that follow the script (timeline.labels_by)."""
 OPEN_HAND = "open hand"
 """What the labels come from where the trial is that of the hand alone."""
-READING = 0.5
-"""Of the time of `load`; the rest is for finding the windows."""
 
 
 def preparation(unit: Unit) -> Preparation:
@@ -181,7 +179,7 @@ def assembled(
     part: Part = ignored,
 ) -> DataSet:
     """A data set of trials. meta: name, kind, origin. Raises RateError, ChannelError, .."""
-    read = read_all(readers, part=span(part, 0.0, READING))
+    read = read_all(readers, part=part)
     trials = [trial for trial in read if trial]
     recordings = [trial.recording for trial in trials]
 
@@ -189,7 +187,7 @@ def assembled(
     n_channels = 3 * recordings[0].n_sensors
     if channels not in (None, n_channels):
         raise ChannelsNotOffered(meta.name, channels, [n_channels])
-    return of_trials(trials, meta, rate_hz, windows, seed, span(part, READING, 1.0))
+    return of_trials(trials, meta, rate_hz, windows, seed)
 
 
 def of_trials(
@@ -198,13 +196,12 @@ def of_trials(
     rate_hz: float,
     windows: Choice,
     seed: int,
-    part: Part = ignored,
 ) -> DataSet:
     """The data set of trials that are read. meta: name, kind, origin."""
     tasks: dict[str, LabelledRows] = {}
     notes: Json = {}
     if windows != "none":
-        tasks, notes = _windows(trials, windows, seed, part)
+        tasks, notes = _windows(trials, windows, seed)
 
     unit = trials[0].recording.unit
     recordings, group_kind = grouped([trial.recording for trial in trials])
@@ -244,13 +241,13 @@ def _caveat(trials: Sequence[TimedTrial], meta: SetMeta) -> str:
 
 
 def _windows(
-    trials: list[TimedTrial], choice: Choice, seed: int, part: Part
+    trials: list[TimedTrial], choice: Choice, seed: int
 ) -> tuple[dict[str, LabelledRows], Json]:
     """The task on the chosen windows, "classes" or "situations", and their counts for the notes."""
     notes: Json = {}
     classes = classes_of(trials)
     task = "classes" if classes == CLASSES else "situations"
-    chosen = windows_of(trials, choice, part)
+    chosen = windows_of(trials, choice)
     if choice == "thesis":
         notes["windows_natural"] = labelled_rows(chosen, classes).class_counts()
         chosen = undersample(chosen, seed)
