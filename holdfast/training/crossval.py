@@ -1,8 +1,7 @@
-"""Windows -> forest (or network, or both): cross-validation by person, learners, calibration.
+"""Windows -> forest (or network, or both), the last of four steps, with figures held out.
 
-The last of four steps: recordings (datasets), critical points, balanced windows, learner.
-Predictions are the reference's (quantised leaves, riskier class on ties), that is, the exported
-file's.
+Cross-validation by person, learners, and calibration from the held-out votes. Predictions are the
+reference's (quantised leaves, riskier class on ties), that is, the exported file's.
 """
 
 from __future__ import annotations

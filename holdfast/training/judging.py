@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from holdfast.core.errors import ClassMissing, TooFewGroups
+from holdfast.core.errors import TooFewGroups
 from holdfast.training.crossval import (
     HeldOut,
     answer_fold,
@@ -224,11 +224,7 @@ def _answers(
 
     answers = []
     for fold in folds:
-        try:
-            answers.append(answer_fold(data, features, plan, {main: fold}, seed))
-        # Inner folds need groups too.
-        except (ClassMissing, TooFewGroups):
-            return None
+        answers.append(answer_fold(data, features, plan, {main: fold}, seed))
     return HeldOut.of(data, answers)
 
 

@@ -1,4 +1,4 @@
-"""Critical points -> balanced windows of the eight classes, the third of four steps.
+"""Critical points -> balanced windows of the eight classes, third of four steps.
 
 Where the mass of an object is not known, windows are labelled with the four situations alone.
 

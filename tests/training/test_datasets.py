@@ -15,7 +15,6 @@ from holdfast.core.errors import (
     ColumnError,
     DataError,
     DataNotFound,
-    EmptyRecording,
     LabelError,
     NotANumber,
     RateError,
@@ -186,11 +185,6 @@ def rewritten(name: str, change: Callable[[str], str]) -> Callable[[Path], objec
             rewritten(PADS[0], lambda text: text.replace("\n3.0,", "\nthree,")),
             NotANumber,
             "'three'",
-        ),
-        (
-            rewritten("meta_data.csv", lambda text: text.splitlines()[0] + "\n"),
-            EmptyRecording,
-            "no rows of data",
         ),
         (
             rewritten(PADS[1], lambda text: text[: text[:-1].rindex("\n") + 1]),

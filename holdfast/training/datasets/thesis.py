@@ -1,4 +1,6 @@
-"""Reader of the thesis' layout: `<root>/[<person>/]<object>/<action>/trial_<n>.csv`.
+"""Recordings, the first of four steps: `<root>/[<person>/]<object>/<action>/trial_<n>.csv`.
+
+The thesis' layout; critical points, windows and learner follow (training/__init__.py).
 
 In the root there may be a `meta.json` {"unit", "kind", "name", "recordings by", "redistributable",
 "action_at_s", "masses_g"}; in an object's folder a `meta.json` {"mass_g"}; next to a trial its
