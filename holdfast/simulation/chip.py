@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.simulation.effect import Drawn, Effect, Parameter, Signal
-from holdfast.simulation.rows import Plan, RowEffect, Rows
+from holdfast.core.contract import FloatArray
+from holdfast.simulation.effect import Drawn, Effect, Parameter, Rows, Signal
+from holdfast.simulation.rows import Plan, RowEffect
 
 NOISE_UT = np.array([22.0, 22.0, 11.0])
 """1 sigma at 32 averaged conversions (data sheet SLYS045).
@@ -61,7 +61,8 @@ def saturation(rows: Rows, plan: Plan) -> Rows:
     """Beyond its range the chip reports its limit; the sensor is invalid."""
     limit = plan["limit_ut"]
     inside = (np.abs(rows.values) < limit).all(axis=2)
-    return Rows(np.clip(rows.values, -limit, limit), rows.valid & inside)
+    clipped = np.clip(rows.values, -limit, limit)
+    return replace(rows, values=clipped, valid=rows.valid & inside)
 
 
 def bits_plan(
@@ -77,19 +78,21 @@ def quantisation(rows: Rows, plan: Plan) -> Rows:
     return replace(rows, values=np.rint(rows.values / step) * step)
 
 
-def late_s(t_s: FloatArray, drawn: Drawn, rng: np.random.Generator) -> FloatArray:
-    """[T] by how much each sample is late, s: normal with sd_ms; the first and the last are not."""
+def late_plan(
+    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
+) -> Plan:
+    """By how much each sample is late, s: normal with sd_ms; the first and the last are not."""
     latest_s = LATEST * float(t_s[1] - t_s[0])
-    late = 1e-3 * drawn["sd_ms"] * rng.normal(size=len(t_s))
-    late = np.clip(late, -latest_s, latest_s)
+    late_s = 1e-3 * drawn["sd_ms"] * rng.normal(size=len(t_s))
+    late_s = np.clip(late_s, -latest_s, latest_s)
     # A recording keeps its ends, so that no value is taken from beyond them.
-    late[[0, -1]] = 0.0
-    return late
+    late_s[[0, -1]] = 0.0
+    return {"late_s": late_s}
 
 
-def timing_jitter(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """A sample is taken at t + e, e normal with sd_ms; value and time stamp are of that moment."""
-    late = late_s(signal.t_s, drawn, rng)
+def timing_jitter(signal: Signal, plan: Plan) -> Signal:
+    """A sample is taken late or early; value and time stamp are of that moment."""
+    late = plan["late_s"]
     if not late.any():
         return signal
 
@@ -101,8 +104,10 @@ def timing_jitter(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Sig
     return replace(signal, t_s=t_s, values=values.reshape(signal.values.shape))
 
 
-def kept_rows(t_s: FloatArray, drawn: Drawn, rng: np.random.Generator) -> BoolArray:
-    """[T] which samples come; the others are lost in bursts of 1 to 3 rows.
+def kept_plan(
+    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
+) -> Plan:
+    """Which samples come; the others are lost in bursts of 1 to 3 rows.
 
     The first two and the last come. At least two rows lie between bursts, then one begins with
     probability p at each row. So m / (m + 1 + 1 / p) of the rows are lost, m the mean length of a
@@ -125,15 +130,16 @@ def kept_rows(t_s: FloatArray, drawn: Drawn, rng: np.random.Generator) -> BoolAr
             last = min(start + bursts[start], n - 1)
             kept[max(start, 2) : last] = False
 
-    return kept
+    return {"kept": kept}
 
 
-def dropped_samples(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
+def dropped_samples(signal: Signal, plan: Plan) -> Signal:
     """A share of the samples is lost."""
-    kept = kept_rows(signal.t_s, drawn, rng)
+    kept = plan["kept"]
     values = signal.values[kept]
-    valid = signal.valid[kept]
-    return replace(signal, t_s=signal.t_s[kept], values=values, valid=valid)
+    return replace(
+        signal, t_s=signal.t_s[kept], values=values, valid=signal.valid[kept]
+    )
 
 
 def stale_plan(
@@ -157,7 +163,7 @@ def stale_plan(
 def stale_sensor(rows: Rows, plan: Plan, before: Rows) -> Rows:
     """A stuck sensor repeats its last value; it is invalid once the driver has detected it."""
     values = np.where(plan["stuck"][..., None], before.values, rows.values)
-    return Rows(values, rows.valid & ~plan["detected"])
+    return replace(rows, values=values, valid=rows.valid & ~plan["detected"])
 
 
 AVERAGES = Parameter(
@@ -199,14 +205,14 @@ TABLE = (
     Effect(
         "timing_jitter",
         "sensor",
-        timing_jitter,
+        RowEffect(late_plan, timing_jitter),
         {"sd_ms": Parameter(0.3, "ms", 0, 20, "standard deviation of a sample's time")},
         in_scene_unit=True,
     ),
     Effect(
         "dropped_samples",
         "sensor",
-        dropped_samples,
+        RowEffect(kept_plan, dropped_samples),
         {"share": Parameter(0.01, "", 0, 0.3, "share of the samples")},
         in_scene_unit=True,
     ),

@@ -193,8 +193,7 @@ class ClosedLoop:
         self.world = HandsAndObjects(trials, steps, self.spans, self.actuator, habits)
 
         self.sensors = sensors_of(scene, trials, self.spans.counts, settings.between)
-        periods = self.spans.ends - self.spans.begins
-        self.models = HandModels(model, periods)
+        self.models = HandModels(model, len(trials))
         self.evidence_p = AnswerRules.of(model.card.decision).from_p
 
         self.wearer = Wearer(trials, habits, scene.seed)
@@ -249,7 +248,7 @@ class ClosedLoop:
         overridden = self._overridden(now)
         sense = replace(sense, opening=opening, overridden=overridden)
         if self._truth is not None:
-            sense = self._truth.tell(sense, now.t_s, self.world.slips())
+            sense = self._truth.tell(sense, now.t_s, self.world.slid)
         self._p_risky = np.where(sense.known, sense.p_risky, 0.0)
         # A queue: what is decided now acts delay_samples later.
         self._late.append(self.controller.step(sense, now))
@@ -276,17 +275,15 @@ class ClosedLoop:
         end = int(self.spans.ends[k])
 
         # The outcome is read off the steps alone, so the motion needs no samples.
-        no_forces_n = np.zeros((2, 1, 3))
-        no_position_m = np.zeros((2, 3))
-        motion = self.world.motion(k, no_forces_n, no_position_m)
+        motion = self.world.motion(k, np.zeros((2, 1, 3)), np.zeros((2, 3)))
         return outcome_of(
             self.trials[k],
             motion,
+            record.of_trial(k, end - begin),
             overrode_s=float(self.wearer.overrode_s[k]),
             begin_s=begin / self.rate_hz,
             rate_hz=self.rate_hz,
             mu_hat=float(self.controller.mu_hat[k]),
-            record=record.of_trial(k, end - begin),
             gives_up_s=float(self.world.script.gives_up_s[k]),
             evidence_p=self.evidence_p,
         )

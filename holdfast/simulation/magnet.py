@@ -8,12 +8,13 @@ from __future__ import annotations
 from collections.abc import Container, Sequence
 from dataclasses import replace
 from functools import cache
+from typing import TypeVar
 
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import Drawn, Effect, Parameter, Signal
-from holdfast.simulation.rows import Plan, RowEffect, Rows
+from holdfast.simulation.effect import Drawn, Effect, Parameter, Rows
+from holdfast.simulation.rows import Plan, RowEffect
 
 UT_PER_T = 1e6
 """Microtesla in a tesla."""
@@ -265,6 +266,7 @@ TABLE = (
 EFFECTS = {effect.name: effect for effect in TABLE}
 
 
+Reported = TypeVar("Reported", bound=Rows)
 SHEAR_SHARE = 0.5
 """Largest shear of the calibration's loads over their normal force."""
 
@@ -293,16 +295,16 @@ def linear_map() -> tuple[FloatArray, FloatArray]:
     return solution.T, rest
 
 
-def calibrate(signal: Signal) -> Signal:
-    """A signal in uT as newtons, its bias not removed.
+def calibrate(rows: Reported) -> Reported:
+    """Rows in uT as newtons, its bias not removed.
 
     The magnet's own field is 23 N, that of a magnet upside down -23 N.
     """
     # The resting field stays in, as in the files of the thesis: readers recognise a reversed magnet
     # by the sign of that offset.
     matrix, _ = linear_map()
-    newton = np.einsum("ij,tsj->tsi", matrix, signal.values)
-    return replace(signal, values=newton, unit="N")
+    newton = np.einsum("ij,tsj->tsi", matrix, rows.values)
+    return replace(rows, values=newton, unit="N")
 
 
 def _read_n(forces_n: FloatArray) -> FloatArray:

@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import Drawn, Effect, Parameter
+from holdfast.simulation.effect import Drawn, Effect, Parameter, Rows
 from holdfast.simulation.magnet import MU0_OVER_4PI, UT_PER_T, dipole_ut
-from holdfast.simulation.rows import Plan, RowEffect, Rows
+from holdfast.simulation.rows import Plan, RowEffect
 
 LEAST_HEIGHT_SHARE = 0.2
 """A magnet is never pressed nearer to its chip than this share of its height."""

@@ -1,8 +1,8 @@
 """An effect of the sensor, row by row: what a whole trial and a closed loop both apply.
 
 An effect is two functions. `plan` draws everything random before the first sample; `apply` turns
-rows of readings into rows of readings and draws nothing. Rows are the samples of one trial, or one
-sample of many trials; a row depends on another one only where `apply` takes the row before.
+rows of readings into rows of readings and draws nothing. A row depends on another one only where
+`apply` takes the row before.
 """
 
 from __future__ import annotations
@@ -13,19 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.simulation.effect import Drawn, Signal
+from holdfast.core.contract import FloatArray
+from holdfast.simulation.effect import Drawn, Rows, Signal
 
 Plan = dict[str, Any]
 """Arrays by name; the first axis has a row for each sample, or one row for all samples."""
-
-
-@dataclass(frozen=True)
-class Rows:
-    """What S fingertips report in n rows: values [n, S, 3], valid [n, S]."""
-
-    values: FloatArray
-    valid: BoolArray
 
 
 @dataclass(frozen=True)
@@ -38,19 +30,17 @@ class RowEffect:
     """
 
     plan: Callable[[Drawn, np.random.Generator, FloatArray, int], Plan]
-    apply: Callable[..., Rows]
+    apply: Callable[..., Any]
     chained: bool = False
 
     def __call__(
         self, signal: Signal, drawn: Drawn, rng: np.random.Generator
     ) -> Signal:
         """A whole trial at once."""
-        sensors = signal.values.shape[1]
-        plan = self.plan(drawn, rng, signal.t_s, sensors)
-        rows = Rows(signal.values, signal.valid)
-        law = self._row_by_row if self.chained else self.apply
-        made = law(rows, plan)
-        return replace(signal, values=made.values, valid=made.valid)
+        plan = self.plan(drawn, rng, signal.t_s, signal.values.shape[1])
+        law: Any = self._row_by_row if self.chained else self.apply
+        made: Signal = law(signal, plan)
+        return made
 
     def _row_by_row(self, rows: Rows, plan: Plan) -> Rows:
         """Apply a chained effect: every row needs what became of the one before."""
@@ -65,7 +55,7 @@ class RowEffect:
             values[k] = before.values[0]
             valid[k] = before.valid[0]
 
-        return Rows(values, valid)
+        return replace(rows, values=values, valid=valid)
 
 
 def row_of(plan: Plan, k: int) -> Plan:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from holdfast.simulation.effect import (
     Effect,
     EffectBatch,
     PhysicsEffects,
+    Rows,
     Signal,
     effect_named,
     step_settings,
@@ -38,6 +39,7 @@ from holdfast.simulation.truth import Truth, truth_of
 
 BATCH = 1000
 """About this many trials are stepped together: fewer waste time on calls, more on memory."""
+Reported = TypeVar("Reported", bound=Rows)
 HAND_MOTION = "motion_m"
 """Method of an effect that moves the hand."""
 
@@ -257,7 +259,7 @@ class Scene:
         """(signal in the scene's unit, draws) of forces [T, S, 3] at t_s [T] on the sensors."""
         forces_n = sensed_of(trial.hand, forces_n)
         all_valid = np.ones(forces_n.shape[:2], dtype=np.bool_)
-        signal = Signal(t_s, forces_n, all_valid)
+        signal = Signal(forces_n, all_valid, t_s=t_s)
 
         # The order in which effects act is that of EFFECT_MODULES.
         drawn = {}
@@ -270,14 +272,14 @@ class Scene:
 
         return self.in_unit(signal), drawn
 
-    def in_unit(self, signal: Signal) -> Signal:
-        """A signal in the scene's unit."""
-        if signal.unit != "uT" or self.file.unit != "N":
-            return signal
+    def in_unit(self, rows: Reported) -> Reported:
+        """Rows in the scene's unit."""
+        if rows.unit != "uT" or self.file.unit != "N":
+            return rows
         # Only scenes with a magnet need its calibration.
         from holdfast.simulation.magnet import calibrate
 
-        return calibrate(signal)
+        return calibrate(rows)
 
     def draw(self, name: str, trial: PlannedTrial) -> Drawn:
         """Parameters of an effect in a trial."""

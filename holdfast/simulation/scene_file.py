@@ -42,7 +42,7 @@ import msgspec
 from msgspec import Meta
 
 from holdfast.core.contract import Json, Unit
-from holdfast.core.errors import CardError, HoldfastError, UsageError
+from holdfast.core.errors import CardError, UsageError
 from holdfast.core.hand_card import HandCard, hand_of_counts, read_hand_card
 from holdfast.core.schema import read, text_of
 from holdfast.simulation import STYLES, find_scene_file
@@ -175,27 +175,24 @@ def read_scene_file(
     try:
         scene = _scene(tables, path, hand)
     except ValueError as reason:
-        what, _, allowed = str(reason).partition("; allowed: ")
-        raise CardError(what, where=path, next_step=f"allowed: {allowed}") from None
+        what, _, allowed = str(reason).partition("; ")
+        raise CardError(what, where=path, next_step=allowed) from None
 
     # A chip that averages cannot read faster than it converts.
     average_s = step_settings(scene.effects).get("average_s")
     if average_s and scene.rate_hz > 1.0 / average_s:
         allowed = f"at most {1.0 / average_s:.0f} Hz, which is what the chip delivers"
-        option = "" if rate_hz is None else rate_option
-        raise _rate_refused(path, option, scene.rate_hz, allowed)
+        if rate_hz is not None:
+            raise _rate_refused(path, rate_option, rate_hz, allowed)
+        what = f"record.rate_hz = {scene.rate_hz}"
+        raise CardError(what, where=path, next_step=f"allowed: {allowed}")
     return scene
 
 
-def _rate_refused(
-    path: Path, option: str, rate_hz: float, allowed: str
-) -> HoldfastError:
-    """The error for a rate, which names who gave it: the user's option, or without one the file."""
-    if option:
-        what = f"{option}{rate_hz:g} is not a sampling rate of {path.stem}"
-        return UsageError(what, next_step=f"give {allowed}")
-    what = f"record.rate_hz = {rate_hz}"
-    return CardError(what, where=path, next_step=f"allowed: {allowed}")
+def _rate_refused(path: Path, option: str, rate_hz: float, allowed: str) -> UsageError:
+    """The error for the user's rate, which names the option and not the file."""
+    what = f"{option}{rate_hz:g} is not a sampling rate of {path.stem}"
+    return UsageError(what, next_step=f"give {allowed}")
 
 
 def _scene(tables: _Tables, path: Path, hand: HandCard) -> SceneFile:

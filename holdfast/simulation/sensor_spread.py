@@ -25,8 +25,8 @@ from dataclasses import replace
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import Drawn, Effect, Parameter
-from holdfast.simulation.rows import Plan, RowEffect, Rows
+from holdfast.simulation.effect import Drawn, Effect, Parameter, Rows
+from holdfast.simulation.rows import Plan, RowEffect
 
 
 def gain_plan(

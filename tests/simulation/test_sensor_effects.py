@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from holdfast.core.contract import FloatArray, Unit
 from holdfast.drivers.virtual.virtual_hand import FORCE_N_PER_UT
-from holdfast.simulation.effect import Signal, all_effects, stream
+from holdfast.simulation.effect import Rows, Signal, all_effects, stream
 from holdfast.simulation.magnet import (
     calibrate,
     dipole_ut,
@@ -22,7 +22,7 @@ from holdfast.simulation.magnet import (
     loads_n,
     residual_n,
 )
-from holdfast.simulation.rows import RowEffect, Rows
+from holdfast.simulation.rows import RowEffect
 from holdfast.training.datasets.thesis import preparation
 
 MU0 = 4e-7 * np.pi
@@ -87,10 +87,10 @@ RANDOM = (
 def signal(values: FloatArray, unit: Unit = "uT") -> Signal:
     """[T, 6, 3] at 100 Hz, all valid."""
     return Signal(
-        np.arange(len(values)) / RATE_HZ,
         values,
         np.ones(values.shape[:2], dtype=np.bool_),
         unit,
+        t_s=np.arange(len(values)) / RATE_HZ,
     )
 
 
