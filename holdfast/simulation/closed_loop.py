@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -39,8 +39,8 @@ from holdfast.simulation.loop_physics import HandsAndObjects, loop_end_s, spans_
 from holdfast.simulation.loop_sensing import (
     Between,
     HandModels,
+    LoopSensors,
     TrueEvidence,
-    sensors_of,
 )
 from holdfast.simulation.magnet import shear_gain_in
 from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial, may_slip
@@ -138,8 +138,7 @@ def batches(trials: Sequence[PlannedTrial]) -> list[list[int]]:
 
     # As few batches as can be, of equal size; -(-a // b) rounds up.
     count = max(1, -(-len(order) // MOST_TOGETHER))
-    size = max(1, -(-len(order) // count))
-    return [order[start : start + size] for start in range(0, len(order), size)]
+    return [part.tolist() for part in np.array_split(order, count) if part.size]
 
 
 def run_batch(
@@ -192,7 +191,9 @@ class ClosedLoop:
         steps = scene.step_settings_of(trials)
         self.world = HandsAndObjects(trials, steps, self.spans, self.actuator, habits)
 
-        self.sensors = sensors_of(scene, trials, self.spans.counts, settings.between)
+        self.sensors: Any = LoopSensors(scene, trials, self.spans.counts)
+        if settings.between is not None:
+            self.sensors = settings.between(self.sensors, trials, self.spans.counts)
         self.models = HandModels(model, len(trials))
         self.evidence_p = AnswerRules.of(model.card.decision).from_p
 
@@ -203,33 +204,30 @@ class ClosedLoop:
         self._late = [np.zeros(len(trials))] * settings.delay_samples
         self._agents_n = self.world.state.agents_n.copy()
         self._p_risky = np.zeros(len(trials))
+        self._noted: list[tuple[Any, ...]] = []
         self._truth: TrueEvidence | None = None
         if settings.true_slips is not None:
             self._truth = settings.true_slips(trials, self.rate_hz)
 
     def run(self) -> list[LoopOutcome]:
         """Run to the end."""
-        record = LoopRecord.empty(self.spans.periods, len(self.trials))
         for period in range(self.spans.periods):
             target_n = self.decide(period)
-            self.note(record, period, target_n)
+            self.note(target_n)
             self.world.advance(period, target_n)
 
-        outcomes = []
-        for k in range(len(self.trials)):
-            outcomes.append(self.outcome(k, record))
-        return outcomes
+        columns = zip(*self._noted, strict=True)
+        record = LoopRecord(*[np.array(column) for column in columns])
+        return [self.outcome(k, record) for k in range(len(self.trials))]
 
-    def note(self, record: LoopRecord, period: int, target_n: FloatArray) -> None:
+    def note(self, target_n: FloatArray) -> None:
         """Write down one sample period, before the world goes on."""
-        record.grip_n[period] = self.actuator.grip_n
-        record.own_n[period] = self.actuator.wearers_n
-        record.target_n[period] = target_n
-        record.p_risky[period] = self._p_risky
+        drive = self.actuator
+        levels = (drive.grip_n, drive.wearers_n, target_n, self._p_risky)
         touching = self.world.forces_n[:, :, 2] > 0.0
-        thumb = touching[:, : self.trials[0].hand.thumb].any(axis=1)
-        fingers = touching[:, self.trials[0].hand.thumb :].any(axis=1)
-        record.both_sides[period] = thumb & fingers
+        thumb = self.trials[0].hand.thumb
+        both = touching[:, :thumb].any(axis=1) & touching[:, thumb:].any(axis=1)
+        self._noted.append((*[level.astype(np.float32) for level in levels], both))
 
     def decide(self, period: int) -> FloatArray:
         """[B] targets of the drives at a sample, 0 for none."""

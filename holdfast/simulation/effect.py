@@ -46,7 +46,7 @@ EFFECT_MODULES = {
     "arm": "shakes",
     "tremor": "shakes",
     "knock": "shakes",
-    "fluctuation": "fluctuation",
+    "fluctuation": "shakes",
     "averaging": "chip",
     "shear_gain": "sensor_spread",
     "hysteresis": "sensor_spread",

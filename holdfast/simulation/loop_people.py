@@ -178,15 +178,6 @@ class LoopRecord:
     p_risky: npt.NDArray[np.float32]
     both_sides: BoolArray
 
-    @classmethod
-    def empty(cls, periods: int, hands: int) -> LoopRecord:
-        """Zeros [periods, hands]."""
-        shape = (periods, hands)
-        numbers = np.zeros((4, *shape), dtype=np.float32)
-        grip_n, own_n, target_n, p_risky = numbers
-        both_sides = np.zeros(shape, dtype=np.bool_)
-        return cls(grip_n, own_n, target_n, p_risky, both_sides)
-
     def of_trial(self, k: int, periods: int) -> LoopRecord:
         """The first samples of trial k."""
         return LoopRecord(*[array[:periods, k] for array in vars(self).values()])

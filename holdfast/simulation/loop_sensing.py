@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -66,7 +66,7 @@ class LoopSensors:
         law: Any = self.effects[name].make
         plans: list[Plan] = []
         for k, trial in enumerate(trials):
-            drawn = self.scene.draw(name, trial)
+            drawn = self.scene.draw(name, trial.number)
             rng = self.scene.rng(name, trial)
             plans.append(law.plan(drawn, rng, times_s[k], trial.hand.n_sensors))
             if "late_s" in plans[k]:
@@ -154,29 +154,8 @@ class LoopSensors:
         return replace(middle, values=values), rows
 
 
-class SensorReader(Protocol):
-    """What a loop reads: LoopSensors, or something between them and the model."""
-
-    def read(self, rows: IntArray, forces_n: FloatArray) -> tuple[Rows, BoolArray]:
-        """(readings, lost [B]) at samples rows [B], from forces [B, S, 3]."""
-        ...
-
-
-Between = Callable[[LoopSensors, Sequence[PlannedTrial], IntArray], SensorReader]
-"""Puts something between sensors and model: (sensors, trials, samples of each [B])."""
-
-
-def sensors_of(
-    scene: Scene,
-    trials: Sequence[PlannedTrial],
-    counts: IntArray,
-    between: Between | None,
-) -> SensorReader:
-    """The sensors of trials of counts [B] samples, with what is between them and the model."""
-    sensors = LoopSensors(scene, trials, counts)
-    if between is None:
-        return sensors
-    return between(sensors, trials, counts)
+Between = Callable[[LoopSensors, Sequence[PlannedTrial], IntArray], Any]
+"""Puts something with a `read` between sensors and model: (sensors, trials, samples of each [B])."""
 
 
 class HandModels:

@@ -113,16 +113,10 @@ class Scene:
     def trial(self, row: TrialsRow, name: str | None, number: int) -> PlannedTrial:
         """One trial; its number picks its random streams."""
         objects = self.file.objects
-        action = row.action
-        if name:
-            held = objects[name]
-        elif action == "nothing":
-            held = next(iter(objects.values()))
-        else:
-            held = NO_OBJECT
-        style = row.style
-        hand = self.file.hand
-        trial = draw_trial(number, held, action, style, row.values, self.seed, hand)
+        held = NO_OBJECT
+        if name or row.action == "nothing":
+            held = objects[name or next(iter(objects))]
+        trial = draw_trial(number, held, row, self.seed, self.file.hand)
         named = any(name in row.values for name in HOLD_KEYS)
         if not named or not trial.holds_object:
             return trial
@@ -134,7 +128,7 @@ class Scene:
         motion = HandMotion()
         for effect_name, effect in self.physics_effects.items():
             made: Any = effect.make
-            drawn = self._draw(effect_name, number)
+            drawn = self.draw(effect_name, number)
             motion.peak_m_s2 += made.peak_m_s2(drawn)
             motion.lever_m += made.lever_m(drawn)
         return in_hold(trial, row.values, rng, motion)
@@ -205,7 +199,7 @@ class Scene:
         drawn = {}
         made = []
         for name, effect in self.physics_effects.items():
-            drawn[name] = [self.draw(name, trial) for trial in trials]
+            drawn[name] = [self.draw(name, trial.number) for trial in trials]
             rngs = [self.rng(name, trial) for trial in trials]
             batch = EffectBatch(drawn[name], trials, rngs)
             made.append(effect.make(batch))
@@ -266,7 +260,7 @@ class Scene:
         for name, effect in self.sensor_effects.items():
             if effect.in_scene_unit:
                 signal = self.in_unit(signal)
-            drawn[name] = self.draw(name, trial)
+            drawn[name] = self.draw(name, trial.number)
             rng = self.rng(name, trial)
             signal = effect.sense(signal, drawn[name], rng)
 
@@ -281,12 +275,8 @@ class Scene:
 
         return calibrate(rows)
 
-    def draw(self, name: str, trial: PlannedTrial) -> Drawn:
-        """Parameters of an effect in a trial."""
-        return self._draw(name, trial.number)
-
-    def _draw(self, name: str, number: int) -> Drawn:
-        """The same, of a trial that is not planned yet."""
+    def draw(self, name: str, number: int) -> Drawn:
+        """Parameters of an effect in the trial of that number."""
         rng = stream(self.seed, number, f"{name} parameters")
         return effect_named(name).draw(self.file.effects[name], rng)
 
@@ -297,9 +287,6 @@ class Scene:
     def _steps(self, trial: PlannedTrial) -> int:
         """Number of steps of a trial, without those that effects ask for."""
         return len(grid_of(trial, self.file.rate_hz, self.file.step_s).at_s)
-
-
-"""Steps trials in a closed loop: (scene, trials, done)."""
 
 
 def apportion(total: int, counts: Sequence[int]) -> list[int]:

@@ -400,12 +400,11 @@ def _stack(grids: Sequence[Grid]) -> tuple[FloatArray, IntArray]:
 
     for trial, grid in enumerate(grids):
         n = len(grid.at_s)
-        at_s[:n, trial] = grid.at_s
         sample[:n, trial] = grid.sample
         # The times go on, so that no step has length zero.
-        times_s = np.concatenate([[grid.start_s], grid.at_s])
-        before_s, last_s = times_s[-2:]
+        before_s, last_s = np.concatenate([[grid.start_s], grid.at_s])[-2:]
         more = np.arange(1, longest - n + 1)
-        at_s[n:, trial] = last_s + (last_s - before_s) * more
+        more_s = last_s + (last_s - before_s) * more
+        at_s[:, trial] = np.concatenate([grid.at_s, more_s])
 
     return at_s, sample

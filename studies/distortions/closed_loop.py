@@ -39,7 +39,7 @@ NOT_RUN: Json = {"figures": dict.fromkeys(KEYS), "saved": {}, "blocked": {}}
 
 
 class DistortedSensors:
-    """Sensors of B hands behind a law, as closed_loop.SensorReader."""
+    """Sensors of B hands behind a law, read as LoopSensors."""
 
     def __init__(self, sensors: LoopSensors, law: Law, distortion: Distortion) -> None:
         self.sensors = sensors
