@@ -29,7 +29,7 @@ from holdfast.edge_runtime.grip import GripSense
 from holdfast.simulation.effect import Rows
 from holdfast.simulation.objects import sensed_of
 from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.rows import Plan, PlanBatch
+from holdfast.simulation.rows import Plan, PlanBatch, PlanRequest
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.script_times import Times
 
@@ -68,7 +68,8 @@ class LoopSensors:
         for k, trial in enumerate(trials):
             drawn = self.scene.draw(name, trial.number)
             rng = self.scene.rng(name, trial)
-            plans.append(law.plan(drawn, rng, times_s[k], trial.hand.n_sensors))
+            sensors = trial.hand.n_sensors
+            plans.append(law.plan(PlanRequest(drawn, rng, times_s[k], sensors)))
             if "late_s" in plans[k]:
                 # Later effects see the times at which samples are really taken.
                 times_s[k] = times_s[k] + plans[k]["late_s"]
@@ -155,7 +156,7 @@ class LoopSensors:
 
 
 Between = Callable[[LoopSensors, Sequence[PlannedTrial], IntArray], Any]
-"""Puts something with a `read` between sensors and model: (sensors, trials, samples of each [B])."""
+"""Puts something with a `read` between sensors and model: (sensors, trials, samples of each)."""
 
 
 class HandModels:

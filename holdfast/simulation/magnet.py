@@ -13,8 +13,8 @@ from typing import TypeVar
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import Drawn, Effect, Parameter, Rows
-from holdfast.simulation.rows import Plan, RowEffect
+from holdfast.simulation.effect import Effect, Parameter, Rows
+from holdfast.simulation.rows import Plan, PlanRequest, RowEffect, scaled
 
 UT_PER_T = 1e6
 """Microtesla in a tesla."""
@@ -64,11 +64,9 @@ def place_m(forces_n: FloatArray, height_mm: float | FloatArray) -> FloatArray:
     return place
 
 
-def height_plan(
-    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-) -> Plan:
+def height_plan(request: PlanRequest) -> Plan:
     """Distance of the magnet from the chip, unloaded."""
-    return {"height_mm": np.full((1, 1), drawn["height_mm"])}
+    return {"height_mm": np.full((1, 1), request["height_mm"])}
 
 
 def dipole(rows: Rows, plan: Plan) -> Rows:
@@ -80,15 +78,13 @@ def dipole(rows: Rows, plan: Plan) -> Rows:
     return replace(rows, values=dipole_ut(place_m(rows.values, plan["height_mm"])))
 
 
-def leak_plan(
-    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-) -> Plan:
+def leak_plan(request: PlanRequest) -> Plan:
     """Shares of the neighbours' field and of the other axes."""
     # A field falls as r^-3, the spacing being much larger than the height.
-    ratio = (drawn["height_mm"] / drawn["spacing_mm"]) ** 3
+    ratio = (request["height_mm"] / request["spacing_mm"]) ** 3
     return {
         "near": np.full((1, 1, 1), ratio),
-        "axes": np.full((1, 1, 1), drawn["axes"]),
+        "axes": np.full((1, 1, 1), request["axes"]),
     }
 
 
@@ -107,20 +103,20 @@ def cross_talk(rows: Rows, plan: Plan) -> Rows:
     return replace(rows, values=values + plan["near"] * near + leak)
 
 
-def turn_plan(
-    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-) -> Plan:
+def turn_plan(request: PlanRequest) -> Plan:
     """Each sensor's gain, 1 + gain_sd n, and its tilt, tilt_sd_deg n about x and y.
 
     n is standard normal. Both are drawn for each recording, so a model cannot learn the
     calibration.
     """
-    gain = 1.0 + drawn["gain_sd"] * rng.normal(size=(sensors, 1))
-    angle = np.radians(drawn["tilt_sd_deg"]) * rng.normal(size=(2, sensors))
+    gain = 1.0 + request["gain_sd"] * request.rng.normal(size=(request.sensors, 1))
+    angle = np.radians(request["tilt_sd_deg"]) * request.rng.normal(
+        size=(2, request.sensors)
+    )
     cx, cy = np.cos(angle)
     sx, sy = np.sin(angle)
-    zeros = np.zeros(sensors)
-    ones = np.ones(sensors)
+    zeros = np.zeros(request.sensors)
+    ones = np.ones(request.sensors)
 
     # Rotation matrices of all sensors, [3, 3, S] each; the one about x acts first.
     about_x = np.array([[ones, zeros, zeros], [zeros, cx, -sx], [zeros, sx, cx]])
@@ -138,32 +134,23 @@ def gain_tilt(rows: Rows, plan: Plan) -> Rows:
     return replace(rows, values=plan["gain"] * turned)
 
 
-def reversed_plan(
-    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-) -> Plan:
-    """-1 where the magnet of a sensor (1 .. S) is upside down (thesis).
+def reversed_plan(request: PlanRequest) -> Plan:
+    """-1 where the magnet of a sensor (1 .. S) is upside down (thesis), whose field flips.
 
     Those of the list are, and of the others each by chance, with probability `share`.
     """
-    sign = np.ones((1, sensors, 1))
-    if "share" in drawn:
-        sign[0, rng.uniform(size=sensors) < drawn["share"]] = -1.0
-    sign[:, _indices(drawn["sensors"])] = -1.0
-    return {"sign": sign}
+    sign = np.ones((1, request.sensors, 1))
+    if "share" in request.drawn:
+        sign[0, request.rng.uniform(size=request.sensors) < request["share"]] = -1.0
+    sign[:, _indices(request["sensors"])] = -1.0
+    return {"factor": sign}
 
 
-def magnet_reversed(rows: Rows, plan: Plan) -> Rows:
-    """The field of a magnet that is upside down flips."""
-    return replace(rows, values=rows.values * plan["sign"])
-
-
-def lost_plan(
-    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-) -> Plan:
+def lost_plan(request: PlanRequest) -> Plan:
     """From at_s on the magnets of these sensors are lost."""
-    gone = np.zeros((len(t_s), sensors, 1), dtype=np.bool_)
-    after = t_s >= drawn["at_s"]
-    gone[:, _indices(drawn["sensors"])] = after[:, None, None]
+    gone = np.zeros((len(request.t_s), request.sensors, 1), dtype=np.bool_)
+    after = request.t_s >= request["at_s"]
+    gone[:, _indices(request["sensors"])] = after[:, None, None]
     return {"gone": gone}
 
 
@@ -172,26 +159,19 @@ def magnet_lost(rows: Rows, plan: Plan) -> Rows:
     return replace(rows, values=np.where(plan["gone"], EARTH_UT, rows.values))
 
 
-def warming_plan(
-    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-) -> Plan:
+def warming_plan(request: PlanRequest) -> Plan:
     """The magnets warm by w (1 - exp(-t / tau)) degC and lose 0.12 % of their field per degree.
 
     That is for neodymium. With compensated = 1 the chip's own temperature coefficient corrects for
     it, and a tenth remains.
     """
     # A body of first order, as a hand in use.
-    approach = 1.0 - np.exp(-t_s / drawn["time_s"])
-    warm = drawn["warming_degc"] * approach
+    approach = 1.0 - np.exp(-request.t_s / request["time_s"])
+    warm = request["warming_degc"] * approach
 
-    remaining = 0.1 if drawn["compensated"] else 1.0
+    remaining = 0.1 if request["compensated"] else 1.0
     share = 0.0012 * remaining
-    return {"left": (1.0 - share * warm)[:, None, None]}
-
-
-def thermal_drift(rows: Rows, plan: Plan) -> Rows:
-    """The field that is left."""
-    return replace(rows, values=rows.values * plan["left"])
+    return {"factor": (1.0 - share * warm)[:, None, None]}
 
 
 def _indices(sensors: Sequence[float]) -> list[int]:
@@ -234,7 +214,7 @@ TABLE = (
     Effect(
         "magnet_reversed",
         "sensor",
-        RowEffect(reversed_plan, magnet_reversed),
+        RowEffect(reversed_plan, scaled),
         {
             "sensors": SENSORS,
             "share": Parameter(None, "", 0, 1, "chance of every other magnet"),
@@ -254,7 +234,7 @@ TABLE = (
     Effect(
         "thermal_drift",
         "sensor",
-        RowEffect(warming_plan, thermal_drift),
+        RowEffect(warming_plan, scaled),
         {
             "warming_degc": WARMING,
             "time_s": Parameter(300.0, "s", 1, 1e5, "time constant"),

@@ -10,10 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import Drawn, Effect, Parameter, Rows
+from holdfast.simulation.effect import Effect, Parameter, Rows
 from holdfast.simulation.magnet import MU0_OVER_4PI, UT_PER_T, dipole_ut
-from holdfast.simulation.rows import Plan, RowEffect
+from holdfast.simulation.rows import Plan, PlanRequest, RowEffect
 
 LEAST_HEIGHT_SHARE = 0.2
 """A magnet is never pressed nearer to its chip than this share of its height."""
@@ -23,18 +22,16 @@ STEP_UT = np.array([0.6, 0.6, 0.97])
 """Steps of its readings in that set."""
 
 
-def magnet_plan(
-    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-) -> Plan:
+def magnet_plan(request: PlanRequest) -> Plan:
     """The magnet's moment from its field at rest, and how far a newton moves it."""
-    height_m = 1e-3 * drawn["height_mm"]
+    height_m = 1e-3 * request["height_mm"]
     # On its axis a dipole has mu0/4pi 2 m / h^3.
-    rest_t = drawn["rest_ut"] / UT_PER_T
+    rest_t = request["rest_ut"] / UT_PER_T
     moment_a_m2 = rest_t * height_m**3 / (2.0 * MU0_OVER_4PI)
     per_n = [
-        drawn["shear_n_per_mm"],
-        drawn["shear_n_per_mm"],
-        -drawn["normal_n_per_mm"],
+        request["shear_n_per_mm"],
+        request["shear_n_per_mm"],
+        -request["normal_n_per_mm"],
     ]
     return {
         "height_m": np.full((1, 1), height_m),
@@ -57,12 +54,9 @@ def pad_magnet(rows: Rows, plan: Plan) -> Rows:
     return replace(rows, values=dipole_ut(place_m, 1.0) * plan["moment_a_m2"])
 
 
-def noise_plan(
-    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-) -> Plan:
+def noise_plan(request: PlanRequest) -> Plan:
     """White noise of each axis, times a factor."""
-    noise = drawn["noise"] * NOISE_UT * rng.normal(size=(len(t_s), sensors, 3))
-    return {"noise_ut": noise}
+    return {"noise_ut": request["noise"] * NOISE_UT * request.noise()}
 
 
 def magnetometer(rows: Rows, plan: Plan) -> Rows:

@@ -21,15 +21,38 @@ Plan = dict[str, Any]
 
 
 @dataclass(frozen=True)
+class PlanRequest:
+    """What an effect draws its plan from.
+
+    drawn    parameters of the trial; request["height_mm"] is one of them
+    rng      the effect's random stream in the trial
+    t_s      [T] times of the samples
+    sensors  S
+    """
+
+    drawn: Drawn
+    rng: np.random.Generator
+    t_s: FloatArray
+    sensors: int
+
+    def __getitem__(self, name: str) -> Any:
+        return self.drawn[name]
+
+    def noise(self) -> FloatArray:
+        """[T, S, 3] standard normal numbers from the stream."""
+        return self.rng.normal(size=(len(self.t_s), self.sensors, 3))
+
+
+@dataclass(frozen=True)
 class RowEffect:
     """The two functions of an effect; as a function itself, it acts on a whole trial.
 
-    plan     (parameters of the trial, its random stream, times [T] in s, S) -> plan
+    plan     PlanRequest -> plan
     apply    (rows, plan) -> rows
     chained  `apply` also takes what it returned for the row before (itself at the first row)
     """
 
-    plan: Callable[[Drawn, np.random.Generator, FloatArray, int], Plan]
+    plan: Callable[[PlanRequest], Plan]
     apply: Callable[..., Any]
     chained: bool = False
 
@@ -37,7 +60,8 @@ class RowEffect:
         self, signal: Signal, drawn: Drawn, rng: np.random.Generator
     ) -> Signal:
         """A whole trial at once."""
-        plan = self.plan(drawn, rng, signal.t_s, signal.values.shape[1])
+        sensors = signal.values.shape[1]
+        plan = self.plan(PlanRequest(drawn, rng, signal.t_s, sensors))
         law: Any = self._row_by_row if self.chained else self.apply
         made: Signal = law(signal, plan)
         return made
@@ -56,6 +80,16 @@ class RowEffect:
             valid[k] = before.valid[0]
 
         return replace(rows, values=values, valid=valid)
+
+
+def added(rows: Rows, plan: Plan) -> Rows:
+    """What is read, and what the plan adds to it, in the unit of the rows."""
+    return replace(rows, values=rows.values + plan["added"])
+
+
+def scaled(rows: Rows, plan: Plan) -> Rows:
+    """What is read times the plan's factor."""
+    return replace(rows, values=rows.values * plan["factor"])
 
 
 def row_of(plan: Plan, k: int) -> Plan:

@@ -199,7 +199,7 @@ def _scene(tables: _Tables, path: Path, hand: HandCard) -> SceneFile:
     """The scene of a file's tables, checked against each other. Raises ValueError."""
     objects = dict(OBJECTS)
     for name, values in tables.objects.items():
-        _require_possible(f"objects.{name}", values, OBJECT_KEYS, drawn=False)
+        _require_possible(f"objects.{name}", values, OBJECT_KEYS, OBJECT_KEYS)
         objects[name] = held_object(name, values)
 
     if ROW_KEYS & tables.every_trial.keys():
@@ -243,17 +243,20 @@ def _require_known(names: Collection[str], allowed: Collection[str], what: str) 
 
 
 def _require_possible(
-    key: str, values: Json, table: Mapping[str, Parameter], *, drawn: bool = True
+    key: str,
+    values: Json,
+    table: Mapping[str, Parameter],
+    constants: Collection[str] = (),
 ) -> None:
     """Raise ValueError for an unknown name, and for a value outside of its range.
 
-    drawn: it may be a distribution.
+    constants: names of those that cannot be drawn from a distribution.
     """
     _require_known(values, table, key)
     for name, value in values.items():
         problem = table[name].problem(value)
-        if not drawn and isinstance(value, dict):
-            problem = table[name].allowed()
+        if name in constants and isinstance(value, dict):
+            problem = f"{table[name].allowed()}, the same for every trial"
         if problem:
             raise _refused(f"{key}.{name}", value, problem)
 
@@ -312,15 +315,10 @@ def _effects(effects: Mapping[str, Json]) -> dict[str, Json]:
     """Effects with their values, in the order in which they run. Raises ValueError."""
     _require_known(effects, EFFECT_MODULES, "effect")
     for name, values in effects.items():
-        key = f"effects.{name}"
         effect = effect_named(name)
-        _require_possible(key, values, effect.parameters)
-
         # Trials are stepped together, so a constant of the step cannot be drawn for each.
-        constant = values.get(effect.constant)
-        if isinstance(constant, dict):
-            allowed = "a number, the same for every trial"
-            raise _refused(f"{key}.{effect.constant}", constant, allowed)
+        key = f"effects.{name}"
+        _require_possible(key, values, effect.parameters, (effect.constant,))
 
     # The order is that in which effects run, not that of the file.
     return {name: effects[name] for name in EFFECT_MODULES if name in effects}
