@@ -35,6 +35,16 @@ STIFFENING_N = 30.0
 EARTH_UT = np.array([20.0, 0.0, 43.0])
 """The earth's field in central Europe, the chip lying flat."""
 
+# Pads with strong magnets deep in soft lattice, above magnetometers: eFlesh (Pattabiraman 2025).
+# For scenes in uT: their field is never turned into newtons. Numbers from the authors' own probings
+# of a pad (set eflesh_calibration).
+LEAST_HEIGHT_SHARE = 0.2
+"""A magnet is never pressed nearer to its chip than this share of its height."""
+PAD_NOISE_UT = np.array([4.3, 4.3, 6.7])
+"""Rms of a resting MLX90393, x, y and z: measured on eflesh_slip, median of its channels."""
+PAD_STEP_UT = np.array([0.6, 0.6, 0.97])
+"""Steps of its readings in that set."""
+
 
 def dipole_ut(place_m: FloatArray, moment_a_m2: float = MOMENT_A_M2) -> FloatArray:
     """[.., 3] field at the chip, uT, of a dipole along z at place_m [.., 3] above it.
@@ -179,6 +189,73 @@ def _indices(sensors: Sequence[float]) -> list[int]:
     return [int(number) - 1 for number in sensors]
 
 
+def pad_plan(request: PlanRequest) -> Plan:
+    """The magnet's moment from its field at rest, and how far a newton moves it."""
+    height_m = 1e-3 * request["height_mm"]
+    # On its axis a dipole has mu0/4pi 2 m / h^3.
+    rest_t = request["rest_ut"] / UT_PER_T
+    moment_a_m2 = rest_t * height_m**3 / (2.0 * MU0_OVER_4PI)
+    per_n = [
+        request["shear_n_per_mm"],
+        request["shear_n_per_mm"],
+        -request["normal_n_per_mm"],
+    ]
+    return {
+        "height_m": np.full((1, 1), height_m),
+        "moment_a_m2": np.full((1, 1, 1), moment_a_m2),
+        "m_per_n": (1e-3 / np.array(per_n))[None, None],
+    }
+
+
+def pad_magnet(rows: Rows, plan: Plan) -> Rows:
+    """Field of a magnet that the load on its part of the pad moves, uT; its field at rest included.
+
+    The place is force over stiffness, linear: normal force pushes it towards the chip, shear moves
+    it sideways. Field: dipole_ut. For small loads z changes by 3 rest / (height k) a newton
+    of normal force, x by 1.5 rest / (height k) a newton of shear.
+    """
+    place_m = rows.values * plan["m_per_n"]
+    height_m = plan["height_m"]
+    lowest_m = LEAST_HEIGHT_SHARE * height_m
+    place_m[..., 2] = np.maximum(height_m + place_m[..., 2], lowest_m)
+    return replace(rows, values=dipole_ut(place_m, 1.0) * plan["moment_a_m2"])
+
+
+def pad_noise_plan(request: PlanRequest) -> Plan:
+    """White noise of each axis, times a factor."""
+    return {"noise_ut": request["noise"] * PAD_NOISE_UT * request.noise()}
+
+
+def magnetometer(rows: Rows, plan: Plan) -> Rows:
+    """Adds the noise of a MLX90393 and rounds to its steps, uT."""
+    noisy = rows.values + plan["noise_ut"]
+    return replace(rows, values=np.rint(noisy / PAD_STEP_UT) * PAD_STEP_UT)
+
+
+PAD_MAGNET = {
+    # Magnetometers of eflesh_slip read 4.4 to 11.5 mT at rest.
+    "rest_ut": Parameter(
+        {"uniform": [4400, 11500]}, "uT", 10, 1e5, "field at rest, on the magnet's axis"
+    ),
+    "height_mm": Parameter(
+        {"uniform": [8, 16]}, "mm", 1, 50, "from chip to magnet, unloaded"
+    ),
+    # The probed pads change by 25 to 120 uT a newton of normal force on the whole pad, and by 11 to
+    # 74 uT a newton of shear. A fifth of the load rests on each of five magnets.
+    "normal_n_per_mm": Parameter(
+        {"log_uniform": [2, 10]},
+        "N/mm",
+        0.05,
+        1000,
+        "force that moves a magnet inwards",
+    ),
+    "shear_n_per_mm": Parameter(
+        {"log_uniform": [1.5, 8]}, "N/mm", 0.05, 1000, "force that moves it sideways"
+    ),
+}
+"""Parameters of the effect `pad_magnet`."""
+PAD_NOISE = {"noise": Parameter(1.0, "", 0, 100, "of the chip's noise")}
+"""Parameter of the effect `magnetometer`."""
 HEIGHT = Parameter(2.0, "mm", 1.5, 20, "from chip to magnet, unloaded")
 SENSORS = Parameter([], "", 1, 12, "which sensors", many=True)
 SPACING = Parameter(20.0, "mm", 5, 200, "between neighbouring fingertips")
@@ -241,6 +318,22 @@ TABLE = (
             "compensated": Parameter(1.0, "", 0, 1, "1: the chip compensates"),
         },
         needs=("dipole",),
+    ),
+    Effect(
+        "pad_magnet",
+        "sensor",
+        RowEffect(pad_plan, pad_magnet),
+        PAD_MAGNET,
+        gives_unit="uT",
+        only_unit="uT",
+    ),
+    Effect(
+        "magnetometer",
+        "sensor",
+        RowEffect(pad_noise_plan, magnetometer),
+        PAD_NOISE,
+        needs=("pad_magnet",),
+        only_unit="uT",
     ),
 )
 EFFECTS = {effect.name: effect for effect in TABLE}

@@ -269,7 +269,7 @@ class Script:
         # times shut, so that a disturbance of the motor fades as the hand opens
         motor_m = 1e-3 * self.drawn("motor_mm") * pulse * shut
         closure[self.body.thumb :] += motor_m
-        closure[self.stays_open] = -OPEN_GAP_M
+        np.copyto(closure, -OPEN_GAP_M, where=self.stays_open)
         return closure
 
     def wearers_share(self, t_s: FloatArray) -> FloatArray | None:
