@@ -7,7 +7,7 @@ The target of a sample acts from that sample on; delay_samples more are the cost
 computer or bus. The loop of a trial begins a little before the hand closes, so that the model has
 settled, and ends a while after the action.
 
-A grip controller decides by its name, or the oracle, or a vibration alone.
+A grip controller decides by its name (managed), or what a study puts in its place.
 """
 
 from __future__ import annotations
@@ -25,9 +25,7 @@ from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.grip import AnswerRules, GripSense
 from holdfast.edge_runtime.grip_control import GripLoop, controller_of
 from holdfast.edge_runtime.supervisor import Limits
-from holdfast.simulation.actions import action_named
 from holdfast.simulation.drive import Actuator, Drive
-from holdfast.simulation.effect import stream
 from holdfast.simulation.loop_people import (
     Habits,
     LoopOutcome,
@@ -40,10 +38,9 @@ from holdfast.simulation.loop_sensing import (
     Between,
     HandModels,
     LoopSensors,
-    TrueEvidence,
 )
 from holdfast.simulation.magnet import shear_gain_in
-from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial, may_slip
+from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.script_times import Times
 
@@ -51,14 +48,6 @@ ROWS_TO_SPARE = 5
 """Rows by which the loop begins earlier than bias and model need."""
 MOST_TOGETHER = 500
 """Trials in a loop together: fewer waste time on calls, more on memory."""
-SPARE = 1.1
-"""Grip over what the largest load needs: a tenth to spare."""
-CLOSURES = (SPARE, 1.5, 2.0, 3.0, np.inf)
-"""How far oracles close, over what the largest load needs; the last one to the drive's ceiling."""
-REACTION_S = 0.28
-"""Median of the reaction of a wearer to a vibration, s."""
-REACTION_SPREAD = 0.25
-"""Standard deviation of the logarithm of that reaction: it is log-normal."""
 
 
 @lru_cache(maxsize=2)
@@ -89,8 +78,8 @@ Make = Callable[[Sequence[PlannedTrial], float], LoopController]
 """Makes the controller of a batch: (trials, rate in Hz)."""
 
 
-TrueSlips = Callable[[Sequence[PlannedTrial], float], TrueEvidence]
-"""Makes the true evidence of a batch: (trials, rate in Hz)."""
+TrueSlips = Callable[[Sequence[PlannedTrial], float], Any]
+"""Makes the true evidence, something with a `tell`, of a batch: (trials, rate in Hz)."""
 
 
 @dataclass(frozen=True)
@@ -205,7 +194,7 @@ class ClosedLoop:
         self._agents_n = self.world.state.agents_n.copy()
         self._p_risky = np.zeros(len(trials))
         self._noted: list[tuple[Any, ...]] = []
-        self._truth: TrueEvidence | None = None
+        self._truth: Any = None
         if settings.true_slips is not None:
             self._truth = settings.true_slips(trials, self.rate_hz)
 
@@ -240,7 +229,7 @@ class ClosedLoop:
         values = readings.values.reshape(len(self.trials), -1)
         sense = self.models.answer(values, valid)
 
-        # Only the wearer, the oracle and the vibration use the truth.
+        # Only the wearer, and a baseline of a study, use the truth.
         now = LoopTruth(rows / self.rate_hz, self.actuator.grip_n)
         opening = self.wearer.opening(now.t_s)
         overridden = self._overridden(now)
@@ -287,54 +276,6 @@ class ClosedLoop:
         )
 
 
-class Oracle:
-    """What one closure of the drive can do: it knows each trial's action, friction and load.
-
-    From the first sample after load onset it closes as fast as the drive can, until the grip is
-    `closure` times what holds the largest load that will come by kinetic friction; in a hand-over
-    it does nothing. onset_s [B]: load onset in a hand that does nothing, inf where there is none.
-
-    most_times: commands stay below so many times what the load needs; inf for the ceiling alone. A
-    drive that gets no more than that is slower.
-
-    A further closure holds more, and may also push a curved object out of the hand, so none is the
-    best for every event: a drop is preventable where any of CLOSURES keeps the object.
-    """
-
-    def __init__(
-        self,
-        trials: Sequence[PlannedTrial],
-        onset_s: FloatArray,
-        ceiling_n: float,
-        closure: float = SPARE,
-        most_times: float = np.inf,
-    ) -> None:
-        most_n = np.array([needed_grip_n(trial, most_times) for trial in trials])
-        self.most_n = np.minimum(ceiling_n, most_n)
-        risky = np.array([may_slip(trial.action) for trial in trials])
-        self.act_s = np.where(risky, onset_s, np.inf)
-        self.needed_n = np.array([needed_grip_n(trial, closure) for trial in trials])
-        self.mu_hat = np.full(len(trials), np.nan)
-
-    def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:
-        """[B] N a side; 0 for none."""
-        # A target at the ceiling moves the drive at its full speed.
-        too_weak = now.grip_n < self.needed_n
-        close_n = np.where(too_weak, self.most_n, self.needed_n)
-        return np.where(now.t_s >= self.act_s, close_n, 0.0)
-
-
-def needed_grip_n(trial: PlannedTrial, spare: float = SPARE) -> float:
-    """Grip of either side, N: `spare` times what holds the largest load by kinetic friction."""
-    weight_n = trial.object.mass_g * 1e-3 * GRAVITY_M_S2
-    load_n = action_named(trial.action).load_n(trial, weight_n)
-
-    # Coulomb: both sides hold, each with friction times its normal force
-    # The bound keeps the grip finite for an object without friction.
-    friction = max(trial.kinetic_friction, 1e-3)
-    return spare * load_n / (2.0 * friction)
-
-
 class Managed:
     """A grip controller behind margin and supervisor, for B hands."""
 
@@ -350,38 +291,6 @@ class Managed:
         # The last estimate stays.
         self.mu_hat = np.where(observed > 0.0, observed, self.mu_hat)
         return self.target_n
-
-
-class Vibration:
-    """The hand only vibrates; a wearer who did not mean it closes the hand after a while.
-
-    The wearer knows whether it was meant, and closes to what the load needs. Reaction times are
-    log-normal about 0.28 s (vibrotactile: a simple reaction of 0.2 to 0.35 s). cue_p: p(risky slip)
-    from which the hand vibrates.
-    """
-
-    def __init__(self, trials: Sequence[PlannedTrial], seed: int, cue_p: float) -> None:
-        self.cue_p = cue_p
-        # Every trial has a stream of its own, so a reaction does not depend on the batch.
-        spreads = []
-        for trial in trials:
-            rng = stream(seed, trial.number, "reaction")
-            spreads.append(np.exp(REACTION_SPREAD * rng.normal()))
-        self.reaction_s = REACTION_S * np.array(spreads)
-        self.meant = np.array([not may_slip(trial.action) for trial in trials])
-        self.needed_n = np.array([needed_grip_n(trial) for trial in trials])
-        self.felt_s = np.full(len(trials), np.inf)
-        self.mu_hat = np.full(len(trials), np.nan)
-
-    def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:
-        """[B] N a side; 0 for none."""
-        cue = sense.known & (sense.p_risky >= self.cue_p) & ~self.meant
-
-        # Only the first vibration starts a reaction.
-        first_s = np.minimum(self.felt_s, now.t_s)
-        self.felt_s = np.where(cue, first_s, self.felt_s)
-        acts = now.t_s >= self.felt_s + self.reaction_s
-        return np.where(acts, self.needed_n, 0.0)
 
 
 def managed(
@@ -401,23 +310,3 @@ def managed(
         return Managed(grip, len(trials))
 
     return make
-
-
-def oracle(
-    onset_s: dict[int, float],
-    ceiling_n: float,
-    closure: float = SPARE,
-    most_times: float = np.inf,
-) -> Make:
-    """A maker of the oracle; onset_s: trial number -> load onset in a hand that does nothing."""
-
-    def make(trials: Sequence[PlannedTrial], rate_hz: float) -> LoopController:
-        onsets = np.array([onset_s[trial.number] for trial in trials])
-        return Oracle(trials, onsets, ceiling_n, closure, most_times)
-
-    return make
-
-
-def vibration(seed: int, cue_p: float) -> Make:
-    """A maker of the vibration alone."""
-    return lambda trials, rate_hz: Vibration(trials, seed, cue_p)

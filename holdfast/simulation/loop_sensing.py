@@ -31,7 +31,6 @@ from holdfast.simulation.objects import sensed_of
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.rows import Plan, PlanBatch, PlanRequest
 from holdfast.simulation.scene import Scene
-from holdfast.simulation.script_times import Times
 
 IntArray = npt.NDArray[np.int64]
 OUTPUTS = ("p_situation", "situation", "unknown")
@@ -229,36 +228,3 @@ class HandModels:
             biases.append(bias)
 
         self._tare = np.stack(scales), np.stack(biases)
-
-
-class TrueEvidence:
-    """Tells a controller the truth about slips in place of the model, a while later.
-
-    What is lost with it is the controller's own loss. A slip that endangers the object counts from
-    danger_s on, by trial number: the load onset of a drop, inf for none. Every other slip is safe.
-    """
-
-    def __init__(
-        self,
-        trials: Sequence[PlannedTrial],
-        danger_s: Mapping[int, float],
-        late_s: float,
-        rate_hz: float,
-    ) -> None:
-        self._danger_s = np.array([danger_s[trial.number] for trial in trials])
-        self._act_s = np.array([Times.of(trial).act for trial in trials])
-        # A queue: what is true now arrives so many samples later.
-        nothing = np.zeros((2, len(trials)), dtype=np.bool_)
-        self._waiting = [nothing] * round(late_s * rate_hz)
-
-    def tell(self, sense: GripSense, t_s: FloatArray, slips: BoolArray) -> GripSense:
-        """The sense with true probabilities. t_s [B]; slips [B]: a part of a contact slips now."""
-        in_danger = t_s >= self._danger_s
-        acted = t_s >= self._act_s
-        self._waiting.append(np.stack([slips & in_danger, slips & acted & ~in_danger]))
-        risky, safe = self._waiting.pop(0)
-        return replace(
-            sense,
-            p_risky=np.where(risky, 1.0, 0.0),
-            p_safe=np.where(safe, 1.0, 0.0),
-        )
