@@ -308,7 +308,7 @@ def test_a_card_stays_with_the_step_that_is_trained(sets: dict[str, Path]) -> No
         not in spec_for(load(sets["none"], windows="natural"), ("now",)).to_json()
     )
     with pytest.raises(ChannelError, match="the card"):
-        replace(made, n_sensors=5, min_valid_sensors=0)
+        msgspec.structs.replace(made, n_sensors=5, min_valid_sensors=0)
 
 
 def test_a_damaged_card_in_a_model_is_a_typed_error() -> None:
