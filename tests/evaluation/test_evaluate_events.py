@@ -6,13 +6,13 @@ import argparse
 import json
 import re
 import warnings
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from command_line import Run
+from msgspec.structs import replace
 
 from holdfast.cli.evaluate import FORMER_OPTIONS, add_arguments
 from holdfast.cli.main import main
