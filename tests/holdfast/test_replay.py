@@ -320,7 +320,7 @@ def live_path(folder: Path) -> dict[str, str]:
     others = set(MAY_IMPORT) - {"core", "edge_runtime", "drivers", "live", "cli"}
     left_out = shutil.ignore_patterns("__pycache__", *others)
     shutil.copytree(ROOT / "holdfast", folder / "holdfast", ignore=left_out)
-    for package in ("numpy", "numpy.libs", "onnxruntime"):
+    for package in ("msgspec", "numpy", "numpy.libs", "onnxruntime"):
         if (packages / package).exists():
             (folder / package).symlink_to(packages / package)
     return {**os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
