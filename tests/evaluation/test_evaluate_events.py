@@ -13,7 +13,6 @@ import msgspec
 import numpy as np
 import pytest
 from command_line import Run
-from msgspec.structs import replace
 
 from holdfast.cli.evaluate import FORMER_OPTIONS, add_arguments
 from holdfast.cli.main import main
