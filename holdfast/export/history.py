@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from holdfast.core.contract import NORMAL_AXIS, NORMAL_FLOOR, FloatArray
 from holdfast.export.builder import GraphBuilder
+from holdfast.export.guard import GuardOutputs
 from holdfast.export.spec import StepSpec
 
 LAGS_S = (0.05, 0.10, 0.17, 0.25, 0.37, 0.50)
