@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -251,17 +250,26 @@ class Track:
         """S."""
         return len(self.field_ut[0])
 
-    @cached_property
-    def _columns(self) -> list[list[FloatArray]]:
-        """[S][3] of [T], each contiguous: numpy would copy a strided one at every call."""
-        return [
-            list(np.ascontiguousarray(one.T)) for one in self.field_ut.swapaxes(0, 1)
-        ]
-
     def at(self, now_s: float, sensor: int) -> list[float]:
-        """x, y, z of one sensor (0 .. S - 1)."""
-        columns = self._columns[sensor]
-        return [float(np.interp(now_s, self.t_s, column)) for column in columns]
+        """x, y, z of one sensor (0 .. S - 1).
+
+        Equal to np.interp to the last bit, at a tenth of its time. The arrays are read anew at each
+        call: a scene that goes on while it is read writes into them.
+        """
+        row = int(self.t_s.searchsorted(now_s, "right")) - 1
+        last = len(self.t_s) - 1
+        if row < 0 or row >= last:
+            held: list[float] = self.field_ut[min(max(row, 0), last), sensor].tolist()
+            return held
+        before, after = self.field_ut[row : row + 2, sensor].tolist()
+        from_s, to_s = self.t_s[row : row + 2].tolist()
+        field_ut = []
+        for before_ut, after_ut in zip(before, after, strict=True):
+            # the order of these operations is np.interp's, for equal bits
+            slope = (after_ut - before_ut) / (to_s - from_s)
+            field_ut.append(slope * (now_s - from_s) + before_ut)
+
+        return field_ut
 
 
 def still(field_ut: FloatArray = REST_UT, sensors: int = 6) -> Track:
