@@ -202,7 +202,7 @@ def _datagrams(where: LineUrl, clock: Any, report: Report) -> Feed:
 
 
 def _serial(where: LineUrl, clock: Any, report: Report) -> Feed:
-    from holdfast.live.links import open_port, opening_error
+    from holdfast.drivers.serial_port import open_port
 
     baud = where.options.get("baud", str(DEFAULT_BAUD))
     path = where.path
@@ -214,12 +214,8 @@ def _serial(where: LineUrl, clock: Any, report: Report) -> Feed:
         )
 
     def open_again() -> int:
-        return open_port(path, int(baud))
+        with open_port(path, int(baud)) as port:
+            return os.dup(port.fileno())
 
-    try:
-        handle = open_again()
-    except OSError as error:
-        raise opening_error(path, error) from None
-    return StreamFeed(
-        f"serial://{path}", SerialEnd(handle, open_again, clock.now_ns), report
-    )
+    end = SerialEnd(open_again(), open_again, clock.now_ns)
+    return StreamFeed(f"serial://{path}", end, report)

@@ -352,7 +352,7 @@ class _Run:
                 self.report,
             )
         else:
-            self._grip = grip.grip_to_wire(
+            self._grip = grip.grip_to_link(
                 options.grip, controller, card.rate_hz, self._clock, self.report
             )
 

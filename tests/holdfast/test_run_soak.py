@@ -37,7 +37,7 @@ from holdfast.drivers.virtual.faults import KINDS, OF_A_SENSOR
 from holdfast.drivers.virtual.virtual_hand import Track
 from holdfast.edge_runtime.commands import command_port
 from holdfast.edge_runtime.model import Model
-from holdfast.live.grip import GripOutput, controller_for, grip_to_wire
+from holdfast.live.grip import GripOutput, controller_for, grip_to_link
 from holdfast.live.hand_sources import open_live, simulated
 from holdfast.live.loop import Summary
 from holdfast.live.outputs import LineOutput, Output, close_at_end, emit_to, file_sink
@@ -115,7 +115,7 @@ class Untimed:
 class Witness:
     """Sees every answer and every command, and holds them against the laws.
 
-    arrived: sequence numbers of the commands that came by the wire in this life. unknown: answers
+    arrived: sequence numbers of the commands that came by the link in this life. unknown: answers
     with an unknown state.
     """
 
@@ -147,12 +147,10 @@ class Witness:
         self.receive()
 
     def receive(self) -> None:
-        """Take what came by the wire."""
-        with suppress(BlockingIOError):
-            while True:
-                line = json.loads(self.receiver.recv(4096))
-                self.arrived.append(line["sequence"])
-                self.last_mode = line["mode"]
+        """Wait for the next line on the link."""
+        line = json.loads(self.receiver.recv(4096))
+        self.arrived.append(line["sequence"])
+        self.last_mode = line["mode"]
 
     def close(self, reason: str = "") -> None:
         """Nothing to close."""
@@ -267,7 +265,7 @@ class Soak:
             hand_path = self._folder / "grip"
             hand_path.unlink(missing_ok=True)
             wire.bind(str(hand_path))
-            wire.setblocking(False)
+            wire.settimeout(60.0)
             stopped = stack.enter_context(stop_signals())
             lines = LineOutput([file_sink(log, "--out")], lambda line: None)
             close_at_end(stack, lines)
@@ -279,7 +277,7 @@ class Soak:
             control = controller_for("holdfast", self.model.card, lambda line: None)
             url = f"unix://{hand_path}"
             rate_hz = self.model.card.rate_hz
-            grip = grip_to_wire(url, control, rate_hz, self.clock, lambda line: None)
+            grip = grip_to_link(url, control, rate_hz, self.clock, lambda line: None)
             close_at_end(stack, grip)
             witness = Witness(grip, wire)
             # one seed: the emulated chips keep their noise, 3 MB, which is no memory of the run

@@ -199,7 +199,14 @@ def test_every_declared_dependency_is_locked():
     extras = requirement_names(
         [r for e in about["project"]["optional-dependencies"].values() for r in e]
     )
-    assert live == {"numpy", "onnxruntime", "pyusb", "libusb-package", "msgspec", "smbus2"}
+    assert live == {
+        "numpy",
+        "onnxruntime",
+        "pyusb",
+        "libusb-package",
+        "msgspec",
+        "smbus2",
+    }
     assert live <= locked_names(ROOT / "requirements/live.lock")
     dev = requirement_names(about["dependency-groups"]["dev"])
     assert live | extras | dev <= locked_names(ROOT / "requirements/dev.lock")
