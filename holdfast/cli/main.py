@@ -75,13 +75,9 @@ VERBS = {
         "find the onset of slip in a camera recording; writes a label",
     ),
     "bench": ("holdfast.cli.bench", "say whether this machine is fast enough"),
-    "selftest": (
-        "holdfast.cli.selftest",
-        "check a model file on this machine, in seconds",
-    ),
     "doctor": (
         "holdfast.cli.doctor",
-        "list what is installed, what is missing, and how to get it",
+        "list what is installed, and what is missing; doctor MODEL checks a file",
     ),
     "board": ("holdfast.cli.board", "print udev rules or a systemd unit for the board"),
     "completion": (
@@ -90,7 +86,10 @@ VERBS = {
     ),
 }
 
-MOVED = {"loop": "python -m studies loop SCENE.., or make loop, in a checkout"}
+MOVED = {
+    "loop": "python -m studies loop SCENE.., or make loop, in a checkout",
+    "selftest": "holdfast doctor MODEL",
+}
 """A word that was a command -> what does it now."""
 
 HELP = """usage: holdfast VERB [options]    (holdfast help VERB for one verb)

@@ -23,7 +23,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import msgspec
 
-from holdfast.core.errors import CardError, DataError
+from holdfast.core.errors import CardError, DataError, HoldfastError
 
 T = TypeVar("T")
 _PACKAGE = Path(__file__).resolve().parent.parent
@@ -109,14 +109,20 @@ def read(path: Path, kind: type[T], error: type[DataError] = CardError) -> T:
 
 
 def checked(
-    raw: Any, kind: type[T], where: Path | str, error: type[DataError] = CardError
+    raw: Any,
+    kind: type[T],
+    where: Path | str,
+    error: type[HoldfastError] = CardError,
+    *,
+    strict: bool = True,
 ) -> T:
     """A value that was read, as a kind; where: what its error names. Raises error.
 
+    strict: false where numbers stand as text, as in a URL.
     A Struct whose __post_init__ raises ValueError("what; allowed: what is") is heard too.
     """
     try:
-        return msgspec.convert(raw, kind)
+        return msgspec.convert(raw, kind, strict=strict)
     except msgspec.ValidationError as reason:
         what, allowed = _explained(raw, kind, str(reason))
         step = f"allowed: {allowed}" if allowed else "correct that value"

@@ -6,8 +6,8 @@ and again every `repeat_ms`. No cue cuts off the one before, and at most `most_p
 second. Urgent cues pass both rules, but never cut off another urgent one. A cue that has to wait is
 sent only if it still applies then.
 
-`holdfast run --feedback URL` sends the cues on a link of their own. One that fails is reported and
-opened again (live/hand_link.py); the loop never waits for it. The last line is the cue `unknown`: nothing
+`holdfast run --feedback URL` sends the cues on a link of their own, which is opened again where it
+fails (live/hand_link.py); the loop never waits for it. The last line is the cue `unknown`: nothing
 looks after the grip any more.
 """
 

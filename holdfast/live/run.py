@@ -24,7 +24,6 @@ from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.bias import ZeroWatch
-from holdfast.live.hand_sources import open_live, shear_gain_of
 from holdfast.live.loop import Emit, Summary, report_summary, run_live
 from holdfast.live.outputs import (
     LineOutput,
@@ -44,7 +43,8 @@ from holdfast.live.running import (
     stop_signals,
     until,
 )
-from holdfast.live.sources import SetReader, force_of, resting_of
+from holdfast.live.scene_source import shear_gain_of
+from holdfast.live.sources import SetReader, force_of, open_live, resting_of
 
 if TYPE_CHECKING:
     from holdfast.edge_runtime.intent import IntentMonitor

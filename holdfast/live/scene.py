@@ -23,8 +23,8 @@ import numpy.typing as npt
 from holdfast.core.errors import UsageError
 from holdfast.drivers.virtual.virtual_hand import Track
 from holdfast.edge_runtime.supervisor import EXPIRES_MS, GripCommand
-from holdfast.live.hand_sources import planned_scene
 from holdfast.live.running import RunClock
+from holdfast.live.scene_source import planned_scene
 from holdfast.simulation.drive import Actuator, Drive
 from holdfast.simulation.loop_people import Habits
 from holdfast.simulation.loop_physics import HandsAndObjects, Spans

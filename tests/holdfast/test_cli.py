@@ -83,7 +83,6 @@ OFTEN = (
     "onset",
     "repair",
     "replay",
-    "selftest",
 )
 
 

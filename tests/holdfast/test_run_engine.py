@@ -26,8 +26,8 @@ from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.model import Model
 from holdfast.export.c.exporting import export_c
 from holdfast.export.exporting import model_card, seal
-from holdfast.live.hand_sources import open_live
 from holdfast.live.run import answer
+from holdfast.live.sources import open_live
 
 ROOT = Path(__file__).resolve().parents[2]
 FAULT = "nack:3@1%2B0.2"

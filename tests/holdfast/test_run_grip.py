@@ -34,7 +34,6 @@ from holdfast.edge_runtime.grip import CONTROLLERS
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.supervisor import GripCommand
 from holdfast.live.grip import GripOutput, controller_for, grip_to_link, grip_to_scene
-from holdfast.live.hand_sources import open_live, planned_scene, shear_gain_of
 from holdfast.live.outputs import emit_to
 from holdfast.live.run import (
     NO_SHEAR_GAIN,
@@ -43,6 +42,8 @@ from holdfast.live.run import (
     known_shear_gain,
 )
 from holdfast.live.scene import ROWS_HZ, STEP_S, drive_of
+from holdfast.live.scene_source import planned_scene, shear_gain_of
+from holdfast.live.sources import open_live
 from holdfast.simulation.magnet import shear_gain as magnet_gain
 
 PERIOD_NS = 1e9 / 150

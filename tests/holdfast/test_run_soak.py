@@ -38,12 +38,13 @@ from holdfast.drivers.virtual.virtual_hand import Track
 from holdfast.edge_runtime.commands import command_port
 from holdfast.edge_runtime.model import Model
 from holdfast.live.grip import GripOutput, controller_for, grip_to_link
-from holdfast.live.hand_sources import open_live, simulated
 from holdfast.live.loop import Summary
 from holdfast.live.outputs import LineOutput, Output, close_at_end, emit_to, file_sink
 from holdfast.live.run import answer
 from holdfast.live.running import stop_signals
 from holdfast.live.scene import SceneClock, Still
+from holdfast.live.scene_source import simulated
+from holdfast.live.sources import open_live
 
 SOAK_S = float(os.environ.get("HOLDFAST_SOAK_S", "3600"))
 SEED = int(os.environ.get("HOLDFAST_SOAK_SEED", "1"))

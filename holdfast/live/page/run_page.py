@@ -209,7 +209,6 @@ def open_run_page(
         "source": source,
         "answers": True,
         "grip": with_grip,
-        "saves": True,
         "actions": ACTIONS,
     }
     return RunPage(open_page(address, about, report), card, report, shear_gain)

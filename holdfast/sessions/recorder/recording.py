@@ -18,10 +18,9 @@ from holdfast.core.trial_layout import checked_name
 from holdfast.drivers.calibration import read_calibration
 from holdfast.drivers.hand import LiveHand
 from holdfast.live.bias import MeasuredBias, measure_bias, require_good
-from holdfast.live.hand_sources import open_live
 from holdfast.live.intent import intent_monitor
 from holdfast.live.running import first_in_line
-from holdfast.live.sources import LINES, STANDARD_INPUT, force_of
+from holdfast.live.sources import LINES, STANDARD_INPUT, force_of, open_live
 from holdfast.sessions.camera import CameraProcess
 from holdfast.sessions.recorder.folder import (
     RECORDING,

@@ -14,9 +14,8 @@ from urllib.parse import parse_qs
 from holdfast.core.errors import UsageError
 from holdfast.core.source import SourceReading
 from holdfast.core.trial_layout import DISCARDED, META
-from holdfast.live.hand_sources import open_live
 from holdfast.live.running import NO_PRIORITY
-from holdfast.live.sources import SIM, force_of, split_url
+from holdfast.live.sources import SIM, force_of, open_live, split_url
 from holdfast.sessions.recorder.folder import (
     KEPT,
     RECORDING,

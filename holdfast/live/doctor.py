@@ -12,16 +12,16 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 LIVE_PATH = "live path"
 EXTRAS = {
-    LIVE_PATH: ("numpy", "onnxruntime", "pyusb", "libusb-package", "smbus2"),
+    LIVE_PATH: ("numpy", "msgspec", "onnxruntime", "pyusb", "libusb-package", "smbus2"),
     "train": ("scikit-learn", "skl2onnx", "onnx", "scipy", "pandas", "skops", "rich"),
-    "viz": ("matplotlib",),
+    "viz": ("matplotlib", "jinja2"),
     "camera": ("depthai",),
     "completion": ("shtab",),
     "dask": ("distributed",),
@@ -30,6 +30,8 @@ EXTRAS = {
     "mcap": ("mcap", "mcap-protobuf-support", "foxglove-schemas-protobuf"),
     "parquet": ("pyarrow",),
     "ros2": ("rosbags",),
+    "serial": ("pyserial",),
+    "view": ("rich",),
     "xdf": ("pyxdf",),
     "xlsx": ("openpyxl",),
 }
@@ -52,32 +54,29 @@ class Finding:
 Check = Callable[[], list[Finding]]
 
 
-def examine(data_sets: Check, settings: Check) -> list[Finding]:
+def examine(data_sets: Check, settings: Check) -> Iterator[Finding]:
     """All findings; a check that raises becomes a finding too.
 
     data_sets, settings: the checks of packages above this one.
     """
     # from what everything needs to what only a live hand needs
-    checks: list[tuple[str, Check]] = [
-        ("machine", _machine),
-        ("packages", _packages),
-        ("onnxruntime", _runtime),
-        ("data sets", data_sets),
-        ("model", _models),
-        ("settings", settings),
-        ("libusb", _libusb),
-        ("bridges", _bridges),
-        ("i2c", _native_buses),
-        ("udev", _udev),
-        ("clock", _clock),
-        ("governor", _governor),
-        ("priority", _priority),
-    ]
-
-    findings: list[Finding] = []
-    for name, check in checks:
-        findings += _safely(name, check)
-    return findings
+    checks: dict[str, Check] = {
+        "machine": _machine,
+        "packages": _packages,
+        "onnxruntime": _runtime,
+        "data sets": data_sets,
+        "model": _models,
+        "settings": settings,
+        "libusb": _libusb,
+        "bridges": _bridges,
+        "i2c": _native_buses,
+        "udev": _udev,
+        "clock": _clock,
+        "governor": _governor,
+        "priority": _priority,
+    }
+    for name, check in checks.items():
+        yield from _safely(name, check)
 
 
 def _safely(name: str, check: Check) -> list[Finding]:
@@ -114,41 +113,26 @@ def missing_of(extra: str) -> list[str]:
 
 
 def _packages() -> list[Finding]:
-    """Those of the live path and of extras that are there; the other extras in one line."""
+    """The live path, each extra that is there, and the other extras in one line."""
     findings = []
     absent = []
     for extra, names in EXTRAS.items():
         missing = missing_of(extra)
-        # pandas comes with another extra, and is no part of lerobot by itself
-        own = [name for name in names if _extras_of(name) == [extra]]
-        if not missing or extra == LIVE_PATH or not set(own) <= set(missing):
-            findings += _extra(extra, missing)
+        there = [name for name in names if name not in missing]
+        if not missing:
+            version = importlib.metadata.version
+            found = ", ".join(f"{name} {version(name)}" for name in there)
+            findings.append(Finding(extra, "ok", found))
+        elif extra == LIVE_PATH:
+            found = f"not installed: {', '.join(missing)}"
+            findings.append(Finding(extra, "missing", found, "pip install holdfast"))
         else:
             absent.append(extra)
 
     if absent:
-        found = f"not installed: {', '.join(absent)}"
+        found = f"not installed, or in part: {', '.join(absent)}"
         step = "pip install 'holdfast[NAME]' for one that you want"
         findings.append(Finding("extras", "ok", found, step))
-    return findings
-
-
-def _extras_of(package: str) -> list[str]:
-    return [extra for extra, names in EXTRAS.items() if package in names]
-
-
-def _extra(extra: str, missing: list[str]) -> list[Finding]:
-    """One line for each package that is there, and one for those that are not."""
-    findings = []
-    for name in EXTRAS[extra]:
-        if name not in missing:
-            version = importlib.metadata.version(name)
-            findings.append(Finding(f"{name} ({extra})", "ok", version))
-
-    if missing:
-        wanted = "holdfast" if extra == LIVE_PATH else f"'holdfast[{extra}]'"
-        found = f"not installed: {', '.join(missing)}"
-        findings.append(Finding(extra, "missing", found, f"pip install {wanted}"))
     return findings
 
 
