@@ -8,7 +8,6 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from holdfast.cli.command import STDOUT, add_json_option, show, write_found
-from holdfast.cli.settings import DEFAULT, read_settings
 
 if TYPE_CHECKING:
     from holdfast.live.doctor import Finding
@@ -66,18 +65,19 @@ def _data_sets() -> list[Finding]:
 
 def _settings() -> list[Finding]:
     """Each value of holdfast.toml here, and where it comes from."""
+    from holdfast.cli.settings import DEFAULT, read_settings
     from holdfast.core.errors import HoldfastError
     from holdfast.live.doctor import Finding
 
     try:
-        settings = read_settings([])
+        path, settings = read_settings([])
     # a file of settings with a mistake is a finding like any other
     except HoldfastError as error:
         return [Finding("settings", "broken", str(error), error.next_step)]
-    if settings.path is None:
+    if path is None:
         found = f"no {DEFAULT} here: options come from the command line"
         return [Finding("settings", "ok", found)]
     return [
-        Finding(f"setting {name}", "ok", f"{value} (from {settings.path})")
-        for name, value in settings.values.items()
+        Finding(f"setting {name}", "ok", f"{value} (from {path})")
+        for name, value in settings.given().items()
     ]

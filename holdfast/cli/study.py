@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 MODEL = Path("holdfast-150hz")
 
 
+OLD_OPTIONS = {"--intent": "--wearer URL"}
+"""An option of earlier versions -> what to write instead."""
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
@@ -115,7 +119,7 @@ def options_of(args: argparse.Namespace) -> StudyOptions:
         rate=args.rate,
         anyway=args.anyway,
         seconds=args.seconds,
-        intent=args.intent,
+        intent=args.wearer,
         hand=args.hand,
     )
     return StudyOptions(recording, args.rehearse)

@@ -30,9 +30,10 @@ from holdfast.core.contract import (
     Unit,
 )
 from holdfast.core.errors import DeviceLost, DeviceNotFound, RateError
+from holdfast.core.hand_lines import NOT_UNDERSTOOD, Skipped
 from holdfast.core.lsl_streams import StreamFacts, order_of, unit_of
 from holdfast.core.source import SourceReading
-from holdfast.edge_runtime.intent import Intent, ItemReader, intent_of
+from holdfast.edge_runtime.wearer import Intent, intent_of
 
 FIRST_S = 5.0
 """An opened stream must send within this time."""
@@ -232,7 +233,7 @@ class LslIntent:
         self._say = say
         self._is_text = facts.is_text
         self._offset_ns = now_ns() - round(1e9 * inlet.clock_s())
-        self._reader = ItemReader(say)
+        self._skipped = Skipped("wearer", say, now_ns)
         self._ended = False
 
     def came(self) -> list[Intent]:
@@ -249,15 +250,15 @@ class LslIntent:
             return list(self._inlet.pull(0.0))
         except DeviceLost:
             if not self._ended:
-                self._say(f"intent: lsl://{self._inlet.facts.name} ended")
+                self._say(f"wearer: lsl://{self._inlet.facts.name} ended")
             self._ended = True
             return []
 
     def _item(self, stamp_s: float, values: Sequence[Any]) -> Intent | None:
         t_ns = min(round(1e9 * stamp_s) + self._offset_ns, self._now_ns())
-        wants = values[0] if self._is_text else ""
-
-        def read() -> Intent:
-            return intent_of(wants, t_ns)
-
-        return self._reader.item(read, str(values))
+        try:
+            return intent_of(values[0] if self._is_text else "", t_ns)
+        except ValueError as error:
+            shown = f"{str(values)[:80]} is skipped: {NOT_UNDERSTOOD} ({error})"
+            self._skipped.count(NOT_UNDERSTOOD, shown)
+            return None

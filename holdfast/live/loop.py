@@ -32,9 +32,9 @@ from holdfast.core.contract import (
 )
 from holdfast.core.errors import count_of
 from holdfast.core.source import SelfPaced, Source, SourceReading
-from holdfast.edge_runtime.commands import Command
 from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.preparation import Tare
+from holdfast.edge_runtime.wearer import Command
 
 STAGES = ("read", "convert", "step", "decide", "emit")
 REMEMBERED = 1 << 16

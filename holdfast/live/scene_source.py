@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -9,16 +10,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from holdfast.core.contract import FloatArray
 from holdfast.core.errors import UsageError
 from holdfast.drivers.replay import Replay
 from holdfast.live.running import progress_of, say
-from holdfast.live.sources import SIM, Report, SourceUrl, ToForce, source_url
+from holdfast.live.source_url import SIM, SourceUrl, source_url
 
 if TYPE_CHECKING:
     from holdfast.drivers.virtual.virtual_hand import Track
     from holdfast.simulation.protocol import PlannedTrial
     from holdfast.simulation.scene import Scene, SimulatedTrial
 
+Report = Callable[[str], None]
 FIELD_HZ = 1000.0
 """Rate of a scene's field for the virtual chips, each of which converts it at its time."""
 
@@ -178,7 +181,7 @@ def shear_gain_of(url: str, calibration: Path | None) -> float | None:
     return shear_gain_in(_trials_of(source_url(url))[0].file.effects)
 
 
-def scene_force() -> ToForce:
+def scene_force() -> Callable[[FloatArray], FloatArray]:
     """The calibration of the scenes' sensors, for a virtual hand without a calibration."""
     from holdfast.drivers.virtual.virtual_hand import FORCE_N_PER_UT
 

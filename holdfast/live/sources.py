@@ -1,23 +1,4 @@
-"""Where samples come from: one table of URLs, the same for every command, and the files with them.
-
-    usb://ft232h?number=0                     a bridge on USB
-    i2c://1                                   the board's own bus, /dev/i2c-1
-    virtual://ft232h?scene=pull-soft-ball     the same driver on an emulated bridge; also seed,
-              &fault=nack:3@1.5%2B0.2         trial, and faults (drivers/virtual/virtual_hand.py)
-    lsl://NAME?unit=N                         a stream of the lab streaming layer (extra `lsl`)
-    -, stdin://                               lines of any program: JSON objects, or CSV below a
-                                              header; paced=1: a recording, at its own pace
-    unix:///PATH                              datagrams of lines to a file with permissions 0600
-    serial:///dev/ttyACM0?baud=115200         lines of a serial port (extra `serial`)
-    sim://SCENE?seed=S&trial=N&trials=K       trials of a scene, simulated now, end to end
-    replay://PATH, PATH                       a recorded trial, at its own pace
-    replay://SET#N, SET#N                     trial N (or its name) of a data set
-
-A hand also has layout=mux (drivers/layout.py), averages=32 and together=1 (a trigger makes all
-fingers convert at one moment). Lines also have map=FILE (a column map), unit=N (without a map),
-rate_hz=150 (else measured) and stamps=arrival or sender. What comes over a network is piped:
-nc -l 9000 | holdfast run --source -
-"""
+"""What opens a source of samples: one table, scheme by scheme (source_url.py has the URLs)."""
 
 from __future__ import annotations
 
@@ -27,20 +8,27 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
-from urllib.parse import SplitResult, parse_qs, unquote, urlsplit
-
-import msgspec
+from typing import TYPE_CHECKING, Any
 
 from holdfast.core.contract import FloatArray, Unit
-from holdfast.core.errors import CardError, UnitError, UsageError
-from holdfast.core.schema import checked
+from holdfast.core.errors import CardError, DataNotFound, UnitError, UsageError
 from holdfast.core.source import Source
-from holdfast.drivers.bridges import BRIDGES, open_virtual
 from holdfast.drivers.bridges import open_bus as open_bridge
+from holdfast.drivers.bridges import open_virtual
 from holdfast.drivers.replay import PacedReplay, Replay, open_replay
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.live.running import say
+from holdfast.live.scene_source import field_of, scene_force, simulated_stream
+from holdfast.live.source_url import (
+    HANDS,
+    REPLAY,
+    SIM,
+    LineOptions,
+    SourceUrl,
+    StdinOptions,
+    source_url,
+    stream_name,
+)
 
 if TYPE_CHECKING:
     from holdfast.core.column_map import ColumnMap
@@ -49,129 +37,11 @@ if TYPE_CHECKING:
     from holdfast.drivers.line_feeds import Feed
     from holdfast.drivers.virtual.virtual_hand import VirtualHand
 
-STANDARD_INPUT = "-"
-"""The same as stdin://."""
-REPLAY, SIM = "replay://", "sim://"
-MOST_DIGITS = 17
 Report = Callable[[str], None]
 ToForce = Callable[[FloatArray], FloatArray]
 """Field [sensors, 3] -> force [sensors, 3]."""
 SetReader = Callable[[str, int | None], Replay]
 """(SET#N, channels) -> trial N of a labelled set, prepared. Sets are read by packages above."""
-Count = Annotated[int, msgspec.Meta(ge=0, lt=10**MOST_DIGITS)]
-RateHz = Annotated[float, msgspec.Meta(ge=1.0, le=10_000.0)]
-
-
-# -- what may stand behind the ? of a URL
-
-
-class _Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """None."""
-
-
-class _HandOptions(_Options, frozen=True):
-    layout: str = "mux"
-    # the chip averages 2^0 to 2^5 conversions, and its register has no other values
-    averages: Literal[1, 2, 4, 8, 16, 32] = 32
-    together: bool = False
-    bus_hz: Count = 400_000
-    number: Count = 0
-
-
-class _VirtualOptions(_HandOptions, frozen=True):
-    scene: str = ""
-    trial: Count = 0
-    seed: Count = 0
-    fault: tuple[str, ...] = ()
-
-
-class _SceneOptions(_Options, frozen=True):
-    seed: Count = 0
-    trial: Count = 0
-    trials: Count = 1
-    rate_hz: float | None = None
-
-
-class _StreamOptions(_Options, frozen=True):
-    unit: Unit | None = None
-    rate_hz: RateHz | None = None
-
-
-class _LineOptions(_StreamOptions, frozen=True):
-    map: str | None = None
-    stamps: Literal["arrival", "sender"] = "arrival"
-
-
-class _StdinOptions(_LineOptions, frozen=True):
-    paced: bool | None = None
-
-
-class _SerialOptions(_LineOptions, frozen=True):
-    baud: Count = 115_200
-
-
-class SourceUrl(NamedTuple):
-    """A URL in parts: scheme, name or path, and options of the scheme's Struct."""
-
-    url: str
-    scheme: str
-    name: str
-    options: Any
-
-
-def source_url(url: str) -> SourceUrl:
-    """The parts of a source's URL. Raises UsageError."""
-    if url == STANDARD_INPUT:
-        url = "stdin://"
-    # a path, and that of a replay, may have any letter in it
-    if "://" not in url or url.startswith(REPLAY):
-        return SourceUrl(url, "replay", url.removeprefix(REPLAY), _Options())
-
-    parts = split_url(url)
-    if parts.scheme in ("tcp", "udp"):
-        raise UsageError(
-            f"--source {url[:80]!r}: samples do not come over a network",
-            next_step="pipe them, as nc -l 9000 | holdfast run --source -",
-        )
-    if parts.scheme not in SOURCES:
-        schemes = ", ".join(f"{scheme}://" for scheme in SOURCES)
-        raise UsageError(f"{url[:80]!r}: no such source", next_step=f"one of {schemes}")
-
-    name = unquote(parts.netloc + parts.path)
-    if parts.scheme in ("usb", "virtual") and name not in BRIDGES:
-        step = f"one of {', '.join(BRIDGES)}"
-        raise UsageError(f"{url!r}: no bridge {name!r}", next_step=step)
-    # an option that is given twice counts by its last value, but for faults
-    raw: dict[str, Any] = parse_qs(parts.query, keep_blank_values=True)
-    raw = {key: raw[key] if key == "fault" else raw[key][-1] for key in raw}
-    kind = SOURCES[parts.scheme].options
-    options = checked(raw, kind, f"{parts.scheme}://", UsageError, strict=False)
-    return SourceUrl(url, parts.scheme, name, options)
-
-
-def split_url(url: str) -> SplitResult:
-    """The parts of a URL. Raises UsageError."""
-    try:
-        return urlsplit(url)
-    except ValueError as error:
-        raise UsageError(
-            f"{url[:80]!r} is not a URL ({error})",
-            next_step="write SCHEME://NAME?key=value",
-        ) from None
-
-
-def is_standard_input(url: str) -> bool:
-    """Whether a source is what is piped into the program, so that no key can be read from there."""
-    return url == STANDARD_INPUT or url.startswith("stdin:")
-
-
-def is_hand(url: str) -> bool:
-    """Whether a URL is a hand or a stream, which has no end of its own, unlike a recording."""
-    scheme = "stdin" if url == STANDARD_INPUT else split_url(url).scheme
-    return scheme in (*HANDS, "lsl", *LINES)
-
-
-# -- opening
 
 
 @dataclass(frozen=True)
@@ -205,7 +75,7 @@ def open_live(
     """
     source = source_url(url)
     opening = _Opening(clock, report, to_force, field, read_set)
-    return SOURCES[source.scheme].open(source, opening)
+    return OPENERS[source.scheme](source, opening)
 
 
 def open_source(
@@ -221,8 +91,6 @@ def open_source(
     """
     source = source_url(url)
     if source.scheme == "sim":
-        from holdfast.live.scene_source import simulated_stream
-
         stream = simulated_stream(source)
     elif source.scheme != "replay":
         raise UsageError(
@@ -232,9 +100,10 @@ def open_source(
     elif read_set and "#" in source.name and not Path(source.name).exists():
         return read_set(source.name, channels)
     elif not Path(source.name).exists():
-        raise UsageError(
-            f"--source {url[:80]!r}: no such file, and a URL begins with its scheme",
-            next_step=f"one of {', '.join(f'{scheme}://' for scheme in SOURCES)}",
+        raise DataNotFound(
+            "no such file, and a URL begins with its scheme",
+            where=url[:80],
+            next_step=f"one of {', '.join(f'{scheme}://' for scheme in OPENERS)}",
         )
     else:
         stream = open_replay(source.name)
@@ -281,8 +150,6 @@ def _hand(source: SourceUrl, opening: _Opening) -> Source:
 
 
 def _virtual(source: SourceUrl, opening: _Opening) -> Source:
-    from holdfast.live.scene_source import scene_force
-
     hand = _virtual_hand(source, opening)
     bridge = open_virtual(source.name, hand, source.options.bus_hz)
     live = _started(bridge, source, opening, opening.to_force or scene_force())
@@ -323,7 +190,6 @@ def _virtual_hand(source: SourceUrl, opening: _Opening) -> VirtualHand:
     from holdfast.drivers.layout import read_layout
     from holdfast.drivers.virtual.faults import read_fault
     from holdfast.drivers.virtual.virtual_hand import VirtualHand, wiring_of
-    from holdfast.live.scene_source import field_of
 
     options = source.options
     places = read_layout(options.layout)
@@ -365,23 +231,13 @@ def _stream(source: SourceUrl, opening: _Opening) -> Source:
     )
 
 
-def stream_name(name: str) -> str:
-    """A name of an LSL stream. Raises UsageError."""
-    # liblsl finds a stream by a query in which the name stands between quotes
-    if not name or "'" in name:
-        raise UsageError(
-            f"{name[:40]!r} is no name of a stream", next_step="lsl://NAME"
-        )
-    return name
-
-
 def _lines(source: SourceUrl, opening: _Opening) -> Source:
-    from holdfast.drivers.line_source import LineOptions, LineSource
+    from holdfast.drivers import line_source
     from holdfast.drivers.sample_lines import SampleReader
 
     options = source.options
     column_map = _column_map(options)
-    own_unit = options.unit or "N"
+    own_unit: Unit = options.unit or "N"
     unit = column_map.unit_of_values if column_map else own_unit
     if opening.to_force is not None and unit != "uT":
         raise UsageError(
@@ -391,19 +247,21 @@ def _lines(source: SourceUrl, opening: _Opening) -> Source:
 
     rate_hz = options.rate_hz or (column_map.time.rate_hz if column_map else None)
     paced = source.scheme == "stdin" and _is_paced(options)
-    how = LineOptions(options.stamps, rate_hz, paced)
+    how = line_source.LineOptions(options.stamps, rate_hz, paced)
     reader = SampleReader(column_map, own_unit)
     with ExitStack() as on_error:
-        feed = _feed(source, opening)
+        feed = open_feed(source, opening.clock, opening.report, "--source")
         on_error.callback(feed.close)
         opening.report(f"{feed.name}: waiting for the first samples")
         clock = opening.clock
-        lines = LineSource(feed, reader, clock, opening.report, how, opening.to_force)
+        lines = line_source.LineSource(
+            feed, reader, clock, opening.report, how, opening.to_force
+        )
         on_error.pop_all()
     return lines
 
 
-def _column_map(options: _LineOptions) -> ColumnMap | None:
+def _column_map(options: LineOptions) -> ColumnMap | None:
     if options.map is None:
         return None
     if options.unit is not None:
@@ -419,13 +277,17 @@ def _column_map(options: _LineOptions) -> ColumnMap | None:
     return column_map
 
 
-def _is_paced(options: _StdinOptions) -> bool:
+def _is_paced(options: StdinOptions) -> bool:
     # a file is there as a whole, and a pipe is written as time goes by
     is_file = stat.S_ISREG(os.fstat(0).st_mode)
     return is_file if options.paced is None else options.paced
 
 
-def _feed(source: SourceUrl, opening: _Opening) -> Feed:
+def open_feed(source: SourceUrl, clock: Any, report: Report, option: str) -> Feed:
+    """What reads the lines of a stdin, unix or serial URL. option: its name for people.
+
+    Raises UsageError, DeviceError.
+    """
     from holdfast.core.hand_lines import line_url, unix_listener
     from holdfast.drivers.line_feeds import (
         DatagramFeed,
@@ -436,16 +298,16 @@ def _feed(source: SourceUrl, opening: _Opening) -> Feed:
 
     path = source.name
     if source.scheme == "stdin":
-        return StreamFeed("stdin", StandardInput(), opening.report)
+        return StreamFeed("stdin", StandardInput(), report)
     if not path.startswith("/") or path == "/":
         raise UsageError(
-            f"--source {source.url[:80]!r} is not an address",
+            f"{option} {source.url[:80]!r} is not an address",
             next_step=f"{source.scheme}:///PATH, with three slashes",
         )
     name = f"{source.scheme}://{path}"
     if source.scheme == "unix":
         with ExitStack() as stack:
-            listener = unix_listener(line_url(name), "samples", stack)
+            listener = unix_listener(line_url(name), option, stack)
             return DatagramFeed(name, listener, stack.pop_all().close)
 
     from holdfast.drivers.serial_port import open_port
@@ -454,31 +316,22 @@ def _feed(source: SourceUrl, opening: _Opening) -> Feed:
         with open_port(path, source.options.baud) as port:
             return os.dup(port.fileno())
 
-    end = SerialEnd(open_again(), open_again, opening.clock.now_ns)
-    return StreamFeed(name, end, opening.report)
+    end = SerialEnd(open_again(), open_again, clock.now_ns)
+    return StreamFeed(name, end, report)
 
 
-class SourceKind(NamedTuple):
-    """The options of a scheme, and what opens it."""
-
-    options: type[_Options]
-    open: Callable[[SourceUrl, _Opening], Source]
-
-
-SOURCES = {
-    "usb": SourceKind(_HandOptions, _hand),
-    "i2c": SourceKind(_HandOptions, _hand),
-    "virtual": SourceKind(_VirtualOptions, _virtual),
-    "lsl": SourceKind(_StreamOptions, _stream),
-    "stdin": SourceKind(_StdinOptions, _lines),
-    "unix": SourceKind(_LineOptions, _lines),
-    "serial": SourceKind(_SerialOptions, _lines),
-    "sim": SourceKind(_SceneOptions, _recording),
-    "replay": SourceKind(_Options, _recording),
+OPENERS: dict[str, Callable[[SourceUrl, _Opening], Source]] = {
+    "usb": _hand,
+    "i2c": _hand,
+    "virtual": _virtual,
+    "lsl": _stream,
+    "stdin": _lines,
+    "unix": _lines,
+    "serial": _lines,
+    "sim": _recording,
+    "replay": _recording,
 }
-"""Scheme -> what it is."""
-HANDS = ("usb", "i2c", "virtual")
-LINES = ("stdin", "unix", "serial")
+"""Scheme -> what opens it."""
 
 
 # -- the files of a hand

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
-    from holdfast.edge_runtime.intent import Intent, IntentMonitor
+    from holdfast.edge_runtime.wearer import Intent, IntentMonitor
 
 REFRESH_S, PLAIN_S = 0.125, 1.0
 """Between two pictures, and between two plain lines."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from holdfast.core.errors import DataNotFound
 from holdfast.drivers.replay import Replay
-from holdfast.live.sources import MOST_DIGITS
+from holdfast.live.source_url import MOST_DIGITS
 
 
 def read_set_trial(name: str, channels: int | None) -> Replay:

@@ -28,7 +28,7 @@ from holdfast.core.trial_layout import (
     intent_path,
     object_name,
 )
-from holdfast.edge_runtime.intent import read_intent
+from holdfast.edge_runtime.wearer import read_intent
 from holdfast.training.datasets import LAYOUTS, layout_of, load, reader_of
 from holdfast.training.datasets.thesis import common_rate, of_trials
 from holdfast.training.datasets.trials import FOLDERS, TrialReader, read_all

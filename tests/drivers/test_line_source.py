@@ -51,7 +51,8 @@ from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.model import Model
 from holdfast.live.bias import read_rows
 from holdfast.live.running import RunClock
-from holdfast.live.sources import is_hand, open_live
+from holdfast.live.source_url import is_hand
+from holdfast.live.sources import open_live
 
 PERIOD_NS = round(1e9 / 150)
 NAMES = channel_names(6)

@@ -286,15 +286,14 @@ def config(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def running(name: str, config: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """`holdfast run --lsl` on a simulated trial."""
+    """`holdfast run --to lsl://` on a simulated trial."""
     words = [
         "run",
         str(DEFAULT),
         "--source",
         "sim://thesis",
-        "--quiet",
-        "--lsl",
-        f"{name}-run",
+        "--to",
+        f"lsl://{name}-run",
     ]
     process = subprocess.Popen(
         [sys.executable, "-m", "holdfast", *words],

@@ -11,9 +11,7 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,7 +25,6 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from live_bench import ROOT, RUN, Steady, closing_output, go
 from made_prediction import prediction
-from numbered_lines import numbered_sender
 
 from holdfast.core.contract import Prediction, Sample
 from holdfast.core.errors import (
@@ -44,10 +41,9 @@ from holdfast.core.source import SourceReading
 from holdfast.drivers.calibration import read_bias
 from holdfast.drivers.replay import PacedReplay, Replay, open_replay
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.commands import Command, command_port
-from holdfast.edge_runtime.intent import Intent
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Preparation, Tare
+from holdfast.edge_runtime.wearer import Command, Intent
 from holdfast.live.loop import STAGES, Summary
 from holdfast.live.outputs import LineOutput, SampleFile, file_sink, udp_sink
 from holdfast.live.run import answer
@@ -573,85 +569,6 @@ def test_a_recording_at_another_rate_is_refused(eight_classes: Built, model):
     )
     with pytest.raises(RateError, match="50 Hz, the model needs 150"):
         answer(source, model, VirtualClock(), kept([], []), lambda: False)
-
-
-@contextmanager
-def commanded(
-    log: list[str], clock: VirtualClock
-) -> Iterator[Callable[[str], Command]]:
-    """A command port, and what is commanded after a datagram ("" for none)."""
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        command_port(f"unix://{folder}/commands", log.append, clock.now_ns) as ask,
-        numbered_sender(f"{folder}/commands") as user,
-    ):
-
-        def after(datagram: str) -> Command:
-            if datagram:
-                # an object gets its numbers, and rubbish none
-                is_object = datagram.startswith("{")
-                user.send(json.loads(datagram) if is_object else datagram.encode())
-            return ask()
-
-        yield after
-
-
-def test_the_user_s_commands_come_by_a_port_of_their_own_and_changes_are_logged():
-    log: list[str] = []
-    with commanded(log, VirtualClock()) as after:
-        user_commands = [
-            after(one)
-            for one in (
-                "",
-                '{"opening": true}',
-                '{"opening": true}',
-                '{"override": true}',
-                "rubbish",
-                '{"opening": false}',
-                '{"opening": 1}',
-            )
-        ]
-    assert user_commands == [
-        Command(),
-        Command(opening=True, link="live"),
-        Command(opening=True, link="live"),
-        Command(opening=True, override=True, link="live"),
-        Command(opening=True, link="live"),
-        Command(link="live"),
-        Command(link="live"),
-    ]
-    # the second line that is skipped is reported a second later
-    assert ["not understood" in line for line in log[:4]] == [False, False, True, False]
-    assert log[4:] == ["commands: 1 more are skipped"]
-
-
-@SILENT_SENDER.mark
-def test_a_command_expires_where_its_sender_is_silent_for_longer_than_three_tenths_of_a_second():
-    log: list[str] = []
-    clock = VirtualClock(10**9)
-    with commanded(log, clock) as after:
-        assert after('{"opening": true}') == Command(opening=True, link="live")
-        clock.spend(300_000_000)
-        assert after("") == Command(opening=True, link="live")
-        clock.spend(1)
-        assert after("") == after("") == Command(link="expired")
-        assert log[-1] == "command: the sender is silent; its last command has expired"
-        assert len(log) == 2
-        assert after("{}") == Command(link="live")
-
-
-@SILENT_SENDER.mark
-def test_a_sender_that_says_it_is_still_there_keeps_its_command_and_rubbish_does_not():
-    clock = VirtualClock()
-    with commanded([], clock) as after:
-        after('{"opening": true}')
-        for _ in range(5):
-            clock.spend(250_000_000)
-            assert after("{}").opening
-        clock.spend(250_000_000)
-        after("rubbish")
-        clock.spend(60_000_000)
-        assert after("").link == "expired"
 
 
 @SILENT_SENDER.mark

@@ -18,6 +18,7 @@ from holdfast.core import schema
 from holdfast.core.errors import (
     LONGEST_LINE,
     CardError,
+    DataNotFound,
     HoldfastError,
     NotAModel,
     TimeError,
@@ -128,9 +129,9 @@ def test_a_source_without_its_scheme_is_refused_with_the_schemes(
     word: str, tmp_path: Path, monkeypatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(UsageError, match=r"no such file.*virtual://"):
+    with pytest.raises(DataNotFound, match=r"no such file.*virtual://"):
         open_source(word)
-    with pytest.raises(UsageError, match=r"no such file.*virtual://"):
+    with pytest.raises(DataNotFound, match=r"no such file.*virtual://"):
         open_live(word, clock=VirtualClock(), report=print)
     with pytest.raises(UsageError, match="is not a hand"):
         open_bus(word, VirtualClock())

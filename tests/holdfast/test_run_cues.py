@@ -1,4 +1,4 @@
-"""`holdfast run --feedback`: the wearer's cues on their own wire."""
+"""`feedback` of holdfast.toml: the wearer's cues on their own wire."""
 
 from __future__ import annotations
 
@@ -69,9 +69,11 @@ def test_lines_go_on_while_no_cue_is_due():
 
 
 @SILENT_CUES.mark
-def test_the_last_line_of_a_run_is_the_cue_unknown():
+def test_the_last_line_of_a_run_is_the_cue_unknown(tmp_path):
     receiver = UnixReceiver()
-    command = [*RUN, "--quiet", "--feedback", receiver.url]
+    settings = tmp_path / "holdfast.toml"
+    settings.write_text(f'feedback = "{receiver.url}"\n', encoding="utf-8")
+    command = [*RUN, "--to", "none", "--config", str(settings)]
     with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL) as run:
         first = receiver.next()
         run.send_signal(signal.SIGTERM)

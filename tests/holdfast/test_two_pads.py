@@ -86,7 +86,7 @@ def test_a_tug_at_a_gripper_of_two_pads_is_held_by_the_commands(
 
 def test_a_run_names_the_gripper_and_commands_it(two_pads: Path, tug: Path) -> None:
     words = [sys.executable, "-m", "holdfast", "run", str(two_pads), "--source"]
-    words += [scene_url(tug, 102), "--grip", "virtual", "--quiet"]
+    words += [scene_url(tug, 102), "--grip", "virtual", "--to", "none"]
     done = subprocess.run(
         [*words, "--seconds", "0.5"],
         cwd=ROOT,

@@ -146,7 +146,7 @@ def write_recording(path: Path) -> None:
     ("words", "code", "says"),
     [
         ((*VIRTUAL, "--seconds", "0.2"), 0, "samples"),
-        ((*VIRTUAL, "--seconds", "0.2", "--view"), 0, "samples"),
+        ((*VIRTUAL, "--seconds", "0.2", "--to", "view"), 0, "samples"),
         (("scan", "virtual://ft232h"), 0, ""),
         (("simulate", "thesis", "--trials", "1", "--out", "made"), 0, "simulating"),
         (("train",), 2, "holdfast[train"),

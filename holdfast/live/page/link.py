@@ -25,6 +25,7 @@ from collections.abc import Callable
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from ipaddress import ip_address
+from urllib.parse import urlsplit
 
 from holdfast.core.contract import Json
 from holdfast.core.errors import OutputError, UsageError
@@ -39,7 +40,7 @@ for long."""
 ELSEWHERE = ("192.0.2.1", 9)
 """An address for examples: a datagram socket that is connected to it sends nothing."""
 EXAMPLES = (
-    "--web 8000 (this machine only), or --web 0.0.0.0:8000 (the network, with a token)"
+    "web:8000 (this machine only), or web:0.0.0.0:8000 (the network, with a token)"
 )
 
 
@@ -66,18 +67,15 @@ def read_address(text: str) -> tuple[str, int]:
     >>> read_address("8000"), read_address("[::1]:0")
     (('127.0.0.1', 8000), ('::1', 0))
     """
-    host, colon, port = text.rpartition(":")
-    bracketed = host.startswith("[") and host.endswith("]")
-    if bracketed:
-        host = host[1:-1]
-    empty = colon and not host
-    # an IPv6 address without brackets: where it ends and the port begins cannot be told
-    unclear = ":" in host and not bracketed
-    is_number = port.isascii() and port.isdecimal() and len(port) <= 5
-    wrong_host = empty or unclear or not host.isprintable()
-    if wrong_host or not is_number or int(port) > 65535:
-        raise UsageError(f"--web {text[:80]!r} is not [HOST:]PORT", next_step=EXAMPLES)
-    return host or LOOPBACK, int(port)
+    try:
+        parts = urlsplit(f"//{text}" if ":" in text else f"//{LOOPBACK}:{text}")
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host = port = None
+    if not host or port is None:
+        what = f"web:{text[:80]} is no address of a page"
+        raise UsageError(what, next_step=EXAMPLES)
+    return host, port
 
 
 def listen(text: str) -> PageAddress:
@@ -91,7 +89,7 @@ def listen(text: str) -> PageAddress:
     except (OSError, UnicodeError) as error:
         cause = getattr(error, "strerror", None) or str(error)
         raise UsageError(
-            f"--web: no host {host!r}", cause=cause, next_step=EXAMPLES
+            f"web:{text[:80]}: no host {host!r}", cause=cause, next_step=EXAMPLES
         ) from None
 
     family, kind, protocol, _, address = found[0]
@@ -116,9 +114,9 @@ def _cannot_listen(text: str, error: OSError) -> UsageError:
         errno.EADDRNOTAVAIL: "this machine does not have that address",
     }
     return UsageError(
-        f"--web {text[:80]!r}: {(error.strerror or str(error)).lower()}",
+        f"web:{text[:80]}: {(error.strerror or str(error)).lower()}",
         cause=causes.get(error.errno or 0, ""),
-        next_step="choose another port, such as --web 8001, or --web 0 for any free one",
+        next_step="choose another port, such as web:8001, or web:0 for any free one",
     )
 
 
@@ -269,6 +267,6 @@ def _started(
         process.kill()
         process.wait()
         what = f"no process for the live page ({error.strerror or error})"
-        raise OutputError(what, where="--web", next_step="run without --web") from None
+        raise OutputError(what, where="web", next_step="run without the page") from None
 
     return PageLink(ours, report, process)

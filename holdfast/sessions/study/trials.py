@@ -15,7 +15,8 @@ from holdfast.core.errors import UsageError
 from holdfast.core.source import SourceReading
 from holdfast.core.trial_layout import DISCARDED, META
 from holdfast.live.running import NO_PRIORITY
-from holdfast.live.sources import SIM, force_of, open_live, split_url
+from holdfast.live.source_url import SIM, split_url
+from holdfast.live.sources import force_of, open_live
 from holdfast.sessions.recorder.folder import (
     KEPT,
     RECORDING,
