@@ -23,7 +23,6 @@ from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.edge_runtime.wearer import Command
-from holdfast.live.bias import ZeroWatch
 from holdfast.live.loop import Emit, Summary, report_summary, run_live
 from holdfast.live.outputs import (
     KINDS,
@@ -49,6 +48,7 @@ from holdfast.live.running import (
 from holdfast.live.scene_source import shear_gain_of
 from holdfast.live.source_url import is_standard_input
 from holdfast.live.sources import SetReader, force_of, open_live, resting_of
+from holdfast.live.zero import ZeroWatch
 
 if TYPE_CHECKING:
     from holdfast.live.cues import CueOutput

@@ -49,10 +49,10 @@ from holdfast.drivers.line_source import (
 from holdfast.drivers.sample_lines import SampleReader
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.model import Model
-from holdfast.live.bias import read_rows
 from holdfast.live.running import RunClock
 from holdfast.live.source_url import is_hand
 from holdfast.live.sources import open_live
+from holdfast.sessions.bias import read_rows
 
 PERIOD_NS = round(1e9 / 150)
 NAMES = channel_names(6)

@@ -40,7 +40,7 @@ from holdfast.drivers.lsl import (
 from holdfast.drivers.lsl_library import LslInlet, LslOutlet, open_answers
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor, Model
-from holdfast.live.bias import read_rows
+from holdfast.sessions.bias import read_rows
 
 ROOT = Path(__file__).resolve().parents[2]
 RATE_HZ = 150.0

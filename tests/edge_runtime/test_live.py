@@ -657,11 +657,10 @@ def test_the_shipped_service_s_command_is_one_that_the_program_understands():
     words = shlex.split(line.removeprefix("ExecStart="))
     args = parser.parse_args(words[2:])
     assert words[1] == "run"
-    assert (args.bias.name, args.quiet) == ("bias.json", True)
+    assert (args.bias.name, args.to) == ("bias.json", ["none"])
     # no port, which every program of the board could write to
-    assert args.commands == "unix:///run/holdfast/commands"
+    assert args.wearer == "unix:///run/holdfast/wearer"
     assert args.grip == "unix:///run/holdfast/grip"
-    assert args.udp is None
     for line in ("RuntimeDirectory=holdfast", "RuntimeDirectoryMode=0700"):
         assert f"{line}\n" in unit
 

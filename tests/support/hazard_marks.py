@@ -274,8 +274,8 @@ NO_GRIP_COMMAND = Hazard(
 WIRE_FAILS = Hazard(
     LIVE,
     "The wire to the hand fails, or its reader stalls",
-    "The loop never waits for it; the failure is reported, the wire is tried again, and its first "
-    "commands are `hold`",
+    "The loop never waits for it; the failure is reported, the wire is opened again, and its first "
+    "command is `hold`",
     "The hand's own controller holds where no command comes for 300 ms",
 )
 STALE_PAGE = Hazard(

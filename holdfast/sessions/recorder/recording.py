@@ -18,11 +18,11 @@ from holdfast.core.trial_layout import checked_name
 from holdfast.drivers.calibration import read_calibration
 from holdfast.drivers.hand import LiveHand
 from holdfast.edge_runtime.wearer import IntentMonitor
-from holdfast.live.bias import MeasuredBias, measure_bias, require_good
 from holdfast.live.running import first_in_line
 from holdfast.live.source_url import LINES, STANDARD_INPUT
 from holdfast.live.sources import force_of, open_live
 from holdfast.live.wearer import wearer_monitor
+from holdfast.sessions.bias import MeasuredBias, measure_bias, require_good
 from holdfast.sessions.camera import CameraProcess
 from holdfast.sessions.recorder.folder import (
     RECORDING,
