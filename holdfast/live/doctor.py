@@ -211,41 +211,32 @@ def _bridges() -> list[Finding]:
 
 def _native_buses() -> list[Finding]:
     buses = sorted(Path("/dev").glob("i2c-*"))
-    if not buses and not BOARD.exists():
-        return []
     if not buses:
+        if not BOARD.exists():
+            return []
         step = "on a Raspberry Pi: dtparam=i2c_arm=on in config.txt"
         return [Finding("i2c", "missing", "no /dev/i2c-*", step)]
 
     # a bus that is there and not allowed needs another remedy than a missing one
-    closed = [str(bus) for bus in buses if not os.access(bus, os.R_OK | os.W_OK)]
-    if closed:
+    names = ", ".join(str(bus) for bus in buses)
+    if not all(os.access(bus, os.R_OK | os.W_OK) for bus in buses):
         step = "sudo usermod -aG i2c $USER"
-        found = f"not allowed: {', '.join(closed)}"
-        return [Finding("i2c", "broken", found, step)]
-
-    return [Finding("i2c", "ok", ", ".join(str(bus) for bus in buses))]
+        return [Finding("i2c", "broken", f"not allowed: {names}", step)]
+    return [Finding("i2c", "ok", names)]
 
 
 def _udev() -> list[Finding]:
-    from holdfast.drivers.bridges import BRIDGES, ids_of
-    from holdfast.drivers.usb import find_usb, real_backend
+    from holdfast.drivers.bridges import bridges_on_usb
 
     # rules decide which users may open a bridge, so they matter where there is one
-    backend = real_backend()
-    if not any(find_usb(ids_of(name), backend) for name in BRIDGES):
+    if not bridges_on_usb():
         return []
-    folder = Path("/etc/udev/rules.d")
-    if not folder.is_dir():
-        step = "not needed as root or without udev"
-        return [Finding("udev", "missing", "no /etc/udev/rules.d", step)]
-
-    rules = []
-    for rule in folder.glob("*.rules"):
-        # 6014 is the product number of an FT232H, which every version of our rules names
-        if "6014" in rule.read_text(encoding="utf-8", errors="replace"):
-            rules.append(str(rule))
-
+    # 6014 is the product number of an FT232H, which every version of our rules names
+    rules = [
+        str(rule)
+        for rule in Path("/etc/udev/rules.d").glob("*.rules")
+        if "6014" in rule.read_text(encoding="utf-8", errors="replace")
+    ]
     if rules:
         return [Finding("udev", "ok", ", ".join(rules))]
     return [Finding("udev", "missing", "no rule for the bridges", RULES)]

@@ -229,12 +229,12 @@ class LineOutput:
         watched: Sequence[Sink] = (),
         untold: Collection[str] = (),
     ) -> None:
-        self._untold = untold
         self.failures: dict[str, OSError] = {}
-        self._sinks = list(sinks)
+        self._untold = untold
         self._report = report
+        self._sinks = list(sinks)
         self._closed_here = list(sinks)
-        self._working = [*sinks, *watched]
+        self._watched = list(watched)
 
     @property
     def dropped(self) -> int:
@@ -255,7 +255,6 @@ class LineOutput:
     def add(self, sink: Sink) -> None:
         """Check one more sink that gets its lines elsewhere, and close it with the others."""
         self._closed_here.append(sink)
-        self._working.append(sink)
 
     def write(
         self,
@@ -266,24 +265,20 @@ class LineOutput:
         """Pass the prediction to all working sinks, and look for failures."""
         line = to_json_line(prediction, self._untold)
         for sink in self._sinks:
-            sink(line)
-        self._leave_out_failures()
+            if sink.failure is None:
+                sink(line)
+        self._note_failures()
 
-    def _leave_out_failures(self) -> None:
-        """Leave out each sink that has failed since the last look, and report it once."""
-        for sink in self._working:
-            if sink.failure is not None:
-                self._leave_out(sink, sink.failure)
-
-    def _leave_out(self, failed: Sink, error: OSError) -> None:
-        # new lists: the loop over the old ones may still be under way
-        self._working = [sink for sink in self._working if sink is not failed]
-        self._sinks = [sink for sink in self._sinks if sink is not failed]
-        self.failures[failed.name] = error
-        reason = self.lost()[failed.name]
-        self._report(
-            f"{failed.name} takes no more lines ({reason}); it is dropped, control goes on"
-        )
+    def _note_failures(self) -> None:
+        """Report each sink that has failed, once; it gets no more lines."""
+        for sink in (*self._closed_here, *self._watched):
+            error = sink.failure
+            if error is not None and sink.name not in self.failures:
+                self.failures[sink.name] = error
+                why = error.strerror or error
+                self._report(
+                    f"{sink.name} takes no more lines ({why}); it is dropped, control goes on"
+                )
 
     def close(self, reason: str = STOPPED, wait_s: float = CLOSING_S) -> None:
         """End all sinks at once and wait at most wait_s for all together.
@@ -296,7 +291,7 @@ class LineOutput:
         end_s = time.monotonic() + wait_s
         for sink in self._closed_here:
             sink.close(end_s - time.monotonic())
-        self._leave_out_failures()
+        self._note_failures()
 
 
 class SampleFile:

@@ -12,6 +12,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -479,10 +480,12 @@ def seen_in_a_terminal(model, message: str, until: bytes) -> tuple[bytes, bytes]
             view.report(message)
             reading = SourceReading(0, np.zeros(18), samples[-1].valid)
             view.write(answers[-1], samples[-1], reading)
-            shown = b""
+            shown = end = b""
             while until not in shown:
                 shown += os.read(seen, 65536)
-        end = os.read(seen, 65536)
+        os.set_blocking(seen, False)
+        with suppress(BlockingIOError):
+            end = os.read(seen, 65536)
     os.close(seen)
     assert not view.drawing
     return shown, end

@@ -247,8 +247,8 @@ def test_a_port_that_is_taken_and_a_host_that_is_not_ours_are_refused():
             listen(str(port))
     with pytest.raises(UsageError, match="this machine does not have that address"):
         listen("192.0.2.1:0")
-    with pytest.raises(UsageError, match="no host"):
-        listen("no..host:80")
+    with pytest.raises(UsageError, match="no such host"):
+        listen("no-such-host.invalid:80")
 
 
 def test_only_a_loopback_host_has_no_token():

@@ -78,46 +78,35 @@ def read_address(text: str) -> tuple[str, int]:
     return host, port
 
 
+CAUSES = {
+    errno.EADDRINUSE: "another run or program listens there",
+    errno.EACCES: "a port below 1024 needs root",
+    errno.EADDRNOTAVAIL: "this machine does not have that address",
+    socket.EAI_NONAME: "no such host",
+}
+
+
 def listen(text: str) -> PageAddress:
     """Listen on [HOST:]PORT; port 0: any free one.
 
     Raises UsageError where the host is unknown or the port cannot be had.
     """
     host, port = read_address(text)
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        listener = socket.create_server(
+            (host, port), family=family, backlog=WAITING_CONNECTIONS
+        )
     except (OSError, UnicodeError) as error:
-        cause = getattr(error, "strerror", None) or str(error)
+        what = getattr(error, "strerror", None) or str(error)
         raise UsageError(
-            f"web:{text[:80]}: no host {host!r}", cause=cause, next_step=EXAMPLES
+            f"web:{text[:80]}: {what.lower()}",
+            cause=CAUSES.get(getattr(error, "errno", 0), ""),
+            next_step="choose another port, such as web:8001, or web:0 for any free one",
         ) from None
-
-    family, kind, protocol, _, address = found[0]
-    listener = socket.socket(family, kind, protocol)
-    try:
-        # else the port of a run that just ended is refused for a minute
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
-        listener.bind(address)
-        listener.listen(WAITING_CONNECTIONS)
-    except OSError as error:
-        listener.close()
-        raise _cannot_listen(text, error) from None
-
+    # accepted connections have it too
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
     return _reached(listener, host)
-
-
-def _cannot_listen(text: str, error: OSError) -> UsageError:
-    causes = {
-        errno.EADDRINUSE: "another run or program listens there",
-        errno.EACCES: "a port below 1024 needs root",
-        errno.EADDRNOTAVAIL: "this machine does not have that address",
-    }
-    return UsageError(
-        f"web:{text[:80]}: {(error.strerror or str(error)).lower()}",
-        cause=causes.get(error.errno or 0, ""),
-        next_step="choose another port, such as web:8001, or web:0 for any free one",
-    )
 
 
 def _reached(listener: socket.socket, host: str) -> PageAddress:
