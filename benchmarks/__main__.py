@@ -129,8 +129,8 @@ def _simulator(request: BenchRequest) -> Json:
 
 
 def _latency(request: BenchRequest) -> Json:
+    from benchmarks.latency import figures_of
     from benchmarks.timed_calls import steps_beside
-    from holdfast.evaluation.latency.check import figures_of
 
     older = request.older
     beside = [] if older is None else steps_beside(MODEL, older)
@@ -156,7 +156,7 @@ def _robust(request: BenchRequest) -> Json:
 
 def _hand(request: BenchRequest) -> Json:
     from benchmarks.hand import fault_table, latency, scan_costs
-    from holdfast.evaluation.latency.memory import memory
+    from holdfast.evaluation.bench import memory
 
     scans = scan_costs()
     live = [latency(MODEL, rate_hz, LIVE_S) for rate_hz in LIVE_HZ]

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 from benchmarks.cost.picture import figure as cost_figure
 from benchmarks.cost.picture import on_hands
+from benchmarks.latency_picture import latency
 from holdfast.core.contract import Json
-from holdfast.evaluation.latency.picture import latency
 from holdfast.evaluation.style import GRID, INK, OURS, QUIET, WARNING, drawing, svg
 
 Figures = Json

@@ -14,17 +14,42 @@ from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.edge_runtime.graph import StepGraph, open_session
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import read_sealed
-from holdfast.evaluation.latency.check import simulated_set, stream_of
-from holdfast.evaluation.latency.timing import (
+from holdfast.evaluation.bench import (
     CALLS_A_TURN,
     TURNS,
     busy_wait,
     time_in_turns,
 )
+from holdfast.simulation.folder import write_set
+from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene_file import read_scene_file
+from holdfast.training.datasets import load
 from holdfast.training.featurise import FloatRows
+from holdfast.training.recording import DataSet
 
 FLOOR = "busy-wait reference"
 """A busy wait as long as the first call: its own spread is the machine's."""
+TRIALS = 400
+"""Simulated, to train the forest of the thesis on."""
+STREAMED = 10
+"""So many of them make the stream that is timed."""
+
+
+def simulated_set(work: Path, rate_hz: float) -> DataSet:
+    """A small simulated set at the model's rate."""
+    scene = Scene(read_scene_file("thesis", rate_hz=rate_hz), 0)
+    write_set(scene, work / "set", TRIALS)
+    return load(work / "set", windows="thesis")
+
+
+def stream_of(data: DataSet) -> tuple[FloatArray, BoolArray]:
+    """Some trials end to end: values [T, C] and valid [T, C/3]."""
+    # Spread over the set, so that every action is in the stream.
+    every = max(1, len(data.recordings) // STREAMED)
+    chosen = data.recordings[::every][:STREAMED]
+    values = np.concatenate([one.samples for one in chosen])
+    valid = np.concatenate([one.valid for one in chosen])
+    return values, valid
 
 
 def learner_call(model: bytes, rows: FloatRows) -> Callable[[], object]:

@@ -13,8 +13,10 @@ from pathlib import Path
 
 from holdfast.cli.command import path_argument
 from holdfast.cli.main import main as holdfast
+from holdfast.core.errors import DataNotFound
 from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.model import Model
+from studies.real.events import write_real_events
 from tools.harness import SimulatedSet, simulate_sets
 
 MODEL = Path("models/holdfast-150hz.onnx")
@@ -42,24 +44,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=path_argument,
         default=Path("build/real"),
         metavar="DIR",
-        help="results of `make real`, for the report (default build/real)",
+        help="results of `make real`, evaluated too if they are there (default build/real)",
     )
     parser.add_argument("--jobs", type=int, default=1, metavar="N")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate the sets, score the model; figures.json and report.html."""
+    """Simulate the sets, score the model; figures.json and report.html.
+
+    Where `make real` has left a fold, its events too: real.json and real.html.
+    """
     rate_hz = Model(args.model).card.rate_hz
     simulate_sets(_sets(args.out, rate_hz), args.out)
     words = ["evaluate", str(args.model), "--data"]
     words += [str(args.out / one.folder) for one in SCORED]
     words += ["--choose", str(args.out / CHOOSE.folder)]
     words += ["--train", str(args.out / TRAIN.folder)]
-    words += ["--real", str(args.real), "--jobs", str(args.jobs)]
-    words += ["--seed", str(args.seed)]
+    words += ["--jobs", str(args.jobs), "--seed", str(args.seed)]
     words += ["--json", str(args.out / "figures.json")]
     words += ["--report", str(args.out / "report.html")]
-    return holdfast(words)
+    code = holdfast(words)
+    if code:
+        return code
+    try:
+        print("\n".join(map(str, write_real_events(args.real, args.out, args.seed))))
+    except DataNotFound as error:
+        print(f"real recordings are not evaluated: {error}")
+    return 0
 
 
 def _sets(out: Path, rate_hz: float) -> list[SimulatedSet]:

@@ -14,9 +14,9 @@ from holdfast.evaluation.formats import DEPLOYED, markdown
 from holdfast.export.features import GROUPS, LAGS_S, feature_count, feature_graph
 from holdfast.export.spec import StepSpec
 from holdfast.simulation import SCENES, shipped_scenes
+from holdfast.simulation.actions import ACTION_MODULES, COMMON, parameters_of
 from holdfast.simulation.effect import all_effects
 from holdfast.simulation.magnet import residual_n
-from holdfast.simulation.protocol import ALL_ACTIONS, COMMON, parameters_of
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.figures import ABSENT, over
 from studies.distortions.targets import pairs_by_name
@@ -152,7 +152,7 @@ SITUATION_WORDS = {
 def action_rows() -> list[Json]:
     """Every action of scenes: what happens, what its truth says, its own parameters."""
     rows = []
-    for name in ALL_ACTIONS:
+    for name in ACTION_MODULES:
         ranges = []
         for key, parameter in parameters_of(name).items():
             if key not in COMMON:

@@ -6,25 +6,20 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.cost.kept_rows import digest_of, kept_rows
 from benchmarks.cost.point import EVERY_POOLED, GROUPS, WINDOWS_S, Point, Set
 from benchmarks.cost.recordings import read, starts
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import DataError
 from holdfast.export.detectors import STATES_PER_BAND, step_matrix
-from holdfast.export.features import SCALED_LAGS, SPANS_S, feature_count
-from holdfast.export.history import LAGS_S
+from holdfast.export.features import LAGS_S, SCALED_LAGS, SPANS_S, feature_count
 from holdfast.export.spec import BANDS_HZ, WINDOW_S, StepSpec
 from holdfast.training.crossval import main_task
-from holdfast.training.featurise import (
-    FloatRows,
-    digest_of,
-    features_everywhere,
-    features_of,
-    kept_rows,
-)
+from holdfast.training.featurise import FloatRows, features_everywhere, features_of
 from holdfast.training.recording import DataSet
 
 
@@ -122,7 +117,7 @@ def whole_of(spec: StepSpec) -> StepSpec:
     """The spec whose features include those of every point, so that they are computed once."""
     if spec.is_pooled:
         groups = GROUPS[EVERY_POOLED]
-        return replace(spec, groups=groups, min_valid_sensors=0)
+        return msgspec.structs.replace(spec, groups=groups, min_valid_sensors=0)
     if "window" in spec.groups:
         return replace(
             spec,
@@ -131,7 +126,9 @@ def whole_of(spec: StepSpec) -> StepSpec:
             bands_hz=BANDS_HZ,
         )
     groups = GROUPS["default and bands" if "bands" in spec.groups else "default"]
-    return replace(spec, groups=groups, window_s=WINDOW_S, bands_hz=BANDS_HZ)
+    return msgspec.structs.replace(
+        spec, groups=groups, window_s=WINDOW_S, bands_hz=BANDS_HZ
+    )
 
 
 def _taken(whole: FloatRows, spec: StepSpec) -> FloatRows:

@@ -17,14 +17,17 @@ import numpy as np
 from scipy.signal import butter
 
 from benchmarks.cost.forest_c import c_walk
-from benchmarks.timed_calls import step_call, times_beside
+from benchmarks.timed_calls import (
+    simulated_set,
+    step_call,
+    stream_of,
+    times_beside,
+)
 from holdfast.core.contract import CLASSES, Json
 from holdfast.core.errors import LibraryMissing
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import read_sealed
-from holdfast.evaluation.latency.calls import STEP
-from holdfast.evaluation.latency.check import simulated_set, stream_of
-from holdfast.evaluation.latency.timing import CALLS_A_TURN, TURNS
+from holdfast.evaluation.bench import CALLS_A_TURN, STEP, TURNS
 from holdfast.export.learner import Forest, reference_votes
 from holdfast.export.spec import bands_for
 from holdfast.training.crossval import fit_learner

@@ -36,9 +36,9 @@ def show_demo(out: Path, work: Path) -> int:
 def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
     """All steps that need the libraries, which load while the trials are simulated."""
     from examples.demo.demo_grip import close_the_loop, section
+    from examples.demo.demo_stream import stream
     from examples.demo.demo_watch import LEGEND, show, watch
     from holdfast.edge_runtime.monitor import Model
-    from holdfast.evaluation.stream_pictures import stream
     from holdfast.export.exporting import export_artifact
     from holdfast.training.datasets.thesis import load
     from holdfast.training.fitting import train, versions

@@ -16,8 +16,7 @@ import numpy as np
 from holdfast.core.contract import FloatArray
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.edge_runtime.model import Model
-from holdfast.evaluation.stream_pictures import labelled
-from holdfast.evaluation.style import OURS, QUIET, WARNING, svg
+from holdfast.evaluation.style import OURS, QUIET, WARNING, labelled, svg
 from holdfast.simulation.closed_loop import (
     ClosedLoop,
     LoopController,

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from examples.demo.demo_stream import StreamPicture, picture_of
 from holdfast.core.contract import (
     RISKY_SLIP,
     SAFE_SLIP,
@@ -18,7 +19,6 @@ from holdfast.core.contract import (
 )
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.monitor import GripMonitor, Model
-from holdfast.evaluation.stream_pictures import StreamPicture, picture_of
 from holdfast.training.recording import Recording
 
 LETTERS = ".gsR"

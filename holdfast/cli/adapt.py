@@ -24,7 +24,7 @@ from holdfast.core.errors import OutputError, UsageError
 from holdfast.core.writing import require_writable
 
 if TYPE_CHECKING:
-    from holdfast.sessions.adapting import HeldOutFigures
+    from holdfast.sessions.adapt_point import HeldOutFigures
 
 STAGES = 7
 
@@ -95,7 +95,7 @@ def _require_options(args: argparse.Namespace) -> None:
 
 
 def _undo(args: argparse.Namespace) -> int:
-    from holdfast.sessions.adapted_files import write_base
+    from holdfast.sessions.adapt import write_base
 
     write_base(args.model, args.out)
     words = f"base: {args.out}, as it was before it was adapted"
@@ -108,9 +108,9 @@ def _adapt(args: argparse.Namespace) -> int:
 
     with stages(STAGES) as begin:
         begin("loading the libraries and the model")
-        from holdfast.sessions.adapted_files import adapt_file
+        from holdfast.sessions.adapt import adapt_file
 
-        fitted, verified = adapt_file(
+        made = adapt_file(
             args.model,
             args.data,
             args.person,
@@ -120,29 +120,27 @@ def _adapt(args: argparse.Namespace) -> int:
             worse_too=args.force,
         )
 
-    base = fitted.base
-    reached = fitted.point.reached
-    person = fitted.adaptation.about["person"]
-    rules = fitted.point.rules
+    person = made.person
+    reached = made.point.reached
+    rules = made.point.rules
     words = (
-        f"based on {person['hand_overs']} hand-overs and {person['holding_s']:.0f} s of holding\n"
+        f"based on {person.hand_overs} hand-overs and {person.holding_s:.0f} s of holding\n"
         f"an act needs {rules.min_risky_permille} of 1000 votes, {rules.act_samples} in a row\n"
         f"trials held out: {_in_words(reached)}\n"
-        f"the base on these: {_in_words(base)}\n"
-        f"{verified.rows} rows checked, 0 labels differ from the reference; "
-        f"{verified.changed} labels differ from the base\n"
+        f"the base on these: {_in_words(made.base)}\n"
+        f"{made.verified.rows} rows checked, 0 labels differ from the reference; "
+        f"{made.verified.changed} labels differ from the base\n"
         f"model: {args.out}; back: holdfast adapt {args.out} --undo --out BASE.onnx"
     )
-
     found = {
         "model": args.out,
-        "person": person,
+        "person": asdict(person),
         "rules": rules.to_json(),
         "held_out": asdict(reached),
-        "base_held_out": asdict(base),
-        "worse_than_base": reached.worse_than(base),
-        "labels_contradicted": fitted.contradicted,
-        "verified": asdict(verified),
+        "base_held_out": asdict(made.base),
+        "worse_than_base": reached.worse_than(made.base),
+        "labels_contradicted": made.contradicted,
+        "verified": asdict(made.verified),
     }
     show_found(args, words, found)
     return 0

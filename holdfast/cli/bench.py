@@ -1,6 +1,7 @@
-"""`holdfast bench latency`: the time of one decision on this machine, and its budgets.
+"""`holdfast bench latency`: whether this machine is fast enough: one decision, and its budgets.
 
-What accuracy costs in time, a hand, the simulator: `make bench NAME=..` in a checkout.
+The parts of a decision, what accuracy costs in time, a hand, the simulator: `make bench NAME=..` in
+a checkout.
 """
 
 from __future__ import annotations
@@ -34,11 +35,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, write latency.json and latency.svg, print the tables."""
+    """Measure, write latency.json, print the tables."""
     from holdfast.core.schema import model_path
     from holdfast.core.writing import require_writable
-    from holdfast.evaluation.latency.check import KIND, figures_of
-    from holdfast.evaluation.latency.picture import latency
+    from holdfast.evaluation.bench import KIND, figures_of
     from holdfast.evaluation.provenance import table_lines, write_measured
     from holdfast.training.progress import stages
 
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
         # The shipped model: figures of two machines are then of the same file.
         figures = figures_of(model_path("holdfast-150hz"))
 
-    written = write_measured(args.out, LATENCY, KIND, figures, latency(figures))
+    written = write_measured(args.out, LATENCY, KIND, figures, None)
     if args.json != STDOUT:
         show("\n".join([*table_lines(figures), *written]))
     write_found(args, {LATENCY: figures})

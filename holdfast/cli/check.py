@@ -2,6 +2,11 @@
 
 It reads every trial and goes on after a fault. Exit code 0 if `holdfast evaluate` can read the
 folder, else 3.
+
+--repair ends what a kill or a power cut left of trials. An incomplete last line of tactile.csv or
+events.jsonl is moved to tactile.csv.torn or events.jsonl.torn. The state `recording` becomes
+`interrupted`, or `void` where the trial ended before its header was written. A file whose header
+and rows disagree is refused and not changed.
 """
 
 from __future__ import annotations
@@ -10,7 +15,7 @@ import argparse
 from pathlib import Path
 
 from holdfast.cli.command import add_json_option, show, show_found
-from holdfast.core.errors import DataError
+from holdfast.core.errors import DataError, OutputError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,6 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a folder of recordings, or a public set by name",
     )
     add_json_option(parser)
+    repair = "repair trials that a kill or a power cut interrupted, and stop"
+    option("--repair", action="store_true", help=repair)
     example = (
         "write the files of docs/your-data.md into FOLDER, which must be new, and stop"
     )
@@ -33,9 +40,10 @@ def run(args: argparse.Namespace) -> int:
     # The folder is written here and not read.
     if args.example:
         return _write_example(Path(args.folder))
+    if args.repair:
+        return _repair(args)
+    from holdfast.training.check import examine, report_lines
     from holdfast.training.datasets import find
-    from holdfast.training.folder_check import examine
-    from holdfast.training.folder_lines import report_lines
     from holdfast.training.progress import stages
 
     with stages(1) as begin:
@@ -44,6 +52,32 @@ def run(args: argparse.Namespace) -> int:
 
     show_found(args, "\n".join(report_lines(report)), report.to_json())
     return 0 if report.readable else DataError.exit_code
+
+
+def _repair(args: argparse.Namespace) -> int:
+    """Repair every trial below the folder, with a line each.
+
+    Returns the exit code of the last error where one could not be repaired: 3, or 5 on a full disk.
+    """
+    from holdfast.sessions.recorder.folder import all_trials, alone, repair
+
+    root = Path(args.folder)
+    code = 0
+    trials = []
+    # A recording that is under way looks like an interrupted one.
+    with alone(root):
+        for folder in all_trials(root):
+            try:
+                done = ", ".join(repair(folder)) or "complete"
+            # One trial that cannot be repaired must not keep the others from it.
+            except (DataError, OutputError) as error:
+                done = f"not repaired: {error}"
+                code = error.exit_code
+            trials.append({"folder": folder, "done": done})
+
+    words = "\n".join(f"{one['folder']}: {one['done']}" for one in trials)
+    show_found(args, words, {"trials": trials})
+    return code
 
 
 def _write_example(folder: Path) -> int:

@@ -39,6 +39,35 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(message, next_step=f"{self.prog} --help")
 
 
+class _FormerOption(argparse.Action):
+    """An option that is gone. const: what to write instead."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: object,
+        option_string: str | None = None,
+    ) -> None:
+        """Raise UsageError."""
+        what = f"{option_string} is no option any more"
+        raise UsageError(what, next_step=self.const)
+
+
+def add_former_options(
+    parser: argparse.ArgumentParser, instead: Mapping[str, str]
+) -> None:
+    """Options that are gone, in no help: each answers with what to write instead."""
+    for name, next_step in instead.items():
+        parser.add_argument(
+            name,
+            nargs="*",
+            action=_FormerOption,
+            const=next_step,
+            help=argparse.SUPPRESS,
+        )
+
+
 def seed(word: str) -> int:
     """A seed from the command line: 0 .. 2^32 - 1, the range that all generators take."""
     # isdecimal refuses signs, points and spaces, which int() would take

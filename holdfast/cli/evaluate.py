@@ -6,6 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from holdfast.cli.command import (
+    add_former_options,
     add_json_option,
     path_argument,
     positive,
@@ -14,7 +15,7 @@ from holdfast.cli.command import (
     show_found,
 )
 from holdfast.cli.options import (
-    add_engine_options,
+    add_engine_option,
     add_job_options,
     chosen_model,
     chosen_workers,
@@ -23,17 +24,22 @@ from holdfast.core.writing import require_writable
 from holdfast.evaluation import MOST_FALSE_PER_MIN
 
 if TYPE_CHECKING:
-    from holdfast.core.contract import Json
     from holdfast.evaluation.evaluate import EvaluationRequest
-    from holdfast.evaluation.figures import Evaluation
+    from holdfast.evaluation.scored_set import Evaluation
     from holdfast.training.progress import Stages
+
+FORMER_OPTIONS = {
+    "--real": "make evaluate, in a checkout: it writes real.html beside its report",
+    "--groups": "give --data a folder with the recordings of these people alone",
+    "--library": "put the library to MODEL-c/libholdfast.so beside the model",
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     option("model", metavar="MODEL", help="a sealed holdfast.onnx")
-    add_engine_options(parser)
+    add_engine_option(parser)
     sets = "labelled sets, by name or path"
     option("--data", required=True, nargs="+", metavar="SET|FOLDER", help=sets)
     choose = (
@@ -50,19 +56,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     train = "training set for the thesis' forest, which is then a baseline"
     option("--train", metavar="FOLDER", help=train)
-    real = "results of `make real`, for the report"
-    option("--real", type=path_argument, metavar="DIR", help=real)
     add_job_options(parser, 1)
-    option("--groups", type=int, metavar="K", help="use only K people (or blocks)")
-    seeds = "seed of the intervals and of the choice of groups (default 0)"
+    seeds = "seed of the intervals (default 0)"
     option("--seed", type=seed, default=0, metavar="S", help=seeds)
     add_json_option(parser)
     report = "write a report with pictures to this file (HTML)"
     option("--report", type=path_argument, metavar="OUT", help=report)
+    add_former_options(parser, FORMER_OPTIONS)
 
 
 def run(args: argparse.Namespace) -> int:
     """Evaluate, print the figures in words, write them as JSON and as a report."""
+    from holdfast.evaluation.evaluate import EvaluationRequest
     from holdfast.evaluation.evaluation_lines import evaluation_lines
     from holdfast.training.progress import stages
 
@@ -71,52 +76,36 @@ def run(args: argparse.Namespace) -> int:
     if args.report is not None:
         require_writable(args.report.parent)
 
-    request = _request(args)
-    # Loading the libraries, and what this verb adds to the stages of the evaluation.
-    extra = 1 + (args.real is not None) + (args.report is not None)
-    with stages(request.n_stages() + extra) as begin:
-        begin("loading the libraries and the model")
-        evaluation, figures = _evaluated(args, request, begin)
-
-    show_found(args, "\n".join(evaluation_lines(evaluation)), figures)
-    return 0
-
-
-def _request(args: argparse.Namespace) -> EvaluationRequest:
-    from holdfast.evaluation.evaluate import EvaluationRequest
-
-    return EvaluationRequest(
+    request = EvaluationRequest(
         tuple(args.data),
         tuple(args.choose),
         args.train,
-        args.groups,
         most_false_per_min=args.false_per_min,
         seed=args.seed,
     )
+    # Loading the libraries, and what this verb adds to the stages of the evaluation.
+    extra = 1 + (args.report is not None)
+    with stages(request.n_stages() + extra) as begin:
+        begin("loading the libraries and the model")
+        evaluation = _evaluated(args, request, begin)
+
+    show_found(args, "\n".join(evaluation_lines(evaluation)), evaluation.to_json())
+    return 0
 
 
 def _evaluated(
     args: argparse.Namespace, request: EvaluationRequest, begin: Stages
-) -> tuple[Evaluation, Json]:
-    """The evaluation and its figures, once the report is written."""
+) -> Evaluation:
+    """The evaluation, once its report is written."""
     from holdfast.evaluation.evaluate import evaluate_events
-    from holdfast.evaluation.real_sets import real_figures
 
     model = chosen_model(args)
     workers = chosen_workers(args)
     evaluation = evaluate_events(model, request, begin, begin.part, workers)
-    figures = evaluation.to_json()
-
-    real = None
-    if args.real is not None:
-        begin("real recordings")
-        real = real_figures(args.real, args.seed)
-        figures["real"] = real.to_json()
-
     if args.report is not None:
         from holdfast.evaluation.report import write_event_report
 
         begin("drawing the report")
-        write_event_report(args.report, evaluation, real)
+        write_event_report(args.report, evaluation)
 
-    return evaluation, figures
+    return evaluation

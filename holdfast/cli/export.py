@@ -139,7 +139,7 @@ def _report_begin(args: argparse.Namespace) -> None:
 
 def _export_again(args: argparse.Namespace) -> int:
     """Export a model file again, with its learner: for another hand, by other rules."""
-    from holdfast.export.again import export_again
+    from holdfast.export.changed import write_changed
 
     if args.out is None or args.out.suffix != ".onnx":
         raise UsageError(
@@ -152,7 +152,7 @@ def _export_again(args: argparse.Namespace) -> int:
         )
     rules = dict(_rule(text) for text in args.rule)
     _report_begin(args)
-    size = export_again(args.artifact, args.out, _hand(args), rules)
+    size = write_changed(args.artifact, args.out, _hand(args), rules)
     lines = f"the same learner\nmodel: {args.out} ({size / 1e6:.1f} MB)"
     show_found(args, lines, {"model": args.out, "bytes": size})
     return 0

@@ -13,91 +13,67 @@ from importlib.metadata import version
 from holdfast.cli.command import WITH_SETTINGS, Parser, finish
 from holdfast.core.errors import UsageError
 
-VERBS = {
-    "simulate": (
-        "holdfast.cli.simulate",
-        "simulate the trials of a scene card, with their truth",
-    ),
-    "check": (
-        "holdfast.cli.check",
-        "say what a folder of recordings holds and what is missing",
-    ),
-    "import": (
-        "holdfast.cli.importing",
-        "turn logs of other programs into trials, by a column map",
-    ),
-    "convert": (
-        "holdfast.cli.convert",
-        "write recordings in the formats of other tools",
-    ),
-    "train": (
-        "holdfast.cli.train",
-        "train on recordings; writes an artifact folder",
-    ),
-    "export": (
-        "holdfast.cli.export",
-        "turn an artifact folder into one verified, sealed model file",
-    ),
-    "adapt": (
-        "holdfast.cli.adapt",
-        "adapt a model file to one person, from two minutes of recording",
-    ),
-    "evaluate": (
-        "holdfast.cli.evaluate",
-        "score a model file on labelled sets or folders",
-    ),
-    "replay": (
-        "holdfast.cli.replay",
-        "a model's answers on a recorded trial, as JSON lines",
-    ),
-    "run": ("holdfast.cli.run", "read a hand live and answer every sample"),
-    "scan": (
-        "holdfast.cli.scan",
-        "list the sensors on a bus, their faults and the rate",
-    ),
-    "calibrate": (
-        "holdfast.cli.calibrate",
-        "fit the map from field to force, from known loads",
-    ),
-    "bias": ("holdfast.cli.bias", "measure the bias of the open, untouched hand"),
-    "record": ("holdfast.cli.record", "record trials by keys and a protocol"),
-    "study": (
-        "holdfast.cli.study",
-        "run a study with a person: steps, trials, report",
-    ),
-    "repair": ("holdfast.cli.repair", "repair trials after a kill or a power cut"),
-    "watch": (
-        "holdfast.cli.watch",
-        "record a camera: lossless video and tracks of two printed tags",
-    ),
-    "onset": (
-        "holdfast.cli.onset",
-        "find the onset of slip in a camera recording; writes a label",
-    ),
-    "bench": ("holdfast.cli.bench", "say whether this machine is fast enough"),
-    "doctor": (
-        "holdfast.cli.doctor",
-        "list what is installed, and what is missing; doctor MODEL checks a file",
-    ),
-    "board": ("holdfast.cli.board", "print udev rules or a systemd unit for the board"),
-    "completion": (
-        "holdfast.cli.completion",
-        "print what makes bash, zsh or fish complete commands",
-    ),
+GROUPS = {
+    "every day": {
+        "run": ("run", "read a hand live and answer every sample"),
+        "record": ("record", "record trials by keys and a protocol"),
+        "replay": ("replay", "a model's answers on a recorded trial, as JSON lines"),
+        "check": (
+            "check",
+            "say what a folder of recordings holds and lacks; repair it",
+        ),
+        "import": ("importing", "turn logs of other programs into trials"),
+        "train": ("train", "train on recordings; writes an artifact folder"),
+        "export": ("export", "turn an artifact into one verified, sealed model file"),
+        "evaluate": ("evaluate", "score a model file on labelled sets or folders"),
+        "simulate": ("simulate", "simulate the trials of a scene, with their truth"),
+    },
+    "set up a hand": {
+        "doctor": ("doctor", "what is installed and missing here; or check a MODEL"),
+        "scan": ("scan", "list the sensors on a bus, their faults and the rate"),
+        "bias": ("bias", "measure the bias of the open, untouched hand"),
+        "calibrate": ("calibrate", "fit the map from field to force, from known loads"),
+        "bench": ("bench", "say whether this machine is fast enough"),
+        "board": ("board", "print udev rules or a systemd unit for the board"),
+        "completion": ("completion", "print what makes a shell complete commands"),
+    },
+    "with people": {
+        "study": ("study", "run a study with a person: steps, trials, report"),
+        "adapt": ("adapt", "adapt a model file to one person, from two minutes"),
+        "watch": ("watch", "film two printed tags; label the onset of slip"),
+    },
+    "other formats": {
+        "convert": ("convert", "write recordings in the formats of other tools"),
+    },
 }
-
-MOVED = {
+"""What one wants to do -> verb -> its module in holdfast.cli, and what it does."""
+VERBS = {
+    verb: (f"holdfast.cli.{name}", about)
+    for group in GROUPS.values()
+    for verb, (name, about) in group.items()
+}
+"""Verb -> its module, and what it does."""
+OLD = {
     "loop": "python -m studies loop SCENE.., or make loop, in a checkout",
+    "onset": "holdfast watch --onset TRIAL",
+    "repair": "holdfast check --repair DIR",
     "selftest": "holdfast doctor MODEL",
 }
 """A word that was a command -> what does it now."""
 
+START = """\
+Know a grip is about to fail before it does: holdfast reads the magnetic fingertips of a
+prosthetic hand, and tells at every sample whether the object is held, handed over or slipping.
+
+Try first:
+  holdfast run --source virtual://ft232h --seconds 10      a simulated hand, answered live
+  holdfast simulate thesis --trials 60 --out trials        recordings to train on
+  holdfast train --data trials --out model --report        a model, and a page that shows it
+
+All commands: holdfast help. One command: holdfast help VERB.
+"""
 HELP = """usage: holdfast VERB [options]    (holdfast help VERB for one verb)
-
-Know a grip is about to fail before it does.
-
 {verbs}
-
 options everywhere: --help, --version, --debug (show the traceback of an error)
 exit codes: 0 done, 1 failed, 2 usage, 3 data, 4 model, 5 output, 6 device, 130 interrupted
 """
@@ -112,21 +88,21 @@ def _main(argv: Sequence[str]) -> int:
     # `holdfast help VERB` is the help of that verb's parser.
     if len(argv) > 1 and argv[0] == "help":
         argv = [argv[1], "--help"]
-    if not argv or argv[0] in ("-h", "--help", "help"):
-        width = max(map(len, VERBS)) + 2
-        verbs = "\n".join(
-            f"  {name:<{width}}{about}" for name, (_, about) in VERBS.items()
-        )
-        print(HELP.format(verbs=verbs), end="")
+    if not argv:
+        print(START, end="")
+        return 0
+
+    if argv[0] in ("-h", "--help", "help"):
+        print(HELP.format(verbs=_listed()), end="")
         return 0
 
     if argv[0] == "--version":
         print(f"holdfast {version('holdfast')}")
         return 0
 
-    if argv[0] in MOVED:
+    if argv[0] in OLD:
         what = f"{argv[0]!r} is no command of holdfast any more"
-        raise UsageError(what, next_step=MOVED[argv[0]])
+        raise UsageError(what, next_step=OLD[argv[0]])
 
     if argv[0] not in VERBS:
         what = f"unknown command {argv[0]!r}; choose from {', '.join(VERBS)}"
@@ -135,10 +111,20 @@ def _main(argv: Sequence[str]) -> int:
     return _run(argv[0], argv[1:])
 
 
+def _listed() -> str:
+    """The verbs by what one wants to do."""
+    width = max(map(len, VERBS)) + 2
+    lines = []
+    for title, verbs in GROUPS.items():
+        lines += ["", f"{title}:"]
+        lines += [f"  {verb:<{width}}{about}" for verb, (_, about) in verbs.items()]
+    return "\n".join([*lines, ""])
+
+
 def _run(verb: str, argv: Sequence[str]) -> int:
-    module_name, about = VERBS[verb]
+    name, about = VERBS[verb]
     # Only the verb's module: `holdfast run` must start without the packages of training.
-    module = import_module(module_name)
+    module = import_module(name)
     _refuse_old(verb, argv, getattr(module, "OLD_OPTIONS", {}))
     parser = _parser(verb, argv, about)
     module.add_arguments(parser)

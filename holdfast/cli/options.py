@@ -160,6 +160,8 @@ def add_engine_options(parser: argparse.ArgumentParser) -> None:
 
 def chosen_model(args: argparse.Namespace) -> ModelChoice:
     """The file of args.model with the engine that the user chose."""
+    # Some commands look for the library beside the model alone.
+    given = getattr(args, "library", None)
     # As text: the choice is sent to other processes and written into results.
-    library = None if args.library is None else str(args.library)
+    library = None if given is None else str(given)
     return ModelChoice(str(args.model), args.engine, library)

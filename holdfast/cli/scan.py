@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from holdfast.cli.command import add_json_option, show_found
 
 if TYPE_CHECKING:
-    from holdfast.drivers.bus_survey import ScannedBus
+    from holdfast.drivers.scan import ScannedBus
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _surveyed(url: str) -> ScannedBus:
-    from holdfast.drivers.bus_survey import survey
+    from holdfast.drivers.scan import survey
     from holdfast.live.running import RunClock
     from holdfast.live.sources import named_addresses, open_bus
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from holdfast.cli.command import path_argument, show
 from holdfast.cli.options import add_calibration_option, add_recording_options
 from holdfast.core.errors import UsageError
-from holdfast.sessions.study.protocol import PROTOCOLS, names_in
+from holdfast.sessions.study.protocol import shipped_protocols
 
 if TYPE_CHECKING:
     from holdfast.sessions.study.starting import StudyOptions
@@ -32,7 +32,7 @@ OLD_OPTIONS = {"--intent": "--wearer URL"}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
-    shipped = ", ".join(names_in(PROTOCOLS))
+    shipped = ", ".join(shipped_protocols())
     protocol = f"study protocol: a TOML file, or one of {shipped}"
     option("protocol", metavar="PROTOCOL", help=protocol)
     steps = "print the steps with their minutes, and stop"

@@ -166,7 +166,7 @@ def run(args: argparse.Namespace) -> int:
         data, trained = train_on_sets(_request(args), progress, describe)
         figures = trained.figures
         if args.report is not None:
-            from holdfast.evaluation.training_report import write_training_report
+            from holdfast.evaluation.report import write_training_report
 
             progress("drawing the report")
             write_training_report(args.report, data, trained, args.out)

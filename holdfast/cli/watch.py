@@ -1,7 +1,12 @@
 """`holdfast watch --camera oak --tag-mm 10 --out DIR`: records video and tag tracks until Ctrl-C.
 
-holdfast watch --camera oak --tag-mm 9.96 --seconds 15 --out trials/7
-holdfast watch --camera drawn.frames.npz --out build/watched
+    holdfast watch --camera oak --tag-mm 9.96 --seconds 15 --out trials/7
+    holdfast watch --camera drawn.frames.npz --out build/watched
+    holdfast watch --onset trials/7 --action pull          a label in trials/7/events.jsonl
+    holdfast watch --onset trials/p01/my-cup/pull/trial_1  of holdfast record: its phases too
+
+--onset finds the onset of slip that a camera saw. The action decides what a slip means: pull, fall
+and hold make it risky, pass and put-down safe.
 """
 
 from __future__ import annotations
@@ -13,7 +18,8 @@ from typing import TYPE_CHECKING
 
 from holdfast.cli.command import add_json_option, path_argument, positive, show_found
 from holdfast.cli.options import add_apart_option, add_camera_options
-from holdfast.core.errors import TagError
+from holdfast.core.errors import TagError, UsageError
+from holdfast.sessions.onset import ACTIONS, doubt, read_motion, write_label
 
 if TYPE_CHECKING:
     from holdfast.drivers.camera.sources import FrameSource
@@ -22,43 +28,62 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
-    cameras = "oak, or a .frames.npz"
-    option("--camera", required=True, metavar="oak|FILE", help=cameras)
-    option(
-        "--out",
-        type=path_argument,
-        required=True,
-        metavar="DIR",
-        help="the trial's folder",
-    )
+    option("--camera", metavar="oak|FILE", help="oak, or a .frames.npz")
+    home = "the trial's folder"
+    option("--out", type=path_argument, metavar="DIR", help=home)
     add_camera_options(parser)
     add_apart_option(parser)
     option("--seconds", type=positive, metavar="S", help="oak: stop after S seconds")
+    onset = (
+        "label a watched folder, with the following options; --tag-mm corrects the tags"
+    )
+    option("--onset", type=path_argument, metavar="TRIAL", help=onset)
+    action = "action of the trial (default: the name of its folder)"
+    option("--action", choices=ACTIONS, help=action)
+    held = (
+        "trials that were loaded and held: gross slip begins above their elastic shear"
+    )
+    option("--no-slip", type=path_argument, nargs="+", metavar="TRIAL", help=held)
+    gross = "distance of gross slip (default 2)"
+    option("--gross-mm", type=positive, metavar="MM", help=gross)
+    until = "search until S seconds"
+    option("--until", type=float, dest="until_s", metavar="S", help=until)
     add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
+    """Record, or label what was recorded."""
+    if args.onset is not None:
+        return _label(args)
+    if args.camera is None or args.out is None:
+        raise UsageError(
+            "--camera and --out are needed", next_step="or --onset TRIAL for a label"
+        )
+    return _record(args)
+
+
+def _record(args: argparse.Namespace) -> int:
     """Record until the frames end or the operator stops it; then check the tags.
 
     Raises TagError where the size of a tag is impossible; the recording is kept.
     """
     from holdfast.drivers.camera.graph import watch
     from holdfast.live.running import say, stop_signals
-    from holdfast.sessions.onset import doubt
 
     source = _source(args)
     with stop_signals() as stopped:
-        watched = watch(source, args.out, say=say, stopped=stopped)
+        watched = watch(source, args.out, stopped=stopped)
     counts = f"{watched.frames} frames with tags read, {watched.in_video} in the video"
     words = f"{counts}, {watched.lost} lost between them\n"
-    words += f"{args.out}; next: holdfast onset {args.out}"
+    words += f"{args.out}; next: holdfast watch --onset {args.out}"
     found = {
+        "out": args.out,
         "frames": watched.frames,
         "in_video": watched.in_video,
         "lost": watched.lost,
     }
-    show_found(args, words, {"out": args.out, **found})
-    # After the recording is whole: a wrong size can be given again with `holdfast onset --tag-mm`.
+    show_found(args, words, found)
+    # After the recording is whole: a wrong size can be given again with --onset --tag-mm.
     wrong = doubt(args.out)
     if isinstance(wrong, TagError):
         raise wrong
@@ -69,7 +94,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _source(args: argparse.Namespace) -> FrameSource:
     """The camera, or stored frames. Raises UsageError or a DataError."""
-    from holdfast.drivers.camera.sources import OAK, Lens, Oak, read_frames
+    from holdfast.drivers.camera.recording import Lens
+    from holdfast.drivers.camera.sources import OAK, Oak, read_frames
     from holdfast.sessions.camera import CameraOptions
 
     options = CameraOptions(args.camera, args.tag_mm, args.fps, args.exposure_ms)
@@ -79,7 +105,33 @@ def _source(args: argparse.Namespace) -> FrameSource:
         lens = Lens(**options.shooting(), clock="monotonic", apart_mm=args.apart_mm)
         return Oak(lens, args.seconds)
 
-    source = read_frames(Path(args.camera))
-    if args.apart_mm is not None:
-        source.lens = replace(source.lens, apart_mm=args.apart_mm)
-    return source
+    return read_frames(Path(args.camera), args.apart_mm)
+
+
+def _label(args: argparse.Namespace) -> int:
+    """Find the onset, write it next to the trial, print it."""
+    from holdfast.drivers.camera.onset import (
+        GROSS_MM,
+        gross_distance_mm,
+        largest_move_mm,
+    )
+
+    # Pads shear elastically under load, which a camera cannot tell from a slip by itself.
+    held = [read_motion(path, args.tag_mm).moved for path in args.no_slip or []]
+    gross_mm = args.gross_mm or (gross_distance_mm(held) if held else GROSS_MM)
+    # Within the elastic shear every held object would seem to slip.
+    shear_mm = max((largest_move_mm(moved) for moved in held), default=0.0)
+    if gross_mm <= shear_mm:
+        raise UsageError(
+            f"--gross-mm {gross_mm:g} is within the elastic shear",
+            cause=f"the held trials move by {shear_mm:.2f} mm",
+            next_step="omit --gross-mm, or give more",
+        )
+
+    trial = read_motion(args.onset, args.tag_mm, args.apart_mm)
+    if args.until_s is not None:
+        until_s = args.until_s + trial.starts_s
+        trial = replace(trial, moved=trial.moved.between(float("-inf"), until_s))
+    words, found = write_label(trial, args.action, gross_mm, shear_known=bool(held))
+    show_found(args, words, found)
+    return 0

@@ -25,17 +25,19 @@ All contacts press along the axis from thumb to fingers; a card turns none of th
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
+import msgspec
 import numpy as np
+from msgspec import Meta
 
 from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.core.errors import CardError
-from holdfast.core.reading import CardReader, read_toml
+from holdfast.core.schema import checked, read, text_of
 
 Side = Literal["thumb", "opposing"]
 SIDES: tuple[Side, ...] = ("thumb", "opposing")
@@ -46,8 +48,10 @@ MOST_CONTACTS = 32
 """With those that have no sensor."""
 FARTHEST_MM = 100.0
 """Of a place from the middle of the hand."""
-STIFFNESS = (0.01, 100.0)
-"""Smallest and largest stiffness over that of one fingertip."""
+Name = Annotated[str, Meta(max_length=80)]
+Place = Annotated[float, Meta(ge=-FARTHEST_MM, le=FARTHEST_MM)]
+Stiffness = Annotated[float, Meta(ge=0.01, le=100.0)]
+"""Over that of one fingertip."""
 
 USUAL_HAND = "six-fingertips"
 """Of a set or a model that has its number of sensors and no hand card."""
@@ -57,9 +61,8 @@ FINGERS_AT_MM = (33.0, 11.0, -11.0, -33.0)
 """Middles of index, middle, ring, little."""
 
 
-@dataclass(frozen=True)
-class HandContact:
-    """One place at which the hand touches.
+class HandContact(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One place at which the hand touches: a [[sensors]] table.
 
     along_mm, across_mm  place along the object's axis and across it
     pad                  contacts with the same name lie in one soft pad; empty: on its own
@@ -67,13 +70,24 @@ class HandContact:
     sensed               False for a contact without a sensor
     """
 
-    name: str
+    name: Name
     side: Side
-    along_mm: float
-    across_mm: float = 0.0
-    pad: str = ""
-    stiffness: float = 1.0
+    along_mm: Place
+    across_mm: Place = 0.0
+    pad: Name = ""
+    stiffness: Stiffness = 1.0
     sensed: bool = True
+
+
+class _Tables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A hand card as it stands in its file."""
+
+    sensors: Annotated[tuple[HandContact, ...], Meta(max_length=MOST_CONTACTS)]
+    name: Name = ""
+    about: str = ""
+
+    def __post_init__(self) -> None:
+        _require_hand(self.sensors)
 
 
 @dataclass(frozen=True)
@@ -122,22 +136,29 @@ class HandCard:
     @property
     def sensed(self) -> BoolArray:
         """[S] which contacts have a sensor."""
-        return np.array([contact.sensed for contact in self.contacts])
+        return self._each("sensed").astype(np.bool_)
 
     @property
     def part(self) -> FloatArray:
         """[S] a contact's stiffness over that of one fingertip."""
-        return np.array([contact.stiffness for contact in self.contacts])
+        return self._each("stiffness")
 
     @property
     def along_m(self) -> FloatArray:
         """[S] positions of the contacts along the axis of a cylinder."""
-        return 1e-3 * np.array([contact.along_mm for contact in self.contacts])
+        return 1e-3 * self._each("along_mm")
 
     @property
     def across_m(self) -> FloatArray:
         """[S] positions of the contacts across that axis."""
-        return 1e-3 * np.array([contact.across_mm for contact in self.contacts])
+        return 1e-3 * self._each("across_mm")
+
+    def _each(self, name: str) -> FloatArray:
+        """[S] a value of every contact."""
+        values: FloatArray = np.array(
+            [getattr(contact, name) for contact in self.contacts]
+        )
+        return values
 
     @property
     def pads(self) -> list[list[int]]:
@@ -161,17 +182,16 @@ class HandCard:
 
     def to_json(self) -> Json:
         """For a model's metadata: the contacts and what the file was, without its text."""
-        value = asdict(self)
-        del value["text"]
-        return value
+        contacts = msgspec.to_builtins(self.contacts)
+        return {"name": self.name, "contacts": contacts, "sha256": self.sha256}
 
 
 def hand_from_json(value: Any) -> HandCard:
-    """The inverse of HandCard.to_json. Raises KeyError, TypeError, AttributeError or ValueError."""
-    contacts = tuple(HandContact(**contact) for contact in value["contacts"])
+    """The inverse of HandCard.to_json. Raises KeyError, TypeError or ValueError."""
+    contacts = msgspec.convert(value["contacts"], tuple[HandContact, ...])
     hand = HandCard(str(value["name"]), contacts, sha256=str(value["sha256"]))
-    if not hand.n_sensors or not set(hand.sensor_sides) <= set(SIDES):
-        raise ValueError("a hand without sensors, or with a sensor on no side")
+    if not hand.n_sensors:
+        raise ValueError("a hand without sensors")
     return hand
 
 
@@ -264,8 +284,49 @@ def find_hand_card(name: str, folder: Path | None = None) -> Path:
 def read_hand_card(name: str | Path, folder: Path | None = None) -> HandCard:
     """Read and check a hand card by name or path. Raises CardError."""
     path = find_hand_card(str(name), folder)
-    text, raw = read_toml(path)
-    return _HandReader(path).card(raw, text)
+    raw = read(path, dict[str, Any])
+    _share_pads(raw.get("sensors"))
+    card = checked(raw, _Tables, path)
+    text = text_of(path)
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    return HandCard(card.name or path.stem, card.sensors, text, digest)
+
+
+def _share_pads(rows: Any) -> None:
+    """Where the card says no stiffness, the taxels of a pad have equal parts of a fingertip's."""
+    tables = [row for row in rows if isinstance(row, dict)] if rows else []
+    pads = [str(table.get("pad", "")) for table in tables]
+    for table, pad in zip(tables, pads, strict=True):
+        table.setdefault("stiffness", 1.0 / pads.count(pad) if pad else 1.0)
+
+
+def _require_hand(contacts: Sequence[HandContact]) -> None:
+    """Raise ValueError for contacts that are no hand."""
+    n_sensors = [contact.sensed for contact in contacts].count(True)
+    if not FEWEST_SENSORS <= n_sensors <= MOST_SENSORS:
+        allowed = f"{FEWEST_SENSORS} to {MOST_SENSORS} (sensed = true)"
+        raise ValueError(f"{n_sensors} sensors; allowed: {allowed}")
+
+    sides = [contact.side for contact in contacts]
+    if set(sides) != set(SIDES):
+        needed = "a contact on either side; one without a sensor has sensed = false"
+        raise ValueError(f"all contacts are on one side; allowed: {needed}")
+    if sides != sorted(sides, key=SIDES.index):
+        allowed = "the contacts of the thumb's side before all others"
+        raise ValueError(f"sides in mixed order; allowed: {allowed}")
+
+    names = [contact.name for contact in contacts]
+    side_of_pad: dict[str, str] = {}
+    for contact in contacts:
+        if names.count(contact.name) > 1:
+            raise ValueError(
+                f"name = {contact.name!r} twice; allowed: a name of its own"
+            )
+        side = side_of_pad.setdefault(contact.pad or contact.name, contact.side)
+        if side != contact.side:
+            raise ValueError(
+                f"pad = {contact.pad!r}; allowed: all its contacts on one side"
+            )
 
 
 @cache
@@ -288,122 +349,3 @@ def sensor_names(card: HandCard | None, n_sensors: int) -> tuple[str, ...]:
     if hand is not None:
         return hand.sensor_names
     return tuple(f"sensor {k}" for k in range(1, n_sensors + 1))
-
-
-def hand_of_section(section: Json, reader: CardReader) -> HandCard:
-    """The hand that the section [hand] of a scene file names. Raises CardError."""
-    name = section["card"]
-    if not isinstance(name, str) or len(section) > 1:
-        allowed = 'card = "NAME or path" alone, or numbers of contacts'
-        raise reader.refused("hand", section, allowed)
-    return read_hand_card(name, reader.path.parent)
-
-
-class _HandReader(CardReader):
-    """Checks one hand card, contact by contact, then the hand as a whole."""
-
-    def card(self, raw: Json, text: str) -> HandCard:
-        """The card of a file's tables. Raises CardError."""
-        self.require_known(raw, ("name", "about", "sensors"), "key")
-        rows = raw.get("sensors")
-        if not isinstance(rows, list) or not rows:
-            raise self.refused("sensors", rows, "[[sensors]] tables with name and side")
-        if len(rows) > MOST_CONTACTS:
-            most = f"at most {MOST_CONTACTS} contacts"
-            raise self.refused("sensors", f"{len(rows)} contacts", most)
-
-        tables = []
-        pads: list[str] = []
-        for k, row in enumerate(rows):
-            table = self.require_table(f"sensors[{k}]", row)
-            tables.append(table)
-            pads.append(self.word(f"sensors[{k}].pad", table.get("pad", "")))
-
-        contacts = []
-        for k, table in enumerate(tables):
-            # The taxels of a pad share the stiffness of one fingertip.
-            mates = pads.count(pads[k]) if pads[k] else 1
-            contacts.append(self.contact(f"sensors[{k}]", table, 1.0 / mates))
-
-        self.require_hand(contacts)
-        name = self.word("name", raw.get("name", self.path.stem))
-        digest = hashlib.sha256(text.encode()).hexdigest()
-        return HandCard(name, tuple(contacts), text, digest)
-
-    def contact(
-        self, key: str, table: Mapping[str, Any], stiffness: float
-    ) -> HandContact:
-        """One [[sensors]] table; stiffness: where the card gives none. Raises CardError."""
-        self.require_known(table, HandContact.__dataclass_fields__, key)
-        for needed in ("name", "side", "along_mm"):
-            if needed not in table:
-                allowed = f"given for every sensor, as {EXAMPLES[needed]}"
-                raise self.refused(f"{key}.{needed}", None, allowed)
-        if table["side"] not in SIDES:
-            raise self.refused(f"{key}.side", table["side"], " or ".join(SIDES))
-
-        sensed = table.get("sensed", True)
-        if not isinstance(sensed, bool):
-            raise self.refused(f"{key}.sensed", sensed, "true or false")
-
-        return HandContact(
-            name=self.word(f"{key}.name", table["name"]),
-            side=table["side"],
-            along_mm=self.place(f"{key}.along_mm", table["along_mm"]),
-            across_mm=self.place(f"{key}.across_mm", table.get("across_mm", 0.0)),
-            pad=table.get("pad", ""),
-            stiffness=self.number(
-                f"{key}.stiffness", table.get("stiffness", stiffness), *STIFFNESS, ""
-            ),
-            sensed=sensed,
-        )
-
-    def require_hand(self, contacts: list[HandContact]) -> None:
-        """Raise CardError for contacts that are no hand."""
-        n_sensors = [contact.sensed for contact in contacts].count(True)
-        if not FEWEST_SENSORS <= n_sensors <= MOST_SENSORS:
-            allowed = f"{FEWEST_SENSORS} to {MOST_SENSORS} sensors (sensed = true)"
-            raise self.refused("sensors", f"{n_sensors} sensors", allowed)
-
-        sides = [contact.side for contact in contacts]
-        for side in SIDES:
-            if side not in sides:
-                needed = (
-                    "a contact on either side; one without a sensor has sensed = false"
-                )
-                raise self.refused("sensors", f"none on side {side}", needed)
-        if sides != sorted(sides, key=SIDES.index):
-            allowed = "the contacts of the thumb's side before all others"
-            raise self.refused("sensors", "sides in mixed order", allowed)
-
-        names = [contact.name for contact in contacts]
-        side_of_pad: dict[str, str] = {}
-        for contact in contacts:
-            if names.count(contact.name) > 1:
-                raise self.refused("name", contact.name, "a name that no other has")
-            if not contact.pad:
-                continue
-            if side_of_pad.setdefault(contact.pad, contact.side) != contact.side:
-                raise self.refused("pad", contact.pad, "all its contacts on one side")
-
-    def word(self, key: str, value: Any) -> str:
-        """A name. Raises CardError."""
-        if not isinstance(value, str) or len(value) > 80:
-            raise self.refused(key, value, "a text of at most 80 characters")
-        return value
-
-    def place(self, key: str, value: Any) -> float:
-        """A place in mm. Raises CardError."""
-        return self.number(key, value, -FARTHEST_MM, FARTHEST_MM, " mm")
-
-    def number(self, key: str, value: Any, low: float, high: float, unit: str) -> float:
-        """A number within a range. Raises CardError."""
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        # nan fails both comparisons
-        if not is_number or not low <= value <= high:
-            raise self.refused(key, value, f"a number from {low:g} to {high:g}{unit}")
-        return float(value)
-
-
-EXAMPLES = {"name": '"thumb-tip"', "side": '"thumb"', "along_mm": "12.0"}
-"""What an error shows for a key that is missing."""

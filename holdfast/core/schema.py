@@ -17,13 +17,15 @@ import json
 import math
 import re
 import tomllib
+from contextlib import suppress
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
-import msgspec
-
 from holdfast.core.errors import CardError, DataError, HoldfastError
+
+with suppress(ImportError):  # the doctor runs without it, and reads no card
+    import msgspec
 
 T = TypeVar("T")
 _PACKAGE = Path(__file__).resolve().parent.parent
@@ -34,6 +36,16 @@ DEFAULT_MODEL = "holdfast-150hz"
 """The shipped model that a run takes where none is named."""
 LONGEST_VALUE = 80
 """Characters of a value in an error."""
+NAMES = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "a text",
+    list: "a list, of length",
+    tuple: "a list, of length",
+    dict: "a table",
+}
+"""A type, as an error calls it."""
 
 
 def shipped() -> list[str]:
@@ -70,9 +82,9 @@ def json_of(text: str | bytes) -> Any:
 
 
 def toml_of(text: str) -> dict[str, Any]:
-    """The tables of a TOML text. Raises ValueError, also for numbers that are not finite."""
+    """The tables of a TOML text. Raises ValueError."""
     try:
-        return tomllib.loads(text, parse_float=_finite)
+        return tomllib.loads(text)
     except RecursionError:
         raise ValueError("it nests too deep") from None
 
@@ -121,6 +133,9 @@ def checked(
     strict: false where numbers stand as text, as in a URL.
     A Struct whose __post_init__ raises ValueError("what; allowed: what is") is heard too.
     """
+    if key := _not_finite(raw):
+        allowed = "allowed: a finite number"
+        raise error(key, where=where, next_step=allowed)
     try:
         return msgspec.convert(raw, kind, strict=strict)
     except msgspec.ValidationError as reason:
@@ -132,23 +147,34 @@ def checked(
 # -- what msgspec leaves out: the key of a dictionary, the value, the fields that are known
 
 
+def _not_finite(value: Any, key: str = "") -> str:
+    """Key and value of the first number that is nan or infinite, which no bound refuses; or ""."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return f"{key} = {value}"
+    found = []
+    if isinstance(value, dict):
+        found = [_not_finite(one, _joined(key, name)) for name, one in value.items()]
+    elif isinstance(value, list):
+        found = [_not_finite(one, f"{key}[{k}]") for k, one in enumerate(value)]
+    return next(filter(None, found), "")
+
+
 def _explained(raw: Any, kind: Any, message: str) -> tuple[str, str]:
     """(key and value, what is allowed there) of a message of msgspec."""
     said, _, place = message.partition(" - at `")
     key, value, kind = _place(raw, kind, place)
     if named := re.fullmatch(r"Object (.+) field `(.+)`", said):
         what = "is missing" if "missing" in named[1] else "is not known"
-        fields = [one.encode_name for one in msgspec.structs.fields(kind)]
+        fields = [one.encode_name for one in msgspec.structs.fields(_bare(kind))]
         return f"{_joined(key, named[2])} {what}", ", ".join(fields)
     if not said.startswith(("Expected ", "Invalid ")):
         own, _, allowed = said.partition("; allowed: ")
         return f"{key}: {own}" if key else own, allowed
 
     shown = repr(value)[:LONGEST_VALUE]
-    allowed = said.removeprefix("Expected ").partition(", got ")[0].replace("`", "")
-    if choices := _choices(kind):
-        allowed = ", ".join(choices)
-    return f"{key} = {shown}" if key else f"{shown}", allowed
+    if isinstance(value, list) and " length " in said:
+        shown = f"{len(value)} of them"
+    return f"{key} = {shown}" if key else shown, _allowed(kind) or said
 
 
 def _place(raw: Any, kind: Any, place: str) -> tuple[str, Any, Any]:
@@ -170,7 +196,7 @@ def _place(raw: Any, kind: Any, place: str) -> tuple[str, Any, Any]:
             is_fixed = get_origin(kind) is tuple and kinds[-1] is not Ellipsis
             kind = kinds[int(index) if is_fixed else 0]
             raw, key = raw[int(index)], f"{key}[{index}]"
-    return key, raw, _bare(kind)
+    return key, raw, kind
 
 
 def _joined(key: str, name: str) -> str:
@@ -194,6 +220,29 @@ def _bare(kind: Any) -> Any:
     return kind
 
 
-def _choices(kind: Any) -> list[str]:
-    """The words of a Literal."""
-    return [str(one) for one in get_args(kind)] if get_origin(kind) is Literal else []
+def _allowed(kind: Any) -> str:
+    """A kind and its bounds in words; empty for a kind that has none here."""
+    bare = _bare(kind)
+    if get_origin(bare) is Literal:
+        return " or ".join(str(one) for one in get_args(bare))
+    words = [NAMES.get(get_origin(bare) or bare, "")]
+    for part in get_args(kind):
+        for meta in [part, *getattr(part, "__metadata__", [])]:
+            if isinstance(meta, msgspec.Meta):
+                words += _bounds(meta)
+    return " ".join(filter(None, words))
+
+
+def _bounds(meta: msgspec.Meta) -> list[str]:
+    """The bounds of a number or a length in words."""
+    if meta.ge is not None and meta.le is not None:
+        return [f"from {meta.ge:g} to {meta.le:g}"]
+    ends = {
+        "at least": (meta.ge, meta.min_length),
+        "above": (meta.gt,),
+        "at most": (meta.le, meta.max_length),
+        "below": (meta.lt,),
+    }
+    return [
+        f"{word} {end:g}" for word, of in ends.items() for end in of if end is not None
+    ]

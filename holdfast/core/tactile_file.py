@@ -7,13 +7,13 @@ writing. Once a second of sample time, a thread syncs the file to the disk: a sl
 sample, and a power cut costs about that second.
 
 A killed program leaves a part of a line; a power cut may leave zeros behind it. `repair_table`
-moves that end to `<file>.torn`, and nothing is deleted. An edited header, rows with another number
-of cells, or text among the samples are damage of another kind: such a file is refused unchanged,
-for a person to correct.
+moves that end to `<file>.torn`, and nothing is deleted. Where header and rows disagree the file is
+refused unchanged, for a person to correct.
 """
 
 from __future__ import annotations
 
+import io
 import os
 import threading
 from collections.abc import Callable
@@ -22,8 +22,8 @@ from pathlib import Path
 from queue import SimpleQueue
 
 from holdfast.core.contract import BoolArray, FloatArray, channel_names
-from holdfast.core.errors import ColumnError, EmptyRecording, NotANumber, OutputError
-from holdfast.core.trial_file import TIME_COLUMN, check_columns
+from holdfast.core.errors import EmptyRecording, OutputError
+from holdfast.core.trial_file import TIME_COLUMN, check_columns, table_of
 from holdfast.core.writing import write_whole
 
 TORN = ".torn"
@@ -110,12 +110,6 @@ def _unrepaired(path: Path, error: OSError) -> OutputError:
 
 SYNC_EVERY_NS = 1_000_000_000
 MOST_SENSORS = 64
-IN_NUMBERS = b"0123456789+-.einfa"
-"""The characters of numbers, nan and inf."""
-UNCHANGED, EDITED = (
-    "nothing was changed",
-    "a header or a line was edited, or a newline was lost",
-)
 
 
 class TactileFile:
@@ -238,7 +232,7 @@ class _Sync:
 
 
 def repair_table(path: Path) -> RepairResult:
-    """Move what follows the last whole row of a tactile.csv to another file.
+    """Move an incomplete last row of a tactile.csv, and zeros behind it, to another file.
 
     A whole row without its newline is whole. Raises EmptyRecording where the file ends within its
     header, ColumnError or NotANumber where header and rows disagree, and OutputError; the file is
@@ -246,111 +240,39 @@ def repair_table(path: Path) -> RepairResult:
     """
     data = read_damaged(path)
     # zeros at the end are blocks that a power cut left unwritten
-    header, newline, body = data.rstrip(b"\0").partition(b"\n")
-    if not newline:
-        raise _without_rows(header, path)
-    lines = body.splitlines(keepends=True)
-    n_cells = _require_header(header, lines, path)
-    whole = lines[:-1] if lines and _is_torn(lines[-1], n_cells) else lines
-    for number, line in enumerate(whole, start=2):
-        _require_row(line, n_cells, path, number)
-    kept_bytes = len(header) + 1 + sum(map(len, whole))
-    rows = sum(1 for line in whole if line.strip())
-    return RepairResult(
-        rows, len(data) - kept_bytes, move_aside(path, data, kept_bytes)
-    )
-
-
-def _require_header(header: bytes, lines: list[bytes], path: Path) -> int:
-    """How many cells a row has by the header.
-
-    Raises ColumnError, with the header that the rows need.
-    """
-    columns = [
-        name.strip() for name in header.decode("utf-8-sig", "replace").split(",")
-    ]
-    try:
-        check_columns(columns, path)
-    except ColumnError as error:
-        step = _by_hand(lines[0].count(b",") + 1 if lines else 0)
-        raise ColumnError(
-            f"{error.what}: {UNCHANGED}", where=path, cause=EDITED, next_step=step
-        ) from None
-    return len(columns)
-
-
-def _is_torn(line: bytes, n_cells: int) -> bool:
-    """Whether a last line is the beginning of a row, or holds zeros from a power cut."""
-    if b"\0" in line:
-        return True
-    # a number may be cut off within itself, so its characters are judged
-    *whole, last = line.rstrip(b"\r\n").split(b",")
-    begun = all(map(_is_number, whole)) and not last.strip(IN_NUMBERS)
-    short = len(whole) + 1 < n_cells or (
-        len(whole) + 1 == n_cells and not _is_number(last)
-    )
-    return bool(line.strip()) and begun and short
-
-
-def _require_row(line: bytes, n_cells: int, path: Path, number: int) -> None:
-    """Raise ColumnError or NotANumber for a line that is not a row of the header's.
-
-    Ignore empty lines.
-    """
-    cells = line.split(b",")
-    if not line.strip():
-        return
-    if len(cells) != n_cells:
-        what = f"line {number} has {len(cells)} cells, the header has {n_cells}: {UNCHANGED}"
-        raise ColumnError(
-            what, where=path, cause=EDITED, next_step=_by_hand(len(cells))
-        )
-    if not all(map(_is_number, cells)):
-        raise NotANumber(
-            f"line {number} is not a row of numbers: {UNCHANGED}",
-            where=path,
-            cause="zeros of a power cut, or two recordings in one file",
-            next_step="correct that line by hand",
-        )
-
-
-def _by_hand(n_cells: int) -> str:
-    """The next step, with the recorder's header if rows of n_cells fit one (3 + 4 a sensor)."""
-    # Time, host_ns and sequence; three channels and a flag a sensor
-    sensors, rest = divmod(n_cells - 3, 4)
-    fits = not rest and 0 < sensors <= MOST_SENSORS
-    return "correct it by hand" + (
-        f"; the recorder's header is {header_line(sensors)}" if fits else ""
-    )
-
-
-def _is_number(cell: bytes) -> bool:
-    """Python also takes underscores, which no program writes into a table."""
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return b"_" not in cell
-
-
-def _without_rows(line: bytes, path: Path) -> EmptyRecording | ColumnError:
-    """The error of a file with one line.
-
-    The beginning of the recorder's header, or something else.
-    """
-    if any(
-        header_line(sensors).encode().startswith(line)
-        for sensors in range(1, MOST_SENSORS + 1)
-    ):
-        return EmptyRecording(
+    text = data.rstrip(b"\0")
+    first, newline, _ = text.partition(b"\n")
+    header = [name.strip() for name in first.decode("utf-8-sig", "replace").split(",")]
+    if not newline and _is_begun(first):
+        raise EmptyRecording(
             "the header is incomplete",
             where=path,
             cause="killed at once",
             next_step="record again",
         )
-    return ColumnError(
-        f"one line, which is not the recorder's header: {UNCHANGED}",
-        where=path,
-        cause=EDITED,
-        next_step="correct it by hand",
+    check_columns(header, path)
+
+    begin = text.rfind(b"\n") + 1
+    kept_bytes = len(text) if _is_row(text[begin:], len(header)) else begin
+    # what numpy does not read is no torn end: a person has to look at it
+    table = table_of(
+        io.StringIO(text[:kept_bytes].decode("utf-8-sig", "replace")), header, path
     )
+    return RepairResult(
+        len(table), len(data) - kept_bytes, move_aside(path, data, kept_bytes)
+    )
+
+
+def _is_begun(line: bytes) -> bool:
+    """Whether a line is the beginning of a recorder's header."""
+    headers = (header_line(sensors) for sensors in range(1, MOST_SENSORS + 1))
+    return any(header.encode().startswith(line) for header in headers)
+
+
+def _is_row(line: bytes, n_cells: int) -> bool:
+    """Whether a line has all its numbers."""
+    cells = line.split(b",")
+    try:
+        return len([float(cell) for cell in cells]) == n_cells
+    except ValueError:
+        return False

@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 import numpy.typing as npt
@@ -111,7 +112,7 @@ def read_trial(path: str | Path) -> Trial:
     path = Path(path)
     header = _header(path)
     check_columns(header, path)
-    return trial_of(header, _table(path, header), path)
+    return trial_of(header, table_of(path, header, path), path)
 
 
 def trial_of(
@@ -242,14 +243,14 @@ def check_columns(header: list[str], path: Path) -> int:
     raise ColumnError(what, where=path, next_step=fix)
 
 
-def _table(path: Path, header: list[str]) -> FloatArray:
-    """[T, columns] of numbers. Raises NotANumber or ColumnError."""
+def table_of(lines: Path | TextIO, header: list[str], path: Path) -> FloatArray:
+    """[T, columns] of numbers in lines below a header. Raises NotANumber or ColumnError."""
     try:
         with warnings.catch_warnings():
             # numpy warns about a table without rows; require_rows says it better
             warnings.simplefilter("ignore", UserWarning)
             table = np.loadtxt(
-                path,
+                lines,
                 delimiter=",",
                 skiprows=1,
                 ndmin=2,
@@ -257,10 +258,10 @@ def _table(path: Path, header: list[str]) -> FloatArray:
                 quotechar='"',
                 encoding="utf-8-sig",
             )
-    except (ValueError, UnicodeDecodeError):
-        raise _first_bad_cell(path, header) from None
+    except ValueError as error:
+        raise _bad_table(str(error), header, path) from None
     if table.size and table.shape[1] != len(header):
-        raise _first_bad_cell(path, header)
+        raise _other_count(f"each line has {table.shape[1]} cells", header, path)
     return table
 
 
@@ -275,52 +276,36 @@ def require_rows(table: FloatArray, path: Path) -> None:
         )
 
 
-def _first_bad_cell(path: Path, header: list[str]) -> NotANumber | ColumnError:
-    """The error for a table that numpy does not read: the first cell that is no number."""
-    unreadable = NotANumber(
+def _bad_table(said: str, header: list[str], path: Path) -> NotANumber | ColumnError:
+    """The error for a table that numpy does not read; said: numpy's own message."""
+    if cell := re.match(
+        "could not convert string (.+) to float.* row (.+), col.* (.+)\\.", said
+    ):
+        text, row, column = cell.groups()
+        names = dict(enumerate(header, start=1))
+        return NotANumber(
+            f"{line_of_row(int(row))}, column {names.get(int(column), column)}: "
+            f"{text:.42} is not a number",
+            where=path,
+            cause="text or an empty cell in the data",
+            next_step="write nan for a value that was lost",
+        )
+    if count := re.search(r"columns changed from \d+ to (\d+) at row (\d+)", said):
+        # numpy counts these rows from 1
+        line = line_of_row(int(count[2]) - 1)
+        return _other_count(f"{line} has {count[1]} cells", header, path)
+    return NotANumber(
         "the table cannot be read", where=path, next_step="write plain decimal numbers"
     )
-    with path.open(newline="", encoding="utf-8-sig", errors="replace") as lines:
-        try:
-            # the first row is the header
-            for number, row in enumerate(csv.reader(lines), start=1):
-                error = _bad_cell(row, number, header, path) if number > 1 else None
-                if error is not None:
-                    return error
-        except csv.Error:
-            return unreadable
-    return unreadable
 
 
-def _bad_cell(
-    row: list[str], number: int, header: list[str], path: Path
-) -> NotANumber | ColumnError | None:
-    """The error of one row; None where it is a row of numbers."""
-    if row and len(row) != len(header):
-        return ColumnError(
-            f"line {number} has {len(row)} cells, the header has {len(header)}",
-            where=path,
-            cause="the line was cut off while it was written",
-            next_step="remove that line",
-        )
-    for name, cell in zip(header, row, strict=False):
-        if not _is_number(cell):
-            return NotANumber(
-                f"line {number}, column {name}: {cell!r:.40} is not a number",
-                where=path,
-                cause="text or an empty cell in the data",
-                next_step="write nan for a value that was lost",
-            )
-    return None
-
-
-def _is_number(cell: str) -> bool:
-    """Python also takes underscores, which no program writes into a table."""
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return "_" not in cell
+def _other_count(what: str, header: list[str], path: Path) -> ColumnError:
+    return ColumnError(
+        f"{what}, the header has {len(header)}",
+        where=path,
+        cause="the line was cut off while it was written",
+        next_step="remove that line",
+    )
 
 
 def _check_time(

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
-from holdfast.core.errors import BusStuck, TransferFailed
+from holdfast.core.errors import BusStuck
 
 MOST_CLEARS = 9
 """One chip behind each of a mux's eight channels may hold SDA low, but only while it is enabled."""
@@ -75,14 +75,3 @@ def freeing(bus: Bus, action: Callable[[], Result]) -> Result:
             bus.clear()
 
     return action()
-
-
-def require_short(name: str, transfer: Transfer, most_bytes: int) -> None:
-    """Raise TransferFailed where a transfer is longer than the bridge can carry."""
-    longest = max(len(transfer.write), transfer.read)
-    if longest > most_bytes:
-        raise TransferFailed(
-            f"{longest} bytes in one transfer",
-            where=name,
-            cause=f"it carries at most {most_bytes} bytes",
-        )

@@ -2,26 +2,25 @@
 
 A calibration is one matrix [3, 3] in N/uT for each sensor. Where several sensors lie under one load
 (a pad, or six fingertips pressed in turn), each sensor gives its share, and the load is the sum of
-the shares. `holdfast calibrate` fits the matrices. Files are JSON, written with every digit and
-checked value by value.
+the shares. `holdfast calibrate` fits the matrices. Files are JSON, written with every digit.
 """
 
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal, TypeVar
 
+import msgspec
 import numpy as np
 
 from holdfast.core.contract import (
     NORMAL_AXIS,
     NORMAL_FLOOR,
-    UNITS,
     BoolArray,
     FloatArray,
+    Json,
     Unit,
     channel_names,
 )
@@ -33,9 +32,10 @@ from holdfast.core.errors import (
     NotANumber,
     UnitError,
 )
-from holdfast.core.schema import json_of, text_of
+from holdfast.core.schema import read
 from holdfast.core.writing import write_whole
 
+File = TypeVar("File", "CalibrationFile", "BiasFile")
 MIN_BIAS_ROWS = 30
 LOST_SHARE = 0.05
 """Of the rows of a channel, more lost than this is a finger's wires; less is a moment's bus."""
@@ -85,11 +85,6 @@ def bias_of(values: FloatArray, unit: Unit) -> tuple[Bias, tuple[str, ...]]:
 
 
 def _check_bias_rows(values: FloatArray) -> None:
-    if values.ndim != 2 or not values.shape[1] or values.shape[1] % 3:
-        raise ChannelError(
-            f"rows of shape {list(values.shape)}",
-            next_step="give [T, C] with three channels a sensor",
-        )
     if len(values) < MIN_BIAS_ROWS:
         raise EmptyRecording(
             f"{len(values)} rows for a bias",
@@ -218,24 +213,68 @@ def rmse_shear(error_n: FloatArray) -> float:
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
-FORMAT = 1
-CALIBRATION = "calibration"
-BIAS = "bias"
-GAINS = (0.1, 10.0)
-"""A shear gain beyond these is a mistake, not a sensor."""
-NEXT = {
-    CALIBRATION: "write it again with holdfast calibrate PATH --out FILE",
-    BIAS: "take the bias again (holdfast bias), with nothing touching the hand",
-}
+# -- files
+
+Vector = tuple[float, float, float]
+
+
+class CalibrationFile(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
+):
+    """A calibration as its file has it; a residual is null where an axis was never loaded."""
+
+    format: Literal[1]
+    kind: Literal["calibration"]
+    matrix_n_per_ut: Annotated[
+        list[tuple[Vector, Vector, Vector]], msgspec.Meta(min_length=1)
+    ]
+    rest_ut: list[Vector] | None
+    reversed: list[bool]
+    # one beyond these bounds is a mistake, not a sensor
+    shear_gain: Annotated[float, msgspec.Meta(ge=0.1, le=10.0)] | None = None
+    source: str
+    date: str
+    load_unit: str
+    n: Annotated[int, msgspec.Meta(ge=0)]
+    residual_n: list[tuple[float | None, float | None, float | None]]
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where sensors differ in number or a matrix is singular."""
+        n_sensors = len(self.matrix_n_per_ut)
+        for name in ("rest_ut", "reversed", "residual_n"):
+            rows = getattr(self, name)
+            if rows is not None and len(rows) != n_sensors:
+                raise ValueError(f"{name} has {len(rows)}; allowed: {n_sensors} rows")
+        for number, matrix in enumerate(self.matrix_n_per_ut, 1):
+            if _is_singular(np.array(matrix)):
+                raise ValueError(
+                    f"matrix_n_per_ut of sensor {number} is singular; "
+                    "allowed: loads in three directions (holdfast calibrate)"
+                )
+
+
+def _is_singular(matrix: FloatArray) -> bool:
+    """Whether the rows of the loaded axes (not all zero) do not span as many directions.
+
+    Two loaded axes would then become one, or no field would be a force: the finger would always
+    read zero.
+    """
+    # scaled row by row: a calibration in small numbers is not singular
+    largest = np.abs(matrix).max(axis=1)
+    rows = matrix[largest != 0.0] / largest[largest != 0.0, None]
+    return not len(rows) or int(np.linalg.matrix_rank(rows)) < len(rows)
 
 
 def write_calibration(path: str | Path, calibration: Calibration) -> Path:
     """As JSON with all digits; OutputError where that cannot be done."""
     meta = calibration.meta
     rest = calibration.rest_ut
+    # JSON has no nan
+    residual = meta.residual_n.astype(object)
+    residual[np.isnan(meta.residual_n)] = None
     content = {
-        "format": FORMAT,
-        "kind": CALIBRATION,
+        "format": 1,
+        "kind": "calibration",
         "matrix_n_per_ut": calibration.matrix.tolist(),
         "rest_ut": None if rest is None else rest.tolist(),
         "reversed": calibration.reversed.tolist(),
@@ -244,206 +283,70 @@ def write_calibration(path: str | Path, calibration: Calibration) -> Path:
         "date": meta.date,
         "load_unit": meta.load_unit,
         "n": meta.n,
-        "residual_n": [
-            [None if np.isnan(value) else value for value in row]
-            for row in meta.residual_n.tolist()
-        ],
+        "residual_n": residual.tolist(),
     }
-    return write_whole(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+    return _write(path, content)
 
 
 def read_calibration(path: str | Path) -> Calibration:
-    """Read and check a calibration. Raises DataNotFound, DataError, ChannelError, NotANumber.
-
-    DataError: not JSON, another format, or a singular matrix. With a singular matrix two loaded
-    axes become one, or no field is a force, and the finger would always read zero.
-    """
-    file = _File(Path(path), CALIBRATION)
-    matrix = file.numbers("matrix_n_per_ut", (None, 3, 3))
-    n_sensors = len(matrix)
-    for number, one in enumerate(matrix, 1):
-        if _is_singular(one):
-            what = f"matrix_n_per_ut of sensor {number} is singular"
-            raise file.wrong(DataError, what)
-
-    rest = None
-    if file.value("rest_ut") is not None:
-        rest = file.numbers("rest_ut", (n_sensors, 3))
-    meta = CalibrationOrigin(
-        source=file.word("source"),
-        date=file.word("date"),
-        load_unit=file.word("load_unit"),
-        n=file.count("n"),
-        residual_n=file.numbers("residual_n", (n_sensors, 3), gaps=True),
-    )
-    reversed_ = file.flags("reversed", n_sensors)
-    return Calibration(matrix, rest, reversed_, meta, _gain_in(file))
+    """Read and check a calibration. Raises DataNotFound, DataError."""
+    file = _read(Path(path), CalibrationFile, "write one with holdfast calibrate")
+    rest = None if file.rest_ut is None else np.array(file.rest_ut)
+    # None becomes nan
+    residual = np.array(file.residual_n, dtype=np.float64)
+    meta = CalibrationOrigin(file.source, file.date, file.load_unit, file.n, residual)
+    matrix = np.array(file.matrix_n_per_ut)
+    return Calibration(matrix, rest, np.array(file.reversed), meta, file.shear_gain)
 
 
-def _gain_in(file: _File) -> float | None:
-    """The shear gain; None in files that are older than it. Raises DataError."""
-    gain = file.value("shear_gain") if file.has("shear_gain") else None
-    if gain is None:
-        return None
-    low, high = GAINS
-    if type(gain) not in (int, float) or not low <= gain <= high:
-        what = f"shear_gain {gain!r:.40} is not a number from {low:g} to {high:g}"
-        raise file.wrong(DataError, what)
-    return float(gain)
+class BiasFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A bias as its file has it."""
 
+    format: Literal[1]
+    kind: Literal["bias"]
+    values: Annotated[list[float], msgspec.Meta(min_length=3)]
+    spread: list[float]
+    n: Annotated[int, msgspec.Meta(ge=0)]
+    unit: Unit
+    reversed: list[bool]
 
-def _is_singular(matrix: FloatArray) -> bool:
-    """Whether the rows of the loaded axes (not all zero) do not span as many directions."""
-    # scaled row by row: a calibration in small numbers is not singular
-    largest = np.abs(matrix).max(axis=1)
-    rows = matrix[largest != 0.0] / largest[largest != 0.0, None]
-    return not len(rows) or int(np.linalg.matrix_rank(rows)) < len(rows)
+    def __post_init__(self) -> None:
+        """Raise ValueError where the lists are not of the same sensors."""
+        n_channels = 3 * len(self.reversed)
+        if not len(self.values) == len(self.spread) == n_channels:
+            raise ValueError(
+                f"{len(self.values)} values, {len(self.spread)} in spread, and "
+                f"{len(self.reversed)} in reversed; allowed: three values a sensor"
+            )
 
 
 def write_bias(path: str | Path, bias: Bias) -> Path:
     """As JSON with all digits; OutputError where that cannot be done."""
     content = {
-        "format": FORMAT,
-        "kind": BIAS,
+        "format": 1,
+        "kind": "bias",
         "values": bias.values.tolist(),
         "spread": bias.spread.tolist(),
         "n": bias.n,
         "unit": bias.unit,
         "reversed": bias.reversed.tolist(),
     }
-    return write_whole(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+    return _write(path, content)
 
 
 def read_bias(path: str | Path) -> Bias:
-    """Read and check a bias. Raises what `read_calibration` raises, or UnitError."""
-    file = _File(Path(path), BIAS)
-    values = file.numbers("values", (None,))
-    if len(values) % 3:
-        raise file.wrong(ChannelError, f"{len(values)} values, not a multiple of three")
-    unit = file.word("unit")
-    if unit not in UNITS:
-        raise file.wrong(UnitError, f"unit {unit!r} is not one of {', '.join(UNITS)}")
-    return Bias(
-        values=values,
-        spread=file.numbers("spread", (len(values),)),
-        n=file.count("n"),
-        unit=UNITS[UNITS.index(unit)],
-        reversed=file.flags("reversed", len(values) // 3),
-    )
+    """Read and check a bias. Raises DataNotFound, DataError."""
+    file = _read(Path(path), BiasFile, "take one with holdfast bias")
+    values, spread = np.array(file.values), np.array(file.spread)
+    return Bias(values, spread, file.n, file.unit, np.array(file.reversed))
 
 
-class _File:
-    """A JSON object of the right format and kind; its values are checked when they are read."""
+def _write(path: str | Path, content: Json) -> Path:
+    return write_whole(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
-    def __init__(self, path: Path, kind: str) -> None:
-        self._path = path
-        self._kind = kind
-        content = self._content()
-        if not isinstance(content, dict):
-            raise self.wrong(DataError, "not a JSON object")
-        self._values: dict[str, Any] = content
-        if self.value("format") != FORMAT or isinstance(self.value("format"), bool):
-            raise self.wrong(
-                DataError,
-                f"format {self.value('format')!r} is not known, only {FORMAT}",
-            )
-        if self.value("kind") != kind:
-            raise self.wrong(
-                DataError, f"this is a {self.value('kind')!r}, not a {kind}"
-            )
 
-    def wrong(self, error: type[DataError], what: str) -> DataError:
-        """The error, with its place and the next step."""
-        return error(
-            what,
-            where=self._path,
-            cause="it was written by hand or by another program",
-            next_step=NEXT[self._kind],
-        )
-
-    def has(self, name: str) -> bool:
-        """Whether it has a value of this name."""
-        return name in self._values
-
-    def value(self, name: str) -> Any:
-        """A value; DataError where it is missing."""
-        if name not in self._values:
-            raise self.wrong(DataError, f"{name!r} is missing")
-        return self._values[name]
-
-    def word(self, name: str) -> str:
-        """A text."""
-        value = self.value(name)
-        if not isinstance(value, str):
-            raise self.wrong(DataError, f"{name} is {value!r}, not a text")
-        return value
-
-    def count(self, name: str) -> int:
-        """A whole number from 0."""
-        value = self.value(name)
-        if not isinstance(value, int) or isinstance(value, bool) or value < 0:
-            raise self.wrong(
-                NotANumber, f"{name} is {value!r}, not a whole number from 0"
-            )
-        return value
-
-    def flags(self, name: str, n: int) -> BoolArray:
-        """[n] of true and false."""
-        value = self.value(name)
-        if (
-            not isinstance(value, list)
-            or len(value) != n
-            or not all(isinstance(one, bool) for one in value)
-        ):
-            raise self.wrong(ChannelError, f"{name} is not {n} times true or false")
-        return np.array(value, dtype=np.bool_)
-
-    def numbers(
-        self, name: str, shape: tuple[int | None, ...], *, gaps: bool = False
-    ) -> FloatArray:
-        """Finite numbers of a shape, None for any length from 1; with gaps, null stands for nan."""
-        found = np.array(self.value(name), dtype=object)
-        # numpy keeps lists of unequal length as leaves
-        leaves = list(found.flat)
-        ragged = not leaves or any(isinstance(leaf, list) for leaf in leaves)
-        fits = not ragged and found.ndim == len(shape)
-        for size, wanted in zip(found.shape, shape, strict=False):
-            fits = fits and wanted in (None, size)
-
-        if not fits:
-            letters = ["S" if one is None else str(one) for one in shape]
-            shown = "not rectangular" if ragged else list(found.shape)
-            what = f"{name} has shape {shown}, not [{', '.join(letters)}]"
-            raise self.wrong(ChannelError, what)
-
-        numbers = [self._number(name, leaf, gaps) for leaf in leaves]
-        return np.array(numbers).reshape(found.shape)
-
-    def _number(self, name: str, leaf: object, gaps: bool) -> float:
-        if leaf is None and gaps:
-            return float("nan")
-        # True is an int in Python, and no number in a file
-        if isinstance(leaf, bool) or not isinstance(leaf, int | float):
-            raise self.wrong(
-                NotANumber, f"{name} holds {leaf!r}, which is not a number"
-            )
-        # also refuses nan, for which every comparison is false
-        if not abs(leaf) <= sys.float_info.max:
-            raise self.wrong(NotANumber, f"{name} holds {leaf!r}, which is not finite")
-        return float(leaf)
-
-    def _content(self) -> Any:
-        try:
-            return json_of(text_of(self._path))
-        except FileNotFoundError:
-            raise DataNotFound(
-                "no such file", where=self._path, next_step=NEXT[self._kind]
-            ) from None
-        except OSError as error:
-            raise DataNotFound(
-                f"cannot be read ({error.strerror})",
-                where=self._path,
-                next_step="check the path and its permissions",
-            ) from None
-        except ValueError as error:
-            raise self.wrong(DataError, f"not JSON: {error}") from None
+def _read(path: Path, kind: type[File], next_step: str) -> File:
+    try:
+        return read(path, kind, DataError)
+    except FileNotFoundError:
+        raise DataNotFound("no such file", where=path, next_step=next_step) from None

@@ -15,7 +15,7 @@ from typing import Any
 
 from holdfast.core.errors import BusStuck, TransferFailed, UsageError
 from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
-from holdfast.drivers.usb import UsbBridge, require_bus_hz
+from holdfast.drivers.usb import UsbPort
 
 OUT_ENDPOINT = 0x02
 IN_ENDPOINT = 0x81
@@ -80,7 +80,7 @@ SDA_PULSE = _pins(SDA) + _pins(0) + LOOK + _pins(SDA) + _pins(SCL | SDA)
 """SDA low for a moment, and read back, while SCL is low."""
 
 
-class Ft232h(UsbBridge):
+class Ft232h:
     """An I2C bus behind an FT232H. bus_hz: 10 kHz to 1 MHz; number: which FT232H on USB.
 
     Raises UsageError, DeviceNotFound, AccessDenied, DeviceLost, TransferFailed, or BusStuck where
@@ -91,12 +91,22 @@ class Ft232h(UsbBridge):
     ids = ((0x0403, 0x6014),)
 
     def __init__(self, backend: Any, *, number: int = 0, bus_hz: int = 400_000) -> None:
-        require_bus_hz(self.name, bus_hz, SLOWEST_HZ, FASTEST_HZ)
+        if not SLOWEST_HZ <= bus_hz <= FASTEST_HZ:
+            raise UsageError(
+                f"bus_hz={bus_hz} is not a bus speed of the {self.name}",
+                next_step=f"choose {SLOWEST_HZ} to {FASTEST_HZ} Hz",
+            )
         # three phases: each bit takes one and a half clocks of the two-phase formula
         self._divider = round(MASTER_HZ / (3 * bus_hz)) - 1
         self._turn = 0
         self._doubtful = True
-        super().__init__(backend, number)
+        self._port = UsbPort(self.name, self.ids, backend, number=number)
+        # a bridge that does not get ready must not keep its interface
+        try:
+            self._begin()
+        except BaseException:
+            self._port.close()
+            raise
 
     def scan(self, transfers: Sequence[Transfer]) -> list[Reply]:
         """All transfers in as few round trips as their answers fit packets: one for six fingers."""
@@ -117,6 +127,10 @@ class Ft232h(UsbBridge):
                 cause="a sensor without supply, a short, pull-ups missing, or SDA and SCL swapped",
                 next_step="switch the sensors' power off and on",
             )
+
+    def close(self) -> None:
+        """Give the bridge back; a second call does no harm."""
+        self._port.close()
 
     def _begin(self) -> None:
         """Reset the engine, and see that it answers."""

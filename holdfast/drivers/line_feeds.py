@@ -1,23 +1,24 @@
-"""Where lines come from: a stream of bytes, or datagrams. Nothing here waits for longer than asked.
-
-A stream is standard input or a serial port. A port that is lost is opened again while it is read,
-at most once a second.
+"""Where lines come from: standard input, a serial port, a Unix socket. Nothing here waits for
+longer than asked.
 """
 
 from __future__ import annotations
 
 import os
 import select
-import socket
 from collections.abc import Callable
-from contextlib import suppress
-from threading import Thread
+from contextlib import ExitStack
 from typing import Protocol
 
-from holdfast.core.hand_lines import LONGEST_LINE, MOST_A_CALL
+from holdfast.core.errors import DeviceLost
+from holdfast.core.hand_lines import (
+    LONGEST_LINE,
+    MOST_A_CALL,
+    LineUrl,
+    unix_listener,
+)
 
 CHUNK_BYTES = 64 << 10
-TRY_AGAIN_NS = 1_000_000_000
 
 
 class Feed(Protocol):
@@ -29,7 +30,7 @@ class Feed(Protocol):
     def pull(self, timeout_s: float) -> list[bytes]:
         """The lines that have come, oldest first, without their line ends.
 
-        Waits at most so long for the first bytes.
+        Waits at most so long for the first bytes. Raises DeviceLost.
         """
         ...
 
@@ -60,164 +61,49 @@ class LineSplitter:
         return lines
 
 
-class StreamEnd(Protocol):
-    """Opens a stream. number: of the connection, from 0."""
-
-    number: int
-
-    def handle(self) -> int | None:
-        """The descriptor; None while it is not open. Opens it without waiting."""
-        ...
-
-    def lost(self) -> bool:
-        """The stream ended or failed. Whether it may come back."""
-        ...
-
-    def close(self) -> None:
-        """Close it."""
-        ...
-
-
 class StreamFeed:
-    """Lines of one stream. say: receives a line when it is lost, and when it is back."""
+    """Lines of a descriptor. close: closes it; None for standard input, whose end is the end."""
 
-    def __init__(self, name: str, end: StreamEnd, say: Callable[[str], object]) -> None:
+    def __init__(
+        self, name: str, handle: int, close: Callable[[], object] | None = None
+    ) -> None:
         self.name = name
         self.ended = False
-        self._end = end
-        self._say = say
+        self._handle = handle
+        self._close = close
         self._lines = LineSplitter()
-        self._number: int | None = None
-        self._is_lost = False
 
     def pull(self, timeout_s: float) -> list[bytes]:
         """The lines that have come; waits at most so long for the first bytes."""
-        handle = None if self.ended else self._end.handle()
-        if handle is None:
-            # nothing to read from: the time passes all the same
-            select.select([], [], [], max(0.0, timeout_s))
+        if not select.select([self._handle], [], [], max(0.0, timeout_s))[0]:
             return []
-        if self._number != self._end.number:
-            self._begin(self._end.number)
-        if not select.select([handle], [], [], max(0.0, timeout_s))[0]:
-            return []
-        data = self._read(handle)
+        why = "its sender closed it"
+        data = b""
+        try:
+            data = os.read(self._handle, CHUNK_BYTES)
+        except OSError as error:
+            why = error.strerror or str(error)
+        if not data and self._close is not None:
+            raise DeviceLost(f"lost ({why})", where=self.name, cause="it was unplugged")
+        self.ended = not data
         return self._lines.split(data)
 
     def close(self) -> None:
-        """Close the stream."""
-        self._end.close()
-
-    def _begin(self, number: int) -> None:
-        self._number = number
-        # the end of a line that was cut off is no line
-        self._lines = LineSplitter()
-        if self._is_lost:
-            self._say(f"{self.name}: it is back")
-        self._is_lost = False
-
-    def _read(self, handle: int) -> bytes:
-        try:
-            data = os.read(handle, CHUNK_BYTES)
-        except BlockingIOError:
-            return b""
-        except OSError as error:
-            self._lose(error.strerror or str(error))
-            return b""
-        if not data:
-            self._lose("its sender closed it")
-        return data
-
-    def _lose(self, why: str) -> None:
-        if not self._end.lost():
-            self.ended = True
-        elif not self._is_lost:
-            self._say(
-                f"{self.name}: lost ({why}); the state is unknown until it is back"
-            )
-            self._is_lost = True
-
-
-class StandardInput:
-    """What is piped into the program; its end is the end of the source."""
-
-    number = 0
-
-    def __init__(self, handle: int = 0) -> None:
-        self._handle = handle
-
-    def handle(self) -> int | None:
-        """The descriptor."""
-        return self._handle
-
-    def lost(self) -> bool:
-        """It does not come back."""
-        return False
-
-    def close(self) -> None:
-        """It belongs to the program."""
-
-
-class SerialEnd:
-    """A serial port. open_port: opens it without waiting for a carrier; raises OSError."""
-
-    def __init__(
-        self, handle: int, open_port: Callable[[], int], now_ns: Callable[[], int]
-    ) -> None:
-        self.number = 0
-        self._handle = handle
-        self._open_port = open_port
-        self._now_ns = now_ns
-        self._looked_ns = 0
-        self._opening: Thread | None = None
-        self._opened = -1
-
-    def handle(self) -> int | None:
-        """The descriptor; looks for a lost port once a second, in a thread."""
-        if self._handle >= 0:
-            return self._handle
-        if self._opening is not None and self._opening.is_alive():
-            return None
-        if self._opened >= 0:
-            self._handle, self._opened = self._opened, -1
-            self.number += 1
-            return self._handle
-        if self._now_ns() - self._looked_ns >= TRY_AGAIN_NS:
-            self._looked_ns = self._now_ns()
-            # opening a dying adapter can take seconds
-            self._opening = Thread(target=self._try, name="serial port", daemon=True)
-            self._opening.start()
-        return None
-
-    def lost(self) -> bool:
-        """Close it: an adapter gets another name as long as a process holds the old one."""
-        self.close()
-        self._looked_ns = self._now_ns()
-        return True
-
-    def close(self) -> None:
-        """Close the port."""
-        if self._handle >= 0:
-            with suppress(OSError):
-                os.close(self._handle)
-        self._handle = -1
-
-    def _try(self) -> None:
-        with suppress(OSError):
-            self._opened = self._open_port()
+        """Close the descriptor; standard input belongs to the program."""
+        if self._close is not None:
+            self._close()
 
 
 class DatagramFeed:
-    """Lines that come as datagrams, one or several in each. closing: closes the socket."""
+    """Lines that come to a Unix socket as datagrams, one or several in each. Raises UsageError."""
 
     ended = False
 
-    def __init__(
-        self, name: str, listener: socket.socket, closing: Callable[[], object]
-    ) -> None:
-        self.name = name
-        self._listener = listener
-        self._closing = closing
+    def __init__(self, where: LineUrl) -> None:
+        self.name = f"unix://{where.path}"
+        with ExitStack() as stack:
+            self._listener = unix_listener(where, "samples", stack)
+            self._stack = stack.pop_all()
 
     def pull(self, timeout_s: float) -> list[bytes]:
         """The lines that have come; waits at most so long for the first datagram."""
@@ -232,5 +118,18 @@ class DatagramFeed:
         return lines
 
     def close(self) -> None:
-        """Close the socket."""
-        self._closing()
+        """Close the socket, and remove its file."""
+        self._stack.close()
+
+
+def stdin_feed() -> StreamFeed:
+    """What is piped into the program."""
+    return StreamFeed("stdin", 0)
+
+
+def serial_feed(path: str, baud: int) -> StreamFeed:
+    """A serial port. Raises LibraryMissing, UsageError, DeviceNotFound, AccessDenied."""
+    from holdfast.drivers.serial_port import open_port
+
+    port = open_port(path, baud)
+    return StreamFeed(f"serial://{path}", port.fileno(), port.close)

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -37,7 +36,6 @@ SETTLE_S, MEASURE_S = 0.2, 0.5
 MEASURE_LINES = 20
 """The rate is measured over so many samples, and for so long; not over the first ones, because a
 sender that was held up sends all that it has at once."""
-MOST_MEASURED = 4096
 WAIT_PERIODS = 2.0
 """A sample that comes later than this after the last one is missing: it would be late."""
 MOST_WAITING = 2
@@ -47,8 +45,7 @@ DRIFT = 2e-4
 """A sender's clock may be so much slower: four times what a poor crystal is."""
 SLOWER_RATES = 1.5
 MOST_DROPPED = 4096
-ROW_BEGINS = tuple(bytes([one]) for one in b"{0123456789+-.,;")
-"""How objects and rows begin, and no header does."""
+"""Pulls after which a sender that never pauses is not waited for."""
 LOST, SKIPPED = "no sample came", "samples were dropped"
 NOT_VALID = "not valid"
 Stamps = Literal["arrival", "sender"]
@@ -89,8 +86,8 @@ class SenderClock:
 class LineSource(SelfPaced):
     """The lines of a feed as a source. clock: has now_ns and wait_until.
 
-    say: receives what a person should know. to_force: a calibration, for lines in uT. Raises
-    DeviceNotFound where no sample comes, and RateError where a rate is not to be had.
+    report: receives what a person should know. to_force: a calibration, for lines in uT. Raises
+    DeviceNotFound where no sample comes, RateError where a rate is not to be had, DeviceLost.
     """
 
     def __init__(
@@ -98,44 +95,38 @@ class LineSource(SelfPaced):
         feed: Feed,
         reader: SampleReader,
         clock: Any,
-        say: Callable[[str], object],
+        report: Callable[[str], object],
         options: LineOptions,
         to_force: ToForce | None = None,
     ) -> None:
         self._feed = feed
         self._reader = reader
         self._clock = clock
-        self._say = say
+        self._report = report
         self._options = options
         self._to_force = to_force
-        self._skipped = Skipped(feed.name, say, clock.now_ns)
+        self._skipped = Skipped(feed.name, report, clock.now_ns)
         self._sender = SenderClock()
         self._waiting: deque[tuple[SampleLine, int]] = deque()
-        self._looked_ns = clock.now_ns()
-        self._is_silent = self._said_end = False
+        self._is_silent = False
         self._given = 0
-        self._began: tuple[int, int] | None = None
-        self._open()
-
-    def _open(self) -> None:
-        """Wait for the first samples, and learn of them what the source is."""
+        self._offset_ns: int | None = None
         # what waited before this program began has no known time
-        self._waited = dropped = 0 if self._options.paced else self._drop_waiting()
+        dropped = 0 if options.paced else self._drop_waiting()
         first = self._first_samples()
-        column_map = self._reader.map
-        assert column_map is not None
-        self.unit: Unit = column_map.unit_of_values if self._to_force is None else "N"
-        self.n_channels = len(column_map.channels)
-        self.rate_hz: float | None = self._rate_of(first)
+        self.rate_hz: float | None = options.rate_hz or self._measured_hz(first)
         self._period_ns = 1e9 / self.rate_hz
-        if not self._options.paced:
+        if not options.paced:
             dropped += len(self._waiting) - 1
             self._waiting = deque(first[-1:])
+        assert reader.map is not None
+        self.unit: Unit = reader.map.unit_of_values if to_force is None else "N"
+        self.n_channels = len(reader.map.channels)
         self._last = self._reading(*first[-1])
-        self._looked_ns = self._clock.now_ns()
-        stamps = "the recording" if self._options.paced else self._options.stamps
-        self._say(
-            f"{self._feed.name}: {self.n_channels // 3} sensors in {self.unit} at "
+        self._looked_ns = clock.now_ns()
+        stamps = "the recording" if options.paced else options.stamps
+        report(
+            f"{feed.name}: {self.n_channels // 3} sensors in {self.unit} at "
             f"{self.rate_hz:.4g} Hz, stamps of {stamps}"
             + (f"; {dropped:,} samples before that are dropped" if dropped else "")
         )
@@ -152,8 +143,7 @@ class LineSource(SelfPaced):
         while not self._feed.ended and self._clock.now_ns() < until_ns:
             self._collect(LOOK_S)
             lasted_ns = waiting[-1][1] - waiting[0][1] if waiting else 0
-            is_enough = len(waiting) >= enough and lasted_ns >= least_ns
-            if is_enough or len(waiting) >= MOST_MEASURED:
+            if len(waiting) >= enough and lasted_ns >= least_ns:
                 break
 
         if not waiting:
@@ -164,27 +154,21 @@ class LineSource(SelfPaced):
         return steady if use_steady else list(waiting)
 
     def _no_sample(self) -> DeviceNotFound:
-        refused = self._skipped.total.most_common(1)
-        cause = "its sender does not run, or sends elsewhere"
+        cause = "its sender does not run, or its lines had come before this program ran"
         next_step = "start the sender; docs/live-sources.md shows the lines"
-        if refused:
+        if refused := self._skipped.total.most_common(1):
             kind, count = refused[0]
             cause = f"{count:,} lines were {kind}, as the message above shows"
             next_step = f"correct the lines, or {NAME_A_MAP}"
-        elif self._waited:
-            cause = "its lines were there before this program was, and ended"
-            next_step = "paced=1 for a recording; a live sender goes on"
-        how_long = "" if self._feed.ended else f" for {FIRST_S:g} s"
         return DeviceNotFound(
-            f"no sample came{how_long}",
+            f"no sample came in {FIRST_S:g} s",
             where=self._feed.name,
             cause=cause,
             next_step=next_step,
         )
 
-    def _rate_of(self, first: list[tuple[SampleLine, int]]) -> float:
-        if self._options.rate_hz:
-            return self._options.rate_hz
+    def _measured_hz(self, first: list[tuple[SampleLine, int]]) -> float:
+        """Of the stamps if all have one, else of the arrivals. Raises RateError."""
         stamps = [line.stamp_ns for line, _ in first if line.stamp_ns is not None]
         if not self._options.paced and len(stamps) < len(first):
             stamps = [arrived_ns for _, arrived_ns in first]
@@ -204,18 +188,22 @@ class LineSource(SelfPaced):
     # -- one sample after another
 
     def read(self) -> SourceReading | None:
-        """The next sample, or the last reading again with no sensor valid; None at the end."""
+        """The next sample, or the last reading again with no sensor valid; None at the end.
+
+        Raises DeviceLost.
+        """
         reading = self._next_row() if self._options.paced else self._next_sample()
-        if reading is None:
-            if not self._feed.ended:
-                return self._invalid(LOST)
-            self._say_end()
-            return None
-        self._last = reading
+        if reading is not None:
+            self._last = reading
+        elif not self._feed.ended:
+            return self._invalid(LOST)
         return reading
 
     def close(self) -> None:
         """Stop reading."""
+        if self._feed.ended:
+            ended = f"its lines ended after {self._given} samples"
+            self._report(f"{self._feed.name}: {ended}")
         self._skipped.close()
         self._feed.close()
 
@@ -257,9 +245,9 @@ class LineSource(SelfPaced):
         if stamp_ns is None:
             stamp_ns = round(self._given * self._period_ns)
         now_ns = self._clock.now_ns()
-        if self._began is None:
-            self._began = now_ns, stamp_ns
-        due_ns = self._began[0] + stamp_ns - self._began[1]
+        if self._offset_ns is None:
+            self._offset_ns = now_ns - stamp_ns
+        due_ns = stamp_ns + self._offset_ns
         # a gap of the recording: the loop must not sleep through it
         if due_ns - now_ns > WAIT_PERIODS * self._period_ns:
             self._clock.wait_until(now_ns + round(self._period_ns))
@@ -271,26 +259,21 @@ class LineSource(SelfPaced):
 
     def _drop_waiting(self) -> int:
         """Drop what came while nothing was read; headers count. Returns how many samples."""
-        dropped = len(self._waiting)
-        self._waiting.clear()
+        dropped = 0
         for _ in range(MOST_DROPPED):
-            lines = self._feed.pull(0.0)
-            if not lines:
+            pulled = self._collect(0.0)
+            dropped += len(self._waiting)
+            self._waiting.clear()
+            if not pulled:
                 break
-            for text in lines:
-                if text.startswith(ROW_BEGINS):
-                    dropped += 1
-                    continue
-                with suppress(LineRefused):
-                    self._reader.take(text, self._clock.now_ns())
         return dropped
 
     def _count_dropped(self, n: int, why: str) -> None:
         if n:
             self._skipped.count("samples dropped", f"{n:,} samples dropped: {why}", n)
 
-    def _collect(self, timeout_s: float) -> None:
-        """Take what comes; waits at most so long for the first bytes."""
+    def _collect(self, timeout_s: float) -> bool:
+        """Take what comes; waits at most so long for the first bytes. Whether a line came."""
         lines = self._feed.pull(timeout_s)
         arrived_ns = self._clock.now_ns()
         for text in lines:
@@ -300,12 +283,14 @@ class LineSource(SelfPaced):
                 shown = f"{printable(text)} is skipped: {error}"
                 self._skipped.count(error.kind, shown)
                 continue
-            if line is not None:
-                self._waiting.append((line, arrived_ns))
+            if line is None:
+                continue
+            if line.begins:
+                self._sender.forget()
+            self._waiting.append((line, arrived_ns))
+        return bool(lines)
 
     def _reading(self, line: SampleLine, arrived_ns: int) -> SourceReading:
-        if line.begins:
-            self._sender.forget()
         if self._options.stamps == "arrival" or line.stamp_ns is None:
             return self._valued(line, arrived_ns)
         return self._valued(line, self._sender.local_ns(line.stamp_ns, arrived_ns))
@@ -314,17 +299,10 @@ class LineSource(SelfPaced):
         values = line.values
         if self._to_force is not None:
             values = self._to_force(values.reshape(-1, 3)).reshape(-1)
-        why: tuple[str, ...] = ()
-        if not line.valid.all():
-            why = tuple("" if valid else NOT_VALID for valid in line.valid)
+        why = tuple("" if valid else NOT_VALID for valid in line.valid)
         return SourceReading(t_ns, values, line.valid, why)
 
     def _invalid(self, why: str) -> SourceReading:
         last = self._last
         none: BoolArray = np.zeros(len(last.valid), dtype=np.bool_)
         return SourceReading(last.t_ns, last.values, none, (why,) * len(none))
-
-    def _say_end(self) -> None:
-        if not self._said_end:
-            self._say(f"{self._feed.name}: its lines ended after {self._given} samples")
-        self._said_end = True

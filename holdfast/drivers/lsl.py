@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -28,10 +29,17 @@ from holdfast.core.contract import (
     Prediction,
     Sample,
     Unit,
+    channel_names,
 )
-from holdfast.core.errors import DeviceLost, DeviceNotFound, RateError
+from holdfast.core.errors import (
+    ChannelError,
+    DeviceLost,
+    DeviceNotFound,
+    RateError,
+    UnitError,
+    listed,
+)
 from holdfast.core.hand_lines import NOT_UNDERSTOOD, Skipped
-from holdfast.core.lsl_streams import StreamFacts, order_of, unit_of
 from holdfast.core.source import SourceReading
 from holdfast.edge_runtime.wearer import Intent, intent_of
 
@@ -48,6 +56,62 @@ NO_NUMBER = "not a number"
 DECISION = ("state", *(f"p_{name}" for name in SITUATIONS), "p_risky", "arm", "act")
 UNKNOWN_STATE = -1.0
 Pair = tuple[float, list[float]]
+UNIT_WORDS: dict[str, Unit] = {
+    "n": "N",
+    "newton": "N",
+    "newtons": "N",
+    "ut": "uT",
+    "µt": "uT",
+    "microtesla": "uT",
+    "count": "count",
+    "counts": "count",
+}
+"""What streams write for a unit, in lower case."""
+
+
+@dataclass(frozen=True)
+class StreamFacts:
+    """Of a stream. rate_hz: 0 where it is irregular. labels, units [C]: "" where it has none."""
+
+    name: str
+    is_text: bool
+    rate_hz: float
+    labels: tuple[str, ...]
+    units: tuple[str, ...]
+
+
+def order_of(labels: Sequence[str], where: str) -> list[int]:
+    """Where X1, Y1, Z1, .. are: by their labels if these are the layout's, else as they come.
+
+    Raises ChannelError.
+    """
+    count = len(labels)
+    if not count or count % 3:
+        raise ChannelError(
+            f"{count} channels, not a multiple of three",
+            where=where,
+            next_step="send x, y, z of each sensor, or name another stream",
+        )
+    names = channel_names(count // 3)
+    # labels in another order are sorted; labels of another kind say nothing about order
+    by_name = set(labels) == {*names}
+    return [labels.index(name) for name in names] if by_name else [*range(count)]
+
+
+def unit_of(units: Sequence[str], where: str) -> Unit:
+    """The one unit of all channels. Raises UnitError."""
+    words = {one.strip().lower() for one in units}
+    known = {UNIT_WORDS.get(word) for word in words}
+    # all channels must have one unit, and it must be one of ours
+    (unit,) = known if len(known) == 1 else (None,)
+    if unit is None:
+        raise UnitError(
+            f"the stream names no unit of ours ({listed(sorted(words - {''})) or 'nothing'})",
+            where=where,
+            cause=f"its channels have no unit of {', '.join(UNITS)}",
+            next_step=f"{where}?unit={'|'.join(UNITS)}",
+        )
+    return unit
 
 
 class Inlet(Protocol):
@@ -79,7 +143,7 @@ class Outlet(Protocol):
 class LslSource:
     """An inlet as a source.
 
-    unit, rate_hz: None where the stream says them. say: receives a line when the stream ends.
+    unit, rate_hz: None where the stream names them. report: receives a line when the stream ends.
     Raises ChannelError, UnitError, RateError, or DeviceNotFound where nothing is sent.
     """
 
@@ -87,7 +151,7 @@ class LslSource:
         self,
         inlet: Inlet,
         now_ns: Callable[[], int],
-        say: Callable[[str], object],
+        report: Callable[[str], object],
         unit: Unit | None = None,
         rate_hz: float | None = None,
     ) -> None:
@@ -95,13 +159,11 @@ class LslSource:
         where = f"lsl://{inlet.facts.name}"
         self._inlet = inlet
         self._now_ns = now_ns
-        self._say = say
+        self._report = report
         self._where = where
         self._order = order_of(() if facts.is_text else facts.labels, where)
         self.n_channels = len(self._order)
-        self.unit: Unit = unit or unit_of(
-            facts.units, where, f"{where}?unit={'|'.join(UNITS)}"
-        )
+        self.unit: Unit = unit or unit_of(facts.units, where)
         rate = rate_hz or facts.rate_hz
         if not rate > 0.0:
             raise RateError(
@@ -144,7 +206,7 @@ class LslSource:
             return self._inlet.pull(timeout_s)
         except DeviceLost:
             if not self._ended:
-                self._say(
+                self._report(
                     f"{self._where}: the stream ended; the state is unknown from here on"
                 )
             self._ended = True
@@ -225,15 +287,15 @@ class LslIntent:
     """An inlet as a stream of items. A text stream has words in its first channel."""
 
     def __init__(
-        self, inlet: Inlet, now_ns: Callable[[], int], say: Callable[[str], object]
+        self, inlet: Inlet, now_ns: Callable[[], int], report: Callable[[str], object]
     ) -> None:
         facts = inlet.facts
         self._inlet = inlet
         self._now_ns = now_ns
-        self._say = say
+        self._report = report
         self._is_text = facts.is_text
         self._offset_ns = now_ns() - round(1e9 * inlet.clock_s())
-        self._skipped = Skipped("wearer", say, now_ns)
+        self._skipped = Skipped("wearer", report, now_ns)
         self._ended = False
 
     def came(self) -> list[Intent]:
@@ -250,7 +312,7 @@ class LslIntent:
             return list(self._inlet.pull(0.0))
         except DeviceLost:
             if not self._ended:
-                self._say(f"wearer: lsl://{self._inlet.facts.name} ended")
+                self._report(f"wearer: lsl://{self._inlet.facts.name} ended")
             self._ended = True
             return []
 

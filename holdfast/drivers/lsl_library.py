@@ -16,8 +16,7 @@ from holdfast.core.errors import (
     LibraryMissing,
     needs_extra,
 )
-from holdfast.core.lsl_streams import StreamFacts
-from holdfast.drivers.lsl import DECISION, LslAnswers
+from holdfast.drivers.lsl import DECISION, LslAnswers, StreamFacts
 
 try:
     with needs_extra("lsl"):

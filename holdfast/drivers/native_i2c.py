@@ -20,13 +20,11 @@ from holdfast.core.errors import (
     DeviceNotFound,
     TransferFailed,
 )
-from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer, require_short
+from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
 
 NACK_ERRORS = (errno.ENXIO, errno.EREMOTEIO)
 """The errors with which controllers report a missing acknowledge."""
 GONE_ERRORS = (errno.ENODEV, errno.ENOENT)
-MOST_BYTES = 8192
-"""Of one message, the limit of i2c-dev."""
 
 
 class NativeI2C:
@@ -61,7 +59,6 @@ class NativeI2C:
 
     def _carry(self, transfer: Transfer) -> Reply:
         """A write, a read, or both with a repeated START between; the read is the last message."""
-        require_short(self.name, transfer, MOST_BYTES)
         address = transfer.address
         messages = []
         if transfer.write or not transfer.read:

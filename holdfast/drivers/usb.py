@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, ClassVar
+from typing import Any
 
 import libusb_package
 import usb.backend.libusb1
@@ -18,7 +18,6 @@ from holdfast.core.errors import (
     DeviceNotFound,
     LibraryMissing,
     TransferFailed,
-    UsageError,
 )
 
 TIMEOUT_MS = 10
@@ -131,17 +130,6 @@ class UsbPort:
             except TransferFailed:
                 return
 
-    def clear_halt(self, endpoint: int) -> None:
-        """End the stall of an endpoint."""
-        with named_errors(self.name):
-            self.device.clear_halt(endpoint)
-
-    def reset(self) -> None:
-        """Reset the device on its USB port and claim it again."""
-        with named_errors(self.name):
-            self.device.reset()
-        self._claim()
-
     def close(self) -> None:
         """Give the interface back to its kernel driver.
 
@@ -169,7 +157,8 @@ class UsbPort:
             with named_errors(self.name):
                 yield
         except Stalled:
-            self.clear_halt(endpoint)
+            with named_errors(self.name):
+                self.device.clear_halt(endpoint)
             raise
 
     def _require_all(self, sent: int, data: bytes) -> None:
@@ -187,43 +176,6 @@ class UsbPort:
             except NotImplementedError:
                 pass  # a backend without kernel drivers
             usb.util.claim_interface(self.device, INTERFACE)
-
-
-class UsbBridge:
-    """A bridge on USB. A driver sets name and ids, and overrides _begin.
-
-    number: which of the bridges with these ids, 0 is the first. Raises DeviceNotFound,
-    AccessDenied, DeviceLost, TransferFailed, or what _begin raises.
-    """
-
-    name: str
-    ids: ClassVar[tuple[UsbId, ...]]
-
-    def __init__(self, backend: Any, number: int) -> None:
-        self._port = UsbPort(self.name, self.ids, backend, number=number)
-        # a bridge that does not get ready must not keep its interface
-        try:
-            self._begin()
-        except BaseException:
-            self._port.close()
-            raise
-
-    def close(self) -> None:
-        """Give the bridge back; a second call does no harm."""
-        self._port.close()
-
-    def _begin(self) -> None:
-        """Make the bridge ready for transfers."""
-        raise NotImplementedError
-
-
-def require_bus_hz(name: str, bus_hz: int, slowest_hz: int, fastest_hz: int) -> None:
-    """Raise UsageError where a bridge cannot run its bus at this speed."""
-    if not slowest_hz <= bus_hz <= fastest_hz:
-        raise UsageError(
-            f"bus_hz={bus_hz} is not a bus speed of the {name}",
-            next_step=f"choose {slowest_hz} to {fastest_hz} Hz",
-        )
 
 
 @contextmanager

@@ -12,13 +12,16 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from holdfast.core.contract import CLASSES, RATES_HZ, SITUATIONS, UNITS, Json, Unit
+import msgspec
+from msgspec import Meta
+
+from holdfast.core.contract import CLASSES, RATES_HZ, SITUATIONS, Json, Unit
 from holdfast.core.errors import BrokenSeal, DataNotFound, NotAModel, RuntimeRefused
 from holdfast.core.schema import model_path, shipped
-from holdfast.edge_runtime.decision import LIMITS, DecisionRules
-from holdfast.edge_runtime.preparation import Preparation, preparation_from_json
+from holdfast.edge_runtime.decision import DecisionRules
+from holdfast.edge_runtime.preparation import Preparation
 
 if TYPE_CHECKING:
     from holdfast.core.hand_card import HandCard
@@ -231,9 +234,43 @@ def check_runtime(version: str | None = None) -> None:
         )
 
 
-SMALLEST, LARGEST = sys.float_info.min, sys.float_info.max
-"""Finite, but otherwise any reading may be a model's limit."""
-READING = "a positive number in the model's unit"
+Count = Annotated[int, Meta(ge=0, le=10_000)]
+"""Of sensors, or of samples to settle: more than any model has, and few enough to load in time."""
+Reading = Annotated[float, Meta(ge=sys.float_info.min, le=sys.float_info.max)]
+"""In the model's unit."""
+
+
+class _Spec(msgspec.Struct):
+    """What is read of the step's specification."""
+
+    rate_hz: Annotated[float, Meta(ge=RATES_HZ[0], le=RATES_HZ[1])]
+    unit: Unit
+    n_sensors: Annotated[int, Meta(ge=1, le=10_000)]
+    min_valid_sensors: Count
+
+
+class _Card(msgspec.Struct):
+    """What is read of a card as it stands in the metadata."""
+
+    format: int
+    spec: _Spec
+    settle_samples: Count
+    gap_samples: Count
+    heads: dict[str, Json]
+    detectors: tuple[str, ...]
+    preparation: Preparation
+    decision: dict[str, int]
+    range_limit: Reading
+    normal_floor: Reading
+
+    def __post_init__(self) -> None:
+        if self.format != FORMAT:
+            raise ValueError(
+                f"it has format {self.format}, this version reads {FORMAT}"
+            )
+        classes = self.heads.get("situation", {}).get("classes")
+        if classes not in (list(CLASSES), list(SITUATIONS)):
+            raise ValueError(f"{classes!r:.40}, not the classes of this version")
 
 
 def read_card(metadata: Mapping[str, str], path: str | Path = "") -> ModelCard:
@@ -255,76 +292,29 @@ def card_of(raw: Json, digest: str, path: str | Path = "") -> ModelCard:
     digest: the file's seal.
     """
     try:
-        if raw["format"] != FORMAT:
-            raise NotAModel(
-                f"the model file has format {raw['format']}, this version reads {FORMAT}",
-                where=path,
-                next_step="export the model again with this version",
-            )
-        spec = raw["spec"]
-        return ModelCard(
-            model_id=digest[:12],
-            rate_hz=_above_zero(spec["rate_hz"], "a sampling rate", *RATES_HZ),
-            unit=UNITS[UNITS.index(spec["unit"])],
-            n_channels=3 * _count(spec["n_sensors"], least=1),
-            settle_samples=_count(raw["settle_samples"]),
-            gap_samples=_count(raw["gap_samples"]),
-            classes=_classes(raw["heads"]["situation"]["classes"]),
-            heads=tuple(name for name in raw["heads"] if name != "situation"),
-            detectors=_names(raw["detectors"]),
-            preparation=preparation_from_json(raw["preparation"]),
-            decision=_decision(raw["decision"]),
-            min_valid_sensors=_count(spec["min_valid_sensors"]),
-            range_limit=_above_zero(raw["range_limit"], READING),
-            normal_floor=_above_zero(raw["normal_floor"], READING),
-            raw=raw,
-        )
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        card = msgspec.convert(raw, _Card)
+        decision = DecisionRules(**card.decision)
+    except (msgspec.ValidationError, TypeError, ValueError) as error:
         raise NotAModel(
             f"its metadata are incomplete or wrong: {error}",
             where=path,
-            next_step="export the model again",
+            next_step="export the model again with this version",
         ) from None
-
-
-MOST = 10_000
-"""Of sensors, or of samples to settle: more than any model has, and few enough to load in time."""
-
-
-def _count(value: object, least: int = 0) -> int:
-    """A whole number from least to MOST; True is a whole number in Python, and refused here."""
-    if type(value) is not int or not least <= value <= MOST:
-        raise ValueError(f"{value!r:.40}, not a whole number from {least} to {MOST}")
-    return value
-
-
-def _above_zero(
-    value: Any, what: str, least: float = SMALLEST, most: float = LARGEST
-) -> float:
-    """A number above zero, from least to most. NaN is in no range."""
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_number or not least <= value <= most:
-        raise ValueError(f"{value!r:.40}, not {what}")
-    return float(value)
-
-
-def _names(value: object) -> tuple[str, ...]:
-    """A list of texts."""
-    if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
-        raise ValueError(f"{value!r:.40}, not a list of names")
-    return tuple(value)
-
-
-def _classes(value: object) -> tuple[str, ...]:
-    """The eight classes, or the four situations."""
-    classes = _names(value)
-    if classes not in (CLASSES, SITUATIONS):
-        raise ValueError(f"{value!r:.40}, not the classes of this version")
-    return classes
-
-
-def _decision(value: object) -> DecisionRules:
-    """Whole numbers by the names of DecisionRules; a missing one has its default."""
-    if not isinstance(value, dict) or not set(value) <= set(LIMITS):
-        raise ValueError(f"{value!r:.40}, not decision rules")
-    return DecisionRules(**value)
+    spec = card.spec
+    return ModelCard(
+        model_id=digest[:12],
+        rate_hz=spec.rate_hz,
+        unit=spec.unit,
+        n_channels=3 * spec.n_sensors,
+        settle_samples=card.settle_samples,
+        gap_samples=card.gap_samples,
+        classes=tuple(card.heads["situation"]["classes"]),
+        heads=tuple(name for name in card.heads if name != "situation"),
+        detectors=card.detectors,
+        preparation=card.preparation,
+        decision=decision,
+        min_valid_sensors=spec.min_valid_sensors,
+        range_limit=card.range_limit,
+        normal_floor=card.normal_floor,
+        raw=raw,
+    )

@@ -10,10 +10,11 @@ is unknown and not a guess.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
+import msgspec
 import numpy as np
+from msgspec import Meta
 
 from holdfast.core.contract import NORMAL_AXIS, BoolArray, FloatArray, Json
 
@@ -21,8 +22,7 @@ MOST_ROWS = 100_000
 """A bias is taken from fewer rows; these would be ten minutes of a resting hand."""
 
 
-@dataclass(frozen=True)
-class Preparation:
+class Preparation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How a stream is tared from its first, unloaded rows.
 
     bias_rows: how many rows the bias is taken from (0: the stream is already tared). statistic:
@@ -33,10 +33,10 @@ class Preparation:
     field on all three axes, or its normal alone, as the thesis has it.
     """
 
-    bias_rows: int = 0
+    bias_rows: Annotated[int, Meta(ge=0, le=MOST_ROWS)] = 0
     statistic: Literal["mean", "median"] = "median"
     flip_negative_normal: bool = False
-    flip_beyond: float = 0.0
+    flip_beyond: Annotated[float, Meta(ge=0.0, lt=1e9)] = 0.0
     turns: Literal["normal", "sensor"] = "normal"
 
     def apply(self, raw: FloatArray) -> FloatArray:
@@ -88,7 +88,7 @@ class Preparation:
 
     def to_json(self) -> Json:
         """As a JSON object, for the metadata."""
-        return asdict(self)
+        return msgspec.structs.asdict(self)
 
 
 def _finite(values: FloatArray) -> FloatArray:
@@ -97,22 +97,11 @@ def _finite(values: FloatArray) -> FloatArray:
 
 
 def preparation_from_json(value: Json) -> Preparation:
-    """The inverse of `to_json`. Raises TypeError or ValueError for wrong values."""
-    made = Preparation(**value)
-
-    # True is a whole number in Python
-    if type(made.bias_rows) is not int or not 0 <= made.bias_rows <= MOST_ROWS:
-        raise ValueError(f"bias_rows {made.bias_rows!r:.40}")
-    if made.statistic not in ("mean", "median"):
-        raise ValueError(f"statistic {made.statistic!r:.40}")
-    if type(made.flip_negative_normal) is not bool:
-        raise ValueError(f"flip_negative_normal {made.flip_negative_normal!r:.9}")
-    if not 0.0 <= made.flip_beyond < 1e9:
-        raise ValueError(f"flip_beyond {made.flip_beyond!r:.40}")
-    if made.turns not in ("normal", "sensor"):
-        raise ValueError(f"turns {made.turns!r:.40}")
-
-    return made
+    """The inverse of `to_json`. Raises ValueError for wrong values."""
+    try:
+        return msgspec.convert(value, Preparation)
+    except msgspec.ValidationError as error:
+        raise ValueError(str(error)) from None
 
 
 class Tare:

@@ -190,6 +190,16 @@ def match_alarms(
     return EventMatch(recording, tuple(outcomes), false_s, minutes)
 
 
+def delays_ms(matches: Sequence[EventMatch]) -> list[float]:
+    """ms from load onset to the alarm, of the detected events whose onset is known."""
+    times_ms = []
+    for match in matches:
+        for outcome in match.outcomes:
+            if outcome.delay_s is not None:
+                times_ms.append(1e3 * outcome.delay_s)
+    return times_ms
+
+
 def false_alarms(
     recording: Recording, requests: BoolArray, collar_s: float = COLLAR_S
 ) -> IntArray:

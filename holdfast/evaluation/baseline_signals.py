@@ -3,7 +3,7 @@
 Guard and filter bank of the classical detectors do not depend on a threshold, so the graph steps
 them once. The laws that have a threshold follow here, with the same operations in the same order:
 they fire at the very samples at which the `detectors` of a graph with that setting do (a test
-compares them). Shear rate, timing and raw windows need no graph of their own.
+compares them). The shear rate needs no graph of its own.
 """
 
 from __future__ import annotations
@@ -11,22 +11,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 from onnx import TensorProto
 
-from holdfast.core.contract import NORMAL_AXIS, NORMAL_FLOOR, BoolArray, FloatArray
+from holdfast.core.contract import NORMAL_AXIS, BoolArray, FloatArray
 from holdfast.edge_runtime.graph import BATCH, open_session, steps_of
 from holdfast.evaluation.model_outputs import everywhere
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.detectors import add_bank, noise_gain
 from holdfast.export.guard import add_guard
 from holdfast.export.spec import NOISE_RMS, StepSpec
-from holdfast.training.datasets.human_slip_labels import (
-    contact_force_n,
-    frames_since_contact,
-)
-from holdfast.training.featurise import FloatRows
-from holdfast.training.recording import DataSet, Recording
+from holdfast.training.recording import Recording
 
 OUTPUTS = ("loudest", "now", "usable")
 NARROW = 2048
@@ -78,7 +74,7 @@ def detector_signals(
     return signals
 
 
-class _ShortPast(StepSpec):
+class _ShortPast(StepSpec, frozen=True):
     """The same step without the 0.5 s of samples that only features read."""
 
     @property
@@ -94,7 +90,7 @@ class _ShortPast(StepSpec):
 
 def _signals_graph(spec: StepSpec) -> bytes:
     graph = GraphBuilder(spec.n_sensors)
-    spec = _ShortPast(**{**vars(spec), "force_decides": False})
+    spec = _ShortPast(**{**msgspec.structs.asdict(spec), "force_decides": False})
     # The bank reads the newest sample only; a short past makes the state, and the step, small.
     guarded = add_guard(graph, spec)
     rectified, _ = add_bank(graph, spec, guarded)
@@ -230,21 +226,3 @@ def shear_change(samples: FloatArray) -> FloatArray:
     before = shear[:-BACK_SAMPLES]
     jump[BACK_SAMPLES:] = np.abs(now - before)
     return jump
-
-
-def clock_features(data: DataSet) -> FloatRows:
-    """[M, 2]: s since contact (below 0 before any) and summed normal force in N.
-
-    The timing-only baseline shows how far the script alone goes; it is never an input.
-    """
-    task = data.tasks["classes"]
-    features = np.empty((len(task), 2), dtype=np.float32)
-    for trial in np.unique(task.trial):
-        here = task.trial == trial
-        # Force and time are all that this baseline gets: no single axis, and no finger.
-        force_n = contact_force_n(data.recordings[trial].samples)
-        since_s = frames_since_contact(force_n, NORMAL_FLOOR["N"]) / data.rate_hz
-        clock = np.column_stack([since_s, force_n])
-        features[here] = clock[task.row[here]]
-
-    return features

@@ -6,38 +6,32 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
-import numpy as np
-
 from holdfast.core.errors import UsageError, count_of
 from holdfast.core.locked import require_open
 from holdfast.core.trial_layout import read_json
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
-from holdfast.edge_runtime.graph import Outputs
 from holdfast.evaluation import MOST_FALSE_PER_MIN
 from holdfast.evaluation.alarms import choose_confidence
-from holdfast.evaluation.baselines import Baseline, baselines, raw_forest
-from holdfast.evaluation.figures import Evaluation, all_sets
+from holdfast.evaluation.baselines import (
+    Baseline,
+    Chosen,
+    MatchingStreams,
+    Thresholds,
+    baselines,
+    find_thresholds,
+    raw_forest,
+)
 from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.model_outputs import (
     OUTPUTS,
     everywhere,
-    read_outputs,
-    steps_with,
-)
-from holdfast.evaluation.scored_set import ScoredSet, score_set
-from holdfast.evaluation.thresholds import (
-    Chosen,
-    MatchingStreams,
-    Thresholds,
-    find_thresholds,
-)
-from holdfast.evaluation.window_scores import (
-    WindowFigures,
-    at_windows,
     heads_with_task,
+    read_outputs,
     require_model_fits,
+    steps_with,
     window_figures,
 )
+from holdfast.evaluation.scored_set import Evaluation, ScoredSet, all_sets, score_set
 from holdfast.export.spec import StepSpec
 from holdfast.training.datasets import find, load
 from holdfast.training.progress import Part, Say, ignored
@@ -49,13 +43,12 @@ class EvaluationRequest:
     """The options of an evaluation.
 
     data: sets to score. choose: sets to choose the confidence on, if any. train: a set to train the
-    raw-window forest on. groups: so many people (or blocks) only. people: these only, if any.
+    raw-window forest on. people: these only, if any.
     """
 
     data: Sequence[str]
     choose: Sequence[str] = ()
     train: str | None = None
-    groups: int | None = None
     people: frozenset[str] = frozenset()
     most_false_per_min: float = MOST_FALSE_PER_MIN
     seed: int = 0
@@ -238,7 +231,7 @@ class _Run:
         steps = steps_with(self.model, [*OUTPUTS, *heads])
         computed = everywhere(steps, recordings, self.part)
         outputs = read_outputs(self.model, recordings, computed)
-        windows = self._window_figures(data, computed)
+        windows = window_figures(self.model, data, computed, seed=self.request.seed)
         # The outputs of a long set take much memory, and are read by now.
         del computed
 
@@ -267,7 +260,6 @@ class _Run:
         data = load(
             name,
             channels=self.model.card.n_channels,
-            groups=self.request.groups,
             seed=self.request.seed,
             windows="natural",
             part=self.part,
@@ -276,18 +268,6 @@ class _Run:
         require_model_fits(self.model, data)
         # Unseen people alone, where the model was trained on others of the set.
         return data.of_groups(self.request.people) if self.request.people else data
-
-    def _window_figures(
-        self, data: DataSet, computed: Sequence[Outputs]
-    ) -> WindowFigures:
-        whole = data.with_situations()
-
-        names = ["situation", "unknown", *heads_with_task(self.model, whole)]
-        every_row = [np.arange(len(one.samples)) for one in whole.recordings]
-        # Without the outputs of which only the events are made.
-        wanted = [{name: out[name] for name in names} for out in computed]
-        answers = at_windows(whole, wanted, every_row)
-        return window_figures(self.model, whole, answers, seed=self.request.seed)
 
 
 def _label(name: str, data: DataSet) -> str:

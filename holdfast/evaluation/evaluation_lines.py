@@ -6,11 +6,10 @@ from collections.abc import Collection
 
 from holdfast.core.contract import RISKY_SLIP, SITUATIONS, in_words_untold
 from holdfast.core.errors import count_of
-from holdfast.evaluation.figures import Evaluation
-from holdfast.evaluation.formats import display_name
+from holdfast.evaluation.formats import display_name, onsets_in_words
 from holdfast.evaluation.methods import MethodFigures
-from holdfast.evaluation.onsets import onsets_in_words
-from holdfast.evaluation.window_scores import WindowFigures
+from holdfast.evaluation.model_outputs import WindowFigures
+from holdfast.evaluation.scored_set import Evaluation
 from holdfast.training.figures import (
     HeadFigures,
     in_words,

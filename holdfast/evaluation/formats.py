@@ -106,3 +106,15 @@ def markdown_cell(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:,.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
     return ABSENT if value is None else str(value)
+
+
+def onsets_in_words(by: Mapping[str, int]) -> str:
+    """What gave the load onsets, where a camera or a person did; "" for a scene or a script."""
+    # A scene and a script know their onsets exactly, and need no such note.
+    if not by.keys() & {"camera", "key"}:
+        return ""
+    counts = ", ".join(f"{name} {count}" for name, count in by.items())
+    return (
+        f"source of load onsets: {counts}; a camera gives the object's first motion, a pressed key "
+        "is late"
+    )

@@ -10,7 +10,7 @@ import pandas as pd
 
 from holdfast.core.contract import CLASSES, SITUATIONS
 from holdfast.evaluation.model_outputs import ModelOutputs
-from holdfast.evaluation.states import labels_everywhere
+from holdfast.evaluation.states import labels_of
 
 UNKNOWN = "unknown"
 
@@ -28,7 +28,7 @@ def _answers(of: ModelOutputs) -> pd.DataFrame:
     recording = of.recording
     n_rows = len(of.situation)
     # Between labelled phases there is no truth, which is None in the column.
-    truth = labels_everywhere(recording.phases, n_rows)
+    truth = labels_of(of)
     frame = pd.DataFrame(
         {
             "trial_id": recording.trial_id,

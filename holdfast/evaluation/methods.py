@@ -6,9 +6,9 @@ intervals over trials (or people), and over styles where there are several.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -22,89 +22,58 @@ from holdfast.evaluation.alarms import (
     match_alarms,
 )
 from holdfast.evaluation.statistics import share
-from holdfast.evaluation.trials import (
-    DISTURBANCES,
-    LabelledTrial,
-    style_of,
-    voluntary_actions,
-)
+from holdfast.evaluation.trials import DISTURBANCES, LabelledTrial, voluntary_actions
 from holdfast.training.figures import Interval, Share
 
 
-class CalledAction(NamedTuple):
-    """A voluntary action, and whether an act was requested at any sample of it."""
+@dataclass(frozen=True)
+class TrialOutcome:
+    """What one method requested in a trial.
 
-    style: str
-    action: str
-    called: bool
+    match, wide: its alarms at the usual and at the wider collar. called: of each voluntary action,
+    whether an act was requested at any sample of it. quiet: no act was requested at all.
+    """
 
-
-class DisturbedHold(NamedTuple):
-    """A disturbed hold: whether the grip held to the end, and whether there was no alarm at all."""
-
-    disturbance: str
-    held: bool
+    trial: LabelledTrial
+    match: EventMatch
+    wide: EventMatch
+    called: tuple[bool, ...]
     quiet: bool
 
 
-@dataclass
-class MethodResult:
-    """What one method requested in each recording.
-
-    matches: its alarms at the usual collar. wide: at the wider collar.
-    """
-
-    matches: list[EventMatch] = field(default_factory=list)
-    wide: list[EventMatch] = field(default_factory=list)
-    actions: list[CalledAction] = field(default_factory=list)
-    holds: list[DisturbedHold] = field(default_factory=list)
-
-    def detected(self) -> BoolArray:
-        """[E] whether each event was detected."""
-        found = []
-        for match in self.matches:
-            found += [outcome.alarm_s is not None for outcome in match.outcomes]
-        return np.array(found, dtype=np.bool_)
+Outcomes = Sequence[TrialOutcome]
 
 
-def method_result(
+def outcomes_of(
     trials: Sequence[LabelledTrial], requests: Sequence[BoolArray]
-) -> MethodResult:
+) -> list[TrialOutcome]:
     """Match the requests [T] in each trial with its truth."""
-    result = MethodResult()
+    outcomes = []
     for trial, on in zip(trials, requests, strict=True):
         recording = trial.recording
-        result.matches.append(match_alarms(recording, on))
-        # Twice, since the truth is no sharper than the collar: the difference shows its influence.
-        result.wide.append(match_alarms(recording, on, WIDE_COLLAR_S))
-
-        style = style_of(trial.grasps)
+        called = []
         for action in voluntary_actions(recording):
             # A single sample counts: one request tightens the hand against its wearer.
-            called = bool(on[action.first : action.stop].any())
-            result.actions.append(CalledAction(style, recording.action or "", called))
+            called.append(bool(on[action.first : action.stop].any()))
+        outcomes.append(
+            TrialOutcome(
+                trial,
+                match_alarms(recording, on),
+                # The truth is no sharper than the collar: the difference shows its influence.
+                wide=match_alarms(recording, on, WIDE_COLLAR_S),
+                called=tuple(called),
+                quiet=not bool(on.any()),
+            )
+        )
+    return outcomes
 
-        for grasp in trial.grasps:
-            if grasp.disturbance:
-                # A hold that was disturbed too much ends as an event: the object slipped.
-                held = not recording.events
-                # Anywhere in the recording: without an action every request is one too many.
-                quiet = not bool(on.any())
-                result.holds.append(DisturbedHold(grasp.disturbance, held, quiet))
 
-    return result
-
-
-def together(results: Sequence[MethodResult]) -> MethodResult:
-    """One method on several sets as on one."""
-    whole = MethodResult()
-    for result in results:
-        # One after another: every recording keeps its own events, minutes and group.
-        whole.matches += result.matches
-        whole.wide += result.wide
-        whole.actions += result.actions
-        whole.holds += result.holds
-    return whole
+def detected(outcomes: Outcomes) -> BoolArray:
+    """[E] whether each event was detected."""
+    found = []
+    for one in outcomes:
+        found += [event.alarm_s is not None for event in one.match.outcomes]
+    return np.array(found, dtype=np.bool_)
 
 
 @dataclass(frozen=True)
@@ -191,137 +160,122 @@ class MethodFigures(EventScores):
 
 
 def figures_of_methods(
-    methods: Mapping[str, MethodResult],
-    trials: Sequence[LabelledTrial],
-    seed: int,
+    methods: Mapping[str, Outcomes], seed: int
 ) -> dict[str, MethodFigures]:
     """All figures of every method."""
-    figures = {}
-    for name, result in methods.items():
-        # Every method gets the same seed, so that all draw the same groups.
-        figures[name] = method_figures(result, trials, seed)
-
-    return figures
+    # Every method gets the same seed, so that all draw the same groups.
+    return {name: method_figures(of, seed) for name, of in methods.items()}
 
 
-def method_figures(
-    of: MethodResult,
-    trials: Sequence[LabelledTrial],
-    seed: int,
-) -> MethodFigures:
+def method_figures(of: Outcomes, seed: int) -> MethodFigures:
     """All figures of a method."""
     # The same seed for both collars, so that they draw the same groups.
-    scores = event_scores(of.matches, seed=seed)
-    wide = event_scores(of.wide, seed=seed)
-    collar = CollarFigures(
-        recall=wide.recall,
-        recall_ci=wide.recall_ci,
-        false_per_min=wide.false_per_min,
-        false_per_min_ci=wide.false_per_min_ci,
-        already_on=wide.already_on,
-        false_alarms=wide.false_alarms,
-    )
+    scores = event_scores([one.match for one in of], seed=seed)
+    wide = event_scores([one.wide for one in of], seed=seed)
+    with_actions = [one for one in of if one.called]
+    by_called = _grouped(with_actions, _action)
+    # A recording of several grasps has no one action.
+    by_action = _grouped([one for one in of if _action(one)], _action)
 
     return MethodFigures(
         **vars(scores),
         # The name is a key of the file format; its width is WIDE_COLLAR_S.
-        collar_40_ms=collar,
-        by_style=by_style(of, trials, seed),
-        safe_acts_called=_called(of.actions),
-        safe_acts_by_action=_called_by_action(of.actions),
-        with_enough_time=_kind(of.matches),
-        by_action=_by_action(of.matches),
-        specificity=specificity(of.holds),
+        collar_40_ms=CollarFigures(**_shared(wide, CollarFigures)),
+        by_style=by_style(of, seed),
+        safe_acts_called=_called(of),
+        safe_acts_by_action={name: _called(each) for name, each in by_called.items()},
+        with_enough_time=_kind(of),
+        by_action={name: _kind(each) for name, each in by_action.items()},
+        specificity=specificity(of),
     )
 
 
-def _called(actions: Sequence[CalledAction]) -> Share:
-    return share([one.called for one in actions])
+def _shared(scores: EventScores, other: type) -> dict[str, Any]:
+    """The scores that another dataclass has too, by name."""
+    names = {one.name for one in fields(other)}
+    return {name: value for name, value in vars(scores).items() if name in names}
 
 
-def _called_by_action(actions: Sequence[CalledAction]) -> dict[str, Share]:
-    by_action: dict[str, list[CalledAction]] = {}
-    for one in actions:
-        by_action.setdefault(one.action, []).append(one)
-    return {name: _called(by_action[name]) for name in sorted(by_action)}
+def _action(of: TrialOutcome) -> str:
+    return of.trial.recording.action or ""
 
 
-def _by_action(matches: Sequence[EventMatch]) -> dict[str, KindFigures]:
-    of_each: dict[str, list[EventMatch]] = {}
-    for match in matches:
-        # A recording of several grasps has no one action.
-        if match.recording.action:
-            of_each.setdefault(match.recording.action, []).append(match)
-    return {name: _kind(of_each[name]) for name in sorted(of_each)}
+def _grouped(
+    of: Outcomes, key: Callable[[TrialOutcome], str]
+) -> dict[str, list[TrialOutcome]]:
+    """By name, so that the order does not depend on which trial came first."""
+    groups: dict[str, list[TrialOutcome]] = {}
+    for one in of:
+        groups.setdefault(key(one), []).append(one)
+    return dict(sorted(groups.items()))
 
 
-def _kind(matches: Sequence[EventMatch]) -> KindFigures:
-    found = []
+def _called(of: Outcomes) -> Share:
+    called: list[bool] = []
+    for one in of:
+        called += one.called
+    return share(called)
+
+
+def _kind(of: Outcomes) -> KindFigures:
     in_time = []
-    for match in matches:
-        for outcome in match.outcomes:
-            found.append(outcome.alarm_s is not None)
+    for one in of:
+        for outcome in one.match.outcomes:
             available_s = outcome.available_s
             if available_s is not None and available_s >= ENOUGH_S:
                 lead_s = outcome.lead_s
                 in_time.append(lead_s is not None and lead_s > 0.0)
     return KindFigures(
-        recall=share(found),
+        recall=share(detected(of).tolist()),
         in_time=share(in_time),
-        false_alarms=sum(len(match.false_s) for match in matches),
-        minutes=sum(match.minutes for match in matches),
+        false_alarms=sum(len(one.match.false_s) for one in of),
+        minutes=sum(one.match.minutes for one in of),
     )
 
 
-def by_style(
-    of: MethodResult, trials: Sequence[LabelledTrial], seed: int
-) -> ByStyle | None:
+def by_style(of: Outcomes, seed: int) -> ByStyle | None:
     """Recall and false alarms by style, and intervals over styles; None with less than two."""
-    matches: dict[str, list[EventMatch]] = {}
-    grouped = []
-    for trial, match in zip(trials, of.matches, strict=True):
-        style = style_of(trial.grasps)
-        if style:
-            matches.setdefault(style, []).append(match)
-            # The bootstrap draws groups, so the style takes the place of the person.
-            as_group = replace(match.recording, group=style)
-            grouped.append(replace(match, recording=as_group))
-
+    styles = _grouped(
+        [one for one in of if one.trial.style], lambda one: one.trial.style
+    )
     # Of one style there is no spread between people to show.
-    if len(matches) < 2:
+    if len(styles) < 2:
         return None
 
     figures = {}
-    # By name, so that the order does not depend on which trial came first.
-    for name in sorted(matches):
-        scores = event_scores(matches[name], seed=seed)
-        actions = [one for one in of.actions if one.style == name]
-        figures[name] = StyleFigures(
-            events=scores.events,
-            recall=scores.recall,
-            recall_ci=scores.recall_ci,
-            false_per_min=scores.false_per_min,
-            false_per_min_ci=scores.false_per_min_ci,
-            minutes=scores.minutes,
-            safe_acts_called=_called(actions),
-        )
+    grouped = []
+    for name, trials in styles.items():
+        matches = [one.match for one in trials]
+        scores = event_scores(matches, seed=seed)
+        called = _called(trials)
+        shared = _shared(scores, StyleFigures)
+        figures[name] = StyleFigures(**shared, safe_acts_called=called)
+        for match in matches:
+            # The bootstrap draws groups, so the style takes the place of the person.
+            as_group = replace(match.recording, group=name)
+            grouped.append(replace(match, recording=as_group))
 
     # With the styles as groups, the interval says how far another person may be off.
     whole = event_scores(grouped, seed=seed)
     return ByStyle(whole.recall_ci, whole.false_per_min_ci, figures)
 
 
-def specificity(holds: Sequence[DisturbedHold]) -> dict[str, HoldFigures] | None:
+def specificity(of: Outcomes) -> dict[str, HoldFigures] | None:
     """Disturbance -> the holds that were disturbed by it; None without any."""
-    if not holds:
-        return None
-    # Every disturbance has a row, also one that no hold of the set had.
     figures = {}
+    # Every disturbance has a row, also one that no hold of the set had.
     for name in DISTURBANCES:
-        here = [one for one in holds if one.disturbance == name]
-        # A hold that failed deserved its alarm, so only those that held can be quiet.
-        quiet = share([one.quiet for one in here if one.held])
-        failed = sum(not one.held for one in here)
-        figures[name] = HoldFigures(quiet.share, quiet.share_ci, quiet.n, failed)
+        quiet = []
+        failed = 0
+        for one in of:
+            n_holds = one.trial.disturbances.count(name)
+            # A hold that was disturbed too much ends as an event: it deserved its alarm.
+            if one.match.outcomes:
+                failed += n_holds
+            else:
+                quiet += [one.quiet] * n_holds
+        of_quiet = share(quiet)
+        figures[name] = HoldFigures(**vars(of_quiet), failed=failed)
 
-    return figures
+    any_hold = any(one.n + one.failed for one in figures.values())
+    return figures if any_hold else None

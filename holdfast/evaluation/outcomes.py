@@ -6,7 +6,6 @@ put-down is recognised where the state was safe_slip in it and no act was reques
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,29 +13,21 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.core.contract import SAFE_SLIP, SITUATIONS, Json
-from holdfast.core.trial_layout import (
-    EVENTS,
-    RISKY_ACTIONS,
-    TACTILE,
-    read_events,
-    read_json,
-    truth_path,
-)
+from holdfast.core.trial_layout import EVENTS, RISKY_ACTIONS, read_events
 from holdfast.edge_runtime.engine import OpenedModel
-from holdfast.evaluation.alarms import EventMatch, match_alarms
+from holdfast.evaluation.alarms import delays_ms, match_alarms
+from holdfast.evaluation.baselines import requests_of
 from holdfast.evaluation.model_outputs import run_model
 from holdfast.evaluation.statistics import Spread, spread
-from holdfast.evaluation.thresholds import requests_of
 from holdfast.evaluation.trials import (
     AnsweredTrial,
     LabelledTrial,
-    answered_trials,
     central_trial,
+    counted,
+    labelled_trials,
     voluntary_actions,
-    without_samples,
 )
 from holdfast.training.datasets import load
-from holdfast.training.recording import Recording
 
 ACTIONS = ("pass", "pull", "fall", "put-down")
 """Actions in which there is something to recognise."""
@@ -135,20 +126,6 @@ class ParticipantFigures:
         }
 
 
-@dataclass(frozen=True)
-class _Judged:
-    """A trial: whether its action was recognised (None: not known), and its alarms."""
-
-    recording: Recording
-    right: bool | None
-    match: EventMatch
-
-    @property
-    def judges_alarms(self) -> bool:
-        """Whether an alarm in it can be false: in a pull without a label it may be right."""
-        return self.recording.action not in RISKY_ACTIONS or bool(self.recording.events)
-
-
 def participant_figures(model: OpenedModel, folder: Path) -> ParticipantFigures:
     """Figures of the kept trials in one person's folder.
 
@@ -161,111 +138,83 @@ def participant_figures(model: OpenedModel, folder: Path) -> ParticipantFigures:
     outputs = run_model(model, data)
     rules = model.card.decision
     requests = requests_of(outputs, rules, rules.min_risky_permille)
-    # Recorded trials have no truth of a scene, so no grasps either.
-    trials = [LabelledTrial(without_samples(one), ()) for one in data.recordings]
+    trials = labelled_trials(folder, data.recordings)
 
-    every = []
-    drawn: dict[str, list[AnsweredTrial]] = {}
-    by_action: dict[str, list[_Judged]] = {}
-    by_cell: dict[tuple[str, str], list[_Judged]] = {}
-    for one in answered_trials(trials, outputs, requests):
-        recording = one.trial.recording
-        match = match_alarms(recording, one.requests)
-        # Matched once, for all the tables that the trial is counted in.
-        judged = _Judged(recording, recognised(one), match)
-        every.append(judged)
+    rows = []
+    by_action: dict[str, list[AnsweredTrial]] = {}
+    by_cell: dict[tuple[str, str], list[AnsweredTrial]] = {}
+    labels_by: list[str] = []
+    for trial, of, on in zip(trials, outputs, requests, strict=True):
+        one = AnsweredTrial(trial, of.situation, on)
+        rows.append(one)
+        action = trial.recording.action or ""
+        by_action.setdefault(action, []).append(one)
+        by_cell.setdefault((trial.recording.object_name or "", action), []).append(one)
+        # A put-down slips more than once, and is still one trial.
+        labels_by += set(trial.sources(SLIPS))
 
-        name = recording.object_name or ""
-        action = recording.action or ""
-        # The timelines are kept by action, because the report draws one picture for each.
-        drawn.setdefault(action, []).append(one)
-        by_action.setdefault(action, []).append(judged)
-        by_cell.setdefault((name, action), []).append(judged)
-
-    in_order = sorted(drawn)
-
+    # The report draws one picture for each action.
+    drawn = {action: by_action[action] for action in sorted(by_action)}
     return ParticipantFigures(
         model_id=model.card.model_id,
         kind=data.kind,
         trials=len(trials),
-        labels_by=_labels_by(folder, data.recordings),
-        unlabelled=_unlabelled(folder, every),
+        labels_by=counted(labels_by),
+        unlabelled=_unlabelled(folder, rows),
         caveat=data.caveat,
-        whole=_figures("", "", every),
-        actions=[_figures("", action, by_action[action]) for action in in_order],
-        cells=[_figures(name, action, of) for (name, action), of in by_cell.items()],
-        drawn={action: drawn[action] for action in in_order},
+        whole=_figures("", "", rows),
+        actions=[_figures("", action, of_one) for action, of_one in drawn.items()],
+        cells=[_figures(*cell, of_one) for cell, of_one in by_cell.items()],
+        drawn=drawn,
         central=central_trial(drawn, data.recordings),
     )
 
 
-def _figures(name: str, action: str, judged: Sequence[_Judged]) -> ActionFigures:
+def _figures(name: str, action: str, trials: Sequence[AnsweredTrial]) -> ActionFigures:
     """Of one cell; "": of all objects, or of all actions."""
-    right = [one.right for one in judged if one.right is not None]
-    false = 0
-    minutes = 0.0
-    delays_ms = []
-    for one in judged:
+    right = []
+    judged = []
+    for one in trials:
+        was_right = recognised(one)
+        if was_right is not None:
+            right.append(was_right)
+        recording = one.trial.recording
         # A pull without a label may have slipped: its alarm may be right, so it is not judged.
-        if not one.judges_alarms:
-            continue
-        false += len(one.match.false_s)
-        minutes += one.match.minutes
-        for outcome in one.match.outcomes:
-            if outcome.delay_s is not None:
-                delays_ms.append(1e3 * outcome.delay_s)
+        if recording.action not in RISKY_ACTIONS or recording.events:
+            judged.append(match_alarms(recording, one.requests))
 
     return ActionFigures(
         object=name,
         action=action,
-        trials=len(judged),
+        trials=len(trials),
         # Recognised of these only: without a label nothing was judged.
         labelled=len(right),
         recognised=sum(right),
-        false_alarms=false,
-        minutes=minutes,
-        delay_ms=spread(delays_ms),
+        false_alarms=sum(len(one.false_s) for one in judged),
+        minutes=sum(one.minutes for one in judged),
+        delay_ms=spread(delays_ms(judged)),
     )
 
 
-def _labels_by(folder: Path, recordings: Sequence[Recording]) -> dict[str, int]:
-    """Provenance (scene, camera, key) -> number of trials whose slip, risky or safe, it gave."""
-    count: Counter[str] = Counter()
-    for recording in recordings:
-        truth = read_json(truth_path(folder / recording.trial_id / TACTILE))
-        sources = set()
-        for phase in truth.get("phases", []):
-            # Slips are the labels that decide the figures, so their provenance is reported.
-            if phase.get("label") in SLIPS:
-                # A put-down slips more than once, and is still one trial.
-                sources.add(str(phase.get("provenance")))
-        count.update(sources)
-    return dict(sorted(count.items()))
-
-
-def _unlabelled(folder: Path, judged: Sequence[_Judged]) -> dict[str, int]:
+def _unlabelled(folder: Path, trials: Sequence[AnsweredTrial]) -> dict[str, int]:
     """Why a trial's action has no label -> number of trials."""
-    reasons = Counter(
-        _why_no_label(folder / one.recording.trial_id, one.recording.action)
-        for one in judged
-        if one.right is None
-    )
-    return dict(sorted(reasons.items()))
+    reasons = []
+    for one in trials:
+        if recognised(one) is None:
+            reasons.append(_why_no_label(folder, one.trial))
+    return counted(reasons)
 
 
-def _onsets(trial: Path) -> list[Json]:
-    """Events that begin an action: marks, and what a camera wrote."""
-    events = read_events(trial / EVENTS)
-    return [one for one in events if one.get("mark") in ONSETS or "gross_s" in one]
-
-
-def _why_no_label(trial: Path, action: str | None) -> str:
-    if action not in ACTIONS:
+def _why_no_label(folder: Path, trial: LabelledTrial) -> str:
+    if trial.recording.action not in ACTIONS:
         return "nothing to recognise in its action"
-    phases = read_json(truth_path(trial / TACTILE)).get("phases", [])
-    if any(phase.get("provenance") == "scene" for phase in phases):
+    if "scene" in trial.sources(SITUATIONS):
         return "the object did not slip"
-    sources = {event.get("provenance") for event in _onsets(trial)}
+    sources = set()
+    for event in read_events(folder / trial.recording.trial_id / EVENTS):
+        # A mark begins an action, and so does what a camera wrote.
+        if event.get("mark") in ONSETS or "gross_s" in event:
+            sources.add(event.get("provenance"))
     if sources & {"key", "camera"}:
         return "marked, but outside the grip, or the grip has no beginning or end"
     return "no key l, and no camera"

@@ -7,14 +7,23 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib.axes import Axes
 
-from holdfast.core.contract import NORMAL_AXIS, SAFE_SLIP
-from holdfast.evaluation.figures import TimesMs
+from holdfast.core.contract import NORMAL_AXIS, SAFE_SLIP, BoolArray
+from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.evaluation.formats import spaced
+from holdfast.evaluation.scored_set import TimesMs
 from holdfast.evaluation.states import CalibrationBin, ConfusionFigures
-from holdfast.evaluation.stream_pictures import draw_unknown, labelled, spans
-from holdfast.evaluation.style import INK, OURS, QUIET, SITUATION_COLOURS, WARNING, svg
+from holdfast.evaluation.style import (
+    INK,
+    OURS,
+    QUIET,
+    SITUATION_COLOURS,
+    WARNING,
+    labelled,
+    svg,
+)
 from holdfast.evaluation.trials import AnsweredTrial
 from holdfast.training.figures import ABSENT
 from holdfast.training.recording import Recording
@@ -39,6 +48,8 @@ MOST_SHOWN_S = 20.0
 """Of one without a slip."""
 COLUMNS = 3
 """Panels side by side."""
+Height = tuple[float, float]
+"""Lower edge and height of a bar, in places of the axis."""
 
 
 def timelines(rows: Sequence[AnsweredTrial], kind: str) -> str:
@@ -48,19 +59,23 @@ def timelines(rows: Sequence[AnsweredTrial], kind: str) -> str:
         names = []
         last_s = 0.0
         for place, row in enumerate(rows):
-            _timeline(axes, place, row)
+            # Less high than the truth, which shows above and below the answer.
+            heights = ((place - 0.42, 0.84), (place - 0.2, 0.4))
+            _draw_states(axes, row, *heights, alpha=0.38)
             recording = row.trial.recording
+            # Only the begin of each request: that is the moment at which the hand acts.
+            for first_s, _ in spans(row.requests, 1.0 / recording.rate_hz):
+                mark = (first_s, place - 0.46)
+                axes.plot(*mark, "v", color=INK, markersize=4.5, clip_on=False)
             names.append(_row_name(recording))
             # The longest trial decides the width: trials of a picture differ in length.
-            end_s = len(row.situation) / recording.rate_hz
-            last_s = max(last_s, end_s)
+            last_s = max(last_s, len(row.situation) / recording.rate_hz)
 
         axes.set_yticks(range(len(rows)), names, fontsize=7.5)
         # The first trial stands on top, as in a table, so the axis points down.
         axes.set_ylim(len(rows) - 0.45, -0.65)
         axes.set_xlim(0.0, last_s)
         axes.set_xlabel("time in the trial, s")
-        axes.spines[:].set_visible(False)
         return svg(figure)
 
 
@@ -72,31 +87,49 @@ def _row_name(recording: Recording) -> str:
     return " ".join(word for word in named if word)
 
 
-def _timeline(axes: Axes, place: int, row: AnsweredTrial) -> None:
-    recording = row.trial.recording
-    step_s = 1.0 / recording.rate_hz
-    for phase in recording.phases:
-        start_s = phase.first * step_s
-        length_s = (phase.stop - phase.first) * step_s
-        axes.broken_barh(
-            [(start_s, length_s)],
-            (place - 0.42, 0.84),
-            color=SITUATION_COLOURS[phase.situation],
-            alpha=0.38,
-            linewidth=0,
-        )
-
-    # Less high than the truth, so that the truth shows above and below the answer.
-    height = (place - 0.2, 0.4)
+def _draw_states(
+    axes: Axes, row: AnsweredTrial, truth: Height, answer: Height, alpha: float = 1.0
+) -> None:
+    """The truth in a colour of this alpha, and the state at every sample, at their heights."""
+    step_s = 1.0 / row.trial.recording.rate_hz
+    for phase in row.trial.recording.phases:
+        span = (phase.first * step_s, (phase.stop - phase.first) * step_s)
+        colour = SITUATION_COLOURS[phase.situation]
+        axes.broken_barh([span], truth, color=colour, alpha=alpha, linewidth=0)
     for situation, colour in enumerate(SITUATION_COLOURS):
         here = spans(row.situation == situation, step_s)
-        axes.broken_barh(here, height, color=colour, linewidth=0)
+        axes.broken_barh(here, answer, color=colour, linewidth=0)
+    draw_unknown(axes, row.situation, step_s, answer)
+    axes.spines[:].set_visible(False)
 
-    draw_unknown(axes, row.situation, step_s, height)
 
-    # Only the begin of each request: that is the moment at which the hand acts.
-    for first_s, _ in spans(row.requests, step_s):
-        axes.plot(first_s, place - 0.46, "v", color=INK, markersize=4.5, clip_on=False)
+def draw_unknown(
+    axes: Axes, situation: npt.NDArray[np.int64], step_s: float, height: Height
+) -> None:
+    """A hatched bar where the state [T] is unknown."""
+    axes.broken_barh(
+        spans(situation == UNKNOWN, step_s),
+        height,
+        facecolor="white",
+        edgecolor=QUIET,
+        linewidth=0.5,
+        hatch="////",
+    )
+
+
+def spans(flags: BoolArray, step_s: float) -> list[tuple[float, float]]:
+    """[T] flags -> start and length in s of every run of them.
+
+    >>> spans(np.array([True, False, True, True]), 0.5)
+    [(0.0, 0.5), (1.0, 1.0)]
+    """
+    # A zero on both sides makes a run at either end begin and stop like any other.
+    change = np.diff(flags.astype(np.int8), prepend=0, append=0)
+    firsts = np.flatnonzero(change == 1)
+    lengths = np.flatnonzero(change == -1) - firsts
+    starts_s = (firsts * step_s).tolist()
+    lengths_s = (lengths * step_s).tolist()
+    return list(zip(starts_s, lengths_s, strict=True))
 
 
 def trial(row: AnsweredTrial, kind: str) -> str:
@@ -107,6 +140,7 @@ def trial(row: AnsweredTrial, kind: str) -> str:
     recording = row.trial.recording
     step_s = 1.0 / recording.rate_hz
     t_s = np.arange(len(recording.samples)) * step_s
+    requests = spans(row.requests, step_s)
     forces = np.nan_to_num(recording.samples).reshape(len(t_s), -1, 3)
     signals = {
         "grip": np.abs(forces[..., NORMAL_AXIS]).sum(axis=1),
@@ -118,30 +152,18 @@ def trial(row: AnsweredTrial, kind: str) -> str:
             axes.plot(t_s, signal, color=OURS if name == "grip" else INK, linewidth=1.3)
             axes.set_ylabel(f"{name}, {recording.unit}")
             axes.set_ylim(bottom=0.0)
-            for first_s, length_s in spans(row.requests, step_s):
+            for first_s, length_s in requests:
                 end_s = first_s + max(length_s, step_s)
                 axes.axvspan(first_s, end_s, color=WARNING, alpha=0.3, linewidth=0)
-        _states(states, row, step_s)
+        # The truth stands above the answer, and a triangle where an act is requested.
+        _draw_states(states, row, (-0.4, 0.8), (0.6, 0.8))
+        for first_s, _ in requests:
+            states.plot(first_s, 1.6, "^", color=INK, markersize=6)
+        states.set_yticks([0, 1], ["truth", "answer"])
+        states.set_ylim(1.85, -0.6)
         states.set_xlim(*_shown_s(recording, float(t_s[-1])))
         states.set_xlabel("time in the trial, s")
         return svg(figure)
-
-
-def _states(axes: Axes, row: AnsweredTrial, step_s: float) -> None:
-    """The truth above the answer, and a triangle where an act is requested."""
-    for phase in row.trial.recording.phases:
-        span = (phase.first * step_s, (phase.stop - phase.first) * step_s)
-        colour = SITUATION_COLOURS[phase.situation]
-        axes.broken_barh([span], (-0.4, 0.8), color=colour, linewidth=0)
-    for situation, colour in enumerate(SITUATION_COLOURS):
-        here = spans(row.situation == situation, step_s)
-        axes.broken_barh(here, (0.6, 0.8), color=colour, linewidth=0)
-    draw_unknown(axes, row.situation, step_s, (0.6, 0.8))
-    for first_s, _ in spans(row.requests, step_s):
-        axes.plot(first_s, 1.6, "^", color=INK, markersize=6, clip_on=True)
-    axes.set_yticks([0, 1], ["truth", "answer"])
-    axes.set_ylim(1.85, -0.6)
-    axes.spines[:].set_visible(False)
 
 
 def _shown_s(recording: Recording, last_s: float) -> tuple[float, float]:

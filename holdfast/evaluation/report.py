@@ -1,6 +1,7 @@
-"""The report of one evaluation: its pictures, and what its template shows.
+"""The reports of an evaluation and of a training run: their pictures, and what templates show.
 
-The template is templates/evaluation.html; the order of its sections is the order of the report.
+The templates are templates/evaluation.html and templates/training.html; the order of a template's
+sections is the order of its report.
 """
 
 from __future__ import annotations
@@ -9,23 +10,27 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from holdfast.core.errors import count_of
 from holdfast.evaluation import pictures as draw
-from holdfast.evaluation.figures import Evaluation
-from holdfast.evaluation.formats import DEPLOYED, LAWS, ORACLE
+from holdfast.evaluation.formats import DEPLOYED, LAWS, ORACLE, onsets_in_words
 from holdfast.evaluation.html import write_page
-from holdfast.evaluation.onsets import onsets_in_words
-from holdfast.evaluation.real_sets import RealFigures, RealSetsMissing
-from holdfast.training.figures import PLURAL
+from holdfast.evaluation.pictures import trial
+from holdfast.evaluation.scored_set import Evaluation
+from holdfast.evaluation.style import labelled, svg
+from holdfast.evaluation.trials import AnsweredTrial, LabelledTrial, central_trial
+from holdfast.export.spec import window_samples
+from holdfast.training.crossval import main_task
+from holdfast.training.figures import PLURAL, Interval, in_words
+from holdfast.training.fitting import Trained
+from holdfast.training.judging import CurvePoint, per_doubling
+from holdfast.training.recording import DataSet
 
 
-def write_event_report(
-    path: Path,
-    evaluation: Evaluation,
-    real: RealFigures | RealSetsMissing | None = None,
-) -> Path:
-    """Write the report; OutputError where that cannot be done. real: of real recordings, if any."""
+def write_event_report(path: Path, evaluation: Evaluation) -> Path:
+    """Write the report of an evaluation; OutputError where that cannot be done."""
     of = evaluation
-
     headline = evaluation.thresholds.headline
     kind = kind_of(of)
     drawn = {}
@@ -62,8 +67,6 @@ def write_event_report(
         central_picture=draw.trial(of.central, kind) if of.central else "",
         distributions=draw.distributions(of.times, kind),
         state_pictures=_state_pictures(of, kind),
-        real=real if isinstance(real, RealFigures) else None,
-        real_missing=real if isinstance(real, RealSetsMissing) else None,
         onsets_in_words=onsets_in_words,
     )
 
@@ -122,3 +125,90 @@ def _state_pictures(of: Evaluation, kind: str) -> dict[str, str]:
     if calibrated:
         pictures["calibration"] = draw.reliability(calibrated, kind)
     return pictures
+
+
+NOT_ANSWERED = -2
+"""At samples in no window that was scored; no state has this number."""
+
+
+def write_training_report(
+    path: Path, data: DataSet, trained: Trained, artifact: Path
+) -> Path:
+    """Write the report; OutputError where that cannot be done."""
+    figures = trained.figures
+    points = trained.curve
+    kind = figures.group_kind
+    # A joined set may be held out by several kinds.
+    groups = PLURAL.get(kind, "groups")
+    n_groups = count_of(figures.n_groups, "group")
+    if kind in PLURAL:
+        n_groups = in_words(figures.n_groups, kind)
+
+    curve = ""
+    if trained.curve:
+        curve = _curve(points, data.kind, groups)
+
+    central = _central(data, trained)
+    return write_page(
+        path,
+        "training.html",
+        data=data,
+        figures=figures,
+        situations=figures.situations,
+        untold=trained.cannot_tell,
+        held_out_by=kind,
+        not_held_out=trained.not_held_out,
+        groups=groups,
+        n_groups=n_groups,
+        curve=curve,
+        central=central,
+        central_picture=trial(central, data.kind) if central else "",
+        points=points,
+        gain=per_doubling(points),
+        artifact=artifact,
+    )
+
+
+def _central(data: DataSet, trained: Trained) -> AnsweredTrial | None:
+    """A trial with its held-out answers, those at the windows that were scored."""
+    task = data.tasks[main_task(data)]
+    answers = trained.held_out.labels
+    if answers is None:
+        return None
+
+    rows: list[AnsweredTrial] = []
+    for k, recording in enumerate(data.recordings):
+        if not recording.phases:
+            continue
+        situation = np.full(len(recording.samples), NOT_ANSWERED)
+        length = window_samples(recording.rate_hz)
+        of_trial = np.flatnonzero(task.trial == k)
+        for window in of_trial[np.argsort(task.row[of_trial])].tolist():
+            row = int(task.row[window])
+            situation[max(0, row + 1 - length) : row + 1] = answers[window]
+        no_requests = np.zeros(len(situation), dtype=np.bool_)
+        rows.append(AnsweredTrial(LabelledTrial(recording, {}), situation, no_requests))
+    return central_trial({"": rows}, data.recordings)
+
+
+def _curve(points: list[CurvePoint], kind: str, groups: str) -> str:
+    """Held-out macro F1 by the training data, with intervals."""
+    with labelled(kind, 5.2, 3.0) as figure:
+        axes = figure.subplots()
+        x, y = [], []
+        for point in points:
+            if point.macro_f1 is None:
+                continue
+            x.append(point.n_trials)
+            y.append(point.macro_f1)
+            low, high = _ends(point.macro_f1_ci, point.macro_f1)
+            axes.plot([point.n_trials] * 2, [low, high], color="#0072b2", alpha=0.4)
+        axes.plot(x, y, "o-", color="#0072b2", markersize=4)
+        axes.set(xlabel=f"trials of the {groups}", ylabel="macro F1, held out")
+        axes.set_ylim(0.0, 1.02)
+        return svg(figure)
+
+
+def _ends(interval: Interval | None, value: float) -> Interval:
+    """An interval, or the value itself where there is none."""
+    return interval or (value, value)

@@ -1,36 +1,34 @@
-"""One set scored: what every method requested on it, and all figures of that."""
+"""One set scored by every method, and all sets together; figures.json is made from them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from holdfast.core.contract import BoolArray, Json, untold_of
+from holdfast.core.contract import RISKY_SLIP, SITUATIONS, BoolArray, Json, untold_of
 from holdfast.core.trial_layout import read_json
 from holdfast.edge_runtime.model_file import ModelCard
-from holdfast.evaluation.baselines import Baseline
+from holdfast.evaluation.alarms import delays_ms
+from holdfast.evaluation.baselines import Baseline, Thresholds, requests_of
 from holdfast.evaluation.methods import (
     MethodFigures,
-    MethodResult,
+    TrialOutcome,
+    detected,
     figures_of_methods,
-    method_result,
+    outcomes_of,
 )
-from holdfast.evaluation.model_outputs import ModelOutputs
-from holdfast.evaluation.onsets import onsets_by
+from holdfast.evaluation.model_outputs import ModelOutputs, WindowFigures
 from holdfast.evaluation.states import StateFigures, risky_states, state_figures
 from holdfast.evaluation.statistics import McNemar, mcnemar
-from holdfast.evaluation.thresholds import Thresholds, requests_of
 from holdfast.evaluation.trials import (
     AnsweredTrial,
     LabelledTrial,
-    answered_trials,
     central_trial,
+    counted,
     drawn_trials,
-    grasps_of,
-    without_samples,
+    labelled_trials,
 )
-from holdfast.evaluation.window_scores import WindowFigures
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import DataSet
 
@@ -63,12 +61,9 @@ class SetCard:
 
     def to_json(self) -> Json:
         """As it stands in figures.json."""
-        fields = asdict(self)
-        # The keys of made_from stand among the others, after name and kind.
-        made_from = fields.pop("made_from")
-        # Readers see what a set is before its counts.
-        first = {"name": fields.pop("name"), "kind": fields.pop("kind")}
-        return first | made_from | fields
+        # The keys of made_from stand among the others.
+        figures = asdict(self)
+        return figures.pop("made_from") | figures
 
 
 @dataclass(frozen=True)
@@ -103,13 +98,12 @@ class SetFigures:
 class ScoredSet:
     """A set with what the figures of all sets together need.
 
-    drawn: trials of a report, by title. central: one of them, with its samples.
-    to_state_ms: load onset to the first risky state.
+    methods: stored name -> the outcome of each trial. drawn: trials of a report, by title. central:
+    one of them, with its samples. to_state_ms: load onset to the first risky state.
     """
 
     figures: SetFigures
-    trials: list[LabelledTrial]
-    methods: dict[str, MethodResult]
+    methods: dict[str, list[TrialOutcome]]
     drawn: dict[str, list[AnsweredTrial]]
     central: AnsweredTrial | None
     to_state_ms: list[float]
@@ -127,50 +121,39 @@ def score_set(
     part: Part = ignored,
 ) -> ScoredSet:
     """Score every method on a set. outputs: of the model, for each of the set's recordings."""
-    trials = _labelled_trials(root, data)
+    trials = labelled_trials(root, data.recordings)
     requests = _requests(data, outputs, thresholds, baselines)
-    methods = {}
-    for name, on in requests.items():
-        methods[name] = method_result(trials, on)
+    methods = {name: outcomes_of(trials, on) for name, on in requests.items()}
 
     headline = thresholds.headline
-    permille = thresholds.confidences[headline]
     # States are shown at the confidence of the headline, and so fit its alarms.
-    untold = untold_of(card.raw)
-    states = state_figures(outputs, permille, seed, untold)
+    risky = risky_states(outputs, thresholds.confidences[headline])
+    states = state_figures(outputs, risky, seed, untold_of(card.raw))
     part(0.5)
 
     figures = SetFigures(
-        card=_card(root, data, windows),
+        card=_card(root, data, trials, windows),
         windows=windows,
-        rows=figures_of_methods(methods, trials, seed),
+        rows=figures_of_methods(methods, seed),
         states=states,
         mcnemar=compared(methods, thresholds),
         # Thresholds that were chosen elsewhere are the same for all sets and stand on top.
         thresholds=thresholds if thresholds.chosen is None else None,
     )
 
+    answered = []
     # At the headline's confidence: the pictures show what the table counts.
-    answered = answered_trials(trials, outputs, requests[headline])
+    for trial, of, on in zip(trials, outputs, requests[headline], strict=True):
+        answered.append(AnsweredTrial(trial, of.situation, on))
     drawn = drawn_trials(answered)
 
     return ScoredSet(
         figures=figures,
-        trials=trials,
         methods=methods,
         drawn=drawn,
         central=central_trial(drawn, data.recordings),
-        to_state_ms=_to_state_ms(outputs, permille),
+        to_state_ms=delays_ms(risky),
     )
-
-
-def _labelled_trials(root: Path, data: DataSet) -> list[LabelledTrial]:
-    grasps = grasps_of(root, data.recordings)
-    trials = []
-    for one, held in zip(data.recordings, grasps, strict=True):
-        # The samples of a long set take much memory, and its figures need labels only.
-        trials.append(LabelledTrial(without_samples(one), held))
-    return trials
 
 
 def _requests(
@@ -194,58 +177,168 @@ def _requests(
     return requests
 
 
-def _to_state_ms(outputs: list[ModelOutputs], permille: int) -> list[float]:
-    times_ms = []
-    for match in risky_states(outputs, permille):
-        for outcome in match.outcomes:
-            if outcome.delay_s is not None:
-                times_ms.append(1e3 * outcome.delay_s)
-    return times_ms
-
-
 def compared(
-    methods: dict[str, MethodResult], thresholds: Thresholds
+    methods: Mapping[str, Sequence[TrialOutcome]], thresholds: Thresholds
 ) -> dict[str, McNemar]:
     """McNemar's test of the headline against every baseline, event by event."""
-    ours = methods[thresholds.headline].detected()
+    ours = detected(methods[thresholds.headline])
     tests = {}
     for baseline in thresholds.baselines:
         # Pairs of the same event: two recalls of one set are not independent.
-        theirs = methods[baseline.name].detected()
+        theirs = detected(methods[baseline.name])
         # Only events that one of both detected and the other did not tell them apart.
         tests[baseline.name] = mcnemar(ours, theirs)
     return tests
 
 
-def _card(root: Path, data: DataSet, windows: WindowFigures) -> SetCard:
+def _card(
+    root: Path, data: DataSet, trials: Sequence[LabelledTrial], windows: WindowFigures
+) -> SetCard:
     meta = read_json(root / "meta.json")
-    # A recorded set has none of these keys.
-    made_from = {}
-    for key, value in meta.items():
-        if key in MADE_FROM:
-            made_from[key] = value
-
     seconds = 0.0
-    events = 0
-    for one in data.recordings:
+    onsets = []
+    for one, trial in zip(data.recordings, trials, strict=True):
         # Each recording has a rate of its own, by which its samples count.
         seconds += len(one.samples) / one.rate_hz
-        events += len(one.events)
+        onsets += trial.sources((SITUATIONS[RISKY_SLIP],))
 
     return SetCard(
         name=data.name,
         kind=data.kind,
-        made_from=made_from,
+        # A recorded set has none of these keys.
+        made_from={name: meta[name] for name in MADE_FROM if name in meta},
         rate_hz=data.rate_hz,
         unit=data.unit,
         recordings=len(data.recordings),
         groups=len(data.groups()),
         group_kind=data.group_kind,
         minutes=seconds / 60.0,
-        events=events,
+        events=sum(len(one.events) for one in data.recordings),
         samples=data.notes.get("samples"),
-        onsets_by=onsets_by(root, data.recordings),
+        onsets_by=counted(onsets),
         trained_on_recordings=windows.trained_on_recordings,
         caveat=data.caveat,
         timed=any(one.phases or one.events for one in data.recordings),
     )
+
+
+@dataclass(frozen=True)
+class EvaluatedModel:
+    """The model file that was evaluated.
+
+    trained_on: None where its card does not say. cannot_tell: what its data did not show, with the
+    reason.
+    """
+
+    model_id: str
+    rate_hz: float
+    unit: str
+    votes_for: list[str]
+    trained_on: str | None
+    cannot_tell: dict[str, str]
+
+
+@dataclass
+class TimesMs:
+    """ms of every event: to the first risky state, to the alarm; the lead there was, and left."""
+
+    to_state: list[float]
+    to_act: list[float] = field(default_factory=list)
+    available: list[float] = field(default_factory=list)
+    left: list[float] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Everything the report shows. rows, mcnemar: of all sets together.
+
+    thresholds: of the first set where each set has its own. drawn, times, central: of pictures.
+    """
+
+    model: EvaluatedModel
+    thresholds: Thresholds
+    seed: int
+    sets: dict[str, SetFigures]
+    rows: dict[str, MethodFigures]
+    mcnemar: dict[str, McNemar]
+    drawn: dict[str, list[AnsweredTrial]] = field(default_factory=dict)
+    times: dict[str, TimesMs] = field(default_factory=dict)
+    central: AnsweredTrial | None = None
+
+    def to_json(self) -> Json:
+        """figures.json; of one set alone, its window figures stand on top."""
+        # As the file was before several sets could be evaluated: its readers find them there.
+        top = {"model_id": self.model.model_id}
+        if len(self.sets) == 1:
+            top = next(iter(self.sets.values())).windows.to_json()
+
+        return top | {
+            "model": asdict(self.model),
+            "thresholds": self.thresholds.to_json(),
+            "seed": self.seed,
+            "sets": {name: one.to_json() for name, one in self.sets.items()},
+            "all": {
+                "rows": {name: asdict(one) for name, one in self.rows.items()},
+                "mcnemar": {name: asdict(one) for name, one in self.mcnemar.items()},
+            },
+        }
+
+
+def all_sets(
+    card: ModelCard, scored: Mapping[str, ScoredSet], thresholds: Thresholds, seed: int
+) -> Evaluation:
+    """The figures of all sets together."""
+    methods: dict[str, list[TrialOutcome]] = {}
+    drawn: dict[str, list[AnsweredTrial]] = {}
+    central = None
+    times = {}
+    for name, one in scored.items():
+        for method, outcomes in one.methods.items():
+            # By name: with other settings for each set it is still the same method. Its events
+            # and minutes are counted as those of one set, which is no mean over sets.
+            methods.setdefault(method, []).extend(outcomes)
+
+        # The first set with a trial to draw stands for all.
+        drawn = drawn or one.drawn
+        central = central or one.central
+        # A set without events has no delays to draw.
+        if one.figures.card.events:
+            headline = one.methods[thresholds.headline]
+            times[name] = _times(headline, one.to_state_ms)
+
+    model = EvaluatedModel(
+        model_id=card.model_id,
+        rate_hz=card.rate_hz,
+        unit=card.unit,
+        votes_for=list(card.classes),
+        trained_on=card.raw["training"].get("data"),
+        cannot_tell=untold_of(card.raw),
+    )
+
+    return Evaluation(
+        model=model,
+        thresholds=thresholds,
+        seed=seed,
+        sets={name: one.figures for name, one in scored.items()},
+        rows=figures_of_methods(methods, seed),
+        mcnemar=compared(methods, thresholds),
+        drawn=drawn,
+        times=times,
+        central=central,
+    )
+
+
+def _times(of: Sequence[TrialOutcome], to_state_ms: list[float]) -> TimesMs:
+    # A state may come without an alarm, so the lists differ in length.
+    times = TimesMs(to_state_ms)
+    for one in of:
+        for outcome in one.match.outcomes:
+            if outcome.delay_s is None:
+                continue
+            times.to_act.append(1e3 * outcome.delay_s)
+            # A recorded event may have an onset and no known gross slip.
+            if outcome.available_s is not None and outcome.lead_s is not None:
+                times.available.append(1e3 * outcome.available_s)
+                times.left.append(1e3 * outcome.lead_s)
+
+    return times

@@ -18,9 +18,8 @@ from holdfast.evaluation.alarms import EventMatch, event_scores, match_alarms
 from holdfast.evaluation.model_outputs import ModelOutputs
 from holdfast.evaluation.statistics import Spread, share
 from holdfast.evaluation.trials import voluntary_actions, without_samples
-from holdfast.training.figures import Interval, Share
+from holdfast.training.figures import Share, SituationFigures
 from holdfast.training.metrics import situation_scores
-from holdfast.training.timeline import Phase
 
 BINS = 15
 """Equal bins of the probability, as in Guo et al. (ICML 2017)."""
@@ -49,15 +48,11 @@ class CalibrationFigures:
 
 
 @dataclass(frozen=True)
-class ConfusionFigures:
+class ConfusionFigures(SituationFigures):
     """counts: truth (rows) by answer (columns, the last unknown); F1 with intervals over groups."""
 
     classes: tuple[str, ...]
     counts: list[list[int]]
-    macro_f1: float | None
-    macro_f1_ci: Interval | None
-    f1: dict[str, float | None]
-    f1_ci: dict[str, Interval | None]
 
 
 @dataclass(frozen=True)
@@ -88,58 +83,82 @@ def risky_states(outputs: Sequence[ModelOutputs], permille: int) -> list[EventMa
 
 def state_figures(
     outputs: Sequence[ModelOutputs],
-    permille: int,
+    risky: Sequence[EventMatch],
     seed: int,
     untold: Collection[str] = (),
 ) -> StateFigures:
-    """All figures of the states. untold: situations that the model cannot tell."""
+    """All figures of the states.
+
+    risky: of `risky_states`. untold: situations that the model cannot tell.
+    """
     # Matched like alarms, so the state's delay compares with that of the request.
-    delay = event_scores(risky_states(outputs, permille), seed=seed)
-    states = [one.situation for one in outputs]
-    labels = []
+    delay = event_scores(risky, seed=seed)
     called = []
     for one in outputs:
-        # Between labelled phases there is no truth: these samples count nowhere.
-        labels.append(labels_everywhere(one.recording.phases, len(one.situation)))
         for action in voluntary_actions(one.recording):
             # One risky sample is enough: it would be shown to the wearer.
             during = one.situation[action.first : action.stop]
             called.append(bool((during == RISKY_SLIP).any()))
 
-    unknown_share = None
-    if states:
-        # Of all samples, also those between labelled phases: an unknown state helps at none.
-        is_unknown = np.concatenate(states) == UNKNOWN
-        unknown_share = float(is_unknown.mean())
-
+    samples = LabelledSamples.of(outputs)
     return StateFigures(
         per="sample of a labelled phase",
         to_risky_state_ms=delay.delay_ms,
         risky_state_recall=delay.recall,
         safe_acts_state_called=share(called),
-        unknown_share=unknown_share,
-        changes_per_s=changes_per_s(states, outputs),
-        true_changes_per_s=changes_per_s(labels, outputs),
-        calibration=calibration(outputs, labels),
-        confusion={"four": confusion(outputs, labels, seed, untold)},
+        # Of all samples, also those between labelled phases: an unknown state helps at none.
+        unknown_share=float(np.mean(samples.state == UNKNOWN)),
+        changes_per_s=changes_per_s(outputs, [one.situation for one in outputs]),
+        true_changes_per_s=changes_per_s(outputs, [labels_of(one) for one in outputs]),
+        calibration=calibration(samples),
+        confusion={"four": confusion(samples, seed, untold)},
     )
 
 
-def labels_everywhere(phases: Sequence[Phase], n: int) -> States:
-    """[T] the situation of every sample, UNKNOWN in no phase."""
-    label = np.full(n, UNKNOWN)
-    for phase in phases:
+@dataclass(frozen=True)
+class LabelledSamples:
+    """Every sample of some recordings. state, label [N]: UNKNOWN where there is none.
+
+    p [N, 4]: probabilities of the situations. group [N]: what the recording is held out with.
+    """
+
+    state: States
+    label: States
+    p: npt.NDArray[np.float32]
+    group: npt.NDArray[np.str_]
+
+    @classmethod
+    def of(cls, outputs: Sequence[ModelOutputs]) -> LabelledSamples:
+        """Those of recordings, one after another."""
+        lengths = [len(one.situation) for one in outputs]
+        return cls(
+            state=np.concatenate([one.situation for one in outputs]),
+            label=np.concatenate([labels_of(one) for one in outputs]),
+            p=np.concatenate([one.p_situation for one in outputs]),
+            group=np.repeat([one.recording.group for one in outputs], lengths),
+        )
+
+    def where(self, rows: BoolArray) -> LabelledSamples:
+        """Some of them."""
+        picked = [values[rows] for values in vars(self).values()]
+        return LabelledSamples(*picked)
+
+
+def labels_of(of: ModelOutputs) -> States:
+    """[T] the true situation of every sample, UNKNOWN between labelled phases."""
+    label = np.full(len(of.situation), UNKNOWN)
+    for phase in of.recording.phases:
         label[phase.first : phase.stop] = phase.situation
     return label
 
 
 def changes_per_s(
-    states: Sequence[States], outputs: Sequence[ModelOutputs]
+    outputs: Sequence[ModelOutputs], states: Sequence[States]
 ) -> float | None:
-    """Changes a second from one known state to another."""
+    """Changes a second from one known state to another. states: [T] of each recording."""
     changes = 0
     seconds = 0.0
-    for state, one in zip(states, outputs, strict=True):
+    for one, state in zip(outputs, states, strict=True):
         # A state that comes back after an unknown stretch has not changed.
         known = state[state != UNKNOWN]
         changes += int((np.diff(known) != 0).sum())
@@ -148,34 +167,23 @@ def changes_per_s(
     return changes / seconds if seconds else None
 
 
-def calibration(
-    outputs: Sequence[ModelOutputs], labels: Sequence[States]
-) -> CalibrationFigures | None:
+def calibration(samples: LabelledSamples) -> CalibrationFigures | None:
     """Calibration in BINS equal bins; None without a sample that has an answer and a label.
 
     Guo et al., ICML 2017: sum over bins of their share of the samples times |mean probability -
     share that came true|.
     """
-    # Without a recording there is nothing to join.
-    if not outputs:
-        return None
-    state = np.concatenate([one.situation for one in outputs])
-    p = np.concatenate([one.p_situation for one in outputs])
-    label = np.concatenate(labels)
-
-    answered = (state != UNKNOWN) & (label != UNKNOWN)
-    p = p[answered]
-    label = label[answered]
-    if not len(p):
+    answered = (samples.state != UNKNOWN) & (samples.label != UNKNOWN)
+    if not answered.any():
         return None
 
-    right = p.argmax(axis=1) == label
-    top = _bins(p.max(axis=1), right)
+    known = samples.where(answered)
+    top = _bins(known.p.max(axis=1), known.p.argmax(axis=1) == known.label)
     # Apart: risky slips are rare, and would hardly show among the most probable situations.
-    risky = _bins(p[:, RISKY_SLIP], label == RISKY_SLIP)
+    risky = _bins(known.p[:, RISKY_SLIP], known.label == RISKY_SLIP)
 
     return CalibrationFigures(
-        n=len(p),
+        n=len(known.p),
         bins=BINS,
         ece=_ece(top),
         ece_risky=_ece(risky),
@@ -213,40 +221,31 @@ def _ece(bins: list[CalibrationBin]) -> float:
 
 
 def confusion(
-    outputs: Sequence[ModelOutputs],
-    labels: Sequence[States],
-    seed: int,
-    untold: Collection[str] = (),
+    samples: LabelledSamples, seed: int, untold: Collection[str] = ()
 ) -> ConfusionFigures:
-    """Count the truth against the answer over all recordings, and score it.
+    """Count the truth against the answer, and score it.
 
-    Samples without a label (below 0) are left out; withheld answers count.
+    Samples without a label are left out; withheld answers count.
     """
     n = len(SITUATIONS)
-    was = np.concatenate(labels)
-    answered = np.concatenate([one.situation for one in outputs])
-    lengths = [len(label) for label in labels]
-    # The interval draws whole groups, since samples of one recording are alike.
-    groups = np.repeat([one.recording.group for one in outputs], lengths)
-
-    labelled = was >= 0
-    was = was[labelled]
-    answered = answered[labelled]
-    groups = groups[labelled]
+    labelled = samples.where(samples.label != UNKNOWN)
     # A withheld answer has a column of its own, and misses whatever was there.
-    answered = np.where(answered < 0, n, answered)
-    pair = (n + 1) * was + answered
+    answered = np.where(labelled.state == UNKNOWN, n, labelled.state)
+    pair = (n + 1) * labelled.label + answered
     cells = np.bincount(pair, minlength=n * (n + 1))
 
+    # The interval draws whole groups, since samples of one recording are alike.
     scores = situation_scores(
-        was, answered, groups, classes=SITUATIONS, untold=untold, seed=seed
+        labelled.label,
+        answered,
+        labelled.group,
+        classes=SITUATIONS,
+        untold=untold,
+        seed=seed,
     )
 
     return ConfusionFigures(
+        **vars(scores),
         classes=(*SITUATIONS, "unknown"),
         counts=cells.reshape(n, n + 1).tolist(),
-        macro_f1=scores.macro_f1,
-        macro_f1_ci=scores.macro_f1_ci,
-        f1=scores.f1,
-        f1_ci=scores.f1_ci,
     )

@@ -68,6 +68,16 @@ def drawing(
         yield Figure(figsize=(width_in, height_in))
 
 
+@contextmanager
+def labelled(kind: str, width_in: float, height_in: float) -> Iterator[Figure]:
+    """Such a figure with the kind of its data (simulated, recorded) in a corner."""
+    with drawing(width_in, height_in) as figure:
+        figure.suptitle(
+            kind, x=0.995, ha="right", fontsize=8, color=WARNING, style="italic"
+        )
+        yield figure
+
+
 def svg(figure: Figure) -> str:
     """The figure as an inline SVG element that names what it shows, the same bytes every time."""
     buffer = io.StringIO()

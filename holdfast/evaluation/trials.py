@@ -1,15 +1,16 @@
-"""What is known of a trial apart from its answers: grasps of its truth, voluntary actions.
+"""The table of trials that events, states, outcomes and pictures are counted from.
 
-A simulated trial has a truth with one entry a grasp: style, action, object, disturbance. A recorded
-one has an empty grasp. Voluntary actions come from the labelled phases, which every trial has.
+A row is a recording with the JSON of its truth. A simulated trial has a truth with one entry a
+grasp: style, action, object, disturbance. A recorded one has labelled phases, or nothing. Voluntary
+actions come from the labelled phases, which every trial has.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -18,14 +19,12 @@ from holdfast.core.contract import NOTHING, RISKY_SLIP, SAFE_SLIP, BoolArray, Js
 from holdfast.core.trial_layout import (
     OTHER_ACTIONS,
     RISKY_ACTIONS,
+    TACTILE,
     read_json,
     truth_path,
 )
 from holdfast.training.recording import Recording
 from holdfast.training.timeline import Phase
-
-if TYPE_CHECKING:
-    from holdfast.evaluation.model_outputs import ModelOutputs
 
 DISTURBANCES = {"dFn": "grip_change", "dFt": "load_n", "dq": "motor_mm"}
 """Disturbance of a hold (grip, load, motor) -> the drawn parameter that is not 0 in it."""
@@ -33,28 +32,6 @@ MOST_TITLES = 5
 """Pictures of actions with other names than the thesis'."""
 ROWS_DRAWN = 8
 """Trials in a picture of timelines."""
-
-
-@dataclass(frozen=True)
-class Grasp:
-    """One simulated grasp. truth: its JSON as the scene writes it, empty without a truth."""
-
-    truth: Json
-
-    @property
-    def style(self) -> str:
-        """The range of parameters of the person who acts, or ""."""
-        return str(self.truth.get("style", ""))
-
-    @property
-    def disturbance(self) -> str | None:
-        """dFn (grip), dFt (load) or dq (motor), where one of them disturbed the hold."""
-        # A hold without a disturbance has all three parameters at 0, or none of them.
-        drawn = self.truth.get("drawn", {})
-        for name, parameter in DISTURBANCES.items():
-            if drawn.get(parameter):
-                return name
-        return None
 
 
 @dataclass(frozen=True)
@@ -70,10 +47,43 @@ class VoluntaryAction:
 
 @dataclass(frozen=True)
 class LabelledTrial:
-    """One recording without its samples and its grasps by the truth."""
+    """One recording without its samples. truth: its JSON as the scene writes it, {} without one."""
 
     recording: Recording
-    grasps: tuple[Grasp, ...]
+    truth: Json
+
+    @property
+    def grasps(self) -> list[Json]:
+        """The truth of each grasp; that of a short trial is the truth of its only grasp."""
+        grasps: list[Json] = self.truth.get("trials", [self.truth])
+        return grasps
+
+    @property
+    def style(self) -> str:
+        """The range of parameters of the one person who acts, or "" with several or none."""
+        # A long stream may hold grasps of several people.
+        styles = {str(grasp.get("style", "")) for grasp in self.grasps}
+        return styles.pop() if len(styles) == 1 else ""
+
+    @property
+    def disturbances(self) -> list[str]:
+        """dFn (grip), dFt (load) or dq (motor) of every hold that one of them disturbed."""
+        found = []
+        for grasp in self.grasps:
+            # A hold without a disturbance has all three parameters at 0, or none of them.
+            drawn = grasp.get("drawn", {})
+            for name, parameter in DISTURBANCES.items():
+                if drawn.get(parameter):
+                    found.append(name)
+                    break
+        return found
+
+    def sources(self, labels: Collection[str]) -> list[str]:
+        """What gave each phase with one of these labels: scene, camera or key."""
+        phases = self.truth.get("phases", [])
+        # Older truths do not name what gave a label.
+        named = [one for one in phases if "provenance" in one]
+        return [str(one["provenance"]) for one in named if one.get("label") in labels]
 
 
 @dataclass(frozen=True)
@@ -92,22 +102,28 @@ def without_samples(recording: Recording) -> Recording:
     return replace(recording, samples=no_samples, valid=no_valid)
 
 
-def grasps_of(root: Path, recordings: Sequence[Recording]) -> list[tuple[Grasp, ...]]:
-    """The grasps of every recording of a folder; one empty grasp where there is no truth."""
-    grasps = []
-    for recording in recordings:
-        truth = read_json(truth_path(root / f"{recording.trial_id}.csv"))
-        # A long stream has several grasps; the truth of a short one is that of its only grasp.
-        of_each = truth.get("trials", [truth])
-        grasps.append(tuple(map(Grasp, of_each)))
-    return grasps
+def labelled_trials(root: Path, recordings: Sequence[Recording]) -> list[LabelledTrial]:
+    """The table of trials of a folder."""
+    trials = []
+    for one in recordings:
+        truth = read_json(truth_path(_csv(root, one.trial_id)))
+        # The samples of a long set take much memory, and its figures need labels only.
+        trials.append(LabelledTrial(without_samples(one), truth))
+    return trials
 
 
-def style_of(grasps: tuple[Grasp, ...]) -> str:
-    """The one style of a recording, or "" where there are several or none."""
-    # A long stream may hold grasps of several people.
-    styles = {grasp.style for grasp in grasps}
-    return styles.pop() if len(styles) == 1 else ""
+def _csv(root: Path, trial_id: str) -> Path:
+    """The CSV of a trial: tactile.csv in its folder (or in the root itself), or trial_n.csv."""
+    # One recorded trial may be given by itself, and is then the root.
+    for folder in (root, root / trial_id):
+        if (folder / TACTILE).is_file():
+            return folder / TACTILE
+    return root / f"{trial_id}.csv"
+
+
+def counted(names: Sequence[str]) -> dict[str, int]:
+    """Name -> how often it occurs, by name."""
+    return dict(sorted(Counter(names).items()))
 
 
 def voluntary_actions(recording: Recording) -> list[VoluntaryAction]:
@@ -155,18 +171,6 @@ def actions_of(phases: Sequence[Phase]) -> list[VoluntaryAction]:
             continues = False
 
     return actions
-
-
-def answered_trials(
-    trials: Sequence[LabelledTrial],
-    outputs: Sequence[ModelOutputs],
-    requests: Sequence[BoolArray],
-) -> list[AnsweredTrial]:
-    """Every trial with its answers."""
-    answered = []
-    for trial, of, on in zip(trials, outputs, requests, strict=True):
-        answered.append(AnsweredTrial(trial, of.situation, on))
-    return answered
 
 
 def central_trial(

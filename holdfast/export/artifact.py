@@ -13,13 +13,14 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
+import msgspec
 import numpy as np
 
-from holdfast.core.contract import SITUATIONS, Json
-from holdfast.core.errors import ArtifactError, OutputError
-from holdfast.core.schema import json_of, text_of
+from holdfast.core.contract import Json
+from holdfast.core.errors import ArtifactError, CardError, OutputError
+from holdfast.core.schema import read
 from holdfast.core.writing import remove, write_whole
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.preparation import Preparation, preparation_from_json
@@ -30,11 +31,12 @@ from holdfast.export.learner import (
     Committee,
     Forest,
     Learner,
+    classes_of,
     features_in,
     forest_of,
     network_of,
 )
-from holdfast.export.network import Float32Array, Inputs, Layer, Network
+from holdfast.export.network import Inputs, Layer, Network
 from holdfast.export.spec import StepSpec
 
 FORMAT = 1
@@ -43,8 +45,6 @@ INDEX = "artifact.json"
 """Written last: a folder without it is unfinished."""
 ROWS = "rows.npz"
 """Feature rows [N, F] that an export is verified on."""
-MOST_LABEL_WEIGHT = 1e6
-"""Far above any useful weight."""
 ALLOWED_TYPES = ("sklearn.tree._tree.Tree",)
 """The only type besides skops' defaults that a forest needs."""
 EMPTY_FOLDER = "train again into an empty folder"
@@ -64,6 +64,39 @@ class Artifact:
     heads: list[Head]
     rows: FloatRows
     training: Json
+
+
+LabelWeight = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
+"""Of a situation; the largest is far above any useful one."""
+
+
+class _Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    weights: list[list[float]]
+    bias: list[float]
+
+
+class _Head(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A head in the index. forest, network: names of files; a committee has both."""
+
+    classes: tuple[str, ...]
+    calibration: _Calibration
+    forest: str = ""
+    network: str = ""
+    label_weights: tuple[LabelWeight, LabelWeight, LabelWeight, LabelWeight] | None = (
+        None
+    )
+
+
+class _Index(msgspec.Struct, frozen=True):
+    """artifact.json. skops_types: types inside the forests' files, for people to read."""
+
+    format: Literal[1]
+    spec: StepSpec
+    preparation: Json
+    decision: Json
+    heads: dict[str, _Head]
+    training: Json
+    skops_types: list[str]
 
 
 def require_no_artifact(folder: Path) -> None:
@@ -155,25 +188,32 @@ def _write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
 def read_artifact(folder: str | Path) -> Artifact:
     """Read the folder; ArtifactError if it is missing, not ours, of another format, or unsafe."""
     folder = Path(folder)
-    index = _read_index(folder)
     try:
+        index = read(folder / INDEX, _Index)
+        # building the rules checks them
+        rules = DecisionRules(**index.decision)
         heads = []
-        for name, entry in index["heads"].items():
+        for name, entry in index.heads.items():
             heads.append(_read_head(folder, name, entry))
 
-        # building the rules checks them
-        rules = DecisionRules(**index["decision"])
-        rows = _read_arrays(folder / ROWS)["rows"]
         artifact = Artifact(
-            spec=StepSpec.from_json(index["spec"]),
-            preparation=preparation_from_json(index["preparation"]),
+            spec=index.spec,
+            preparation=preparation_from_json(index.preparation),
             decision=rules.to_json(),
             heads=heads,
-            rows=rows,
-            training=index["training"],
+            rows=_read_arrays(folder / ROWS)["rows"],
+            training=index.training,
         )
         _require_that_parts_fit(artifact)
+    except FileNotFoundError as error:
+        raise ArtifactError(
+            f"no {Path(error.filename).name}",
+            where=folder,
+            cause="no training wrote to this folder, or it did not finish",
+            next_step=f"holdfast train --data FOLDER --out {folder}",
+        ) from None
     except (
+        CardError,
         KeyError,
         TypeError,
         OSError,
@@ -194,137 +234,55 @@ def _read_arrays(path: Path) -> dict[str, Any]:
         return dict(arrays)
 
 
-def _read_index(folder: Path) -> Mapping[str, Any]:
-    """artifact.json. Raises ArtifactError where it is missing or of another format."""
-    try:
-        index = json_of(text_of(folder / INDEX))
-    except (OSError, ValueError):
-        raise ArtifactError(
-            f"no readable {INDEX}",
-            where=folder,
-            cause="no training wrote to this folder, or it did not finish",
-            next_step=f"holdfast train --data FOLDER --out {folder}",
-        ) from None
+def _read_head(folder: Path, name: str, entry: _Head) -> Head:
+    """A head by its entry in the index. Raises ArtifactError, or what numpy raises."""
+    forest = _read_forest(folder / entry.forest) if entry.forest else None
+    network = _read_network(folder / entry.network) if entry.network else None
+    learner: Learner | None = forest or network
+    if forest is not None and network is not None:
+        learner = Committee(forest, network)
+    if learner is None:
+        raise ValueError(f"head {name} has no learner")
 
-    if not isinstance(index, dict) or index.get("format") != FORMAT:
-        raise ArtifactError(
-            "another format of artifact",
-            where=folder / INDEX,
-            next_step="train again with this version",
-        )
-    return index
-
-
-def _read_head(folder: Path, name: str, entry: Mapping[str, Any]) -> Head:
-    """A head by its entry in the index. Raises KeyError for an entry that is not complete."""
-    numbers = entry["calibration"]
-    calibration = Calibration(np.array(numbers["weights"]), np.array(numbers["bias"]))
-
-    label_weights = None
-    if entry.get("label_weights") is not None:
-        label_weights = tuple(map(float, entry["label_weights"]))
-
+    numbers = entry.calibration
     return Head(
         name=name,
-        classes=tuple(entry["classes"]),
-        learner=_read_learner(folder, entry),
-        calibration=calibration,
-        label_weights=label_weights,
+        classes=entry.classes,
+        learner=learner,
+        calibration=Calibration(np.array(numbers.weights), np.array(numbers.bias)),
+        label_weights=entry.label_weights,
     )
 
 
-def _read_learner(folder: Path, entry: Mapping[str, Any]) -> Learner:
-    """The learner of a head's files. Raises KeyError without any."""
-    if "network" not in entry:
-        return _read_forest(folder / entry["forest"])
-    network = _read_network(folder / entry["network"])
-    if "forest" not in entry:
-        return network
-    return Committee(_read_forest(folder / entry["forest"]), network)
-
-
 def _read_forest(path: Path) -> Forest:
-    """A forest whose file holds nothing else. Raises ArtifactError."""
+    """A forest whose file holds nothing else. Raises FileNotFoundError and ValueError."""
     import skops.io
 
     try:
-        # a foreign type could run code when it is loaded, so the types are read first
-        types = skops.io.get_untrusted_types(file=path)
-        foreign = sorted(set(types) - set(ALLOWED_TYPES))
-        if foreign:
-            raise ArtifactError(
-                f"it has types that do not belong in a forest: {', '.join(foreign)}",
-                where=path,
-                cause="a file from elsewhere",
-                next_step="train again; never load such a file",
-            )
+        # skops loads no type that is not named: a foreign one could run code
         forest = skops.io.load(path, trusted=list(ALLOWED_TYPES))
-    except ArtifactError:
+    except FileNotFoundError:
         raise
     except Exception as error:  # zipfile, json and skops errors have no common root
-        raise ArtifactError(
-            f"not a readable skops file ({type(error).__name__})",
-            where=path,
-            next_step="train again",
-        ) from None
+        raise ValueError(f"{path.name} is no forest: {error}") from None
 
     # The types that are allowed make up other estimators too, which have no trees to vote.
     if not isinstance(forest, FOREST_KINDS):
-        raise ArtifactError(
-            f"a {type(forest).__name__} where a forest belongs",
-            where=path,
-            next_step="train again",
-        )
+        raise ValueError(f"a {type(forest).__name__} where a forest belongs")
     return forest
 
 
 def _read_network(path: Path) -> Network:
-    """The network of an archive.
-
-    Raises KeyError or ValueError, or what numpy raises.
-    """
+    """The network of an archive. Raises KeyError or ValueError, or what numpy raises."""
     arrays = _read_arrays(path)
-    votes_in_all = int(arrays.pop("votes_in_all"))
-
-    for array in arrays.values():
-        _require_finite_float32(array)
-
     # Layers are numbered from 0 without a gap: the first number that is missing ends them.
     layers: list[Layer] = []
     while f"weights{len(layers)}" in arrays:
-        number = len(layers)
-        layer = Layer(
-            weights=arrays[f"weights{number}"],
-            bias=arrays[f"bias{number}"],
-            scale=arrays[f"scale{number}"],
-        )
-        layers.append(layer)
+        names = [f"{what}{len(layers)}" for what in ("weights", "bias", "scale")]
+        layers.append(Layer(*(arrays[name] for name in names)))
 
     inputs = Inputs(arrays["knee"], arrays["gain"], arrays["offset"])
-    network = Network(inputs, tuple(layers), votes_in_all)
-    _require_chain(network)
-    return network
-
-
-def _require_finite_float32(array: Float32Array) -> None:
-    """Raise ValueError; NaN would pass the checks of a network's sums."""
-    if array.dtype != np.float32 or not np.isfinite(array).all():
-        raise ValueError("a network's numbers are not finite float32")
-
-
-def _require_chain(network: Network) -> None:
-    """Raise ValueError where one layer does not follow the other."""
-    inputs = network.inputs
-    width = network.n_features
-    complete = len(inputs.gain) == len(inputs.offset) == width
-    if not network.layers or not complete:
-        raise ValueError("a network's inputs and layers are not complete")
-
-    for layer in network.layers:
-        n_out = len(layer.bias)
-        if layer.weights.shape != (width, n_out) or layer.scale.shape != (n_out,):
-            raise ValueError("a network's layers do not fit each other")
-        width = n_out
+    return Network(inputs, tuple(layers), int(arrays["votes_in_all"]))
 
 
 def _require_that_parts_fit(artifact: Artifact) -> None:
@@ -337,31 +295,7 @@ def _require_that_parts_fit(artifact: Artifact) -> None:
 
     for head in artifact.heads:
         k = len(head.classes)
-        calibration = head.calibration
-        is_calibrated = calibration.weights.shape == (k, k)
-        is_calibrated &= calibration.bias.shape == (k,)
-        fits = features_in(head.learner) == width and _votes_for(head.learner, k)
-        if not fits or not is_calibrated:
+        fits = features_in(head.learner) == width and classes_of(head.learner) <= k
+        is_calibrated = head.calibration.weights.shape == (k, k)
+        if not fits or not is_calibrated or len(head.calibration.bias) != k:
             raise ValueError(f"head {head.name} does not fit the spec or its classes")
-        if head.label_weights is not None:
-            _require_label_weights(head)
-
-
-def _votes_for(learner: Learner, n_classes: int) -> bool:
-    """Whether a learner votes for these classes and no others."""
-    forest = forest_of(learner)
-    network = network_of(learner)
-    if forest is not None and not np.isin(forest.classes_, range(n_classes)).all():
-        return False
-    return network is None or network.n_classes == n_classes
-
-
-def _require_label_weights(head: Head) -> None:
-    """Raise ValueError unless the main head has one positive weight for each situation."""
-    weights = np.asarray(head.label_weights, dtype=np.float64)
-    of_situations = head.name == MAIN_HEAD and weights.shape == (len(SITUATIONS),)
-    in_range = (weights > 0.0) & (weights <= MOST_LABEL_WEIGHT)
-    if not of_situations or not in_range.all():
-        raise ValueError(
-            f"head {head.name} has label weights that are no weights of situations"
-        )

@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import msgspec
 import onnx
 
 from holdfast.core.contract import NORMAL_FLOOR, Json, channel_names
@@ -101,7 +102,9 @@ def spec_for_hand(spec: StepSpec, hand: HandCard, where: str | Path = "") -> Ste
             cause=f"features of single sensors: {', '.join(of_sensors)}",
             next_step="export a model whose features are all pooled (docs/features.md)",
         )
-    return replace(spec, n_sensors=hand.n_sensors, hand=hand, min_valid_sensors=0)
+    return msgspec.structs.replace(
+        spec, n_sensors=hand.n_sensors, hand=hand, min_valid_sensors=0
+    )
 
 
 def require_replaceable(artifact: Path, model: Path, *, force: bool) -> None:
@@ -227,3 +230,8 @@ def sealed_with(model: onnx.ModelProto, metadata: Mapping[str, str]) -> bytes:
     # In protobuf, two bytes (field number and length) stand between the key and its digits.
     start = zeroed.rfind(SEAL_KEY.encode()) + len(SEAL_KEY) + 2
     return zeroed[:start] + digest.encode() + zeroed[start + DIGITS :]
+
+
+def metadata_of(model: onnx.ModelProto) -> dict[str, str]:
+    """In the order of the file, on which its bytes depend."""
+    return {entry.key: entry.value for entry in model.metadata_props}

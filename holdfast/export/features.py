@@ -1,54 +1,176 @@
 """The features of one sample in named groups, each with its memory, and the step up to them.
 
-All groups but one use a finite history of 0.5 s: x[t] is the guarded sample, Sum x the sum over the
-sensors, l a lag in samples (0.05, 0.10, 0.17, 0.25, 0.37 and 0.50 s), Zs = max(Sum z, floor). In a
-scripted data set a longer memory acts as a hidden clock. Only the band-pass bank has one (its
-response decays without end); it is marked and reported separately.
+There are two lists of groups: those of single fingers, here, and those that are pooled over the
+sensors (pooled.py). Both read one `History`: what the guard lets through, 0.5 s of it.
+
+x[t] is the guarded sample, Sum x the sum over the sensors, l a lag in samples (0.05, 0.10, 0.17,
+0.25, 0.37 and 0.50 s), Zs = max(Sum z, floor). In a scripted data set a longer memory acts as a
+hidden clock. Only the band-pass bank has one (its response decays without end); it is marked and
+reported separately.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import groupby
 
+import msgspec
 import numpy as np
+import numpy.typing as npt
 import onnx
 from onnx import TensorProto
 
-from holdfast.core.contract import FloatArray
+from holdfast.core.contract import NORMAL_AXIS, NORMAL_FLOOR, FloatArray
 from holdfast.core.errors import UsageError
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.detectors import add_bank, add_detectors
 from holdfast.export.guard import GuardOutputs, add_contact, add_guard
-from holdfast.export.history import LAGS_S, History, Triples
 from holdfast.export.pooled import FAMILIES, MEANING
-from holdfast.export.pooled_graph import add_pooled, own_scaled
-from holdfast.export.spec import HISTORY_S, WINDOW_S, StepSpec
+from holdfast.export.pooled_graph import add_pooled
+from holdfast.export.spec import HISTORY_S, USUAL_SENSORS, WINDOW_S, StepSpec
+
+LAGS_S = (0.05, 0.10, 0.17, 0.25, 0.37, 0.50)
+"""Lags of the differences, in s: closer together for recent samples, up to the whole history."""
+
 
 SPANS_S = (0.10, 0.25, 0.50)
 """Spans of means, in s; each ends at the present sample."""
 SCALED_LAGS = (1, 3, 5)
 """Which of LAGS_S the scaled differences use: 0.10, 0.25 and 0.50 s."""
+ALL_LAGS = [1 + lag for lag in range(len(LAGS_S))]
+SCALED_ROWS = [1 + lag for lag in SCALED_LAGS]
+"""Rows of `History.changes`; row 0 is x[t]."""
 
 
 @dataclass(frozen=True)
-class Pooled:
-    """A family of pooled features (pooled.py); those that follow each other share their nodes."""
+class Triples:
+    """Features that are rows of the pool: (x, y, z) of a sensor or of the sum, or their change.
 
-    name: str
+    places: rows of the pool. scaled: divided by Zs.
+    """
+
+    places: list[int]
+    scaled: bool = False
+
+
+class History:
+    """The last 0.5 s of guarded samples, and a pool of triples that groups share.
+
+    length: L, the past samples and this one. rectified: |outputs| of the filter bank; empty where
+    no group reads them.
+
+    What no group asks for is not added to the graph.
+    """
+
+    def __init__(
+        self, graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs, rectified: str
+    ) -> None:
+        self.graph = graph
+        self.spec = spec
+        self.rectified = rectified
+        self.length = spec.history_samples + 1
+        self.counted = guarded.counted
+        self._parts = (*guarded.past, guarded.now)
+        # tensors [B, rows, 3] in the order in which groups put them in, and their rows in all
+        self._pool: list[str] = []
+        self._pooled = 0
+
+    @cached_property
+    def samples(self) -> str:
+        """[B, L, C], oldest first."""
+        return self.graph.node("Concat", *self._parts, axis=1)
+
+    @cached_property
+    def summed(self) -> str:
+        """[B, L, 3]: the sum over the sensors at every sample."""
+        return self.graph.node("MatMul", self.samples, _over_sensors(self.spec))
+
+    @cached_property
+    def changes(self) -> str:
+        """[B, 1 + lags, C + 3]: x[t] and every x[t] - x[t-l], of each sensor and of the sum."""
+        now = self.length - 1
+        places = [now] + [now - self.spec.lag(seconds) for seconds in LAGS_S]
+        rows = self.graph.node("Gather", self.samples, places, axis=1)
+
+        # the sum over the sensors as three more columns
+        channels = np.eye(self.spec.n_channels)
+        and_sum = np.concatenate([channels, _over_sensors(self.spec)], axis=1)
+        values = self.graph.node("MatMul", rows, and_sum)
+
+        # Row 0 stays x[t]; every other row becomes x[t] minus itself. Products with 1 and -1 are
+        # exact, and one product costs less than a slice, a subtraction and a join.
+        since = -np.eye(len(places))
+        since[:, 0] = 1.0
+        return self.graph.node("MatMul", since, values)
+
+    @cached_property
+    def normal(self) -> str:
+        """[B, 1, 1]: Sum z[t]."""
+        z = self.spec.n_channels + NORMAL_AXIS
+        return self.graph.node("Slice", self.changes, [0, z], [1, z + 1], [1, 2])
+
+    def pooled(self, tensor: str, rows: int) -> list[int]:
+        """Put [B, rows, 3] into the pool; returns the rows' places in it."""
+        first = self._pooled
+        self._pool.append(tensor)
+        self._pooled += rows
+        return list(range(first, self._pooled))
+
+    @cached_property
+    def change_places(self) -> npt.NDArray[np.int64]:
+        """[1 + lags, n + 1] rows of `changes` in the pool."""
+        rows = 1 + len(LAGS_S)
+        columns = self.spec.n_sensors + 1
+        triples = self.graph.reshape(self.changes, 0, rows * columns, 3)
+        return np.reshape(self.pooled(triples, rows * columns), (rows, columns))
+
+    @cached_property
+    def pool(self) -> str:
+        """[B, triples, 3]: everything in the pool."""
+        if len(self._pool) == 1:
+            return self._pool[0]
+        return self.graph.node("Concat", *self._pool, axis=1)
+
+    def chosen(self, groups: list[Triples]) -> str:
+        """[B, 3 x triples]: rows of the pool, divided by Zs where they are scaled."""
+        graph = self.graph
+        places: list[int] = []
+        flags: list[bool] = []
+        for group in groups:
+            places += group.places
+            flags += [group.scaled] * len(group.places)
+
+        # one look-up for all groups: a node costs more than the numbers that it moves
+        triples = graph.node("Gather", self.pool, places, axis=1)
+        if any(flags):
+            scaled = np.array(flags)[:, None]
+            scale = graph.node("Mul", self.normal, scaled.astype(np.float64))
+
+            # rows that are not scaled are divided by max(0, 1) = 1
+            floor = np.where(scaled, NORMAL_FLOOR[self.spec.unit], 1.0)
+            divisor = graph.node("Max", scale, floor)
+            triples = graph.node("Div", triples, divisor)
+
+        return graph.node("Flatten", triples, axis=1)
+
+
+def _over_sensors(spec: StepSpec) -> FloatArray:
+    """[C, 3]: channels to their sum over the sensors."""
+    return np.tile(np.eye(3), (spec.n_sensors, 1))
 
 
 @dataclass(frozen=True)
 class FeatureGroup:
     """A named group of features; memory_s: inf for a response that never ends.
 
-    add: adds it to a graph; returns rows of the pool, a family, or a tensor [B, features] of its
-    own. count: its number of features for a spec.
+    add: adds it to a graph; returns rows of the pool or a tensor [B, features] of its own, None for
+    a pooled one: those that follow each other share their nodes. count: of features for a spec.
     """
 
-    add: Callable[[History], Triples | Pooled | str]
+    add: Callable[[History], Triples | str | None]
     count: Callable[[StepSpec], int]
     memory_s: float
     formula: str
@@ -70,22 +192,15 @@ def _window(history: History) -> Triples:
     return Triples(by_sensor.ravel().tolist())
 
 
-def _now(history: History) -> Triples:
-    return Triples(history.change_places[0, :-1].tolist())
-
-
-def _differences(history: History) -> Triples:
-    return Triples(history.change_places[1:, :-1].T.ravel().tolist())
+def _changes(history: History, rows: list[int], *, scaled: bool = False) -> Triples:
+    """Rows of `changes`, sensor by sensor, the rows of each: 0 is x[t], 1 + k its change since
+    LAGS_S[k]."""
+    places = history.change_places[rows, :-1]
+    return Triples(places.T.ravel().tolist(), scaled)
 
 
 def _scaled_sums(history: History) -> Triples:
     return Triples(history.change_places[1:, -1].tolist(), scaled=True)
-
-
-def _scaled_differences(history: History) -> Triples:
-    rows = [1 + lag for lag in SCALED_LAGS]
-    places = history.change_places[rows, :-1]
-    return Triples(places.T.ravel().tolist(), scaled=True)
 
 
 def _activity(history: History) -> Triples:
@@ -121,6 +236,50 @@ def _bands(history: History) -> str:
     return graph.node("Flatten", of_shear, axis=1)
 
 
+def _own_scaled_differences(history: History) -> str:
+    """[B, features]: changes of each sensor over its own level.
+
+    In units of its own load, what a sensor tells does not depend on its place on a pad.
+    """
+    graph = history.graph
+    n_sensors = history.spec.n_sensors
+
+    of_lags = graph.node("Gather", history.changes, SCALED_ROWS, axis=1)
+    # behind the channels stands the sum over the sensors, which has no level
+    changes = graph.columns(of_lags, 0, history.spec.n_channels, axis=2)
+    scaled = graph.node("Div", changes, _own_levels(history))
+
+    # sensor by sensor, and the lags of each, as in the other differences
+    triples = graph.reshape(scaled, 0, len(SCALED_ROWS), n_sensors, 3)
+    by_sensor = graph.node("Transpose", triples, perm=[0, 2, 1, 3])
+    return graph.node("Flatten", by_sensor, axis=1)
+
+
+def _own_levels(history: History) -> str:
+    """[B, 1, C]: what each sensor has borne in the last 0.5 s, the same in its three columns.
+
+    It is the mean of |z|, or a floor where that is more: a sensor that bears next to nothing would
+    be divided by its noise. The floor is the share of one sensor in that of the grip force.
+    """
+    graph = history.graph
+    spec = history.spec
+
+    # the matrix stands on the left, as that of the changes does
+    mean = np.full((1, history.length), 1.0 / history.length)
+    sizes = graph.node("Abs", history.samples)
+    means = graph.node("MatMul", mean, sizes)
+
+    # The normal force of a sensor takes the place of all three axes. Its weight is 1 and that of
+    # the others 0, so the product is exact.
+    of_normal = np.zeros((3, 3))
+    of_normal[NORMAL_AXIS] = 1.0
+    of_all = np.kron(np.eye(spec.n_sensors), of_normal)
+    levels = graph.node("MatMul", means, of_all)
+
+    floor = NORMAL_FLOOR[spec.unit] / USUAL_SENSORS
+    return graph.node("Max", levels, floor)
+
+
 # A group needs its count before a graph exists: an artifact is checked against it.
 GROUPS: dict[str, FeatureGroup] = {
     "window": FeatureGroup(
@@ -131,24 +290,28 @@ GROUPS: dict[str, FeatureGroup] = {
         "the thesis' raw window",
     ),
     "now": FeatureGroup(
-        _now, lambda s: s.n_channels, 0.0, "x[t]", "the force on every finger"
+        lambda h: _changes(h, [0]),
+        lambda s: s.n_channels,
+        0.0,
+        "x[t]",
+        "the force on every finger",
     ),
     "differences": FeatureGroup(
-        _differences,
+        lambda h: _changes(h, ALL_LAGS),
         lambda s: s.n_channels * len(LAGS_S),
         HISTORY_S,
         "x[t] - x[t-l]",
         "how every finger's force changed over half a second",
     ),
     "scaled_differences": FeatureGroup(
-        _scaled_differences,
+        lambda h: _changes(h, SCALED_ROWS, scaled=True),
         lambda s: s.n_channels * len(SCALED_LAGS),
         HISTORY_S,
         "(x[t] - x[t-l]) / Zs, l = 0.10, 0.25, 0.50 s",
         "change at a finger relative to the grip force",
     ),
     "own_scaled_differences": FeatureGroup(
-        lambda history: own_scaled(history, SCALED_LAGS),
+        _own_scaled_differences,
         lambda s: s.n_channels * len(SCALED_LAGS),
         HISTORY_S,
         "(x[t] - x[t-l]) / max(mean |z| of the sensor over 0.5 s, floor / 6), "
@@ -183,7 +346,7 @@ def _pooled_group(name: str, formula: str, reason: str) -> FeatureGroup:
     """A family of pooled.py as a group."""
     count = len(FAMILIES[name])
     return FeatureGroup(
-        lambda history: Pooled(name), lambda s: count, HISTORY_S, formula, reason
+        lambda history: None, lambda s: count, HISTORY_S, formula, reason
     )
 
 
@@ -207,10 +370,8 @@ def add_features(
             next_step=f"choose from {', '.join(GROUPS)}",
         )
 
-    # first all groups fill the pool, then each chooses its rows of it
     history = History(graph, spec, guarded, rectified)
-    added = [GROUPS[name].add(history) for name in spec.groups]
-    parts = _joined(history, added)
+    parts = _parts(history, spec.groups)
 
     # one part needs no node that joins it
     joined = parts[0] if len(parts) == 1 else graph.node("Concat", *parts, axis=1)
@@ -220,21 +381,21 @@ def add_features(
     return "features"
 
 
-def _joined(history: History, added: list[Triples | Pooled | str]) -> list[str]:
-    """[B, ..] tensors in order; groups of one kind that follow each other are one."""
+def _parts(history: History, names: tuple[str, ...]) -> list[str]:
+    """[B, ..] tensors in the order of the groups; groups of one kind that follow each other share
+    one."""
+    # first all groups fill the pool, then each run of them chooses its rows of it
+    added = [GROUPS[name].add(history) for name in names]
     parts: list[str] = []
-    # the order of the spec is kept: a group of another kind ends a run
-    for kind, run in groupby(added, type):
+    for kind, run in groupby(zip(names, added, strict=True), lambda one: type(one[1])):
         groups = list(run)
         if kind is Triples:
-            parts.append(
-                history.chosen([one for one in groups if isinstance(one, Triples)])
-            )
-        elif kind is Pooled:
-            names = [one.name for one in groups if isinstance(one, Pooled)]
-            parts.append(add_pooled(history, names))
+            rows = [one for _, one in groups if isinstance(one, Triples)]
+            parts.append(history.chosen(rows))
+        elif kind is str:
+            parts += [one for _, one in groups if isinstance(one, str)]
         else:
-            parts += [one for one in groups if isinstance(one, str)]
+            parts.append(add_pooled(history, [name for name, _ in groups]))
     return parts
 
 
@@ -255,7 +416,7 @@ def add_features_alone(graph: GraphBuilder, spec: StepSpec) -> str:
 
     The zero stays 0: training prepares a recording as a whole, with the bias of its own start.
     """
-    spec = replace(spec, force_decides=False)
+    spec = msgspec.structs.replace(spec, force_decides=False)
     guarded = add_guard(graph, spec)
     known = [GROUPS[name] for name in spec.groups if name in GROUPS]
     # only the bank's memory never ends

@@ -14,6 +14,7 @@ The `reference_...` functions compute the same in numpy; verification compares a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,10 +22,18 @@ import numpy as np
 import numpy.typing as npt
 from onnx import TensorProto
 
-from holdfast.core.contract import CLASSES, GRASP, NOTHING, SITUATIONS, Json
+from holdfast.core.contract import (
+    CLASSES,
+    GRASP,
+    NOTHING,
+    RISKY_SLIP,
+    SAFE_SLIP,
+    SITUATIONS,
+    Json,
+)
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.learner import Learner, add_learner, votes_in_all
-from holdfast.export.network import IntArray
+from holdfast.export.network import IntArray, Network, add_shares, network_shares
 
 MAIN_HEAD = "situation"
 """The head that gives the label. Every other head answers one question with yes or no."""
@@ -60,12 +69,17 @@ class Head:
     @property
     def votes_name(self) -> str:
         """The tensor of this head's votes."""
-        return "votes" if self.name == MAIN_HEAD else f"votes_{self.name}"
+        return votes_name(self.name)
 
 
-def learned_name(votes_name: str) -> str:
-    """The tensor of a learner's votes, where force decides "nothing" after it."""
-    return f"learned_{votes_name}"
+def votes_name(head: str) -> str:
+    """The tensor of a head's votes."""
+    return "votes" if head == MAIN_HEAD else f"votes_{head}"
+
+
+def learned_name(name: str) -> str:
+    """The tensor of a learner's votes `name`, where force decides "nothing" after it."""
+    return f"learned_{name}"
 
 
 def add_heads(
@@ -141,6 +155,68 @@ class ByForce:
         return moved
 
 
+@dataclass(frozen=True)
+class Correction:
+    """What a correction for one person does to the votes: a part of the risky ones are safe slip.
+
+        x       = features, |features|, votes                of one sample
+        no, yes = shares of the network's two classes on x
+        taken   = floor(no * risky votes)                    moved to safe slip of the same weight
+
+    Hand-overs and holding show only what is no slip, so risky votes are taken and never added.
+    Raises ValueError for a network of other than two classes.
+    """
+
+    network: Network
+
+    def __post_init__(self) -> None:
+        if self.network.n_classes != 2:
+            raise ValueError("a correction's network has two classes")
+
+    @staticmethod
+    def rows(features: FloatRows, votes: IntArray) -> FloatRows:
+        """[N, 2 F + K] inputs of the network."""
+        parts = [features, np.abs(features), votes.astype(np.float32)]
+        return np.concatenate(parts, axis=1)
+
+    def corrected(self, features: FloatRows, votes: IntArray) -> IntArray:
+        """Votes [N, K] after the correction: the reference for the file. votes: before it."""
+        of_risky, to_safe = _moves(votes.shape[1])
+        part = network_shares(self.network, self.rows(features, votes)) @ of_risky
+        # float32 as in the file; votes are below 2^24, so their own conversion is exact
+        taken = np.floor(votes.astype(np.float32) * part).astype(np.int64)
+        return np.asarray(votes + taken @ to_safe.astype(np.int64))
+
+    def add(
+        self, graph: GraphBuilder, features: str, votes: str, n_classes: int, out: str
+    ) -> None:
+        """Add it to a graph, from features and votes to the corrected votes."""
+        of_risky, to_safe = _moves(n_classes)
+        size = graph.node("Abs", features)
+        rows = graph.node("Concat", features, size, votes, axis=1)
+        part = graph.node("MatMul", add_shares(graph, self.network, rows), of_risky)
+        # floor makes whole numbers again, so the sums that follow are exact
+        taken = graph.node("Floor", graph.node("Mul", votes, part))
+        moved = graph.node("MatMul", taken, to_safe)
+        graph.node("Add", votes, moved, out=out)
+
+
+def _moves(n_classes: int) -> tuple[FloatRows, FloatRows]:
+    """[2, K] the first of two shares for the risky classes, and [K, K] risky votes to safe slip.
+
+    Every row of the second adds up to 0, so the sum of the votes stays.
+    """
+    per = n_classes // len(SITUATIONS)
+    of_risky = np.zeros((2, n_classes), dtype=np.float32)
+    to_safe = np.zeros((n_classes, n_classes), dtype=np.float32)
+    for weight in range(per):
+        risky = RISKY_SLIP * per + weight
+        of_risky[0, risky] = 1.0
+        to_safe[risky, risky] = -1.0
+        to_safe[risky, SAFE_SLIP * per + weight] = 1.0
+    return of_risky, to_safe
+
+
 def _calibrated(graph: GraphBuilder, head: Head, votes: str, out: str = "") -> str:
     """[B, K] float32 probabilities; the division of votes into shares is part of the weights."""
     # Votes have the same sum in every row, so a share is a product with a constant.
@@ -204,7 +280,7 @@ def reference_label(head: Head, votes: IntArray) -> IntArray:
     return riskier_argmax(weighted(by_situation, head.label_weights))
 
 
-def weighted(votes: IntArray, weights: tuple[float, ...] | None) -> npt.NDArray[Any]:
+def weighted(votes: IntArray, weights: Sequence[float] | None) -> npt.NDArray[Any]:
     """Votes [N, 4] times the weights of their situations, in float32 as in the file."""
     if weights is None:
         return votes

@@ -3,18 +3,16 @@
 Rows of the history (means, changes) are one product with a constant matrix. From them come the
 signals of every sensor, in one table; a product adds their pools. Two look-ups and a division make
 all ratios, one more look-up what is the largest of several.
-
-`own_scaled` is not pooled: it scales the changes of each sensor by what that sensor bears itself.
 """
 
 from __future__ import annotations
 
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from holdfast.core.contract import NORMAL_AXIS, NORMAL_FLOOR, FloatArray
-from holdfast.export.history import History
+from holdfast.core.contract import NORMAL_FLOOR, FloatArray
 from holdfast.export.pooled import (
     ACROSS,
     ALONG,
@@ -40,7 +38,9 @@ from holdfast.export.pooled import (
     Row,
     side_matrix,
 )
-from holdfast.export.spec import USUAL_SENSORS
+
+if TYPE_CHECKING:
+    from holdfast.export.features import History
 
 LEAST_WEIGHT = 1e-12
 """Added to the weight of every sensor, also of one that is not usable."""
@@ -302,49 +302,3 @@ def add_pooled(history: History, names: list[str]) -> str:
     for name in names:
         features += FAMILIES[name]
     return PooledGraph(history, features, names[0]).add()
-
-
-def own_scaled(history: History, lags: tuple[int, ...]) -> str:
-    """[B, features]: changes of each sensor over its own level; lags: places in LAGS_S.
-
-    In units of its own load, what a sensor tells does not depend on its place on a pad.
-    """
-    graph = history.graph
-    n_sensors = history.spec.n_sensors
-
-    # row 0 of the changes is x[t] itself
-    rows = [1 + lag for lag in lags]
-    of_lags = graph.node("Gather", history.changes, rows, axis=1)
-    # behind the channels stands the sum over the sensors, which has no level
-    changes = graph.columns(of_lags, 0, history.spec.n_channels, axis=2)
-    scaled = graph.node("Div", changes, _own_levels(history))
-
-    # sensor by sensor, and the lags of each, as in the other differences
-    triples = graph.reshape(scaled, 0, len(rows), n_sensors, 3)
-    by_sensor = graph.node("Transpose", triples, perm=[0, 2, 1, 3])
-    return graph.node("Flatten", by_sensor, axis=1)
-
-
-def _own_levels(history: History) -> str:
-    """[B, 1, C]: what each sensor has borne in the last 0.5 s, the same in its three columns.
-
-    It is the mean of |z|, or a floor where that is more: a sensor that bears next to nothing would
-    be divided by its noise. The floor is the share of one sensor in that of the grip force.
-    """
-    graph = history.graph
-    spec = history.spec
-
-    # the matrix stands on the left, as that of the changes does
-    mean = np.full((1, history.length), 1.0 / history.length)
-    sizes = graph.node("Abs", history.samples)
-    means = graph.node("MatMul", mean, sizes)
-
-    # The normal force of a sensor takes the place of all three axes. Its weight is 1 and that of
-    # the others 0, so the product is exact.
-    of_normal = np.zeros((3, 3))
-    of_normal[NORMAL_AXIS] = 1.0
-    of_all = np.kron(np.eye(spec.n_sensors), of_normal)
-    levels = graph.node("MatMul", means, of_all)
-
-    floor = NORMAL_FLOOR[spec.unit] / USUAL_SENSORS
-    return graph.node("Max", levels, floor)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING
 
-from holdfast.core.contract import NORMAL_FLOOR, UNITS, Json, Unit, is_rate
-from holdfast.core.errors import ChannelError, RateError, UnitError
+import msgspec
 
-if TYPE_CHECKING:
-    from holdfast.core.hand_card import HandCard
+from holdfast.core.contract import NORMAL_FLOOR, Json, Unit, is_rate
+from holdfast.core.errors import ChannelError, RateError
+from holdfast.core.hand_card import HandCard
 
 BANDS_HZ = tuple(float(band) for band in range(10, 60, 5))
 """Nominal frequencies of the filter bank of Engeberg and Meek."""
@@ -62,8 +60,7 @@ def window_samples(rate_hz: float, window_s: float = WINDOW_S) -> int:
     return max(2, math.floor(window_s * rate_hz + 1e-9) + 1)
 
 
-@dataclass(frozen=True)
-class DetectorSpec:
+class DetectorSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Thresholds of the causal detectors; one setting for all objects.
 
     band_ratio: fires above this multiple (over 1) of the channel's noise floor. floor_tau_s:
@@ -100,8 +97,7 @@ CONTACT_UNITS: tuple[Unit, ...] = ("N",)
 """Units in which force decides "nothing" unless a spec says otherwise (docs/decisions.md)."""
 
 
-@dataclass(frozen=True)
-class ContactRule:
+class ContactRule(msgspec.Struct, frozen=True):
     """When a hand touches something, by force alone (`add_contact` in holdfast/export/guard.py).
 
     on, off: contact begins from `on` on and ends below `off`; both are lengths of the mean of all
@@ -117,15 +113,14 @@ class ContactRule:
 
     def to_json(self) -> Json:
         """As a JSON object, for the metadata."""
-        return asdict(self)
+        return msgspec.structs.asdict(self)
 
 
 POOLED = "pooled_"
 """Begins the names of feature groups that are pooled over the sensors (pooled.py)."""
 
 
-@dataclass(frozen=True)
-class StepSpec:
+class StepSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The specification of a step graph: channels, rate, unit, features, guard and detectors.
 
     rate_hz: rate of all constants. groups: feature groups by name (holdfast/export/features.py).
@@ -142,7 +137,7 @@ class StepSpec:
     min_valid_sensors: int = 0
     bands_hz: tuple[float, ...] = BANDS_HZ
     window_s: float = WINDOW_S
-    detectors: DetectorSpec = field(default_factory=DetectorSpec)
+    detectors: DetectorSpec = DetectorSpec()
     hand: HandCard | None = None
     force_decides: bool | None = None
 
@@ -153,8 +148,6 @@ class StepSpec:
             )
         if self.hand is not None and self.hand.n_sensors != self.n_sensors:
             raise ChannelError(f"{self.n_sensors} sensors, another number on the card")
-        if self.unit not in UNITS:
-            raise UnitError(f"unit {self.unit!r} is not one of {', '.join(UNITS)}")
         if not is_rate(self.rate_hz):
             raise RateError(
                 f"a rate of {self.rate_hz} Hz", next_step="check the time stamps"
@@ -166,14 +159,15 @@ class StepSpec:
             )
 
         # the class is frozen, so what hangs on other fields is filled in this way
+        fill_in = msgspec.structs.force_setattr
         if self.force_decides is None:
-            object.__setattr__(self, "force_decides", self.unit in CONTACT_UNITS)
+            fill_in(self, "force_decides", self.unit in CONTACT_UNITS)
         if not self.min_valid_sensors:
             needed = self.n_sensors
             if self.is_pooled:
                 # measured with one and two dead sensors of six
                 needed = -(-2 * self.n_sensors // 3)
-            object.__setattr__(self, "min_valid_sensors", needed)
+            fill_in(self, "min_valid_sensors", needed)
         if not 1 <= self.min_valid_sensors <= self.n_sensors:
             raise ChannelError(
                 f"min_valid_sensors={self.min_valid_sensors}",
@@ -252,19 +246,12 @@ class StepSpec:
 
     def to_json(self) -> Json:
         """As a JSON object, for the artifact and the metadata; without a hand card no "hand"."""
-        fields = asdict(self)
-        del fields["hand"]
-        return fields if self.hand is None else {**fields, "hand": self.hand.to_json()}
+        fields = msgspec.structs.asdict(self)
+        fields["detectors"] = msgspec.structs.asdict(self.detectors)
+        hand = fields.pop("hand")
+        return fields if hand is None else {**fields, "hand": hand.to_json()}
 
     @staticmethod
     def from_json(value: Json) -> StepSpec:
-        """The inverse of `to_json`; loads the reader of hand cards only for one."""
-        fields = dict(value)
-        if "hand" in fields:
-            from holdfast.core.hand_card import hand_from_json
-
-            fields["hand"] = hand_from_json(fields["hand"])
-        fields["detectors"] = DetectorSpec(**value["detectors"])
-        fields["groups"] = tuple(value["groups"])
-        fields["bands_hz"] = tuple(value["bands_hz"])
-        return StepSpec(**fields)
+        """The inverse of `to_json`. Raises ValueError for keys or types that do not fit."""
+        return msgspec.convert(value, StepSpec)

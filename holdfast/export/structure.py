@@ -6,7 +6,6 @@ chance, where both sides of a branch vote alike; the numbers of the nodes cannot
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ import onnx
 from onnx import helper
 
 from holdfast.core.errors import VerificationFailed
-from holdfast.export.heads import FloatRows, Head, learned_name
+from holdfast.export.heads import Correction, FloatRows, Head, learned_name
 from holdfast.export.learner import (
     Forest,
     Learner,
@@ -26,12 +25,10 @@ from holdfast.export.learner import (
 )
 from holdfast.export.network import Inputs, Network
 
-THRESHOLD_ROWS = 20_000
-"""Rows on thresholds of the trees: they go through every tree, so not all thresholds get one."""
-STEP_ROWS = 5_000
-STEP_SHARE = 0.2
+THRESHOLD_ROWS, THRESHOLD_SHARE = 20_000, 0.9
+"""Rows on thresholds of the trees, and the share of features that are moved there."""
+STEP_ROWS, STEP_SHARE = 5_000, 0.2
 """Rows on the steps of a network's inputs, and the share of inputs that are moved there."""
-Places = npt.NDArray[np.intp]
 
 
 def hard_rows(learner: Learner, rows: FloatRows, seed: int) -> FloatRows:
@@ -58,12 +55,23 @@ def edge_rows(n_features: int) -> FloatRows:
     return np.repeat(column, n_features, axis=1)
 
 
+def hard_rows_of(correction: Correction | None, rows: FloatRows) -> FloatRows:
+    """Hard rows [H, F] for a correction: at the edges of float32, and on its inputs' steps."""
+    n = rows.shape[1]
+    if correction is None:
+        return edge_rows(n)
+
+    # Of the correction's inputs, the first n are the features. Magnitudes and votes follow from
+    # them, so only features can be moved to a step.
+    inputs = correction.network.inputs
+    features = Inputs(inputs.knee[:n], inputs.gain[:n], inputs.offset[:n])
+    return np.concatenate([edge_rows(n), step_rows(features, rows, 0)])
+
+
 def step_rows(inputs: Inputs, rows: FloatRows, seed: int) -> FloatRows:
     """Rows in which some inputs are where rounding steps, or at a neighbouring float32."""
     rng = np.random.default_rng(seed)
-    drawn = rng.integers(len(rows), size=STEP_ROWS)
-    hard = rows[drawn].copy()
-    is_moved = rng.random(hard.shape) < STEP_SHARE
+    hard = rows[rng.integers(len(rows), size=STEP_ROWS)]
 
     # q rounds gain * s + offset with s = x / (knee + |x|): solve for x where that is a half
     steps = np.abs(inputs.gain) * rng.uniform(-1, 1, hard.shape)
@@ -71,38 +79,37 @@ def step_rows(inputs: Inputs, rows: FloatRows, seed: int) -> FloatRows:
     # s = +-1 is reached only at infinity
     squashed = np.clip((half - inputs.offset) / inputs.gain, -0.999, 0.999)
     exact = squashed * inputs.knee / (1.0 - np.abs(squashed))
-    at = exact.astype(np.float32)
-
-    # the half itself, or its neighbour on either side: one of them must round the other way
-    directions = np.array([-np.inf, 0.0, np.inf], np.float32)
-    towards = rng.choice(directions, size=hard.shape)
-    moved = np.where(towards == 0.0, at, np.nextafter(at, towards))
-    return np.where(is_moved, moved, hard)
+    return _moved(hard, exact.astype(np.float32), STEP_SHARE, rng)
 
 
 def threshold_rows(forest: Forest, rows: FloatRows, seed: int) -> FloatRows:
-    """Rows that reach a node of a tree with its threshold, or with a neighbouring float32.
+    """Rows in which most features are on a threshold of the trees, or at a neighbouring float32.
 
-    All thresholds get all three values equally often, or a random choice if there are too many for
-    THRESHOLD_ROWS. Each row is a held-out one, changed only so far that it reaches its node.
+    The thresholds of a feature are drawn from all trees, so that a row meets some on its way.
     """
     rng = np.random.default_rng(seed)
-    nodes = _Nodes([tree.tree_ for tree in forest.estimators_])
-    if not len(nodes.branches):
-        return rows[:0]
+    hard = rows[rng.integers(len(rows), size=THRESHOLD_ROWS)]
+    trees = [tree.tree_ for tree in forest.estimators_]
+    # scikit-learn marks a leaf by the feature -2
+    feature = np.concatenate([tree.feature for tree in trees])
+    at = largest_float32_not_above(np.concatenate([tree.threshold for tree in trees]))
+    on = hard.copy()
+    for column in np.unique(feature[feature >= 0]):
+        on[:, column] = rng.choice(at[feature == column], THRESHOLD_ROWS)
+    return _moved(hard, on, THRESHOLD_SHARE, rng)
 
-    # a number is a branch and one of its three values, all equally often
-    in_any_order = rng.permutation(3 * len(nodes.branches))
-    chosen = np.resize(in_any_order, THRESHOLD_ROWS)
-    place, side = np.divmod(chosen, 3)
-    node = nodes.branches[place]
 
-    drawn = rng.integers(len(rows), size=THRESHOLD_ROWS)
-    hard = rows[drawn].copy()
-    nodes.lead(hard, node)
-    # last, because a node above may use the same feature
-    hard[np.arange(len(hard)), nodes.feature[node]] = nodes.values[side, node]
-    return hard
+def _moved(
+    rows: FloatRows, to: FloatRows, share: float, rng: np.random.Generator
+) -> FloatRows:
+    """Rows with a share of their numbers moved: to the number itself, or its neighbour.
+
+    Of a step and its neighbours on both sides, one must go the other way.
+    """
+    directions = np.array([-np.inf, 0.0, np.inf], np.float32)
+    towards = rng.choice(directions, size=rows.shape)
+    beside = np.where(towards == 0.0, to, np.nextafter(to, towards))
+    return np.where(rng.random(rows.shape) < share, beside, rows)
 
 
 def largest_float32_not_above(threshold: npt.NDArray[np.float64]) -> FloatRows:
@@ -110,70 +117,6 @@ def largest_float32_not_above(threshold: npt.NDArray[np.float64]) -> FloatRows:
     near = threshold.astype(np.float32)
     below = np.nextafter(near, np.float32(-np.inf))
     return np.where(near > threshold, below, near)
-
-
-class _Nodes:
-    """The nodes of all trees in one row; a node's number is its place there.
-
-    feature: [nodes] the feature that a node compares. values: [3, nodes] for each node the largest
-    float32 that goes left, the one below it, and the one above it, which goes right. branches:
-    numbers of the nodes that are no leaves.
-    """
-
-    def __init__(self, trees: list[Any]) -> None:
-        # children are named within their tree: all trees in one row need an offset for each
-        infinite = np.float32(np.inf)
-        self.feature = np.concatenate([tree.feature for tree in trees])
-        threshold = np.concatenate([tree.threshold for tree in trees])
-        at = largest_float32_not_above(threshold)
-        below = np.nextafter(at, -infinite)
-        above = np.nextafter(at, infinite)
-        self.values = np.array([at, below, above])
-
-        # scikit-learn marks a leaf by the feature -2
-        self.branches = np.flatnonzero(self.feature >= 0)
-        self._parent = np.full(len(at), -1)
-        self._is_left = np.zeros(len(at), dtype=bool)
-        first = 0
-        for tree in trees:
-            branches = np.flatnonzero(tree.feature >= 0)
-            left = first + tree.children_left[branches]
-            right = first + tree.children_right[branches]
-            self._parent[left] = first + branches
-            self._parent[right] = first + branches
-            self._is_left[left] = True
-            first += tree.node_count
-
-    def lead(self, rows: FloatRows, nodes: Places) -> None:
-        """Change each row of [N, F] in place so that it reaches its node of [N].
-
-        A row changes only where it leaves the path from the root to its node.
-        """
-        # paths differ in length: above a root, a row waits at -1
-        path = []
-        while (nodes >= 0).any():
-            path.append(nodes)
-            nodes = np.where(nodes >= 0, self._parent[nodes], -1)
-
-        # from the root on down: a change above may not undo one below
-        path.reverse()
-        for parent, node in pairwise(path):
-            self._turn(rows, parent, node)
-
-    def _turn(self, rows: FloatRows, parent: Places, node: Places) -> None:
-        """Send rows from a node's parent, where there is one (-1: none), to the node."""
-        these = np.flatnonzero(parent >= 0)
-        parent = parent[these]
-        is_left = self._is_left[node[these]]
-        feature = self.feature[parent]
-        at = self.values[0, parent]
-        over = self.values[2, parent]
-
-        goes_left = rows[these, feature] <= at
-        wrong = goes_left != is_left
-        # the nearest float32 that goes the right way, so a row stays like a real one
-        turned = np.where(is_left, at, over)
-        rows[these[wrong], feature[wrong]] = turned[wrong]
 
 
 def require_same_numbers(model: onnx.ModelProto, head: Head) -> int:

@@ -116,6 +116,20 @@ class ExportReport(Verification):
     bytes: int
 
 
+@dataclass(frozen=True)
+class AdaptedVerification:
+    """What was compared, as counts.
+
+    rows: given and hard ones. single_rows: computed alone and in a batch. samples: of a stream.
+    changed: labels of given rows that differ from the base's.
+    """
+
+    rows: int
+    single_rows: int
+    samples: int
+    changed: int
+
+
 def verify(
     model: onnx.ModelProto,
     spec: StepSpec,

@@ -27,7 +27,7 @@ EXTRAS = {
     "dask": ("distributed",),
     "lerobot": ("pandas", "pyarrow"),
     "lsl": ("pylsl",),
-    "mcap": ("mcap", "mcap-protobuf-support", "foxglove-schemas-protobuf"),
+    "mcap": ("mcap", "mcap-protobuf-support"),
     "parquet": ("pyarrow",),
     "ros2": ("rosbags",),
     "serial": ("pyserial",),

@@ -30,9 +30,9 @@ from holdfast.simulation.loop_people import Habits
 from holdfast.simulation.loop_physics import HandsAndObjects, Spans
 from holdfast.simulation.loop_sensing import LoopSensors
 from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.run import TrialMotion
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.script_times import grid_of
+from holdfast.simulation.stepper import TrialMotion
 from holdfast.simulation.truth import Truth, truth_of
 
 ROWS_HZ = 300.0

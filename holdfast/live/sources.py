@@ -250,7 +250,7 @@ def _lines(source: SourceUrl, opening: _Opening) -> Source:
     how = line_source.LineOptions(options.stamps, rate_hz, paced)
     reader = SampleReader(column_map, own_unit)
     with ExitStack() as on_error:
-        feed = open_feed(source, opening.clock, opening.report, "--source")
+        feed = open_feed(source, "--source")
         on_error.callback(feed.close)
         opening.report(f"{feed.name}: waiting for the first samples")
         clock = opening.clock
@@ -283,41 +283,24 @@ def _is_paced(options: StdinOptions) -> bool:
     return is_file if options.paced is None else options.paced
 
 
-def open_feed(source: SourceUrl, clock: Any, report: Report, option: str) -> Feed:
+def open_feed(source: SourceUrl, option: str) -> Feed:
     """What reads the lines of a stdin, unix or serial URL. option: its name for people.
 
     Raises UsageError, DeviceError.
     """
-    from holdfast.core.hand_lines import line_url, unix_listener
-    from holdfast.drivers.line_feeds import (
-        DatagramFeed,
-        SerialEnd,
-        StandardInput,
-        StreamFeed,
-    )
+    from holdfast.core.hand_lines import line_url
+    from holdfast.drivers.line_feeds import DatagramFeed, serial_feed, stdin_feed
 
-    path = source.name
     if source.scheme == "stdin":
-        return StreamFeed("stdin", StandardInput(), report)
-    if not path.startswith("/") or path == "/":
+        return stdin_feed()
+    if not source.name.startswith("/") or source.name == "/":
         raise UsageError(
             f"{option} {source.url[:80]!r} is not an address",
             next_step=f"{source.scheme}:///PATH, with three slashes",
         )
-    name = f"{source.scheme}://{path}"
     if source.scheme == "unix":
-        with ExitStack() as stack:
-            listener = unix_listener(line_url(name), option, stack)
-            return DatagramFeed(name, listener, stack.pop_all().close)
-
-    from holdfast.drivers.serial_port import open_port
-
-    def open_again() -> int:
-        with open_port(path, source.options.baud) as port:
-            return os.dup(port.fileno())
-
-    end = SerialEnd(open_again(), open_again, clock.now_ns)
-    return StreamFeed(name, end, report)
+        return DatagramFeed(line_url(f"unix://{source.name}"))
+    return serial_feed(source.name, source.options.baud)
 
 
 OPENERS: dict[str, Callable[[SourceUrl, _Opening], Source]] = {

@@ -18,7 +18,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from holdfast.core.errors import UsageError
+from holdfast.core.errors import DeviceLost, UsageError
 from holdfast.core.hand_lines import (
     NOT_RISING,
     NOT_UNDERSTOOD,
@@ -93,6 +93,8 @@ class LineWords:
         self, feed: Feed, now_ns: Callable[[], int], report: Callable[[str], object]
     ) -> None:
         self._feed = feed
+        self._report = report
+        self._lost = False
         self._now_ns = now_ns
         self._rule = RisingRule()
         self._skipped = Skipped("wearer", report, now_ns)
@@ -100,7 +102,7 @@ class LineWords:
     def came(self) -> list[Intent]:
         """What is waiting, oldest first."""
         items = []
-        for line in self._feed.pull(0.0):
+        for line in self._pulled():
             try:
                 sequence, item = self._read(line)
             except ValueError as error:
@@ -114,13 +116,22 @@ class LineWords:
 
     def forget(self) -> None:
         """Drop what is waiting."""
-        while self._feed.pull(0.0):
+        while self._pulled():
             pass
 
     def close(self) -> None:
         """Close where lines come from; report the last counts."""
         self._skipped.close()
         self._feed.close()
+
+    def _pulled(self) -> list[bytes]:
+        """The lines that wait; none any more once a port was unplugged."""
+        try:
+            return [] if self._lost else self._feed.pull(0.0)
+        except DeviceLost as error:
+            self._lost = True
+            self._report(f"wearer: {error}")
+            return []
 
     def _read(self, line: bytes) -> tuple[int | None, Intent]:
         """(sequence, item). Raises ValueError."""
@@ -194,7 +205,7 @@ def _stream(
     elif where.scheme in LINES:
         from holdfast.live.sources import open_feed
 
-        feed = open_feed(where, clock, report, "--wearer")
+        feed = open_feed(where, "--wearer")
         with closing(LineWords(feed, clock.now_ns, report)) as words:
             yield words
     elif url.startswith("replay://"):

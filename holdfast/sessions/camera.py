@@ -20,14 +20,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from holdfast.core.errors import CameraUnavailable, DataError, HoldfastError, UsageError
-from holdfast.drivers.camera.recording import TAGS, read_about
-from holdfast.drivers.camera.sources import (
-    OAK,
-    Lens,
-    Oak,
-    read_frames,
-)
-from holdfast.live.running import say
+from holdfast.drivers.camera.recording import TAGS, Lens, read_about
+from holdfast.drivers.camera.sources import OAK, Oak, read_frames
 from holdfast.sessions.onset import doubt
 
 if TYPE_CHECKING:
@@ -83,7 +77,7 @@ class CameraOptions:
         }
         given = [option for option, value in ignored.items() if value is not None]
         if given:
-            corrects = "; holdfast onset --tag-mm corrects the side"
+            corrects = "; holdfast watch --onset --tag-mm corrects the side"
             raise UsageError(
                 f"{', '.join(given)} would be ignored",
                 cause=f"only --camera {OAK} uses it; other frames bring their own",
@@ -177,7 +171,7 @@ class CameraProcess:
             return {"void": self._last_error() or str(error)}
 
         # The process knows best why its film is void; its log knows if it died.
-        void = about.get("void") or None
+        void = about.void
         if failed and not void:
             void = self._last_error() or "its process failed"
         # Checked while the operator can still film again.
@@ -185,8 +179,8 @@ class CameraProcess:
 
         return {
             "void": void,
-            "frames": about.get("frames"),
-            "lost": about.get("lost"),
+            "frames": about.frames,
+            "lost": about.lost,
             "doubt": wrong and f"{type(wrong).__name__}: {wrong}",
         }
 
@@ -225,9 +219,9 @@ def film(options: Json) -> None:
             options["tag_mm"],
             clock="monotonic",
         )
-        watch(Oak(lens), out, say=say, stopped=must_end)
+        watch(Oak(lens), out, stopped=must_end)
     else:
-        watch(read_frames(Path(options["camera"])), out, say=say)
+        watch(read_frames(Path(options["camera"])), out)
 
 
 def must_end() -> bool:

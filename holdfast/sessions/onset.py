@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +16,7 @@ from typing import TYPE_CHECKING
 from holdfast.core.errors import (
     DataError,
     DataNotFound,
+    EmptyRecording,
     LabelError,
     NotANumber,
     TimeError,
@@ -32,11 +35,8 @@ from holdfast.core.writing import write_whole
 
 if TYPE_CHECKING:
     from holdfast.core.contract import Json
-
-if TYPE_CHECKING:
     from holdfast.drivers.camera.motion import Motion
     from holdfast.drivers.camera.onset import Slip
-
 
 OBJECT_TAG = 0
 """Number of the tag on the object."""
@@ -61,69 +61,64 @@ class WatchedTrial:
 
 
 def read_motion(
-    path: Path, tag_mm: float | None = None, apart_mm: float | None = None
-) -> WatchedTrial:
-    """The object's motion in the hand, from a watched folder. Raises a DataError."""
-    if not path.is_dir():
-        raise DataNotFound(
-            "no folder of a watched trial",
-            where=path,
-            next_step="give a folder of holdfast watch, or of record --camera",
-        )
-    return watched(path, tag_mm, apart_mm)
-
-
-def _with_place(error: LabelError, trial: Path) -> LabelError:
-    """The same error with the trial that it is about."""
-    return type(error)(
-        error.what, where=trial, cause=error.cause, next_step=error.next_step
-    )
-
-
-def watched(
     folder: Path, tag_mm: float | None = None, apart_mm: float | None = None
 ) -> WatchedTrial:
-    """Read a watched folder. Raises LabelError if it is void."""
+    """The object's motion in the hand, from a watched folder. Raises a DataError."""
     from holdfast.drivers.camera.motion import motion
-    from holdfast.drivers.camera.recording import (
-        TAGS,
-        read_about,
-        read_tracks,
-        require_whole,
-    )
+    from holdfast.drivers.camera.recording import TAGS, read_about, read_tracks
 
+    if not folder.is_dir():
+        raise DataNotFound(
+            "no folder of a watched trial",
+            where=folder,
+            next_step="give a folder of holdfast watch, or of record --camera",
+        )
     about = read_about(folder)
-    if about.get("void"):
+    if about.void is not None:
         raise LabelError(
             "the trial is void and gets no label",
             where=folder,
-            cause=str(about["void"]),
+            cause=about.void,
             next_step="record it again",
         )
 
     tracks = read_tracks(folder)
     # A file that was cut would give a slip that ends too early.
-    require_whole(len(tracks.t_s), about.get("frames"), folder / TAGS)
+    if len(tracks.t_s) < about.frames:
+        raise EmptyRecording(
+            f"holds {len(tracks.t_s)} of its {about.frames} frames",
+            where=folder / TAGS,
+            cause="an interrupted copy, or a broken disk",
+            next_step="copy it again from where it was recorded",
+        )
 
-    try:
+    with _placed(folder):
         moved = motion(
             tracks.t_s,
             tracks.of(OBJECT_TAG),
             tracks.of(HAND_TAG),
-            tag_mm or float(about["tag_mm"]),
-            apart_mm or about.get("apart_mm"),
+            tag_mm or about.tag_mm,
+            apart_mm or about.apart_mm,
         )
-    except LabelError as error:
-        raise _with_place(error, folder) from None
-
-    starts_s = 0.0 if about.get("clock") == "trial" else _starts_s(folder, moved)
+    starts_s = 0.0 if about.clock == "trial" else _starts_s(folder, moved)
     return WatchedTrial(folder, moved, starts_s)
+
+
+@contextmanager
+def _placed(trial: Path) -> Iterator[None]:
+    """A LabelError within gets the trial that it is about."""
+    try:
+        yield
+    except LabelError as error:
+        raise type(error)(
+            error.what, where=trial, cause=error.cause, next_step=error.next_step
+        ) from None
 
 
 def doubt(folder: Path) -> LabelError | None:
     """The error in the tags of a folder just watched: sizes, shape, distance, never both seen."""
     try:
-        watched(folder)
+        read_motion(folder)
     except LabelError as error:
         return error
     except DataError:
@@ -139,7 +134,7 @@ def _starts_s(folder: Path, moved: Motion) -> float:
             starts_s = 1e-9 * int(next(csv.DictReader(lines))["host_ns"])
     except FileNotFoundError:
         return float(moved.t_s[0])
-    except (OSError, StopIteration, KeyError, ValueError, TypeError, csv.Error):
+    except (StopIteration, KeyError, ValueError, TypeError):
         raise NotANumber(
             "the first row has no host_ns, so its time on the camera's clock is unknown",
             where=folder / TACTILE,
@@ -154,75 +149,47 @@ def _starts_s(folder: Path, moved: Motion) -> float:
             cause="the video is of another time",
             next_step="film the trial itself",
         )
-
     return starts_s
-
-
-@dataclass(frozen=True)
-class WrittenLabel:
-    """A label in its file, and a sentence about it.
-
-    phases: as in trial_<n>.truth.json with more of the camera's times, none without a slip. basis:
-    what the label rests on.
-    """
-
-    words: str
-    where: Path
-    phases: list[Json]
-    basis: Json
-
-    def to_json(self) -> Json:
-        """As `holdfast onset --json` prints it."""
-        return {"written": str(self.where), "phases": self.phases, **self.basis}
 
 
 def write_label(
     trial: WatchedTrial, action: str | None, gross_mm: float, *, shear_known: bool
-) -> WrittenLabel:
-    """Find the slip and write its label beside the trial.
+) -> tuple[str, Json]:
+    """Find the slip and write its label beside the trial; returns (a sentence, what was found).
 
     action: None for the name of the trial's folder. shear_known: the shear of the pads was
     measured. Raises LabelError, UsageError, OutputError.
     """
-    from holdfast.drivers.camera.onset import Slip, find_slip
+    from holdfast.drivers.camera.onset import HiddenMotion, find_slip
 
-    try:
-        found = find_slip(trial.moved, gross_mm)
-    except LabelError as error:
-        raise _with_place(error, trial.path) from None
-
-    phases: list[Json] = []
-    hidden: Json | None = None
-    if isinstance(found, Slip):
-        phases.append(_phase(found, _label(action, trial.path), trial.starts_s))
-    elif found is not None:
-        # The object moved while a tag was hidden: no time of its start can be given.
-        hidden = {
-            "from_s": round(found.from_s - trial.starts_s, 6),
-            "to_s": round(found.to_s - trial.starts_s, 6),
-        }
-
-    basis = {
+    moved = trial.moved
+    with _placed(trial.path):
+        found = find_slip(moved, gross_mm)
+    words = f"no onset: the object moved by less than {gross_mm:.2f} mm"
+    basis: Json = {
         "gross_mm": gross_mm,
         "pad_shear": "measured" if shear_known else "not measured",
-        "hidden": hidden,
-        "threshold_mm": round(trial.moved.threshold_mm, 4),
-        "sigma_mm": round(trial.moved.sigma_mm, 5),
-        "mm_per_px": round(trial.moved.mm_per_px, 5),
-        "frames": len(trial.moved.t_s),
-        "frames_seen": trial.moved.seen,
+        "hidden": None,
+        "threshold_mm": round(moved.threshold_mm, 4),
+        "sigma_mm": round(moved.sigma_mm, 5),
+        "mm_per_px": round(moved.mm_per_px, 5),
+        "frames": len(moved.t_s),
+        "frames_seen": moved.seen,
     }
-    where = _write_events(trial.path, [phase | basis for phase in phases])
-
-    if phases:
-        words = _sentence(phases[0])
-    elif hidden:
-        span = f"{hidden['from_s']:.3f} to {hidden['to_s']:.3f} s"
+    phases: list[Json] = []
+    if isinstance(found, HiddenMotion):
+        # The object moved while a tag was hidden: no time of its start can be given.
+        from_s = round(found.from_s - trial.starts_s, 6)
+        to_s = round(found.to_s - trial.starts_s, 6)
+        basis["hidden"] = {"from_s": from_s, "to_s": to_s}
+        span = f"{from_s:.3f} to {to_s:.3f} s"
         words = f"no onset: a tag was hidden from {span} while the object moved"
-    else:
-        words = f"no onset: the object moved by less than {gross_mm:.2f} mm"
+    elif found is not None:
+        phases = [_phase(found, _label(action, trial.path), trial.starts_s) | basis]
+        words = _sentence(phases[0])
 
-    return WrittenLabel(f"{words}; {where}", where, phases, basis)
+    where = _write_events(trial.path, phases)
+    return f"{words}; {where}", {"written": str(where), "phases": phases, **basis}
 
 
 def _phase(slip: Slip, label: str, starts_s: float) -> Json:
@@ -231,21 +198,25 @@ def _phase(slip: Slip, label: str, starts_s: float) -> Json:
     seen_s: first frame beyond the noise. gross_s: the gross distance. start_sd_s, uncertainty_s: of
     the start. frame_s: time between two frames.
     """
-    start_s = round(slip.start_s - starts_s, 6)
-    return {
-        "t0_s": start_s,
-        "t1_s": round(slip.end_s - starts_s, 6),
-        "onset_s": start_s,
-        "duration_s": round(slip.end_s - slip.start_s, 6),
-        "label": label,
-        "provenance": PROVENANCE,
-        "by": "holdfast onset",
-        "seen_s": round(slip.seen_s - starts_s, 6),
-        "gross_s": round(slip.gross_s - starts_s, 6),
-        "start_sd_s": round(slip.start_sd_s, 6),
-        "frame_s": round(slip.frame_s, 6),
-        "uncertainty_s": round(slip.uncertainty_s, 6),
+    times = {
+        "t0_s": slip.start_s,
+        "t1_s": slip.end_s,
+        "onset_s": slip.start_s,
+        "seen_s": slip.seen_s,
+        "gross_s": slip.gross_s,
     }
+    lengths = {
+        "duration_s": slip.end_s - slip.start_s,
+        "start_sd_s": slip.start_sd_s,
+        "frame_s": slip.frame_s,
+        "uncertainty_s": slip.uncertainty_s,
+    }
+    phase: Json = {"label": label, "provenance": PROVENANCE, "by": "holdfast watch"}
+    for name, at_s in times.items():
+        phase[name] = round(at_s - starts_s, 6)
+    for name, seconds in lengths.items():
+        phase[name] = round(seconds, 6)
+    return phase
 
 
 def _label(action: str | None, path: Path) -> str:
@@ -271,7 +242,6 @@ def _write_events(folder: Path, phases: list[Json]) -> Path:
         from holdfast.sessions.recorder.labels import relabel
 
         relabel(folder)
-
     return path
 
 

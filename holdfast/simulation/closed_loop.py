@@ -25,6 +25,7 @@ from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.grip import AnswerRules, GripSense
 from holdfast.edge_runtime.grip_control import GripLoop, controller_of
 from holdfast.edge_runtime.supervisor import Limits
+from holdfast.simulation.actions import action_named
 from holdfast.simulation.drive import Actuator, Drive
 from holdfast.simulation.effect import stream
 from holdfast.simulation.loop_people import (
@@ -42,13 +43,7 @@ from holdfast.simulation.loop_sensing import (
     sensors_of,
 )
 from holdfast.simulation.magnet import shear_gain_in
-from holdfast.simulation.protocol import (
-    ACTION_MODULES,
-    GRAVITY_M_S2,
-    PlannedTrial,
-    action_module,
-    may_slip,
-)
+from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial, may_slip
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.script_times import Times
 
@@ -337,10 +332,7 @@ class Oracle:
 def needed_grip_n(trial: PlannedTrial, spare: float = SPARE) -> float:
     """Grip of either side, N: `spare` times what holds the largest load by kinetic friction."""
     weight_n = trial.object.mass_g * 1e-3 * GRAVITY_M_S2
-    pull_n = trial.drawn["cap_n"] if trial.action == "pull" else 0.0
-    load_n = weight_n + pull_n
-    if trial.action in ACTION_MODULES:
-        load_n = action_module(trial.action).largest_load_n(trial)
+    load_n = action_named(trial.action).load_n(trial, weight_n)
 
     # Coulomb: both sides hold, each with friction times its normal force
     # The bound keeps the grip finite for an object without friction.

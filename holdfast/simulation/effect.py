@@ -28,9 +28,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray, Unit
-from holdfast.core.reading import CardReader
 
 Drawn = Mapping[str, Any]
 """Parameter name -> value of one trial: a float, or a list of floats."""
@@ -166,38 +166,6 @@ def _drawn(kind: str, numbers: list[float], rng: np.random.Generator) -> float:
     return float(math.exp(rng.uniform(math.log(first), math.log(second))))
 
 
-class NumberReader(CardReader):
-    """Checks the numbers of a scene file against tables of parameters."""
-
-    def whole(self, key: str, number: float) -> int:
-        """The number as an int. Raises CardError for a fraction."""
-        if number != int(number):
-            raise self.refused(key, number, "a whole number")
-        return int(number)
-
-    def numbers(
-        self, key: str, values: Mapping[str, Any], table: Mapping[str, Parameter]
-    ) -> dict[str, float]:
-        """Constants by name, defaults where the file has none; distributions are refused."""
-        self.require_known(values, table, key)
-        for name, value in values.items():
-            if isinstance(value, dict) or table[name].problem(value):
-                raise self.refused(f"{key}.{name}", value, table[name].allowed())
-        numbers = {}
-        for name, parameter in table.items():
-            numbers[name] = float(values.get(name, parameter.default))
-        return numbers
-
-    def require_possible(
-        self, key: str, values: Mapping[str, Any], table: Mapping[str, Parameter]
-    ) -> None:
-        """Raise CardError for a constant or a distribution outside of its range."""
-        for name, value in values.items():
-            problem = table[name].problem(value)
-            if problem:
-                raise self.refused(f"{key}.{name}", value, problem)
-
-
 @dataclass(frozen=True)
 class Signal:
     """What S fingertips report at T samples.
@@ -220,12 +188,12 @@ class Effect:
 
     make            of a sensor effect: (signal, drawn, random stream) -> signal;
                     of a physics effect: EffectBatch -> PhysicsEffect;
-                    of one that `sets` a field of run.StepSettings: its constant -> that field
+                    of one that `sets` a field of stepper.StepSettings: its constant -> that field
     parameters      in the order in which they are drawn
     needs           effects that the scene must name too
     marks_invalid   it can make samples invalid, so the trial's file has columns for that
     constant        a parameter that is the same in all trials of a scene: they are stepped together
-    sets            the field of run.StepSettings
+    sets            the field of stepper.StepSettings
     longest_step_s  the longest physics.step_s it allows
     gives_unit      the unit after it; None: it changes no unit
     in_scene_unit   it acts on reported samples, so the unit is converted before it
@@ -258,7 +226,7 @@ class Effect:
         return replace(made, unit=self.gives_unit or made.unit)
 
     def setting(self, values: Mapping[str, Any]) -> Any:
-        """The field of run.StepSettings that this effect sets, from the scene's values."""
+        """The field of stepper.StepSettings that this effect sets, from the scene's values."""
         default = self.parameters[self.constant].default
         return self.make(float(values.get(self.constant, default)))
 
@@ -295,7 +263,7 @@ def all_effects() -> dict[str, Effect]:
 
 
 def step_settings(named: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Fields of run.StepSettings that effects set; named: effect -> the scene's values."""
+    """Fields of stepper.StepSettings that effects set; named: effect -> the scene's values."""
     fields = {}
     for name, values in named.items():
         effect = effect_named(name)
@@ -375,23 +343,23 @@ class PhysicsEffects:
 NO_EFFECTS = PhysicsEffects()
 
 
-def without_first(batched: Any, count: int, n: int) -> Any:
-    """A copy of what holds arrays of a batch of n trials, without its first `count` trials.
+def some_trials(batched: Any, which: npt.NDArray[np.int64], n: int) -> Any:
+    """A copy of what holds arrays of a batch of n trials, with some of its trials.
 
     Arrays whose last axis has n entries have the trials there; lists and tuples are looked into.
     """
     if isinstance(batched, np.ndarray):
         if batched.ndim == 0 or batched.shape[-1] != n:
             return batched
-        # The layout in memory stays: it decides in which order numpy sums.
-        return batched[..., count:].copy(order="K")
+        # `take`, not [..., which]: the layout in memory decides in which order numpy sums.
+        return np.take(batched, which, axis=-1)
     if isinstance(batched, list | tuple):
-        return type(batched)([without_first(part, count, n) for part in batched])
+        return type(batched)([some_trials(part, which, n) for part in batched])
     if not hasattr(batched, "__dict__"):
         return batched
 
     part = copy(batched)
     for name, value in vars(batched).items():
-        object.__setattr__(part, name, without_first(value, count, n))
+        object.__setattr__(part, name, some_trials(value, which, n))
 
     return part

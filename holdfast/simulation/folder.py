@@ -25,8 +25,8 @@ from holdfast.core.trial_layout import HAND_FILE
 from holdfast.core.writing import require_writable, whole_folder, write_whole
 from holdfast.simulation.effect import Drawn, Signal, effect_named
 from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.run import Done
 from holdfast.simulation.scene import BATCH, Scene, SimulatedTrial
+from holdfast.simulation.stepper import Done
 from holdfast.simulation.table import Column, csv_bytes
 
 KIND = "simulated"

@@ -55,14 +55,10 @@ import numpy as np
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import HoldfastError
 from holdfast.core.trial_layout import is_heavy
+from holdfast.simulation.actions import action_named
 from holdfast.simulation.effect import Parameter, draw_all
 from holdfast.simulation.objects import OBJECT_KEYS
-from holdfast.simulation.protocol import (
-    GRAVITY_M_S2,
-    PlannedTrial,
-    action_module,
-    least_grip_n,
-)
+from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial, least_grip_n
 
 LEAST_N = 0.5
 """The weakest grip of either side."""
@@ -254,7 +250,7 @@ def _own_m_s2(trial: PlannedTrial) -> float:
     if trial.action not in ("lift", "carry"):
         return 0.0
     weight_n = 1e-3 * trial.object.mass_g * GRAVITY_M_S2
-    load_n: float = action_module(trial.action).largest_load_n(trial)
+    load_n = action_named(trial.action).load_n(trial, weight_n)
     return (load_n - weight_n) / (1e-3 * trial.object.mass_g)
 
 

@@ -15,13 +15,14 @@ import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.edge_runtime.grip import AnswerRules
+from holdfast.simulation.actions import NEVER_S
 from holdfast.simulation.body import Body
 from holdfast.simulation.effect import stream
-from holdfast.simulation.protocol import ACTION_MODULES, NEVER_S, PlannedTrial
-from holdfast.simulation.run import TrialMotion
+from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.script import Script
 from holdfast.simulation.script_times import Times, smooth
-from holdfast.simulation.truth import load_onset, slip_onset
+from holdfast.simulation.stepper import TrialMotion
+from holdfast.simulation.truth import change_n, slip_onset
 
 
 @dataclass(frozen=True)
@@ -297,11 +298,7 @@ def outcome_of(
     held = np.flatnonzero(motion.gripped)
     last = int(held[-1]) if held.size else -1
 
-    onset = load_onset(motion, act_s)
-    if trial.action in ACTION_MODULES:
-        # A grip may fail without a load from outside.
-        onset = slip_onset(trial, motion)
-
+    onset = slip_onset(trial, motion)
     lost_s = HELD_AT_END_S
     if last + 1 < len(at_s):
         lost_s = float(at_s[last + 1])
@@ -343,8 +340,4 @@ def _peak_n(motion: TrialMotion, act_s: float, last: int) -> float:
     first = int(np.searchsorted(motion.at_s, act_s))
     if first > last:
         return 0.0
-    # Beyond what they exerted before the action.
-    before_n = motion.agents_n[max(first - 1, 0)]
-    change = motion.agents_n[first : last + 1] - before_n
-    size_n = np.sqrt((change * change).sum(axis=1))
-    return float(size_n.max())
+    return float(change_n(motion, first)[first : last + 1].max())

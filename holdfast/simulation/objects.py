@@ -140,12 +140,6 @@ OBJECTS = {
 NO_OBJECT = held_object("no-object", {"mass_g": 0.1})
 """In the files of an empty hand that is touched: nothing, which weighs next to nothing."""
 
-HAND = {
-    "thumb": Parameter(2.0, "", 2, 20, "contacts on the thumb"),
-    "finger": Parameter(1.0, "", 1, 20, "contacts on each of the four fingers"),
-}
-"""Numbers of the section [hand] of a scene file."""
-
 
 def sensed_of(hand: HandCard, forces_n: FloatArray) -> FloatArray:
     """Of forces [.., S, 3] those on contacts that have a sensor; the same array where all have."""

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.contract import FloatArray
+from holdfast.simulation.actions import action_named
 from holdfast.simulation.effect import (
     Drawn,
     Effect,
@@ -25,16 +26,14 @@ from holdfast.simulation.effect import (
 )
 from holdfast.simulation.objects import NO_OBJECT, sensed_of
 from holdfast.simulation.protocol import (
-    ACTION_MODULES,
     HOLD_KEYS,
     PlannedTrial,
     TrialsRow,
-    action_module,
     draw_trial,
 )
-from holdfast.simulation.run import Done, StepSettings, TrialMotion, motions
 from holdfast.simulation.scene_file import SceneFile
 from holdfast.simulation.script_times import grid_of
+from holdfast.simulation.stepper import Done, StepSettings, TrialMotion, motions
 from holdfast.simulation.truth import Truth, truth_of
 
 BATCH = 1000
@@ -180,9 +179,9 @@ class Scene:
         moved = motions(trials, settings, done)
 
         for k, (trial, motion) in enumerate(zip(trials, moved, strict=True)):
-            if trial.action in ACTION_MODULES and not trial.holds_object:
-                touches = action_module(trial.action)
-                motion = touches.touched(trial, motion, self.settings.average_s)
+            touched = action_named(trial.action).touched
+            if touched is not None:
+                motion = touched(trial, motion, self.settings.average_s)
             hand_m = np.zeros_like(motion.position_m)
             if movers:
                 # Only an effect with a path moves it; tremor and knock give accelerations alone.

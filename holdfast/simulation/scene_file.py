@@ -33,72 +33,89 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from holdfast.core.contract import UNITS, Json, Unit
-from holdfast.core.errors import HoldfastError, UsageError
-from holdfast.core.hand_card import HandCard, hand_of_counts, hand_of_section
-from holdfast.core.reading import read_toml
+import msgspec
+from msgspec import Meta
+
+from holdfast.core.contract import Json, Unit
+from holdfast.core.errors import CardError, HoldfastError, UsageError
+from holdfast.core.hand_card import HandCard, hand_of_counts, read_hand_card
+from holdfast.core.schema import read, text_of
 from holdfast.simulation import STYLES, find_scene_file
+from holdfast.simulation.actions import ACTION_MODULES, EMPTY_HANDED, parameters_of
 from holdfast.simulation.effect import (
     EFFECT_MODULES,
     Effect,
-    NumberReader,
     Parameter,
     all_effects,
     effect_named,
     step_settings,
 )
 from holdfast.simulation.objects import (
-    HAND,
     OBJECT_KEYS,
     OBJECTS,
     TOUCH,
     HeldObject,
     held_object,
 )
-from holdfast.simulation.protocol import (
-    ALL_ACTIONS,
-    EMPTY_HANDED,
-    HOLD_KEYS,
-    TrialsRow,
-    least_grip_n,
-    parameters_of,
-)
+from holdfast.simulation.protocol import HOLD_KEYS, TrialsRow, least_grip_n
 
 MAX_GRIP_N = 70.0
 """Greatest opposition grip of the Michelangelo hand, N a side (thesis, 5.1.1)."""
-SECTIONS = (
-    "title",
-    "about",
-    "record",
-    "physics",
-    "every_trial",
-    "trials",
-    "effects",
-    "objects",
-    "hand",
-)
-"""Keys and sections at the top of a scene file."""
 ROW_KEYS = {"objects", "action", "style", "count"}
 """Keys of [[trials]] that are no parameters of the action."""
-RATE = Parameter(150.0, "Hz", 40, 10000, "samples a second")
-"""Sampling rate of a recording."""
-RECORD = {
-    "rate_hz": RATE,
-    "join": Parameter(
-        1.0, "", 1, 1000, "trials of an object that make one long recording"
-    ),
-}
-PHYSICS = {
-    "step_s": Parameter(0.000834, "s", 1e-6, 1.0, "step where anything can happen")
-}
-"""Numbers of the section [physics]."""
-COUNT = {"count": Parameter(1.0, "", 1, 100000, "trials of each object")}
-"""Number of one [[trials]] that is no parameter of its action."""
+MOST_TRIALS = 100_000
+"""Of each object in one [[trials]]."""
+RATES_HZ = (40.0, 10_000.0)
+"""Lowest and highest sampling rate."""
+STEP_S = 0.000834
+"""Step where anything can happen, where the file names none."""
+
+
+class _Record(msgspec.Struct, forbid_unknown_fields=True):
+    """The section [record]; join: trials of an object that make one long recording."""
+
+    rate_hz: Annotated[float, Meta(ge=RATES_HZ[0], le=RATES_HZ[1])] = 150.0
+    unit: Literal["N", "uT"] = "N"
+    join: Annotated[int, Meta(ge=1, le=1000)] = 1
+
+
+class _Physics(msgspec.Struct, forbid_unknown_fields=True):
+    """The section [physics]."""
+
+    step_s: Annotated[float, Meta(ge=1e-6, le=1.0)] | None = None
+
+
+class _Hand(msgspec.Struct, forbid_unknown_fields=True):
+    """The section [hand]: a card, or contacts on the thumb and on each of the four fingers."""
+
+    card: str = ""
+    thumb: Annotated[int, Meta(ge=2, le=20)] = 2
+    finger: Annotated[int, Meta(ge=1, le=20)] = 1
+
+    def __post_init__(self) -> None:
+        if self.card and (self.thumb, self.finger) != (2, 1):
+            raise ValueError(
+                f"card = {self.card!r}; allowed: a card or numbers, not both"
+            )
+
+
+class _Tables(msgspec.Struct, forbid_unknown_fields=True):
+    """A whole file; rows of trials, effects and objects are checked against their parameters."""
+
+    trials: Annotated[list[Json], Meta(min_length=1)]
+    title: str | None = None
+    about: str = ""
+    record: _Record = msgspec.field(default_factory=_Record)
+    physics: _Physics = msgspec.field(default_factory=_Physics)
+    every_trial: Json = msgspec.field(default_factory=dict)
+    effects: dict[str, Json] = msgspec.field(default_factory=dict)
+    objects: dict[str, Json] = msgspec.field(default_factory=dict)
+    hand: _Hand = msgspec.field(default_factory=_Hand)
 
 
 @dataclass(frozen=True)
@@ -144,224 +161,200 @@ def read_scene_file(
     CardError, and UsageError for a rate_hz that the file does not allow.
     """
     path = find_scene_file(name)
-    text, raw = read_toml(path)
-    reader = _SceneReader(path, "" if rate_hz is None else rate_option)
-    return reader.scene(raw, text, rate_hz)
+    tables = read(path, _Tables)
+    if rate_hz is not None:
+        low_hz, high_hz = RATES_HZ
+        if not low_hz <= rate_hz <= high_hz:
+            allowed = f"a number from {low_hz:g} to {high_hz:g} Hz"
+            raise _rate_refused(path, rate_option, rate_hz, allowed)
+        tables.record.rate_hz = rate_hz
+
+    hand = hand_of_counts(tables.hand.thumb, tables.hand.finger)
+    if tables.hand.card:
+        hand = read_hand_card(tables.hand.card, path.parent)
+    try:
+        scene = _scene(tables, path, hand)
+    except ValueError as reason:
+        what, _, allowed = str(reason).partition("; allowed: ")
+        raise CardError(what, where=path, next_step=f"allowed: {allowed}") from None
+
+    # A chip that averages cannot read faster than it converts.
+    average_s = step_settings(scene.effects).get("average_s")
+    if average_s and scene.rate_hz > 1.0 / average_s:
+        allowed = f"at most {1.0 / average_s:.0f} Hz, which is what the chip delivers"
+        option = "" if rate_hz is None else rate_option
+        raise _rate_refused(path, option, scene.rate_hz, allowed)
+    return scene
 
 
-class _SceneReader(NumberReader):
-    """Checks one file section by section, then what the sections state together.
+def _rate_refused(
+    path: Path, option: str, rate_hz: float, allowed: str
+) -> HoldfastError:
+    """The error for a rate, which names who gave it: the user's option, or without one the file."""
+    if option:
+        what = f"{option}{rate_hz:g} is not a sampling rate of {path.stem}"
+        return UsageError(what, next_step=f"give {allowed}")
+    what = f"record.rate_hz = {rate_hz}"
+    return CardError(what, where=path, next_step=f"allowed: {allowed}")
 
-    rate_option: the user's word before a rate that replaces the file's; empty without one.
+
+def _scene(tables: _Tables, path: Path, hand: HandCard) -> SceneFile:
+    """The scene of a file's tables, checked against each other. Raises ValueError."""
+    objects = dict(OBJECTS)
+    for name, values in tables.objects.items():
+        _require_possible(f"objects.{name}", values, OBJECT_KEYS, drawn=False)
+        objects[name] = held_object(name, values)
+
+    if ROW_KEYS & tables.every_trial.keys():
+        raise _refused("every_trial", tables.every_trial, "parameters of the actions")
+    styles = tomllib.loads(STYLES.read_text(encoding="utf-8"))
+    rows = []
+    for k, row in enumerate(tables.trials):
+        rows.append(_row(f"trials[{k}]", tables.every_trial | row, objects, styles))
+
+    record = tables.record
+    scene = SceneFile(
+        name=path.stem,
+        title=tables.title or path.stem,
+        rate_hz=record.rate_hz,
+        unit=record.unit,
+        join=record.join,
+        step_s=tables.physics.step_s or STEP_S,
+        rows=tuple(rows),
+        effects=_effects(tables.effects),
+        objects=objects,
+        hand=hand,
+        text=text_of(path),
+    )
+    for name in scene.effects:
+        _require_effect_fits(scene, effect_named(name))
+    _require_unit_given(scene)
+    return scene
+
+
+def _refused(key: str, value: Any, allowed: str) -> ValueError:
+    """The error for a value that a key cannot have."""
+    return ValueError(f"{key} = {value!r:.80}; allowed: {allowed}")
+
+
+def _require_known(names: Collection[str], allowed: Collection[str], what: str) -> None:
+    """Raise ValueError for a name that is not among those allowed."""
+    for name in names:
+        if name not in allowed:
+            listed = ", ".join(allowed)
+            raise ValueError(f"{what}: {name!r} is not known; allowed: {listed}")
+
+
+def _require_possible(
+    key: str, values: Json, table: Mapping[str, Parameter], *, drawn: bool = True
+) -> None:
+    """Raise ValueError for an unknown name, and for a value outside of its range.
+
+    drawn: it may be a distribution.
     """
+    _require_known(values, table, key)
+    for name, value in values.items():
+        problem = table[name].problem(value)
+        if not drawn and isinstance(value, dict):
+            problem = table[name].allowed()
+        if problem:
+            raise _refused(f"{key}.{name}", value, problem)
 
-    def __init__(self, path: Path, rate_option: str) -> None:
-        super().__init__(path)
-        self.rate_option = rate_option
 
-    def scene(self, raw: Json, text: str, rate_hz: float | None) -> SceneFile:
-        """Read every section, then check them against each other.
+def _row(
+    key: str, row: Json, objects: Mapping[str, HeldObject], styles: Json
+) -> TrialsRow:
+    """One [[trials]], its values over those of its style. Raises ValueError."""
+    action = row.get("action")
+    style = row.get("style", "author")
+    count = row.get("count", 1)
+    names = row.get("objects", [])
 
-        rate_hz replaces the rate of the file. Raises CardError, and UsageError for that rate.
-        """
-        self.require_known(raw, SECTIONS, "section")
-        record = self.table(raw, "record")
-        unit = record.pop("unit", "N")
-        if unit not in UNITS[:2]:
-            raise self.refused("record.unit", unit, " or ".join(UNITS[:2]))
+    # Action and style first, because the allowed keys follow from them.
+    if action not in ACTION_MODULES:
+        raise _refused(f"{key}.action", action, ", ".join(ACTION_MODULES))
+    if style not in styles:
+        raise _refused(f"{key}.style", style, ", ".join(styles))
+    if not isinstance(count, int) or not 1 <= count <= MOST_TRIALS:
+        allowed = f"a whole number from 1 to {MOST_TRIALS}"
+        raise _refused(f"{key}.count", count, allowed)
+    if not isinstance(names, list) or (action not in EMPTY_HANDED and not names):
+        raise _refused(f"{key}.objects", names, f"a list of {', '.join(objects)}")
+    for name in names:
+        _require_holdable(f"{key}.objects", name, action, objects)
 
-        # A rate given by the user is checked first, so that the error names the option and not the
-        # file.
-        if rate_hz is not None:
-            if RATE.problem(rate_hz):
-                raise self.rate_refused(rate_hz, RATE.allowed())
-            record["rate_hz"] = rate_hz
+    given = {name: value for name, value in row.items() if name not in ROW_KEYS}
+    table = parameters_of(action) | TOUCH
+    if any(name in given for name in HOLD_KEYS):
+        from holdfast.simulation.holds import HOLD
 
-        numbers = self.numbers("record", record, RECORD)
-        physics = self.numbers("physics", self.table(raw, "physics"), PHYSICS)
-        objects = dict(OBJECTS)
-        for name, value in self.table(raw, "objects").items():
-            objects[name] = self.object(name, value)
+        table = table | HOLD
+    _require_possible(key, given, table)
 
-        scene = SceneFile(
-            name=self.path.stem,
-            title=str(raw.get("title", self.path.stem)),
-            rate_hz=numbers["rate_hz"],
-            unit=unit,
-            join=int(numbers["join"]),
-            step_s=physics["step_s"],
-            rows=self.rows(raw, objects),
-            effects=self.effects(self.table(raw, "effects")),
-            objects=objects,
-            hand=self.hand(raw),
-            text=text,
-        )
-        self.require_agreement(scene)
-        return scene
+    # The file's values take precedence over those of the style.
+    of_style = styles[style]
+    values = of_style.get("all", {}) | of_style.get(action, {}) | given
+    return TrialsRow(tuple(names), action, style, count, values)
 
-    def rate_refused(self, rate_hz: float, allowed: str) -> HoldfastError:
-        """The error for a rate, which names who gave it: the user or the file."""
-        if not self.rate_option:
-            return self.refused("record.rate_hz", rate_hz, allowed)
-        return UsageError(
-            f"{self.rate_option}{rate_hz:g} is not a sampling rate of {self.path.stem}",
-            next_step=f"give {allowed}",
-        )
 
-    def object(self, name: str, value: Any) -> HeldObject:
-        """One [objects.NAME] table. Raises CardError."""
-        key = f"objects.{name}"
-        table = self.require_table(key, value)
-        return held_object(name, self.numbers(key, table, OBJECT_KEYS))
+def _require_holdable(
+    key: str, name: Any, action: str, objects: Mapping[str, HeldObject]
+) -> None:
+    """An object must be one that the hand can hold, unless it is to fall."""
+    if name not in objects:
+        raise _refused(key, name, ", ".join(objects))
 
-    def rows(
-        self, raw: Mapping[str, Any], objects: Mapping[str, HeldObject]
-    ) -> tuple[TrialsRow, ...]:
-        """All [[trials]] of the file, at least one, over [every_trial]. Raises CardError."""
-        rows = raw.get("trials")
-        every = self.table(raw, "every_trial")
-        self.require_known(ROW_KEYS & every.keys(), (), "every_trial")
-        if not isinstance(rows, list) or not rows:
-            raise self.refused("trials", rows, "at least one [[trials]] with an action")
+    least_n = least_grip_n(objects[name])
+    if action != "fall" and least_n > MAX_GRIP_N:
+        needed = f"{name} needs {least_n:.3g} N a side, "
+        needed += f"the hand grips with {MAX_GRIP_N:g} N"
+        raise _refused(key, name, f"objects that the hand can hold: {needed}")
 
-        for k, row in enumerate(rows):
-            if not isinstance(row, dict):
-                raise self.refused(f"trials[{k}]", row, "a table: [[trials]]")
 
-        styles = tomllib.loads(STYLES.read_text(encoding="utf-8"))
-        checked = []
-        for k, row in enumerate(rows):
-            checked.append(self.row(f"trials[{k}]", every | row, objects, styles))
+def _effects(effects: Mapping[str, Json]) -> dict[str, Json]:
+    """Effects with their values, in the order in which they run. Raises ValueError."""
+    _require_known(effects, EFFECT_MODULES, "effect")
+    for name, values in effects.items():
+        key = f"effects.{name}"
+        effect = effect_named(name)
+        _require_possible(key, values, effect.parameters)
 
-        return tuple(checked)
+        # Trials are stepped together, so a constant of the step cannot be drawn for each.
+        constant = values.get(effect.constant)
+        if isinstance(constant, dict):
+            allowed = "a number, the same for every trial"
+            raise _refused(f"{key}.{effect.constant}", constant, allowed)
 
-    def row(
-        self, key: str, row: Json, objects: Mapping[str, HeldObject], styles: Json
-    ) -> TrialsRow:
-        """One [[trials]], its values over those of its style. Raises CardError."""
-        action = str(row.get("action"))
-        style = str(row.get("style", "author"))
+    # The order is that in which effects run, not that of the file.
+    return {name: effects[name] for name in EFFECT_MODULES if name in effects}
 
-        # Action and style first, because the allowed keys follow from them.
-        if action not in ALL_ACTIONS:
-            raise self.refused(f"{key}.action", action, ", ".join(ALL_ACTIONS))
-        if style not in styles:
-            raise self.refused(f"{key}.style", style, ", ".join(styles))
 
-        names = row.get("objects", [])
-        missing = action not in EMPTY_HANDED and not names
-        if not isinstance(names, list) or missing:
-            allowed = f"a list of {', '.join(objects)}"
-            raise self.refused(f"{key}.objects", names, allowed)
+def _require_unit_given(scene: SceneFile) -> None:
+    """A field is recorded only where an effect makes one of the forces."""
+    given = {effect_named(name).gives_unit for name in scene.effects}
+    if scene.unit == "N" or scene.unit in given:
+        return
 
-        # Every name is checked, so that the error names the wrong one.
-        for name in names:
-            if not isinstance(name, str) or name not in objects:
-                raise self.refused(f"{key}.objects", name, ", ".join(objects))
+    # The error names the effect that is missing.
+    gives = [e.name for e in all_effects().values() if e.gives_unit == scene.unit]
+    allowed = f"only with [effects.{gives[0]}]: an ideal force sensor has no field"
+    raise _refused("record.unit", scene.unit, allowed)
 
-        given = {name: value for name, value in row.items() if name not in ROW_KEYS}
-        table = parameters_of(action) | TOUCH
-        if any(name in given for name in HOLD_KEYS):
-            from holdfast.simulation.holds import HOLD
 
-            table = table | HOLD
-        self.require_known(given, table, f"{key}: {action}")
-        # The file's values take precedence over those of the style.
-        style_values = styles[style]
-        for_all = style_values.get("all", {})
-        for_action = style_values.get(action, {})
-        values = for_all | for_action | given
-        self.require_possible(key, values, table)
-        counts = self.numbers(key, {"count": row.get("count", 1)}, COUNT)
-        count = self.whole(f"{key}.count", counts["count"])
+def _require_effect_fits(scene: SceneFile, effect: Effect) -> None:
+    """Raise ValueError for an effect without what it needs, or with too long a step."""
+    key = f"effects.{effect.name}"
+    for need in effect.needs:
+        if need not in scene.effects:
+            raise _refused(key, "in the scene", f"only together with [effects.{need}]")
 
-        return TrialsRow(tuple(names), action, style, count, values)
-
-    def effects(self, effects: Json) -> dict[str, Json]:
-        """Effects with their values, in the order in which they run. Raises CardError."""
-        self.require_known(effects, EFFECT_MODULES, "effect")
-        for name, values in effects.items():
-            key = f"effects.{name}"
-            effect = effect_named(name)
-            self.require_table(key, values)
-            self.require_known(values, effect.parameters, key)
-            self.require_possible(key, values, effect.parameters)
-
-            # Trials are stepped together, so a constant of the step cannot be drawn for each.
-            constant = values.get(effect.constant)
-            if isinstance(constant, dict):
-                allowed = "a number, the same for every trial"
-                raise self.refused(f"{key}.{effect.constant}", constant, allowed)
-
-        # The order is that in which effects run, not that of the file.
-        return {name: effects[name] for name in EFFECT_MODULES if name in effects}
-
-    def hand(self, raw: Mapping[str, Any]) -> HandCard:
-        """The hand of a card, or of numbers of contacts. Raises CardError."""
-        section = self.table(raw, "hand")
-        if "card" in section:
-            return hand_of_section(section, self)
-        counts = self.numbers("hand", section, HAND)
-        thumb = self.whole("hand.thumb", counts["thumb"])
-        return hand_of_counts(thumb, self.whole("hand.finger", counts["finger"]))
-
-    def require_agreement(self, scene: SceneFile) -> None:
-        """Raise CardError where keys contradict each other."""
-        for name in scene.effects:
-            self.require_effect_fits(scene, effect_named(name))
-
-        self.require_unit_given(scene)
-        # A chip that averages cannot read faster than it converts.
-        average_s = step_settings(scene.effects).get("average_s")
-        if average_s and scene.rate_hz > 1.0 / average_s:
-            fastest_hz = f"{1.0 / average_s:.0f} Hz"
-            allowed = f"at most {fastest_hz}, which is what the chip delivers"
-            raise self.rate_refused(scene.rate_hz, allowed)
-
-        for k, row in enumerate(scene.rows):
-            self.require_holdable(f"trials[{k}].objects", row, scene.objects)
-
-    def require_unit_given(self, scene: SceneFile) -> None:
-        """A field is recorded only where an effect makes one of the forces."""
-        given = {effect_named(name).gives_unit for name in scene.effects}
-        if scene.unit == "N" or scene.unit in given:
-            return
-
-        # The error names the effect that is missing.
-        gives = [e.name for e in all_effects().values() if e.gives_unit == scene.unit]
-        allowed = f"only with [effects.{gives[0]}]: an ideal force sensor has no field"
-        raise self.refused("record.unit", scene.unit, allowed)
-
-    def require_effect_fits(self, scene: SceneFile, effect: Effect) -> None:
-        """Raise CardError for an effect without what it needs, or with too long a step."""
-        key = f"effects.{effect.name}"
-        for need in effect.needs:
-            if need not in scene.effects:
-                allowed = f"only together with [effects.{need}]"
-                raise self.refused(key, "in the scene", allowed)
-
-        numbers = scene.effects[effect.name].get("sensors", [])
-        if max(numbers, default=0) > scene.hand.n_sensors:
-            allowed = f"sensors from 1 to {scene.hand.n_sensors}"
-            raise self.refused(f"{key}.sensors", numbers, allowed)
-        if effect.only_unit not in (None, scene.unit):
-            allowed = f'only with record.unit = "{effect.only_unit}"'
-            raise self.refused(key, "in the scene", allowed)
-        if scene.step_s > effect.longest_step_s:
-            allowed = f"at most {effect.longest_step_s:g} s with {key}"
-            raise self.refused("physics.step_s", scene.step_s, allowed)
-
-    def require_holdable(
-        self, key: str, row: TrialsRow, objects: Mapping[str, HeldObject]
-    ) -> None:
-        """An object must be one that the hand can hold, unless it is to fall."""
-        if row.action == "fall":
-            return
-
-        for name in row.objects:
-            least_n = least_grip_n(objects[name])
-            if least_n > MAX_GRIP_N:
-                needed = f"{name} needs {least_n:.3g} N a side, "
-                needed += f"the hand grips with {MAX_GRIP_N:g} N"
-                allowed = f"objects that the hand can hold: {needed}"
-                raise self.refused(key, name, allowed)
+    numbers = scene.effects[effect.name].get("sensors", [])
+    if max(numbers, default=0) > scene.hand.n_sensors:
+        allowed = f"sensors from 1 to {scene.hand.n_sensors}"
+        raise _refused(f"{key}.sensors", numbers, allowed)
+    if effect.only_unit not in (None, scene.unit):
+        allowed = f'only with record.unit = "{effect.only_unit}"'
+        raise _refused(key, "in the scene", allowed)
+    if scene.step_s > effect.longest_step_s:
+        allowed = f"at most {effect.longest_step_s:g} s with {key}"
+        raise _refused("physics.step_s", scene.step_s, allowed)

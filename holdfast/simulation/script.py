@@ -7,17 +7,14 @@ elsewhere; a trial's steps depend on the trial alone.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from holdfast.core.contract import FloatArray
+from holdfast.simulation.actions import action_named
 from holdfast.simulation.body import Body, Floor, Inputs, Pull, offset_m, recess_m
-from holdfast.simulation.protocol import (
-    ACTION_MODULES,
-    GRAVITY_M_S2,
-    PlannedTrial,
-)
+from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial
 from holdfast.simulation.script_times import (
     BOX_GAP_M,
     BOX_OVERSHOOT_M,
@@ -26,9 +23,6 @@ from holdfast.simulation.script_times import (
     Times,
     smooth,
 )
-
-if TYPE_CHECKING:
-    from holdfast.simulation.everyday_script import Everyday
 
 GIVER_N_PER_M = 800.0
 """Stiffness of the arm that holds the object out."""
@@ -114,7 +108,7 @@ class Script:
     push        [3, B] direction of taking
     weight_n    [B]
     boxed       there are boxes, at NO_BOX_M for trials that set nothing down
-    more        the actions of everyday.py; None in a batch without them
+    more        the everyday actions (actions/everyday_forces.py); None in a batch without them
 
     There are boxes wherever one trial sets something down. An object that falls for more than a
     second meets one, so a batch keeps its boxes to its end.
@@ -159,12 +153,11 @@ class Script:
         self.weight_n = body.mass_kg * GRAVITY_M_S2
         self._drawn: dict[str, FloatArray] = {}
 
-        self.more: Everyday | None = None
-        if any(t.holds_object and t.action in ACTION_MODULES for t in trials):
-            # A batch of other actions does not load them.
-            from holdfast.simulation.everyday_script import Everyday
-
-            self.more = Everyday(trials, body, self.drawn, self.act_s, self.open_s)
+        self.more: Any = None
+        for action in set(actions):
+            forces = action_named(action).forces
+            if forces is not None:
+                self.more = forces(trials, body, self.drawn, self.act_s, self.open_s)
 
     def drawn(self, name: str, default: float = 0.0) -> FloatArray:
         """[B] a drawn parameter; the default for actions that do not have it."""

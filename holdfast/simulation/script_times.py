@@ -8,14 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import FloatArray
+from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.simulation.actions import NEVER_S, action_named
 from holdfast.simulation.effect import Interval
-from holdfast.simulation.protocol import (
-    ACTION_MODULES,
-    NEVER_S,
-    PlannedTrial,
-    action_module,
-)
+from holdfast.simulation.protocol import PlannedTrial
 
 OPEN_GAP_M = 0.03
 """Distance of an open hand's fingers from the object."""
@@ -48,6 +44,7 @@ class Times:
     act    the action begins
     open   the hand begins to open
     end    the trial ends
+    moves  intervals in which the action moves anything
     """
 
     close: float
@@ -55,6 +52,7 @@ class Times:
     act: float
     open: float
     end: float
+    moves: tuple[Interval, ...] = ()
 
     @staticmethod
     def of(trial: PlannedTrial) -> Times:
@@ -68,77 +66,24 @@ class Times:
         close = drawn["close_at_s"]
         closed = close + drawn["closing_s"]
         act = closed + drawn["hold_s"]
+        course = action_named(trial.action).course(drawn, act)
+
+        # The grip holds the weight by itself, so the person leaves it soon after the hand has
+        # closed; a weak grip is supported until the action takes the weight.
+        give = closed + drawn["give_after_s"]
+        if trial.action == "lift":
+            # The support is a table, which the hand leaves as it lifts.
+            give = act
+        elif trial.supported:
+            give = act + course.taken_s
 
         # An action lasts until the hand is open, or until the other person has moved.
-        gives = _gives(trial, closed, act)
-        opens = _opens(trial, act)
-        lasts = _lasts(trial, act, opens)
-        ends = act + lasts + drawn["tail_s"]
-        return Times(close, gives, act, opens, ends)
-
-
-def _gives(trial: PlannedTrial, closed: float, act: float) -> float:
-    """When the person lets go; a weak grip is supported until the action takes the weight."""
-    drawn = trial.drawn
-    if trial.action == "lift":
-        # The support is a table, which the hand leaves as it lifts.
-        return act
-    if not trial.supported:
-        # The grip holds the weight by itself, so the person leaves it soon after the hand has
-        # closed.
-        return closed + drawn["give_after_s"]
-    if trial.action in ("fall", "pull"):
-        # The support ends as the action begins, so the weak grip gets the whole load.
-        return act
-    if trial.action == "pass":
-        return act + drawn["take_s"]
-    if trial.action == "put-down":
-        comes_s = BOX_GAP_M / drawn["box_m_s"]
-        return act + comes_s
-
-    # Any other action under a weak grip is supported to its end.
-    return act + NEVER_S
-
-
-def _opens(trial: PlannedTrial, act: float) -> float:
-    """When the hand opens."""
-    drawn = trial.drawn
-    if trial.action == "pass":
-        # The wearer opens the hand after the taker has begun to move, not when the taker arrives.
-        moves = act + drawn["wait_s"]
-        return moves + drawn["open_after_s"]
-
-    if trial.action == "put-down":
-        touches = act + BOX_GAP_M / drawn["box_m_s"]
-        return touches + drawn["open_after_s"]
-
-    if trial.action == "hold":
-        # The person has come back, and has held the object for as long, before the hand opens.
-        disturbed_s = drawn["times"] * drawn["every_s"]
-        return act + disturbed_s + 2.0 * CATCH_S
-
-    if trial.action in ACTION_MODULES:
-        opens: float = action_module(trial.action).opens_s(trial, act)
-        return opens
-
-    # A hand that is pulled at, or lets an object fall, stays closed.
-    return NEVER_S
-
-
-def _lasts(trial: PlannedTrial, act: float, opens: float) -> float:
-    """How long the action lasts, with the opening of the hand."""
-    drawn = trial.drawn
-    if trial.action == "pull":
-        return drawn["move_s"]
-    if trial.action == "fall":
-        return drawn["watch_s"]
-
-    opened = opens + drawn["opening_s"] - act
-    if trial.action == "pass":
-        # The hand may be open before the taker has carried the object all the way, or after it.
-        carried = drawn["wait_s"] + drawn["move_s"]
-        return max(carried, opened)
-    return opened
+        lasts = course.carried_s
+        if course.opens_s < NEVER_S:
+            opened = course.opens_s + drawn["opening_s"] - act
+            lasts = max(lasts, opened)
+        end = act + lasts + drawn["tail_s"]
+        return Times(close, give, act, course.opens_s, end, tuple(course.moves))
 
 
 def busy(trial: PlannedTrial) -> list[Interval]:
@@ -151,7 +96,7 @@ def busy(trial: PlannedTrial) -> list[Interval]:
     giving_s = drawn["vanish_s"] if trial.action == "fall" else drawn["give_s"]
     closing = (times.close, times.close + drawn["closing_s"])
     giving = (times.give, times.give + giving_s)
-    intervals = [closing, giving, *_acting(trial, times)]
+    intervals = [closing, giving, *times.moves]
     if times.open < NEVER_S:
         intervals.append((times.open, times.open + drawn["opening_s"]))
 
@@ -159,33 +104,22 @@ def busy(trial: PlannedTrial) -> list[Interval]:
     return [(start - BEFORE_S, stop + SETTLE_S) for start, stop in intervals]
 
 
-def _acting(trial: PlannedTrial, times: Times) -> list[Interval]:
-    """Intervals in which the action of a trial moves anything."""
-    act = times.act
-    drawn = trial.drawn
-    if trial.action == "hold":
-        # The person who comes back before the hand opens moves, too.
-        pulses = [(times.open - CATCH_S, times.open)]
-        for k in range(round(drawn["times"])):
-            start = act + k * drawn["every_s"]
-            pulses.append((start, start + drawn["pulse_s"]))
-        return pulses
-    if trial.action == "put-down":
-        rises_s = (BOX_GAP_M + BOX_OVERSHOOT_M) / drawn["box_m_s"]
-        return [(act, act + rises_s)]
-    if trial.action == "pass":
-        takes = (act, act + drawn["take_s"])
-        moves = (act + drawn["wait_s"], times.open + drawn["opening_s"])
-        return [takes, moves]
-    if trial.action == "pull":
-        return [(act, act + drawn["move_s"])]
-    if trial.action in ACTION_MODULES:
-        intervals: list[Interval] = action_module(trial.action).acting(trial, times)
-        return intervals
+def needs_fine_steps(
+    trial: PlannedTrial,
+    index: npt.NDArray[np.int64],
+    rate_hz: float,
+    more: Sequence[Interval] = (),
+) -> BoolArray:
+    """[n] whether the sample periods that begin at samples index [n] get fine steps.
 
-    # The time to settle is added to every interval (busy).
-    watched_s = drawn["watch_s"] - SETTLE_S
-    return [(act, act + watched_s)]
+    They do where they touch an interval in which anything can happen; more: further intervals.
+    """
+    from_s = index / rate_hz
+    until_s = from_s + 1.0 / rate_hz
+    is_fine = np.zeros(len(index), dtype=np.bool_)
+    for start, end in [*busy(trial), *more]:
+        is_fine |= (until_s > start) & (from_s < end)
+    return is_fine
 
 
 @dataclass(frozen=True)
@@ -233,13 +167,7 @@ def grid_of(
 
     # Sample periods in which anything can happen get fine steps.
     index = np.arange(first, max(stop, first + 1))
-    from_s = index / rate_hz
-    until_s = from_s + 1.0 / rate_hz
-    is_fine = np.zeros(len(index), dtype=np.bool_)
-
-    # An overlap of any length makes the whole period fine.
-    for start, end in [*busy(trial), *more]:
-        is_fine |= (until_s > start) & (from_s < end)
+    is_fine = needs_fine_steps(trial, index, rate_hz, more)
     counts = np.where(is_fine, pieces_of(rate_hz, step_s), 1)
 
     # `place` is the sample period of each step, `within` the number of the step in it

@@ -1,17 +1,13 @@
 """Features for training, from the step graph that runs on the hand.
 
 Recordings are stepped in batches on two threads; which of them run together changes no bit of the
-outputs. Rows that are computed once can be kept in a file, complete or not at all.
+outputs.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -69,30 +65,6 @@ def stepped(
             done += int(lengths[batch].sum())
             part(done / all_samples)
     return outputs
-
-
-def digest_of(settings: Any) -> str:
-    """12 hex digits that name the settings of rows, for a file name; settings: JSON values."""
-    # Sorted keys: the order in which settings are listed does not change the name of the file.
-    text = json.dumps(settings, sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:12]
-
-
-def kept_rows(path: Path, compute: Callable[[], FloatRows]) -> FloatRows:
-    """[N, F] rows of a file, mapped into memory; computed and written first if it is not there.
-
-    An interrupted run leaves no file of that name.
-    """
-    if not path.is_file():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        # Renamed only when it is complete.
-        half = path.with_suffix(".half.npy")
-        np.save(half, compute())
-        half.replace(path)
-
-    # Mapped and not read at once, so that only the rows in use take memory.
-    rows: FloatRows = np.load(path, mmap_mode="r")
-    return rows
 
 
 def spec_for(data: DataSet, groups: tuple[str, ...]) -> StepSpec:

@@ -241,7 +241,3 @@ def at_rate(plan: TrainingPlan, rate_hz: float) -> TrainingPlan:
 
 PLANS = {"fixed": hand_plan, "pooled": pooled_plan}
 """By features: of sensors in fixed places, or pooled over the sensors of a side."""
-
-_SMOOTH = ForestPlan(kind="random", min_samples_leaf=20)
-CLOCK_PLAN = TrainingPlan(groups=(), situation=_SMOOTH, prediction=_SMOOTH)
-"""For the two numbers of the timing-only baseline: the best such forest found, to be fair."""

@@ -10,7 +10,7 @@ trial at a time. Intervals resample groups. Folds are dealt here and not by scik
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -316,27 +316,9 @@ def folds_of(groups: npt.ArrayLike, assignment: dict[str, int]) -> list[Fold]:
     """Training and test rows of every fold, for windows of these groups [M]."""
     names, place = np.unique(np.asarray(groups, dtype=str), return_inverse=True)
     folds = np.array([assignment[name] for name in names.tolist()], dtype=np.int64)
-    return _folds(folds[place], sorted(set(assignment.values())))
-
-
-def _folds(fold: IntArray, numbers: Iterable[int]) -> list[Fold]:
-    """Training and test rows of each fold, from the fold of every row."""
-    folds = []
-    for k in numbers:
-        train = np.flatnonzero(fold != k)
-        test = np.flatnonzero(fold == k)
-        folds.append((train, test))
-    return folds
-
-
-def leaky_folds(n_rows: int, n_folds: int, *, seed: int = 0) -> list[Fold]:
-    """Folds of random windows, so that neighbours in time are on both sides.
-
-    WRONG, and named so: it exists to show, next to the right number, how far a bad split flatters.
-    """
-    rng = np.random.default_rng(seed)
-    fold = rng.permutation(n_rows) % n_folds
-    return _folds(fold, range(n_folds))
+    fold = folds[place]
+    numbers = sorted(set(assignment.values()))
+    return [(np.flatnonzero(fold != k), np.flatnonzero(fold == k)) for k in numbers]
 
 
 HoldOut = Literal["person", "object", "session", "trial"]

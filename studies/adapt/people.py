@@ -19,8 +19,8 @@ from holdfast.evaluation.alarms import Answers
 from holdfast.export.heads import riskier_argmax
 from holdfast.export.learner import Learner, reference_votes, votes_in_all
 from holdfast.export.spec import StepSpec
-from holdfast.sessions.adapting import choose, correction_at
-from holdfast.sessions.slip_evidence import Stream, corrected, stream_of
+from holdfast.sessions.adapt_evidence import Stream, corrected, stream_of
+from holdfast.sessions.adapt_point import Evidence
 from holdfast.training.crossval import fit_learner
 from holdfast.training.datasets import find
 from holdfast.training.datasets.human_slip_uskin import load
@@ -120,9 +120,10 @@ def _ways(person: Person, in_all: int) -> dict[str, Way]:
     ways: dict[str, Way] = {BEFORE: ([one.answers for one in person.rest], RULES)}
     if not person.own:
         return ways
-    for name, wanted in ((THRESHOLD, None), (WHOLE, in_all)):
-        point = choose(person.own, person.others, RULES, None, wanted)
-        correction = correction_at(point, person.own, person.others, in_all)
+    evidence = Evidence(person.own, person.others, RULES, None, in_all)
+    for name in (THRESHOLD, WHOLE):
+        point = evidence.choose(threshold_only=name == THRESHOLD)
+        correction = evidence.correction(point)
         ways[name] = (
             [corrected(one, correction, None) for one in person.rest],
             point.rules,

@@ -20,19 +20,14 @@ from holdfast.core.contract import Json
 from holdfast.core.writing import require_writable
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import votes_in_all
-from holdfast.sessions.adapting import (
-    SEED,
-    TRIALS,
-    choose,
-    correction_at,
-    simulated_slips,
-)
-from holdfast.sessions.slip_evidence import (
+from holdfast.sessions.adapt import SEED, TRIALS, simulated_slips
+from holdfast.sessions.adapt_evidence import (
     Stream,
     corrected,
     label_weights,
     streams_of,
 )
+from holdfast.sessions.adapt_point import Evidence
 from holdfast.simulation import SCENES
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
@@ -84,10 +79,10 @@ def _adapted(
     whole: bool,
 ) -> tuple[Way, Json]:
     weights = label_weights(model)
-    base = model.card.decision
     in_all = votes_in_all(model.card.raw["heads"]["situation"])
-    point = choose(own, others, base, weights, in_all if whole else None)
-    correction = correction_at(point, own, others, in_all)
+    evidence = Evidence(own, others, model.card.decision, weights, in_all)
+    point = evidence.choose(threshold_only=not whole)
+    correction = evidence.correction(point)
     return ([corrected(one, correction, weights) for one in test], point.rules), asdict(
         point
     )

@@ -15,6 +15,7 @@ from holdfast.evaluation.alarms import (
     event_scores,
     match_alarms,
 )
+from holdfast.evaluation.baselines import requests_of
 from holdfast.evaluation.model_outputs import (
     ModelOutputs,
     everywhere,
@@ -22,7 +23,6 @@ from holdfast.evaluation.model_outputs import (
     steps_with,
 )
 from holdfast.evaluation.statistics import share
-from holdfast.evaluation.thresholds import requests_of
 from holdfast.evaluation.trials import voluntary_actions
 from holdfast.simulation.closed_loop import model_of
 from holdfast.training.figures import Interval

@@ -8,7 +8,13 @@ import numpy as np
 
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.monitor import Model
-from holdfast.evaluation.window_scores import evaluate, stream
+from holdfast.evaluation.model_outputs import (
+    at_windows,
+    everywhere,
+    heads_with_task,
+    steps_with,
+    window_figures,
+)
 from holdfast.export.artifact import Artifact, write_artifact
 from holdfast.export.exporting import export_artifact
 from holdfast.export.heads import Head
@@ -55,9 +61,11 @@ def stream_one_fold(
     model = Model(export_artifact(out / "fold")[0])
     held = split["situations"][1]
     part = data.of_groups(set(data.group_of("situations")[held].tolist()))
-    answers = stream(model, part, ["situation"])["situations"]["situation"]
+    outputs = ["situation", "unknown", *heads_with_task(model, part)]
+    computed = everywhere(steps_with(model, outputs), part.recordings)
+    windows = window_figures(model, part, computed, seed=seed)
+    answers = at_windows(part, "situations", "situation", computed)
     expected = held_out.situations()[held]
-    windows = evaluate(model, part, seed=seed)
     return StreamedFold(windows, len(answers), int((answers != expected).sum()))
 
 

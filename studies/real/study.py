@@ -34,7 +34,8 @@ from holdfast.training.fitting import final_artifact, versions
 from holdfast.training.metrics import report
 from holdfast.training.plan import RAW_BASELINE, TrainingPlan
 from holdfast.training.progress import Say, stages
-from holdfast.training.recording import DataSet, leaky_folds
+from holdfast.training.recording import DataSet
+from studies.leaky import leaky_folds
 from studies.real.figures import (
     FinalModel,
     RealStudy,

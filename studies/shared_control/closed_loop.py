@@ -22,6 +22,7 @@ from holdfast.edge_runtime.grip import CONTROLLERS, AnswerRules
 from holdfast.edge_runtime.monitor import require_fit
 from holdfast.edge_runtime.supervisor import Limits
 from holdfast.evaluation.jobs import Workers
+from holdfast.simulation.actions import EMPTY_HANDED
 from holdfast.simulation.closed_loop import (
     CLOSURES,
     Between,
@@ -38,7 +39,7 @@ from holdfast.simulation.drive import Drive
 from holdfast.simulation.effect import effect_named
 from holdfast.simulation.loop_people import Habits, LoopOutcome
 from holdfast.simulation.loop_sensing import TrueEvidence
-from holdfast.simulation.protocol import EMPTY_HANDED, PlannedTrial
+from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
 

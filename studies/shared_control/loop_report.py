@@ -11,8 +11,7 @@ from matplotlib.axes import Axes
 
 from benchmarks.loop_figures import ThreeRuns
 from holdfast.evaluation.html import write_page
-from holdfast.evaluation.stream_pictures import labelled
-from holdfast.evaluation.style import INK, OURS, QUIET, WARNING, svg
+from holdfast.evaluation.style import INK, OURS, QUIET, WARNING, labelled, svg
 from holdfast.simulation.closed_loop import model_of
 from studies.report import TEMPLATES
 from studies.shared_control.closed_loop import FiguresByCard, LoopComparison, RunsByCard

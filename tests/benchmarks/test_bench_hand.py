@@ -20,8 +20,7 @@ from benchmarks.hand import (
     scan_costs,
 )
 from holdfast.drivers.bridges import BRIDGES
-from holdfast.evaluation.latency.memory import memory
-from holdfast.evaluation.latency.timing import time_in_turns
+from holdfast.evaluation.bench import memory, time_in_turns
 from holdfast.live.loop import STAGES
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -1,4 +1,4 @@
-"""`holdfast bench latency`: a row a call, ratios of one run, and a broken budget is named."""
+"""Time of a decision: a row a call, ratios of one run, and a broken budget is named."""
 
 from __future__ import annotations
 
@@ -9,107 +9,80 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks import timed_calls
+from benchmarks import latency, timed_calls
 from benchmarks.cost import peers
+from benchmarks.latency import BARE, C_FLOOR, C_STEP, OWN, part_ratios
 from holdfast.core.schema import DEFAULT_MODEL, model_path
 from holdfast.edge_runtime.model import Model
-from holdfast.evaluation.latency import check as bench
-from holdfast.evaluation.latency.calls import (
-    BARE,
-    C_FLOOR,
-    C_STEP,
+from holdfast.evaluation import bench
+from holdfast.evaluation.bench import (
+    BUDGET,
     FLOOR,
     GRIP,
-    OWN,
+    LIVE_PATH,
     STEP,
-)
-from holdfast.evaluation.latency.check import (
-    BUDGET,
-    C_RATIOS,
     CallTimes,
+    board_ratios,
+    budget_figures,
     budgets,
-    latency,
-    ratios,
+    memory,
 )
-from holdfast.evaluation.latency.memory import LIVE_PATH, memory
-from holdfast.simulation.scene_file import SceneFile, read_scene_file
+
+LIMITS = tomllib.loads(BUDGET.read_text("utf-8"))
 
 
-def in_long_steps(name: str, rate_hz: float) -> SceneFile:
-    """A card for trials that are timed, not looked at."""
-    return replace(read_scene_file(name, rate_hz=rate_hz), step_s=0.02)
+def test_a_board_s_figures_have_every_budget_of_a_board(eight_classes):
+    figures = bench.figures_of(eight_classes.model, turns=3)
+    assert [row["what"] for row in figures["rows"]] == [STEP, GRIP, FLOOR]
+    assert [one["budget"] for one in figures["budgets"]] == list(LIMITS["at_most"])
 
 
 @pytest.mark.filterwarnings("ignore::holdfast.export.spec.BandsLeftOut")
-def test_every_call_has_its_row_and_every_budget_its_figure(monkeypatch, eight_classes):
-    monkeypatch.setattr(bench, "TRIALS", 30)
-    monkeypatch.setattr(bench, "STREAMED", 2)
-    monkeypatch.setattr(bench, "read_scene_file", in_long_steps)
-    few = replace(bench.RAW_BASELINE.situation, n_estimators=10)
-    monkeypatch.setattr(
-        bench, "RAW_BASELINE", replace(bench.RAW_BASELINE, situation=few)
-    )
-    figures = latency(eight_classes.model, turns=3)
-    timed = {row.what for row in figures.rows}
-    # these need a compiler
+def test_the_parts_of_a_step_have_their_budgets_too(monkeypatch, eight_classes):
+    monkeypatch.setattr(latency, "simulated_set", lambda *_: eight_classes.data)
+    few = replace(latency.RAW_BASELINE.situation, n_estimators=10)
+    raw = replace(latency.RAW_BASELINE, situation=few)
+    monkeypatch.setattr(latency, "RAW_BASELINE", raw)
+    figures = latency.figures_of(eight_classes.model, turns=3)
+    timed = {row["what"] for row in figures["rows"]}
     assert timed - {C_STEP, C_FLOOR} == {STEP, GRIP, OWN, BARE, FLOOR}
-    limited = set(tomllib.loads(BUDGET.read_text("utf-8"))["at_most"])
-    measured = {*figures.ratios, "model_mib", "over_libraries_mb"}
-    assert limited - measured == (set() if C_STEP in timed else set(C_RATIOS))
-    assert measured <= limited
     assert (C_FLOOR in timed) == (C_STEP in timed)
+    measured = {one["budget"] for one in figures["budgets"]}
+    # these need a compiler
+    in_c = {name for name in LIMITS["parts"] if name.startswith("c_")}
+    missing = set() if C_STEP in timed else in_c
+    assert measured == {*LIMITS["at_most"], *LIMITS["parts"]} - missing
 
 
-def timed(name: str, p50_us: float, p999_us: float) -> CallTimes:
-    return CallTimes(name, 100, p50_us, p999_us, p999_us, p50_us)
+def timed(name: str, p50_us: float, p999_us: float, cold_us: float = 0.0) -> CallTimes:
+    return CallTimes(name, 100, p50_us, p999_us, p999_us, cold_us)
 
 
 def test_ratios_are_of_medians_and_the_tail_of_the_floor_s_tail():
-    calls = {name: timed(name, 10.0, 20.0) for name in (STEP, OWN, BARE)}
-    calls |= {GRIP: timed(GRIP, 2.0, 9.0), FLOOR: timed(FLOOR, 10.0, 10.0)}
-    without_a_compiler = ratios(list(calls.values()))
-    calls |= {C_STEP: replace(timed(C_STEP, 1.0, 9.0), cold_p50_us=2.0)}
-    calls |= {C_FLOOR: timed(C_FLOOR, 1.0, 3.0)}
-    in_c = dict(zip(C_RATIOS, (0.1, 3.0, 0.2), strict=True))
-    assert ratios(list(calls.values())) == {**in_c, **without_a_compiler}
-    assert without_a_compiler == {
-        "step_over_bare_full_depth_forest": 1.0,
-        "step_over_own_learner": 1.0,
+    calls = [timed(STEP, 10.0, 20.0, 40.0), timed(GRIP, 2.0, 9.0, 10.0)]
+    calls += [timed(FLOOR, 10.0, 5.0), timed(OWN, 5.0, 9.0), timed(BARE, 4.0, 9.0)]
+    assert board_ratios(calls, rate_hz=1000.0) == {
+        "step_and_grip_of_period": pytest.approx(0.05),
         "grip_over_step": 0.2,
-        "step_p999_over_floor_p999": 2.0,
+        "step_p999_over_floor_p999": 4.0,
+    }
+    without_a_compiler = {
+        "step_over_bare_full_depth_forest": 2.5,
+        "step_over_own_learner": 2.0,
+    }
+    assert part_ratios(calls) == without_a_compiler
+    calls += [timed(C_STEP, 1.0, 9.0, 8.0), timed(C_FLOOR, 1.0, 3.0)]
+    in_c = {"c_step_over_step": 0.1, "c_p999_over_floor_p999": 3.0}
+    assert part_ratios(calls) == {
+        **without_a_compiler,
+        **in_c,
+        "c_cold_over_step_cold": 0.2,
     }
 
 
-WITHIN = {
-    "step_over_bare_full_depth_forest": 1.0,
-    "step_over_own_learner": 1.0,
-    "grip_over_step": 0.2,
-    "step_p999_over_floor_p999": 1.0,
-}
-"""Ratios that keep every budget."""
-
-
-def broken(ratios: dict[str, float], n_bytes: int, over_mb: float) -> list[str]:
-    return [one.line for one in budgets(ratios, n_bytes, over_mb) if one.is_broken]
-
-
-@pytest.mark.parametrize(
-    ("change", "line"),
-    [
-        ({}, ""),
-        ({"step_over_own_learner": 99.0}, "step_over_own_learner: 99, at most"),
-        ({C_RATIOS[0]: 0.1}, ""),
-        ({C_RATIOS[0]: 0.9}, "c_step_over_step: 0.9, at most"),
-        ({C_RATIOS[2]: 0.9}, "c_cold_over_step_cold: 0.9, at most"),
-    ],
-)
-def test_a_broken_budget_is_named_with_its_limit(change, line):
-    found = broken(WITHIN | change, 2**20, over_mb=40.0)
-    assert [one.startswith(line) for one in found] == ([True] if line else [])
-
-
-def test_a_model_or_a_process_too_big_is_over_budget():
-    assert len(broken(WITHIN, 9 * 2**20, over_mb=60.0)) == 2
+def test_a_broken_budget_is_named_with_its_limit():
+    limited = budgets("at_most", {"grip_over_step": 0.9, "model_mib": 7.9})
+    assert budget_figures(limited)["broken"] == ["grip_over_step: 0.9, at most 0.5"]
 
 
 MOST_OWN_MB = 58.0
@@ -134,9 +107,7 @@ def test_the_live_path_keeps_no_second_copy_of_its_file_and_is_within_its_memory
     assert max(map(len, held), default=0) < size // 100
 
 
-def test_peers_and_an_older_file_are_timed_beside_the_step(
-    monkeypatch, eight_classes, tmp_path
-):
+def test_peers_and_an_older_file_are_timed_beside_the_step(monkeypatch, eight_classes):
     few = replace(peers.RAW_BASELINE.situation, n_estimators=3)
     raw = replace(peers.RAW_BASELINE, situation=few)
     monkeypatch.setattr(peers, "RAW_BASELINE", raw)

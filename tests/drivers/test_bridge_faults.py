@@ -26,7 +26,7 @@ from holdfast.drivers.bus import Reply, Transfer
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.faults import Fault, Faults
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
-from holdfast.drivers.virtual.usb_device import Device, Endpoint, Interface
+from holdfast.drivers.virtual.usb_device import Device
 
 
 @every_bridge
@@ -106,12 +106,14 @@ def test_clearing_a_bus_that_is_free_does_no_harm(make, kind):
 class Talking(Device):
     """One endpoint out and one in, which has what is left in `says`."""
 
-    interfaces = (
-        Interface(),
-        Interface((Endpoint(0x85, 3, 9), Endpoint(0x06, 2, 300))),
+    device_descriptor = bytes.fromhex(
+        "12 01 00 02 00 00 00 40 34 12 78 56 00 01 00 01 00 01"
     )
-    kernel_driver = frozenset({1})
-    strings = ("", "Talking", "")
+    configuration = bytes.fromhex(
+        "09 02 20 00 01 01 00 80 32  09 04 00 00 02 ff ff ff 00"
+        "07 05 85 02 09 00 01  07 05 06 02 2c 01 01"
+    )
+    strings = ("Talking",)
     says: tuple[bytes, ...] = ()
 
     def read(self, endpoint: int, length: int) -> bytes:
@@ -141,16 +143,16 @@ class Bus:
         self.device, self.clock = Talking(), VirtualClock(5_000)
         self.backend = VirtualBackend(self.device, self.clock, Faults(faults))
         self.handle = self.backend.open_device(next(self.backend.enumerate_devices()))
-        self.backend.detach_kernel_driver(self.handle, 1)
+        self.backend.detach_kernel_driver(self.handle, 0)
 
     def read(self, wait_ms: int = 7) -> bytes:
         """What the endpoint has, as pyusb asks for it."""
         into = array("B", bytes(9))
-        count = self.backend.bulk_read(self.handle, 0x85, 1, into, wait_ms)
+        count = self.backend.bulk_read(self.handle, 0x85, 0, into, wait_ms)
         return bytes(into[:count])
 
     def write(self, data: bytes) -> int:
-        return self.backend.bulk_write(self.handle, 0x06, 1, data, 7)
+        return self.backend.bulk_write(self.handle, 0x06, 0, data, 7)
 
     def control(self, kind: int, data: array, *request: int) -> int:
         words: list[Any] = [self.handle, kind, *request, data, 7]
@@ -164,17 +166,17 @@ class Bus:
 def test_pyusb_finds_an_emulated_device_by_what_its_descriptors_say():
     bus = Bus()
     found = usb.core.find(backend=bus.backend)
-    assert (found.bus, found.address, found.speed) == (1, 1, 2)
+    assert (found.bus, found.address, found.speed) == (1, 1, 3)
     assert (found.port_number, found.port_numbers) == (1, (1,))
-    assert (found.bNumConfigurations, found.iProduct, found.iSerialNumber) == (1, 2, 0)
+    assert (found.bNumConfigurations, found.iProduct, found.iSerialNumber) == (1, 1, 0)
     configuration = found[0]
-    assert (configuration.bMaxPower, configuration.bNumInterfaces) == (50, 2)
-    assert [i.bInterfaceNumber for i in configuration] == [0, 1]
-    endpoints = list(configuration[(1, 0)])
+    assert (configuration.bMaxPower, configuration.bNumInterfaces) == (50, 1)
+    assert found.product == "Talking"
+    endpoints = list(configuration[(0, 0)])
     assert [
         (e.bEndpointAddress, e.bmAttributes, e.wMaxPacketSize, e.bInterval)
         for e in endpoints
-    ] == [(0x85, 3, 9, 1), (0x06, 2, 300, 1)]
+    ] == [(0x85, 2, 9, 1), (0x06, 2, 300, 1)]
     assert [(e.bRefresh, e.bSynchAddress) for e in endpoints] == [(0, 0)] * 2
     assert bus.backend.get_configuration(bus.handle) == 1
     with pytest.raises(IndexError):
@@ -223,8 +225,8 @@ def test_a_reset_and_an_unplugged_cable_take_late_answers_away():
             found = next(bus.backend.enumerate_devices())
             assert bus.backend.get_device_descriptor(found).address == 2
             bus.handle = bus.backend.open_device(found)
-            assert bus.backend.is_kernel_driver_active(bus.handle, 1)
-            bus.backend.detach_kernel_driver(bus.handle, 1)
+            assert bus.backend.is_kernel_driver_active(bus.handle, 0)
+            bus.backend.detach_kernel_driver(bus.handle, 0)
         bus.device.says = (b"two",)
         assert bus.read() == b"two"
 
@@ -260,18 +262,18 @@ def test_a_control_request_without_an_answer_in_time_was_carried_out_all_the_sam
 def test_an_interface_that_is_given_back_by_another_handle_stays_claimed():
     bus = Bus()
     other = bus.backend.open_device(bus.handle)
-    bus.backend.claim_interface(bus.handle, 1)
+    bus.backend.claim_interface(bus.handle, 0)
     with pytest.raises(usb.core.USBError, match="busy"):
-        bus.backend.attach_kernel_driver(bus.handle, 1)
-    bus.backend.release_interface(other, 1)
+        bus.backend.attach_kernel_driver(bus.handle, 0)
+    bus.backend.release_interface(other, 0)
     bus.backend.close_device(other)
     with pytest.raises(usb.core.USBError, match="busy"):
-        bus.backend.claim_interface(other, 1)
-    bus.backend.release_interface(bus.handle, 1)
-    bus.backend.claim_interface(other, 1)
+        bus.backend.claim_interface(other, 0)
+    bus.backend.release_interface(bus.handle, 0)
+    bus.backend.claim_interface(other, 0)
     bus.backend.close_device(other)
-    bus.backend.attach_kernel_driver(other, 1)
-    assert bus.backend.is_kernel_driver_active(other, 1)
+    bus.backend.attach_kernel_driver(other, 0)
+    assert bus.backend.is_kernel_driver_active(other, 0)
 
 
 # -- the emulated board's bus

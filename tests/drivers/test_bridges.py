@@ -324,27 +324,3 @@ def test_a_bridge_is_opened_and_asked_with_these_bytes_and_answers_with_these(
     make, kind
 ):
     assert conversation(make(kind)) == CONVERSATIONS[kind].split("\n")[1:-1]
-
-
-@pytest.mark.parametrize(
-    ("kind", "device", "configuration"),
-    [
-        (
-            "ft232h",
-            "120100020000004003041460000901020301",
-            "090220000101008032"
-            + "0904000002ffffff00"
-            + "07058102000201"
-            + "07050202000201",
-        ),
-    ],
-)
-def test_an_emulated_bridge_has_these_descriptors(make, kind, device, configuration):
-    emulated = make(kind).device
-    assert emulated.device_descriptor.hex() == device
-    assert emulated.configuration_descriptor.hex() == configuration
-    assert emulated.descriptor(3, 0) == bytes.fromhex("04030904")
-    product = emulated.strings[1].encode("utf-16-le")
-    assert emulated.descriptor(3, 2) == bytes([2 + len(product), 3]) + product
-    for absent in ((1, 1), (2, 1), (3, 4), (0x21, 0), (9, 0)):
-        assert emulated.descriptor(*absent) is None

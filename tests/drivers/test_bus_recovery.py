@@ -12,7 +12,7 @@ from hazard_marks import BRIDGE_FAULT, SLOW_REPAIR, STUCK_BUS, WIRING
 from holdfast.core.errors import BusStuck, DeviceError, TransferFailed, UsageError
 from holdfast.drivers.bus import Transfer
 from holdfast.drivers.ft232h import FASTEST_HZ, SLOWEST_HZ, Ft232h
-from holdfast.drivers.scanning import as_layout, look_at
+from holdfast.drivers.scan import as_layout, look_at
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.ft232h import (
     IN_ENDPOINT,

@@ -18,7 +18,13 @@ from hypothesis.extra.numpy import arrays
 
 from holdfast.cli import calibrate
 from holdfast.cli.command import Parser
-from holdfast.core.contract import NORMAL_FLOOR, FloatArray, Unit, channel_names
+from holdfast.core.contract import (
+    NORMAL_FLOOR,
+    UNIT_OF,
+    FloatArray,
+    Unit,
+    channel_names,
+)
 from holdfast.core.errors import (
     ChannelError,
     ColumnError,
@@ -28,6 +34,7 @@ from holdfast.core.errors import (
     NotANumber,
     TooFewGroups,
     UnitError,
+    UsageError,
 )
 from holdfast.drivers.calibration import (
     Bias,
@@ -36,18 +43,11 @@ from holdfast.drivers.calibration import (
     bias_of,
     read_bias,
     read_calibration,
-    rmse_normal,
-    rmse_shear,
     write_bias,
     write_calibration,
 )
-from holdfast.sessions.calibration import (
-    LoadSet,
-    Probing,
-    fit,
-    measured_shear_gain,
-    shear_gain_in_words,
-)
+from holdfast.sessions.calibrate import Fit, LoadSet, Probing, measured_shear_gain
+from holdfast.sessions.calibrate import calibrate as fit_calibration
 from holdfast.sessions.known_loads import read_load_sets
 from holdfast.simulation.magnet import HEIGHT, dipole_ut, place_m, shear_gain
 from holdfast.training.datasets import data_folder
@@ -140,37 +140,45 @@ def test_a_field_of_another_hand_is_refused(shape: tuple[int, ...]) -> None:
 # The fit
 
 
+def loads_of(
+    field_ut: FloatArray,
+    force_n: FloatArray,
+    blocks: FloatArray,
+    reversed_: Any = None,
+) -> LoadSet:
+    """Rows as a set of loads; fields are less their rest."""
+    probings = []
+    for block in np.unique(blocks):
+        of_block = blocks == block
+        probings.append(Probing(str(block), field_ut[of_block], force_n[of_block]))
+    upright = np.zeros(field_ut.shape[1], dtype=np.bool_)
+    turned = upright if reversed_ is None else reversed_
+    return LoadSet("loads", probings, "N", None, turned, "")
+
+
+def fit(*rows: Any) -> Fit:
+    return fit_calibration(loads_of(*rows), "made", "2026-01-02")
+
+
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6))
 def test_noiseless_loads_give_back_the_matrix(seed: int, n_sensors: int) -> None:
     field, matrix, blocks = pressed(n_sensors, seed=seed)
-    rest = np.full((n_sensors, 3), 2000.0)
     flipped = np.arange(n_sensors) % 2 == 1
     sign = np.where(flipped, -1.0, 1.0)[:, None]
-    fitted = fit(
-        rest + sign * field,
-        total(matrix, field),
-        blocks,
-        rest_ut=rest,
-        reversed_=flipped,
-    )
+    fitted = fit(sign * field, total(matrix, field), blocks, flipped)
     np.testing.assert_allclose(fitted.calibration.matrix, matrix, atol=1e-9)
     assert fitted.held_out_n.max() < 1e-6
 
 
-def test_one_sensor_needs_no_axis_of_its_own() -> None:
-    field, matrix, blocks = pressed(1)
-    flat = fit(field[:, 0], total(matrix, field), blocks).calibration
-    np.testing.assert_array_equal(
-        flat.matrix, fit(field, total(matrix, field), blocks).calibration.matrix
-    )
-
-
 def test_the_normal_alone_leaves_the_shear_undetermined() -> None:
     field, matrix, blocks = pressed()
-    fitted = fit(field, total(matrix, field)[:, 2], blocks)
+    force = total(matrix, field)
+    force[:, :2] = np.nan
+    fitted = fit(field, force, blocks)
     assert not fitted.calibration.matrix[:, :2].any()
     np.testing.assert_allclose(fitted.calibration.matrix[:, 2], matrix[:, 2], atol=1e-9)
     assert np.isnan(fitted.held_out_n).all(axis=0).tolist() == [True, True, False]
+    assert list(fitted.errors()) == ["normal"]
 
 
 def test_a_held_out_block_is_judged_by_the_others_only() -> None:
@@ -190,8 +198,8 @@ def test_the_held_out_error_is_the_noise_of_the_loads() -> None:
     field, matrix, blocks = pressed(1)
     noise = np.random.default_rng(4).normal(0.0, 0.2, (80, 3))
     fitted = fit(field, total(matrix, field) + noise, blocks)
-    assert rmse_normal(fitted.held_out_n) == pytest.approx(0.2, rel=0.2)
-    assert rmse_shear(fitted.held_out_n) == pytest.approx(0.2, rel=0.2)
+    assert fitted.errors()["normal"].rmse_n == pytest.approx(0.2, rel=0.2)
+    assert fitted.errors()["shear"].rmse_n == pytest.approx(0.2, rel=0.2)
     assert fitted.calibration.meta.residual_n[0, 2] == pytest.approx(0.2, rel=0.2)
 
 
@@ -201,31 +209,6 @@ def test_loads_one_way_give_no_matrix_for_three() -> None:
     field[:, :, :2] = 0.0
     with pytest.raises(DataError, match="3 axes move the field in 1 direction"):
         fit(field, total(matrix, field), blocks)
-
-
-@pytest.mark.parametrize("broken", ["field", "force", "part of an axis"])
-def test_a_row_that_is_not_finite_is_refused(broken: str) -> None:
-    field, matrix, blocks = pressed()
-    force = total(matrix, field)
-    if broken == "field":
-        field[5, 0, 0] = np.nan
-    elif broken == "force":
-        force[5, 2] = np.inf
-    else:
-        force[5:, 0] = np.nan
-    with pytest.raises(NotANumber, match="leave these rows out"):
-        fit(field, force, blocks)
-
-
-def test_a_fit_says_what_it_lacks() -> None:
-    field, matrix, blocks = pressed()
-    force = total(matrix, field)
-    with pytest.raises(EmptyRecording, match="4 rows"):
-        fit(field[:4], force[:4], blocks[:4])
-    with pytest.raises(TooFewGroups, match="each block is held out once"):
-        fit(field, force, np.zeros(80))
-    with pytest.raises(ChannelError, match="do not fit"):
-        fit(field, force[:-1], blocks)
 
 
 # Its file
@@ -278,148 +261,69 @@ def test_a_calibration_comes_back_bit_for_bit(
     assert replace(back.meta, residual_n=c.meta.residual_n) == c.meta
 
 
-BROKEN: list[tuple[dict[str, Any], type[DataError], str]] = [
-    ({"format": 2}, DataError, "format 2 is not known, only 1"),
-    ({"format": 0}, DataError, "format 0 is not known, only 1"),
-    ({"format": True}, DataError, "format True is not known"),
-    ({"kind": "bias"}, DataError, "this is a 'bias', not a calibration"),
+BROKEN: list[tuple[dict[str, Any], str]] = [
+    ({"format": 2}, "format = 2; next: allowed: 1"),
+    ({"kind": "bias"}, "kind = 'bias'; next: allowed: calibration"),
+    ({"matrix_n_per_ut": [[1.0, 2.0, 3.0]]}, "matrix_n_per_ut"),
+    ({"matrix_n_per_ut": []}, "matrix_n_per_ut"),
+    ({"matrix_n_per_ut": [[[1.0], [1.0, 2.0], [1.0]]] * 2}, "matrix_n_per_ut"),
+    ({"matrix_n_per_ut": [[[1.0, 2.0, float("nan")]] * 3] * 2}, "NaN is not a finite"),
+    ({"matrix_n_per_ut": [[[1.0, 2.0, "3"]] * 3] * 2}, "= '3'; next: allowed: float"),
+    ({"matrix_n_per_ut": [[[1.0, 2.0, None]] * 3] * 2}, "= None"),
+    ({"matrix_n_per_ut": [[[0.0] * 3] * 3] * 2}, "sensor 1 is singular"),
     (
-        {"matrix_n_per_ut": [[1.0, 2.0, 3.0]]},
-        ChannelError,
-        r"shape \[1, 3\], not \[S, 3, 3\]",
+        {"matrix_n_per_ut": [np.eye(3).tolist(), [[1, 2, 3], [0] * 3, [2, 4, 6]]]},
+        "sensor 2 is singular",
     ),
-    ({"matrix_n_per_ut": []}, ChannelError, "shape not rectangular"),
-    (
-        {"matrix_n_per_ut": [np.ones((3, 3, 3)).tolist()]},
-        ChannelError,
-        r"shape \[1, 3, 3, 3\], not \[S, 3, 3\]",
-    ),
-    (
-        {"matrix_n_per_ut": [[[1.0], [1.0, 2.0], [1.0]]]},
-        ChannelError,
-        "shape not rectangular",
-    ),
-    ({"matrix_n_per_ut": 3.0}, ChannelError, "shape"),
-    (
-        {"matrix_n_per_ut": [[[1.0, 2.0, float("nan")]] * 3] * 2},
-        DataError,
-        "NaN is not a finite",
-    ),
-    (
-        {"matrix_n_per_ut": [[[1.0, 2.0, float("-inf")]] * 3] * 2},
-        DataError,
-        "-Infinity is not a finite",
-    ),
-    (
-        {"matrix_n_per_ut": [[[1.0, 2.0, 10**400]] * 3] * 2},
-        NotANumber,
-        "matrix_n_per_ut holds",
-    ),
-    (
-        {"matrix_n_per_ut": [[[1.0, 2.0, "3"]] * 3] * 2},
-        NotANumber,
-        "'3', which is not a number",
-    ),
-    (
-        {"matrix_n_per_ut": [[[1.0, 2.0, None]] * 3] * 2},
-        NotANumber,
-        "None, which is not a number",
-    ),
-    (
-        {"matrix_n_per_ut": [[[1.0, 2.0, True]] * 3] * 2},
-        NotANumber,
-        "True, which is not a number",
-    ),
-    ({"matrix_n_per_ut": [[[0.0] * 3] * 3] * 2}, DataError, "sensor 1 is singular"),
-    (
-        {
-            "matrix_n_per_ut": [
-                np.eye(3).tolist(),
-                [[1.0, 2.0, 3.0], [0.0] * 3, [2.0, 4.0, 6.0]],
-            ]
-        },
-        DataError,
-        "sensor 2",
-    ),
-    (
-        {"rest_ut": [[0.0, 0.0, 0.0]]},
-        ChannelError,
-        r"rest_ut has shape \[1, 3\], not \[2, 3\]",
-    ),
-    ({"reversed": [False]}, ChannelError, "reversed is not 2 times"),
-    ({"reversed": [False] * 3}, ChannelError, "reversed is not 2 times"),
-    ({"reversed": [0, 1]}, ChannelError, "reversed is not 2 times"),
-    ({"n": 2.5}, NotANumber, "n is 2.5"),
-    ({"n": -1}, NotANumber, "n is -1"),
-    ({"source": None}, DataError, "source is None, not a text"),
-    ({"shear_gain": 0.0}, DataError, "shear_gain 0.0 is not a number from 0.1 to 10"),
-    ({"shear_gain": "1"}, DataError, "shear_gain '1' is not a number"),
-    ({"shear_gain": True}, DataError, "shear_gain True is not a number"),
+    ({"rest_ut": [[0.0, 0.0, 0.0]]}, "rest_ut has 1; next: allowed: 2 rows"),
+    ({"reversed": [False] * 3}, "reversed has 3; next: allowed: 2 rows"),
+    ({"reversed": [0, 1]}, "reversed"),
+    ({"n": -1}, "n = -1; next: allowed: int >= 0"),
+    ({"source": None}, "source = None; next: allowed: str"),
+    ({"shear_gain": 0.0999}, "shear_gain = 0.0999; next: allowed: float >= 0.1"),
+    ({"shear_gain": 10.01}, "shear_gain = 10.01; next: allowed: float <= 10"),
+    ({"colour": "red"}, "colour is not known"),
 ]
 
 
 @SINGULAR.mark
-@pytest.mark.parametrize(
-    ("change", "error", "says"), BROKEN, ids=[f"{k}" for k in range(len(BROKEN))]
-)
-def test_a_broken_calibration_is_refused_with_what_where_and_the_next_step(
-    tmp_path: Path, change: dict[str, Any], error: type[DataError], says: str
+@pytest.mark.parametrize(("change", "says"), BROKEN)
+def test_a_broken_calibration_is_refused_with_what_where_and_what_is_allowed(
+    tmp_path: Path, change: dict[str, Any], says: str
 ) -> None:
     path = write_calibration(tmp_path / "c.json", made())
     path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
-    with pytest.raises(
-        error, match=f"c.json: .*{says}.*next: .*holdfast calibrate"
-    ) as caught:
+    with pytest.raises(DataError) as caught:
         read_calibration(path)
-    assert type(caught.value) is error
+    assert "c.json: " in str(caught.value)
+    assert says in str(caught.value)
 
 
-def test_a_file_older_than_the_shear_gain_has_none(tmp_path: Path) -> None:
-    path = write_calibration(tmp_path / "c.json", made())
+@pytest.mark.parametrize("key", ["kind", "matrix_n_per_ut", "reversed", "date"])
+def test_a_missing_entry_is_named_and_an_older_file_has_no_shear_gain(
+    tmp_path: Path, key: str
+) -> None:
+    path = write_calibration(tmp_path / "c.json", replace(made(), shear_gain=1.0))
     content = json.loads(path.read_text())
     del content["shear_gain"]
     path.write_text(json.dumps(content))
     assert read_calibration(path).shear_gain is None
-
-
-@pytest.mark.parametrize(
-    "missing",
-    ["format", "kind", "matrix_n_per_ut", "rest_ut", "reversed", "date", "residual_n"],
-)
-def test_a_missing_entry_is_named(tmp_path: Path, missing: str) -> None:
-    path = write_calibration(tmp_path / "c.json", made())
-    content = json.loads(path.read_text())
-    del content[missing]
+    del content[key]
     path.write_text(json.dumps(content))
-    with pytest.raises(DataError, match=f"'{missing}' is missing"):
+    with pytest.raises(DataError, match=f"{key} is missing"):
         read_calibration(path)
 
 
-@pytest.mark.parametrize(
-    "content", [b"", b"{", b"\xff\xfe", b"Time,X1\n", b"[" * 100_000], ids=range(5)
-)
-def test_what_is_not_json_is_called_that(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "c.json"
-    path.write_bytes(content)
-    with pytest.raises(DataError, match=r"c.json: not JSON.*next: write it again"):
-        read_calibration(path)
-    with pytest.raises(DataError, match=r"c.json: not JSON.*next: take the bias again"):
-        read_bias(path)
-
-
-def test_what_is_not_an_object_is_called_that(tmp_path: Path) -> None:
-    (tmp_path / "c.json").write_text("[1]")
-    with pytest.raises(DataError, match="not a JSON object"):
-        read_calibration(tmp_path / "c.json")
-
-
-def test_a_calibration_that_is_not_there_names_the_command_that_makes_one(
+def test_a_file_that_is_not_there_names_the_command_that_makes_one(
     tmp_path: Path,
 ) -> None:
     with pytest.raises(DataNotFound, match=r"no such file.*holdfast calibrate"):
         read_calibration(tmp_path / "none.json")
-    with pytest.raises(DataNotFound, match="cannot be read"):
-        read_calibration(tmp_path)
+    with pytest.raises(DataNotFound, match=r"no such file.*holdfast bias"):
+        read_bias(tmp_path / "none.json")
+    (tmp_path / "c.json").write_text("{")
+    with pytest.raises(DataError, match=r"c.json: not valid JSON"):
+        read_bias(tmp_path / "c.json")
 
 
 # The bias
@@ -496,12 +400,6 @@ def test_too_few_rows_are_an_error() -> None:
         bias_of(resting(29), "uT")
 
 
-@pytest.mark.parametrize("shape", [(300, 4), (300, 0), (300,), (300, 6, 3)])
-def test_channels_that_are_no_sensors_are_an_error(shape: tuple[int, ...]) -> None:
-    with pytest.raises(ChannelError, match="three channels a sensor"):
-        bias_of(np.zeros(shape), "uT")
-
-
 def test_a_reversed_magnet_is_found_and_named() -> None:
     rows = resting()
     rows[:, 9:12] *= -1.0
@@ -550,28 +448,22 @@ def test_a_bias_comes_back_bit_for_bit(
 
 
 @pytest.mark.parametrize(
-    ("change", "error", "says"),
+    ("change", "says"),
     [
-        ({"unit": "g"}, UnitError, "unit 'g' is not one of"),
-        ({"values": [1.0, 2.0]}, ChannelError, "2 values, not a multiple of three"),
-        (
-            {"values": [float("nan")] * 3},
-            DataError,
-            "NaN is not a finite",
-        ),
-        ({"spread": [1.0]}, ChannelError, "spread has shape"),
-        ({"reversed": []}, ChannelError, "reversed is not 6 times"),
-        ({"kind": "calibration"}, DataError, "not a bias"),
-        ({"format": "1"}, DataError, "format '1' is not known"),
+        ({"unit": "g"}, "unit = 'g'; next: allowed: N, uT, count"),
+        ({"values": [1.0, 2.0, 3.0]}, "3 values, 18 in spread, and 6 in reversed"),
+        ({"spread": [1.0]}, "18 values, 1 in spread"),
+        ({"kind": "calibration"}, "kind = 'calibration'"),
     ],
 )
 def test_a_broken_bias_is_refused(
-    tmp_path: Path, change: dict[str, Any], error: type[DataError], says: str
+    tmp_path: Path, change: dict[str, Any], says: str
 ) -> None:
     path = write_bias(tmp_path / "b.json", bias_of(resting(), "uT")[0])
     path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
-    with pytest.raises(error, match=f"b.json: .*{says}.*next: take the bias again"):
+    with pytest.raises(DataError) as caught:
         read_bias(path)
+    assert says in str(caught.value)
 
 
 # The verb
@@ -643,7 +535,7 @@ def test_loads_in_a_csv_file_become_a_calibration(
     )
     content = json.loads((tmp_path / "f.json").read_text())["studies"][0]
     assert len(content["probings"]) == 6
-    assert content["models"]["one matrix"]["normal"]["rmse_n"] < 1e-6
+    assert content["errors"]["normal"]["rmse_n"] < 1e-6
     assert content["shear_gain"] == c.shear_gain
     printed = capsys.readouterr().out
     assert "6 probings, 318 rows, 2 sensors" in printed
@@ -664,13 +556,11 @@ def touches(normal_only: bool = False) -> LoadSet:
     for k, force_n in enumerate(presses):
         field_ut = dipole_ut(place_m(force_n, HEIGHT.default)) - rest_ut
         probings.append(Probing(str(k), field_ut[:, None], force_n))
-    return LoadSet("touches", probings, "N", 1.0, None, None, [])
+    return LoadSet("touches", probings, "N", None, np.zeros(1, dtype=np.bool_), "")
 
 
 def test_the_shear_gain_of_stiffening_silicone_is_that_of_light_touches() -> None:
-    loads = touches()
-    fitted = fit(loads.field_ut, loads.force_n, loads.blocks).calibration
-    gain = measured_shear_gain(loads, fitted)
+    gain = fit_calibration(touches(), "made", "").calibration.shear_gain
     assert gain is not None
     assert gain == pytest.approx(shear_gain(), rel=0.1)
     assert gain < 0.75
@@ -678,9 +568,8 @@ def test_the_shear_gain_of_stiffening_silicone_is_that_of_light_touches() -> Non
 
 def test_presses_without_shear_show_no_shear_gain() -> None:
     sheared, straight = touches(), touches(normal_only=True)
-    fitted = fit(sheared.field_ut, sheared.force_n, sheared.blocks).calibration
+    fitted = fit_calibration(sheared, "made", "").calibration
     assert measured_shear_gain(straight, fitted) is None
-    assert "not measured" in shear_gain_in_words(None)
 
 
 def test_rows_with_a_lost_value_are_left_out_and_counted(
@@ -707,25 +596,10 @@ def test_one_press_is_too_little_to_hold_one_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "error", "says"),
     [
-        ("Time,X1,Y1,Z1,Fx,Fy\n0,1,2,3,4,5\n", ColumnError, "missing columns: Fz;"),
-        (
-            "Time,X1,Y1,Z1,Fx,Fy,Fz,g\n0,1,2,3,4,5,6,7\n",
-            ColumnError,
-            "unknown columns: g;",
-        ),
-        (
-            "Time,X1,Z1,g,h,Fx,Fy,Fz\n0,1,2,3,4,5,6,7\n",
-            ColumnError,
-            "missing.*: Y1, unknown.*: g, h;",
-        ),
-        (
-            "Time,X1,Y1,Z1,Fx,Fy,Fz,Fz\n0,1,2,3,4,5,6,7\n",
-            ColumnError,
-            "repeated columns: Fz;",
-        ),
-        ("Time,Fx,Fy,Fz\n0,1,2,3\n", ColumnError, "Time,X1,Y1,Z1"),
+        ("Time,X1,Y1,Z1,Fx,Fy\n0,1,2,3,4,5\n", ColumnError, "missing: Fz;"),
+        ("Time,X1,Z1,g,Fx,Fy,Fz\n0,1,2,3,4,5,6\n", ColumnError, "missing: Y1;"),
+        ("Time,X1,Y1,Z1,Fx,Fy,Fz\n0,1,2,3,4,5,6,7\n", ColumnError, "8 columns"),
         ("Time,X1,Y1,Z1,Fx,Fy,Fz\n0,1,2,much,4,5,6\n", NotANumber, "much"),
-        ("", ColumnError, "Time"),
     ],
 )
 def test_a_csv_file_in_another_layout_is_refused(
@@ -738,7 +612,7 @@ def test_a_csv_file_in_another_layout_is_refused(
 
 def test_a_folder_without_probings_says_what_belongs_there(tmp_path: Path) -> None:
     with pytest.raises(DataNotFound, match="normal_force or shear_force"):
-        calibrate_with(tmp_path, "--out", tmp_path / "c.json")
+        calibrate_with(tmp_path, "--load-unit", "gf", "--out", tmp_path / "c.json")
     with pytest.raises(DataNotFound, match=r"no such file|cannot be read"):
         calibrate_with(tmp_path / "none.csv", "--out", tmp_path / "c.json")
 
@@ -774,40 +648,18 @@ def write_probings(root: Path, newtons_in_a_unit: float) -> Path:
     return root
 
 
-@pytest.mark.parametrize(
-    ("unit", "newtons"),
-    [("gram-force", 9.80665e-3), ("newton", 1.0), ("millinewton", 1e-3)],
-)
-def test_the_unit_of_the_load_is_found_in_the_readings(
-    tmp_path: Path, unit: str, newtons: float
+@pytest.mark.parametrize("unit", ["gf", "N", "mN"])
+def test_a_folder_of_probings_has_the_unit_that_it_is_given(
+    tmp_path: Path, unit: str
 ) -> None:
-    study = read_load_sets(write_probings(tmp_path, newtons))[0]
+    (study,) = read_load_sets(write_probings(tmp_path, UNIT_OF[unit][1]), unit)
     assert study.load_unit == unit
     assert study.force_n[:, 2].max() == pytest.approx(34.0, abs=0.01)
-
-
-def test_a_row_that_says_minus_one_has_no_load_and_is_left_out(tmp_path: Path) -> None:
-    study = read_load_sets(write_probings(tmp_path, 9.80665e-3))[0]
+    # Half of the rows have -1: no reading.
     assert len(study.blocks) == 400
     assert study.force_n[:, 2].min() == 0.0
-    assert "no reading in 400 rows" in study.evidence[0]
-
-
-def test_loads_in_no_unit_we_know_are_refused_with_the_evidence(tmp_path: Path) -> None:
-    with pytest.raises(
-        UnitError, match=r"fits no known unit.*as newton: largest 3.4e\+05 N.*: out"
-    ):
-        read_load_sets(write_probings(tmp_path, 1e-4))
-
-
-def test_a_load_below_zero_beside_the_marker_is_refused(tmp_path: Path) -> None:
-    root = write_probings(tmp_path, 9.80665e-3)
-    path = root / "normal_force" / "probe_1" / "states.csv"
-    table = np.loadtxt(path, delimiter=",")
-    table[0, 4] = -0.5
-    np.savetxt(path, table, delimiter=",")
-    with pytest.raises(UnitError, match=r"probe_1: loads below zero"):
-        read_load_sets(root)
+    with pytest.raises(UsageError, match="--load-unit gf"):
+        read_load_sets(tmp_path)
 
 
 def test_a_probing_with_rows_missing_is_refused(tmp_path: Path) -> None:
@@ -815,10 +667,10 @@ def test_a_probing_with_rows_missing_is_refused(tmp_path: Path) -> None:
     path = root / "normal_force" / "probe_0" / "states.csv"
     path.write_text("\n".join(path.read_text().splitlines()[:-1]))
     with pytest.raises(ColumnError, match=r"probe_0: .*400 and 399 rows"):
-        read_load_sets(root)
+        read_load_sets(root, "gf")
     path.unlink()
     with pytest.raises(DataNotFound, match=r"states.csv: no such file"):
-        read_load_sets(root)
+        read_load_sets(root, "gf")
 
 
 @pytest.fixture(scope="module")
@@ -832,17 +684,14 @@ def eflesh() -> Path:
     return folder
 
 
-def test_the_real_loads_are_grams_and_judged_on_probings_never_seen(
+def test_the_real_loads_are_judged_on_probings_never_seen(
     eflesh: Path,
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(
-        "holdfast.sessions.calibration.N_TREES", 30
-    )  # the figures of 200 to within the tolerance
     calibrate_with(
         eflesh,
+        "--load-unit",
+        "gf",
         "--out",
         tmp_path / "c.json",
         "--json",
@@ -862,20 +711,8 @@ def test_the_real_loads_are_grams_and_judged_on_probings_never_seen(
         7350,
         2,
     )
-    assert normal["load_unit"] == shear["load_unit"] == "gram-force"
-    assert normal["models"]["one matrix"]["normal"]["rmse_n"] == pytest.approx(
-        0.69, abs=0.01
-    )
-    assert shear["models"]["one matrix"]["shear"]["rmse_n"] == pytest.approx(
-        0.50, abs=0.01
-    )
-    assert normal["models"]["extra trees"]["normal"]["rmse_n"] == pytest.approx(
-        0.55, abs=0.03
-    )
-    assert shear["models"]["extra trees"]["shear"]["rmse_n"] == pytest.approx(
-        0.27, abs=0.03
-    )
-    assert "eFlesh publishes 0.27 N" in capsys.readouterr().out
+    assert normal["errors"]["normal"]["rmse_n"] == pytest.approx(0.69, abs=0.01)
+    assert shear["errors"]["shear"]["rmse_n"] == pytest.approx(0.50, abs=0.01)
     pad = read_calibration(tmp_path / "c.json")
     assert (pad.matrix.shape, pad.rest_ut) == ((5, 3, 3), None)
     assert read_calibration(tmp_path / "c.shear_force.json").matrix.shape == (10, 3, 3)
@@ -931,27 +768,3 @@ def test_noise_is_a_standard_deviation_above_what_an_untouched_hand_has() -> Non
                 any(f"noise above {most:g} {unit}: Z1;" in one for one in warnings)
                 == warned
             )
-
-
-@pytest.mark.parametrize(
-    ("gain", "fits"),
-    [
-        (0.1, True),
-        (10, True),
-        (0.0999, False),
-        (10.01, False),
-        (True, False),
-        ("1", False),
-    ],
-)
-def test_a_shear_gain_lies_between_a_tenth_and_ten(
-    tmp_path: Path, gain: object, fits: bool
-) -> None:
-    path = write_calibration(tmp_path / "a.json", replace(made(), shear_gain=1.0))
-    content = json.loads(path.read_text())
-    path.write_text(json.dumps(content | {"shear_gain": gain}))
-    if fits:
-        assert read_calibration(path).shear_gain == gain
-        return
-    with pytest.raises(DataError, match=r"not a number from 0\.1 to 10"):
-        read_calibration(path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -21,7 +20,6 @@ from packages import MAY_IMPORT, ROOT, folder_of, imports_of
 
 from holdfast.cli.main import main
 from holdfast.core.errors import (
-    CameraUnavailable,
     ColumnError,
     DataNotFound,
     EmptyRecording,
@@ -32,14 +30,13 @@ from holdfast.core.errors import (
 )
 from holdfast.drivers.camera import sources
 from holdfast.drivers.camera.recording import (
-    COLUMNS,
-    TagFile,
+    Lens,
+    new_tag_file,
     read_tracks,
+    write_tags,
 )
 from holdfast.drivers.camera.sources import (
-    QUIET,
     Frame,
-    Lens,
     Oak,
     Stored,
     read_frames,
@@ -57,6 +54,8 @@ def spoil(path: Path, how: str) -> None:
         np.savez(path, frames=frames, time_s=stamps_s, fps=60.0, tag_mm=10.0)
     elif how == "other lengths":
         write_frames(path, stamps_s[:2], frames)
+    elif how == "odd":
+        write_frames(path, stamps_s, frames[:, 1:])
     elif how == "not grey":
         write_frames(path, stamps_s, np.zeros((3, 8, 8, 3), dtype=np.uint8))
     elif how == "no bytes":
@@ -79,7 +78,8 @@ def spoil(path: Path, how: str) -> None:
 SPOILT: dict[str, type[HoldfastError]] = {
     "absent": DataNotFound,
     "garbage": EmptyRecording,
-    "a number missing": ColumnError,
+    "a number missing": EmptyRecording,
+    "odd": EmptyRecording,
     "other lengths": EmptyRecording,
     "not grey": EmptyRecording,
     "no bytes": EmptyRecording,
@@ -117,7 +117,7 @@ def test_frames_that_cannot_be_used_are_refused_by_name(tmp_path, how):
     ],
 )
 def test_tracks_that_cannot_be_used_are_refused(tmp_path, text, error):
-    with TagFile(tmp_path):
+    with new_tag_file(tmp_path):
         pass
     head = (tmp_path / "tags.csv").read_text()
     (tmp_path / "tags.csv").write_text(text.replace("HEAD", head))
@@ -126,12 +126,13 @@ def test_tracks_that_cannot_be_used_are_refused(tmp_path, text, error):
 
 
 def test_an_incomplete_last_line_is_left_out_and_no_other(tmp_path):
-    with TagFile(tmp_path) as file:
-        file.write(0, 0.1, {})
-        file.write(1, 0.2, {})
-    path = tmp_path / "tags.csv"
-    path.write_text(path.read_text() + "2,0.3,")
-    assert read_tracks(tmp_path).t_s.tolist() == [0.1, 0.2]
+    with new_tag_file(tmp_path) as file:
+        write_tags(file, 0, 0.1, {HAND_TAG: [0.5] * 8})
+        write_tags(file, 1, 0.2, {})
+        file.write("2,0.3,")
+    tracks = read_tracks(tmp_path)
+    assert tracks.t_s.tolist() == [0.1, 0.2]
+    assert np.isfinite(tracks.of(HAND_TAG)).all(axis=(1, 2)).tolist() == [True, False]
 
 
 def test_onset_counts_from_the_first_tactile_sample_and_leaves_other_events_alone(
@@ -146,20 +147,20 @@ def test_onset_counts_from_the_first_tactile_sample_and_leaves_other_events_alon
     )
     (tmp_path / "events.jsonl").write_text(other + "\n")
     for _ in range(2):
-        assert main(["onset", str(tmp_path), "--action", "pass"]) == 0
+        assert main(["watch", "--onset", str(tmp_path), "--action", "pass"]) == 0
     first, mine = map(json.loads, (tmp_path / "events.jsonl").read_text().splitlines())
     assert first == json.loads(other)
     assert mine["t0_s"] == pytest.approx(0.55, abs=0.003)
     assert (mine["label"], mine["provenance"], mine["by"]) == (
         "safe_slip",
         "camera",
-        "holdfast onset",
+        "holdfast watch",
     )
 
 
 def test_without_tactile_samples_onset_counts_from_the_first_frame(tmp_path, capsys):
     hand_made(tmp_path, at_s=5000.0, slides_at_s=0.8)
-    assert main(["onset", str(tmp_path), "--action", "pull"]) == 0
+    assert main(["watch", "--onset", str(tmp_path), "--action", "pull"]) == 0
     assert json.loads((tmp_path / "events.jsonl").read_text())["t0_s"] == pytest.approx(
         0.8, abs=0.003
     )
@@ -172,17 +173,17 @@ def test_without_tactile_samples_onset_counts_from_the_first_frame(tmp_path, cap
         (("--action", "fly"), "", 2, "fly"),
         (("--gross-mm", "0"), "", 2, "not a number above 0"),
         (("--apart-mm", "30"), "", 3, "tags are 30 mm apart, but 20.00 mm"),
-        (("--from", "0.9"), "", 3, "never rest"),
+        (("--until", "0.1"), "", 3, "rest"),
         (("--action", "pull"), "tactile.csv", 3, "host_ns"),
         (("--action", "pull"), "events.jsonl", 3, "not a JSON object"),
-        (("--action", "pull"), "camera.json", 3, "cannot be used"),
+        (("--action", "pull"), "camera.json", 3, "not valid JSON"),
     ],
 )
 def test_what_onset_cannot_use_is_one_line(tmp_path, capsys, words, spoils, code, says):
     hand_made(tmp_path, at_s=5000.0, slides_at_s=0.8)
     if spoils:
         (tmp_path / spoils).write_text("nonsense\nmore\n")
-    assert main(["onset", str(tmp_path), *words]) == code
+    assert main(["watch", "--onset", str(tmp_path), *words]) == code
     err = capsys.readouterr().err
     assert err.count("\n") == 1
     assert says in err
@@ -193,7 +194,8 @@ def test_a_gross_distance_within_what_the_pads_give_is_refused(tmp_path, capsys)
         (tmp_path / name).mkdir()
         hand_made(tmp_path / name, at_s=0.0, slides_at_s=slides_at_s)
     words = (
-        "onset",
+        "watch",
+        "--onset",
         str(tmp_path / "slid"),
         "--action",
         "pull",
@@ -210,7 +212,7 @@ def test_a_gross_distance_within_what_the_pads_give_is_refused(tmp_path, capsys)
 
 def test_an_object_that_stays_gets_no_line_and_needs_no_action(tmp_path, capsys):
     hand_made(tmp_path, at_s=0.0, slides_at_s=None)
-    assert main(["onset", str(tmp_path)]) == 0
+    assert main(["watch", "--onset", str(tmp_path)]) == 0
     assert "no onset" in capsys.readouterr().out
     assert (tmp_path / "events.jsonl").read_text() == ""
 
@@ -238,7 +240,7 @@ def test_an_option_that_stored_frames_would_ignore_is_refused(option, tmp_path, 
 def test_the_camera_s_clock_is_the_machine_s_and_its_calls_are_in_the_library():
     output = program("""
 import time
-dai = load_depthai(quiet)
+dai = load_depthai()
 before, middle, after = time.monotonic(), dai.Clock.now().total_seconds(), time.monotonic()
 names = [(dai.Device, "setMaxReconnectionAttempts"), (dai.Device, "close"),
          (dai.Pipeline, "setStopOnDeviceLoss"),
@@ -262,29 +264,10 @@ def test_depthai_is_imported_in_one_file_and_by_no_help():
     files = [path for path, text in naming.items() if "depthai" in imports_of(text, "")]
     assert files == [ROOT / "holdfast/drivers/camera/sources.py"]
     code = (
-        "import sys; from holdfast.cli import onset, watch; import holdfast.drivers.camera.graph; "
+        "import sys; from holdfast.cli import watch; import holdfast.drivers.camera.graph; "
         "print('depthai' in sys.modules)"
     )
     assert process("-c", code).stdout == "False\n"
-
-
-def test_depthai_gets_its_settings_and_those_that_the_user_has_made_stay_and_are_named(
-    monkeypatch,
-):
-    environment, said = {"HOME": "/"}, []
-    monkeypatch.delitem(sys.modules, "depthai", raising=False)
-    monkeypatch.setattr(sources.os, "environ", environment)
-    monkeypatch.setattr(sources, "import_module", lambda name: f"the module {name}")
-    assert sources.load_depthai(said.append) == "the module depthai"
-    assert environment == QUIET | {"HOME": "/"}
-    environment["DEPTHAI_LEVEL"] = "info"
-    sources.load_depthai(said.append)
-    assert environment == QUIET | {"HOME": "/", "DEPTHAI_LEVEL": "info"}
-    first, second = said
-    assert second == f"{first}; your own settings stay: DEPTHAI_LEVEL=info"
-    monkeypatch.setitem(sys.modules, "depthai", "there")
-    assert sources.load_depthai(said.append) == "there"
-    assert len(said) == 2
 
 
 def test_an_oak_films_as_the_lens_says_and_ends_when_its_time_is_up(monkeypatch):
@@ -350,63 +333,13 @@ def test_frames_from_disk_are_numbered_in_order_and_are_whole_as_they_were(tmp_p
     np.testing.assert_array_equal([one.image for one in frames], images)
 
 
-def test_a_frame_without_a_tag_has_a_cell_for_every_column(tmp_path):
-    with TagFile(tmp_path) as file:
-        file.write(0, 0.0, {HAND_TAG: [0.5] * 8})
-        file.write(1, 0.1, {})
-    lines = file.path.read_text("utf-8").splitlines()
-    assert [line.count(",") for line in lines] == [len(COLUMNS) - 1] * 3
-
-
-# -- frames and their lens
-
-
-@pytest.mark.parametrize(
-    ("changed", "fits"),
-    [
-        ({"fps": 0.5}, False),
-        ({"fps": 0.51}, True),
-        ({"fps": np.inf}, False),
-        ({"fps": -60.0}, False),
-        ({"exposure_ms": 0.0}, False),
-        ({"exposure_ms": -2.0}, False),
-        ({"exposure_ms": 0.01}, True),
-        ({"tag_mm": 0.01}, True),
-        ({"apart_mm": 0.0}, False),
-        ({"apart_mm": 0.01}, True),
-        ({"apart_mm": None}, True),
-    ],
-)
-def test_a_lens_has_positive_numbers_and_half_a_frame_a_second(changed, fits):
-    numbers = {"fps": 60.0, "exposure_ms": 2.0, "tag_mm": 10.0} | changed
-    if not fits:
-        with pytest.raises(ValueError, match=r"fps .* apart_mm"):
-            Lens.of(numbers, "trial")
-        return
-    lens = Lens.of(numbers, "trial")
-    assert (lens.fps, lens.exposure_ms, lens.tag_mm) == tuple(
-        numbers[name] for name in ("fps", "exposure_ms", "tag_mm")
-    )
-    assert (lens.clock, lens.apart_mm) == ("trial", changed.get("apart_mm"))
-
-
-@pytest.mark.parametrize(
-    ("text", "cause"), [("No Permissions", "udev rule"), ("none", "not plugged in")]
-)
-def test_a_camera_that_does_not_open_has_the_cause_that_its_library_names(text, cause):
-    with pytest.raises(CameraUnavailable, match=rf"no camera \({text}\).*{cause}"):
-        Oak(Lens(60.0, 1.5, 12.0, "monotonic")).open(
-            SimpleNamespace(Device=lambda: (_ for _ in ()).throw(RuntimeError(text)))
-        )
-
-
 @pytest.mark.parametrize(
     ("refused", "stops_at", "taken"),
     [
         (0, 99, True),
         (3, 99, True),
-        (10_001, 10**6, True),
-        (10_002, 10**6, False),
+        (9_990, 10**6, True),
+        (10_010, 10**6, False),
         (5, 3, False),
     ],
 )

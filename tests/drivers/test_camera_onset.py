@@ -75,7 +75,7 @@ def phases_of(folder: Path) -> list[dict[str, Any]]:
 
 def test_onset_writes_the_label_that_the_camera_saw(filmed):
     folder, truth = filmed["pull"]
-    done = command("onset", folder)
+    done = command("watch", "--onset", folder)
     assert done.returncode == 0, done.stderr
     (phase,) = phases_of(folder)
     assert (phase["label"], phase["provenance"]) == ("risky_slip", "camera")
@@ -87,11 +87,11 @@ def test_a_loaded_hold_has_no_onset_and_sets_the_gross_distance_above_its_shear(
     held, truth = filmed["hold"]
     pull, _ = filmed["pull"]
     opens_s = truth.marks[-2][0]
-    done = command("onset", held, "--until", opens_s)
+    done = command("watch", "--onset", held, "--until", opens_s)
     assert done.returncode == 0, done.stderr
     assert "no onset: the object moved by less than 2.00 mm" in done.stdout
     assert phases_of(held) == []
-    assert command("onset", pull, "--no-slip", held).returncode == 0
+    assert command("watch", "--onset", pull, "--no-slip", held).returncode == 0
     assert phases_of(pull)[0]["pad_shear"] == "measured"
 
 
@@ -111,7 +111,7 @@ def test_tags_of_two_sizes_are_reported_as_soon_as_they_were_watched_and_what_wa
         for line in done.stderr.splitlines()
         if "TagError" in line and "12.5" in line
     ]
-    assert read_about(tmp_path / "out")["void"] is None
+    assert read_about(tmp_path / "out").void is None
     assert len(read_tracks(tmp_path / "out").t_s) == 30
     assert (tmp_path / "out/camera.mkv").stat().st_size > 0
 
@@ -132,8 +132,8 @@ def test_a_measured_distance_finds_tags_that_a_printer_scaled_alike_and_stays_wi
             f"{factor * apart_mm:g}",
         )
         assert done.returncode == code, done.stderr
-        assert read_about(out)["apart_mm"] == pytest.approx(factor * apart_mm)
-        again = command("onset", out, "--action", "pull")
+        assert read_about(out).apart_mm == pytest.approx(factor * apart_mm)
+        again = command("watch", "--onset", out, "--action", "pull")
         assert ("TagError" in done.stderr, "TagError" in again.stderr) == (
             code == 3,
             code == 3,
@@ -146,13 +146,9 @@ def test_a_printed_side_that_is_no_millimetre_is_a_usage_error(tmp_path, capsys,
     for words in (
         ("watch", "--camera", "oak"),
         ("record", "--source", "x", "--person", "p01"),
-        ("onset",),
+        ("watch", "--onset", "x"),
     ):
-        out = (
-            ("--out", str(tmp_path / "new"))
-            if words != ("onset",)
-            else (str(tmp_path),)
-        )
+        out = ("--out", str(tmp_path / "new"))
         assert main([*words, *out, "--tag-mm", side]) == 2
         err = capsys.readouterr().err
         assert "--tag-mm" in err

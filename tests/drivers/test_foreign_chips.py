@@ -18,7 +18,7 @@ from holdfast.core.errors import DeviceNotFound, WrongDevice
 from holdfast.drivers.bus import Reply, Transfer
 from holdfast.drivers.finger import identify
 from holdfast.drivers.layout import read_layout
-from holdfast.drivers.scanning import as_layout, look_at
+from holdfast.drivers.scan import as_layout, look_at
 from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES, Setup
 from holdfast.drivers.virtual.virtual_hand import Mux, Wire
 
@@ -175,7 +175,7 @@ def test_a_mux_that_is_somewhere_else_is_named_with_its_pins():
 def test_a_named_layout_has_its_mux_where_the_url_says(layout, capsys):
     assert main(["scan", f"virtual://ft232h?layout={layout}@74"]) == 0
     out = capsys.readouterr().out
-    assert "0x74" in out
+    assert "  74  " in out
     assert "layout=74/0:35," in out
     assert "serves a model of" in out
 

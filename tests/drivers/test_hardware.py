@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from holdfast.core.clock import MonotonicClock
-from holdfast.drivers.scanning import look_at
+from holdfast.drivers.scan import look_at
 from holdfast.live.running import RunClock
 from holdfast.live.sources import open_bus, open_live
 

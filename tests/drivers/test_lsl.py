@@ -27,7 +27,6 @@ from holdfast.core.errors import (
     RateError,
     UnitError,
 )
-from holdfast.core.lsl_streams import StreamFacts
 from holdfast.drivers import lsl_library
 from holdfast.drivers.lsl import (
     DECISION,
@@ -35,6 +34,7 @@ from holdfast.drivers.lsl import (
     NO_NUMBER,
     SKIPPED,
     LslSource,
+    StreamFacts,
     decision_row,
 )
 from holdfast.drivers.lsl_library import LslInlet, LslOutlet, open_answers

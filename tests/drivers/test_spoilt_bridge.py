@@ -34,9 +34,8 @@ class SpoiltBridge(Device):
         self._answers = 0
         self._spoilt = range(first, first + SPOILT_ANSWERS)
         self._rng = np.random.default_rng(seed)
-        self.vendor, self.product = device.vendor, device.product
-        self.speed, self.interfaces = device.speed, device.interfaces
-        self.kernel_driver = device.kernel_driver
+        self.device_descriptor = device.device_descriptor
+        self.configuration = device.configuration
 
     def control_out(
         self, request_type: int, request: int, value: int, index: int, data: bytes

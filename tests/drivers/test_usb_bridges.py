@@ -42,14 +42,6 @@ def test_a_kernel_driver_is_away_while_a_bridge_is_open_and_back_afterwards(make
 
 
 @every_usb_bridge
-def test_the_kernel_has_a_driver_for_every_interface_of_a_bridge(make, kind):
-    bench = make(kind)
-    bench.bus.close()
-    active = [bench.backend.is_kernel_driver_active(None, k) for k in range(4)]
-    assert active == [k < len(bench.device.interfaces) for k in range(4)]
-
-
-@every_usb_bridge
 def test_a_bridge_that_is_open_cannot_be_opened_again_until_it_is_closed(make, kind):
     bench = make(kind)
     with pytest.raises(AccessDenied, match="busy"):

@@ -19,8 +19,7 @@ from numbered_lines import numbered_sender
 
 from holdfast.core.errors import ColumnError, DeviceLost, NotANumber, UsageError
 from holdfast.core.hand_lines import SILENCE_NS
-from holdfast.core.lsl_streams import StreamFacts
-from holdfast.drivers.lsl import LslIntent
+from holdfast.drivers.lsl import LslIntent, StreamFacts
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.wearer import (
     INTENT_HEADER,

@@ -60,7 +60,6 @@ def test_a_macro_f1_names_its_classes_only_where_one_is_absent() -> None:
 
 def test_the_row_of_an_absent_class_is_a_dash_in_pictures_of_confusions() -> None:
     counts = [[8, 2, 0], [0, 0, 0]]
-    level = ConfusionFigures(
-        ("grasp", "safe_slip", "unknown"), counts, 0.9, None, {}, {}
-    )
+    names = ("grasp", "safe_slip", "unknown")
+    level = ConfusionFigures(0.9, None, {}, {}, classes=names, counts=counts)
     assert "-" in drawn_texts(confusion(level, "made"))

@@ -10,15 +10,10 @@ import pytest
 from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
 from holdfast.core.errors import TooLittleToAdapt
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
-from holdfast.export.correction import corrected_votes
-from holdfast.sessions.adapting import (
-    LEAST_RECALL,
-    HeldOutFigures,
-    choose,
-    require_enough,
-)
-from holdfast.sessions.slip_evidence import (
+from holdfast.sessions.adapt import require_enough
+from holdfast.sessions.adapt_evidence import (
     MOST_NATS,
+    ContradictedLabels,
     PersonCounts,
     Stream,
     contradicted,
@@ -27,6 +22,7 @@ from holdfast.sessions.slip_evidence import (
     moved,
     stream_of,
 )
+from holdfast.sessions.adapt_point import LEAST_RECALL, Evidence, HeldOutFigures
 from holdfast.training.recording import Recording
 from holdfast.training.timeline import Phase, RiskyEvent
 
@@ -70,16 +66,20 @@ def passes(n: int = 8, *, alike: bool = False) -> list[Stream]:
     return [stream(k, slip=False, alike=alike) for k in range(n)]
 
 
+def evidence(*, alike: bool = False) -> Evidence:
+    return Evidence(passes(alike=alike), slips(), RULES, None, VOTES)
+
+
 def slips(n: int = 24) -> list[Stream]:
     return [stream(100 + k, slip=True) for k in range(n)]
 
 
 def test_hand_overs_that_look_like_no_slip_are_no_longer_called() -> None:
-    point = choose(passes(), slips(), RULES, None, VOTES)
+    point = evidence().choose()
     assert point.nats is not None
     assert (point.reached.called, point.reached.hand_overs) == (0, 8)
     assert point.reached.recall == 1.0
-    fitted = moved(fit_correction(passes(), slips(), VOTES), point.nats)
+    fitted = evidence().correction(point)
     new = corrected(stream(999, slip=False), fitted, None)
     assert not ((new.situation == RISKY_SLIP) & (new.risky_permille >= 600)).any()
     kept = corrected(stream(998, slip=True), fitted, None)
@@ -89,13 +89,13 @@ def test_hand_overs_that_look_like_no_slip_are_no_longer_called() -> None:
 def test_hand_overs_that_look_like_a_slip_stay_called_rather_than_slips_missed() -> (
     None
 ):
-    for votes_in_all in (None, VOTES):
-        point = choose(passes(alike=True), slips(), RULES, None, votes_in_all)
+    for threshold_only in (True, False):
+        point = evidence(alike=True).choose(threshold_only=threshold_only)
         assert point.reached.recall >= LEAST_RECALL
 
 
 def test_a_threshold_alone_cannot_tell_votes_that_are_alike_apart() -> None:
-    point = choose(passes(), slips(), RULES, None, None)
+    point = evidence().choose(threshold_only=True)
     assert point.nats is None
     assert (point.reached.called, point.reached.recall) == (8, 1.0)
 
@@ -103,9 +103,7 @@ def test_a_threshold_alone_cannot_tell_votes_that_are_alike_apart() -> None:
 def test_a_moved_rule_still_adds_exactly_and_keeps_more_or_fewer_risky_votes() -> None:
     fitted, one = fit_correction(passes(), slips(), VOTES), stream(5, slip=False)
     risky = [
-        corrected_votes(moved(fitted, nats), one.features, one.votes)[
-            :, RISKY_SLIP
-        ].sum()
+        moved(fitted, nats).corrected(one.features, one.votes)[:, RISKY_SLIP].sum()
         for nats in (-MOST_NATS, 0.0, MOST_NATS)
     ]
     assert risky == sorted(risky)
@@ -149,8 +147,10 @@ def test_trials_in_which_the_base_sees_what_the_labels_do_not_are_named() -> Non
     rules = replace(RULES, min_risky_permille=900)
     # At 600 of 1000 votes the base calls all of them, at 900 none.
     both = [stream(1, slip=False), stream(2, slip=True)]
-    assert contradicted(both, RULES) == ["t1"]
-    assert contradicted(both, rules) == ["t2"]
+    with pytest.warns(ContradictedLabels, match="1 of 2 trials: t1;"):
+        assert contradicted(both, RULES) == ["t1"]
+    with pytest.warns(ContradictedLabels, match="1 of 2 trials: t2;"):
+        assert contradicted(both, rules) == ["t2"]
 
 
 @pytest.mark.parametrize(

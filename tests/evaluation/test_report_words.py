@@ -15,8 +15,8 @@ from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.alarms import event_scores
 from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
 from holdfast.evaluation.evaluation_lines import evaluation_lines
-from holdfast.evaluation.figures import Evaluation
 from holdfast.evaluation.report import write_event_report
+from holdfast.evaluation.scored_set import Evaluation
 from holdfast.evaluation.statistics import Spread
 from holdfast.training.figures import Share
 from holdfast.training.fixture import write_fixture

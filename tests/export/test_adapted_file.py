@@ -12,7 +12,7 @@ from small_model import card_of, sealed_again, spec
 
 from holdfast.core.errors import NotAdapted, VerificationFailed
 from holdfast.edge_runtime.model import Model
-from holdfast.export.adapted_file import (
+from holdfast.export.changed import (
     BASE_KEY,
     Adaptation,
     adapted,
@@ -20,7 +20,6 @@ from holdfast.export.adapted_file import (
     undone,
     verify_adapted,
 )
-from holdfast.export.correction import corrected_votes, rows_of
 from holdfast.export.features import feature_count
 
 AREA = "The model file"
@@ -60,12 +59,11 @@ def test_every_vote_of_an_adapted_file_is_the_reference_s(
     base = base_of(eight, committee)
     made, path = file_of(base), tmp_path / "m.onnx"
     path.write_bytes(made)
-    card = Model(path).card
-    assert card.decision == RULES
-    report = verify_adapted(base, made, card, correction(base), rows())
+    assert Model(path).card.decision == RULES
+    report = verify_adapted(base, made, correction(base), rows())
     assert report.rows > 300
     with pytest.raises(VerificationFailed, match="votes"):
-        verify_adapted(base, made, card, correction(base, bias=-4000.0), rows())
+        verify_adapted(base, made, correction(base, bias=-4000.0), rows())
 
 
 def test_a_correction_takes_risky_votes_gives_them_to_safe_slip_and_keeps_the_sum() -> (
@@ -73,7 +71,7 @@ def test_a_correction_takes_risky_votes_gives_them_to_safe_slip_and_keeps_the_su
 ):
     one = correction(base_of())
     votes = np.random.default_rng(3).integers(0, 4096, size=(300, 8))
-    found = corrected_votes(one, rows(), votes)
+    found = one.corrected(rows(), votes)
     assert (found >= 0).all()
     assert np.array_equal(found.sum(axis=1), votes.sum(axis=1))
     assert np.array_equal(found[:, :4], votes[:, :4])
@@ -90,7 +88,7 @@ def test_the_card_says_what_it_is_based_on_and_names_no_one() -> None:
     assert len(card["adaptation"]["base_sha256"]) == 64
     assert (
         card["heads"]["situation"]["correction"]["inputs"]
-        == rows_of(rows(1), np.zeros((1, 8), np.int64)).shape[1]
+        == 2 * feature_count(spec()) + 8
     )
 
 

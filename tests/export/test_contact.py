@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import msgspec
 import numpy as np
 import onnx
 import onnxruntime as ort
@@ -20,8 +21,8 @@ from holdfast.core.errors import UsageError
 from holdfast.edge_runtime.graph import StepGraph, open_session, run_recording
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import CONTACT_KEY
-from holdfast.export.again import with_contact_rule
 from holdfast.export.artifact import read_artifact
+from holdfast.export.changed import changed
 from holdfast.export.exporting import model_card, seal, whole_graph
 from holdfast.export.features import feature_graph
 from holdfast.export.guard import reference_contact
@@ -109,7 +110,7 @@ def test_between_both_thresholds_the_last_answer_stays() -> None:
 
 @pytest.mark.parametrize("least", [6, 4])
 def test_the_graph_follows_the_rule_in_plain_python(least: int) -> None:
-    spec = replace(SPEC, min_valid_sensors=least)
+    spec = msgspec.structs.replace(SPEC, min_valid_sensors=least)
     values, valid = touching_input(spec, rule_of(spec), seed=3)
     expected, zeros = reference_contact(values, valid, spec, rule_of(spec))
     empty, zero = stepped(values, valid, spec)
@@ -170,7 +171,7 @@ def test_while_the_zero_stays_0_every_feature_has_its_old_bits() -> None:
     values[100:] = np.random.default_rng(1).normal(1.0, 1.0, (200, SPEC.n_channels))
     valid = np.ones((300, 6), np.bool_)
     names = ["features", "detectors"]
-    old = replace(SPEC, force_decides=False)
+    old = msgspec.structs.replace(SPEC, force_decides=False)
     by_force = run_recording(session_of(SPEC), values, valid, names)
     plain = run_recording(session_of(old), values, valid, names)
     for name in names:
@@ -194,7 +195,9 @@ def test_votes_of_an_empty_hand_are_for_nothing_and_in_contact_for_anything_else
 
 def test_a_unit_without_a_noise_limit_leaves_nothing_to_the_learner() -> None:
     for unit in ("uT", "count"):
-        assert replace(SPEC, unit=unit, force_decides=None).contact is None
+        assert (
+            msgspec.structs.replace(SPEC, unit=unit, force_decides=None).contact is None
+        )
     assert StepSpec.from_json(SPEC.to_json()) == SPEC
 
 
@@ -205,7 +208,7 @@ def test_a_unit_without_a_noise_limit_leaves_nothing_to_the_learner() -> None:
 def older(eight_classes: Built, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A file as an earlier version wrote it."""
     artifact = read_artifact(eight_classes.artifact)
-    spec = replace(artifact.spec, force_decides=False)
+    spec = msgspec.structs.replace(artifact.spec, force_decides=False)
     card = model_card(replace(artifact, spec=spec))
     del card[CONTACT_KEY], card["spec"]["force_decides"]
     path = tmp_path_factory.mktemp("older") / "older.onnx"
@@ -224,7 +227,7 @@ def test_an_older_file_loads_and_warns_once_in_plain_words(
 
 def test_an_older_file_is_exported_again_with_its_own_learner(older: Path) -> None:
     old = older.read_bytes()
-    card, new = with_contact_rule(old)
+    card, new = changed(old)
     assert card[CONTACT_KEY] == rule_of(StepSpec.from_json(card["spec"])).to_json()
     assert learner_digest(old) == learner_digest(new)
 
@@ -232,7 +235,7 @@ def test_an_older_file_is_exported_again_with_its_own_learner(older: Path) -> No
     path.write_bytes(new)
     assert Model(path).card.decides_by_force
     with pytest.raises(UsageError, match="up to date"):
-        with_contact_rule(new)
+        changed(new)
 
 
 def learner_digest(data: bytes) -> str:

@@ -21,8 +21,8 @@ from holdfast.edge_runtime.graph import open_session, run_recording
 from holdfast.edge_runtime.grip_control import sense_of
 from holdfast.edge_runtime.model_file import read_sealed
 from holdfast.edge_runtime.monitor import GripMonitor, Model
-from holdfast.export.again import for_hand, with_rules
 from holdfast.export.artifact import write_artifact
+from holdfast.export.changed import changed
 from holdfast.export.exporting import export_artifact
 from holdfast.export.pooled import FAMILIES
 from holdfast.export.spec import StepSpec
@@ -81,7 +81,7 @@ def card_without_text(hand: str) -> object:
 def test_the_folder_and_the_file_give_the_same_file(six: Path, tmp_path: Path) -> None:
     hand = read_hand_card("three-fingertips")
     of_folder, _ = export_artifact(six.parent, tmp_path / "folder.onnx", hand=hand)
-    _, data = for_hand(read_sealed(six), hand)
+    _, data = changed(read_sealed(six), hand)
     of_file = tmp_path / "file.onnx"
     of_file.write_bytes(data)
     rng = np.random.default_rng(0)
@@ -97,7 +97,7 @@ def test_twelve_sensors_with_half_the_force_each_read_as_six(
     """All but the direction of the mean shear, which counts less at a small force."""
     out = tmp_path / "twelve.onnx"
     hand = read_hand_card("twelve-sensors")
-    _, data = for_hand(read_sealed(six), hand)
+    _, data = changed(read_sealed(six), hand)
     out.write_bytes(data)
     rng = np.random.default_rng(1)
     values = np.cumsum(rng.normal(0.0, 0.05, (80, 6, 3)), axis=0)
@@ -119,12 +119,12 @@ def test_twelve_sensors_with_half_the_force_each_read_as_six(
 def test_a_model_of_single_sensors_is_refused_in_plain_words(tmp_path: Path) -> None:
     hand = read_hand_card("three-fingertips")
     with pytest.raises(UsageError, match="fits the hand that it was trained on") as no:
-        for_hand(small_model.sealed_bytes(), hand)
+        changed(small_model.sealed_bytes(), hand)
     assert "now" in str(no.value)
 
 
 def test_the_learner_behind_the_features_is_the_same(six: Path) -> None:
-    _, data = for_hand(read_sealed(six), read_hand_card("two-pad-gripper"))
+    _, data = changed(read_sealed(six), read_hand_card("two-pad-gripper"))
     numbers = [
         numbers_of(onnx.load_from_string(one)) for one in (six.read_bytes(), data)
     ]
@@ -152,7 +152,7 @@ def test_a_degraded_hand_says_so_and_a_hand_without_a_side_is_unknown(
     six: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "three.onnx"
-    _, data = for_hand(read_sealed(six), read_hand_card("three-fingertips"))
+    _, data = changed(read_sealed(six), read_hand_card("three-fingertips"))
     out.write_bytes(data)
     model = Model(out)
     monitor = GripMonitor(model, None)
@@ -201,8 +201,8 @@ def test_rules_of_the_decision_change_and_the_answers_do_not(
     asked = ["--rule", "evidence_ms=300", "--rule", "min_risky_permille=650"]
     assert main(["export", str(six), "--out", str(out), *asked]) == 0
     before, after = Model(six).card.raw, Model(out).card.raw
-    changed = {"evidence_ms": 300, "min_risky_permille": 650}
-    assert after == before | {"decision": before["decision"] | changed}
+    rules = {"evidence_ms": 300, "min_risky_permille": 650}
+    assert after == before | {"decision": before["decision"] | rules}
     beside = json.loads(out.with_suffix(".json").read_text("utf-8"))
     assert beside["decision"] == after["decision"]
     values = np.random.default_rng(1).normal(0.0, 1.0, size=(200, 18))
@@ -230,7 +230,7 @@ def test_a_rule_that_cannot_be_is_an_error(
     six: Path, rules: dict[str, int], says: str
 ) -> None:
     with pytest.raises(UsageError, match=says):
-        with_rules(read_sealed(six), rules)
+        changed(read_sealed(six), rules=rules)
 
 
 def test_a_rule_is_of_a_model_file_and_has_a_number(

@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import msgspec
 import numpy as np
 import onnxruntime as ort
 import pytest
@@ -56,7 +57,7 @@ def bank_session(spec: StepSpec) -> ort.InferenceSession:
     rows."""
     graph = GraphBuilder(spec.n_sensors)
     # without the contact rule, whose zero is set behind the bank
-    spec = replace(spec, force_decides=False)
+    spec = msgspec.structs.replace(spec, force_decides=False)
     rectified, _ = add_bank(graph, spec, add_guard(graph, spec))
     graph.node("Identity", rectified, out="rectified")
     graph.output(
@@ -348,7 +349,10 @@ def test_a_model_that_needs_fewer_sensors_answers_degraded_and_then_not_at_all(
 ) -> None:
     artifact = read_artifact(eight_classes.artifact)
     write_artifact(
-        tmp_path, replace(artifact, spec=replace(artifact.spec, min_valid_sensors=4))
+        tmp_path,
+        replace(
+            artifact, spec=msgspec.structs.replace(artifact.spec, min_valid_sensors=4)
+        ),
     )
     model = Model(export_artifact(tmp_path)[0])
     strict, tolerant = (

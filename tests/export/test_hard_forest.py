@@ -100,21 +100,12 @@ CASES = (
 )
 
 
-def beside_thresholds(forest: Forest, n: int, rng: np.random.Generator) -> Rows:
-    """[n, F]: every number is a threshold of its own feature, or a float32 step to either side of
-    it."""
-    trees = [tree.tree_ for tree in forest.estimators_]
-    feature = np.concatenate([tree.feature for tree in trees])
-    at = largest_float32_not_above(np.concatenate([tree.threshold for tree in trees]))
-    rows = np.stack(
-        [rng.choice(at[feature == k], n) for k in range(forest.n_features_in_)], axis=1
-    )
-    side = rng.integers(-1, 2, rows.shape)
-    return np.where(
-        side == 0,
-        rows,
-        np.nextafter(rows, np.copysign(np.float32(np.inf), side.astype(np.float32))),
-    )
+def on_thresholds(one: Case, n: int, seed: int) -> Rows:
+    """n rows, as the verification draws them."""
+    parts = [threshold_rows(one.forest, one.rows, seed)]
+    while sum(map(len, parts)) < n:
+        parts.append(threshold_rows(one.forest, one.rows, 1000 * seed + len(parts)))
+    return np.concatenate(parts)[:n]
 
 
 def of_edges(forest: Forest, n: int, rng: np.random.Generator) -> Rows:
@@ -145,11 +136,10 @@ def adversarial(one: Case, n: int, seed: int) -> Rows:
     most = 3000 if one.whole else 6
     return np.concatenate(
         [
-            beside_thresholds(one.forest, 7 * n // 10, rng),
+            on_thresholds(one, 7 * n // 10, seed),
             of_edges(one.forest, n // 10, rng),
             rng.integers(-most, most, (n // 10, N_FEATURES)).astype(np.float32),
-            without_a_sensor(beside_thresholds(one.forest, n // 10, rng), rng),
-            threshold_rows(one.forest, one.rows, seed),
+            without_a_sensor(on_thresholds(one, n // 10, seed + 1), rng),
         ]
     )
 

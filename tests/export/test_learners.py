@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -169,7 +169,7 @@ def test_label_weights_change_labels_and_nothing_else():
         made_of("forest", SITUATIONS),
         made_of("forest", SITUATIONS, (0.01, 1.0, 1.0, 1.0)),
     )
-    by_votes = replace(SPEC, force_decides=False)
+    by_votes = msgspec.structs.replace(SPEC, force_decides=False)
     rng = np.random.default_rng(0)
     values = 3.0 * rng.normal(size=(200, 6))
     valid = np.ones((200, 2), np.bool_)

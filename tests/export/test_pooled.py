@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
+import msgspec
 import numpy as np
 import pytest
 from pooled_reference import PooledReference
@@ -68,7 +67,7 @@ def reference(
 @pytest.mark.parametrize("rate_hz", [RATE_HZ, 150.0])
 @pytest.mark.parametrize("hand", HANDS)
 def test_the_graph_is_the_reference_on_every_hand(hand: str, rate_hz: float) -> None:
-    spec = replace(spec_of(hand), rate_hz=rate_hz)
+    spec = msgspec.structs.replace(spec_of(hand), rate_hz=rate_hz)
     values = grip(spec.n_sensors)
     expected = reference(spec, values)
     np.testing.assert_allclose(features(spec, values), expected, rtol=1e-5, atol=1e-6)

@@ -16,8 +16,7 @@ from long_steps import long_steps
 
 from holdfast.core.errors import UsageError
 from holdfast.edge_runtime.model import Model
-from holdfast.sessions.adapted_files import base_model
-from holdfast.sessions.adapting import of_person
+from holdfast.sessions.adapt import base_model, of_person
 from holdfast.sessions.recorder.protocol import read_protocol
 from holdfast.simulation import SCENES
 from holdfast.training.datasets import load
@@ -104,33 +103,34 @@ def _refused(run: Run, folder: Path) -> None:
 
 
 @pytest.fixture
-def without_masses(fixture_folder: Path, tmp_path: Path) -> Path:
-    """A person's passes, put-downs, pulls and falls with objects that no table knows."""
+def slips_as_passes(fixture_folder: Path, tmp_path: Path) -> Path:
+    """Trials with objects that no table knows; two in three pulls and falls are filed as passes."""
     out = tmp_path / "person"
     for number, thing in enumerate(sorted(fixture_folder.glob("*-*"))):
         shutil.copytree(thing, out / f"thing-{number}")
+    for path in out.glob("*/[pf][ua]l*/trial_[23].*"):
+        text = path.read_text().replace("risky_slip", "safe_slip")
+        (path.parents[1] / "pass" / path.name.replace("_", "_9")).write_text(text)
+        path.unlink()
     shutil.copy(fixture_folder / "meta.json", out)
     return out
 
 
 def test_a_file_worse_than_its_base_is_written_only_with_force_and_labels_are_doubted_first(
-    run: Run, eight_classes: Built, without_masses: Path, tmp_path: Path
+    run: Run, eight_classes: Built, slips_as_passes: Path, tmp_path: Path
 ) -> None:
     write_fixture(tmp_path / "slips", trials_per_cell=8, seed=1)
     out = tmp_path / "own.onnx"
-    words = ["adapt", eight_classes.model, "--data", without_masses, "--person", "p01"]
+    words = ["adapt", eight_classes.model, "--data", slips_as_passes, "--person", "p01"]
     words += ["--slips", tmp_path / "slips", "--out", out]
     code, _, err = run(*words)
     assert (code, out.exists()) == (4, False)
-    assert "slips of the person: 14 of 15 found, by the base 15" in err
     assert err.index("ContradictedLabels") < err.index("fitting the correction")
     assert "/pass/trial_" in err[err.index("ContradictedLabels") :].splitlines()[0]
-    code, words_out, _ = run(*words, "--force")
+    code, _, _ = run(*words, "--force")
     assert (code, out.exists()) == (0, True)
-    assert "0 of 30 voluntary actions called, 14 of 15 slips of the person" in words_out
-    assert "the base on these: 6 of 30 voluntary actions called" in words_out
     about = Model(out).card.raw["adaptation"]
-    assert (about["held_out"]["found"], about["base_held_out"]["found"]) == (14, 15)
+    assert about["held_out"]["found"] < about["base_held_out"]["found"]
 
 
 def test_options_that_contradict_each_other_are_refused(

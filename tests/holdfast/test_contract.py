@@ -13,7 +13,7 @@ from holdfast.core.contract import (
     untold_of,
 )
 from holdfast.core.errors import ChannelError, UnitError
-from holdfast.core.lsl_streams import order_of, unit_of
+from holdfast.drivers.lsl import order_of, unit_of
 
 
 def test_a_class_has_the_number_of_its_situation_and_weight() -> None:
@@ -66,11 +66,11 @@ def test_a_card_that_does_not_say_what_it_cannot_tell_tells_all(card: object) ->
 )
 def test_all_channels_of_a_stream_have_one_unit(words: str, unit: str | None) -> None:
     if unit:
-        assert unit_of([f" {one} " for one in words.split()], "a", "b") == unit
+        assert unit_of([f" {one} " for one in words.split()], "a") == unit
         return
     said = " and ".join(sorted(words.lower().split())) or "nothing"
     with pytest.raises(UnitError, match=said.split(" and ")[0]):
-        unit_of(words.split() or [""], "lsl://a", "say it")
+        unit_of(words.split() or [""], "lsl://a")
 
 
 def test_labels_of_the_layout_give_the_order_and_others_none() -> None:

@@ -23,12 +23,10 @@ from lossy_set import (
     PULL,
     RATE_HZ,
     ROWS,
-    START_S,
     Written,
     write_lossy_set,
 )
 from mcap.reader import make_reader
-from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
 from packages import ROOT
 
 from holdfast.cli.convert import WRITERS
@@ -42,7 +40,7 @@ PAGE = ROOT / "docs/interop.md"
 STEP_NS = round(1e9 / RATE_HZ)
 LIBRARIES = {
     "parquet": {"pyarrow"},
-    "mcap": {"mcap", "mcap_protobuf", "foxglove_schemas_protobuf"},
+    "mcap": {"mcap", "mcap_protobuf"},
 }
 
 
@@ -76,27 +74,6 @@ def converted(
         return tmp_path / form
 
     return convert
-
-
-def messages(
-    path: Path, factory: Any, *topics: str
-) -> dict[str, list[tuple[int, Any]]]:
-    """Topic -> (log time in ns, decoded message), by the reader of the mcap package."""
-    found: dict[str, list[tuple[int, Any]]] = {}
-    with path.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[factory], validate_crcs=True)
-        for _, channel, message, decoded in reader.iter_decoded_messages(
-            topics or None
-        ):
-            found.setdefault(channel.topic, []).append((message.log_time, decoded))
-    return found
-
-
-def arrows(folder: Path) -> dict[str, list[tuple[int, Any]]]:
-    """The topics of the 3D view."""
-    return messages(
-        folder / f"{PULL}.mcap", ProtobufFactory(), "/tactile/arrows", "/tf"
-    )
 
 
 def test_pandas_reads_a_folder_of_parquet_as_one_table(converted, recorded):
@@ -148,60 +125,27 @@ def test_without_raw_the_values_are_without_the_bias_that_is_written_down(
     assert np.abs(values[:5].mean(axis=0)).max() < 1e-9
 
 
-def test_the_mcap_package_reads_foxglove_s_arrows(converted, recorded):
-    written = recorded[1][PULL]
-    found = arrows(converted("mcap"))
-    scenes = found["/tactile/arrows"]
-    assert len(scenes) == ROWS
-    for row, (t_ns, scene) in enumerate(scenes):
-        assert t_ns == START_S * 1_000_000_000 + row * STEP_NS
-        (hand,) = scene.entities
-        assert (hand.frame_id, len(hand.spheres)) == ("hand", 6)
-        assert len(hand.arrows) == written.valid[row].sum()
-        assert hand.texts[0].text == written.label[row] or written.label[row] is None
-    (tf,) = found["/tf"]
-    assert (tf[1].parent_frame_id, tf[1].child_frame_id) == ("world", "hand")
-
-
-def test_an_arrow_is_as_long_as_the_force_and_points_along_it(converted, recorded):
-    written = recorded[1][PULL]
-    found = arrows(converted("mcap"))
-    hand = found["/tactile/arrows"][45][1].entities[0]
-    for sensor, arrow in enumerate(hand.arrows):
-        x, y, z = written.values[45, 3 * sensor : 3 * sensor + 3]
-        side = -1.0 if sensor < 2 else 1.0  # the thumb has two sensors
-        assert arrow.pose.position.y == pytest.approx(0.03 * side)
-        size = arrow.shaft_length + arrow.head_length
-        assert size == pytest.approx(1e-2 * np.hypot(np.hypot(x, y), z))
-        q = arrow.pose.orientation
-        towards = [
-            1 - 2 * (q.y**2 + q.z**2),
-            2 * (q.x * q.y + q.z * q.w),
-            2 * (q.x * q.z - q.y * q.w),
-        ]
-        np.testing.assert_allclose(
-            np.multiply(towards, size / 1e-2), [x, side * z, -side * y], atol=1e-6
-        )
-
-
 def test_the_mcap_package_reads_values_labels_and_losses(converted, recorded):
     written = recorded[1][PULL]
     path = converted("mcap") / f"{PULL}.mcap"
-    values, situations = [], []
+    read: dict[str, list[Any]] = {}
     with path.open("rb") as file:
         reader = make_reader(file)
-        for schema, channel, message in reader.iter_messages(
-            ["/tactile/fingers", "/situation"]
-        ):
+        for schema, channel, message in reader.iter_messages():
             assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
-            (values if "fingers" in channel.topic else situations).append(
-                json.loads(message.data)
-            )
+            read.setdefault(channel.topic, []).append(json.loads(message.data))
         about = {record.name: record.metadata for record in reader.iter_metadata()}[
             "holdfast"
         ]
-    read = [[one[axis] for one in row["fingers"] for axis in "xyz"] for row in values]
-    np.testing.assert_allclose(np.array(read, dtype=float), written.values, rtol=1e-8)
+    values, situations, logged = (
+        read[topic] for topic in ("/tactile/fingers", "/situation", "/log")
+    )
+    numbers = [
+        [one[axis] for one in row["fingers"] for axis in "xyz"] for row in values
+    ]
+    np.testing.assert_allclose(
+        np.array(numbers, dtype=float), written.values, rtol=1e-8
+    )
     assert [
         [one["valid"] for one in row["fingers"]] for row in values
     ] == written.valid.tolist()
@@ -213,7 +157,7 @@ def test_the_mcap_package_reads_values_labels_and_losses(converted, recorded):
     ]
     assert {row["unit"] for row in values} == {"N"}
     assert json.loads(about["object"]) == "soft-ball"
-    log = [one.message for _, one in messages(path, ProtobufFactory(), "/log")["/log"]]
+    log = [one["message"] for one in logged]
     assert "mark: load_onset (key)" in log
     assert [log.count(f"finger {k} is lost") for k in (1, 2, 3)] == [1, 2, 2]
     assert [log.count(f"finger {k} is back") for k in (1, 2, 3)] == [1, 2, 2]

@@ -111,7 +111,7 @@ def test_no_escape_in_a_scenes_title_or_in_a_trials_folder_reaches_the_terminal(
     trial.mkdir(parents=True)
     (trial / "meta.json").write_text('{"state": "kept"}', encoding="utf-8")
     (trial / "tactile.csv").write_text("Time,X1,Y1,Z1\n0,1,2,3\n", encoding="utf-8")
-    main(["repair", str(tmp_path / "person\x1b[31m")])
+    main(["check", "--repair", str(tmp_path / "person\x1b[31m")])
     out, err = capfd.readouterr()
     assert harmless(out), out
     assert harmless(err), err

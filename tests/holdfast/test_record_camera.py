@@ -86,8 +86,8 @@ def test_a_camera_that_goes_away_voids_its_part_and_the_hand_is_recorded_to_the_
     assert [one["event"] for one in events if "event" in one] == ["camera_lost"]
     assert "the camera failed" in err
     assert "this trial has no camera recording" in err
-    assert read_about(folder)["void"] == "interrupted"
-    assert main(["onset", str(folder)]) == 3, "a void part gets no label"
+    assert read_about(folder).void == "interrupted"
+    assert main(["watch", "--onset", str(folder)]) == 3, "a void part gets no label"
 
 
 def test_tags_of_two_sizes_are_reported_after_the_trial_and_everything_is_kept(

@@ -84,13 +84,13 @@ def test_kill_9_loses_at_most_the_sample_under_way_and_the_next_run_goes_on(
     with (folder / "tactile.csv").open("a") as file:
         # and as if the kill had come in the middle of a write
         file.write("0.513,1.0,2.")
-    assert main(["repair", str(out)]) == 0
+    assert main(["check", "--repair", str(out)]) == 0
     printed = capsys.readouterr().out
     assert "12 bytes of an incomplete line removed, 77 samples complete" in printed
     assert (folder / "tactile.csv.torn").read_text() == "0.513,1.0,2."
     assert "marked as interrupted with 77 samples" in printed
     assert len(open_replay(folder).values) == 77
-    assert main(["repair", str(out)]) == 0
+    assert main(["check", "--repair", str(out)]) == 0
     assert "complete" in capsys.readouterr().out
     again = "--object cup --action pull --trials 1 --seconds 1"
     recorded(out, *again.split())
@@ -113,8 +113,8 @@ def test_a_kill_from_outside_leaves_whole_rows_in_their_order(tmp_path):
 
 
 def test_where_there_is_no_trial_nothing_can_be_mended(tmp_path, capsys):
-    assert main(["repair", str(tmp_path)]) == 3
-    assert main(["repair", str(tmp_path / "nowhere")]) == 3
+    assert main(["check", "--repair", str(tmp_path)]) == 3
+    assert main(["check", "--repair", str(tmp_path / "nowhere")]) == 3
     assert "no trial in this folder" in capsys.readouterr().err
 
 
@@ -142,7 +142,7 @@ def test_a_full_disk_is_one_error_and_what_was_recorded_is_whole(tmp_path, limit
     for file in files:
         assert file.read_bytes().endswith(b"\n")
     assert limit < 40_000 or len(read_trial(files[0]).t_s) > 50
-    assert main(["repair", str(tmp_path)]) == 0, (
+    assert main(["check", "--repair", str(tmp_path)]) == 0, (
         "with room again, repair ends what the full disk left"
     )
     assert "recording" not in states_in(tmp_path)
@@ -168,12 +168,12 @@ def test_wherever_the_disk_is_full_repair_ends_what_is_left_and_the_next_run_goe
         one_pull(tmp_path)
     left = list(tmp_path.rglob("trial_*/meta.json"))
     code = 0 if left else 3
-    assert main(["repair", str(tmp_path)]) == code
+    assert main(["check", "--repair", str(tmp_path)]) == code
     assert set(states_in(tmp_path)) <= {"interrupted", "void"}
     for meta in left:
         table = meta.with_name("tactile.csv").read_bytes()
         assert table.count(b"\n") == len(table.splitlines())
-    assert main(["repair", str(tmp_path)]) == code
+    assert main(["check", "--repair", str(tmp_path)]) == code
     assert "marked" not in capsys.readouterr().out.splitlines()[-1:]
     assert any(line.startswith("kept: ") for line in one_pull(tmp_path))
 
@@ -185,8 +185,8 @@ def test_on_a_disk_that_is_still_full_repair_says_so_for_each_trial(
         with full_disk(needed // 2), pytest.raises(OutputError):
             one_pull(tmp_path)
     with full_disk(0):
-        assert main(["repair", str(tmp_path)]) == 5
+        assert main(["check", "--repair", str(tmp_path)]) == 5
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 2
     assert all("not repaired: " in line and "next: make room" in line for line in lines)
-    assert main(["repair", str(tmp_path)]) == 0
+    assert main(["check", "--repair", str(tmp_path)]) == 0

@@ -32,6 +32,7 @@ class Card(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
             raise ValueError(f"{len(self.rows)} rows; allowed: 0 to 2")
 
 
+RANGE = "next: allowed: a whole number from 1 to 9"
 GOOD = "[[rows]]\ncount = 3\n[cues.slip.first]\ncount = 1\nat_s = [0, 2.5]\n"
 
 
@@ -48,25 +49,34 @@ def test_what_stands_in_a_file_is_the_struct(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("[[rows]]\ncount = 10", r"rows\[0\]\.count = 10; next: allowed: int <= 9"),
-        ("[[rows]]\ncount = 'x'", r"rows\[0\]\.count = 'x'; next: allowed: int"),
+        (
+            "[[rows]]\ncount = 10",
+            rf"rows\[0\]\.count = 10; {RANGE}",
+        ),
+        (
+            "[[rows]]\ncount = 'x'",
+            rf"rows\[0\]\.count = 'x'; {RANGE}",
+        ),
         ("[[rows]]", r"rows\[0\]\.count is missing; next: allowed: count, kind, at_s"),
         (
             "[[rows]]\ncount = 1\n[[rows]]\ncount = 1\nkind = 'fall'",
-            r"rows\[1\]\.kind = 'fall'; next: allowed: pull, pass",
+            r"rows\[1\]\.kind = 'fall'; next: allowed: pull or pass",
         ),
         (
             "[cues.slip.a]\ncount = 1\n[cues.slip.b]\ncount = 0",
-            r"cues\.slip\.b\.count = 0; next: allowed: int >= 1",
+            r"cues\.slip\.b\.count = 0; next: allowed: a whole number from 1 to 9",
         ),
         (
             "[cues.slip.a]\ncount = 1\n[cues.lift.a]\ncount = 1\nat_s = [1, 'x']",
-            r"cues\.lift\.a\.at_s\[1\] = 'x'; next: allowed: float",
+            r"cues\.lift\.a\.at_s\[1\] = 'x'; next: allowed: a number",
         ),
         ("[cues.slip.a]\ncount = 1\nx = 1", r"cues\.slip\.a\.x is not known; next: "),
         ("row = 1", "row is not known; next: allowed: rows, cues"),
         ("[[rows]]\ncount = 1\n" * 3, "3 rows; next: allowed: 0 to 2"),
-        ("[[rows]]\ncount = nan", "not valid TOML: nan is not a finite number"),
+        (
+            "[[rows]]\ncount = nan",
+            r"rows\[0\]\.count = nan; next: allowed: a finite number",
+        ),
         ("rows = [", "not valid TOML: .*next: correct that line"),
         ("rows = " + "[" * 99_999, "not valid TOML"),
     ],

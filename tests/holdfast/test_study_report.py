@@ -17,9 +17,8 @@ from holdfast.cli import study as verb
 from holdfast.core.errors import DataNotFound
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.outcomes import participant_figures
-from holdfast.sessions.study.outcome import outcome_of
+from holdfast.sessions.study.outcome import outcome_of, summary_lines, write_report
 from holdfast.sessions.study.protocol import read_study
-from holdfast.sessions.study.report import summary_lines, write_report
 from holdfast.training.datasets import load
 
 if TYPE_CHECKING:

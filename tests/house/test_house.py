@@ -41,13 +41,13 @@ NOT_ON_THE_HAND = {
 }
 OF_ONE_FILE = (
     "depthai",
-    "foxglove_schemas_protobuf",
     "mcap",
     "openpyxl",
     "pyarrow",
     "pylsl",
     "pyxdf",
     "rosbags",
+    "serial",
 )
 READS_PICKLE = {
     "pickle",
@@ -288,7 +288,7 @@ def test_nothing_that_opens_a_model_leaves_telemetry_behind(
     }
     for first in (
         "holdfast.edge_runtime.monitor",
-        "holdfast.evaluation.latency.calls",
+        "holdfast.evaluation.bench",
         "holdfast.export.builder",
     ):
         model = repr(str(eight_classes.model))

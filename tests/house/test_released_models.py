@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from holdfast.edge_runtime.monitor import GripMonitor, Model
+from holdfast.evaluation.baselines import requests_of
 from holdfast.evaluation.model_outputs import run_model
-from holdfast.evaluation.thresholds import requests_of
 from holdfast.live.sources import open_source
 from holdfast.simulation.folder import write_recording
 from holdfast.simulation.scene import Scene
@@ -103,7 +103,7 @@ def test_a_released_file_acts_in_pulls_of_an_unseen_object_and_in_few_hand_overs
 GROWTH = """
 import sys
 from pathlib import Path
-from holdfast.evaluation.latency.calls import step_of
+from holdfast.evaluation.bench import step_of
 from holdfast.edge_runtime.monitor import Model
 
 def resident_kib():

@@ -39,7 +39,6 @@ OF_FORMAT = {
         "mcap",
         "mcap_protobuf",
         "google",
-        "foxglove_schemas_protobuf",
         "lz4",
         "zstandard",
     ),

@@ -19,7 +19,7 @@ import pytest
 from numpy._core._multiarray_umath import __cpu_features__ as features  # type: ignore[import-not-found]
 from small_model import artifact, graph_of, spec
 
-from holdfast.simulation import run
+from holdfast.simulation import stepper
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
@@ -101,8 +101,8 @@ def test_a_batch_that_short_trials_leave_gives_what_one_that_all_stay_in_gives(
     )
     some_leave = scene.run_together(trials)
     steps = [len(one.motion.at_s) for one in some_leave]
-    assert max(steps) - min(steps) > run.CHUNK
-    monkeypatch.setattr(run._Running, "leave", lambda running, start: None)
+    assert max(steps) - min(steps) > stepper.CHUNK
+    monkeypatch.setattr(stepper, "WORTH_LEAVING", 1)
     for one, other in zip(some_leave, scene.run_together(trials), strict=True):
         for name in (
             "forces_n",

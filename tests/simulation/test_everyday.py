@@ -17,12 +17,12 @@ from holdfast.core.contract import (
     FloatArray,
 )
 from holdfast.edge_runtime.grip import GripSense
+from holdfast.simulation.actions import EVERYDAY
 from holdfast.simulation.body import at_rest
 from holdfast.simulation.closed_loop import LoopTruth, needed_grip_n, run_loops
 from holdfast.simulation.core import step
 from holdfast.simulation.effect import EffectBatch, effect_named
 from holdfast.simulation.energy import brush_j, kinetic_j, normal_j
-from holdfast.simulation.everyday import ACTIONS
 from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial
 from holdfast.simulation.scene import SimulatedTrial
 from holdfast.simulation.script import Script, body_of
@@ -79,7 +79,7 @@ def test_actions_that_friction_holds_are_grasps_until_a_person_takes_the_object(
 ) -> None:
     gentle = {"tug": "peak_n = 1", "relax": "left = 1.4", "stack": "added_g = 20"}
     gentle["touch-table"] = "press_n = 1"
-    rows = [row(action, gentle.get(action, "")) for action in ACTIONS]
+    rows = [row(action, gentle.get(action, "")) for action in EVERYDAY]
     together = run(tmp_path, *rows)
     for simulated in together:
         assert situations(simulated) == HELD, simulated.trial.action

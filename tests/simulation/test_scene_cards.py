@@ -90,7 +90,7 @@ def test_a_new_card_needs_no_code(tmp_path):
             + PLAIN.replace("soft-ball", "lead"),
             ["trials[0].objects", "lead", "70 N"],
         ),
-        ("title = 3", ["trials", "at least one"]),
+        ("title = 'x'", ["trials", "is missing"]),
         ("[trails]\n" + PLAIN, ["trails", "not known", "trials"]),
         ("[[trials]\n", ["not valid TOML"]),
     ],
@@ -132,11 +132,11 @@ def test_a_card_that_is_not_there_names_those_that_are():
 
 
 def test_styles_say_only_what_actions_know():
-    from holdfast.simulation.protocol import ACTIONS, COMMON
+    from holdfast.simulation.actions import COMMON, parameters_of
 
     for style in tomllib.loads(STYLES.read_text("utf-8")).values():
         for action, result in style.items():
-            table = COMMON if action == "all" else COMMON | ACTIONS[action]
+            table = COMMON if action == "all" else parameters_of(action)
             assert {
                 name: table[name].problem(value) for name, value in result.items()
             } == dict.fromkeys(result)

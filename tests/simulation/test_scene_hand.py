@@ -16,9 +16,9 @@ from holdfast.core.trial_file import read_trial
 from holdfast.simulation.contacts import EFFECTS
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.run import TrialMotion, motions
 from holdfast.simulation.scene import Scene, SimulatedTrial
 from holdfast.simulation.scene_file import read_scene_file
+from holdfast.simulation.stepper import TrialMotion, motions
 from holdfast.training.datasets.thesis import load
 
 TWENTY = hand_of_counts(4, 4)

@@ -19,8 +19,8 @@ from holdfast.simulation.body import Body, Inputs, Pull, State, at_rest
 from holdfast.simulation.contacts import pressure
 from holdfast.simulation.core import step
 from holdfast.simulation.drive import Actuator, Drive
-from holdfast.simulation.run import forces_of
 from holdfast.simulation.script import body_of
+from holdfast.simulation.stepper import forces_of
 
 SOURCES = Path(__file__).resolve().parents[2] / "examples/browser"
 DT_S = 1.0 / 1200.0

@@ -14,21 +14,20 @@ import pytest
 from page_tables import filled
 
 from holdfast.evaluation.jobs import Workers
+from holdfast.evaluation.model_outputs import WindowFigures
 from holdfast.evaluation.provenance import host
-from holdfast.evaluation.window_scores import WindowFigures
 from holdfast.export.verify import ExportReport
 from holdfast.training.crossval import HeldOut, cross_validate
 from holdfast.training.datasets import load
 from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.fitting import held_out_figures, versions
 from holdfast.training.plan import (
-    CLOCK_PLAN,
     ForestPlan,
     TrainingPlan,
 )
 from holdfast.training.recording import DataSet
 from studies.real.figures import FinalModel, RealStudy, StreamedFold
-from studies.real.methods import Method, cross_validated
+from studies.real.methods import CLOCK_PLAN, Method, cross_validated
 from studies.real.report import Evidence, write_real_report
 from studies.real.streamed_fold import stream_one_fold
 from studies.real.study import leaky, verification_of

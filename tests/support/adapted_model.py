@@ -7,10 +7,10 @@ from small_model import artifact, card_of, graph_of, spec, with_networks
 
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.model_file import votes_in_all
-from holdfast.export.adapted_file import Adaptation, adapted
-from holdfast.export.correction import Correction
+from holdfast.export.changed import Adaptation, adapted
 from holdfast.export.exporting import model_card, seal
 from holdfast.export.features import feature_count
+from holdfast.export.heads import Correction
 from holdfast.export.network import Inputs, Layer, Network
 
 RULES = DecisionRules(min_risky_permille=700)

@@ -111,12 +111,11 @@ import json, os, signal, sys
 from pathlib import Path
 from typing import Any
 import numpy as np
-from holdfast.drivers.camera.graph import watch
+from holdfast.drivers.camera.graph import stamps_of_video, watch
 from holdfast.drivers.camera.sources import load_depthai
-from holdfast.drivers.camera.recording import read_about, read_tracks, read_video
-from holdfast.drivers.camera.sources import Frame, Lens, Stored, read_frames
+from holdfast.drivers.camera.recording import Lens, read_about, read_tracks
+from holdfast.drivers.camera.sources import Frame, Stored, read_frames
 from holdfast.core.errors import DeviceLost, HoldfastError
-quiet = lambda line: None
 """
 
 

@@ -9,8 +9,14 @@ from drawn_frames import (
     FPS,
 )
 
-from holdfast.drivers.camera.recording import TagFile, Tracks, read_tracks, write_about
-from holdfast.drivers.camera.sources import LENS
+from holdfast.drivers.camera.recording import (
+    CameraFacts,
+    Tracks,
+    new_tag_file,
+    read_tracks,
+    write_about,
+    write_tags,
+)
 
 SIDES = [-20.0, -20.0, 20.0, -20.0, 20.0, 20.0, -20.0, 20.0]
 
@@ -18,7 +24,7 @@ SIDES = [-20.0, -20.0, 20.0, -20.0, 20.0, 20.0, -20.0, 20.0]
 def hand_made(folder: Path, *, at_s: float, slides_at_s: float | None) -> Tracks:
     """Tracks on the machine's clock, with an object that slides 300 mm/s^2; no video."""
     t_s = np.arange(0, 90) / FPS
-    with TagFile(folder) as file:
+    with new_tag_file(folder) as file:
         for k, now_s in enumerate(t_s):
             down_px = (
                 0.0
@@ -30,7 +36,7 @@ def hand_made(folder: Path, *, at_s: float, slides_at_s: float | None) -> Tracks
                 tag: [x + dx for x, dx in zip(at * 4, SIDES, strict=True)]
                 for tag, at in places.items()
             }
-            file.write(k, at_s + float(now_s), square)
-    about: dict[str, object] = dict(zip(LENS, (FPS, 2.0, 10.0), strict=True))
-    write_about(folder, about | {"clock": "monotonic", "void": None})
+            write_tags(file, k, at_s + float(now_s), square)
+    facts = CameraFacts(fps=FPS, exposure_ms=2.0, tag_mm=10.0, clock="monotonic")
+    write_about(folder, facts)
     return read_tracks(folder)

@@ -38,9 +38,8 @@ STUDIES = "Studies with people"
 DAMAGED_FILE = Hazard(
     RECORDINGS,
     "A recording has a damaged header or a torn last line",
-    "`repair` removes at most one torn last line and keeps it beside the file; it "
-    "refuses where header and "
-    "rows disagree",
+    "`check --repair` moves at most one torn last line beside the file; it refuses where header "
+    "and rows disagree",
     "A person mends a damaged header",
 )
 READABLE_BY_OTHERS = Hazard(

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 
 import pytest
 
-from holdfast.simulation.scene_file import PHYSICS
+from holdfast.simulation import scene_file
 
 
 @contextmanager
@@ -18,6 +17,5 @@ def long_steps(step_s: float = 0.003) -> Iterator[None]:
     Not for cards with the effect texture, which refuse it.
     """
     with pytest.MonkeyPatch.context() as patched:
-        longer = replace(PHYSICS["step_s"], default=step_s)
-        patched.setitem(PHYSICS, "step_s", longer)
+        patched.setattr(scene_file, "STEP_S", step_s)
         yield

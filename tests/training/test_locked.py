@@ -10,7 +10,7 @@ import pytest
 from holdfast.core.errors import SetLocked
 from holdfast.core.locked import lock_of, locked_sets, require_open
 from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
-from holdfast.sessions.adapted_files import adapt_file
+from holdfast.sessions.adapt import adapt_file
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.fitting import TrainingRequest, train_on_sets
 from holdfast.training.progress import ignored, stages

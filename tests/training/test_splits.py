@@ -13,7 +13,6 @@ from holdfast.training.recording import (
     assign_groups,
     folds_of,
     grouped_folds,
-    leaky_folds,
 )
 
 GROUPS = st.lists(st.sampled_from("abcdefghij"), min_size=1, max_size=200)
@@ -75,10 +74,3 @@ def test_one_person_only_says_what_to_do() -> None:
         grouped_folds(["a"] * 10, 2)
     with pytest.raises(TooFewGroups, match="next: use 3 folds"):
         grouped_folds(list("abc"), 6)
-
-
-def test_the_leaky_split_tests_every_window_once_and_shares_people() -> None:
-    folds = leaky_folds(100, 5, seed=2)
-    assert sorted(np.concatenate([test for _, test in folds])) == list(range(100))
-    groups = np.arange(100) // 10
-    assert all(set(groups[test]) & set(groups[train]) for train, test in folds)

@@ -1,9 +1,9 @@
 """The graph: frames -> lossless video, and -> tags -> tags.csv. Only the source differs.
 
 Four properties of depthai shape this code. An error in a callback ends the interpreter, so no
-Python runs in depthai's threads and answers are pulled. By default inputs drop frames, so they
-block here. What is queued when a pipeline stops is lost, so the queues are emptied first. A video
-that could not be written raises no error, so it is read again.
+Python that may raise runs in depthai's threads, and answers are pulled. By default inputs drop
+frames, so they block here. What is queued when a pipeline stops is lost, so the queues are emptied
+first. A video that could not be written raises no error, so it is read again.
 """
 
 from __future__ import annotations
@@ -11,30 +11,30 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from datetime import timedelta
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from threading import get_native_id
+from typing import Any, TextIO
+
+import msgspec
 
 from holdfast.core.errors import (
     DeviceLost,
-    EmptyRecording,
     HoldfastError,
     OutputError,
-    TimeError,
 )
 from holdfast.drivers.camera.recording import (
     ABOUT,
     STAMPS,
     TAGS,
     VIDEO,
+    CameraFacts,
     Corners,
-    TagFile,
+    new_tag_file,
     read_tracks,
-    read_video,
-    require_same_stamps,
     write_about,
+    write_tags,
 )
 from holdfast.drivers.camera.sources import LONGEST_WAIT_S, FrameSource, load_depthai
 
@@ -47,239 +47,206 @@ On a busy machine two threads take 10 times as long.
 """
 ANSWERS = 30
 LIVE_WAIT_S = 0.1
-MOST_QUIET = round(LONGEST_WAIT_S / LIVE_WAIT_S)
-"""Waits without an answer after which none is expected any more."""
 EMPTY_POLLS = 6
 POLL_S = 0.01
-
-
-@dataclass(frozen=True)
-class CameraResult:
-    """The result of a run.
-
-    Frames with tags read, lost frames, stamps that went back, frames in the video.
-    """
-
-    frames: int
-    lost: int
-    backwards: int
-    in_video: int
+STAMP_S = 2e-6
+"""depthai keeps stamps to a microsecond."""
 
 
 def watch(
-    source: FrameSource,
-    out: Path,
-    *,
-    say: Callable[[str], None],
-    stopped: Callable[[], bool] = lambda: False,
-) -> CameraResult:
+    source: FrameSource, out: Path, *, stopped: Callable[[], bool] = lambda: False
+) -> CameraFacts:
     """Run the graph on a source until it ends or is stopped, and leave a recording in `out`.
 
     Whatever goes wrong, the recording so far is kept, camera.json says why the trial is void, and
     the error is raised: CameraUnavailable, DeviceLost, TransferFailed, OutputError, or what the
     source raises.
     """
-    dai = load_depthai(say)
+    dai = load_depthai()
     try:
         pipeline = source.open(dai)
-        return _Watch(dai, pipeline, source, out).run(stopped)
+        _require_new(out)
+        facts = CameraFacts(
+            **msgspec.structs.asdict(source.lens),
+            source=source.name,
+            family=FAMILY,
+            quad_decimate=QUAD_DECIMATE,
+            void="interrupted",
+            depthai=version("depthai"),
+        )
+        # written first, so that a killed recording says so
+        write_about(out, facts)
+        failed = _error_of(lambda: _film(dai, pipeline, source, out, stopped))
     finally:
         source.close()
 
+    # counted even after a failure: the frames so far are worth keeping
+    found = _Found(dai, source, out)
+    unread = _error_of(found.count)
+    failed = failed or unread
+    facts = msgspec.structs.replace(
+        facts,
+        frames=found.frames,
+        lost=found.lost,
+        in_video=found.in_video,
+        void=str(failed) if failed else None,
+    )
+    write_about(out, facts)
+    if failed is not None:
+        raise failed
+    return facts
 
-class _Watch:
-    """One run of the graph."""
 
-    def __init__(self, dai: Any, pipeline: Any, source: FrameSource, out: Path) -> None:
-        self.dai = dai
-        self.pipeline = pipeline
-        self.source = source
-        self.out = out
-        self.last = -1
-        self.last_s = -math.inf
-        self.frames = self.lost = self.backwards = 0
-        _require_empty(out)
+def _error_of(action: Callable[[], None]) -> HoldfastError | None:
+    try:
+        action()
+    except HoldfastError as error:
+        return error
+    return None
 
-    def run(self, stopped: Callable[[], bool]) -> CameraResult:
-        """Record, then check the video, then write the result to camera.json."""
-        # written first, so that a killed recording says so
-        self._about("interrupted")
-        failed: HoldfastError | None = None
+
+def _require_new(out: Path) -> None:
+    for name in (VIDEO, STAMPS, TAGS, ABOUT):
+        if (out / name).exists():
+            raise OutputError(
+                f"holds {name} already",
+                where=out,
+                next_step="name a new folder, or remove this one",
+            )
+
+
+# -- filming
+
+
+def _film(
+    dai: Any,
+    pipeline: Any,
+    source: FrameSource,
+    out: Path,
+    stopped: Callable[[], bool],
+) -> None:
+    record = pipeline.create(dai.node.RecordVideo)
+    record.setRecordVideoFile(out / VIDEO)
+    record.setRecordMetadataFile(out / STAMPS)
+    # without it the first nine frames are lost
+    record.setFps(round(source.lens.fps))
+    tagger = _tagger(dai, pipeline)
+    answers = tagger.out.createOutputQueue(maxSize=ANSWERS, blocking=True)
+    step = source.connect(dai, pipeline, [record.input, tagger.inputImage])
+    with new_tag_file(out) as tags:
         try:
-            self._film(stopped)
-        except HoldfastError as error:
-            failed = error
-
-        # read even after a failure: the frames so far are worth keeping
-        in_video, unread = self._in_video()
-        failed = failed or unread
-        self._about(str(failed) if failed else None, in_video)
-        if failed is not None:
-            raise failed
-        return CameraResult(self.frames, self.lost, self.backwards, in_video)
-
-    def _film(self, stopped: Callable[[], bool]) -> None:
-        record = self._record()
-        tagger = self._tagger()
-        answers = tagger.out.createOutputQueue(maxSize=ANSWERS, blocking=True)
-        step = self.source.connect(
-            self.dai, self.pipeline, [record.input, tagger.inputImage]
-        )
-        with TagFile(self.out) as tags:
-            try:
-                self.pipeline.start()
-                self._pull(step, stopped, answers, tags)
-            finally:
-                _drain(record)
-                self.pipeline.stop()
-                self.pipeline.wait()  # safe to wait for: no callback runs in its threads
-
-    def _record(self) -> Any:
-        record = self.pipeline.create(self.dai.node.RecordVideo)
-        record.setRecordVideoFile(self.out / VIDEO)
-        record.setRecordMetadataFile(self.out / STAMPS)
-        record.setFps(
-            round(self.source.lens.fps)
-        )  # without it the first nine frames are lost
-        return record
-
-    def _tagger(self) -> Any:
-        tagger = self.pipeline.create(self.dai.node.AprilTag)
-        tagger.setRunOnHost(True)
-        tagger.setNumThreads(THREADS)
-        tagger.initialConfig.setFamily(self.dai.AprilTagConfig.Family.TAG_36H11)
-        tagger.initialConfig.quadDecimate = QUAD_DECIMATE
-        tagger.inputImage.setBlocking(True)
-        return tagger
-
-    def _pull(
-        self,
-        step: Callable[[], bool],
-        stopped: Callable[[], bool],
-        answers: Any,
-        tags: TagFile,
-    ) -> None:
-        """Pass frames on and take answers.
-
-        The source's error is raised once its frames are answered.
-        """
-        sent = 0
-        failed = None
-        # a camera goes on by itself; frames from disk wait for their answers
-        live = bool(self.source.last_lost)
-        try:
+            pipeline.start()
             while not stopped() and step():
-                sent += 1
-                self._take(answers, tags, LIVE_WAIT_S if live else 0.0)
-                if not self.pipeline.isRunning():
-                    raise _lost(self.source.name)
-        except HoldfastError as error:
-            failed = error
+                _take(dai, source, answers, tags)
+                if not pipeline.isRunning():
+                    raise _lost(source.name)
+        finally:
+            _drain(record)
+            pipeline.stop()
+            pipeline.wait()  # safe to wait for: no callback runs in its threads
 
-        quiet = 0
-        wanted = 0 if live else sent
-        while self.frames < wanted and quiet < MOST_QUIET and self.pipeline.isRunning():
-            quiet = 0 if self._take(answers, tags, LIVE_WAIT_S) else quiet + 1
 
-        if failed is None and self.frames < wanted:
-            failed = _lost("depthai")
-        if failed is not None:
-            raise failed
+def _tagger(dai: Any, pipeline: Any) -> Any:
+    tagger = pipeline.create(dai.node.AprilTag)
+    tagger.setRunOnHost(True)
+    tagger.setNumThreads(THREADS)
+    tagger.initialConfig.setFamily(dai.AprilTagConfig.Family.TAG_36H11)
+    tagger.initialConfig.quadDecimate = QUAD_DECIMATE
+    tagger.inputImage.setBlocking(True)
+    return tagger
 
-    def _take(self, answers: Any, tags: TagFile, wait_s: float) -> bool:
-        """Write down the answers so far, waiting a little for the first; whether there were any."""
-        try:
-            message = (
-                answers.get(timedelta(seconds=wait_s)) if wait_s else answers.tryGet()
-            )
-            any_yet = message is not None
-            while message is not None:
-                self._note(message, tags)
-                message = answers.tryGet()
-            return any_yet
-        except self.dai.MessageQueue.QueueException:
-            raise _lost(self.source.name) from None
 
-    def _note(self, message: Any, tags: TagFile) -> None:
-        sequence = int(message.getSequenceNum())
-        end_s = message.getTimestamp().total_seconds()
-        self.lost += max(0, sequence - self.last - 1) if self.frames else 0
-        # counted here and judged at the end, when the whole recording is known
-        self.backwards += end_s <= self.last_s
-        self.last = sequence
-        self.last_s = end_s
-        self.frames += 1
-        tags.write(
-            sequence,
-            end_s - 5e-4 * self.source.lens.exposure_ms,
-            _corners(message.aprilTags),
-        )
+def _take(dai: Any, source: FrameSource, answers: Any, tags: TextIO) -> None:
+    """Write down the answers that have come. Raises DeviceLost.
 
-    def _in_video(self) -> tuple[int, HoldfastError | None]:
-        """Frames that the video really holds, and what is wrong with it.
+    Each frame from disk is answered before the next is sent; a camera goes on by itself.
+    """
+    is_live = source.last_lost > 0
+    wait_s = LIVE_WAIT_S if is_live else LONGEST_WAIT_S
+    try:
+        message = answers.get(timedelta(seconds=wait_s))
+        if message is None and not is_live:
+            raise _lost("depthai")
+        while message is not None:
+            end_s = message.getTimestamp().total_seconds()
+            middle_s = end_s - 5e-4 * source.lens.exposure_ms
+            corners = _corners(message.aprilTags)
+            write_tags(tags, int(message.getSequenceNum()), middle_s, corners)
+            message = answers.tryGet()
+    except dai.MessageQueue.QueueException:
+        raise _lost(source.name) from None
 
-        Depthai reports no write errors.
+
+# -- what was filmed
+
+
+class _Found:
+    """What a recording holds."""
+
+    def __init__(self, dai: Any, source: FrameSource, out: Path) -> None:
+        self.frames = self.lost = self.in_video = 0
+        self._dai = dai
+        self._source = source
+        self._out = out
+
+    def count(self) -> None:
+        """Count tags and frames; depthai reports no error of a video that it cannot write.
+
+        Raises EmptyRecording, TimeError, OutputError.
         """
-        if not self.frames:
-            return 0, EmptyRecording(
-                "no frame was recorded",
-                where=self.source.name,
-                cause="it was stopped at once",
-            )
-        if self.backwards:
-            return 0, TimeError(
-                f"{self.backwards} frames are not later than the frame before",
-                where=self.out / TAGS,
-                cause="the camera's clock was being aligned with this machine's",
-                next_step="record again",
-            )
-
-        try:
-            video = list(read_video(self.out, self.dai, images=False))
-            tracks = read_tracks(self.out)
-            require_same_stamps(video, tracks, self.source.lens, self.out)
-        except HoldfastError as error:
-            return 0, OutputError(
-                f"the video was not written ({error.what})",
-                where=self.out / VIDEO,
-                cause="a full disk",
+        tracks = read_tracks(self._out)
+        self.frames = len(tracks.sequence)
+        self.lost = int(tracks.sequence[-1] - tracks.sequence[0]) + 1 - self.frames
+        in_video_s = stamps_of_video(self._out, self._dai)
+        self.in_video = len(in_video_s)
+        ends_s = tracks.t_s + 5e-4 * self._source.lens.exposure_ms
+        required = max(1, self.frames - self._source.last_lost)
+        missing = 0
+        for number, end_s in zip(tracks.sequence[:required], ends_s, strict=False):
+            off_s = abs(in_video_s.get(int(number), math.inf) - end_s)
+            missing += off_s > STAMP_S
+        if missing:
+            raise OutputError(
+                f"{missing} of {self.frames} frames are not in the video",
+                where=self._out / VIDEO,
+                cause="a full disk, or a machine too slow for lossless video",
                 next_step=f"make room and record again; {TAGS} holds the tracks",
             )
 
-        wanted = tracks.sequence.tolist()[
-            : len(tracks.sequence) - self.source.last_lost
-        ]
-        missing = set(wanted) - {frame.sequence for frame in video}
-        if not missing:
-            return len(video), None
-        return len(video), OutputError(
-            f"{len(missing)} of {self.frames} frames are not in the video",
-            where=self.out / VIDEO,
-            cause="a full disk, or a machine too slow for lossless video",
-            next_step="make room, or record fewer frames a second",
-        )
 
-    def _about(self, void: str | None, in_video: int = 0) -> None:
-        lens = self.source.lens
-        write_about(
-            self.out,
-            {
-                "source": self.source.name,
-                "fps": lens.fps,
-                "exposure_ms": lens.exposure_ms,
-                "tag_mm": lens.tag_mm,
-                "apart_mm": lens.apart_mm,
-                "clock": lens.clock,
-                "family": FAMILY,
-                "quad_decimate": QUAD_DECIMATE,
-                "frames": self.frames,
-                "in_video": in_video,
-                "lost": self.lost,
-                "backwards": self.backwards,
-                "void": void,
-                "depthai": version("depthai"),
-            },
-        )
+def stamps_of_video(folder: Path, dai: Any) -> dict[int, float]:
+    """The frames of a recorded video: their number -> end of exposure, s.
+
+    The end of the file stops depthai's pipeline at once, and a queue that is pulled would lose the
+    last frames. So a callback in depthai's own thread takes them.
+    """
+    if not (folder / VIDEO).is_file():
+        return {}
+    pipeline = dai.Pipeline(createImplicitDevice=False)
+    replay = pipeline.create(dai.node.ReplayVideo)
+    replay.setReplayVideoFile(folder / VIDEO)
+    replay.setReplayMetadataFile(folder / STAMPS)
+    replay.setOutFrameType(dai.ImgFrame.Type.GRAY8)
+    replay.setLoop(False)
+    # as fast as the frames are taken
+    replay.setFps(1000)
+    end_s: dict[int, float] = {}
+    threads = set[int]()
+
+    def take(message: Any) -> None:
+        threads.add(get_native_id())
+        end_s[message.getSequenceNum()] = message.getTimestamp().total_seconds()
+
+    replay.out.createOutputQueue(maxSize=1, blocking=False).addCallback(take)
+    pipeline.start()
+    while pipeline.isRunning():
+        time.sleep(POLL_S)
+    pipeline.stop()
+    # Releasing the pipeline while its threads run waits for them with the interpreter lock held,
+    # and they wait for that lock.
+    while any(Path(f"/proc/self/task/{thread}").exists() for thread in threads):
+        time.sleep(POLL_S)
+    return end_s
 
 
 def _corners(found: Any) -> dict[int, Corners]:
@@ -318,13 +285,3 @@ def _lost(name: str) -> DeviceLost:
         cause="it was unplugged, its power dipped, or a node of the graph stopped",
         next_step="record again, with a short cable and its own power; the frames so far are kept",
     )
-
-
-def _require_empty(out: Path) -> None:
-    there = [name for name in (VIDEO, STAMPS, TAGS, ABOUT) if (out / name).exists()]
-    if there:
-        raise OutputError(
-            f"holds {there[0]} already",
-            where=out,
-            next_step="name a new folder, or remove this one",
-        )

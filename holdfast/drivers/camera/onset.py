@@ -36,7 +36,7 @@ FIT_THRESHOLDS = 20.0
 """The fit covers the rest, this many moving frames, and later ones up to this many thresholds away.
 
 Further on, the acceleration is no longer that of the start."""
-STEPS = 400
+STEPS = 4000
 """Points of the grid on which the start is searched."""
 
 
@@ -248,35 +248,18 @@ def fitted_start(
     """Start of c + k (t - start)^2, 0 before it, by least squares, and its standard deviation, s.
 
     first: the first frame beyond the threshold. The fit covers the rest before it and the first
-    frames after it. The start is searched on a grid, then on a finer one around the best point,
-    because the model has a corner there. The standard deviation comes from the model's slopes and
-    from the larger of residual and noise.
+    frames after it. The start is searched on a grid, because the model has a corner there. Its
+    standard deviation is half of the span of starts whose squared residual is larger than the
+    least by at most the squared noise (the larger of residual and noise at rest).
     """
     begin, stop = _frames_to_fit(t_s, along_mm, first, threshold_mm)
-    t = t_s[begin:stop]
-    d = along_mm[begin:stop]
-    low = t_s[begin]
-    high = t_s[first]
-    for _ in range(2):
-        grid = np.linspace(low, high, STEPS)
-        best = int(np.argmin(_misfit(t, d, grid)))
-        low = grid[max(best - 1, 0)]
-        high = grid[min(best + 1, STEPS - 1)]
-
-    start_s = float(grid[best])
-
-    # level and acceleration for this start, and what they leave unexplained
-    since = np.maximum(t - start_s, 0.0)
-    known = np.stack([np.ones_like(since), since**2], axis=1)
-    solved = np.linalg.lstsq(known, d, rcond=None)[0]
-    left = d - known @ solved
-
-    # the slopes of the model by level, acceleration and start
-    slopes = np.column_stack([known, -2.0 * solved[1] * since])
+    starts_s = np.linspace(t_s[begin], t_s[first], STEPS)
+    misfit = _misfit(t_s[begin:stop], along_mm[begin:stop], starts_s)
+    best = int(np.argmin(misfit))
     # three parameters were fitted: level, acceleration and start
-    noise_mm = max(sigma_mm, float(np.sqrt(left @ left / max(len(t) - 3, 1))))
-    spread = np.linalg.pinv(slopes.T @ slopes)
-    return start_s, noise_mm * float(np.sqrt(max(spread[2, 2], 0.0)))
+    variance = max(sigma_mm**2, misfit[best] / max(stop - begin - 3, 1))
+    likely_s = starts_s[misfit <= misfit[best] + variance]
+    return float(starts_s[best]), 0.5 * float(likely_s[-1] - likely_s[0])
 
 
 def _frames_to_fit(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from holdfast.drivers.virtual.usb_device import BULK, Device, Endpoint, Interface, stall
+from holdfast.drivers.virtual.usb_device import Device, stall
 from holdfast.drivers.virtual.virtual_hand import RELEASED, VirtualHand, Wire
 
 OUT_ENDPOINT = 0x02
@@ -77,17 +77,16 @@ def parsed(commands: bytes) -> tuple[tuple[Command, ...], int]:
 class VirtualFt232h(Device):
     """The bridge in front of a virtual hand."""
 
-    vendor = 0x0403
-    product = 0x6014
-    speed = "high"
-    release = 0x0900
-    strings = ("FTDI", "Single RS232-HS", "FTHOLD01")
-    interfaces = (
-        Interface(
-            (Endpoint(IN_ENDPOINT, BULK, PACKET), Endpoint(OUT_ENDPOINT, BULK, PACKET))
-        ),
+    # USB 2.0, 64 bytes in a control packet, 0403:6014, release 9.00, three strings
+    device_descriptor = bytes.fromhex(
+        "12 01 00 02 00 00 00 40 03 04 14 60 00 09 01 02 03 01"
     )
-    kernel_driver = frozenset({0})  # ftdi_sio
+    # 100 mA from the bus; one vendor's interface; bulk endpoints 0x81 and 0x02 of 512 bytes
+    configuration = bytes.fromhex(
+        "09 02 20 00 01 01 00 80 32  09 04 00 00 02 ff ff ff 00"
+        "07 05 81 02 00 02 01  07 05 02 02 00 02 01"
+    )
+    strings = ("FTDI", "Single RS232-HS", "FTHOLD01")
 
     def __init__(self, hand: VirtualHand) -> None:
         self.hand = hand

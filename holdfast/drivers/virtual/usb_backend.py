@@ -24,16 +24,14 @@ BUSY = 16
 NO_DEVICE = 19
 TIMED_OUT = 110
 LIBUSB_ERROR_BUSY = -6
-STANDARD = 0x00
+IN = 0x80
 TYPE_MASK = 0x60
-VENDOR_TYPE = 0x40
-RECIPIENT_MASK = 0x1F
-OF_AN_INTERFACE = 0x01
+STANDARD = 0x00
 """Of bmRequestType."""
-GET_STATUS = 0
 GET_DESCRIPTOR = 6
-GET_CONFIGURATION = 8
-"""Standard requests (USB 2.0, table 9-4)."""
+HIGH_SPEED = 3
+HEADS, ENDPOINT_BYTES = 18, 7
+"""Bytes of a configuration and its interface together, and of each endpoint behind them."""
 DEVICE_FIELDS = (
     "bLength bDescriptorType bcdUSB bDeviceClass bDeviceSubClass bDeviceProtocol "
     "bMaxPacketSize0 idVendor idProduct bcdDevice iManufacturer iProduct iSerialNumber "
@@ -50,7 +48,6 @@ INTERFACE_FIELDS = (
 ENDPOINT_FIELDS = (
     "bLength bDescriptorType bEndpointAddress bmAttributes wMaxPacketSize bInterval"
 )
-SPEEDS = {"low": 1, "full": 2, "high": 3}
 
 
 def no_device() -> Any:
@@ -70,10 +67,10 @@ def busy() -> Any:
 
 
 def _named(form: str, names: str, descriptor: bytes, **more: object) -> SimpleNamespace:
-    """A descriptor's fields by name, as pyusb wants them."""
+    """A descriptor's fields by name, as pyusb has them."""
     values = struct.unpack_from(form, descriptor)
     fields = dict(zip(names.split(), values, strict=True))
-    return SimpleNamespace(**fields, **more)
+    return SimpleNamespace(**fields, extra_descriptors=[], **more)
 
 
 @dataclass
@@ -93,7 +90,7 @@ class Handle:
 
 
 class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
-    """One device on its own bus. power_off: called when it is unplugged."""
+    """One device on its own bus, with a kernel driver. power_off: called when it is unplugged."""
 
     def __init__(
         self,
@@ -108,19 +105,18 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         self._faults = faults
         self._power_off = power_off
         self._born_ns = clock.now_ns()
-        self._unplugs = 0
+        self._generation = 0
         self._gone = False
         self._late: dict[int, list[bytes]] = {}
-        self._claimed: dict[int, Handle] = {}
-        self._detached: set[int] = set()
-        self._seen = 0
+        self._claimed: Handle | None = None
+        self._detached = False
 
     # -- what is there
 
     def enumerate_devices(self) -> Iterator[Any]:
         """The device, unless it is unplugged."""
         if not self._unplugged():
-            yield Handle(self._generation())
+            yield Handle(self._generation)
 
     def get_parent(self, dev: Any) -> None:
         """No hub."""
@@ -135,104 +131,86 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
             bus=1,
             port_number=1,
             port_numbers=(1,),
-            speed=SPEEDS[self.device.speed],
+            speed=HIGH_SPEED,
         )
 
     def get_configuration_descriptor(self, dev: Any, config: int) -> Any:
         """The only one."""
         if config:
             raise IndexError(config)
-        found = self.device.configuration_descriptor
-        return _named("<BBHBBBBB", CONFIGURATION_FIELDS, found, extra_descriptors=[])
+        found = self.device.configuration
+        return _named("<BBHBBBBB", CONFIGURATION_FIELDS, found)
 
     def get_interface_descriptor(
         self, dev: Any, intf: int, alt: int, config: int
     ) -> Any:
-        """One without alternatives."""
-        if alt:
-            raise IndexError(alt)
-        found = self.device.interfaces[intf].descriptor(intf)
-        return _named("<9B", INTERFACE_FIELDS, found, extra_descriptors=[])
+        """The only one, without alternatives."""
+        if intf or alt:
+            raise IndexError(intf)
+        return _named("<9x9B", INTERFACE_FIELDS, self.device.configuration)
 
     def get_endpoint_descriptor(
         self, dev: Any, ep: int, intf: int, alt: int, config: int
     ) -> Any:
         """As the device says."""
-        found = self.device.interfaces[intf].endpoints[ep].descriptor
-        return _named(
-            "<BBBBHB",
-            ENDPOINT_FIELDS,
-            found,
-            bRefresh=0,
-            bSynchAddress=0,
-            extra_descriptors=[],
-        )
+        found = self.device.configuration[HEADS + ENDPOINT_BYTES * ep :]
+        more = {"bRefresh": 0, "bSynchAddress": 0}
+        return _named("<BBBBHB", ENDPOINT_FIELDS, found, **more)
 
     # -- opening
 
     def open_device(self, dev: Any) -> Any:
-        """A new handle; a second one is allowed, but an interface cannot be claimed twice."""
-        self._alive(dev)
+        """A new handle; a second one is allowed, but cannot claim the interface too."""
+        self._require_there(dev)
         return Handle(dev.generation)
 
     def close_device(self, dev_handle: Any) -> None:
         """Release what it claimed."""
-        for intf, holder in list(self._claimed.items()):
-            if holder is dev_handle:
-                del self._claimed[intf]
+        if self._claimed is dev_handle:
+            self._claimed = None
 
     def set_configuration(self, dev_handle: Any, config_value: int) -> None:
         """There is one."""
-        self._alive(dev_handle)
+        self._require_there(dev_handle)
 
     def get_configuration(self, dev_handle: Any) -> int:
         """The only one."""
-        self._alive(dev_handle)
+        self._require_there(dev_handle)
         return 1
 
-    def set_interface_altsetting(
-        self, dev_handle: Any, intf: int, altsetting: int
-    ) -> None:
-        """There are none."""
-        self._alive(dev_handle)
-
     def claim_interface(self, dev_handle: Any, intf: int) -> None:
-        """Busy while a kernel driver or another handle has it; one handle may claim it twice."""
-        self._alive(dev_handle)
-        if (
-            self.is_kernel_driver_active(dev_handle, intf)
-            or self._claimed.get(intf, dev_handle) is not dev_handle
-        ):
+        """Busy while the kernel's driver or another handle has it; one may claim it twice."""
+        self._require_there(dev_handle)
+        if not self._detached or self._claimed not in (None, dev_handle):
             raise busy()
-        self._claimed[intf] = dev_handle
+        self._claimed = dev_handle
 
     def release_interface(self, dev_handle: Any, intf: int) -> None:
         """Given back."""
-        self._alive(dev_handle)
-        if self._claimed.get(intf) is dev_handle:
-            del self._claimed[intf]
+        self._require_there(dev_handle)
+        self.close_device(dev_handle)
 
     def is_kernel_driver_active(self, dev_handle: Any, intf: int) -> bool:
         """As on a machine whose kernel has a driver for the bridge."""
-        return intf in self.device.kernel_driver and intf not in self._detached
+        return not self._detached
 
     def detach_kernel_driver(self, dev_handle: Any, intf: int) -> None:
         """Detach it for every handle."""
-        self._detached.add(intf)
+        self._detached = True
 
     def attach_kernel_driver(self, dev_handle: Any, intf: int) -> None:
         """Attach it again; busy while the interface is claimed."""
-        if intf in self._claimed:
+        if self._claimed is not None:
             raise busy()
-        self._detached.discard(intf)
+        self._detached = False
 
     def clear_halt(self, dev_handle: Any, ep: int) -> None:
         """Nothing stays halted."""
-        self._alive(dev_handle)
+        self._require_there(dev_handle)
 
     def reset_device(self, dev_handle: Any) -> None:
         """The device starts again; its sensors keep their power."""
-        self._alive(dev_handle)
+        self._require_there(dev_handle)
         self._late.clear()
         self.device.reset()
 
@@ -250,40 +228,27 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
     ) -> int:
         """Out or in, by the highest bit of the request type."""
         self._begin(dev_handle)
-        if (
-            request_type & RECIPIENT_MASK == OF_AN_INTERFACE
-            and request_type & TYPE_MASK != VENDOR_TYPE
-        ):
-            # the kernel claims the interface that a request is for
-            self._hold(dev_handle, index & 0xFF)
-        if request_type & 0x80:
-            answer = self._answer(request_type, request, value, index, len(data))
+        if request_type & IN:
+            if request_type & TYPE_MASK == STANDARD:
+                if request != GET_DESCRIPTOR:
+                    raise stall()
+                answer = self.device.descriptor(value >> 8, value & 0xFF)[: len(data)]
+            else:
+                answer = self.device.control_in(
+                    request_type, request, value, index, len(data)
+                )
             return self._deliver(self._spoilt(answer, timeout), data)
         self.device.control_out(request_type, request, value, index, bytes(data))
         self._spoilt(b"", timeout)
         self.traffic.bytes_out += len(data)
         return len(data)
 
-    def _answer(
-        self, request_type: int, request: int, value: int, index: int, length: int
-    ) -> bytes:
-        """Standard requests are answered here, in the same way for every device."""
-        if request_type & TYPE_MASK != STANDARD:
-            return self.device.control_in(request_type, request, value, index, length)
-        if request == GET_DESCRIPTOR:
-            found = self.device.descriptor(value >> 8, value & 0xFF)
-        else:
-            found = {GET_STATUS: bytes(2), GET_CONFIGURATION: b"\x01"}.get(request)
-        if found is None:
-            raise stall()
-        return found[:length]
-
     def bulk_write(
         self, dev_handle: Any, ep: int, intf: int, data: Any, timeout: int
     ) -> int:
         """To an OUT endpoint; its interface is claimed if it was not."""
         self._begin(dev_handle)
-        self._hold(dev_handle, intf)
+        self.claim_interface(dev_handle, intf)
         self.device.write(ep, bytes(data))
         self.traffic.bytes_out += len(data)
         return len(data)
@@ -293,7 +258,7 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
     ) -> int:
         """From an IN endpoint; a late reply comes before everything else."""
         self._begin(dev_handle)
-        self._hold(dev_handle, intf)
+        self.claim_interface(dev_handle, intf)
         # a late answer stays in the device's buffer until it is read
         late = self._late.get(ep)
         if late and not self._lasts("late"):
@@ -315,7 +280,7 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         return len(answer)
 
     def _begin(self, handle: Any) -> None:
-        self._alive(handle)
+        self._require_there(handle)
         self.traffic.transfers += 1
         if self._lasts("stall"):
             raise stall()
@@ -326,32 +291,18 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
             raise timed_out()
         return answer[: len(answer) // 2] if self._lasts("short") else answer
 
-    def _hold(self, handle: Any, interface: int) -> None:
-        """Claim an interface that was not claimed, as the kernel does for a transfer."""
-        if self._claimed.get(interface) is not handle:
-            self.claim_interface(handle, interface)
-
-    def _alive(self, handle: Any) -> None:
-        if self._unplugged() or handle.generation != self._generation():
+    def _require_there(self, handle: Any) -> None:
+        if self._unplugged() or handle.generation != self._generation:
             raise no_device()
 
-    def _generation(self) -> int:
-        """How often the device has left USB.
-
-        Leaving drops all claims, detached drivers and late replies.
-        """
-        generation = self._unplugs
-        if generation != self._seen:
-            self._seen = generation
-            self._claimed.clear()
-            self._detached.clear()
-            self._late.clear()
-        return generation
-
     def _unplugged(self) -> bool:
+        """Whether it is away. A device that leaves drops all claims and late replies."""
         gone = self._lasts("unplug")
         if gone and not self._gone:
-            self._unplugs += 1
+            self._generation += 1
+            self._claimed = None
+            self._detached = False
+            self._late.clear()
             self.device.reset()
             # the sensors get their power from the bridge
             self._power_off()

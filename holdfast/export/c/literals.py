@@ -26,13 +26,6 @@ OUT_TYPES: dict[int, str] = {
     BOOL: "?",
 }
 """Element type -> the same as numpy names it, for model.json."""
-INTEGERS = (
-    ("int8_t", np.int8),
-    ("uint8_t", np.uint8),
-    ("int16_t", np.int16),
-    ("uint16_t", np.uint16),
-    ("int32_t", np.int32),
-)
 BYTES = {"double": 8, "int8_t": 1, "uint8_t": 1, "int16_t": 2, "uint16_t": 2}
 """Sizes of C types; all others have 4."""
 LINE = 96
@@ -43,7 +36,7 @@ def number(value: Any, c_type: str) -> str:
     """One number as a literal of a C type.
 
     >>> number(0.1, "double"), number(np.float32(0.5), "float"), number(-3, "int32_t")
-    ('0x1.999999999999ap-4', '0.5f', '-3')
+    ('0x1.999999999999ap-4', '0x1p-1f', '-3')
     """
     if c_type not in ("double", "float"):
         return str(int(value))
@@ -53,13 +46,9 @@ def number(value: Any, c_type: str) -> str:
         sign = "-" if real < 0 else ""
         return f"({sign}({c_type})INFINITY)"
 
-    # short decimals where they are exact: the C stays readable, and its tables small
+    # whole numbers as such: the C stays readable, and its tables small
     if real == int(real) and abs(real) < 1e6:
         return f"{real:.1f}{end}"
-    short = repr(real)
-    is_exact = real * 1024.0 == round(real * 1024.0)
-    if len(short) <= 6 and is_exact:
-        return f"{short}{end}"
 
     # hexadecimal digits are exact; zeros at the end are left out
     digits, exponent = real.hex().split("p")
@@ -68,21 +57,14 @@ def number(value: Any, c_type: str) -> str:
 
 
 def smallest_type(values: npt.NDArray[Any]) -> str:
-    """The smallest C type that holds whole numbers. Raises OverflowError for more than 32 bits.
+    """The smallest C type that holds whole numbers.
 
     >>> smallest_type(np.array([0, 255])), smallest_type(np.array([-1, 200]))
     ('uint8_t', 'int16_t')
     """
     # 0 as the first value makes an empty table the smallest type
-    least = int(values.min(initial=0))
-    most = int(values.max(initial=0))
-
-    for name, dtype in INTEGERS:
-        limits = np.iinfo(dtype)
-        if limits.min <= least and most <= limits.max:
-            return name
-
-    raise OverflowError(f"{least} to {most}")
+    ends = int(values.min(initial=0)), int(values.max(initial=0))
+    return f"{np.result_type(*map(np.min_scalar_type, ends))}_t"
 
 
 def table(name: str, values: npt.NDArray[Any], c_type: str) -> str:

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from holdfast.export.c.graph import DOUBLE, FLOAT, Node, refusal
+from holdfast.export.c.graph import DOUBLE, FLOAT, Node, Shape, refusal
 from holdfast.export.c.literals import C_TYPES
-from holdfast.export.c.plan import slice_offset, split_axis, strides
-from holdfast.export.c.writer import Writer, counted, index
+from holdfast.export.c.memory import parts_of, strides
+from holdfast.export.c.writer import Writer, axes_of, counted, index, nested
 
-VARIABLES = ("i", "j", "k")
-"""Counters of nested loops, from the outermost on."""
 TAKES = {
     "ReduceMax": "{x} > {y} ? {x} : {y}",
     "ReduceMin": "{x} < {y} ? {x} : {y}",
@@ -26,22 +22,20 @@ SUMS = ("ReduceSum", "ReduceL2")
 
 def write_concat(node: Node, writer: Writer) -> list[str]:
     """All inputs one after another along one axis, block by block."""
-    axis = split_axis(node)
     out = writer.name(node.outputs[0])
     shape = writer.graph.shape(node.outputs[0])
 
     # Before the axis, the inputs lie in as many blocks as the output; behind it, each is one copy.
-    blocks = math.prod(shape[:axis])
-    row = math.prod(shape[axis:])
-
+    blocks = math.prod(shape[: node.axis])
+    row = math.prod(shape[node.axis :])
     lines = []
     at = 0
     for name in node.inputs:
         # No graph of an export joins a constant, so none needs a table that memcpy could read.
-        if writer.is_constant(name):
+        if writer.graph.values(name) is not None:
             raise refusal(node, "an input is constant")
 
-        size = math.prod(writer.graph.shape(name)[axis:])
+        size = math.prod(writer.graph.shape(name)[node.axis :])
         target = f"{out} + {index((row, 'i', blocks), first=at)}"
         source = f"{writer.name(name)} + {index((size, 'i', blocks))}"
         lines.append(f"memcpy({target}, {source}, {size} * sizeof *{out});")
@@ -52,97 +46,59 @@ def write_concat(node: Node, writer: Writer) -> list[str]:
 
 def write_gather(node: Node, writer: Writer) -> list[str]:
     """Constant rows along one axis, by a table of places."""
-    if writer.is_constant(node.inputs[0]):
-        # A constant table that is read at computed places goes number by number (loops.py).
-        raise refusal(node, "a constant is chosen from")
-
     x = writer.name(node.inputs[0])
     out = writer.name(node.outputs[0])
     shape = writer.graph.shape(node.inputs[0])
-
-    axis = split_axis(node)
-    blocks = math.prod(shape[:axis])
-    size = math.prod(shape[axis + 1 :])
+    blocks = math.prod(shape[: node.axis])
+    size = math.prod(shape[node.axis + 1 :])
 
     places = writer.graph.constant(node.inputs[1], node)
     n = places.size
-    chosen = str(int(places.ravel()[0]))
-    if n > 1:
-        # places are read at every sample: short ones leave more of the cache to the trees
-        c_type = "uint16_t" if shape[axis] < 2**16 else "int32_t"
-        chosen = writer.tables.add(f"hf_{out}_places", places, c_type) + "[j]"
+    # places are read at every sample: short ones leave more of the cache to the trees
+    c_type = "uint16_t" if shape[node.axis] < 2**16 else "int32_t"
+    table = writer.tables.add(f"hf_{out}_places", places, c_type)
+    chosen = f"{table}[{index((1, 'j', n))}]"
 
     along = (1, "k", size)
     # the 2 stands for a loop of more than one pass: a chosen row is read even where n is 1
-    source = index((shape[axis] * size, "i", blocks), (size, chosen, 2), along)
+    source = index((shape[node.axis] * size, "i", blocks), (size, chosen, 2), along)
     target = index((n * size, "i", blocks), (size, "j", n), along)
-
     row = counted("k", size, [f"{out}[{target}] = {x}[{source}];"])
-    rows = counted("j", n, row)
-    return counted("i", blocks, rows)
+    return counted("i", blocks, counted("j", n, row))
 
 
-def write_slice(node: Node, writer: Writer) -> list[str]:
-    """A part that is not one block of memory."""
+def write_parts(node: Node, writer: Writer) -> list[str]:
+    """Parts (Slice, Split) that are not one block of memory each."""
     step = strides(writer.graph.shape(node.inputs[0]))
-    first = slice_offset(node, writer.graph)
-    return _strided(node, node.outputs[0], step, first, writer)
-
-
-def write_split(node: Node, writer: Writer) -> list[str]:
-    """Parts that are not one block of memory each."""
-    step = strides(writer.graph.shape(node.inputs[0]))
-    axis = split_axis(node)
     lines = []
-    at = 0
-
-    for name in node.outputs:
+    for name, first in parts_of(node, writer.graph):
         # a part that no step reads is not copied
         if writer.memory.is_kept(name):
-            first = at * step[axis]
             lines += _strided(node, name, step, first, writer)
-        at += writer.graph.shape(name)[axis]
-
     return lines
 
 
 def write_transpose(node: Node, writer: Writer) -> list[str]:
     """The axes in another order."""
-    order = np.asarray(node.attributes["perm"]).tolist()
     step = strides(writer.graph.shape(node.inputs[0]))
     # axis k of the output is axis order[k] of the input
-    turned = tuple(step[axis] for axis in order)
+    turned = tuple(step[axis] for axis in node.attributes["perm"])
     return _strided(node, node.outputs[0], turned, 0, writer)
 
 
 def _strided(
-    node: Node, output: str, step: tuple[int, ...], first: int, writer: Writer
+    node: Node, output: str, step: Shape, first: int, writer: Writer
 ) -> list[str]:
     """A copy whose source moves on by `step` along each axis of the output."""
     shape = writer.graph.shape(output)
-
-    # an axis of one number needs no loop
-    axes = [axis for axis, size in enumerate(shape) if size > 1]
-    if len(axes) > len(VARIABLES):
-        raise refusal(node, "it has too many dimensions")
-
-    # Every axis in `axes` is longer than 1, so the 2 only says that its variable is written.
     out_step = strides(shape)
     to = []
     source = []
-    for variable, axis in zip(VARIABLES, axes, strict=False):
-        to.append((out_step[axis], variable, 2))
-        source.append((step[axis], variable, 2))
-
-    x = writer.name(node.inputs[0])
-    out = writer.name(output)
-    lines = [f"{out}[{index(*to)}] = {x}[{index(*source, first=first)}];"]
-
-    # the last axis is the innermost loop: its numbers of the output are neighbours in memory
-    for k in reversed(range(len(axes))):
-        lines = counted(VARIABLES[k], shape[axes[k]], lines)
-
-    return lines
+    for counter, axis in axes_of(shape, node):
+        to.append((out_step[axis], counter, shape[axis]))
+        source.append((step[axis], counter, shape[axis]))
+    given = writer.read(node.inputs[0], index(*source, first=first))
+    return nested(shape, node, [f"{writer.read(output, index(*to))} = {given};"])
 
 
 def write_reduction(node: Node, writer: Writer) -> list[str]:
@@ -151,38 +107,31 @@ def write_reduction(node: Node, writer: Writer) -> list[str]:
     (out,) = node.outputs
     shape = graph.shape(node.inputs[0])
     axes = sorted(graph.constant(node.inputs[1], node).tolist())
-
-    first = axes[0]
-    end = axes[-1] + 1
+    first, end = axes[0], axes[-1] + 1
     if axes != list(range(first, end)):
         raise refusal(node, "its axes are not neighbours")
 
     outer = math.prod(shape[:first])
     n = math.prod(shape[first:end])
     inner = math.prod(shape[end:])
-
     # the terms of a place in memory: the block, the row in it, the number in the row
     block = (n * inner, "i", outer)
     along = (1, "j", inner)
-    place = index(block, (inner, "k", n), along)
-    x = writer.read(node.inputs[0], place)
-    target_place = index((inner, "i", outer), along)
-    target = f"{writer.name(out)}[{target_place}]"
+    x = writer.read(node.inputs[0], index(block, (inner, "k", n), along))
+    target = writer.read(out, index((inner, "i", outer), along))
 
-    sums = node.op_type in SUMS
-    begin = "0"
-    if not sums:
-        # an extreme begins with the first row, so the loop below starts with the second
-        begin = writer.read(node.inputs[0], index(block, along))
+    # an extreme begins with the first row, and its loop with the second
+    is_sum = node.op_type in SUMS
+    begin = "0" if is_sum else writer.read(node.inputs[0], index(block, along))
     lines = counted("j", inner, [f"{target} = {begin};"])
 
     # row after row, so that a sum adds its terms in the order of memory
-    if n > 1 or sums:
+    if n > 1 or is_sum:
         taken = TAKES[node.op_type].format(x=x, y=target)
         # C computes with small integers as int: the cast states the type that is kept
         take = f"{target} = ({C_TYPES[graph.element(out)]})({taken});"
         row = counted("j", inner, [take])
-        lines += counted("k", n, row, first=0 if sums else 1)
+        lines += counted("k", n, row, first=0 if is_sum else 1)
 
     # The loop above has added up squares: the root of each sum is taken once, at the end.
     if node.op_type == "ReduceL2":
@@ -195,17 +144,14 @@ def write_reduction(node: Node, writer: Writer) -> list[str]:
 
 def write_arg_max(node: Node, writer: Writer) -> list[str]:
     """The place of the largest; of equal ones the last, where the graph asks for it."""
-    out = writer.name(node.outputs[0])
     n = writer.graph.shape(node.inputs[0])[-1]
     # classes are ordered by risk: the last of equal ones is the riskier
     takes_last = node.attributes.get("select_last_index", 0)
     beats = ">=" if takes_last else ">"
-
     other = writer.read(node.inputs[0], "k")
     best = writer.read(node.inputs[0], "best")
     body = counted("k", n, [f"best = {other} {beats} {best} ? k : best;"], first=1)
-
-    return ["int best = 0;", *body, f"{out}[0] = best;"]
+    return ["int best = 0;", *body, f"{writer.name(node.outputs[0])}[0] = best;"]
 
 
 def write_softmax(node: Node, writer: Writer) -> list[str]:
@@ -216,6 +162,5 @@ def write_softmax(node: Node, writer: Writer) -> list[str]:
     x = writer.name(node.inputs[0])
     out = writer.name(node.outputs[0])
     n = writer.graph.shape(node.inputs[0])[-1]
-
     # The helper uses the C form's own exponential, because libm's differs between systems.
     return [f"hf_softmax({x}, {out}, {n});"]

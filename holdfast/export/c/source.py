@@ -23,6 +23,7 @@ from holdfast.export.c.compiled import StepCode
 from holdfast.export.c.constants import constants, options_of, rules_of
 from holdfast.export.c.graph import Graph
 from holdfast.export.c.literals import C_TYPES, OUT_TYPES, number, smallest_type, table
+from holdfast.export.c.writer import block
 
 HAND_FILES = ("friction.c", "controller.c", "supervisor.c", "grip.c")
 """Hand-written C of the grip, in this order in the source: what a file uses stands before it."""
@@ -77,25 +78,22 @@ def c_source(graph: Graph) -> CSource:
 
 def _source(compiled: StepCode, words: Words, named: str) -> str:
     """holdfast.c: what is used of maths.c, the model, then the hand-written files."""
-    sense, sense_body = compiled.sense
-    answer, answer_body = compiled.answer
-
     # Only the C file calls hf_sense; holdfast_features checks the state before it does.
     sense_head = (
         "static void hf_sense(double *state, const double *sample, "
         "const uint8_t *valid, float *features, holdfast_out *out)"
     )
     answer_head = "void holdfast_answer(const float *features, holdfast_out *out)"
+    sense = "\n".join(block(sense_head, compiled.sense))
+    answer = "\n".join(block(answer_head, compiled.answer))
 
     # a C function stands before its first use
     parts = [
         _template("begin.c", words),
         _snippets(f"{sense}\n{answer}"),
         compiled.tables.text(),
-        sense,
-        f"{sense_head} {{\n{sense_body}\n}}\n",
-        answer,
-        f"{answer_head} {{\n{answer_body}\n}}\n",
+        f"{sense}\n",
+        f"{answer}\n",
         _template("step.c", words),
         _template("decision.c", words),
         named,

@@ -7,7 +7,7 @@ exact in any order. A feature that is NaN goes right, as in onnxruntime.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from holdfast.export.c.writer import Writer, block, counted
 
 IntArray = npt.NDArray[np.int64]
 TOGETHER = 4
-"""Trees that are walked at once: while one waits for memory, the others go on."""
+"""Trees that are walked at once where their number allows: while one waits, the others go on."""
 MOST_SHORT = 2**15
 """Branches of one tree, and different leaves, that 16 bits can name."""
 
@@ -49,9 +49,11 @@ class Forest:
 
 def read_forest(node: Node, n_classes: int) -> Forest:
     """The trees of a TreeEnsembleRegressor, which are checked already (edge_runtime)."""
-    about: dict[str, Any] = dict(node.attributes)
-    # The modes are flags here, true for a branch (`decoded` in graph.py).
-    branch = about["nodes_modes"]
+    about = {}
+    for name, values in node.attributes.items():
+        is_real = name in ("nodes_values", "target_weights")
+        about[name] = np.array(values, np.float32) if is_real else np.array(values)
+    branch = about["nodes_modes"] == b"BRANCH_LEQ"
     tree = about["nodes_treeids"]
 
     first = np.flatnonzero(about["nodes_nodeids"] == 0)
@@ -68,12 +70,14 @@ def read_forest(node: Node, n_classes: int) -> Forest:
     right_rows = first[tree] + about["nodes_falsenodeids"]
     left = meaning[left_rows[branch]]
     right = meaning[right_rows[branch]]
+    roots = meaning[first]
     return Forest(
         threshold=about["nodes_values"][branch],
         feature=about["nodes_featureids"][branch],
         children=np.stack([left, right], axis=1),
-        starts=starts,
-        roots=meaning[first],
+        # a tree of one leaf begins at a branch that a walk may read and never follows
+        starts=np.where(roots < 0, 0, starts),
+        roots=roots,
         votes=leaf_votes,
     )
 
@@ -104,7 +108,9 @@ def write_trees(node: Node, writer: Writer) -> list[str]:
     name = writer.name(out)
     x = writer.name(node.inputs[0])
     n_classes = writer.graph.shape(out)[1]
-    forest = _padded(read_forest(node, n_classes))
+    forest = read_forest(node, n_classes)
+    n_trees = len(forest.roots)
+    together = next(n for n in range(TOGETHER, 0, -1) if n_trees % n == 0)
     # bytes of a branch in C: a float, the feature, and two children of 16 or 32 bits
     # Children count from the start of their tree, so 16 bits also serve large forests.
     kind, width = ("short", 12) if forest.is_short else ("long", 16)
@@ -121,7 +127,7 @@ def write_trees(node: Node, writer: Writer) -> list[str]:
     tables.add_text(branches, text, width * len(forest.threshold))
 
     following = f"hf_next_{kind}({branches} + {starts}[t + k], at[k], {x})"
-    places = [f"at[{k}]" for k in range(TOGETHER)]
+    places = [f"at[{k}]" for k in range(together)]
     all_at = " & ".join(places)
 
     # Behind the walk at[k] is below 0, and its complement is the number of a leaf.
@@ -132,43 +138,23 @@ def write_trees(node: Node, writer: Writer) -> list[str]:
 
     # Every tree of a group steps in each pass; one that has reached its leaf stays there (hf_next).
     walk = [
-        f"int32_t at[{TOGETHER}];",
-        *counted("k", TOGETHER, [f"at[k] = {roots}[t + k];"]),
+        f"int32_t at[{together}];",
+        *counted("k", together, [f"at[k] = {roots}[t + k];"]),
         # the sign of the conjunction is negative only where all have reached a leaf
         *block(
             f"while (({all_at}) >= 0)",
-            counted("k", TOGETHER, [f"at[k] = {following};"]),
+            counted("k", together, [f"at[k] = {following};"]),
         ),
-        *counted("k", TOGETHER, add),
+        *counted("k", together, add),
     ]
 
     # whole votes are added as integers: their sum is exact in any order
-    loop = f"for (int t = 0; t < {len(forest.roots)}; t += {TOGETHER})"
+    loop = f"for (int t = 0; t < {n_trees}; t += {together})"
     return [
         f"int32_t total[{n_classes}] = {{0}};",
         *block(loop, walk),
         *counted("j", n_classes, [f"{name}[j] = (float)total[j];"]),
     ]
-
-
-def _padded(forest: Forest) -> Forest:
-    """With as many trees as are walked at once: those added are a leaf without votes.
-
-    A tree of one leaf begins at the first branch of all, which a walk may read and never follows.
-    """
-    more = -len(forest.roots) % TOGETHER
-    # The leaf that is added has the number behind all others.
-    new_leaf = ~len(forest.votes)
-    empty = np.zeros((1, forest.votes.shape[1]), dtype=np.int64)
-    roots = np.concatenate([forest.roots, np.full(more, new_leaf)])
-    starts = np.concatenate([forest.starts, np.zeros(more, dtype=np.int64)])
-
-    return replace(
-        forest,
-        roots=roots,
-        starts=np.where(roots < 0, 0, starts),
-        votes=np.concatenate([forest.votes, empty]) if more else forest.votes,
-    )
 
 
 def _branches(name: str, forest: Forest, kind: str) -> str:

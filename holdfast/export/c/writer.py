@@ -1,117 +1,49 @@
-"""What every emitter works with: names, places and types of tensors; and one function a step."""
+"""What every emitter works with: names, places and types of tensors, loops and blocks of C."""
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 
-from holdfast.export.c.graph import Graph
+from holdfast.export.c.graph import Graph, Node, Shape, refusal
 from holdfast.export.c.literals import Tables
 from holdfast.export.c.memory import Memory
-from holdfast.export.c.plan import Step
 
-_NAME = re.compile(r"[a-z][a-z0-9]*_[a-z0-9_]{1,50}")
-"""With an underscore inside, no name is a word of C or a function of its library."""
-OURS = ("hf_", "holdfast_", "tensor_")
-"""How the names begin that the C form itself defines."""
-KNOWN = frozenset(
-    [
-        "sample",
-        "valid",
-        "state",
-        "features",
-        "settled",
-        "unknown",
-        "detectors",
-        "votes",
-        "situation",
-        "weight",
-    ]
-)
-"""Names of the step's interface, which are free in C too."""
-
-
-class Names:
-    """C names of tensors: those of the graph where C allows them."""
-
-    def __init__(self) -> None:
-        self._names: dict[str, str] = {}
-
-    def of(self, tensor: str) -> str:
-        """The same name at every call."""
-        free = _NAME.fullmatch(tensor) and not tensor.startswith(OURS)
-        # numbered by first use, so the same graph always gives the same C
-        number = len(self._names)
-        name = tensor if free or tensor in KNOWN else f"tensor_{number}"
-        return self._names.setdefault(tensor, name)
+COUNTERS = ("i", "j", "k")
+"""Counters of nested loops, from the outermost on."""
 
 
 @dataclass(frozen=True)
 class Writer:
-    """What emitters of one part of the graph share. tables, names: of the whole file."""
+    """What emitters of one part of the graph share. tables: of the whole file."""
 
     graph: Graph
     memory: Memory
     tables: Tables
-    names: Names
 
     def name(self, tensor: str) -> str:
-        """The C name of a tensor."""
-        return self.names.of(tensor)
-
-    def is_constant(self, tensor: str) -> bool:
-        """Whether a tensor is a constant of the graph."""
-        return self.graph.values(tensor) is not None
+        """The C name of a tensor, which is no word of C and no counter."""
+        return f"t_{tensor}"
 
     def read(self, tensor: str, index: str) -> str:
         """A number of a tensor, as the type in the graph."""
         return f"{self.name(tensor)}[{index}]"
 
+    def step(self, node: Node, body: list[str]) -> list[str]:
+        """The body of a node as a block, with a pointer to each tensor that it reads or makes."""
+        pointers = []
+        for tensor in dict.fromkeys(node.inputs):
+            if self.graph.values(tensor) is None:
+                pointers.append(f"const {self._pointer(tensor)}")
+        for tensor in node.outputs:
+            # an output that nothing reads has no memory
+            if self.memory.is_kept(tensor):
+                pointers.append(self._pointer(tensor))
+        return block(f"/* {node.op_type} */", [*pointers, *body])
 
-@dataclass(frozen=True)
-class Function:
-    """A C function that computes one step, and the call of it."""
-
-    definition: str
-    call: str
-
-
-def function(step: Step, number: int, body: list[str], writer: Writer) -> Function:
-    """Wrap the body of a step; its parameters are what it reads and what it makes."""
-    arguments = []
-    parameters = []
-    text = "\n".join(body)
-
-    for tensor in _computed_inputs(step, writer):
-        # the body of a step may leave out what it multiplies with 0
-        if re.search(rf"\b{writer.name(tensor)}\b", text):
-            parameters.append(_parameter(tensor, writer, "const "))
-            arguments.append(writer.memory.place(tensor).address())
-
-    # an output that nothing reads has no memory
-    for tensor in step.node.outputs:
-        if writer.memory.is_kept(tensor):
-            parameters.append(_parameter(tensor, writer, ""))
-            arguments.append(writer.memory.place(tensor).address())
-
-    name = f"hf_step_{number}"
-    about = f"/* {step.node.op_type} */"
-    head = f"static void {name}({', '.join(parameters)})"
-    definition = "\n".join([about, *block(head, body)])
-    call = f"{name}({', '.join(arguments)});"
-    return Function(f"{definition}\n", call)
-
-
-def _computed_inputs(step: Step, writer: Writer) -> list[str]:
-    """The tensors that a step reads and that are no constants, once each, in order."""
-    names = dict.fromkeys(step.node.inputs)
-    return [name for name in names if not writer.is_constant(name)]
-
-
-def _parameter(tensor: str, writer: Writer, const: str) -> str:
-    """A pointer that no other parameter shares memory with, so the compiler may use vectors."""
-    c_type = writer.memory.place(tensor).c_type
-    return f"{const}{c_type} *restrict {writer.name(tensor)}"
+    def _pointer(self, tensor: str) -> str:
+        """A pointer that shares memory with no other, so the compiler may use vectors."""
+        place = self.memory.place(tensor)
+        return f"{place.c_type} *restrict {self.name(tensor)} = {place.address()};"
 
 
 def block(head: str, body: list[str]) -> list[str]:
@@ -125,6 +57,21 @@ def counted(variable: str, n: int, body: list[str], first: int = 0) -> list[str]
         return body
     head = f"for (int {variable} = {first}; {variable} < {n}; ++{variable})"
     return block(head, body)
+
+
+def axes_of(shape: Shape, node: Node) -> list[tuple[str, int]]:
+    """(counter, axis) of every axis of more than one number. Raises NotCompilable for too many."""
+    axes = [axis for axis, size in enumerate(shape) if size > 1]
+    if len(axes) > len(COUNTERS):
+        raise refusal(node, "it has too many dimensions")
+    return list(zip(COUNTERS, axes, strict=False))
+
+
+def nested(shape: Shape, node: Node, body: list[str]) -> list[str]:
+    """Loops over all axes of a shape: neighbours in memory follow each other."""
+    for counter, axis in reversed(axes_of(shape, node)):
+        body = counted(counter, shape[axis], body)
+    return body
 
 
 def index(*terms: tuple[int, str, int], first: int = 0) -> str:

@@ -1,6 +1,6 @@
 """The folder of recordings: its owner, one recorder at a time, trial numbers, discarded trials.
 
-The repair of one trial's folder, for `holdfast repair`.
+The repair of one trial's folder, for `holdfast check --repair`.
 """
 
 from __future__ import annotations
@@ -293,7 +293,7 @@ def repair(folder: Path) -> list[str]:
     try:
         return _repaired(folder)
     except OutputError as error:
-        step = "make room, then run holdfast repair again"
+        step = "make room, then run holdfast check --repair again"
         raise OutputError(
             error.what, where=error.where, cause=error.cause, next_step=step
         ) from None

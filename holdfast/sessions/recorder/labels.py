@@ -3,7 +3,7 @@
 Where several sources have a time for an event, the first of PROVENANCES counts: a scene's own
 truth, a camera, a key that the operator pressed (late by about 0.2 s), and a rule that reads from
 the normal forces when the hand closed and when it was empty again. Nothing else is guessed: without
-a load onset the grip has no label. The file is derived; `holdfast onset` writes it again.
+a load onset the grip has no label. The file is derived; `holdfast watch --onset` writes it again.
 
 The truth of a scene becomes events of the recorded trial here, too.
 """
@@ -21,11 +21,9 @@ from holdfast.core.contract import (
     NORMAL_AXIS,
     NORMAL_FLOOR,
     SITUATIONS,
-    FloatArray,
     Json,
 )
 from holdfast.core.errors import LabelError
-from holdfast.core.schema import json_of, text_of
 from holdfast.core.source import Source
 from holdfast.core.trial_file import Trial, read_trial
 from holdfast.core.trial_layout import (
@@ -38,6 +36,7 @@ from holdfast.core.trial_layout import (
     TRUTH,
     contact_rows,
     read_events,
+    read_json,
 )
 from holdfast.core.writing import write_whole
 from holdfast.live.scene_source import scene_of
@@ -46,6 +45,8 @@ NOTHING = SITUATIONS[0]
 """The situation of an empty hand."""
 PROVENANCES = ("scene", "camera", "key", "rule")
 """Sources of a time, the most trusted first."""
+BY = "holdfast record"
+"""Who wrote an event."""
 MARKS = ("contact", "load_onset", "incipient_slip", "gross_slip", "contact_lost")
 """Names of events in the order in which a slip goes through them."""
 BIAS_ROWS = 5
@@ -61,13 +62,6 @@ class LabelledInterval:
     label: str
     provenance: str
 
-    @staticmethod
-    def of(t0_s: float, t1_s: float, label: str, provenance: str) -> LabelledInterval:
-        """Rounded to microseconds, and never ending before it begins."""
-        # A key may be pressed out of order; a phase then is empty, not negative.
-        end_s = round(max(t0_s, t1_s), 6)
-        return LabelledInterval(round(t0_s, 6), end_s, label, provenance)
-
 
 @dataclass(frozen=True)
 class TrialTruth:
@@ -79,11 +73,8 @@ class TrialTruth:
     def to_json(self) -> Json:
         """As training reads it."""
         marks = {f"{name}_s": at_s for name, at_s in self.marks.items()}
-        return {
-            "phases": [asdict(one) for one in self.phases],
-            **marks,
-            "by": "holdfast record",
-        }
+        phases = [asdict(one) for one in self.phases]
+        return {"phases": phases, **marks, "by": BY}
 
     def is_complete(self, action: str) -> bool:
         """Whether the hand closed and was then empty for longer than CONTACT_SMOOTH_S.
@@ -111,16 +102,19 @@ def write_truth(folder: Path, truth: TrialTruth) -> None:
     write_whole(folder / TRUTH, json.dumps(truth.to_json(), indent=1) + "\n")
 
 
+def read_meta(folder: Path) -> Json:
+    """meta.json of a folder, empty without one. Raises LabelError."""
+    return read_json(folder / META)
+
+
 def truth_in(folder: Path) -> TrialTruth:
     """The phases and marks of a trial's folder, from its samples and events. Raises a DataError."""
     trial = read_trial(folder / TACTILE)
     meta = read_meta(folder)
-    action = str(meta.get("action"))
-    unit = str(meta.get("unit", "N"))
     events = read_events(folder / EVENTS)
-
     try:
-        return truth_of(action, trial, unit, events)
+        known = _known_marks(events)
+        phases = _scene_phases(events)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise LabelError(
             f"an event without its times ({error!r:.60})",
@@ -128,70 +122,56 @@ def truth_in(folder: Path) -> TrialTruth:
             next_step="correct that line",
         ) from None
 
+    # The rule is the least trusted source: it only fills in what no other source gave.
+    for name, at_s in _contact(trial, str(meta.get("unit", "N"))).items():
+        known.setdefault(name, (at_s, "rule"))
+    if not phases:
+        # The last sample lasts for a period, so that phases cover the trial.
+        end_s = float(trial.t_s[-1]) + 1.0 / trial.rate_hz
+        phases = _phases(str(meta.get("action")), end_s, known)
 
-def read_meta(folder: Path) -> Json:
-    """meta.json of a folder, empty without one. Raises LabelError."""
-    try:
-        meta = json_of(text_of(folder / META))
-    except FileNotFoundError:
-        return {}
-    except (OSError, ValueError) as error:
-        raise LabelError(
-            f"cannot be read ({type(error).__name__})",
-            where=folder / META,
-            next_step="correct or remove it",
-        ) from None
-
-    return meta if isinstance(meta, dict) else {}
+    marks: dict[str, float | None] = dict.fromkeys(MARKS)
+    for name, (at_s, _) in known.items():
+        marks[name] = round(at_s, 6)
+    return TrialTruth(tuple(phases), marks)
 
 
-def truth_of(action: str, trial: Trial, unit: str, events: list[Json]) -> TrialTruth:
-    """Phases as training reads them, and the marks behind them. events: lines of events.jsonl."""
-    # The last sample lasts for a period, so that phases cover the trial.
-    end_s = float(trial.t_s[-1]) + 1.0 / trial.rate_hz
-    known = _known_marks(events)
-    closed_s, empty_s = _contact(trial, unit)
+def _interval(
+    t0_s: float, t1_s: float, label: str, provenance: str
+) -> LabelledInterval:
+    """Rounded to microseconds, and never ending before it begins."""
+    # A key may be pressed out of order; a phase then is empty, not negative.
+    end_s = round(max(t0_s, t1_s), 6)
+    return LabelledInterval(round(t0_s, 6), end_s, label, provenance)
 
-    for name, at_s in (("contact", closed_s), ("contact_lost", empty_s)):
-        if at_s is not None:
-            # The rule is the least trusted source: it only fills in what no other source gave.
-            known.setdefault(name, (at_s, "rule"))
 
+def _scene_phases(events: list[Json]) -> list[LabelledInterval]:
+    """Only a scene knows every phase; all other sources give single times."""
     phases = []
     for event in events:
-        # Only a scene knows every phase; all other sources give single times.
         if event.get("provenance") == "scene" and event.get("label"):
             t0_s = float(event["t0_s"])
             t1_s = float(event["t1_s"])
-            phases.append(LabelledInterval.of(t0_s, t1_s, event["label"], "scene"))
-
-    marks = {}
-    for name in MARKS:
-        at_s, _ = known.get(name, (None, ""))
-        marks[name] = None if at_s is None else round(at_s, 6)
-
-    if not phases:
-        phases = _phases(action, end_s, known)
-    return TrialTruth(tuple(phases), marks)
+            phases.append(_interval(t0_s, t1_s, event["label"], "scene"))
+    return phases
 
 
 def _known_marks(events: list[Json]) -> dict[str, tuple[float, str]]:
     """Mark -> (time in s, provenance), from the best source; the first press of a key counts."""
     known: dict[str, tuple[float, str]] = {}
-    # From the worst source to the best and from the last line to the first: later ones replace.
-    for provenance in reversed(PROVENANCES):
-        for event in reversed(events):
+    for provenance in PROVENANCES:
+        for event in events:
             if event.get("provenance") != provenance:
                 continue
+            times = {}
             if event.get("mark") in MARKS:
-                known[event["mark"]] = (float(event["t_s"]), provenance)
+                times[event["mark"]] = event["t_s"]
             elif provenance == "camera" and "gross_s" in event:
                 # A camera writes an interval, from the first sliding to gross slip.
-                begins_s = float(event["t0_s"])
-                gross_s = float(event["gross_s"])
-                known["incipient_slip"] = (begins_s, provenance)
-                known["gross_slip"] = (gross_s, provenance)
-
+                times["incipient_slip"] = event["t0_s"]
+                times["gross_slip"] = event["gross_s"]
+            for name, t_s in times.items():
+                known.setdefault(name, (float(t_s), provenance))
     return known
 
 
@@ -199,47 +179,29 @@ def _phases(
     action: str, end_s: float, known: dict[str, tuple[float, str]]
 ) -> list[LabelledInterval]:
     if action == NOTHING:
-        return [LabelledInterval.of(0.0, end_s, NOTHING, "rule")]
+        return [_interval(0.0, end_s, NOTHING, "rule")]
     # Without both ends of the grip no phase has a length, so the trial has no label.
     if "contact" not in known or "contact_lost" not in known:
         return []
 
     closed_s, by_closed = known["contact"]
     empty_s, by_empty = known["contact_lost"]
-    phases = [LabelledInterval.of(0.0, closed_s, NOTHING, by_closed)]
+    phases = [_interval(0.0, closed_s, NOTHING, by_closed)]
     # A camera sees the first sliding, which comes after the load; a key may mark the load itself.
     slip = known.get("load_onset") or known.get("incipient_slip")
-
     if action in HELD_ACTIONS:
-        phases.append(LabelledInterval.of(closed_s, empty_s, "grasp", by_closed))
+        phases.append(_interval(closed_s, empty_s, "grasp", by_closed))
     elif slip is not None and closed_s < slip[0] < empty_s:
         # A mark outside the grip is a slip of the finger, not of the object.
         slip_s, by_slip = slip
         situation = SITUATION_OF_ACTION[action]
-        phases.append(LabelledInterval.of(closed_s, slip_s, "grasp", by_closed))
-        phases.append(LabelledInterval.of(slip_s, empty_s, situation, by_slip))
-
-    return [*phases, LabelledInterval.of(empty_s, end_s, NOTHING, by_empty)]
-
-
-def _contact(trial: Trial, unit: str) -> tuple[float | None, float | None]:
-    """Times at which the hand closed and was empty again; None where it did not."""
-    floor = NORMAL_FLOOR.get(unit, 0.0)  # type: ignore[call-overload]
-    # The rule is that of training, so a label means the same in recorded and read trials.
-    rows = contact_rows(_load(trial), trial.rate_hz, floor)
-    if rows is None:
-        return None, None
-
-    first, stop = rows
-    # `stop` is the row after the grip; where the trial ends in it, there is none.
-    stop = min(stop, len(trial.t_s) - 1)
-    closed_s = float(trial.t_s[first])
-    empty_s = float(trial.t_s[stop])
-    return closed_s, empty_s
+        phases.append(_interval(closed_s, slip_s, "grasp", by_closed))
+        phases.append(_interval(slip_s, empty_s, situation, by_slip))
+    return [*phases, _interval(empty_s, end_s, NOTHING, by_empty)]
 
 
-def _load(trial: Trial) -> FloatArray:
-    """[T] sum of the normal forces over the valid fingers, less their bias."""
+def _contact(trial: Trial, unit: str) -> dict[str, float]:
+    """Times at which the hand closed and was empty again; empty where it did not."""
     normal = trial.raw[:, NORMAL_AXIS::3]
     normal = np.where(trial.valid, normal, np.nan)
     bias = np.zeros(normal.shape[1])
@@ -248,11 +210,21 @@ def _load(trial: Trial) -> FloatArray:
         first = column[np.isfinite(column)][:BIAS_ROWS]
         if first.size:
             bias[finger] = first.mean()
-
     # A finger that is lost adds nothing to the load of the others.
-    moved = np.nan_to_num(normal - bias)
-    load: FloatArray = np.abs(moved).sum(axis=1)
-    return load
+    load = np.abs(np.nan_to_num(normal - bias)).sum(axis=1)
+
+    floor = NORMAL_FLOOR.get(unit, 0.0)  # type: ignore[call-overload]
+    # The rule is that of training, so a label means the same in recorded and read trials.
+    rows = contact_rows(load, trial.rate_hz, floor)
+    if rows is None:
+        return {}
+    first_row, stop = rows
+    # `stop` is the row after the grip; where the trial ends in it, there is none.
+    stop = min(stop, len(trial.t_s) - 1)
+    return {
+        "contact": float(trial.t_s[first_row]),
+        "contact_lost": float(trial.t_s[stop]),
+    }
 
 
 TruthEvents = Callable[[int, int], list[Json]]
@@ -271,28 +243,23 @@ def scene_truth_of(url: str, source: Source) -> TruthEvents | None:
 
     def events(first_ns: int, last_ns: int) -> list[Json]:
         shift_s = 0.0 if began_ns is None else 1e-9 * (began_ns - first_ns)
-        shifted = truth.to_json(shift_s)
-        end_s = 1e-9 * (last_ns - first_ns)
-        return _events(shifted, end_s)
+        return _events(truth.to_json(shift_s), 1e-9 * (last_ns - first_ns))
 
     return events
 
 
 def _events(truth: Json, end_s: float) -> list[Json]:
     """Phases and marks between the first sample and the last, at end_s."""
-    by = {"provenance": "scene", "by": "holdfast record"}
+    by = {"provenance": "scene", "by": BY}
     events = []
     for phase in truth["phases"]:
         # The operator may begin late or end early: what lies outside was not recorded.
         if phase["t1_s"] > 0.0 and phase["t0_s"] < end_s:
             t0_s = max(0.0, phase["t0_s"])
             t1_s = min(end_s, phase["t1_s"])
-            label = phase["label"]
-            events.append({"t0_s": t0_s, "t1_s": t1_s, "label": label, **by})
-
+            events.append({"t0_s": t0_s, "t1_s": t1_s, "label": phase["label"], **by})
     for name in MARKS:
         t_s = truth[f"{name}_s"]
         if t_s is not None and 0.0 <= t_s <= end_s:
             events.append({"t_s": t_s, "mark": name, **by})
-
     return events

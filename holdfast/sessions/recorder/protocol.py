@@ -25,30 +25,21 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Any
 
-from holdfast.core.errors import DataNotFound, UsageError
-from holdfast.core.reading import CardReader, read_toml
-from holdfast.core.trial_layout import (
-    LONGEST_NAME,
-    NAME,
-    SITUATION_OF_ACTION,
-    checked_name,
-)
+import msgspec
 
-if TYPE_CHECKING:
-    from holdfast.core.contract import Json
+from holdfast.core.errors import DataNotFound
+from holdfast.core.schema import read, text_of
+from holdfast.core.trial_layout import LONGEST_NAME, NAME, SITUATION_OF_ACTION
 
 ACTIONS = tuple(SITUATION_OF_ACTION)
 """Of scenes and of training too: a folder of trials is named after its action."""
 NOTHING = "nothing"
 MOST_TRIALS = 10_000
 """Beyond it a count is a slip of the key."""
-MOST_MASS_G = 100_000.0
-"""A hundred kilograms: beyond it the mass was not meant in grams."""
-SECTIONS = ("title", "about", "trials", "objects", "effects")
-"""Effects are of a simulated hand; they are allowed so that one file may serve both."""
-ROW_KEYS = ("objects", "action", "style", "count")
+Mass = Annotated[float, msgspec.Meta(gt=0.0, le=100_000.0)]
+"""Grams, up to a hundred kilograms: beyond it the mass was not meant in grams."""
 
 
 @dataclass(frozen=True)
@@ -99,116 +90,77 @@ def tasks_left(planned: Iterable[Task], done: Iterable[Task]) -> list[Task]:
     return left
 
 
+class TrialsRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A row of a protocol: trials of each of its objects, none for the empty hand."""
+
+    action: str
+    objects: tuple[str, ...] = ()
+    style: str = ""
+    count: Annotated[int, msgspec.Meta(ge=1, le=MOST_TRIALS)] = 1
+
+    def __post_init__(self) -> None:
+        require_action(self.action)
+        for name in self.objects:
+            require_name(name)
+        if bool(self.objects) == (self.action == NOTHING):
+            allowed = "a list of objects, and none for the action nothing"
+            raise ValueError(f"objects = {list(self.objects)}; allowed: {allowed}")
+        if self.style and not NAME.fullmatch(self.style):
+            allowed = "a word of letters, digits and dashes"
+            raise ValueError(f"style = {self.style!r}; allowed: {allowed}")
+
+    def tasks(self) -> list[Task]:
+        """Its trials, in whole rounds of all objects."""
+        names = self.objects or (NOTHING,)
+        return [Task(name, self.action, self.style) for name in names] * self.count
+
+
+class ObjectMass(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a protocol says of an object."""
+
+    mass_g: Mass
+
+
+class ProtocolCard(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The whole file. effects: of a simulated hand, so that one file may serve both."""
+
+    trials: Annotated[tuple[TrialsRow, ...], msgspec.Meta(min_length=1)]
+    title: str = ""
+    about: str = ""
+    objects: dict[str, ObjectMass] = {}
+    effects: dict[str, Any] = {}
+
+    def __post_init__(self) -> None:
+        for name in self.objects:
+            require_name(name)
+        count = sum(row.count * max(1, len(row.objects)) for row in self.trials)
+        if count > MOST_TRIALS:
+            raise ValueError(f"{count} trials; allowed: at most {MOST_TRIALS} in all")
+
+
+def require_action(word: str) -> None:
+    """Raise ValueError for a word that is not one of ACTIONS."""
+    if word not in ACTIONS:
+        raise ValueError(f"action = {word!r}; allowed: {', '.join(ACTIONS)}")
+
+
+def require_name(word: str) -> None:
+    """Raise ValueError for a word that may not become an object's folder."""
+    if not NAME.fullmatch(word) or len(word) > LONGEST_NAME or word == NOTHING:
+        allowed = f"up to {LONGEST_NAME} letters, digits and dashes"
+        raise ValueError(f"object = {word[:40]!r}; allowed: {allowed}")
+
+
 def read_protocol(path: Path) -> Protocol:
     """Read and check a recording protocol. Raises CardError, DataNotFound."""
     try:
-        text, raw = read_toml(path)
+        card = read(path, ProtocolCard)
     except FileNotFoundError:
         raise DataNotFound(
             "no such protocol", where=path, next_step="docs/recording.md shows one"
         ) from None
-    return _TrialsReader(path).protocol(raw, text)
-
-
-def is_list_of(value: Any, kind: type) -> bool:
-    """Whether a value is a list, and all in it are of one type."""
-    return isinstance(value, list) and all(isinstance(item, kind) for item in value)
-
-
-class ProtocolReader(CardReader):
-    """Checks that recording and study protocols share.
-
-    Every method returns the value of a key, or raises CardError with what is allowed.
-    """
-
-    def text(self, key: str, value: Any) -> str:
-        """A text, its white space made single spaces."""
-        if not isinstance(value, str):
-            raise self.refused(key, value, "a text in quotes")
-        # A text over several lines of the file is one line on the console.
-        return " ".join(value.split())
-
-    def whole_number(self, key: str, value: Any, least: int, most: int) -> int:
-        """A whole number within bounds."""
-        # In Python True is a whole number; in a protocol it is a mistake.
-        is_whole = isinstance(value, int) and not isinstance(value, bool)
-        if not is_whole or not least <= value <= most:
-            raise self.refused(key, value, f"a whole number from {least} to {most}")
-        return int(value)
-
-    def positive(self, key: str, value: Any, most: float, unit: str) -> float:
-        """A number above 0."""
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        # nan fails the comparison, so it is refused as well.
-        if not is_number or not 0 < value <= most:
-            allowed = f"{unit}, a number above 0 and at most {most:g}"
-            raise self.refused(key, value, allowed)
-        return float(value)
-
-    def mass_g(self, key: str, value: Any) -> float:
-        """The mass of an object."""
-        return self.positive(key, value, MOST_MASS_G, "grams")
-
-    def rows(self, key: str, value: Any, allowed: str) -> list[Json]:
-        """A list of tables, at least one."""
-        if not value or not is_list_of(value, dict):
-            raise self.refused(key, value, allowed)
-        return list(value)
-
-    def action(self, key: str, value: Any) -> str:
-        """One of ACTIONS."""
-        if value not in ACTIONS:
-            raise self.refused(key, value, ", ".join(ACTIONS))
-        return str(value)
-
-    def object_name(self, key: str, value: Any) -> str:
-        """A name that may become a folder."""
-        try:
-            return checked_name(value if isinstance(value, str) else "", "object")
-        except UsageError:
-            allowed = f"up to {LONGEST_NAME} letters, digits and dashes"
-            raise self.refused(key, value, allowed) from None
-
-
-class _TrialsReader(ProtocolReader):
-    """Checks one recording protocol."""
-
-    def protocol(self, raw: Json, text: str) -> Protocol:
-        self.require_known(raw, SECTIONS, "section")
-        tasks: list[Task] = []
-        allowed = "at least one [[trials]] with an action"
-        for k, row in enumerate(self.rows("trials", raw.get("trials"), allowed)):
-            tasks += self.tasks(f"trials[{k}]", row)
-
-        if len(tasks) > MOST_TRIALS:
-            raise self.refused("trials", len(tasks), f"at most {MOST_TRIALS} in all")
-
-        mass_g = {}
-        for name, value in self.table(raw, "objects").items():
-            key = f"objects.{self.object_name('objects', name)}"
-            table = self.require_table(key, value)
-            self.require_known(table, ("mass_g",), key)
-            mass_g[name] = self.mass_g(f"{key}.mass_g", table.get("mass_g"))
-
-        return Protocol(self.path.stem, text, tuple(tasks), mass_g)
-
-    def tasks(self, key: str, row: Json) -> list[Task]:
-        """The trials of one row."""
-        self.require_known(row, ROW_KEYS, key)
-        action = self.action(f"{key}.action", row.get("action"))
-        count = self.whole_number(f"{key}.count", row.get("count", 1), 1, MOST_TRIALS)
-        style = row.get("style", "")
-        names = row.get("objects", [])
-        is_word = isinstance(style, str) and NAME.fullmatch(style)
-        if style != "" and not is_word:
-            allowed = "a word of letters, digits and dashes"
-            raise self.refused(f"{key}.style", style, allowed)
-        is_empty_hand = action == NOTHING
-        if not isinstance(names, list) or bool(names) == is_empty_hand:
-            allowed = "a list of objects, and none for the action nothing"
-            raise self.refused(f"{key}.objects", names, allowed)
-
-        objects = [self.object_name(f"{key}.objects", name) for name in names]
-        tasks = [Task(name, action, style) for name in objects or [NOTHING]]
-        # Whole rounds of all objects; `ordered` shuffles them anyway.
-        return tasks * count
+    tasks: list[Task] = []
+    for row in card.trials:
+        tasks += row.tasks()
+    mass_g = {name: one.mass_g for name, one in card.objects.items()}
+    return Protocol(path.stem, text_of(path), tuple(tasks), mass_g)

@@ -155,7 +155,8 @@ def _report_before(options: RecordOptions, plan: Plan, display: Display) -> None
         # Only a recorder that was killed leaves a trial in this state.
         if meta.get("state") == RECORDING:
             display.report(
-                f"{folder} was interrupted and does not count; next: holdfast repair {folder}"
+                f"{folder} was interrupted and does not count; "
+                f"next: holdfast check --repair {folder}"
             )
 
     # Each object once, in the order of the plan.

@@ -8,14 +8,14 @@ from __future__ import annotations
 import json
 import os
 from collections import Counter
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
 
-from holdfast.core.contract import FloatArray, Json, channel_names
+from holdfast.core.contract import FloatArray, IntArray, Json, channel_names
 from holdfast.core.errors import DataError, HoldfastError, OutputError
 from holdfast.core.source import SourceReading
 from holdfast.core.tactile_file import TactileFile
@@ -28,7 +28,7 @@ from holdfast.sessions.recorder.folder import (
     RECORDING,
     write_meta,
 )
-from holdfast.sessions.recorder.labels import truth_in, write_truth
+from holdfast.sessions.recorder.labels import BY, truth_in, write_truth
 
 REST_S = 0.3
 """Time at the start of a trial over which its bias is measured."""
@@ -97,15 +97,10 @@ class Quality:
 
     def figures(self) -> QualityFigures:
         """Figures of the whole trial."""
-        times = np.array(self.times_ns, dtype=np.int64)
-        seconds = 0.0
+        times_ns: IntArray = np.array(self.times_ns, dtype=np.int64)
+        steps = times_ns[1:] - times_ns[:-1]
         rate_hz = None
         jitter_ms = None
-        if len(times):
-            spent_ns = float(times[-1] - times[0])
-            seconds = round(1e-9 * spent_ns, 3)
-        steps = np.diff(times)
-
         if len(steps):
             rate_hz = round(1e9 / float(np.median(steps)), 3)
             # A lost sample is no jitter: the distance is from the nearest whole period.
@@ -115,8 +110,8 @@ class Quality:
 
         drift, channel = self._drift()
         return QualityFigures(
-            samples=len(times),
-            seconds=seconds,
+            samples=len(self.times_ns),
+            seconds=round(1e-9 * float(steps.sum()), 3),
             rate_hz=rate_hz,
             jitter_p99_ms=jitter_ms,
             lost=self.lost,
@@ -135,15 +130,12 @@ class Quality:
         known = np.isfinite(rows).any(axis=0) & np.isfinite(self.bias)
         if not known.any():
             return None, None
-
         # The median, so that a single touch at the start is no drift.
-        at_rest = np.nanmedian(rows[:, known], axis=0)
-        change = np.abs(at_rest - self.bias[known])
-        worst = int(np.argmax(change))
-        channel = int(np.flatnonzero(known)[worst])
-        name = channel_names(len(self.bias) // 3)[channel]
-
-        return round(float(change[worst]), 4), name
+        change = np.zeros(len(self.bias))
+        change[known] = np.nanmedian(rows[:, known], axis=0) - self.bias[known]
+        worst = int(np.abs(change).argmax())
+        name = channel_names(len(self.bias) // 3)[worst]
+        return round(abs(float(change[worst])), 4), name
 
 
 @dataclass(frozen=True)
@@ -207,22 +199,18 @@ class TrialRecorder:
         """Look at the wearer's command, and write what came. Raises OutputError."""
         if self.intent is None or self._intent_file is None:
             return
-
         self.intent.look()
         # Times are from the first sample: before it there is none to count from.
-        if not self.started:
-            return
-
-        first_ns = self.span_ns[0]
-        for item in self.intent.fresh:
-            row = intent_row(item, first_ns, self._host_after_ns)
-            _write_line(self._intent_file, row)
+        if self.started:
+            first_ns = self.span_ns[0]
+            for item in self.intent.fresh:
+                row = intent_row(item, first_ns, self._host_after_ns)
+                _write_line(self._intent_file, row)
 
     def mark(self, name: str, now_ns: int) -> float:
         """Note that the operator marked an event now; returns its time from the first sample, s."""
         at_s = round(1e-9 * (now_ns - self.span_ns[0]), 6)
-        by = {"provenance": "key", "by": "holdfast record"}
-        self.note({"t_s": at_s, "mark": name, **by})
+        self.note({"t_s": at_s, "mark": name, "provenance": "key", "by": BY})
         return at_s
 
     def note(self, event: Json) -> None:
@@ -246,28 +234,24 @@ class TrialRecorder:
             state = INTERRUPTED if why else KEPT
         # What meta.json says beyond the run's own description.
         more: Json = {"quality": asdict(figures)}
-        if camera is not None:
+        if camera:
             more["camera"] = camera
         if why:
             more["why"] = why
         self._write_meta(state, **more)
-
         return ClosedTrial(figures, state, why)
 
     def _close_files(self) -> None:
         """Flush and close them; nothing where that was tried before. Raises OutputError."""
         if self._events.closed:
             return
-
-        try:
+        with ExitStack() as files:
+            files.callback(self._events.close)
+            if self._intent_file is not None:
+                files.callback(self._intent_file.close)
             self._file.close()
             # The marks are labels: they must survive a power cut as the samples do.
             os.fsync(self._events.fileno())
-        finally:
-            for file in (self._events, self._intent_file):
-                with suppress(OSError):
-                    if file is not None:
-                        file.close()
 
     def _label(self, over: str) -> str:
         """Write the phases of a trial to keep; returns why it cannot be kept, or nothing."""
@@ -277,10 +261,8 @@ class TrialRecorder:
             truth = truth_in(self.folder)
         except DataError as error:
             return unfinished if over else str(error)
-
         if over and not truth.is_complete(self.about["action"]):
             return unfinished
-
         write_truth(self.folder, truth)
         return ""
 
@@ -293,9 +275,8 @@ class TrialRecorder:
             self.close(INTERRUPTED, why=why)
 
     def _write_meta(self, state: str, **more: Any) -> None:
-        write_meta(
-            self.folder, {"recorder": FORMAT, "state": state, **self.about, **more}
-        )
+        meta = {"recorder": FORMAT, "state": state, **self.about, **more}
+        write_meta(self.folder, meta)
 
 
 def _write_line(file: TextIO, line: str) -> None:

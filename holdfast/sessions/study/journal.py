@@ -3,6 +3,9 @@
 Every line has `event`, `run` (how often the program was started), `t_s` (monotonic, from the start
 of that run) and `at` (UTC). Where the study goes on is read from these lines alone, so a run that
 was killed at any moment loses at most the line that it was writing.
+
+Withdrawal: everything of a person is deleted; which files these were is written down before and
+after, in withdrawn.jsonl beside the people's folders, which holds nothing that was recorded.
 """
 
 from __future__ import annotations
@@ -11,6 +14,7 @@ import errno
 import fcntl
 import json
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -18,14 +22,22 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from holdfast.core.contract import Json
-from holdfast.core.errors import LabelError, OutputError
+import msgspec
+
+from holdfast.core.errors import LabelError, OutputError, UsageError
+from holdfast.core.schema import checked
 from holdfast.core.tactile_file import repair_lines
 from holdfast.core.trial_layout import read_events
-from holdfast.sessions.recorder.folder import is_json_object
+from holdfast.sessions.recorder.folder import alone, is_json_object
 
 JOURNAL = "study.jsonl"
 """In the person's folder."""
+WITHDRAWN = "withdrawn.jsonl"
+"""In the folder of the study, outside every person's."""
+NOT_HERE = (
+    "not deleted, because they are not here: copies and backups of these files, models trained "
+    "with them (train again), and the list of names on paper"
+)
 
 
 class Event(StrEnum):
@@ -54,6 +66,30 @@ STOPS_TIME = (*MOVES, Event.PAUSED, Event.QUIT)
 """After one of these it takes none."""
 
 
+class Entry(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A line of the journal. part, next: numbers of parts from 0, -1 where the event has none.
+
+    kept: trials of the part's task that were kept before it began. text, severity: of a note or an
+    adverse event. card, sha256, rehearsal: of the protocol, and whether no person took part.
+    """
+
+    event: str
+    run: int
+    t_s: float
+    at: str
+    part: int = -1
+    next: int = -1
+    step: int | None = None
+    title: str = ""
+    kept: int = 0
+    text: str = ""
+    severity: str | None = None
+    error: str = ""
+    card: str = ""
+    sha256: str = ""
+    rehearsal: bool = False
+
+
 @dataclass
 class Progress:
     """Where a study stands. part: the number of the part to do or under way, from 0.
@@ -71,39 +107,30 @@ class Progress:
     _since_s: float | None = None
     _last_s: float = 0.0
 
-    def take(self, entry: Json) -> None:
-        """One more line. Raises KeyError, TypeError or ValueError where it is no entry."""
-        event = entry["event"]
-        t_s = float(entry["t_s"])
-        # A line without a date is refused, although nothing here is computed from it.
-        _ = entry["at"]
-
+    def take(self, entry: Entry) -> None:
+        """One more line."""
+        event = entry.event
         if event == Event.OPENED:
             # A run that was killed wrote no end: its time counts up to its last line.
             self._stop(self._last_s)
             self.runs += 1
             self.finished = False
         elif event == Event.BEGUN:
-            self.part = int(entry["part"])
+            self.part = entry.part
             self.begun = True
             # Of its first beginning: a step that is begun again has its trials already.
-            self.kept_before.setdefault(self.part, int(entry.get("kept", 0)))
-        elif event in (Event.NOTE, Event.DETAIL):
-            # Checked here, so that a report never meets an entry without its text.
-            str(entry["text"])
+            self.kept_before.setdefault(self.part, entry.kept)
         elif event == Event.FINISHED:
             self.finished = True
 
         if event in STOPS_TIME:
-            self._stop(t_s)
+            self._stop(entry.t_s)
         elif event in STARTS_TIME and self.begun and self._since_s is None:
-            self._since_s = t_s
-
+            self._since_s = entry.t_s
         if event in MOVES:
-            self.part = int(entry["next"])
+            self.part = entry.next
             self.begun = False
-
-        self._last_s = t_s
+        self._last_s = entry.t_s
 
     def spent_until(self, t_s: float) -> float:
         """Time in the part under way, s, pauses left out."""
@@ -131,7 +158,7 @@ class Journal:
         self.path = path
         self._now_ns = now_ns
         self._utc = utc
-        self.entries = read_events(path)
+        self.entries = read_journal(path)
         # Read back from the file alone: nothing else says where the study stands.
         self.progress = progress_of(self.entries, path, n_parts)
         self._began_ns = now_ns()
@@ -153,38 +180,42 @@ class Journal:
 
     def append(self, event: Event, **more: Any) -> None:
         """Write a line and bring it to the disk. Raises OutputError."""
-        entry = {
-            "event": event,
-            "run": self.progress.runs + (event == Event.OPENED),
-            "t_s": round(self.t_s, 3),
-            "at": self._utc(),
-            **more,
-        }
-        line = (json.dumps(entry, allow_nan=False) + "\n").encode()
-
-        try:
-            # Opened anew for each line: after a full disk the next line is tried afresh.
-            handle = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
-            try:
-                # One write a line, so that a kill leaves whole lines; a short one means a full
-                # disk.
-                if os.write(handle, line) < len(line):
-                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-                # The next step begins only when this line is on the disk.
-                os.fsync(handle)
-            finally:
-                os.close(handle)
-        except OSError as error:
-            raise OutputError(
-                f"cannot write ({error.strerror})",
-                where=self.path,
-                cause="a full disk, or no permission",
-                next_step="make room and run the same command again; it goes on here",
-            ) from None
-
+        run = self.progress.runs + (event == Event.OPENED)
+        entry = Entry(str(event), run, round(self.t_s, 3), self._utc(), **more)
+        step = "make room and run the same command again; it goes on here"
+        write_line(self.path, msgspec.json.encode(entry), step)
         # Only what is on the disk counts as having happened.
         self.entries.append(entry)
         self.progress.take(entry)
+
+
+def write_line(path: Path, line: bytes, next_step: str) -> None:
+    """Append a line to a file, on the disk when this returns. Raises OutputError."""
+    try:
+        # Opened anew for each line: after a full disk the next line is tried afresh.
+        handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
+        try:
+            # One write a line, so that a kill leaves whole lines; a short one means a full disk.
+            if os.write(handle, line + b"\n") <= len(line):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+    except OSError as error:
+        raise OutputError(
+            f"cannot write ({error.strerror})",
+            where=path,
+            cause="a full disk, or no permission",
+            next_step=next_step,
+        ) from None
+
+
+def read_journal(path: Path) -> list[Entry]:
+    """The lines of a journal, none without a file. Raises LabelError."""
+    entries = []
+    for number, line in enumerate(read_events(path), 1):
+        entries.append(checked(line, Entry, f"{path}: line {number}", LabelError))
+    return entries
 
 
 @contextmanager
@@ -221,22 +252,91 @@ def held(path: Path) -> Iterator[None]:
         yield
 
 
-def progress_of(entries: list[Json], path: Path, n_parts: int) -> Progress:
+def progress_of(entries: list[Entry], path: Path, n_parts: int) -> Progress:
     """Where the lines leave the study of a protocol with so many parts. Raises LabelError."""
     progress = Progress()
     for number, entry in enumerate(entries, 1):
-        try:
-            progress.take(entry)
-            # The last part done leaves the study at n_parts, which no entry may name.
-            known = 0 <= entry.get("part", 0) < n_parts
-            if not known or not 0 <= progress.part <= n_parts:
-                raise ValueError("the protocol has no such part")
-        except (KeyError, TypeError, ValueError, OverflowError) as error:
+        progress.take(entry)
+        # The last part done leaves the study at n_parts, which no entry may name.
+        if entry.part >= n_parts or not 0 <= progress.part <= n_parts:
             raise LabelError(
-                f"line {number} is no entry of a study ({error!r:.60})",
+                f"line {number} names a part that the protocol does not have",
                 where=path,
                 cause="it was edited, or it is another file",
                 next_step="correct that line, or take another --out",
-            ) from None
-
+            )
     return progress
+
+
+# -- withdrawal
+
+
+def withdraw(
+    root: Path, person: str, report: Callable[[str], None], utc: Callable[[], str]
+) -> None:
+    """Delete the folder of a person, and report each file.
+
+    Raises OutputError where a file cannot be deleted, which it names; the others are deleted.
+    """
+    home = root / person
+    again = f"correct that, then run it again with --person {person} --withdraw"
+
+    def note(state: str, names: list[str]) -> None:
+        entry = {"event": "withdrawn", "person": person, "state": state}
+        line = json.dumps({**entry, "at": utc(), "files": names})
+        write_line(root / WITHDRAWN, line.encode(), again)
+
+    with alone(root):
+        names = _files_in(home)
+        # The names are on the disk before the first file goes: what is left could else not be told.
+        note("begun", names)
+        # One file that cannot be deleted must not keep the others.
+        shutil.rmtree(home, ignore_errors=True)
+        left = _files_in(home)
+        for name in names:
+            report(f"not deleted: {name}" if name in left else f"deleted {name}")
+        is_whole = not home.exists()
+        note("done" if is_whole else "incomplete", left)
+
+    if not is_whole:
+        raise OutputError(
+            f"cannot be deleted; {len(left)} left of {len(names)} files",
+            where=root / (left[0] if left else person),
+            cause="no permission, or another program has it",
+            next_step=again,
+        )
+    written = root / WITHDRAWN
+    report(
+        f"{person} has withdrawn: {len(names)} files deleted; {written} has their names"
+    )
+    report(NOT_HERE)
+
+
+def _files_in(home: Path) -> list[str]:
+    """Names of all files and links in a person's folder, with the folder's own, sorted."""
+    names = []
+    for path in home.rglob("*"):
+        # A link is deleted itself: what it points to may belong to another person.
+        if path.is_symlink() or not path.is_dir():
+            names.append(str(path.relative_to(home.parent)))
+    return sorted(names)
+
+
+def require_not_withdrawn(root: Path, person: str) -> None:
+    """Raise UsageError for the pseudonym of a person who withdrew."""
+    state = None
+    for entry in read_events(root / WITHDRAWN):
+        if entry.get("person") == person:
+            # The last line counts: a deletion that was cut off may have ended later.
+            state = entry["state"]
+
+    if state == "done":
+        raise UsageError(
+            f"{person} has withdrawn", next_step="give a pseudonym that is new"
+        )
+    if state is not None:
+        raise UsageError(
+            f"{person} has withdrawn, and the deletion did not end",
+            cause="it was cut off, or a file could not be deleted",
+            next_step=f"add --withdraw to delete what is left of {person}",
+        )

@@ -1,18 +1,30 @@
-"""What became of one person's study, from its journal and its trials: all that a report shows."""
+"""What became of one person's study, from its journal and its trials, and the report of it."""
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from holdfast.core.contract import Json
-from holdfast.core.errors import DataError, DataNotFound, ModelError
-from holdfast.core.trial_layout import META, read_events
+from holdfast.core.errors import DataError, DataNotFound, ModelError, count_of
+from holdfast.core.trial_layout import META
+from holdfast.core.writing import write_whole
+from holdfast.evaluation.html import write_page
+from holdfast.evaluation.pictures import timelines, trial
 from holdfast.sessions.recorder.folder import KEPT, REDONE
 from holdfast.sessions.recorder.labels import read_meta
-from holdfast.sessions.study.journal import JOURNAL, Event, Progress, progress_of
+from holdfast.sessions.study.console import clock_text
+from holdfast.sessions.study.journal import (
+    JOURNAL,
+    Entry,
+    Event,
+    Progress,
+    progress_of,
+    read_journal,
+)
 from holdfast.sessions.study.protocol import StudyProtocol, read_study
 
 if TYPE_CHECKING:
@@ -36,6 +48,16 @@ class PartOutcome:
     spent_s: float | None
     begun: int
     state: str
+
+
+@dataclass(frozen=True)
+class Note:
+    """What the operator noted; at: UTC."""
+
+    at: str
+    step: int | None
+    title: str
+    text: str
 
 
 @dataclass(frozen=True)
@@ -81,7 +103,7 @@ class StudyOutcome:
     ended: str
     parts: list[PartOutcome]
     adverse: list[AdverseEvent]
-    notes: list[Json]
+    notes: list[Note]
     trials: list[TrialCounts]
     figures: ParticipantFigures | None
     no_figures: str
@@ -114,10 +136,9 @@ def outcome_of(
     Raises DataNotFound without a journal, LabelError for one that cannot be read.
     """
     home = root / person
-
     journal = home / JOURNAL
-    # The journal is written line by line, so it also tells of a study that was cut off.
-    entries = read_events(journal)
+    # The journal is written line by line, so it also shows a study that was cut off.
+    entries = read_journal(journal)
     if not entries:
         raise DataNotFound(
             "no study of this person",
@@ -132,11 +153,11 @@ def outcome_of(
     return StudyOutcome(
         person=person,
         title=protocol.title,
-        rehearsal=any(entry.get("rehearsal") for entry in entries),
+        rehearsal=any(entry.rehearsal for entry in entries),
         finished=progress.finished,
         runs=progress.runs,
-        began=str(entries[0]["at"]),
-        ended=str(entries[-1]["at"]),
+        began=entries[0].at,
+        ended=entries[-1].at,
         parts=_parts(protocol, entries, progress),
         adverse=_adverse(protocol, entries),
         notes=_notes(protocol, entries),
@@ -160,57 +181,53 @@ def _figures(home: Path, model: Path) -> tuple[ParticipantFigures | None, str]:
 
 
 def _parts(
-    protocol: StudyProtocol, entries: list[Json], progress: Progress
+    protocol: StudyProtocol, entries: list[Entry], progress: Progress
 ) -> list[PartOutcome]:
     begun: Counter[int] = Counter()
     states: dict[int, str] = {}
     for entry in entries:
-        if entry["event"] in STATES:
+        if entry.event in STATES:
             # A part may be begun again: its last line counts.
-            states[entry["part"]] = STATES[entry["event"]]
-            begun[entry["part"]] += entry["event"] == Event.BEGUN
+            states[entry.part] = STATES[Event(entry.event)]
+            begun[entry.part] += entry.event == Event.BEGUN
 
     outcomes = []
     for number, part in enumerate(protocol.parts):
-        reached = number in states
-        spent_s = round(progress.spent_s.get(number, 0.0), 1)
+        spent_s = None
+        if number in states:
+            spent_s = round(progress.spent_s.get(number, 0.0), 1)
         outcomes.append(
             PartOutcome(
-                step=part.step,
-                title=part.title,
-                planned_s=60.0 * part.minutes,
-                spent_s=spent_s if reached else None,
-                begun=begun[number],
-                state=states.get(number, NOT_REACHED),
+                part.step,
+                part.title,
+                60.0 * part.minutes,
+                spent_s,
+                begun[number],
+                states.get(number, NOT_REACHED),
             )
         )
-
     return outcomes
 
 
-def _adverse(protocol: StudyProtocol, entries: list[Json]) -> list[AdverseEvent]:
+def _adverse(protocol: StudyProtocol, entries: list[Entry]) -> list[AdverseEvent]:
     """Every adverse event, with the description that follows it, if it was given."""
     events: list[AdverseEvent] = []
     for entry in entries:
-        if entry["event"] == Event.ADVERSE:
-            part = protocol.parts[entry["part"]]
-            events.append(AdverseEvent(entry["at"], part.step, part.title, None, ""))
-        elif entry["event"] == Event.DETAIL and events:
+        if entry.event == Event.ADVERSE:
+            part = protocol.parts[entry.part]
+            events.append(AdverseEvent(entry.at, part.step, part.title, None, ""))
+        elif entry.event == Event.DETAIL and events:
             # The description follows its event, unless the terminal was gone.
-            severity = entry["severity"]
-            text = entry["text"]
-            events[-1] = replace(events[-1], severity=severity, text=text)
-
+            events[-1] = replace(events[-1], severity=entry.severity, text=entry.text)
     return events
 
 
-def _notes(protocol: StudyProtocol, entries: list[Json]) -> list[Json]:
+def _notes(protocol: StudyProtocol, entries: list[Entry]) -> list[Note]:
     notes = []
     for entry in entries:
-        if entry["event"] == Event.NOTE:
-            part = protocol.parts[entry["part"]]
-            place = {"at": entry["at"], "step": part.step, "title": part.title}
-            notes.append({**place, "text": entry["text"]})
+        if entry.event == Event.NOTE:
+            part = protocol.parts[entry.part]
+            notes.append(Note(entry.at, part.step, part.title, entry.text))
     return notes
 
 
@@ -240,3 +257,58 @@ def _trials(protocol: StudyProtocol, home: Path) -> list[TrialCounts]:
             trials.interrupted += 1
 
     return list(counts.values())
+
+
+# -- the report
+
+
+def write_report(home: Path, outcome: StudyOutcome) -> Path:
+    """Write report.json and report.html of a person; returns the page. Raises OutputError."""
+    text = json.dumps(outcome.to_json(), indent=1, allow_nan=False)
+    write_whole(home / "report.json", text + "\n")
+    figures = outcome.figures
+    cells = {}
+    pictures = {}
+    central = ""
+    if figures is not None:
+        # The page is a table of objects by actions.
+        cells = {(cell.object, cell.action): cell for cell in figures.cells}
+        for action, rows in figures.drawn.items():
+            pictures[action] = timelines(rows, figures.kind)
+        if figures.central is not None:
+            central = trial(figures.central, figures.kind)
+
+    return write_page(
+        home / "report.html",
+        "participant_report.html",
+        outcome=outcome,
+        figures=figures,
+        # Each object once, in the order of its first trial; the empty hand has no name.
+        objects=list(dict.fromkeys(name for name, _ in cells if name)),
+        cells=cells,
+        pictures=pictures,
+        central_picture=central,
+        clock=clock_text,
+    )
+
+
+def summary_lines(outcome: StudyOutcome, page: Path) -> list[str]:
+    """The outcome as lines for the operator."""
+    trials = f"{outcome.kept} of {count_of(outcome.planned, 'trial')} kept"
+    lines = [
+        f"{outcome.person}: {trials}, {count_of(len(outcome.adverse), 'adverse event')}"
+    ]
+    figures = outcome.figures
+
+    if figures is None:
+        lines.append(f"no figures of a model: {outcome.no_figures}")
+    else:
+        for one in (*figures.actions, figures.whole):
+            lines.append(
+                f"  {one.action or 'all'}: {one.recognised} of "
+                f"{count_of(one.labelled, 'labelled trial')} recognised, "
+                f"{count_of(one.false_alarms, 'false alarm')} in {one.minutes:.1f} min "
+                f"({figures.kind})"
+            )
+
+    return [*lines, f"report: {page}"]

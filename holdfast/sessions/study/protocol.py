@@ -29,76 +29,101 @@ others are counted from first_step (1). Protocols that ship are found by name.
 from __future__ import annotations
 
 import hashlib
-import string
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Any, Literal, get_args
 
-from holdfast.core.errors import DataNotFound
-from holdfast.core.reading import read_toml
+import msgspec
+
+from holdfast.core.errors import CardError, DataNotFound
+from holdfast.core.schema import checked, read, text_of
 from holdfast.sessions.recorder.protocol import (
-    NOTHING,
+    Mass,
     Protocol,
-    ProtocolReader,
     Task,
-    is_list_of,
+    TrialsRow,
+    require_action,
+    require_name,
 )
-
-if TYPE_CHECKING:
-    from holdfast.core.contract import Json
 
 PROTOCOLS = Path(__file__).with_name("protocols")
 """Folder of the study protocols that ship."""
-SAY = "say"
-MOUNT = "mount"
-VIDEO = "video"
-QUESTIONS = "questions"
-RECORD = "record"
-KINDS = (SAY, MOUNT, VIDEO, QUESTIONS, RECORD)
-TITLES = {
-    SAY: SAY,
-    MOUNT: "Mounting",
-    VIDEO: "Video",
-    QUESTIONS: "Questions",
-    RECORD: "Recording",
-}
-"""Of a row without a title, by its kind."""
-OPTIONAL_SECTIONS = ("title", "about", "before", "first_step")
-SECTIONS = (*OPTIONAL_SECTIONS, "actions", "objects", "steps")
-TEXTS = ("title", "say", "show", "hand_over")
-"""Texts of a row, in which braces are filled in."""
-CHOICES = ("kind", "minutes", "repetitions", "object", "action")
-ROW_KEYS = (*CHOICES, *TEXTS)
-BLOCK_KEYS = ("objects", "each", "begin_object", "end_object")
-MOST_MINUTES = 600.0
-"""Of one row: a working day and more."""
-MOST_REPETITIONS = 100
-MOST_PARTS = 1000
-"""Rows of all blocks together."""
+Kind = Literal["say", "mount", "video", "questions", "record"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+QUESTIONS, RECORD = "questions", "record"
 
 
-def names_in(folder: Path) -> list[str]:
-    """Names of the shipped files in PROTOCOLS or FORMS, sorted."""
-    return sorted(path.stem for path in folder.glob("*.toml"))
+class StudyAction(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How an action is called and done. needs: is handed over together with the object."""
+
+    name: str = ""
+    how: str = ""
+    needs: str = ""
 
 
-def shipped_or_own(name: str, folder: Path, what: str) -> Path:
-    """A file by its path, or a shipped one by its name. Raises DataNotFound."""
-    path = Path(name)
-    if path.is_file():
-        return path
+class StudyObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How an object is called, and the actions that a block repeats for it."""
 
-    names = names_in(folder)
-    if name in names:
-        return folder / f"{name}.toml"
+    name: str = ""
+    actions: tuple[str, ...] = ()
+    mass_g: Mass | None = None
 
-    raise DataNotFound(
-        f"no such {what}",
-        where=name,
-        cause="a name misspelt, or a path from another folder",
-        next_step=f"give a TOML file, or one of {', '.join(names)}",
-    )
+    def __post_init__(self) -> None:
+        for action in self.actions:
+            require_action(action)
+
+
+class StudyRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One row. title, say, show, hand_over: texts in which braces are filled in.
+
+    minutes: up to a working day and more. repetitions: of a recording, 1 where none are given.
+    """
+
+    kind: Kind
+    minutes: Annotated[float, msgspec.Meta(gt=0.0, le=600.0)]
+    repetitions: Annotated[int, msgspec.Meta(ge=1, le=100)] | None = None
+    object: str | None = None
+    action: str | None = None
+    title: str = ""
+    say: str = ""
+    show: str = ""
+    hand_over: str = ""
+
+    def __post_init__(self) -> None:
+        if self.repetitions is not None and self.kind != RECORD:
+            allowed = "only with kind = 'record'"
+            raise ValueError(f"repetitions = {self.repetitions}; allowed: {allowed}")
+
+
+class StudyBlock(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The rows of `each` for every object and each of its actions.
+
+    begin_object, end_object: for the room, before an object's first row and after its last.
+    """
+
+    objects: tuple[str, ...]
+    each: Annotated[tuple[StudyRow, ...], msgspec.Meta(min_length=1)]
+    begin_object: str = ""
+    end_object: str = ""
+
+
+class StudyCard(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The whole file. steps: a StudyBlock where a row names objects, else a StudyRow."""
+
+    steps: Annotated[tuple[dict[str, Any], ...], msgspec.Meta(min_length=1)]
+    title: str = ""
+    about: str = ""
+    before: tuple[str, ...] = ()
+    first_step: Annotated[int, msgspec.Meta(ge=0, le=1000)] = 1
+    actions: dict[str, StudyAction] = {}
+    objects: dict[str, StudyObject] = {}
+
+    def __post_init__(self) -> None:
+        for action in self.actions:
+            require_action(action)
+        for name in self.objects:
+            require_name(name)
 
 
 @dataclass(frozen=True)
@@ -120,11 +145,6 @@ class StudyPart:
     repetitions: int = 0
     room_before: str = ""
     room_after: str = ""
-
-    @property
-    def has_number(self) -> bool:
-        """Whether it is a step of its own."""
-        return self.kind != QUESTIONS
 
 
 @dataclass(frozen=True)
@@ -183,228 +203,162 @@ class StudyProtocol:
         return Protocol(self.name, self.text, tuple(tasks), self.mass_g)
 
 
+def shipped_protocols() -> list[str]:
+    """Names of the study protocols that ship, sorted."""
+    return sorted(path.stem for path in PROTOCOLS.glob("*.toml"))
+
+
 def read_study(name: str | Path) -> StudyProtocol:
     """Read a protocol by its path, or a shipped one by its name. Raises CardError, DataNotFound."""
-    path = shipped_or_own(str(name), PROTOCOLS, "study protocol")
-    text, raw = read_toml(path)
-    return _StudyReader(path, raw).protocol(text)
+    path = Path(name)
+    if not path.is_file():
+        path = PROTOCOLS / f"{name}.toml"
+    try:
+        card = read(path, StudyCard)
+    except FileNotFoundError:
+        raise DataNotFound(
+            "no such study protocol",
+            where=str(name),
+            cause="a name misspelt, or a path from another folder",
+            next_step=f"give a TOML file, or one of {', '.join(shipped_protocols())}",
+        ) from None
+
+    mass_g = {}
+    for of_object, entry in card.objects.items():
+        if entry.mass_g is not None:
+            mass_g[of_object] = entry.mass_g
+    return StudyProtocol(
+        name=path.stem,
+        text=text_of(path),
+        title=_one_line(card.title) or path.stem,
+        before=list(card.before),
+        parts=_Rows(path, card).parts(),
+        first_step=card.first_step,
+        mass_g=mass_g,
+    )
 
 
-class _StudyReader(ProtocolReader):
-    """Checks one protocol; an error names the row, as steps[3] (from 1), and what is allowed."""
+@dataclass(frozen=True)
+class _Rows:
+    """Makes the parts of a card's rows; an error names the row, as steps[3] (from 1)."""
 
-    def __init__(self, path: Path, raw: Json) -> None:
-        super().__init__(path)
-        self.require_known(raw, SECTIONS, "section")
-        self.raw = raw
-        self.actions = self.table(raw, "actions")
-        self.objects = self.table(raw, "objects")
+    path: Path
+    card: StudyCard
 
-    def protocol(self, text: str) -> StudyProtocol:
-        raw = self.raw
-        name = self.path.stem
-        first_step = raw.get("first_step", 1)
-        first_step = self.whole_number("first_step", first_step, 0, MOST_PARTS)
-        self.check_actions()
-        mass_g = self.check_objects()
-        self.text("about", raw.get("about", ""))
+    def parts(self) -> list[StudyPart]:
+        """All parts in order, with the number of their step."""
         parts: list[StudyPart] = []
-        allowed = "at least one [[steps]] with a kind"
-        rows = self.rows("steps", raw.get("steps"), allowed)
+        for number, raw in enumerate(self.card.steps, 1):
+            place = f"{self.path}: steps[{number}]"
+            if "objects" in raw:
+                parts += self.block(checked(raw, StudyBlock, place), place)
+            else:
+                row = checked(raw, StudyRow, place)
+                parts.append(self.part(row, row.object, row.action, place))
 
-        for number, row in enumerate(rows, 1):
-            parts += self.parts(f"steps[{number}]", row)
+        if parts[0].kind == QUESTIONS:
+            what = "steps[1].kind = 'questions'"
+            raise _refused(self.path, what, "a step that questions can follow")
+        return self.numbered(parts)
 
-        if len(parts) > MOST_PARTS:
-            allowed = f"at most {MOST_PARTS} rows in all"
-            raise self.refused("steps", len(parts), allowed)
-
-        return StudyProtocol(
-            name=name,
-            text=text,
-            title=self.text("title", raw.get("title", name)),
-            before=self.texts("before", raw),
-            parts=self.numbered(parts, first_step),
-            first_step=first_step,
-            mass_g=mass_g,
-        )
-
-    # -- sections
-
-    def check_actions(self) -> None:
-        for name, table in self.actions.items():
-            key = f"actions.{name}"
-            self.action(key, name)
-            self.require_table(key, table)
-            self.require_known(table, ("name", "how", "needs"), key)
-            for word, value in table.items():
-                self.text(f"{key}.{word}", value)
-
-    def check_objects(self) -> dict[str, float]:
-        """Check them all; returns the masses that are given."""
-        mass_g = {}
-        for name, table in self.objects.items():
-            key = f"objects.{name}"
-            self.object_name(key, name)
-            self.require_table(key, table)
-            self.require_known(table, ("name", "actions", "mass_g"), key)
-            self.text(f"{key}.name", table.get("name", ""))
-            for action in self.texts("actions", table, f"{key}."):
-                self.action(f"{key}.actions", action)
-            if "mass_g" in table:
-                mass_g[name] = self.mass_g(f"{key}.mass_g", table["mass_g"])
-
-        return mass_g
-
-    def numbered(self, parts: list[StudyPart], first_step: int) -> list[StudyPart]:
-        """The rows with their step's number: questions belong to the step before."""
-        if not parts[0].has_number:
-            allowed = "a step that it can follow"
-            raise self.refused("steps[1].kind", parts[0].kind, allowed)
-
+    def numbered(self, parts: list[StudyPart]) -> list[StudyPart]:
+        """The parts with their step's number: questions belong to the step before."""
         numbered = []
-        number = first_step - 1
-
+        number = self.card.first_step - 1
         for part in parts:
-            # True counts as one.
-            number += part.has_number
+            if part.kind != QUESTIONS:
+                number += 1
             numbered.append(replace(part, step=number))
-
         return numbered
 
-    # -- rows
-
-    def parts(self, key: str, row: Json) -> list[StudyPart]:
-        """The parts of one row, or of all objects that it names."""
-        if "objects" not in row:
-            name = row.get("object")
-            action = row.get("action")
-            return [self.part(key, row, name, action)]
-
-        self.require_known(row, BLOCK_KEYS, f"{key}, with objects")
-        allowed = "at least one [[steps.each]] with a kind"
-        each = self.rows(f"{key}.each", row.get("each"), allowed)
-        # Said before the first row of an object, and after its last.
-        begins = self.text(f"{key}.begin_object", row.get("begin_object", ""))
-        ends = self.text(f"{key}.end_object", row.get("end_object", ""))
-
+    def block(self, block: StudyBlock, place: str) -> list[StudyPart]:
+        """The parts of a block: all its rows for each action of each object."""
         parts: list[StudyPart] = []
-        for name in self.texts("objects", row, f"{key}."):
+        for name in block.objects:
+            entry = self.card.objects.get(name, StudyObject())
+            if not entry.actions:
+                allowed = f'[objects.{name}] with actions = ["pass"]'
+                raise _refused(place, f"objects = {name!r}", allowed)
+            of_object = []
+            for action in entry.actions:
+                for k, row in enumerate(block.each):
+                    of_row = f"{place}.each[{k}]"
+                    of_object.append(self.part(row, name, action, of_row))
             # The room is told once an object: a video runs over all of its rows.
-            of_object = self.parts_of_object(key, each, name)
+            begins = _one_line(block.begin_object)
+            ends = _one_line(block.end_object)
             of_object[0] = replace(of_object[0], room_before=begins)
             of_object[-1] = replace(of_object[-1], room_after=ends)
             parts += of_object
 
         return parts
 
-    def parts_of_object(self, key: str, each: list[Json], name: str) -> list[StudyPart]:
-        """The rows of one object: all of `each` for each of its actions."""
-        actions = self.objects.get(name, {}).get("actions")
-        if not actions:
-            allowed = f'[objects.{name}] with actions = ["pass"]'
-            raise self.refused(f"{key}.objects", name, allowed)
-
-        parts = []
-        for action in actions:
-            for k, row in enumerate(each, 1):
-                place = f"{key}.each[{k}]"
-                parts.append(self.part(place, row, name, action))
-
-        return parts
-
-    def part(self, key: str, row: Json, name: Any, action: Any) -> StudyPart:
-        """One part; name, action: of its object, None where the row has none."""
-        self.require_known(row, ROW_KEYS, key)
-        kind = row.get("kind")
-        if kind not in KINDS:
-            raise self.refused(f"{key}.kind", kind, ", ".join(KINDS))
-
+    def part(
+        self, row: StudyRow, name: str | None, action: str | None, place: str
+    ) -> StudyPart:
+        """One part, without a number; name, action: of its object, None where the row has none."""
         task = None
-        repetitions = 0
         needs = ""
-        if kind == RECORD:
-            task = self.task(key, name, action)
-            times = row.get("repetitions", 1)
-            counted = f"{key}.repetitions"
-            repetitions = self.whole_number(counted, times, 1, MOST_REPETITIONS)
+        if row.kind == RECORD:
+            task = _task(name, action, place)
             # What an action needs, such as a box, is handed over together with the object.
-            needs = self.actions.get(task.action, {}).get("needs", "")
-        elif "repetitions" in row:
-            allowed = "only with kind = 'record'"
-            raise self.refused(f"{key}.repetitions", row["repetitions"], allowed)
+            needs = self.card.actions.get(task.action, StudyAction()).needs
 
         words = self.words(name, action)
-        texts = {}
-        for text in TEXTS:
-            given = row.get(text, "")
-            texts[text] = self.filled(f"{key}.{text}", given, words)
-
-        minutes = row.get("minutes")
-        minutes = self.positive(f"{key}.minutes", minutes, MOST_MINUTES, "minutes")
-        title = texts["title"] or TITLES[kind]
-        # "Testing: soft ball, pass" tells two rows of one block apart.
+        title = _filled(row.title, words, place) or row.kind.capitalize()
+        # "Testing: soft ball, pass" keeps two rows of one block apart.
         about = joined(", ", (words.get("object"), words.get("action")))
-
+        hand_over = _filled(row.hand_over, words, place)
         return StudyPart(
             step=None,
             title=joined(": ", (title, about)),
-            kind=kind,
-            minutes=minutes,
-            say=texts["say"],
-            show=texts["show"],
-            hand_over=joined(" and ", (texts["hand_over"], needs)),
+            kind=row.kind,
+            minutes=row.minutes,
+            say=_filled(row.say, words, place),
+            show=_filled(row.show, words, place),
+            hand_over=joined(" and ", (hand_over, needs)),
             task=task,
-            repetitions=repetitions,
+            repetitions=(row.repetitions or 1) if task else 0,
         )
 
-    def task(self, key: str, name: Any, action: Any) -> Task:
-        # The empty hand is a task without an object.
-        if action == NOTHING and name is None:
-            return Task(NOTHING, NOTHING)
-        action = self.action(f"{key}.action", action)
-        return Task(self.object_name(f"{key}.object", name), action)
-
-    # -- texts
-
-    def words(self, name: Any, action: Any) -> dict[str, str]:
+    def words(self, name: str | None, action: str | None) -> dict[str, str]:
         """What stands in a text for {object}, {action} and {how}, where that is known."""
-        of_object = self.objects.get(name, {}) if isinstance(name, str) else {}
-        of_action = self.actions.get(action, {}) if isinstance(action, str) else {}
+        of_object = self.card.objects.get(name or "", StudyObject())
+        of_action = self.card.actions.get(action or "", StudyAction())
         words = {
-            "object": of_object.get("name", name),
-            "action": of_action.get("name", action),
-            "how": of_action.get("how"),
+            "object": of_object.name or name,
+            "action": of_action.name or action,
+            "how": of_action.how,
         }
         # A place without a word is an error of the text that has it.
-        return {place: str(word) for place, word in words.items() if word}
+        return {place: _one_line(word) for place, word in words.items() if word}
 
-    def texts(self, name: str, table: Json, within: str = "") -> list[str]:
-        """A list of texts, empty where the table has none."""
-        values = table.get(name, [])
-        if not is_list_of(values, str):
-            raise self.refused(within + name, values, "a list of texts in quotes")
-        return list(values)
 
-    def filled(self, key: str, value: Any, words: dict[str, str]) -> str:
-        """A text with the words in place of its braces."""
-        text = self.text(key, value)
-        try:
-            fields = list(string.Formatter().parse(text))
-        except ValueError:
-            allowed = "braces in pairs, around object, action or how"
-            raise self.refused(key, text, allowed) from None
+def _task(name: str | None, action: str | None, place: str) -> Task:
+    """The task of a recording. Raises CardError."""
+    objects = [] if name is None else [name]
+    row = checked({"objects": objects, "action": action}, TrialsRow, place)
+    return row.tasks()[0]
 
+
+def _one_line(text: str) -> str:
+    """A text over several lines of the file as one line of the console."""
+    return " ".join(text.split())
+
+
+def _filled(text: str, words: dict[str, str], place: str) -> str:
+    """A text with the words in place of its braces. Raises CardError."""
+    try:
+        return _one_line(text).format(**words)
+    except (KeyError, ValueError, IndexError, AttributeError):
         # A misspelt place would be read out as it stands, so it is refused.
-        for _, place, _, _ in fields:
-            if place is not None and place not in words:
-                known = [f"{{{word}}}" for word in words]
-                allowed = ", ".join(known) or "no {..} without an object"
-                if place == "how":
-                    allowed += "; {how} where [actions.NAME] has a how"
-                raise self.refused(key, f"{{{place}}}", allowed)
+        known = ", ".join(f"{{{word}}}" for word in words)
+        allowed = known or "no {..} without an object"
+        raise _refused(place, f"{text!r}", f"{allowed}, in pairs of braces") from None
 
-        return text.format(**words)
+
+def _refused(where: Path | str, what: str, allowed: str) -> CardError:
+    return CardError(what, where=where, next_step=f"allowed: {allowed}")
 
 
 def joined(separator: str, texts: Iterable[str | None]) -> str:

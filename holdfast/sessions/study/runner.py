@@ -7,19 +7,16 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from holdfast.core.errors import HoldfastError, count_of
+from holdfast.core.errors import HoldfastError
 from holdfast.sessions.recorder.protocol import Task
 from holdfast.sessions.study.console import Console, Key, clock_text
-from holdfast.sessions.study.journal import Event, Journal
+from holdfast.sessions.study.journal import Event, Journal, withdraw
 from holdfast.sessions.study.protocol import StudyPart, StudyProtocol
 from holdfast.sessions.study.trials import Trials
-from holdfast.sessions.study.withdrawal import withdraw
 
 NO_NAMES = "no names: write p01, not a name"
 SEVERITIES = {"1": "mild", "2": "moderate", "3": "severe"}
 LATER = "the study goes on here with the same command"
-LEAST_DELAY_S = 30.0
-"""Less is not reported."""
 
 
 class Ending(StrEnum):
@@ -66,51 +63,32 @@ class Runner:
 
     def _begin(self, number: int, part: StudyPart) -> None:
         # How many trials were kept before, so that a part that is resumed still asks for its own.
-        kept = {"kept": self.trials.kept(part.task)} if part.task else {}
+        kept = self.trials.kept(part.task) if part.task else 0
         self.journal.append(
-            Event.BEGUN, part=number, step=part.step, title=part.title, **kept
+            Event.BEGUN, part=number, step=part.step, title=part.title, kept=kept
+        )
+        # A part that takes too long uses up no time of the parts after it.
+        left_s = max(0.0, self._left_s())
+        left_s += 60.0 * self.protocol.minutes_after(number)
+        self.console.report("")
+        self.console.report(
+            f"step {part.step} of {self.protocol.last_step}, {part.title}: "
+            f"{clock_text(60.0 * part.minutes)} planned; {clock_text(left_s)} left in all"
         )
 
         # The operator prepares the next part while this one is under way.
         titles = [one.title for one in self.protocol.parts] + ["the end"]
-        after = titles[number + 1]
         rows = {
             "room": part.room_before,
             "show": part.show,
             "say": part.say and f'"{part.say}"',
             "hand over": part.hand_over,
             "room, at the end": part.room_after,
-            "next": after,
+            "next": titles[number + 1],
         }
-        self.console.report("")
-        self.console.report(self._heading(number, part))
-
         for name, text in rows.items():
             if text:
                 self.console.report(f"  {name}: {text}")
-
-    def _heading(self, number: int, part: StudyPart) -> str:
-        """The part's title, and how much time is left in all."""
-        heading = part.title
-        if part.step is not None:
-            heading = f"step {part.step} of {self.protocol.last_step}, {heading}"
-        heading += f": {clock_text(60.0 * part.minutes)} planned"
-        # A part that takes too long uses up no time of the parts after it.
-        left_s = max(0.0, self._left_s())
-        left_s += 60.0 * self.protocol.minutes_after(number)
-        heading += f"; {clock_text(left_s)} left in all"
-
-        # Only parts before this one count: the one under way shows its own countdown.
-        behind_s = 0.0
-        for k in range(number):
-            spent_s = self.journal.progress.spent_s.get(k, 0.0)
-            behind_s += spent_s - 60.0 * self.protocol.parts[k].minutes
-
-        if abs(behind_s) >= LEAST_DELAY_S:
-            what = "behind" if behind_s > 0 else "ahead"
-            heading += f", {clock_text(abs(behind_s))} {what}"
-
-        return heading
 
     def _part(self, part: StudyPart) -> Ending:
         """Do the part under way; returns MOVED, QUIT or WITHDRAWN."""
@@ -137,18 +115,14 @@ class Runner:
             return 0
         # Trials of the same task may be kept from an earlier part; those do not count here.
         before = self.journal.progress.kept_before[self.journal.part]
-        wanted = before + part.repetitions
-        return max(0, wanted - self.trials.kept(part.task))
+        return max(0, before + part.repetitions - self.trials.kept(part.task))
 
     def _prompt(self, part: StudyPart, missing: int) -> None:
-        times = part.repetitions
         if missing:
-            nth = f"repetition {times - missing + 1} of {times}"
+            nth = f"repetition {part.repetitions - missing + 1} of {part.repetitions}"
             self.console.report(f"{nth}: space begins it; a in it: adverse event")
         elif part.task:
-            self.console.report(
-                f"{count_of(times, 'trial')} kept: space goes on, r repeats the last one"
-            )
+            self.console.report("all kept: space goes on, r repeats the last one")
 
     def _left_s(self) -> float:
         """Planned time that is left of the part under way, s; below 0: it takes longer."""
@@ -172,14 +146,13 @@ class Runner:
             return self._move(Event.SKIPPED, 1)
         if key == Key.REPEAT:
             return self._repeat(part)
-        if key == Key.NOTE:
-            return self._note()
-        if key == Key.PAUSE:
-            return self._pause()
-        if key == Key.WITHDRAW:
-            return self._withdraw()
-
-        return self._adverse()
+        actions = {
+            Key.NOTE: self._note,
+            Key.PAUSE: self._pause,
+            Key.WITHDRAW: self._withdraw,
+            Key.ADVERSE: self._adverse,
+        }
+        return actions[key]()
 
     def _repeat(self, part: StudyPart) -> Ending:
         """The last trial of this step again; without one, the part before."""

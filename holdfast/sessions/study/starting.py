@@ -12,7 +12,7 @@ from typing import TextIO
 
 from holdfast.core.errors import CardError, DataNotFound, UsageError
 from holdfast.core.lines import stream_sink
-from holdfast.core.trial_layout import checked_name, read_events
+from holdfast.core.trial_layout import checked_name
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.live.running import RunClock, say, stop_signals
@@ -30,11 +30,13 @@ from holdfast.sessions.study.journal import (
     Journal,
     held,
     opened_journal,
+    read_journal,
+    require_not_withdrawn,
+    withdraw,
 )
 from holdfast.sessions.study.protocol import StudyProtocol
 from holdfast.sessions.study.runner import Ending, Runner
 from holdfast.sessions.study.trials import Trials
-from holdfast.sessions.study.withdrawal import require_not_withdrawn, withdraw
 
 PROTOCOL = "protocol.toml"
 """The copy in the person's folder; the study goes on with this text only."""
@@ -67,7 +69,7 @@ class StudyOptions:
         if is_standard_input(recording.source):
             raise UsageError(
                 "a study is led by keys, and standard input is its source",
-                next_step="let the samples come by tcp://, udp://, unix:// or serial://",
+                next_step="let the samples come by unix:// or serial://",
             )
         if self.rehearse:
             self._require_rehearsal()
@@ -92,18 +94,14 @@ class StudyOptions:
 
 def _require_same_protocol(home: Path, protocol: StudyProtocol) -> None:
     """Raise CardError where the person began with another protocol."""
-    for entry in read_events(home / JOURNAL):
-        # Any run will do: all of them were checked against the first.
-        if entry.get("event") != Event.OPENED:
-            continue
-        if entry.get("sha256") != protocol.sha256:
+    for entry in read_journal(home / JOURNAL):
+        if entry.event == Event.OPENED and entry.sha256 != protocol.sha256:
             raise CardError(
                 "the protocol is not the one that this person began with",
                 where=home,
                 cause="it was edited in between, or it is another protocol",
                 next_step=f"go on with {home / PROTOCOL}, or take a new pseudonym",
             )
-        return
 
 
 def run_study(
@@ -189,8 +187,12 @@ def _open(
     if is_first:
         write_whole(home / PROTOCOL, protocol.text)
     # A rehearsal is marked in its journal, so that no report can take it for a person.
-    more = {"rehearsal": True} if console.rehearsal else {}
-    journal.append(Event.OPENED, card=protocol.name, sha256=protocol.sha256, **more)
+    journal.append(
+        Event.OPENED,
+        card=protocol.name,
+        sha256=protocol.sha256,
+        rehearsal=console.rehearsal,
+    )
     console.report(f"{protocol.title} ({home.name})")
 
     if journal.part == len(protocol.parts):
@@ -230,8 +232,11 @@ def write_participant_report(
 
     Raises CardError, LabelError, OutputError.
     """
-    from holdfast.sessions.study.outcome import outcome_of
-    from holdfast.sessions.study.report import summary_lines, write_report
+    from holdfast.sessions.study.outcome import (
+        outcome_of,
+        summary_lines,
+        write_report,
+    )
 
     home = require_person(root, person)
     _require_same_protocol(home, protocol)

@@ -18,11 +18,10 @@ from holdfast.core.hand_card import read_hand_card
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.datasets.public_files import (
     COPY_AGAIN,
-    channels_of,
     join_trials,
+    offered_channels,
     read_arrays,
 )
-from holdfast.training.datasets.trials import ChannelsNotOffered
 from holdfast.training.recording import DataSet, Recording, finite_sensors
 
 ARRAYS = "eflesh_slip.npz"
@@ -51,7 +50,8 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
     (tugged). A group is a block of six neighbouring trials.
     Raises DataNotFound, ColumnError, NotANumber, LabelError or ChannelError.
     """
-    columns = _columns(channels)
+    offered = {18: SIX_MAGNETOMETERS, 30: range(10)}
+    columns = offered_channels("eflesh_slip", channels, offered)
     arrays = read_arrays(root / ARRAYS, {"X": (None, TRIAL_ROWS, 30), "y": (None,)})
 
     tugged = arrays["y"]
@@ -89,14 +89,6 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
             "doubtful_trials": ["trial_086: labelled as held, but shows a large event"]
         },
     )
-
-
-def _columns(channels: int) -> list[int]:
-    """The columns of X for 18 or 30 channels. Raises ChannelsNotOffered."""
-    magnetometers = {18: SIX_MAGNETOMETERS, 30: tuple(range(10))}
-    if channels not in magnetometers:
-        raise ChannelsNotOffered("eflesh_slip", channels, magnetometers)
-    return channels_of(magnetometers[channels])
 
 
 def _recording(number: int, raw: FloatArray, tug: bool) -> Recording:

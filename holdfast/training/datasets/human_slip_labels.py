@@ -86,28 +86,6 @@ def rotation_from_start_deg(angle_deg: FloatArray, start: int) -> FloatArray:
     return np.abs(angle_deg - reference)
 
 
-def in_hand(
-    object_q: npt.NDArray[np.floating], hand_q: npt.NDArray[np.floating]
-) -> FloatArray:
-    """[T, 4] orientation of the object in the hand, hand^-1 object, of quaternions w first.
-
-    0 where one of the two is no rotation. The wrist, which turns both, cancels.
-    """
-    # The inverse of a rotation is its conjugate; both are multiplied out, and no norm is needed.
-    w, x, y, z = object_q.astype(np.float64).T
-    a, b, c, d = hand_q.astype(np.float64).T
-    product = np.column_stack(
-        [
-            a * w + b * x + c * y + d * z,
-            a * x - b * w - c * z + d * y,
-            a * y + b * z - c * w - d * x,
-            a * z - b * y + c * x - d * w,
-        ]
-    )
-    is_finite = np.isfinite(product).all(axis=1, keepdims=True)
-    return np.where(is_finite, product, 0.0)
-
-
 def situations(force_n: FloatArray, rotation_deg: FloatArray) -> IntArray:
     """[T] situation at every row, UNLABELLED where force or rotation is not finite."""
     # The first condition that holds counts; a rotation of nan fulfils none.

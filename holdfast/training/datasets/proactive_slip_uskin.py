@@ -22,7 +22,6 @@ from holdfast.core.contract import (
     SAFE_SLIP,
     SITUATIONS,
     BoolArray,
-    FloatArray,
     IntArray,
 )
 from holdfast.core.errors import ColumnError, DataNotFound
@@ -31,11 +30,10 @@ from holdfast.training.datasets.public_files import (
     COPY_AGAIN,
     UNLABELLED,
     TrialRows,
-    channels_of,
     join_trials,
+    offered_channels,
     read_table,
 )
-from holdfast.training.datasets.trials import ChannelsNotOffered
 from holdfast.training.recording import DataSet, Recording, finite_sensors
 
 PADS = ("xela_sensor1.csv", "xela_sensor2.csv")
@@ -59,8 +57,12 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
     ends in failure, and failure itself, risky_slip; the rest grasp. Every trial is a group of its
     own. Raises DataNotFound, ColumnError, NotANumber, EmptyRecording or ChannelError.
     """
-    columns = _columns(channels)
-    folders = _trial_folders(root)
+    three = [taxel - 1 for taxel in THREE_TAXELS]
+    offered = {18: [*three, *(16 + taxel for taxel in three)], 96: range(32)}
+    columns = offered_channels("proactive_slip_uskin", channels, offered)
+    # The trials lie below the set, or below its data_set as it is published.
+    pads = [*root.glob(f"*/{PADS[0]}"), *root.glob(f"data_set/*/{PADS[0]}")]
+    folders = sorted(path.parent for path in pads)
     if not folders:
         raise DataNotFound("no trials", where=root, next_step=COPY_AGAIN)
 
@@ -112,55 +114,35 @@ def _outcome(fail: BoolArray, stop: int) -> int:
     return RISKY_SLIP if fail[stop] else SAFE_SLIP
 
 
-def _trial_folders(root: Path) -> list[Path]:
-    """Folders with a first pad, below the set or below its data_set as it is published."""
-    pads = [*root.glob(f"*/{PADS[0]}"), *root.glob(f"data_set/*/{PADS[0]}")]
-    return sorted(path.parent for path in pads)
-
-
-def _columns(channels: int) -> list[int]:
-    taxels = {18: THREE_TAXELS, 96: tuple(range(1, 17))}
-    if channels not in taxels:
-        raise ChannelsNotOffered("proactive_slip_uskin", channels, taxels)
-
-    first_pad = [taxel - 1 for taxel in taxels[channels]]
-    second_pad = [16 + taxel for taxel in first_pad]
-    return channels_of([*first_pad, *second_pad])
-
-
 def _recording(folder: Path, columns: list[int]) -> Recording:
-    pads = [_pad(folder / name) for name in PADS]
+    """The trial of a folder; the second pad's columns follow those of the first."""
+    names = [f"txl{taxel}_{axis}" for taxel in range(1, 17) for axis in "xyz"]
+    pads = []
+    for name in PADS:
+        table = read_table(folder / name, dict.fromkeys(names, float))
+        pads.append(table[names].to_numpy())
     if len(pads[0]) != len(pads[1]):
         raise ColumnError(
             "the two pads differ in length", where=folder, next_step=COPY_AGAIN
         )
 
-    # The second pad's columns follow those of the first.
     raw = np.hstack(pads)[:, columns]
+    rate = read_table(folder / META, {"frequency_hz": float})["frequency_hz"]
     return Recording(
         trial_id=folder.name,
         group=folder.name,
         samples=PREPARATION.apply(raw),
         valid=finite_sensors(raw),
-        rate_hz=float(read_table(folder / META).numbers("frequency_hz")[0]),
+        rate_hz=float(rate[0]),
         unit="count",
         object_name="box",
     )
 
 
-def _pad(path: Path) -> FloatArray:
-    """[T, 48] counts of one pad."""
-    table = read_table(path)
-    names = [f"txl{taxel}_{axis}" for taxel in range(1, 17) for axis in "xyz"]
-    table.require(names)
-    return np.column_stack([table.numbers(name, finite=False) for name in names])
-
-
 def _windows(folder: Path, n_rows: int) -> TrialRows:
     """The labelled rows of a trial from row 30 on. Raises ColumnError."""
-    table = read_table(folder / LABELS)
-    slip = table.numbers("slip") > 0.5
-    fail = table.numbers("fail") > 0.5
+    table = read_table(folder / LABELS, {"slip": float, "fail": float})
+    slip, fail = (table[["slip", "fail"]].to_numpy() > 0.5).T
     if len(slip) != n_rows:
         raise ColumnError(
             f"{len(slip)} labels for {n_rows} rows", where=folder, next_step=COPY_AGAIN

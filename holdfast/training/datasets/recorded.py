@@ -172,7 +172,7 @@ def phased(trial: Trial) -> tuple[Phases, RiskyEvents]:
         raise LabelError(
             "a kept trial without its truth",
             where=truth,
-            next_step="holdfast repair, or record again",
+            next_step="holdfast check --repair, or record again",
         )
     if not read_json(truth).get("phases"):
         return (), ()

@@ -1,1 +1,0 @@
-"""`holdfast bench latency`: the time of one decision on this machine, and its budgets."""

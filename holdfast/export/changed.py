@@ -1,0 +1,444 @@
+"""A changed, verified copy of a sealed file: another hand, other rules, exported again, adapted.
+
+`changed`: what stands behind the features is copied node by node, constants and all, and the step
+in front of them is built anew. So a file needs no artifact folder to fit another hand, or to get
+the contact rule that an older file lacks. Rules of the decision stand in the card alone.
+
+`adapted`: the file of one person has other rules, and may have a correction behind its votes
+(heads.py). Its metadata keep those of the base, compressed: `undone` restores the base byte for
+byte.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import hashlib
+import json
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import onnx
+
+from holdfast.core.contract import Json, channel_names
+from holdfast.core.errors import NotAdapted, UsageError, VerificationFailed
+from holdfast.core.hand_card import HandCard
+from holdfast.core.schema import json_of
+from holdfast.core.writing import require_writable, write_whole
+from holdfast.edge_runtime.decision import LIMITS, DecisionRules
+from holdfast.edge_runtime.graph import Outputs, open_session, run_recording
+from holdfast.edge_runtime.model import golden_input
+from holdfast.edge_runtime.model_file import (
+    CARD_KEY,
+    CARD_SUFFIX,
+    CONTACT_KEY,
+    GOLDEN_KEY,
+    SEAL_KEY,
+    read_sealed,
+    votes_in_all,
+)
+from holdfast.export.builder import GraphBuilder
+from holdfast.export.exporting import (
+    metadata_of,
+    readable_card,
+    seal,
+    sealed_with,
+    spec_for_hand,
+)
+from holdfast.export.features import add_step
+from holdfast.export.heads import (
+    ByForce,
+    Correction,
+    FloatRows,
+    learned_name,
+    riskier_argmax,
+    situation_votes,
+    votes_name,
+    weighted,
+)
+from holdfast.export.network import LOGIT_STEPS, IntArray
+from holdfast.export.spec import StepSpec
+from holdfast.export.structure import edge_rows, hard_rows_of
+from holdfast.export.verify import (
+    CHUNK,
+    REPORT_VERSIONS,
+    SINGLE_ROWS,
+    AdaptedVerification,
+    compare_streams,
+    cut_learners,
+    decides_by_force,
+    require_single_rows_equal,
+    run_rows,
+)
+
+FEATURES, VOTES = "features", "votes"
+KEPT = "kept_"
+"""Begins the names of what is copied: the new step numbers its own tensors."""
+PREFIX = "adapted_"
+"""Begins the name of every tensor that a correction adds."""
+BEFORE = f"{PREFIX}votes_before"
+"""The base's votes, which keep their numbers under another name."""
+BASE_KEY = "holdfast.base"
+"""The entry of the metadata that holds those of the base."""
+RANDOM_ROWS = 5_000
+"""Rows of noise at the size of the golden input's features, on which the votes are compared."""
+OF_THE_VOTES = {"votes", "situation", "p_situation", "p_class", "weight"}
+"""Outputs that a correction changes."""
+
+
+def is_adapted(data: bytes) -> bool:
+    """Whether a sealed file is adapted to a person."""
+    return BASE_KEY in metadata_of(onnx.load_from_string(data))
+
+
+def write_changed(
+    path: Path,
+    out: Path,
+    hand: HandCard | None = None,
+    rules: Mapping[str, int] | None = None,
+) -> int:
+    """Write a changed copy and its card; returns its size in bytes. Raises as `changed`."""
+    data = read_sealed(path)
+    require_writable(out.parent)
+    card, new = changed(data, hand, rules, path)
+    write_whole(out, new)
+    write_whole(out.with_suffix(CARD_SUFFIX), readable_card(card, out.name, new))
+    return len(new)
+
+
+def changed(
+    data: bytes,
+    hand: HandCard | None = None,
+    rules: Mapping[str, int] | None = None,
+    where: str | Path = "",
+) -> tuple[Json, bytes]:
+    """Card and bytes of a changed copy of a sealed file, verified.
+
+    hand: for which the copy is. rules: of the decision, by name. Without either, an older file gets
+    the contact rule. Raises UsageError for a file that needs or takes no such change, or a rule
+    that cannot be; VerificationFailed where the learner answers differently.
+    """
+    model = onnx.load_from_string(data)
+    kept = metadata_of(model)
+    card = json_of(kept[CARD_KEY])
+    spec = StepSpec.from_json(card["spec"])
+    is_older = CONTACT_KEY not in card and spec.contact is not None
+    if rules:
+        card["decision"] = _decision(card["decision"], rules)
+    elif hand is None and not is_older:
+        raise UsageError(
+            f"{where}: this file is up to date",
+            next_step="use it as it is, or give --hand CARD or --rule NAME=NUMBER",
+        )
+
+    if hand is not None or not rules:
+        if BASE_KEY in kept:
+            raise UsageError(
+                f"{where}: this file is adapted to a person",
+                next_step="export its base again (holdfast adapt --undo), then adapt that",
+            )
+        if hand is not None:
+            spec = spec_for_hand(spec, hand, where)
+        model = _with_new_step(model, spec, card)
+        # all else that a card says is of the learner, or of the rate
+        card["spec"] = spec.to_json()
+        card["channels"] = list(channel_names(spec.n_sensors))
+        card[CONTACT_KEY] = None if spec.contact is None else spec.contact.to_json()
+
+    # these three are written anew; an adapted file has its base's behind them
+    for name in (CARD_KEY, GOLDEN_KEY, SEAL_KEY):
+        del kept[name]
+    return card, seal(model, card, spec, kept)
+
+
+def _decision(before: Json, rules: Mapping[str, int]) -> Json:
+    """The rules of a decision, some of them replaced. Raises UsageError."""
+    unknown = [name for name in rules if name not in LIMITS]
+    if unknown:
+        raise UsageError(
+            f"no rule {unknown[0]!r} of the decision",
+            next_step=f"choose from {', '.join(LIMITS)}",
+        )
+    try:
+        return DecisionRules(**{**before, **rules}).to_json()
+    except ValueError as error:
+        raise UsageError(
+            f"rule {error}", next_step="give a number that fits the other rules"
+        ) from None
+
+
+def _with_new_step(old: onnx.ModelProto, spec: StepSpec, card: Json) -> onnx.ModelProto:
+    """The step of a spec in front of an older file's learner, verified."""
+    rules: dict[str, ByForce] = {}
+    if spec.contact is not None and not decides_by_force(old):
+        for name, head in card["heads"].items():
+            classes = tuple(head["classes"])
+            rules[votes_name(name)] = ByForce(name, classes, votes_in_all(head))
+
+    new = _joined(old, spec, rules)
+    rows = _rows(old, StepSpec.from_json(card["spec"]))
+    before = run_rows(open_session(cut_learners(old)), rows, CHUNK)
+    after = run_rows(open_session(cut_learners(new)), rows, CHUNK)
+    # by force the votes change, and so does all that follows from them
+    follow = set(before) if rules else set()
+    expected = {}
+    for name, rule in rules.items():
+        expected[name] = rule.in_contact(before[name].astype(np.int64))
+    _require_answers(before, after, expected, follow, "")
+
+    if rules:
+        empty = open_session(cut_learners(new, touches=False))
+        without = run_rows(empty, rows, CHUNK)
+        for name, rule in rules.items():
+            same = bool((without[name] == rule.without_contact()).all())
+            _require(same, f"{name} of an empty hand")
+    compare_streams(new, spec, seed=0)
+    return new
+
+
+def _joined(
+    old: onnx.ModelProto, spec: StepSpec, rules: Mapping[str, ByForce]
+) -> onnx.ModelProto:
+    """The new step, and what stands behind the features in the old graph.
+
+    rules: of the contact rule that the votes of this name get.
+    """
+    graph = GraphBuilder(spec.n_sensors)
+    _, empty = add_step(graph, spec)
+    constants = {one.name: one for one in old.graph.initializer}
+    published = {one.name: one for one in old.graph.output}
+
+    def new_name(name: str) -> str:
+        # votes before the contact rule have a name that verification looks for
+        stays = name in published or name.startswith(learned_name(""))
+        return name if stays else KEPT + name
+
+    behind = {FEATURES}
+    for node in old.graph.node:
+        if behind.isdisjoint(node.input):
+            continue
+        behind.update(node.output)
+        for name in node.input:
+            if name in constants:
+                constant = onnx.TensorProto()
+                constant.CopyFrom(constants[name])
+                constant.name = KEPT + name
+                graph.copy_constant(constant)
+
+        (made,) = node.output
+        rule = rules.get(made)
+        copied = onnx.NodeProto()
+        copied.CopyFrom(node)
+        copied.input[:] = [new_name(name) for name in node.input]
+        copied.output[:] = [learned_name(made) if rule else new_name(made)]
+        graph.copy(copied)
+        if rule:
+            rule.add(graph, copied.output[0], empty, made)
+        if made in published:
+            graph.copy_output(published[made])
+
+    return graph.model()
+
+
+def _rows(model: onnx.ModelProto, spec: StepSpec) -> FloatRows:
+    """Feature rows: of the golden input, noise of their size, and the edges of float32."""
+    golden = _golden(model.SerializeToString(), spec)[FEATURES]
+    rng = np.random.default_rng(0)
+    drawn = golden[rng.integers(len(golden), size=RANDOM_ROWS)]
+    noise = rng.normal(1.0, 0.5, size=drawn.shape).astype(np.float32)
+    return np.concatenate([golden, drawn * noise, edge_rows(golden.shape[1])])
+
+
+def _golden(data: bytes, spec: StepSpec) -> Outputs:
+    """All outputs of the whole step for the golden input."""
+    values, valid = golden_input(spec.n_channels, spec.unit, spec.settle_samples)
+    session = open_session(data)
+    names = [output.name for output in session.get_outputs()]
+    names.remove("state_out")
+    return run_recording(session, values, valid, names)
+
+
+def _require_answers(
+    old: Outputs,
+    new: Outputs,
+    expected: Mapping[str, IntArray],
+    follow: set[str],
+    where: str,
+) -> None:
+    """Votes are as expected; what does not follow from votes is as in the old file, bit for bit."""
+    for name, answers in old.items():
+        if name in expected:
+            _require(np.array_equal(new[name], expected[name]), f"{name}{where}")
+        elif name not in follow:
+            _require(answers.tobytes() == new[name].tobytes(), f"{name}{where}")
+
+
+def _require(same: bool, what: str) -> None:
+    """Raise VerificationFailed unless something is the same."""
+    if not same:
+        raise VerificationFailed(
+            f"the changed file: {what} differ from the reference",
+            cause="a runtime that computes differently",
+            next_step=REPORT_VERSIONS,
+        )
+
+
+@dataclass(frozen=True)
+class Adaptation:
+    """What makes a file one for a person. about: what it is based on, for the card.
+
+    correction: None where only the decision is another. decision: replaces that of the base.
+    """
+
+    correction: Correction | None
+    decision: DecisionRules
+    about: Json
+
+
+def adapted(base: bytes, adaptation: Adaptation) -> bytes:
+    """The sealed file of an adaptation. base: a sealed file that is not adapted.
+
+    Raises VerificationFailed where the base could not be restored byte for byte.
+    """
+    model = onnx.load_from_string(base)
+    metadata = metadata_of(model)
+    card = json_of(metadata[CARD_KEY])
+    card["decision"] = adaptation.decision.to_json()
+    if adaptation.correction is not None:
+        _add_correction(model, adaptation.correction)
+        card["heads"]["situation"]["correction"] = {
+            "inputs": adaptation.correction.network.n_features,
+            "steps_per_nat": LOGIT_STEPS,
+        }
+    digest = hashlib.sha256(base).hexdigest()
+    card["adaptation"] = {"base_sha256": digest, **adaptation.about}
+    onnx.checker.check_model(model, full_check=True)
+
+    # the seal is computed again when the base is restored
+    del metadata[SEAL_KEY]
+    pairs = json.dumps(list(metadata.items()), separators=(",", ":"))
+    # metadata of ONNX are strings, so the compressed bytes are written as letters
+    packed = base64.b64encode(zlib.compress(pairs.encode(), 9)).decode("ascii")
+    data = seal(model, card, StepSpec.from_json(card["spec"]), {BASE_KEY: packed})
+
+    # a person must be able to go back, so a file that cannot is not returned
+    if undone(data) != base:
+        raise VerificationFailed(
+            "the base file cannot be restored byte for byte",
+            cause="it was written by another version of the onnx library",
+            next_step="export the base again with this version, then adapt it",
+        )
+    return data
+
+
+def undone(data: bytes, where: str | Path = "") -> bytes:
+    """The base of an adapted file, byte for byte. Raises NotAdapted."""
+    model = onnx.load_from_string(data)
+    metadata = metadata_of(model)
+    if BASE_KEY not in metadata:
+        raise NotAdapted(
+            "this file is not adapted", where=where, next_step="use it as it is"
+        )
+
+    card = json_of(metadata[CARD_KEY])
+    try:
+        pairs = json_of(zlib.decompress(base64.b64decode(metadata[BASE_KEY])))
+        if "correction" in card["heads"]["situation"]:
+            _remove_correction(model)
+        base = sealed_with(model, dict(pairs))
+    except (ValueError, zlib.error, binascii.Error):
+        base = b""
+
+    # The card names the digest of the base, so a base that differs in one byte is refused.
+    if hashlib.sha256(base).hexdigest() != card["adaptation"]["base_sha256"]:
+        raise NotAdapted(
+            "the base file in it cannot be restored",
+            where=where,
+            cause="the file was altered, or another version of the onnx library wrote it",
+            next_step="use your copy of the base file",
+        )
+    return base
+
+
+def verify_adapted(
+    base: bytes, data: bytes, correction: Correction | None, rows: FloatRows
+) -> AdaptedVerification:
+    """Compare an adapted file with its base, corrected in numpy. Raises VerificationFailed.
+
+    rows: [N, F] features.
+    """
+    card = json_of(metadata_of(onnx.load_from_string(data))[CARD_KEY])
+    hard = np.concatenate([rows, hard_rows_of(correction, rows)])
+    session = open_session(cut_learners(onnx.load_from_string(data)))
+    of_base = open_session(cut_learners(onnx.load_from_string(base)))
+    old, new = run_rows(of_base, hard, CHUNK), run_rows(session, hard, CHUNK)
+    _require_corrected(old, new, hard, correction, "")
+    weights = card["heads"]["situation"].get("label_weights")
+    votes = situation_votes(new[VOTES].astype(np.int64))
+    label = riskier_argmax(weighted(votes, weights))
+    _require(np.array_equal(new["situation"], label), "labels")
+    n_single = require_single_rows_equal(session, hard, new, SINGLE_ROWS, seed=0)
+
+    spec = StepSpec.from_json(card["spec"])
+    before, after = _golden(base, spec), _golden(data, spec)
+    _require_corrected(before, after, before[FEATURES], correction, " of a stream")
+
+    # only given rows: hard ones are no samples that a person could make
+    differs = new["situation"][: len(rows)] != old["situation"][: len(rows)]
+    n_samples = len(before[FEATURES])
+    return AdaptedVerification(len(hard), n_single, n_samples, int(differs.sum()))
+
+
+def _require_corrected(
+    old: Outputs,
+    new: Outputs,
+    rows: FloatRows,
+    correction: Correction | None,
+    where: str,
+) -> None:
+    """Votes are the base's, corrected; what does not follow from votes is the base's."""
+    if correction is None:
+        return _require_answers(old, new, {}, set(), where)
+    votes = correction.corrected(rows, old[VOTES].astype(np.int64))
+    return _require_answers(old, new, {VOTES: votes}, OF_THE_VOTES, where)
+
+
+def _add_correction(model: onnx.ModelProto, correction: Correction) -> None:
+    """Put it behind the votes of a model, in place: no other operator is changed."""
+    (output,) = [output for output in model.graph.output if output.name == VOTES]
+    n_classes = output.type.tensor_type.shape.dim[1].dim_value
+
+    # the number of sensors only matters to a graph with a state, which this part has not
+    graph = GraphBuilder(1, PREFIX)
+    correction.add(graph, FEATURES, BEFORE, n_classes, VOTES)
+    added, constants = graph.part()
+
+    # the correction takes over the name of the votes, so their readers need no change
+    nodes = list(model.graph.node)
+    (at,) = [k for k, node in enumerate(nodes) if VOTES in node.output]
+    nodes[at].output[:] = [BEFORE]
+    # ONNX wants nodes in the order in which they can run
+    del model.graph.node[at + 1 :]
+    model.graph.node.extend([*added, *nodes[at + 1 :]])
+    model.graph.initializer.extend(constants)
+
+
+def _remove_correction(model: onnx.ModelProto) -> None:
+    """The inverse of `_add_correction`, in place."""
+    graph = onnx.GraphProto()
+    graph.CopyFrom(model.graph)
+    del model.graph.node[:], model.graph.initializer[:]
+    for constant in graph.initializer:
+        if not constant.name.startswith(PREFIX):
+            model.graph.initializer.append(constant)
+
+    for node in graph.node:
+        (name, *_) = node.output
+        if name == BEFORE:
+            node.output[:] = [VOTES]
+        elif name == VOTES or name.startswith(PREFIX):
+            continue
+        model.graph.node.append(node)

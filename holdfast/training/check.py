@@ -1,0 +1,466 @@
+"""What a folder of recordings holds and what is missing, for `holdfast check`.
+
+Every trial is read; a fault is noted and the reading goes on. Each thing that is missing comes with
+what to write or record, and where. A model learns whatever situations and masses there are.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Literal, TypeVar
+
+import numpy as np
+
+from holdfast.core.contract import CLASSES, NOTHING, SITUATIONS, UNITS, Json
+from holdfast.core.errors import ColumnError, DataError, NotANumber, RateError
+from holdfast.core.trial_layout import (
+    INTENT_SUFFIX,
+    META,
+    TACTILE,
+    has_logs,
+    import_command,
+    object_name,
+    read_json,
+    truth_path,
+    weigh_it,
+)
+from holdfast.training.datasets import LAYOUTS, layout_of, load, reader_of
+from holdfast.training.datasets.thesis import common_rate, of_trials
+from holdfast.training.datasets.trials import FOLDERS, TrialReader, read_all
+from holdfast.training.figures import in_words as counted
+from holdfast.training.judging import strictest_hold_out
+from holdfast.training.plan import TrainingPlan
+from holdfast.training.progress import Part, ignored
+from holdfast.training.recording import DataSet
+from holdfast.training.timeline import OF_WHOLE_TRIAL
+from holdfast.training.windows import TimedTrial, classes_of
+
+T = TypeVar("T")
+Level = Literal["error", "training", "advice"]
+LEVELS = {"error": "ERROR", "training": "FOR TRAINING", "advice": "ADVICE"}
+FORMATS = {"thesis": "folders of CSV trials", "recorded": "folders of holdfast record"}
+"""Layouts in words; any other is a public set."""
+LAYOUT = "<person>/<object>/<action>/trial_1.csv"
+NOT_MEASURED = {
+    "script": "have labels by the script, not measured ones",
+    OF_WHOLE_TRIAL["slip"]: "slip at a moment that is guessed: the largest change",
+}
+"""How the source of labels begins that are not measured -> what is said of these."""
+PHASES = '{"phases": [{"t0_s": 2.1, "t1_s": 6.4, "label": "grasp"}, ..]}'
+"""An example of a truth file, for the advice."""
+RECORD = {
+    "nothing": "<person>/nothing",
+    "grasp": "<person>/<object>/hold",
+    "safe_slip": "<person>/<object>/pass",
+    "risky_slip": "<person>/<object>/slip",
+}
+"""Where a trial of each situation belongs, as it is advised."""
+NO_WEIGHT = "a model does not learn light and heavy"
+HEADS = ("person", "object", "action", "trials", "Hz", "unit", "mass, g", "labels by")
+CLASS_HEADS = ("situation", "light, s", "heavy, s", "mass unknown, s")
+CellName = tuple[str | None, str | None, str | None]
+"""Person, object, action."""
+Cells = dict[CellName, list[TimedTrial | None]]
+"""The trials of each cell in order of first sight; None for one that cannot be read."""
+
+
+@dataclass(frozen=True)
+class Missing:
+    """Something that is missing: where, and what to write or record there.
+
+    level: an error keeps the folder from being read, or the trial; training: it can be evaluated
+    on, but not trained on; advice: it works as it is, and more data would bring something.
+    """
+
+    level: Level
+    where: str
+    what: str
+    next_step: str
+
+
+@dataclass(frozen=True)
+class Cell:
+    """All trials of one person with one object and one action; None where there is none such.
+
+    read: how many of the trials can be read; the rest of a cell is about these. mass_from: the file
+    that gives the mass. labels_by: source of the labels -> trials.
+    """
+
+    person: str | None
+    object_name: str | None
+    action: str | None
+    trials: int
+    read: int
+    seconds: float
+    rate_hz: float | None
+    unit: str | None
+    mass_g: float | None
+    mass_from: str | None
+    labels_by: dict[str, int]
+
+
+@dataclass(frozen=True)
+class ClassSeconds:
+    """How long a situation lasts in all trials: with light, heavy and unweighed objects, s."""
+
+    situation: str
+    light_s: float
+    heavy_s: float
+    unweighed_s: float
+
+
+@dataclass
+class FolderReport:
+    """What was found in a folder, and what is missing.
+
+    layout: None where no reader recognises the folder. held_out_by: what training holds out.
+    groups: how many of these there are. channels: of the first recording, three a sensor.
+    not_held_out: why not by something stricter, a line each.
+    """
+
+    folder: str
+    layout: str | None
+    held_out_by: str | None = None
+    groups: int = 0
+    channels: int | None = None
+    cells: list[Cell] = field(default_factory=list)
+    classes: list[ClassSeconds] = field(default_factory=list)
+    missing: list[Missing] = field(default_factory=list)
+    not_held_out: list[str] = field(default_factory=list)
+
+    @property
+    def readable(self) -> bool:
+        """Whether `evaluate` takes the folder as it is."""
+        return all(one.level != "error" for one in self.missing)
+
+    @property
+    def trainable(self) -> bool:
+        """Whether `train` takes the folder as it is."""
+        return all(one.level == "advice" for one in self.missing)
+
+    def to_json(self) -> Json:
+        """As `holdfast check --json` prints it."""
+        return {**asdict(self), "readable": self.readable, "trainable": self.trainable}
+
+
+def examine(root: Path, part: Part = ignored) -> FolderReport:
+    """What a folder holds, and what is missing. part: receives the share of it that is read."""
+    layout = layout_of(root)
+    report = FolderReport(str(root), layout)
+    if layout is None:
+        report.missing = _not_read(root, [])
+    elif layout in LAYOUTS:
+        _examine_trials(report, root, layout, part)
+    else:
+        # The reader of a public set refuses what is wrong, and the set lacks nothing.
+        data = load(root, part=part)
+        cells: Cells = {}
+        for one in data.recordings:
+            name = (one.person, one.object_name, one.action)
+            trial = TimedTrial(one, None, labels_by="labels of the set")
+            cells.setdefault(name, []).append(trial)
+        report.cells = [_cell(name, of_cell) for name, of_cell in cells.items()]
+        _hold_out(report, data)
+    return report
+
+
+def _examine_trials(report: FolderReport, root: Path, layout: str, part: Part) -> None:
+    """Read all trials of a folder of these, and fill in the report."""
+    # Faults are collected, so that one run names all of them.
+    faults: list[DataError] = []
+    readers: list[TrialReader] = []
+    try:
+        readers = reader_of(layout).readers(root, faults.append)
+    except DataError as error:
+        faults.append(error)
+    read = read_all(readers, faults.append, part)
+    trials = [trial for trial in read if trial]
+    cells: Cells = {}
+    for reader, trial in zip(readers, read, strict=True):
+        cells.setdefault(_cell_of(reader), []).append(trial)
+    report.cells = [_cell(name, of_cell) for name, of_cell in cells.items()]
+    report.classes = _class_seconds(trials)
+
+    # Checks of the whole set compare only what can be read: a fault of one trial is noted already.
+    if trials:
+        common_rate([trial.recording for trial in trials], faults.append)
+        rate_hz = trials[0].recording.rate_hz
+        # Neither names nor rates change what is held out.
+        about = {"name": "", "kind": ""}
+        try:
+            _hold_out(report, of_trials(trials, about, rate_hz, "balanced", seed=0))
+        except RateError as error:
+            step = error.next_step
+            faults.append(RateError(error.what, where=root, next_step=step))
+
+    missing = []
+    for fault in faults:
+        missing.append(Missing("error", fault.where, fault.what, fault.next_step))
+    strange = [isinstance(fault, ColumnError | NotANumber) for fault in faults]
+    if not trials and any(strange):
+        what = "no trial has the columns of the layout: logs of another program?"
+        missing.append(Missing("error", str(root), what, import_command(root)))
+    if trials:
+        # What seems to be missing may be in a trial that could not be read.
+        missing += _advice(report, root, trials, all_read=not faults)
+    if readers:
+        missing += _not_read(root, [reader.place.path for reader in readers])
+    # The same fault of a file may be met twice; the keys of a dict keep the first, in order.
+    report.missing = list(dict.fromkeys(missing))
+
+
+def _hold_out(report: FolderReport, data: DataSet) -> None:
+    """What `train` holds out of a set where it is asked for nothing else."""
+    report.channels = 3 * data.n_sensors
+    held_out = strictest_hold_out(data, TrainingPlan.folds, seed=0)
+    report.held_out_by = held_out.kind
+    report.groups = len(held_out.data.groups())
+    report.not_held_out = held_out.lines()
+
+
+def _not_read(root: Path, read: Sequence[Path]) -> list[Missing]:
+    """CSV files that are at no trial's place; an error where no file is at one."""
+    others = []
+    for path in sorted(set(root.rglob("*.csv")) - set(read)):
+        if path.name != TACTILE and not path.name.endswith(INTENT_SUFFIX):
+            others.append(path)
+    if read and not others:
+        return []
+
+    what = "no trial" if has_logs(root) else "no CSV file"
+    if others:
+        first = others[0].relative_to(root).as_posix()
+        what = f"CSV files at no trial's place: {len(others)}, such as {first}"
+    actions = ", ".join(FOLDERS)
+    next_step = f"a trial belongs at {root / LAYOUT}; an action is one of {actions}"
+    if not read and has_logs(root):
+        next_step += f"; logs of another program: {import_command(root)}"
+    return [Missing("advice" if read else "error", str(root), what, next_step)]
+
+
+# -- the two tables
+
+
+def _cell_of(reader: TrialReader) -> CellName:
+    """The cell that the folders of a trial name."""
+    place = reader.place
+    folder = place.object_folder
+    return place.person, object_name(folder.name) if folder else None, place.action
+
+
+def _cell(name: CellName, trials: list[TimedTrial | None]) -> Cell:
+    """The figures of a cell; its unit and its mass are those of its first trial."""
+    read = [trial for trial in trials if trial]
+    recordings = [trial.recording for trial in read]
+    rates_hz = [one.rate_hz for one in recordings]
+    mass = next((trial.mass for trial in read if trial.mass), None)
+    return Cell(
+        *name,
+        trials=len(trials),
+        read=len(read),
+        seconds=sum(len(one.samples) / one.rate_hz for one in recordings),
+        rate_hz=float(np.median(rates_hz)) if rates_hz else None,
+        unit=recordings[0].unit if recordings else None,
+        mass_g=mass.mass_g if mass else None,
+        mass_from=mass.source if mass else None,
+        labels_by=dict(Counter(trial.labels_by for trial in read)),
+    )
+
+
+def _class_seconds(trials: Sequence[TimedTrial]) -> list[ClassSeconds]:
+    """How long each situation lasts.
+
+    The hand alone counts half as light, half as heavy, where the weight is learned.
+    """
+    weighed = classes_of(trials) == CLASSES
+    # rows: situations; columns: light, heavy, mass unknown
+    seconds = np.zeros((len(SITUATIONS), 3))
+    for trial in trials:
+        share = [0.0, 0.0, 1.0]
+        if trial.heavy is not None:
+            share = [float(not trial.heavy), float(trial.heavy), 0.0]
+        elif weighed and not trial.has_object:
+            share = [0.5, 0.5, 0.0]
+        for phase in trial.recording.phases:
+            lasts_s = (phase.stop - phase.first) / trial.recording.rate_hz
+            seconds[phase.situation] += lasts_s * np.array(share)
+
+    rows = zip(SITUATIONS, seconds.tolist(), strict=True)
+    return [ClassSeconds(situation, *of_weight) for situation, of_weight in rows]
+
+
+# -- what more data would bring
+
+
+def _advice(
+    report: FolderReport, root: Path, trials: Sequence[TimedTrial], *, all_read: bool
+) -> Iterator[Missing]:
+    """Unit, people, masses, situations, weights, labels; all_read: else only the first three."""
+    # The recorder writes unit and labels itself; only folders made by hand can lack them.
+    bare = report.layout == "thesis"
+    if bare and "unit" not in read_json(root / META):
+        units = " or ".join(f'{{"unit": "{unit}"}}' for unit in UNITS)
+        where = str(root / META)
+        yield Missing("advice", where, "no unit; N is assumed", f"write {units}")
+
+    people = {trial.recording.person for trial in trials} - {None}
+    if len(people) < 2:
+        named = f"one person, {people.pop()}" if people else "no people"
+        held_out = f"figures are held out by {report.held_out_by}"
+        what = f"{named}: {held_out} and do not apply to other people"
+        step = f"sort trials of several people into {LAYOUT}"
+        yield Missing("advice", str(root), what, step)
+
+    for trial in trials:
+        name = trial.recording.object_name
+        if name is not None and trial.heavy is None:
+            # The folder of the object is two above the file of the trial.
+            folder = root / Path(trial.recording.trial_id).parent.parent
+            what = f"no mass given for object {name!r}: {NO_WEIGHT}"
+            yield Missing("advice", str(folder), what, weigh_it(folder))
+
+    if all_read:
+        yield from _missing_situations(report.classes, root, trials)
+    if all_read and bare:
+        yield from _missing_labels(root, trials)
+
+
+def _missing_situations(
+    classes: Sequence[ClassSeconds], root: Path, trials: Sequence[TimedTrial]
+) -> Iterator[Missing]:
+    """Situations without a sample, and those with light or with heavy objects alone."""
+    # Where a mass is not known, no weight is learned whatever there is.
+    weighed = classes_of(trials) == CLASSES
+    in_n = trials[0].recording.unit == "N"
+    lasting = [one.light_s + one.heavy_s + one.unweighed_s for one in classes]
+    # Of one situation alone there is nothing to learn.
+    alone = np.count_nonzero(lasting) < 2
+    for one, lasts_s in zip(classes, lasting, strict=True):
+        step = f"record {root / RECORD[one.situation]}/trial_1.csv"
+        is_nothing = one.situation == SITUATIONS[NOTHING]
+        # In N a model knows an empty hand by its force, and learns nothing of it.
+        if not lasts_s and (alone or not (in_n and is_nothing)):
+            what = f"no {one.situation}: a model cannot tell it"
+            yield Missing("training" if alone else "advice", str(root), what, step)
+        elif weighed and not is_nothing and not (one.light_s and one.heavy_s):
+            lacks = "heavy" if one.light_s else "light"
+            what = f"no {one.situation} with a {lacks} object: {NO_WEIGHT}"
+            yield Missing("advice", str(root), what, step)
+
+
+def _missing_labels(root: Path, trials: Sequence[TimedTrial]) -> Iterator[Missing]:
+    """A line on the trials that are labelled by the script, and on slips without a time."""
+    for source, what in NOT_MEASURED.items():
+        such = [trial for trial in trials if trial.labels_by.startswith(source)]
+        if such:
+            truth = truth_path(root / f"{such[0].recording.trial_id}.csv")
+            share = f"{len(such)} of {len(trials)} trials {what}"
+            step = f"where you know the times, write {PHASES}"
+            yield Missing("advice", str(truth), share, step)
+
+
+# -- as lines for people
+
+
+def report_lines(report: FolderReport) -> list[str]:
+    """The report as lines for people."""
+    lines = [f"{report.folder}: no recording can be read"]
+    if report.held_out_by is not None:
+        lines = _summary(report, report.held_out_by)
+    if report.cells:
+        lines += ["", *_aligned([HEADS, *map(_row, report.cells)])]
+    if report.classes:
+        lines += ["", *_aligned(_class_rows(report.classes))]
+
+    # One line for many faults of a kind: a folder of a hundred trials would fill the screen.
+    for first, more in alike(report.missing, lambda one: f"{one.level} {one.what}"):
+        lines += ["", f"{LEVELS[first.level]} {first.where}: {first.what}"]
+        lines.append(f"  -> {first.next_step}")
+        if more:
+            lines.append(f"  {more} more like it")
+
+    verdict = "ready for holdfast train and holdfast evaluate"
+    if not report.readable:
+        verdict = "not ready: correct each ERROR, then run holdfast check again"
+    elif not report.trainable:
+        needs = "holdfast train needs what FOR TRAINING says"
+        verdict = f"ready for holdfast evaluate; {needs}"
+    elif report.layout not in FORMATS:
+        verdict = "a public set, read as it is"
+    return [*lines, "", verdict]
+
+
+def alike(ones: Sequence[T], words: Callable[[T], str]) -> list[tuple[T, int]]:
+    """The first of those whose words differ in numbers alone, and how many more there are."""
+    # Numbers are left out of the comparison: "at 49 Hz" and "at 51 Hz" are the same fault.
+    found: dict[str, list[T]] = {}
+    for one in ones:
+        found.setdefault(re.sub(r"[0-9.]+", "#", words(one)), []).append(one)
+    return [(group[0], len(group) - 1) for group in found.values()]
+
+
+def _summary(report: FolderReport, held_out_by: str) -> list[str]:
+    """The first lines of a report: how much was read, and what is held out together."""
+    trials = sum(cell.trials for cell in report.cells)
+    minutes = sum(cell.seconds for cell in report.cells) / 60.0
+    n_people = len({cell.person for cell in report.cells} - {None})
+    of = f" of {counted(n_people, 'person')}" if n_people else ""
+    found = f"{counted(trials, 'trial')}{of}, {minutes:.1f} min"
+    form = FORMATS.get(report.layout or "", "a public set")
+    return [
+        f"{report.folder}: {found}, {report.channels} channels; {form}",
+        f"held out by {held_out_by}: {counted(report.groups, held_out_by)}",
+        *report.not_held_out,
+    ]
+
+
+def _row(cell: Cell) -> tuple[str, ...]:
+    """A cell as texts, one for each of HEADS; what is not known is "-"."""
+    unread = cell.trials - cell.read
+    mass = "-"
+    if cell.mass_g is not None:
+        mass = f"{cell.mass_g:g} ({Path(cell.mass_from or '').name})"
+    labels = ", ".join(cell.labels_by)
+    if len(cell.labels_by) > 1:
+        labels = ", ".join(f"{name}: {n}" for name, n in cell.labels_by.items())
+    return (
+        cell.person or "-",
+        cell.object_name or "hand alone",
+        cell.action or "-",
+        f"{cell.trials} ({unread} unread)" if unread else f"{cell.trials}",
+        f"{cell.rate_hz:.4g}" if cell.rate_hz else "-",
+        cell.unit or "-",
+        mass,
+        labels or "-",
+    )
+
+
+def _class_rows(classes: Sequence[ClassSeconds]) -> list[tuple[str, ...]]:
+    """Situations and their seconds as texts; a column in which nothing is known is left out."""
+    weighed = any(row.light_s + row.heavy_s for row in classes)
+    unweighed = any(row.unweighed_s for row in classes)
+    shown = slice(1 if weighed else 3, 4 if unweighed else 3)
+    rows = [(CLASS_HEADS[0], *CLASS_HEADS[shown])]
+    for row in classes:
+        texts = (
+            "",
+            f"{row.light_s:.1f}",
+            f"{row.heavy_s:.1f}",
+            f"{row.unweighed_s:.1f}",
+        )
+        rows.append((row.situation, *texts[shown]))
+    return rows
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Rows of texts as lines, each column as wide as its widest text."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for row in rows:
+        cells = [f"{cell:<{n}}" for cell, n in zip(row, widths, strict=True)]
+        lines.append("  ".join(cells).rstrip())
+    return lines
