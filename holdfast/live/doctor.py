@@ -1,4 +1,4 @@
-"""What `holdfast doctor` examines: packages, models, buses, rights and clocks of this machine.
+"""What `holdfast doctor` examines: packages, models, buses and rights of this machine.
 
 What belongs to an extra, a bridge or a board is examined only where that is there: a line that says
 "missing" is something to do. Every check imports what it examines late: a package that is missing
@@ -11,7 +11,6 @@ import importlib.metadata
 import os
 import platform
 import sys
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -71,7 +70,6 @@ def examine(data_sets: Check, settings: Check) -> Iterator[Finding]:
         "bridges": _bridges,
         "i2c": _native_buses,
         "udev": _udev,
-        "clock": _clock,
         "governor": _governor,
         "priority": _priority,
     }
@@ -240,17 +238,6 @@ def _udev() -> list[Finding]:
     if rules:
         return [Finding("udev", "ok", ", ".join(rules))]
     return [Finding("udev", "missing", "no rule for the bridges", RULES)]
-
-
-def _clock() -> list[Finding]:
-    info = time.get_clock_info("monotonic")
-    found = f"{info.implementation}, resolution {1e9 * info.resolution:g} ns"
-    # a coarser clock than 1 us would blur the latency of a stage
-    if info.monotonic and info.resolution <= 1e-6:
-        return [Finding("clock", "ok", found)]
-    return [
-        Finding("clock", "broken", found, "use a kernel with high-resolution timers")
-    ]
 
 
 def _governor() -> list[Finding]:

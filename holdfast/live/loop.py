@@ -26,7 +26,6 @@ import numpy.typing as npt
 
 from holdfast.core.contract import (
     FloatArray,
-    Json,
     Prediction,
     Sample,
 )
@@ -117,18 +116,6 @@ class Summary:
             latency_us[name] = dict(zip(PERCENT_NAMES, percentiles, strict=True))
 
         return latency_us
-
-    def to_json(self) -> Json:
-        """As a JSON object."""
-        return {
-            "samples": self.samples,
-            "overruns": self.overruns,
-            "acts": self.acts,
-            "states": self.states,
-            **self.lost(),
-            "lost_sinks": self.lost_sinks,
-            "latency_us": self.latency_us(),
-        }
 
     def lost(self) -> dict[str, int]:
         """The other losses, by the names above."""

@@ -28,6 +28,7 @@ from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from typing import NamedTuple, Protocol
+from urllib.parse import urlsplit
 
 from holdfast.core.contract import (
     RISKY_SLIP,
@@ -181,18 +182,17 @@ class UdpSink:
 
 def udp_sink(address: str) -> UdpSink:
     """A sink to HOST:PORT. Raises UsageError."""
-    example = "give HOST:PORT, such as 127.0.0.1:9000"
-    host, _, port = address.rpartition(":")
-    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
-        raise UsageError(f"{address!r} is not an address", next_step=example)
-
     try:
-        found = socket.getaddrinfo(host, int(port), type=socket.SOCK_DGRAM)
-    except OSError as error:
-        what = f"{address!r}: {error.strerror}"
-        raise UsageError(what, next_step=example) from None
+        parts = urlsplit(f"//{address}")
+        found = socket.getaddrinfo(parts.hostname, parts.port, type=socket.SOCK_DGRAM)
+        family, kind, protocol, _, target = found[0]
+        if not parts.hostname or not parts.port:
+            raise ValueError("no host or no port")
+    except (OSError, ValueError) as error:
+        what = f"udp://{address} is no address: {error}"
+        step = "udp://HOST:PORT, such as udp://127.0.0.1:9000"
+        raise UsageError(what, next_step=step) from None
 
-    family, kind, protocol, _, target = found[0]
     sender = socket.socket(family, kind, protocol)
     # a full buffer loses a line; it must never hold up the loop
     sender.setblocking(False)

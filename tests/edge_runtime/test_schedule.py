@@ -95,7 +95,6 @@ def test_a_pipe_without_a_reader_loses_whole_lines_counted_and_delays_no_sample(
     )
     assert summary.dropped > 100
     assert taken == lines[: len(taken)]
-    assert f"{summary.to_json()['dropped']}" == f"{summary.dropped}"
 
 
 @stalled_consumer

@@ -48,6 +48,7 @@ OF_ONE_FILE = (
     "pyxdf",
     "rosbags",
     "serial",
+    "serial",
 )
 READS_PICKLE = {
     "pickle",
