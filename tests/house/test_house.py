@@ -48,7 +48,6 @@ OF_ONE_FILE = (
     "pyxdf",
     "rosbags",
     "serial",
-    "serial",
 )
 READS_PICKLE = {
     "pickle",
