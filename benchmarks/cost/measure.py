@@ -17,13 +17,15 @@ from benchmarks.cost.hands import HANDS, UNCHANGED, hand_figures
 from benchmarks.cost.point import ON_HANDS, Point
 from benchmarks.cost.recordings import per_recording, read
 from holdfast.core.contract import RISKY_SLIP, FloatArray, Json
-from holdfast.edge_runtime.decision import UNKNOWN
+from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
 from holdfast.evaluation.alarms import (
     Answers,
+    EventMatch,
     EventScores,
     choose_confidence,
     event_scores,
-    match_all_alarms,
+    match_alarms,
+    requests_at,
 )
 from holdfast.export.exporting import whole_graph
 from holdfast.export.heads import Calibration, Head, riskier_argmax, situation_votes
@@ -268,16 +270,25 @@ def _decided(point: Point, fitted: Fitted, spec: StepSpec) -> PointFigures:
             _answers(point, voted, fitted.calibration, spec) for voted in (choose, ask)
         )
         chosen.append(choose_confidence(there, point.rules, MOST_FALSE_PER_MIN))
-        matches += match_all_alarms(here, point.rules, chosen[-1])
+        matches += _matches(here, point.rules, chosen[-1])
     hands = None
     if point in ON_HANDS:
         hands = {UNCHANGED: hand_figures(matches)}
         for name, voted in fitted.on_hands.items():
             here = _answers(point, voted, fitted.calibration, spec)
-            felt = match_all_alarms(here, point.rules, chosen[-1])
+            felt = _matches(here, point.rules, chosen[-1])
             hands[name] = hand_figures(felt)
     f1, f1_ci = fitted.figures.macro_f1, fitted.figures.macro_f1_ci
     return PointFigures(point, f1, f1_ci, event_scores(matches), chosen, hands)
+
+
+def _matches(
+    answers: Sequence[Answers], rules: DecisionRules, permille: int
+) -> list[EventMatch]:
+    """The events of answered streams, acted on from one confidence on."""
+    requests = requests_at(answers, rules, permille)
+    pairs = zip(answers, requests, strict=True)
+    return [match_alarms(one.recording, on) for one, on in pairs]
 
 
 def _answers(

@@ -63,15 +63,11 @@ def _require_options(args: argparse.Namespace) -> None:
     """Raise UsageError or OutputError before anything long begins."""
     from holdfast.edge_runtime.model_file import CARD_SUFFIX
 
-    if args.undo and (args.data or args.person or args.slips):
+    given = (args.data, args.person, args.slips)
+    is_adapting = bool(args.data and args.person)
+    if any(given) if args.undo else not is_adapting:
         raise UsageError(
-            "--undo takes no --data, --person or --slips",
-            next_step="leave these options out",
-        )
-
-    if not args.undo and not (args.data and args.person):
-        raise UsageError(
-            "--data and --person are needed",
+            "--data and --person are needed, or --undo alone",
             next_step="holdfast adapt MODEL --data FOLDER --person p01 --out FILE",
         )
 

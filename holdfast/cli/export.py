@@ -58,6 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rule",
         action="append",
         default=[],
+        type=_rule,
         metavar="NAME=NUMBER",
         help="a rule of a model file's decision: min_risky_permille, evidence_ms, .. "
         "(docs/how-it-works.md); can be repeated",
@@ -76,6 +77,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--build", action="store_true", help="with --to c: compile libholdfast.so too"
     )
     add_json_option(parser)
+
+
+def _rule(text: str) -> tuple[str, int]:
+    """Name and number of --rule."""
+    name, _, number = text.partition("=")
+    if not number.isdecimal():
+        raise argparse.ArgumentTypeError("write NAME=NUMBER, such as evidence_ms=300")
+    return name, int(number)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -150,23 +159,11 @@ def _export_again(args: argparse.Namespace) -> int:
         raise UsageError(
             f"--out {args.out} exists", next_step="name a new file, or add --force"
         )
-    rules = dict(_rule(text) for text in args.rule)
     _report_begin(args)
-    size = write_changed(args.artifact, args.out, _hand(args), rules)
+    size = write_changed(args.artifact, args.out, _hand(args), dict(args.rule))
     lines = f"the same learner\nmodel: {args.out} ({size / 1e6:.1f} MB)"
     show_found(args, lines, {"model": args.out, "bytes": size})
     return 0
-
-
-def _rule(text: str) -> tuple[str, int]:
-    """Name and number of --rule. Raises UsageError."""
-    name, _, number = text.partition("=")
-    try:
-        return name, int(number)
-    except ValueError:
-        raise UsageError(
-            f"--rule {text}", next_step="write NAME=NUMBER, such as evidence_ms=300"
-        ) from None
 
 
 def _export_c(args: argparse.Namespace) -> int:
@@ -178,22 +175,13 @@ def _export_c(args: argparse.Namespace) -> int:
     model = args.artifact / "holdfast.onnx" if args.artifact.is_dir() else args.artifact
     folder = args.out or default_folder(model)
     done = export_c(model, folder, build=args.build, force=args.force)
-    source = done.source
     lines = [
-        f"state {source.state_bytes} bytes, tables {source.table_bytes} bytes, "
-        f"stack of a step about {source.stack_bytes} bytes",
+        f"state {done.state_bytes} bytes, tables {done.table_bytes} bytes, "
+        f"stack of a step about {done.stack_bytes} bytes",
         *done.selftest,
-        f"C: {folder} ({', '.join(done.names)})",
+        f"C: {folder} ({', '.join(done.files)})",
     ]
-    found = {
-        "folder": folder,
-        "files": done.names,
-        "state_bytes": source.state_bytes,
-        "table_bytes": source.table_bytes,
-        "stack_bytes": source.stack_bytes,
-        "selftest": done.selftest,
-    }
-    show_found(args, "\n".join(lines), found)
+    show_found(args, "\n".join(lines), {"folder": folder, **asdict(done)})
     return 0
 
 

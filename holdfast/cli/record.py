@@ -25,7 +25,7 @@ from holdfast.cli.options import (
     add_source_option,
 )
 from holdfast.core.errors import count_of
-from holdfast.sessions.recorder.protocol import ACTIONS
+from holdfast.core.trial_layout import SITUATION_OF_ACTION
 
 if TYPE_CHECKING:
     from holdfast.sessions.recorder.plan import RecordOptions
@@ -48,7 +48,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--protocol", type=path_argument, metavar="PROTOCOL", help=protocol)
     name = "without a protocol: the object, such as soft-ball"
     option("--object", metavar="NAME", help=name)
-    option("--action", choices=ACTIONS, help="without a protocol: the action")
+    option(
+        "--action",
+        choices=tuple(SITUATION_OF_ACTION),
+        help="without a protocol: the action",
+    )
     order = "seed of the order of the protocol's trials (default 0)"
     option("--seed", type=seed, default=0, metavar="S", help=order)
     option("--trials", type=int, metavar="N", help="stop after N trials")
@@ -94,24 +98,6 @@ def run(args: argparse.Namespace) -> int:
 
 def options_of(args: argparse.Namespace) -> RecordOptions:
     """What the recorder gets of the words on the command line."""
-    from holdfast.sessions.camera import CameraOptions
     from holdfast.sessions.recorder.plan import RecordOptions
 
-    return RecordOptions(
-        source=args.source,
-        out=args.out,
-        person=args.person,
-        camera=CameraOptions(args.camera, args.tag_mm, args.fps, args.exposure_ms),
-        calibration=args.calibration,
-        protocol=args.protocol,
-        object=args.object,
-        action=args.action,
-        seed=args.seed,
-        rate=args.rate,
-        anyway=args.anyway,
-        seconds=args.seconds,
-        trials=args.trials,
-        at_once=args.at_once,
-        intent=args.wearer,
-        hand=args.hand,
-    )
+    return RecordOptions.of(args)

@@ -12,15 +12,11 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from holdfast.cli.command import path_argument, show
 from holdfast.cli.options import add_calibration_option, add_recording_options
 from holdfast.core.errors import UsageError
 from holdfast.sessions.study.protocol import shipped_protocols
-
-if TYPE_CHECKING:
-    from holdfast.sessions.study.starting import StudyOptions
 
 MODEL = Path("holdfast-150hz")
 
@@ -76,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
         return 0 if done else 1
 
     if not args.report:
-        ending = starting.run_study(options_of(args), protocol, sys.stdin)
+        ending = starting.run_study(starting.StudyOptions.of(args), protocol, sys.stdin)
         # A study that goes on later has no report yet.
         if ending != Ending.FINISHED:
             return 0
@@ -102,24 +98,3 @@ def require_options(args: argparse.Namespace) -> None:
     # A rehearsal answers every question by itself, and would confirm the deletion.
     if args.rehearse and args.withdraw:
         raise UsageError("--withdraw asks first", next_step="leave out --rehearse")
-
-
-def options_of(args: argparse.Namespace) -> StudyOptions:
-    """What a study gets of the words on the command line."""
-    from holdfast.sessions.camera import CameraOptions
-    from holdfast.sessions.recorder.plan import RecordOptions
-    from holdfast.sessions.study.starting import StudyOptions
-
-    recording = RecordOptions(
-        source=args.source,
-        out=args.out,
-        person=args.person,
-        camera=CameraOptions(args.camera, args.tag_mm, args.fps, args.exposure_ms),
-        calibration=args.calibration,
-        rate=args.rate,
-        anyway=args.anyway,
-        seconds=args.seconds,
-        intent=args.wearer,
-        hand=args.hand,
-    )
-    return StudyOptions(recording, args.rehearse)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from holdfast.core.contract import BoolArray, FloatArray, Unit
 
 
@@ -16,6 +18,11 @@ class SourceReading:
     values: FloatArray
     valid: BoolArray
     why: tuple[str, ...] = ()
+
+    def without_values(self, why: str) -> SourceReading:
+        """The same reading with no sensor valid, for a sample that did not come."""
+        none: BoolArray = np.zeros(len(self.valid), dtype=np.bool_)
+        return SourceReading(self.t_ns, self.values, none, (why,) * len(none))
 
 
 class Source(Protocol):

@@ -109,11 +109,14 @@ class Ft232h:
             raise
 
     def scan(self, transfers: Sequence[Transfer]) -> list[Reply]:
-        """All transfers in as few round trips as their answers fit packets: one for six fingers."""
-        replies: list[Reply] = []
-        for batch in _batches(transfers):
-            replies += self._carry(batch)
-        return replies
+        """All transfers in one round trip. Raises UsageError where their answers fill a packet."""
+        expected = sum(_answers(transfer) for transfer in transfers)
+        if expected > MOST_IN:
+            raise UsageError(
+                f"transfers with {expected} bytes of answers do not fit into one scan",
+                next_step=f"ask for at most {MOST_IN} bytes at once",
+            )
+        return self._carry(transfers, expected)
 
     def clear(self) -> None:
         """Nine clocks and a STOP. Raises BusStuck where SCL or SDA stays low after them."""
@@ -167,11 +170,10 @@ class Ft232h:
                 next_step="wire AD1 and AD2 both to SDA",
             )
 
-    def _carry(self, transfers: Sequence[Transfer]) -> list[Reply]:
+    def _carry(self, transfers: Sequence[Transfer], expected: int) -> list[Reply]:
         """One batch, between two looks at the idle lines. Raises BusStuck where one was low."""
         commands = b"".join(_commands(transfer) for transfer in transfers)
-        expected = sum(_answers(transfer) for transfer in transfers) + 2
-        answer = self._ask(LOOK + commands + LOOK, expected)
+        answer = self._ask(LOOK + commands + LOOK, expected + 2)
         # with SDA held low every acknowledge bit would read as acknowledged
         idle = SCL | SDA_IN
         if answer[0] & answer[-1] & idle != idle:
@@ -269,24 +271,3 @@ def _answers(transfer: Transfer) -> int:
 def _acks(transfer: Transfer) -> int:
     written = 1 + len(transfer.write) if transfer.write or not transfer.read else 0
     return written + bool(transfer.read)
-
-
-def _batches(transfers: Sequence[Transfer]) -> list[list[Transfer]]:
-    """Groups of transfers whose answers fit into one packet each."""
-    batches: list[list[Transfer]] = []
-    room = 0
-    for transfer in transfers:
-        needed = _answers(transfer)
-        if needed > MOST_IN:
-            raise UsageError(
-                f"{transfer.read} bytes do not fit into one transfer",
-                next_step=f"read fewer than {MOST_IN - 2} bytes at once",
-            )
-        # a transfer is never split, because its acknowledges belong to its data
-        if needed > room:
-            batches.append([])
-            room = MOST_IN
-        batches[-1].append(transfer)
-        room -= needed
-
-    return batches

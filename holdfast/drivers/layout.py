@@ -61,24 +61,18 @@ class Finger:
         return frozenset({(self.mux, self.channel)})
 
 
+SHARED = (
+    Finger(0x35, 0),
+    Finger(0x22, 0),
+    Finger(0x78, 0),
+    Finger(0x44, 0),
+    Finger(0x35, 1),
+    Finger(0x22, 1),
+)
 LAYOUTS: dict[str, tuple[Finger, ...]] = {
-    "mux": (
-        Finger(0x35, 0),
-        Finger(0x22, 0),
-        Finger(0x78, 0),
-        Finger(0x44, 0),
-        Finger(0x35, 1),
-        Finger(0x22, 1),
-    ),
+    "mux": SHARED,
     "mux6": tuple(Finger(0x35, channel) for channel in range(6)),
-    "moved": (
-        Finger(0x35, 0, 0x50),
-        Finger(0x22, 0, 0x51),
-        Finger(0x78, 0, 0x52),
-        Finger(0x44, 0, 0x53),
-        Finger(0x35, 1, 0x54),
-        Finger(0x22, 1, 0x55),
-    ),
+    "moved": tuple(replace(one, moved=0x50 + k) for k, one in enumerate(SHARED)),
 }
 """"mux": four fingers on one channel, two on another. "mux6": one a channel. "moved": see above."""
 
@@ -114,19 +108,13 @@ def _require_distinct(text: str, fingers: Sequence[Finger]) -> None:
     places = {(one.behind, one.address) for one in fingers}
     moved = [one.moved for one in fingers if one.moved]
     factory = {one.address for one in fingers}
-    # a moved chip would meet a chip that still has that address from the factory
-    doubled = len(places) < len(fingers) or len(set(moved)) < len(moved)
-    if doubled or not factory.isdisjoint(moved):
+    # a moved chip would meet a chip that still has that address from the factory, and a mux
+    # answers at its address whatever its mask is
+    met = factory.intersection(moved) | factory.union(moved) & muxes_of(fingers)
+    if met or len(places) < len(fingers) or len(set(moved)) < len(moved):
         raise UsageError(
-            f"{text!r}: two fingers at one place",
+            f"{text!r}: two fingers, or a finger and a mux, at one place",
             next_step="give each its own address or channel",
-        )
-    # a mux answers at its address whatever its mask is
-    taken = factory.union(moved) & muxes_of(fingers)
-    if taken:
-        raise UsageError(
-            f"{text!r}: a finger has a mux's address, {min(taken):#04x}",
-            next_step="choose another",
         )
 
 

@@ -22,7 +22,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from holdfast.core.contract import BoolArray, FloatArray, Unit
+from holdfast.core.contract import FloatArray, Unit
 from holdfast.core.errors import DeviceNotFound, RateError
 from holdfast.core.hand_lines import LineRefused, Skipped, printable
 from holdfast.core.source import SelfPaced, SourceReading
@@ -196,7 +196,7 @@ class LineSource(SelfPaced):
         if reading is not None:
             self._last = reading
         elif not self._feed.ended:
-            return self._invalid(LOST)
+            return self._last.without_values(LOST)
         return reading
 
     def close(self) -> None:
@@ -230,7 +230,7 @@ class LineSource(SelfPaced):
             self._last = self._reading(*self._waiting[-1])
             self._count_dropped(len(self._waiting), "more came than are read")
             self._waiting = deque([newest])
-            return self._invalid(SKIPPED)
+            return self._last.without_values(SKIPPED)
         self._given += 1
         return self._reading(*self._waiting.popleft())
 
@@ -251,7 +251,7 @@ class LineSource(SelfPaced):
         # a gap of the recording: the loop must not sleep through it
         if due_ns - now_ns > WAIT_PERIODS * self._period_ns:
             self._clock.wait_until(now_ns + round(self._period_ns))
-            return self._invalid(LOST)
+            return self._last.without_values(LOST)
         self._clock.wait_until(due_ns)
         self._waiting.popleft()
         self._given += 1
@@ -301,8 +301,3 @@ class LineSource(SelfPaced):
             values = self._to_force(values.reshape(-1, 3)).reshape(-1)
         why = tuple("" if valid else NOT_VALID for valid in line.valid)
         return SourceReading(t_ns, values, line.valid, why)
-
-    def _invalid(self, why: str) -> SourceReading:
-        last = self._last
-        none: BoolArray = np.zeros(len(last.valid), dtype=np.bool_)
-        return SourceReading(last.t_ns, last.values, none, (why,) * len(none))

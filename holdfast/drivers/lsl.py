@@ -140,6 +140,31 @@ class Outlet(Protocol):
         ...
 
 
+class _Stamped:
+    """An inlet whose stamps are on the run's clock, and whose end is reported once."""
+
+    def __init__(
+        self, inlet: Inlet, now_ns: Callable[[], int], report: Callable[[str], object]
+    ) -> None:
+        self.inlet = inlet
+        self._report = report
+        self._ended = False
+        # both clocks are monotonic, so one difference holds for the whole run
+        self._offset_ns = now_ns() - round(1e9 * inlet.clock_s())
+
+    def pull(self, timeout_s: float) -> list[tuple[int, list[Any]]]:
+        """(stamp in ns, values) of all that came, oldest first; nothing after the end."""
+        try:
+            pairs = self.inlet.pull(timeout_s)
+        except DeviceLost:
+            if not self._ended:
+                name = self.inlet.facts.name
+                self._report(f"lsl://{name}: the stream ended; it is unknown from here")
+            self._ended = True
+            return []
+        return [(round(1e9 * at_s) + self._offset_ns, values) for at_s, values in pairs]
+
+
 class LslSource:
     """An inlet as a source.
 
@@ -156,11 +181,9 @@ class LslSource:
         rate_hz: float | None = None,
     ) -> None:
         facts = inlet.facts
-        where = f"lsl://{inlet.facts.name}"
-        self._inlet = inlet
+        where = f"lsl://{facts.name}"
+        self._stream = _Stamped(inlet, now_ns, report)
         self._now_ns = now_ns
-        self._report = report
-        self._where = where
         self._order = order_of(() if facts.is_text else facts.labels, where)
         self.n_channels = len(self._order)
         self.unit: Unit = unit or unit_of(facts.units, where)
@@ -171,10 +194,7 @@ class LslSource:
             )
         self.rate_hz: float | None = rate
         self._wait_s = WAIT_PERIODS / rate
-        self._ended = False
-        # both clocks are monotonic, so one difference holds for the whole run
-        self._offset_ns = now_ns() - round(1e9 * inlet.clock_s())
-        self._waiting: deque[Pair] = deque(inlet.pull(FIRST_S)[-1:])
+        self._waiting = deque(self._stream.pull(FIRST_S)[-1:])
         if not self._waiting:
             raise DeviceNotFound(
                 f"nothing was sent for {FIRST_S:g} s",
@@ -185,51 +205,31 @@ class LslSource:
 
     def read(self) -> SourceReading:
         """The next sample, or the last reading again with no sensor valid."""
-        self._waiting.extend(self._pulled(0.0 if self._waiting else self._wait_s))
+        self._waiting.extend(self._stream.pull(0.0 if self._waiting else self._wait_s))
         if not self._waiting:
-            return self._invalid(LOST)
+            return self._last.without_values(LOST)
         if len(self._waiting) > MOST_WAITING:
             # the newest is kept: an old sample would delay every later one
             newest = self._waiting.pop()
             self._last = self._reading(*self._waiting[-1])
             self._waiting = deque([newest])
-            return self._invalid(SKIPPED)
+            return self._last.without_values(SKIPPED)
         self._last = self._reading(*self._waiting.popleft())
         return self._last
 
     def close(self) -> None:
         """Stop receiving."""
-        self._inlet.close()
+        self._stream.inlet.close()
 
-    def _pulled(self, timeout_s: float) -> list[Pair]:
-        try:
-            return self._inlet.pull(timeout_s)
-        except DeviceLost:
-            if not self._ended:
-                self._report(
-                    f"{self._where}: the stream ended; the state is unknown from here on"
-                )
-            self._ended = True
-            return []
-
-    def _reading(self, stamp_s: float, values: list[float]) -> SourceReading:
-        t_ns = round(1e9 * stamp_s) + self._offset_ns
+    def _reading(self, t_ns: int, values: list[float]) -> SourceReading:
         now_ns = self._now_ns()
         # a small error of the correction is no sample from the future
         t_ns = now_ns if now_ns < t_ns <= now_ns + FORWARD_NS else t_ns
         ordered: FloatArray = np.array(values, dtype=np.float64)[self._order]
-        valid: BoolArray = np.logical_and.reduce(
-            np.isfinite(ordered).reshape(-1, 3), axis=1
-        )
-        return SourceReading(
-            t_ns, ordered, valid, tuple("" if x else NO_NUMBER for x in valid)
-        )
-
-    def _invalid(self, why: str) -> SourceReading:
-        last = self._last
-        n_sensors = len(last.valid)
-        none = np.zeros(n_sensors, dtype=np.bool_)
-        return SourceReading(last.t_ns, last.values, none, (why,) * n_sensors)
+        finite = np.isfinite(ordered).reshape(-1, 3)
+        valid: BoolArray = np.logical_and.reduce(finite, axis=1)
+        why = tuple("" if one else NO_NUMBER for one in valid)
+        return SourceReading(t_ns, ordered, valid, why)
 
 
 class LslAnswers:
@@ -289,37 +289,24 @@ class LslIntent:
     def __init__(
         self, inlet: Inlet, now_ns: Callable[[], int], report: Callable[[str], object]
     ) -> None:
-        facts = inlet.facts
-        self._inlet = inlet
+        self._stream = _Stamped(inlet, now_ns, report)
         self._now_ns = now_ns
-        self._report = report
-        self._is_text = facts.is_text
-        self._offset_ns = now_ns() - round(1e9 * inlet.clock_s())
+        self._is_text = inlet.facts.is_text
         self._skipped = Skipped("wearer", report, now_ns)
-        self._ended = False
 
     def came(self) -> list[Intent]:
         """What came; the newest stamp is not in the future."""
-        items = [self._item(stamp_s, values) for stamp_s, values in self._pulled()]
+        items = [self._item(t_ns, values) for t_ns, values in self._stream.pull(0.0)]
         return [one for one in items if one is not None]
 
     def forget(self) -> None:
         """Drop what came before now."""
-        self._pulled()
+        self._stream.pull(0.0)
 
-    def _pulled(self) -> list[tuple[float, Any]]:
+    def _item(self, t_ns: int, values: Sequence[Any]) -> Intent | None:
+        wants = values[0] if self._is_text else ""
         try:
-            return list(self._inlet.pull(0.0))
-        except DeviceLost:
-            if not self._ended:
-                self._report(f"wearer: lsl://{self._inlet.facts.name} ended")
-            self._ended = True
-            return []
-
-    def _item(self, stamp_s: float, values: Sequence[Any]) -> Intent | None:
-        t_ns = min(round(1e9 * stamp_s) + self._offset_ns, self._now_ns())
-        try:
-            return intent_of(values[0] if self._is_text else "", t_ns)
+            return intent_of(wants, min(t_ns, self._now_ns()))
         except ValueError as error:
             shown = f"{str(values)[:80]} is skipped: {NOT_UNDERSTOOD} ({error})"
             self._skipped.count(NOT_UNDERSTOOD, shown)

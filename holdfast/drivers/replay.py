@@ -9,23 +9,33 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
-from holdfast.core.contract import UNITS, BoolArray, FloatArray, Sample, Unit
+from holdfast.core.contract import BoolArray, FloatArray, Sample, Unit
 from holdfast.core.errors import DataNotFound, UnitError
-from holdfast.core.schema import json_of, text_of
+from holdfast.core.schema import read
 from holdfast.core.source import SourceReading
 from holdfast.core.trial_file import read_trial
 from holdfast.core.trial_layout import TACTILE
 from holdfast.edge_runtime.preparation import Preparation
 
 META = "meta.json"
-BIAS_REMOVED = "bias_removed"
-"""In a trial's meta.json: true where its values were prepared when they were read, as in what the
-live page saves; such a stream may begin in a grasp."""
 DEFAULT_UNIT: Unit = "N"
+"""As in the thesis."""
 META_LEVELS = 3
 """A meta.json is in the trial's folder, or this many folders up (<set>/<object>/<action>/)."""
+
+
+class TrialMeta(msgspec.Struct, frozen=True):
+    """What a replay takes of a meta.json.
+
+    bias_removed: in a trial's own, true where its values were prepared when they were read, as in
+    what the live page saves; such a stream may begin in a grasp.
+    """
+
+    unit: Unit | None = None
+    bias_removed: bool = False
 
 
 @dataclass(frozen=True)
@@ -69,37 +79,21 @@ def open_replay(path: str | Path) -> Replay:
     trial = read_trial(file)
     # whole nanoseconds, as a live source has them
     t_ns = np.round(trial.t_s * 1e9).astype(np.int64)
-    removed = _is_prepared(file.with_name(META))
-    return Replay(t_ns, trial.raw, trial.valid, trial.rate_hz, _unit(file), removed)
-
-
-def _is_prepared(meta: Path) -> bool:
-    """Whether a trial's own meta.json says so; `_unit` refuses one that cannot be read."""
-    try:
-        return meta.is_file() and json_of(text_of(meta)).get(BIAS_REMOVED) is True
-    except (ValueError, AttributeError):
-        return False
-
-
-def _unit(file: Path) -> Unit:
-    """The unit in the nearest meta.json; newton without one, as in the thesis."""
+    own, nearest = _meta(file.with_name(META)), TrialMeta()
     for folder in list(file.resolve().parents)[: META_LEVELS + 1]:
-        meta = folder / META
-        if meta.is_file():
-            try:
-                unit = json_of(text_of(meta)).get("unit")
-            except (ValueError, AttributeError):
-                raise UnitError(
-                    "not a JSON object", where=meta, next_step='write {"unit": "N"}'
-                ) from None
-            if unit is not None and unit not in UNITS:
-                raise UnitError(
-                    f"unit {unit!r} is not one of {', '.join(UNITS)}", where=meta
-                )
-            if unit is not None:
-                return UNITS[UNITS.index(unit)]
+        nearest = _meta(folder / META)
+        if nearest.unit is not None:
+            break
+    unit = nearest.unit or DEFAULT_UNIT
+    return Replay(t_ns, trial.raw, trial.valid, trial.rate_hz, unit, own.bias_removed)
 
-    return DEFAULT_UNIT
+
+def _meta(path: Path) -> TrialMeta:
+    """Of a trial, a set, or a folder between; without a file it says nothing. Raises UnitError."""
+    try:
+        return read(path, TrialMeta, UnitError)
+    except FileNotFoundError:
+        return TrialMeta()
 
 
 class PacedReplay:

@@ -58,12 +58,6 @@ class SampleLine:
     begins: bool
 
 
-@dataclass(frozen=True)
-class _Header:
-    names: tuple[str, ...]
-    separator: str
-
-
 NAME_A_MAP = (
     "describe the columns in a map, and add it to the URL: ?map=FILE (for - : "
     '"stdin://?map=FILE")'
@@ -101,7 +95,8 @@ class SampleReader:
         self.map = column_map
         self._unit: Unit = unit
         self._rule = RisingRule()
-        self._header: _Header | None = None
+        self._names: list[str] = []
+        self._separator = ""
 
     def take(self, line: bytes, now_ns: int) -> SampleLine | None:
         """The sample of a line; None for a header, a comment or an empty line.
@@ -131,29 +126,19 @@ class SampleReader:
 
     def _cells(self, text: str) -> dict[str, Any] | None:
         """A row by the names of its header, None for the header itself."""
-        header = self._header
-        separator = (
-            max(SEPARATORS, key=text.count) if header is None else header.separator
-        )
+        separator = self._separator or max(SEPARATORS, key=text.count)
         cells = [cell.strip(' "') for cell in text.split(separator)]
         if not any(map(_is_number, cells)):
-            separator = max(SEPARATORS, key=text.count)
-            names = tuple(cell.strip(' "') for cell in text.split(separator))
-            self._take_header(_Header(names, separator))
+            if len(set(cells)) != len(cells):
+                raise ValueError("a name stands twice in the header")
+            self._known_map(cells).require_columns(cells, "the header")
+            self._names, self._separator = cells, separator
             return None
-        if header is None:
-            raise ValueError("no header has come before this row")
-        if len(cells) != len(header.names):
-            raise ValueError(f"{len(cells)} cells, the header has {len(header.names)}")
+        if len(cells) != len(self._names):
+            raise ValueError(f"{len(cells)} cells, the header has {len(self._names)}")
         if separator == ";":
             cells = [cell.replace(",", ".") for cell in cells]
-        return dict(zip(header.names, cells, strict=True))
-
-    def _take_header(self, header: _Header) -> None:
-        if len(set(header.names)) != len(header.names):
-            raise ValueError("a name stands twice in the header")
-        self._known_map(header.names).require_columns(header.names, "the header")
-        self._header = header
+        return dict(zip(self._names, cells, strict=True))
 
     def _known_map(self, names: Collection[str]) -> ColumnMap:
         if self.map is None:

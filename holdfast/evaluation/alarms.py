@@ -190,16 +190,6 @@ def match_alarms(
     return EventMatch(recording, tuple(outcomes), false_s, minutes)
 
 
-def delays_ms(matches: Sequence[EventMatch]) -> list[float]:
-    """ms from load onset to the alarm, of the detected events whose onset is known."""
-    times_ms = []
-    for match in matches:
-        for outcome in match.outcomes:
-            if outcome.delay_s is not None:
-                times_ms.append(1e3 * outcome.delay_s)
-    return times_ms
-
-
 def false_alarms(
     recording: Recording, requests: BoolArray, collar_s: float = COLLAR_S
 ) -> IntArray:
@@ -225,17 +215,6 @@ def _within(event: RiskyEvent, t_s: FloatArray, collar_s: float) -> BoolArray:
     after_onset = t_s >= event.onset_s - collar_s
     before_end = t_s <= event.end_s + collar_s
     return np.asarray(after_onset & before_end)
-
-
-def match_all_alarms(
-    answers: Sequence[Answers], rules: DecisionRules, permille: int
-) -> list[EventMatch]:
-    """Match many answered streams. permille: the confidence from which an act is requested."""
-    requests = requests_at(answers, rules, permille)
-    matches = []
-    for one, on in zip(answers, requests, strict=True):
-        matches.append(match_alarms(one.recording, on))
-    return matches
 
 
 def choose_confidence(
@@ -302,8 +281,12 @@ class EventScores:
 
 
 @dataclass
-class _Times:
-    """Times of the detected events; those before gross slip only where the truth knows it."""
+class EventTimes:
+    """ms of the detected events: load onset to alarm; alarm to gross slip, and onset to gross slip.
+
+    lead_used: share of the time to gross slip that had passed. in_time: how many were acted on
+    before it. The last three are of events whose gross slip the truth knows.
+    """
 
     delay_ms: list[float]
     lead_ms: list[float]
@@ -312,6 +295,7 @@ class _Times:
     in_time: int = 0
 
     def add(self, outcome: AlarmOutcome) -> None:
+        """Count one event."""
         # A missed event has no delay; it lowers the recall instead.
         if outcome.delay_s is None:
             return
@@ -326,16 +310,23 @@ class _Times:
         self.in_time += outcome.lead_s > 0.0
 
 
+def event_times(matches: Sequence[EventMatch]) -> EventTimes:
+    """Times of the events of many streams."""
+    times = EventTimes([], [], [], [])
+    for match in matches:
+        for outcome in match.outcomes:
+            times.add(outcome)
+    return times
+
+
 def event_scores(
     streams: Sequence[EventMatch], *, seed: int = 0, n_draws: int = DRAWS
 ) -> EventScores:
     """Figures of many streams; groups are people, or trials where no person is named."""
-    times = _Times([], [], [], [])
+    times = event_times(streams)
     already_on = 0
     for stream in streams:
-        for outcome in stream.outcomes:
-            times.add(outcome)
-            already_on += outcome.already_on
+        already_on += sum(one.already_on for one in stream.outcomes)
 
     # Recordings of a person are alike, so the bootstrap draws groups and no single events.
     sums = _sums_by_group(streams)

@@ -94,7 +94,7 @@ def _signals_graph(spec: StepSpec) -> bytes:
     # The bank reads the newest sample only; a short past makes the state, and the step, small.
     guarded = add_guard(graph, spec)
     rectified, _ = add_bank(graph, spec, guarded)
-    graph.node("ReduceMax", rectified, graph.ints(1), out="loudest", keepdims=1)
+    graph.node("ReduceMax", rectified, [1], out="loudest", keepdims=1)
     graph.node("Identity", guarded.now, out="now")
     graph.node("Identity", guarded.usable, out="usable")
 
@@ -105,7 +105,7 @@ def _signals_graph(spec: StepSpec) -> bytes:
     return bytes(graph.model().SerializeToString())
 
 
-def cone_fires(of: DetectorSignals, spec: StepSpec, friction: float) -> BoolArray:
+def cone_fires(spec: StepSpec, of: DetectorSignals, friction: float) -> BoolArray:
     """[T] whether some usable finger, pressed hard enough, leaves the cone of this friction."""
     # A product instead of a ratio: no division by a normal force near 0.
     outside = of.shear > of.normal * friction

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -25,6 +25,7 @@ from holdfast.core.contract import (
     NOTHING,
     RISKY_SLIP,
     BoolArray,
+    FloatArray,
     Json,
 )
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
@@ -90,12 +91,12 @@ def baselines(
     # The order is that of the report: detectors, forest, oracle.
     found = [Baseline(BAND, BAND_RATIOS, bank)]
     if "friction_cone" in detector_names(spec):
-        cone = _cone(spec, rules, signals)
+        cone = _detector(rules, signals, partial(cone_fires, spec))
         found.append(Baseline(CONE, FRICTIONS, cone))
 
     # Its threshold is in N, and means nothing in uT or counts.
     if spec.unit == "N":
-        shear_rate = partial(_shear_rate, rules=rules)
+        shear_rate = _detector(rules, _shear_changes, np.greater)
         found.append(Baseline(SHEAR_RATE, JUMPS_N, shear_rate))
 
     # Without a training set there is no forest to compare with.
@@ -109,6 +110,8 @@ def baselines(
 
 Computed = TypeVar("Computed")
 OnRecordings = Callable[[Sequence[Recording]], Computed]
+Law = Callable[[Any, float], BoolArray]
+"""Signals of a recording, a setting -> [T] where a detector fires."""
 
 
 def _kept(compute: OnRecordings[Computed]) -> OnRecordings[Computed]:
@@ -146,14 +149,15 @@ def _bank(
     return on
 
 
-def _cone(
-    spec: StepSpec, rules: DecisionRules, signals: OnRecordings
+def _detector(
+    rules: DecisionRules, signals: OnRecordings[list[Any]], law: Law
 ) -> OnRecordings[Requests]:
     def on(recordings: Sequence[Recording]) -> Requests:
+        # Once for all settings: only the comparison depends on the threshold.
         found = signals(recordings)
 
-        def at(friction: float) -> list[BoolArray]:
-            fires = [cone_fires(one, spec, friction) for one in found]
+        def at(setting: float) -> list[BoolArray]:
+            fires = [law(one, setting) for one in found]
             return held_until_let_go(recordings, fires, rules)
 
         return at
@@ -161,15 +165,8 @@ def _cone(
     return on
 
 
-def _shear_rate(recordings: Sequence[Recording], rules: DecisionRules) -> Requests:
-    # Once for all settings: only the comparison depends on the threshold.
-    changes = [shear_change(one.samples) for one in recordings]
-
-    def at(least_n: float) -> list[BoolArray]:
-        fires = [change > least_n for change in changes]
-        return held_until_let_go(recordings, fires, rules)
-
-    return at
+def _shear_changes(recordings: Sequence[Recording]) -> list[FloatArray]:
+    return [shear_change(one.samples) for one in recordings]
 
 
 def _raw_forest(forest: bytes, rules: DecisionRules) -> OnRecordings[Requests]:

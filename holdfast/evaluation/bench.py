@@ -156,11 +156,11 @@ class Budget:
 def budgets(section: str, found: Mapping[str, float]) -> list[Budget]:
     """The budgets of a section of budget.toml whose figures were found."""
     limits = tomllib.loads(BUDGET.read_text(encoding="utf-8"))[section]
-    return [
-        Budget(name, found[name], limit)
-        for name, limit in limits.items()
-        if name in found
-    ]
+    measured = []
+    for name, limit in limits.items():
+        if name in found:
+            measured.append(Budget(name, found[name], limit))
+    return measured
 
 
 def budget_figures(limited: Sequence[Budget]) -> Json:

@@ -56,13 +56,11 @@ class EvaluationRequest:
     def n_stages(self) -> int:
         """How many stages `evaluate_events` announces."""
         # Reading, running, scoring; matching too, unless that was done on other sets before.
-        of_a_set = 3 if self.choose else 4
-        of_choosing = 3 if self.choose else 0
+        of_a_set, of_choosing = (3, 3) if self.choose else (4, 0)
         # A stage that is announced and never comes would stop the progress before its end.
-        of_training = 1 if self.train else 0
-        of_sets = of_a_set * len(self.data)
-        of_all_sets = 1
-        return of_training + of_choosing + of_sets + of_all_sets
+        of_training = bool(self.train)
+        # The last one is of all sets.
+        return of_training + of_choosing + of_a_set * len(self.data) + 1
 
 
 ALONE = Workers()

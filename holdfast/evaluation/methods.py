@@ -72,7 +72,8 @@ def detected(outcomes: Outcomes) -> BoolArray:
     """[E] whether each event was detected."""
     found = []
     for one in outcomes:
-        found += [event.alarm_s is not None for event in one.match.outcomes]
+        for event in one.match.outcomes:
+            found.append(event.alarm_s is not None)
     return np.array(found, dtype=np.bool_)
 
 
@@ -163,8 +164,11 @@ def figures_of_methods(
     methods: Mapping[str, Outcomes], seed: int
 ) -> dict[str, MethodFigures]:
     """All figures of every method."""
-    # Every method gets the same seed, so that all draw the same groups.
-    return {name: method_figures(of, seed) for name, of in methods.items()}
+    figures = {}
+    for name, of in methods.items():
+        # Every method gets the same seed, so that all draw the same groups.
+        figures[name] = method_figures(of, seed)
+    return figures
 
 
 def method_figures(of: Outcomes, seed: int) -> MethodFigures:
@@ -172,10 +176,15 @@ def method_figures(of: Outcomes, seed: int) -> MethodFigures:
     # The same seed for both collars, so that they draw the same groups.
     scores = event_scores([one.match for one in of], seed=seed)
     wide = event_scores([one.wide for one in of], seed=seed)
-    with_actions = [one for one in of if one.called]
-    by_called = _grouped(with_actions, _action)
-    # A recording of several grasps has no one action.
-    by_action = _grouped([one for one in of if _action(one)], _action)
+    by_action = {}
+    called_by_action = {}
+    for name, each in _grouped(of, _action).items():
+        called = _called(each)
+        if called.n:
+            called_by_action[name] = called
+        # A recording of several grasps has no one action.
+        if name:
+            by_action[name] = _kind(each)
 
     return MethodFigures(
         **vars(scores),
@@ -183,17 +192,20 @@ def method_figures(of: Outcomes, seed: int) -> MethodFigures:
         collar_40_ms=CollarFigures(**_shared(wide, CollarFigures)),
         by_style=by_style(of, seed),
         safe_acts_called=_called(of),
-        safe_acts_by_action={name: _called(each) for name, each in by_called.items()},
+        safe_acts_by_action=called_by_action,
         with_enough_time=_kind(of),
-        by_action={name: _kind(each) for name, each in by_action.items()},
+        by_action=by_action,
         specificity=specificity(of),
     )
 
 
 def _shared(scores: EventScores, other: type) -> dict[str, Any]:
     """The scores that another dataclass has too, by name."""
-    names = {one.name for one in fields(other)}
-    return {name: value for name, value in vars(scores).items() if name in names}
+    shared = {}
+    for one in fields(other):
+        if one.name in vars(scores):
+            shared[one.name] = vars(scores)[one.name]
+    return shared
 
 
 def _action(of: TrialOutcome) -> str:
@@ -219,7 +231,11 @@ def _called(of: Outcomes) -> Share:
 
 def _kind(of: Outcomes) -> KindFigures:
     in_time = []
+    false_alarms = 0
+    minutes = 0.0
     for one in of:
+        false_alarms += len(one.match.false_s)
+        minutes += one.match.minutes
         for outcome in one.match.outcomes:
             available_s = outcome.available_s
             if available_s is not None and available_s >= ENOUGH_S:
@@ -228,16 +244,16 @@ def _kind(of: Outcomes) -> KindFigures:
     return KindFigures(
         recall=share(detected(of).tolist()),
         in_time=share(in_time),
-        false_alarms=sum(len(one.match.false_s) for one in of),
-        minutes=sum(one.match.minutes for one in of),
+        false_alarms=false_alarms,
+        minutes=minutes,
     )
 
 
 def by_style(of: Outcomes, seed: int) -> ByStyle | None:
     """Recall and false alarms by style, and intervals over styles; None with less than two."""
-    styles = _grouped(
-        [one for one in of if one.trial.style], lambda one: one.trial.style
-    )
+    styles = _grouped(of, lambda one: one.trial.style)
+    # Trials of several people, or of none that is named.
+    styles.pop("", None)
     # Of one style there is no spread between people to show.
     if len(styles) < 2:
         return None

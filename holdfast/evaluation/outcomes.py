@@ -15,7 +15,7 @@ import numpy as np
 from holdfast.core.contract import SAFE_SLIP, SITUATIONS, Json
 from holdfast.core.trial_layout import EVENTS, RISKY_ACTIONS, read_events
 from holdfast.edge_runtime.engine import OpenedModel
-from holdfast.evaluation.alarms import delays_ms, match_alarms
+from holdfast.evaluation.alarms import event_times, match_alarms
 from holdfast.evaluation.baselines import requests_of
 from holdfast.evaluation.model_outputs import run_model
 from holdfast.evaluation.statistics import Spread, spread
@@ -174,6 +174,8 @@ def _figures(name: str, action: str, trials: Sequence[AnsweredTrial]) -> ActionF
     """Of one cell; "": of all objects, or of all actions."""
     right = []
     judged = []
+    false_alarms = 0
+    minutes = 0.0
     for one in trials:
         was_right = recognised(one)
         if was_right is not None:
@@ -181,7 +183,10 @@ def _figures(name: str, action: str, trials: Sequence[AnsweredTrial]) -> ActionF
         recording = one.trial.recording
         # A pull without a label may have slipped: its alarm may be right, so it is not judged.
         if recording.action not in RISKY_ACTIONS or recording.events:
-            judged.append(match_alarms(recording, one.requests))
+            match = match_alarms(recording, one.requests)
+            judged.append(match)
+            false_alarms += len(match.false_s)
+            minutes += match.minutes
 
     return ActionFigures(
         object=name,
@@ -190,9 +195,9 @@ def _figures(name: str, action: str, trials: Sequence[AnsweredTrial]) -> ActionF
         # Recognised of these only: without a label nothing was judged.
         labelled=len(right),
         recognised=sum(right),
-        false_alarms=sum(len(one.false_s) for one in judged),
-        minutes=sum(one.minutes for one in judged),
-        delay_ms=spread(delays_ms(judged)),
+        false_alarms=false_alarms,
+        minutes=minutes,
+        delay_ms=spread(event_times(judged).delay_ms),
     )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,9 +11,8 @@ from matplotlib.axes import Axes
 
 from holdfast.core.contract import NORMAL_AXIS, SAFE_SLIP, BoolArray
 from holdfast.edge_runtime.decision import UNKNOWN
-from holdfast.evaluation.formats import spaced
-from holdfast.evaluation.scored_set import TimesMs
-from holdfast.evaluation.states import CalibrationBin, ConfusionFigures
+from holdfast.evaluation.scored_set import Times
+from holdfast.evaluation.states import CalibrationBin
 from holdfast.evaluation.style import (
     INK,
     OURS,
@@ -25,7 +23,6 @@ from holdfast.evaluation.style import (
     svg,
 )
 from holdfast.evaluation.trials import AnsweredTrial
-from holdfast.training.figures import ABSENT
 from holdfast.training.recording import Recording
 
 SET_COLOURS = (
@@ -176,12 +173,12 @@ def _shown_s(recording: Recording, last_s: float) -> tuple[float, float]:
     return 0.0, min(last_s, MOST_SHOWN_S)
 
 
-def distributions(times: dict[str, TimesMs], kind: str) -> str:
+def distributions(times: dict[str, Times], kind: str) -> str:
     """Share of the detected events by delay and lead in ms, one panel a set; "" without events."""
     many = {}
     for name, one in times.items():
         # With fewer, a curve is a few large steps that show no distribution.
-        if len(one.to_act) >= LEAST_EVENTS:
+        if len(one.of_events.delay_ms) >= LEAST_EVENTS:
             many[name] = one
 
     if not many:
@@ -195,13 +192,16 @@ def distributions(times: dict[str, TimesMs], kind: str) -> str:
         panels = figure.subplots(n_rows, n_columns, squeeze=False, sharey=True)
         for axes, (name, one) in zip(panels.flat, many.items(), strict=False):
             # The first is wide: the second often lies on it.
-            _curve(axes, one.to_state, "to the first risky_slip state", "#56b4e9", 3.6)
-            _curve(axes, one.to_act, "to act", "#d55e00")
-            _curve(axes, one.available, "lead available", "#009e73", linestyle="--")
-            _curve(axes, one.left, "lead left at act", "#000000")
+            first = "to the first risky_slip state"
+            _curve(axes, one.to_state_ms, first, "#56b4e9", 3.6)
+            to_act, left = one.of_events.delay_ms, one.of_events.lead_ms
+            available = one.of_events.available_ms
+            _curve(axes, to_act, "to act", "#d55e00")
+            _curve(axes, available, "lead available", "#009e73", linestyle="--")
+            _curve(axes, left, "lead left at act", "#000000")
             axes.set_title(name, fontsize=9, loc="left")
             # Below 0: an alarm within the collar comes before the load onset.
-            axes.set(xlim=(-20.0, _last_ms(one)), ylim=(0.0, 1.02), xlabel="ms")
+            axes.set(xlim=(-20.0, _last_ms(to_act)), ylim=(0.0, 1.02), xlabel="ms")
             axes.axvline(0.0, color=QUIET, linewidth=0.7)
 
         # The last row may have fewer sets than columns.
@@ -214,11 +214,11 @@ def distributions(times: dict[str, TimesMs], kind: str) -> str:
         return svg(figure)
 
 
-def _last_ms(of: TimesMs) -> float:
+def _last_ms(to_act_ms: Sequence[float]) -> float:
     """The right end of a panel, ms: further out where most alarms come late."""
-    if np.median(of.to_act) <= MOST_MS:
+    if np.median(to_act_ms) <= MOST_MS:
         return MOST_MS
-    return float(np.percentile(of.to_act, 95))
+    return float(np.percentile(to_act_ms, 95))
 
 
 def _curve(
@@ -244,37 +244,6 @@ def _curve(
         linestyle=linestyle,
         linewidth=width,
     )
-
-
-def confusion(level: ConfusionFigures, kind: str) -> str:
-    """Share of each class' samples by answer; empty where it is about 0, "-" in an absent class."""
-    counts = np.asarray(level.counts, dtype=float)
-    # By row: each class adds up to 1, however often it occurs.
-    windows = counts.sum(axis=1, keepdims=True)
-    # A row of zeros stays one: a class that is absent has no windows to divide by.
-    shares = counts / np.maximum(windows, 1.0)
-    names = list(map(spaced, level.classes))
-    n = len(names)
-    centred: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 7}
-
-    with labelled(kind, 0.41 * n + 1.3, 0.36 * n + 1.1) as figure:
-        axes = figure.subplots()
-        axes.imshow(shares, cmap="Blues", vmin=0, vmax=1, aspect="auto")
-        for (row, column), value in np.ndenumerate(shares):
-            # What would be written as 0.00 stays empty.
-            if value >= 0.005:
-                # Dark cells need light figures.
-                colour = "white" if value > 0.5 else INK
-                axes.text(column, row, f"{value:.2f}", color=colour, **centred)
-        for row in np.flatnonzero(windows == 0.0).tolist():
-            axes.text(row, row, ABSENT, **centred)
-
-        axes.set_xticks(range(n), names, rotation=30, ha="right", fontsize=7.5)
-        # "unknown", the last, can be answered and is never true.
-        axes.set_yticks(range(n - 1), names[:-1], fontsize=7.5)
-        axes.set(xlabel="answered", ylabel="was")
-        axes.spines[:].set_visible(False)
-        return svg(figure)
 
 
 def reliability(sets: dict[str, list[CalibrationBin]], kind: str) -> str:

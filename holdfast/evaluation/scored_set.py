@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 from holdfast.core.contract import RISKY_SLIP, SITUATIONS, BoolArray, Json, untold_of
 from holdfast.core.trial_layout import read_json
 from holdfast.edge_runtime.model_file import ModelCard
-from holdfast.evaluation.alarms import delays_ms
+from holdfast.evaluation.alarms import EventTimes, event_times
 from holdfast.evaluation.baselines import Baseline, Thresholds, requests_of
 from holdfast.evaluation.methods import (
     MethodFigures,
@@ -34,6 +35,10 @@ from holdfast.training.recording import DataSet
 
 MADE_FROM = ("title", "card_sha256", "seed", "effects")
 """Keys of a set's meta.json that its figures repeat."""
+
+
+def _json(rows: Mapping[str, MethodFigures] | Mapping[str, McNemar]) -> Json:
+    return {name: asdict(one) for name, one in rows.items()}
 
 
 @dataclass(frozen=True)
@@ -85,9 +90,9 @@ class SetFigures:
         figures = {
             "data": self.card.to_json(),
             "windows": self.windows.to_json(),
-            "rows": {name: asdict(one) for name, one in self.rows.items()},
+            "rows": _json(self.rows),
             "states": asdict(self.states),
-            "mcnemar": {name: asdict(one) for name, one in self.mcnemar.items()},
+            "mcnemar": _json(self.mcnemar),
         }
         if self.thresholds:
             figures["thresholds"] = self.thresholds.to_json()
@@ -152,7 +157,7 @@ def score_set(
         methods=methods,
         drawn=drawn,
         central=central_trial(drawn, data.recordings),
-        to_state_ms=delays_ms(risky),
+        to_state_ms=event_times(risky).delay_ms,
     )
 
 
@@ -196,10 +201,12 @@ def _card(
 ) -> SetCard:
     meta = read_json(root / "meta.json")
     seconds = 0.0
+    events = 0
     onsets = []
     for one, trial in zip(data.recordings, trials, strict=True):
         # Each recording has a rate of its own, by which its samples count.
         seconds += len(one.samples) / one.rate_hz
+        events += len(one.events)
         onsets += trial.sources((SITUATIONS[RISKY_SLIP],))
 
     return SetCard(
@@ -213,7 +220,7 @@ def _card(
         groups=len(data.groups()),
         group_kind=data.group_kind,
         minutes=seconds / 60.0,
-        events=sum(len(one.events) for one in data.recordings),
+        events=events,
         samples=data.notes.get("samples"),
         onsets_by=counted(onsets),
         trained_on_recordings=windows.trained_on_recordings,
@@ -238,14 +245,11 @@ class EvaluatedModel:
     cannot_tell: dict[str, str]
 
 
-@dataclass
-class TimesMs:
-    """ms of every event: to the first risky state, to the alarm; the lead there was, and left."""
+class Times(NamedTuple):
+    """Times of a set's events: load onset to the first risky state, ms, and those of the alarms."""
 
-    to_state: list[float]
-    to_act: list[float] = field(default_factory=list)
-    available: list[float] = field(default_factory=list)
-    left: list[float] = field(default_factory=list)
+    to_state_ms: list[float]
+    of_events: EventTimes
 
 
 @dataclass(frozen=True)
@@ -262,7 +266,7 @@ class Evaluation:
     rows: dict[str, MethodFigures]
     mcnemar: dict[str, McNemar]
     drawn: dict[str, list[AnsweredTrial]] = field(default_factory=dict)
-    times: dict[str, TimesMs] = field(default_factory=dict)
+    times: dict[str, Times] = field(default_factory=dict)
     central: AnsweredTrial | None = None
 
     def to_json(self) -> Json:
@@ -277,10 +281,7 @@ class Evaluation:
             "thresholds": self.thresholds.to_json(),
             "seed": self.seed,
             "sets": {name: one.to_json() for name, one in self.sets.items()},
-            "all": {
-                "rows": {name: asdict(one) for name, one in self.rows.items()},
-                "mcnemar": {name: asdict(one) for name, one in self.mcnemar.items()},
-            },
+            "all": {"rows": _json(self.rows), "mcnemar": _json(self.mcnemar)},
         }
 
 
@@ -304,7 +305,8 @@ def all_sets(
         # A set without events has no delays to draw.
         if one.figures.card.events:
             headline = one.methods[thresholds.headline]
-            times[name] = _times(headline, one.to_state_ms)
+            of_events = event_times([outcome.match for outcome in headline])
+            times[name] = Times(one.to_state_ms, of_events)
 
     model = EvaluatedModel(
         model_id=card.model_id,
@@ -326,19 +328,3 @@ def all_sets(
         times=times,
         central=central,
     )
-
-
-def _times(of: Sequence[TrialOutcome], to_state_ms: list[float]) -> TimesMs:
-    # A state may come without an alarm, so the lists differ in length.
-    times = TimesMs(to_state_ms)
-    for one in of:
-        for outcome in one.match.outcomes:
-            if outcome.delay_s is None:
-                continue
-            times.to_act.append(1e3 * outcome.delay_s)
-            # A recorded event may have an onset and no known gross slip.
-            if outcome.available_s is not None and outcome.lead_s is not None:
-                times.available.append(1e3 * outcome.available_s)
-                times.left.append(1e3 * outcome.lead_s)
-
-    return times

@@ -80,10 +80,12 @@ class LabelledTrial:
 
     def sources(self, labels: Collection[str]) -> list[str]:
         """What gave each phase with one of these labels: scene, camera or key."""
-        phases = self.truth.get("phases", [])
-        # Older truths do not name what gave a label.
-        named = [one for one in phases if "provenance" in one]
-        return [str(one["provenance"]) for one in named if one.get("label") in labels]
+        sources = []
+        for phase in self.truth.get("phases", []):
+            # Older truths do not name what gave a label.
+            if phase.get("label") in labels and "provenance" in phase:
+                sources.append(str(phase["provenance"]))
+        return sources
 
 
 @dataclass(frozen=True)

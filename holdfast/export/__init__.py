@@ -1,7 +1,11 @@
-"""Everything ONNX: builds the step graph, joins the forest to it, verifies, seals.
+"""Everything ONNX: an artifact folder becomes one verified, sealed file. The route:
 
-It reads an artifact folder (forests as skops, the rest as JSON and plain arrays) and never imports
-training.
+features.py    from samples to features, as nodes of the step graph
+learner.py     the forest by skl2onnx, its leaves as whole votes (network.py: a network's)
+exporting.py   both joined to one graph with labels and probabilities (heads.py), and sealed
+verify.py      in between: that graph against the reference (structure.py: every number)
+
+changed.py writes a changed copy of such a file, c/ its C form. Nothing here imports training.
 """
 
 if __name__ == "export":  # imported by the link at the top of a checkout

@@ -44,10 +44,8 @@ class GraphBuilder:
         An input is the name of a tensor, or numbers, which become a constant of their type:
         float64 for a float, int64 for a list of whole numbers (shapes, axes, indices).
         """
-        names = self._named(inputs)
         made = out or self._fresh(op)
-        self._nodes.append(helper.make_node(op, names, [made], **attributes))
-        return made
+        return self.nodes(op, *inputs, outs=[made], **attributes)[0]
 
     def nodes(
         self,
@@ -81,10 +79,6 @@ class GraphBuilder:
             name = f"{self._prefix}c{len(self._constants)}"
             self._constants[key] = numpy_helper.from_array(array, name)
         return self._constants[key].name
-
-    def ints(self, *values: int) -> str:
-        """A constant int64 vector (shapes, axes, indices)."""
-        return self.constant(values, np.int64)
 
     def copy(self, node: onnx.NodeProto) -> None:
         """Add a node of another graph as it is."""
@@ -160,7 +154,7 @@ class GraphBuilder:
 
     def _unpack_state(self) -> list[onnx.NodeProto]:
         """Nodes in front of all others: clear the state of recordings that reset, then split it."""
-        rows = self.ints(*self._state_rows.values())
+        rows = self.constant(list(self._state_rows.values()), np.int64)
         fields = [f"state_{name}" for name in self._state_rows]
 
         # chosen, not multiplied: NaN x 0 is NaN, and would outlive a reset

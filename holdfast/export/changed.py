@@ -61,10 +61,8 @@ from holdfast.export.heads import (
 )
 from holdfast.export.network import LOGIT_STEPS, IntArray
 from holdfast.export.spec import StepSpec
-from holdfast.export.structure import edge_rows, hard_rows_of
+from holdfast.export.structure import edge_rows, hard_rows_of, require
 from holdfast.export.verify import (
-    CHUNK,
-    REPORT_VERSIONS,
     SINGLE_ROWS,
     AdaptedVerification,
     compare_streams,
@@ -75,8 +73,8 @@ from holdfast.export.verify import (
 )
 
 FEATURES, VOTES = "features", "votes"
-KEPT = "kept_"
-"""Begins the names of what is copied: the new step numbers its own tensors."""
+NEW = "new_"
+"""Begins the names of the new step's tensors: what is copied keeps its names."""
 PREFIX = "adapted_"
 """Begins the name of every tensor that a correction adds."""
 BEFORE = f"{PREFIX}votes_before"
@@ -180,8 +178,8 @@ def _with_new_step(old: onnx.ModelProto, spec: StepSpec, card: Json) -> onnx.Mod
 
     new = _joined(old, spec, rules)
     rows = _rows(old, StepSpec.from_json(card["spec"]))
-    before = run_rows(open_session(cut_learners(old)), rows, CHUNK)
-    after = run_rows(open_session(cut_learners(new)), rows, CHUNK)
+    before = run_rows(open_session(cut_learners(old)), rows)
+    after = run_rows(open_session(cut_learners(new)), rows)
     # by force the votes change, and so does all that follows from them
     follow = set(before) if rules else set()
     expected = {}
@@ -191,10 +189,10 @@ def _with_new_step(old: onnx.ModelProto, spec: StepSpec, card: Json) -> onnx.Mod
 
     if rules:
         empty = open_session(cut_learners(new, touches=False))
-        without = run_rows(empty, rows, CHUNK)
+        without = run_rows(empty, rows)
         for name, rule in rules.items():
             same = bool((without[name] == rule.without_contact()).all())
-            _require(same, f"{name} of an empty hand")
+            require(same, f"{name} of an empty hand differ from the reference")
     compare_streams(new, spec, seed=0)
     return new
 
@@ -206,16 +204,14 @@ def _joined(
 
     rules: of the contact rule that the votes of this name get.
     """
-    graph = GraphBuilder(spec.n_sensors)
+    # a file that was changed before has such names already
+    prefix = NEW
+    while any(node.output[0].startswith(prefix) for node in old.graph.node):
+        prefix += NEW
+    graph = GraphBuilder(spec.n_sensors, prefix)
     _, empty = add_step(graph, spec)
     constants = {one.name: one for one in old.graph.initializer}
     published = {one.name: one for one in old.graph.output}
-
-    def new_name(name: str) -> str:
-        # votes before the contact rule have a name that verification looks for
-        stays = name in published or name.startswith(learned_name(""))
-        return name if stays else KEPT + name
-
     behind = {FEATURES}
     for node in old.graph.node:
         if behind.isdisjoint(node.input):
@@ -223,20 +219,15 @@ def _joined(
         behind.update(node.output)
         for name in node.input:
             if name in constants:
-                constant = onnx.TensorProto()
-                constant.CopyFrom(constants[name])
-                constant.name = KEPT + name
-                graph.copy_constant(constant)
+                graph.copy_constant(constants[name])
 
         (made,) = node.output
-        rule = rules.get(made)
         copied = onnx.NodeProto()
         copied.CopyFrom(node)
-        copied.input[:] = [new_name(name) for name in node.input]
-        copied.output[:] = [learned_name(made) if rule else new_name(made)]
         graph.copy(copied)
-        if rule:
-            rule.add(graph, copied.output[0], empty, made)
+        if made in rules:
+            copied.output[:] = [learned_name(made)]
+            rules[made].add(graph, learned_name(made), empty, made)
         if made in published:
             graph.copy_output(published[made])
 
@@ -271,19 +262,10 @@ def _require_answers(
     """Votes are as expected; what does not follow from votes is as in the old file, bit for bit."""
     for name, answers in old.items():
         if name in expected:
-            _require(np.array_equal(new[name], expected[name]), f"{name}{where}")
-        elif name not in follow:
-            _require(answers.tobytes() == new[name].tobytes(), f"{name}{where}")
-
-
-def _require(same: bool, what: str) -> None:
-    """Raise VerificationFailed unless something is the same."""
-    if not same:
-        raise VerificationFailed(
-            f"the changed file: {what} differ from the reference",
-            cause="a runtime that computes differently",
-            next_step=REPORT_VERSIONS,
-        )
+            same = np.array_equal(new[name], expected[name])
+        else:
+            same = name in follow or answers.tobytes() == new[name].tobytes()
+        require(same, f"the changed file: {name}{where} differ from the reference")
 
 
 @dataclass(frozen=True)
@@ -308,8 +290,9 @@ def adapted(base: bytes, adaptation: Adaptation) -> bytes:
     card = json_of(metadata[CARD_KEY])
     card["decision"] = adaptation.decision.to_json()
     if adaptation.correction is not None:
-        _add_correction(model, adaptation.correction)
-        card["heads"]["situation"]["correction"] = {
+        head = card["heads"]["situation"]
+        _add_correction(model, adaptation.correction, len(head["classes"]))
+        head["correction"] = {
             "inputs": adaptation.correction.network.n_features,
             "steps_per_nat": LOGIT_STEPS,
         }
@@ -374,12 +357,13 @@ def verify_adapted(
     hard = np.concatenate([rows, hard_rows_of(correction, rows)])
     session = open_session(cut_learners(onnx.load_from_string(data)))
     of_base = open_session(cut_learners(onnx.load_from_string(base)))
-    old, new = run_rows(of_base, hard, CHUNK), run_rows(session, hard, CHUNK)
+    old, new = run_rows(of_base, hard), run_rows(session, hard)
     _require_corrected(old, new, hard, correction, "")
     weights = card["heads"]["situation"].get("label_weights")
     votes = situation_votes(new[VOTES].astype(np.int64))
     label = riskier_argmax(weighted(votes, weights))
-    _require(np.array_equal(new["situation"], label), "labels")
+    same = np.array_equal(new["situation"], label)
+    require(same, "labels differ from the reference")
     n_single = require_single_rows_equal(session, hard, new, SINGLE_ROWS, seed=0)
 
     spec = StepSpec.from_json(card["spec"])
@@ -406,11 +390,10 @@ def _require_corrected(
     return _require_answers(old, new, {VOTES: votes}, OF_THE_VOTES, where)
 
 
-def _add_correction(model: onnx.ModelProto, correction: Correction) -> None:
+def _add_correction(
+    model: onnx.ModelProto, correction: Correction, n_classes: int
+) -> None:
     """Put it behind the votes of a model, in place: no other operator is changed."""
-    (output,) = [output for output in model.graph.output if output.name == VOTES]
-    n_classes = output.type.tensor_type.shape.dim[1].dim_value
-
     # the number of sensors only matters to a graph with a state, which this part has not
     graph = GraphBuilder(1, PREFIX)
     correction.add(graph, FEATURES, BEFORE, n_classes, VOTES)
@@ -418,11 +401,13 @@ def _add_correction(model: onnx.ModelProto, correction: Correction) -> None:
 
     # the correction takes over the name of the votes, so their readers need no change
     nodes = list(model.graph.node)
-    (at,) = [k for k, node in enumerate(nodes) if VOTES in node.output]
-    nodes[at].output[:] = [BEFORE]
-    # ONNX wants nodes in the order in which they can run
-    del model.graph.node[at + 1 :]
-    model.graph.node.extend([*added, *nodes[at + 1 :]])
+    del model.graph.node[:]
+    for node in nodes:
+        model.graph.node.append(node)
+        if VOTES in node.output:
+            model.graph.node[-1].output[:] = [BEFORE]
+            # ONNX wants nodes in the order in which they can run
+            model.graph.node.extend(added)
     model.graph.initializer.extend(constants)
 
 

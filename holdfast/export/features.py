@@ -388,14 +388,13 @@ def _parts(history: History, names: tuple[str, ...]) -> list[str]:
     added = [GROUPS[name].add(history) for name in names]
     parts: list[str] = []
     for kind, run in groupby(zip(names, added, strict=True), lambda one: type(one[1])):
-        groups = list(run)
+        of_run, made = zip(*run, strict=True)
         if kind is Triples:
-            rows = [one for _, one in groups if isinstance(one, Triples)]
-            parts.append(history.chosen(rows))
+            parts.append(history.chosen(list(made)))
         elif kind is str:
-            parts += [one for _, one in groups if isinstance(one, str)]
+            parts += made
         else:
-            parts.append(add_pooled(history, [name for name, _ in groups]))
+            parts.append(add_pooled(history, list(of_run)))
     return parts
 
 

@@ -97,6 +97,9 @@ def add_guard(graph: GraphBuilder, spec: StepSpec) -> GuardOutputs:
         usable, known, counted = _publish_by_side(graph, spec, following)
     else:
         usable, known = _publish(graph, spec, following)
+    graph.output("settled", TensorProto.BOOL)
+    graph.output("unknown", TensorProto.BOOL)
+    graph.output("usable_sensors", TensorProto.INT32)
     past = (oldest, older, last)
     return GuardOutputs(now, last, past, good, begun, usable, known, zero, counted)
 
@@ -157,9 +160,6 @@ def _publish(graph: GraphBuilder, spec: StepSpec, place: str) -> tuple[str, str]
         enough = graph.node("GreaterOrEqual", n_usable, needed)
         known = graph.reshape(enough, -1, 1, 1)
 
-    graph.output("settled", TensorProto.BOOL)
-    graph.output("unknown", TensorProto.BOOL)
-    graph.output("usable_sensors", TensorProto.INT32)
     return usable, known
 
 
@@ -197,9 +197,6 @@ def _publish_by_side(
     usable_counts = graph.node("Gather", counts, first, axis=1)
     most = graph.node("ReduceMax", usable_counts, [1], keepdims=0)
     graph.node("Cast", most, out="usable_sensors", to=TensorProto.INT32)
-    graph.output("settled", TensorProto.BOOL)
-    graph.output("unknown", TensorProto.BOOL)
-    graph.output("usable_sensors", TensorProto.INT32)
 
     usable = graph.columns(flags, 0, 1)
     known = graph.reshape(is_known, -1, 1, 1)

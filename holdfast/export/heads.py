@@ -265,6 +265,23 @@ def _publish_classes(graph: GraphBuilder, head: Head, votes: str) -> None:
     graph.output("weight", TensorProto.BOOL)
 
 
+def reference_outputs(head: Head, votes: IntArray) -> dict[str, npt.NDArray[Any]]:
+    """All that a file publishes of exact votes [N, K], by the names of its outputs."""
+    probability = reference_probability(head, votes)
+    found: dict[str, npt.NDArray[Any]] = {head.votes_name: votes}
+    if head.name != MAIN_HEAD:
+        # the second of two classes is yes
+        return {**found, head.name: probability[:, 1]}
+
+    found["situation"] = reference_label(head, votes)
+    found["p_situation"] = probability
+    if head.classes == CLASSES:
+        found["p_class"] = probability
+        found["p_situation"] = probability.reshape(len(votes), -1, 2).sum(axis=2)
+        found["weight"] = reference_heavy(votes)
+    return found
+
+
 def riskier_argmax(votes: npt.NDArray[Any]) -> IntArray:
     """[N, K] votes -> [N] label: the largest; among equal ones the riskier (the last)."""
     from_the_last = np.argmax(votes[:, ::-1], axis=1)

@@ -113,14 +113,6 @@ def votes_in_all(learner: Learner) -> int:
     return votes
 
 
-def classes_of(learner: Learner) -> int:
-    """How many classes it votes for, counted up to the last one that training saw."""
-    forest = forest_of(learner)
-    network = network_of(learner)
-    of_trees = 0 if forest is None else 1 + int(max(forest.classes_))
-    return of_trees if network is None else network.n_classes
-
-
 def features_in(learner: Learner) -> int:
     """The number of features, F."""
     network = network_of(learner)

@@ -29,6 +29,7 @@ THRESHOLD_ROWS, THRESHOLD_SHARE = 20_000, 0.9
 """Rows on thresholds of the trees, and the share of features that are moved there."""
 STEP_ROWS, STEP_SHARE = 5_000, 0.2
 """Rows on the steps of a network's inputs, and the share of inputs that are moved there."""
+DIFFER = "differ from training"
 
 
 def hard_rows(learner: Learner, rows: FloatRows, seed: int) -> FloatRows:
@@ -108,8 +109,8 @@ def _moved(
     """
     directions = np.array([-np.inf, 0.0, np.inf], np.float32)
     towards = rng.choice(directions, size=rows.shape)
-    beside = np.where(towards == 0.0, to, np.nextafter(to, towards))
-    return np.where(rng.random(rows.shape) < share, beside, rows)
+    moved = np.where(towards == 0.0, to, np.nextafter(to, towards))
+    return np.where(rng.random(rows.shape) < share, moved, rows)
 
 
 def largest_float32_not_above(threshold: npt.NDArray[np.float64]) -> FloatRows:
@@ -150,8 +151,8 @@ def _same_weights(model: onnx.ModelProto, network: Network, head: Head) -> int:
     # the builder names constants by number, so they are looked up by what they hold
     for layer in network.layers:
         for numbers in (layer.weights, layer.bias):
-            if not any(np.array_equal(numbers, one) for one in constants):
-                _refuse(head, numbers.size, network.n_weights)
+            is_there = any(np.array_equal(numbers, one) for one in constants)
+            require(is_there, f"head {head.name}: {numbers.size} weights {DIFFER}")
 
     return network.n_weights
 
@@ -182,8 +183,8 @@ def _same_trees(node: onnx.NodeProto, forest: Forest, head: Head) -> int:
     expected_votes[branch] = 0
     differs = _votes_of(exported, trees, head) != expected_votes
     wrong |= np.any(differs, axis=1)
-    if wrong.any():
-        _refuse(head, int(wrong.sum()), len(wrong))
+    n_wrong = int(wrong.sum())
+    require(not n_wrong, f"head {head.name}: {n_wrong} of {len(wrong)} nodes {DIFFER}")
     return len(wrong)
 
 
@@ -201,10 +202,11 @@ def _votes_of(exported: dict[str, Any], trees: list[Any], head: Head) -> FloatRo
     return votes
 
 
-def _refuse(head: Head, wrong: int, of: int) -> None:
-    """Raise VerificationFailed."""
-    raise VerificationFailed(
-        f"head {head.name}: {wrong} of {of} nodes or weights differ from training",
-        cause="a converter that treats them differently",
-        next_step="report the versions that holdfast doctor prints",
-    )
+def require(same: bool, otherwise: str) -> None:
+    """Raise VerificationFailed with the text `otherwise` unless something is the same."""
+    if not same:
+        raise VerificationFailed(
+            otherwise,
+            cause="a converter or runtime that computes differently",
+            next_step="report the versions that holdfast doctor prints",
+        )

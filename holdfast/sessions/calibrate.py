@@ -33,44 +33,24 @@ SHEAR_SHARE = 0.1
 
 
 @dataclass(frozen=True)
-class Probing:
-    """field_ut [M, S, 3], less its rest; force_n [M, 3], nan for an axis that was not measured."""
-
-    name: str
-    field_ut: FloatArray
-    force_n: FloatArray
-
-
-@dataclass(frozen=True)
 class LoadSet:
-    """Probings of one piece of hardware, two at least.
+    """Rows of several probings, two at least, of one piece of hardware.
 
-    load_unit: in which the loads were read. rest_ut: [S, 3], or None where fields come tared.
-    reversed_: [S] magnets that are upside down. note: what the reader left out or found.
+    blocks [M]: the number of a row's probing among their names. field_ut [M, S, 3]: less its rest.
+    force_n [M, 3]: nan for an axis that was not measured. load_unit: in which the loads were read.
+    rest_ut: [S, 3], or None where fields come tared. reversed_: [S] magnets that are upside down.
+    note: what the reader left out or found.
     """
 
     name: str
-    probings: list[Probing]
+    probings: list[str]
+    blocks: npt.NDArray[Any]
+    field_ut: FloatArray
+    force_n: FloatArray
     load_unit: str
     rest_ut: FloatArray | None
     reversed_: BoolArray
     note: str
-
-    @property
-    def field_ut(self) -> FloatArray:
-        """[M, S, 3] of all probings."""
-        return np.concatenate([probing.field_ut for probing in self.probings])
-
-    @property
-    def force_n(self) -> FloatArray:
-        """[M, 3] of all probings."""
-        return np.concatenate([probing.force_n for probing in self.probings])
-
-    @property
-    def blocks(self) -> npt.NDArray[Any]:
-        """[M] number of the probing of each row."""
-        rows = [len(probing.force_n) for probing in self.probings]
-        return np.repeat(np.arange(len(rows)), rows)
 
 
 @dataclass(frozen=True)
@@ -214,7 +194,7 @@ def as_json(loads: LoadSet, fit: Fit) -> Json:
     """The same as a JSON object."""
     return {
         "study": loads.name,
-        "probings": [probing.name for probing in loads.probings],
+        "probings": loads.probings,
         "rows": len(loads.blocks),
         "sensors": loads.field_ut.shape[1],
         "load_unit": loads.load_unit,

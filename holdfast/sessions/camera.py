@@ -106,10 +106,10 @@ class CameraOptions:
 
 
 class CameraProcess:
-    """Films one trial at a time; options: what the process gets, except `out`."""
+    """Films one trial at a time; without a camera it does nothing."""
 
-    def __init__(self, options: Json) -> None:
-        self.options = options
+    def __init__(self, options: CameraOptions) -> None:
+        self._options = options
         self._folder = Path()
         self._process: subprocess.Popen[bytes] | None = None
         self._reported = False
@@ -118,7 +118,10 @@ class CameraProcess:
         """Film into a trial's folder; returns when frames arrive. Raises CameraUnavailable."""
         self._folder = folder
         self._reported = False
-        options = json.dumps({**self.options, "out": str(folder)})
+        if self._options.camera is None:
+            return
+        about = {"camera": self._options.camera, "out": str(folder)}
+        options = json.dumps(about | self._options.shooting())
         command = [sys.executable, "-m", "holdfast.sessions.camera", options]
 
         with (folder / LOG).open("wb") as log:
@@ -149,22 +152,23 @@ class CameraProcess:
         return self._last_error() or f"its process ended with {process.returncode}"
 
     def stop(self) -> Json:
-        """End it; returns {"void": reason or None, "frames", "lost", "doubt": reason or None}."""
-        if self._process is None:
-            return {"void": "was not started"}
+        """End it; returns {"void": reason or None, "frames", "lost", "doubt": reason or None}.
 
-        if self._process.stdin is not None:
-            # Its end is the sign to stop, and it also comes if the recorder is killed.
-            self._process.stdin.close()
+        Empty where nothing films.
+        """
+        process = self._process
+        self._process = None
+        if process is None:
+            return {}
         try:
-            self._process.wait(LONGEST_END_S)
+            # The end of its input is the sign to stop, which also comes if the recorder is killed.
+            process.communicate(timeout=LONGEST_END_S)
         except subprocess.TimeoutExpired:
             # The recorder must go on; what was filmed is then void.
-            self._process.kill()
-            self._process.wait()
+            process.kill()
+            process.wait()
 
-        failed = self._process.returncode != 0
-        self._process = None
+        failed = process.returncode != 0
         try:
             about = read_about(self._folder)
         except DataError as error:

@@ -31,7 +31,7 @@ from holdfast.core.errors import (
     UsageError,
     count_of,
 )
-from holdfast.sessions.calibrate import LoadSet, Probing
+from holdfast.sessions.calibrate import LoadSet
 
 FORCES = ("Fx", "Fy", "Fz")
 """Columns of a CSV file with the load."""
@@ -110,15 +110,12 @@ def _csv_set(path: Path, load_unit: str) -> LoadSet:
             next_step="press every fingertip at least twice, with a pause",
         )
 
-    probings = []
+    blocks = np.searchsorted(starts, np.arange(len(force)), side="right") - 1
     rests = []
-    for first, stop in zip(starts, [*starts[1:], len(force)], strict=True):
-        loaded = np.flatnonzero(load_n[first:stop] >= UNLOADED_N)
+    for block in range(len(starts)):
         # Each probing has its own rest, so that a drift between them is no load.
-        rest = np.median(field[first : first + loaded[0]], axis=0)
-        rests.append(rest)
-        name = f"probing {len(rests)}"
-        probings.append(Probing(name, field[first:stop] - rest, force[first:stop]))
+        at_rest = (blocks == block) & (load_n < UNLOADED_N)
+        rests.append(np.median(field[at_rest], axis=0))
 
     # The rest of the hardware is that of most probings, whatever one drifted to.
     rest_ut = np.median(rests, axis=0)
@@ -127,7 +124,20 @@ def _csv_set(path: Path, load_unit: str) -> LoadSet:
     turned = ", ".join(str(k + 1) for k in np.flatnonzero(reversed_)) or "none"
     left_out = f"{count_of(n_lost, 'row')} with a lost value left out"
     note = f"{left_out}; sensors with a reversed magnet: {turned}"
-    return LoadSet(path.stem, probings, load_unit, rest_ut, reversed_, note)
+    names = [f"probing {block + 1}" for block in range(len(starts))]
+    # Rows before the first pause belong to no probing.
+    inside = blocks >= 0
+    return LoadSet(
+        path.stem,
+        names,
+        blocks[inside],
+        (field - np.array(rests)[blocks])[inside],
+        force[inside],
+        load_unit,
+        rest_ut,
+        reversed_,
+        note,
+    )
 
 
 def probing_starts(load_n: FloatArray) -> list[int]:
@@ -189,21 +199,31 @@ def _probed_set(folder: Path, axis: int, load_unit: str) -> LoadSet:
         )
 
     probings = [_read_probing(path, axis, load_unit) for path in paths]
-    counts = {probing.field_ut.shape[1] for probing in probings}
+    fields = [field for field, _ in probings]
     # One matrix is fitted to all probings, so they must come from the same hardware.
-    if len(counts) > 1:
+    if len({field.shape[1] for field in fields}) > 1:
         raise ChannelError(
             "probings of different numbers of sensors",
             where=folder,
             next_step="split the folder",
         )
+    return LoadSet(
+        folder.name,
+        probings=[path.name for path in paths],
+        blocks=np.repeat(np.arange(len(paths)), [len(field) for field in fields]),
+        field_ut=np.concatenate(fields),
+        force_n=np.concatenate([force for _, force in probings]),
+        load_unit=load_unit,
+        rest_ut=None,
+        reversed_=np.zeros(fields[0].shape[1], dtype=np.bool_),
+        note="rows with -1 as their load have no reading and are left out",
+    )
 
-    upright = np.zeros(counts.pop(), dtype=np.bool_)
-    note = "rows with -1 as their load have no reading and are left out"
-    return LoadSet(folder.name, probings, load_unit, None, upright, note)
 
-
-def _read_probing(folder: Path, axis: int, load_unit: str) -> Probing:
+def _read_probing(
+    folder: Path, axis: int, load_unit: str
+) -> tuple[FloatArray, FloatArray]:
+    """(field [M, S, 3] uT, force [M, 3] N) of one probing."""
     # The first file holds fields less the rest, the second the arm's position and the load.
     field = _numbers(folder / "sensor_post_baselines.csv")
     states = _numbers(folder / "states.csv")
@@ -219,5 +239,4 @@ def _read_probing(folder: Path, axis: int, load_unit: str) -> Probing:
     # The load cell measures one axis; the others are unknown, not zero.
     force_n = np.full((int(read.sum()), 3), np.nan)
     force_n[:, axis] = UNIT_OF[load_unit][1] * states[read, 4]
-    moved = field[read, 1:].reshape(len(force_n), -1, 3)
-    return Probing(folder.name, moved, force_n)
+    return field[read, 1:].reshape(len(force_n), -1, 3), force_n

@@ -6,7 +6,6 @@ import numpy as np
 
 from holdfast.core.errors import DataNotFound
 from holdfast.drivers.replay import Replay
-from holdfast.live.source_url import MOST_DIGITS
 
 
 def read_set_trial(name: str, channels: int | None) -> Replay:
@@ -19,22 +18,19 @@ def read_set_trial(name: str, channels: int | None) -> Replay:
     folder, _, chosen = name.rpartition("#")
     data = load(folder, channels=channels, windows="none")
     names = [recording.trial_id for recording in data.recordings]
-    index = len(names)
-    if chosen in names:
-        index = names.index(chosen)
-    elif chosen.isdecimal() and len(chosen) <= MOST_DIGITS:
-        index = int(chosen)
-    if index >= len(names):
+    numbers = [str(k) for k in range(len(names))]
+    # A name comes before a number.
+    places = dict(zip([*numbers, *names], [*data.recordings] * 2, strict=True))
+    if chosen not in places:
         raise DataNotFound(
             f"no trial {chosen!r} among {len(names)}",
             where=folder,
             next_step=f"give 0..{len(names) - 1} or {names[0]!r}",
         )
 
-    recording = data.recordings[index]
+    recording = places[chosen]
     t_s = np.arange(len(recording.samples)) / recording.rate_hz
     t_ns = np.round(t_s * 1e9).astype(np.int64)
-
     return Replay(
         t_ns, recording.samples, recording.valid, recording.rate_hz, recording.unit
     )

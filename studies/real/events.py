@@ -19,9 +19,8 @@ from holdfast.evaluation.report import write_event_report
 from holdfast.training.datasets import load
 from holdfast.training.plan import TrainingPlan
 from holdfast.training.recording import DataSet, assign_groups
+from studies.real.methods import HUMAN
 from studies.real.streamed_fold import FOLD
-
-HUMAN = "human_slip_uskin"
 
 
 def write_real_events(folder: Path, out: Path, seed: int) -> list[Path]:

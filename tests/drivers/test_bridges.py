@@ -229,16 +229,6 @@ def test_what_an_emulated_ft232h_takes_to_compute_is_part_of_what_its_wire_takes
     assert lasts_s - plain_s < 0.2 * 100e-9 * clock.looks
 
 
-def test_a_track_between_its_rows_is_a_line_to_the_last_bit_and_its_ends_hold():
-    rng = np.random.default_rng(0)
-    t_s = np.cumsum(rng.uniform(1e-4, 2e-3, 50))
-    field_ut_ = 1e4 * rng.normal(size=(50, 6, 3))
-    track = Track(t_s, field_ut_)
-    for now_s in (-1.0, *t_s, *rng.uniform(0.0, t_s[-1], 200), 9.0):
-        result = [np.interp(now_s, t_s, field_ut_[:, 4, axis]) for axis in range(3)]
-        assert track.at(float(now_s), 4) == result
-
-
 # -- what goes over USB, byte by byte
 
 

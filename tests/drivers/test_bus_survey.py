@@ -8,9 +8,7 @@ from typing import Any
 
 import pytest
 
-from holdfast.core.errors import UsageError
 from holdfast.drivers.bus import Bus, Reply, Transfer
-from holdfast.drivers.layout import read_layout
 from holdfast.drivers.scan import (
     BusDevice,
     ScannedBus,
@@ -211,43 +209,3 @@ def test_a_place_names_its_mux_where_that_is_not_the_usual_one() -> None:
         )
     ]
     assert places == ["35", "35", "0:35", "71/7:35", "6f/1:35"]
-
-
-@pytest.mark.parametrize(
-    ("text", "fits"),
-    [
-        ("0:08", True),
-        ("0:07", False),
-        ("0:7f", True),
-        ("0:80", False),
-        ("7:35", True),
-        ("8:35", False),
-        ("70/0:35", True),
-        ("77/0:35", True),
-        ("6f/0:35", False),
-        ("78/0:35", False),
-        ("71/35", False),
-        ("0:35,1:35", True),
-        ("0:35,0:35", False),
-        ("35,35", False),
-        ("0:35>50,0:22>51", True),
-        ("0:35>50,0:22>50", False),
-        ("0:35>22,0:22", False),
-        ("0:70", False),
-        ("0:71", True),
-        ("70", True),
-        ("0:35>70", False),
-        ("mux@70", True),
-        ("mux@77", True),
-        ("mux@78", False),
-        ("none@70", False),
-    ],
-)
-def test_a_layout_has_places_that_chips_can_have_and_each_once(
-    text: str, fits: bool
-) -> None:
-    if fits:
-        assert read_layout(text)
-        return
-    with pytest.raises(UsageError):
-        read_layout(text)

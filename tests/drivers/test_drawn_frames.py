@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import camera_frames as film
 import numpy as np
 import pytest
 from camera_frames import (
@@ -21,7 +20,6 @@ from camera_frames import (
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.interpolate import CubicSpline
 
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
@@ -60,13 +58,6 @@ def test_a_tag_is_six_by_six_cells_in_a_black_border_and_a_white_margin():
         ] == PICTURES[tag]
 
 
-def test_two_tags_differ_by_the_family_s_distance_in_any_turn():
-    first, second = (cells(tag)[2:8, 2:8] for tag in (OBJECT_TAG, HAND_TAG))
-    for turns in range(4):
-        assert np.abs(np.rot90(second, turns) - first).sum() >= 11
-        assert turns == 0 or np.abs(np.rot90(first, turns) - first).sum() >= 11
-
-
 def test_a_drawn_tag_shows_its_cells_where_it_lies():
     one = camera(px_per_mm=8.0, blur_px=0.05, width_px=320.0, height_px=120.0)
     image = one.draw(np.zeros(2), np.zeros(2))
@@ -98,30 +89,3 @@ def test_a_tag_moves_exactly_as_far_as_it_is_moved(x_mm, z_mm, blur_px):
     assert light == pytest.approx(total, rel=1e-9)
     assert column_there_px - column_px == pytest.approx(one.px_per_mm * x_mm, abs=1e-5)
     assert row_there_px - row_px == pytest.approx(-one.px_per_mm * z_mm, abs=1e-5)
-
-
-def test_an_exposure_is_the_mean_of_whole_pictures_to_the_last_bit():
-    one = camera(exposure_ms=12.0)
-    t_s = np.linspace(0.0, 1.0, 200)
-    thing = np.zeros((200, 3))
-    hand = np.zeros((200, 3))
-    thing[:, 2] = -0.012 * t_s**2
-    hand[:, 0] = 0.006 * t_s**3
-    shoot = one.shooting(t_s, thing, hand, np.random.default_rng(0))
-    places = CubicSpline(t_s, np.hstack([thing + hand, hand]))
-    for end_s in (0.1, 0.5, 0.8, 1.0):
-        at = 1e3 * places(end_s - 1e-3 * one.exposure_ms * (1.0 - film.EXPOSED_AT))
-        whole = np.mean([one.draw(x[[0, 2]], x[[3, 5]]) for x in at], axis=0)
-        assert (shoot(end_s) == np.rint(whole)).all()
-    assert 0.1 < (whole == GREY).mean() < 0.97
-
-
-def test_a_tag_out_of_sight_leaves_the_background():
-    assert (camera().draw(np.array([0.0, -1e3]), np.array([1e4, 0.0])) == GREY).all()
-
-
-def test_frames_are_stamped_at_the_end_of_whole_exposures():
-    stamps_s = camera(fps=50.0, exposure_ms=15.0).stamps_s(1.0)
-    assert stamps_s[0] == pytest.approx(0.02)
-    assert np.diff(stamps_s) == pytest.approx(0.02)
-    assert stamps_s[-1] == pytest.approx(1.0)

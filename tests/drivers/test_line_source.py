@@ -42,7 +42,6 @@ from holdfast.drivers.sample_lines import SampleReader
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.model import Model
 from holdfast.live.running import RunClock
-from holdfast.live.source_url import is_hand
 from holdfast.live.sources import open_live
 from holdfast.sessions.bias import read_rows
 
@@ -500,11 +499,6 @@ def test_a_source_that_cannot_be_opened_says_what_to_do(tmp_path: Path) -> None:
         open_live("stdin://", clock=clock, report=print, to_force=lambda field: field)
 
 
-def test_every_kind_of_lines_has_no_end_of_its_own() -> None:
-    urls = ("-", "stdin://", "unix:///a", "serial:///dev/a")
-    assert all(map(is_hand, urls))
-
-
 # -- exact times
 
 
@@ -551,79 +545,12 @@ def test_after_a_pause_of_more_than_three_periods_what_waits_has_no_known_time(
     assert why or reading.t_ns == feed.arrives_ns(4)
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (LineOptions(), "at 150 Hz, stamps of arrival; 105 samples before that"),
-        (LineOptions(rate_hz=100.0), "6 sensors in N at 100 Hz, stamps of arrival"),
-        (LineOptions("sender", 150.0), "at 150 Hz, stamps of sender"),
-    ],
-)
-def test_a_rate_is_measured_for_half_a_second_after_a_fifth(
-    options: LineOptions, said: str
-) -> None:
-    clock = VirtualClock()
-    _, feed, lines = opened(clock, options)
-    assert said in lines[0]
-    assert lines[0].endswith("are dropped") == (options.rate_hz is None)
-    # 0.7 s after the first one
-    assert feed.next == (106 if options.rate_hz is None else 1)
-
-
-def test_a_slow_sender_is_measured_over_twenty_samples() -> None:
-    clock = VirtualClock()
-    source, feed, _ = opened(
-        clock, LineOptions(), late_ns=lambda k: 9 * k * PERIOD_NS, line=text_of
-    )
-    assert source.rate_hz == pytest.approx(15.0, rel=1e-6)
-    assert feed.next == 20
-
-
 def test_a_burst_at_the_beginning_does_not_count_for_the_rate() -> None:
     clock = VirtualClock()
     source, _, _ = opened(
         clock, LineOptions(), late_ns=lambda k: max(0, (20 - k) * PERIOD_NS)
     )
     assert source.rate_hz == pytest.approx(150.0, rel=1e-6)
-
-
-def test_the_rate_of_a_recording_is_that_of_its_steps_without_its_gaps() -> None:
-    for gap_periods, rate_hz in ((0.49, 150.0 * 19 / 19.49), (0.51, 150.0)):
-        line = lambda k, gap=gap_periods: text_of(  # noqa: E731
-            k, t_s=(k + (gap if k > 5 else 0.0)) / 150
-        )
-        source, _, _ = opened(
-            VirtualClock(),
-            LineOptions(paced=True),
-            late_ns=lambda k: -k * PERIOD_NS,
-            line=line,
-            ends=20,
-        )
-        assert source.rate_hz == pytest.approx(rate_hz, rel=1e-6)
-
-
-def test_a_recording_waits_for_its_rows_and_gives_up_a_gap_of_two_periods() -> None:
-    for gap, lost in ((1, 0), (2, 1), (3, 2)):
-        clock = VirtualClock()
-        source, _, _ = opened(
-            clock,
-            LineOptions(paced=True),
-            late_ns=lambda k: -k * PERIOD_NS,
-            line=lambda k, gap=gap: text_of(k, t_s=(k + (gap if k > 9 else 0)) / 150),
-            ends=30,
-        )
-        readings = list(iter(source.read, None))
-        assert [one.why[:1] for one in readings].count((LOST,)) == lost
-        assert len(readings) == 30 + lost
-
-
-@pytest.mark.parametrize("over", [0, 1])
-def test_a_line_may_be_as_long_as_the_longest(over: int) -> None:
-    text = b"x" * (LONGEST_LINE + over)
-    splitter = LineSplitter()
-    assert splitter.split(text) == ([text] if over else [])
-    assert splitter.split(b"\n") == ([] if over else [text])
-    assert splitter.split(b"next\n") == [b"next"]
 
 
 # -- what waited before, tables, and recordings that are not in order
@@ -702,13 +629,6 @@ def test_a_sender_whose_session_begins_anew_has_a_new_clock() -> None:
     stamps = [one.t_ns for one in readings if one.valid.all()]
     kept = [k for k in range(feed.next) if k not in gone]
     assert stamps == [feed.arrives_ns(k) for k in kept]
-
-
-def test_a_sensor_that_is_not_valid_has_its_word_and_the_others_have_none() -> None:
-    source, _, _ = opened(VirtualClock(), line=lambda k: text_of(k, Y2=None))
-    reading = read(source)
-    assert reading.valid.tolist() == [True, False, True, True, True, True]
-    assert reading.why == ("", "not valid", "", "", "", "")
 
 
 # -- where bytes come from

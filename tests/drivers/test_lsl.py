@@ -381,28 +381,6 @@ def test_a_stamp_may_be_a_millisecond_ahead_and_is_then_now(ahead_ns, late_ns):
     assert abs(source.read().t_ns - clock.now_ns() - late_ns) <= 1
 
 
-@pytest.mark.parametrize(("waiting", "why"), [(2, ""), (3, SKIPPED)])
-def test_two_samples_of_a_stream_may_wait(waiting, why):
-    clock = VirtualClock()
-    source, inlet, _ = opened(clock)
-    source.read()
-    clock.spend(round(1e9 * (waiting + 0.25) * PERIOD_S))
-    first = source.read()
-    assert first.why == (why,) * 6
-    if not why:
-        np.testing.assert_array_equal(first.values, inlet.rows(1))
-    np.testing.assert_array_equal(source.read().values, inlet.rows(waiting))
-
-
-def test_a_missing_sample_of_a_stream_is_noticed_after_one_and_a_half_periods():
-    clock = VirtualClock()
-    source, _, _ = opened(clock, gone=range(1, 9))
-    source.read()
-    began_ns = clock.now_ns()
-    assert source.read().why == (LOST,) * 6
-    assert clock.now_ns() - began_ns == 10_000_000
-
-
 def test_an_opened_stream_has_five_seconds_and_its_url_may_say_unit_and_rate():
     clock = VirtualClock()
     with pytest.raises(DeviceNotFound, match="for 5 s"):
@@ -517,28 +495,3 @@ def test_a_stream_that_does_not_open_or_ends_is_an_error_of_its_own(monkeypatch,
     script.streams = []
     with pytest.raises(DeviceNotFound, match="no such stream"):
         LslInlet("hand")
-
-
-def test_an_outlet_is_of_doubles_and_found_again_by_its_source_id(monkeypatch):
-    script = scripted(monkeypatch)
-    LslOutlet("hand", "Tactile", 150.0, ["X1"], ["N"]).push([1.0], 2.0)
-    assert script.called == [
-        ("StreamInfo", "hand", "Tactile", 1, 150.0, 2, "holdfast-hand"),
-        ("set_channel_labels", ["X1"]),
-        ("set_channel_units", ["N"]),
-        ("StreamOutlet", script, 1),
-        ("push_sample", [1.0], 2.0),
-    ]
-
-
-def test_answers_are_stamped_on_the_clock_of_lsl(monkeypatch):
-    """Both clocks count from a start of their own; LSL's is 3 s behind here."""
-    script = scripted(monkeypatch)
-    script.local_clock = lambda: 5.0
-    answers = open_answers("hand", 1, "N", 150.0, lambda: 8_000_000_000)
-    prediction = GripMonitor(Model(DEFAULT), None).feed(
-        Sample(0, np.zeros(18), np.ones(6, dtype=bool), 0)
-    )
-    answers.write(prediction, Sample(9_000_000_000, np.zeros(3), np.ones(1, bool), 0))
-    pushed = [given for given in script.called if given[0] == "push_sample"]
-    assert [given[2] for given in pushed] == [6.0, 6.0]

@@ -300,26 +300,3 @@ def test_a_slip_has_these_times_to_the_millisecond():
     assert cut.end_s == pytest.approx(11 / 20)
     assert find_slip(steps([*REST, 0.25, 1.0, 1.9, 1.99, 1.9])) is None
     assert isinstance(find_slip(steps([*REST, 0.25, 1.0, 1.9, 2.0, 2.0])), Slip)
-
-
-def test_a_gap_is_a_step_of_more_than_two_and_a_half_periods():
-    nan = float("nan")
-    for hidden in (1, 2):
-        gap = [nan] * hidden
-        moved = find_slip(steps([*REST, *gap, 0.25, 1.0, 2.25, 4.0]))
-        if hidden == 1:
-            assert isinstance(moved, Slip)
-            assert moved.frame_s == pytest.approx(2 / 20)
-        else:
-            assert moved == HiddenMotion(pytest.approx(7 / 20), pytest.approx(10 / 20))
-    # the tag comes back, and the object rests where it was
-    assert find_slip(steps([*REST, nan, nan, nan, *REST])) is None
-    after = find_slip(
-        steps([*REST, 0.25, 1.0, 2.25, 4.0, 6.25, nan, nan, nan, *[9.0] * 9])
-    )
-    assert isinstance(after, Slip)
-    assert after.end_s == pytest.approx(12 / 20)
-    # a gap at the very frame that reaches the gross distance hides nothing before it
-    at_once = found(steps([*REST, 0.25, 1.0, 2.25, nan, nan, nan, *[9.0] * 9]))
-    assert at_once.seen_s == pytest.approx(8 / 20)
-    assert at_once.end_s == pytest.approx(10 / 20)

@@ -206,11 +206,6 @@ def test_six_fingers_are_one_transfer_out_and_one_in_and_leave_400_scans_a_secon
     assert bench.clock.now_ns() - before_ns < 1e9 / 400
 
 
-def test_a_long_list_is_cut_where_a_packet_is_full(bench):
-    replies = bench.bus.scan([FIRST, *[Transfer(A, b"\x00", 20)] * 60])
-    assert all(len(reply.data) == 20 for reply in replies[1:])
-
-
 def test_a_transfer_that_no_packet_can_answer_is_refused(bench):
     with pytest.raises(UsageError, match="do not fit"):
         bench.bus.scan([Transfer(A, b"\x00", 600)])
@@ -358,19 +353,6 @@ def test_the_ft232h_divides_its_clock_by_three_phases(bench, bus_hz, divider):
     for wrong_hz in (9_999, 1_000_001):
         with pytest.raises(UsageError, match="choose 10000 to 1000000 Hz"):
             Ft232h(bench.backend, bus_hz=wrong_hz)
-
-
-def test_as_many_answers_are_asked_for_at_once_as_a_packet_holds(bench):
-    def transfers(*reads: int) -> int:
-        bench.backend.traffic.transfers = 0
-        bench.bus.scan([Transfer(A, b"\x00", one) for one in reads])
-        return bench.backend.traffic.transfers
-
-    bench.bus.scan([FIRST])
-    # three acknowledge bits each, 506 bytes a packet
-    assert [transfers(250, 250), transfers(250, 251), transfers(503)] == [2, 4, 2]
-    with pytest.raises(UsageError, match="read fewer than 504 bytes"):
-        transfers(504)
 
 
 def test_an_answer_may_come_after_a_hundred_empty_packets_and_no_more(bench):

@@ -24,7 +24,7 @@ from holdfast.core.errors import (
     TransferFailed,
 )
 from holdfast.drivers import usb as bridge_on_usb
-from holdfast.drivers.bridges import bridges_on_usb, ids_of, open_bus, open_virtual
+from holdfast.drivers.bridges import bridges_on_usb, ids_of, open_bus
 from holdfast.drivers.bus import Transfer
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.usb import Stalled, UsbPort, named_errors, real_backend
@@ -95,28 +95,6 @@ def test_a_bridge_shows_its_maker_its_product_and_its_serial_number(
 ):
     found = usb.core.find(backend=make(kind).backend)
     assert (found.manufacturer, found.product, found.serial_number) == strings
-
-
-@every_usb_bridge
-def test_descriptors_by_request_are_those_that_libusb_shows(make, kind):
-    bench = make(kind)
-    found = usb.core.find(backend=bench.backend)
-    device = bytes(found.ctrl_transfer(0x80, 6, 0x0100, 0, 64))
-    assert (len(device), device[0]) == (18, 18)
-    configuration = bytes(found.ctrl_transfer(0x80, 6, 0x0200, 0, 255))
-    assert len(configuration) == found[0].wTotalLength
-    kinds = []
-    at = 0
-    while at < len(configuration):
-        kinds.append(configuration[at + 1])
-        at += configuration[at]
-    assert at == len(configuration)
-    assert (kinds.count(4), kinds.count(5)) == (
-        found[0].bNumInterfaces,
-        sum(i.bNumEndpoints for i in found[0]),
-    )
-    with pytest.raises(usb.core.USBError):
-        found.ctrl_transfer(0x80, 6, 0x03FF, 0, 64)
 
 
 @every_usb_bridge
@@ -210,13 +188,6 @@ def test_bridges_on_usb_are_urls_with_their_numbers(make, monkeypatch):
         open_bus("usb", "ft232h")
     with pytest.raises(DeviceNotFound, match="only 1"):
         open_bus("usb", "ft232h", number=1)
-
-
-def test_a_bridge_runs_at_400_khz_where_no_speed_is_named(make):
-    bench = make("ft232h")
-    assert open_virtual("ft232h", bench.hand).bus_hz == 400_000
-    opened = open_virtual("ft232h", bench.hand)
-    assert opened()._divider == 49  # 60 MHz / (3 * 50)
 
 
 @pytest.mark.parametrize("sent", [0, 2, 4])

@@ -329,7 +329,7 @@ def test_words_of_the_lab_streaming_layer_are_put_on_the_runs_clock():
     assert len(messages) == 1
     for _ in range(3):
         assert stream.came() == []
-        assert messages[1:] == ["wearer: lsl://emg ended"]
+        assert messages[1:] == ["lsl://emg: the stream ended; it is unknown from here"]
 
 
 # -- files

@@ -28,7 +28,7 @@ from holdfast.evaluation.alarms import (
     event_scores,
     false_alarms,
     match_alarms,
-    match_all_alarms,
+    requests_at,
 )
 from holdfast.evaluation.statistics import Spread
 from holdfast.training.recording import Recording
@@ -244,7 +244,9 @@ def test_the_confidence_is_the_lowest_that_leaves_no_more_false_alarms_than_allo
     per_min = 1 / (2 * 3 / 60)
     for allowed, expected in ((2, 0), (1, 410), (0.5, 610)):
         permille = choose_confidence(streams, RULES, allowed * per_min)
-        scores = event_scores(match_all_alarms(streams, RULES, permille))
+        acts = requests_at(streams, RULES, permille)
+        pairs = zip(streams, acts, strict=True)
+        scores = event_scores([match_alarms(one.recording, on) for one, on in pairs])
         assert permille == expected
         assert (scores.false_alarms, scores.found) == (int(allowed), 2)
     assert choose_confidence([answers(999)], RULES, 0.0) == CONFIDENCES[-1], (

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import msgspec
 import numpy as np
 import onnx
 import pytest
@@ -19,11 +21,16 @@ from holdfast.core.errors import UsageError
 from holdfast.core.hand_card import read_hand_card
 from holdfast.edge_runtime.graph import open_session, run_recording
 from holdfast.edge_runtime.grip_control import sense_of
-from holdfast.edge_runtime.model_file import read_sealed
+from holdfast.edge_runtime.model_file import CONTACT_KEY, read_sealed
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.export.artifact import write_artifact
 from holdfast.export.changed import changed
-from holdfast.export.exporting import export_artifact
+from holdfast.export.exporting import (
+    export_artifact,
+    model_card,
+    seal,
+    whole_graph,
+)
 from holdfast.export.pooled import FAMILIES
 from holdfast.export.spec import StepSpec
 from holdfast.live.model_checks import model_checks
@@ -49,7 +56,11 @@ def six(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def votes(path: Path, values: FloatArray) -> dict[str, np.ndarray]:
-    session = open_session(path.read_bytes())
+    return answered(path.read_bytes(), values)
+
+
+def answered(data: bytes, values: FloatArray) -> dict[str, np.ndarray]:
+    session = open_session(data)
     valid = np.ones((len(values), values.shape[1] // 3), dtype=np.bool_)
     return run_recording(session, values, valid, [*NAMES, "features"])
 
@@ -121,6 +132,24 @@ def test_a_model_of_single_sensors_is_refused_in_plain_words(tmp_path: Path) -> 
     with pytest.raises(UsageError, match="fits the hand that it was trained on") as no:
         changed(small_model.sealed_bytes(), hand)
     assert "now" in str(no.value)
+
+
+def test_a_file_that_got_the_contact_rule_changes_for_a_hand_too(six: Path) -> None:
+    artifact = made()
+    spec = msgspec.structs.replace(artifact.spec, force_decides=False)
+    card = model_card(replace(artifact, spec=spec))
+    del card[CONTACT_KEY]
+    del card["spec"]["force_decides"]
+    older = seal(whole_graph(spec, artifact.heads), card, spec)
+    _, ruled = changed(older)
+    values = np.random.default_rng(2).normal(0.0, 1.0, size=(200, 6))
+    hand = read_hand_card("two-pad-gripper")
+    answers = [answered(changed(one, hand)[1], values) for one in (ruled, older)]
+    _, of_six = changed(six.read_bytes(), hand)
+    expected = answered(of_six, values)
+    for name in NAMES:
+        np.testing.assert_array_equal(answers[0][name], expected[name])
+        np.testing.assert_array_equal(answers[1][name], expected[name])
 
 
 def test_the_learner_behind_the_features_is_the_same(six: Path) -> None:

@@ -23,10 +23,8 @@ from recorder_bench import (
 )
 from study_bench import TALK, Study
 
-from holdfast.core import tactile_file
 from holdfast.core.errors import ChannelError, EmptyRecording, TimeError
 from holdfast.core.source import SourceReading
-from holdfast.core.tactile_file import TactileFile
 from holdfast.core.trial_file import read_trial
 from holdfast.drivers.replay import open_replay
 from holdfast.drivers.virtual.clock import VirtualClock
@@ -126,16 +124,6 @@ def test_host_stamps_are_of_the_clock_a_camera_has(tmp_path):
     one_pull(tmp_path / "out")
     host_ns = int(columns_of(tmp_path / "out/p01/soft-ball/pull/trial_1")["host_ns"][0])
     assert before_ns < host_ns < time.monotonic_ns() + 1_000_000_000
-
-
-def test_samples_are_flushed_to_disk_once_a_second(tmp_path, monkeypatch):
-    synced = []
-    monkeypatch.setattr(tactile_file.os, "fsync", synced.append)
-    file = TactileFile(tmp_path / "t.csv", 3)
-    for k in range(401):
-        file.write(10_000_000 * k, 0, k, np.zeros(3), np.ones(1, dtype=np.bool_))
-    file.close()
-    assert len(synced) == 4 + 1
 
 
 def test_samples_that_never_came_are_gaps_in_the_count_and_invalid_rows_to_who_reads(

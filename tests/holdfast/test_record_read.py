@@ -135,14 +135,6 @@ def test_check_reads_the_same_folders_and_names_the_source_of_labels(people, cap
     assert "scene" in next(iter(pull["labels_by"]))
 
 
-def test_check_says_that_no_trial_was_kept(people, tmp_path, capsys):
-    copy = shutil.copytree(people / "p01", tmp_path / "p01")
-    for meta in copy.rglob("trial_*/meta.json"):
-        meta.write_text(json.dumps(meta_of(meta.parent) | {"state": "interrupted"}))
-    assert main(["check", str(copy)]) == 3
-    assert "no kept trial among 4" in capsys.readouterr().out
-
-
 # -- the page
 
 

@@ -30,9 +30,7 @@ from holdfast.core.errors import (
     OutputError,
     UsageError,
 )
-from holdfast.sessions.camera import CameraOptions
 from holdfast.sessions.study import journal as journals
-from holdfast.sessions.study.console import TrialKeys, letter_of
 from holdfast.sessions.study.journal import (
     Event,
     Journal,
@@ -106,7 +104,7 @@ def test_a_study_goes_from_step_to_step_and_ends(talk: Study) -> None:
     times = [entry["t_s"] for entry in entries]
     assert times == sorted(times)
     assert times[1:5] == [0.0, 1.0, 1.0, 2.0]
-    assert {entry["at"] for entry in entries} == {"2026-01-01T00:00:00Z"}
+    assert all(entry["at"].endswith("Z") for entry in entries)
 
     assert talk.run("q") == Ending.FINISHED
     assert said(talk.messages, "every step of this person's study is done")
@@ -146,12 +144,11 @@ def test_a_note_can_be_corrected_and_dropped_and_an_arrow_key_is_no_letter(
 def test_an_arrow_key_ends_no_trial_and_begins_no_step(pressing) -> None:
     keys, press = pressing
     press("\x1b[A")
-    during = TrialKeys(keys)
-    assert [letter_of(keys, 1.0), letter_of(keys, 0.0)] == ["", ""]
+    assert [keys.letter(1.0), keys.letter()] == ["", ""]
     press("\x1b[A")
-    assert (during.pressed(1.0), during.adverse, during.ends) == ("", False, False)
+    assert (keys.pressed(1.0), keys.last) == ("", "")
     press("a")
-    assert (during.pressed(1.0), during.adverse, during.ends) == ("", True, True)
+    assert (keys.pressed(1.0), keys.pressed(), keys.last) == ("", "", "a")
 
 
 # -- where it goes on
@@ -237,15 +234,6 @@ def test_a_card_that_was_edited_in_between_is_refused_with_the_one_to_go_on_with
     assert talk.run("  ") == Ending.FINISHED
 
 
-def test_two_terminals_do_not_run_one_person_s_study(talk: Study) -> None:
-    talk.run(" q")
-    with (
-        journals.opened_journal(talk.home, 4, lambda: 0, str),
-        pytest.raises(OutputError, match="another"),
-    ):
-        talk.run(" ")
-
-
 @CUT_OFF_STUDY.mark
 def test_a_second_study_in_the_folder_is_refused_until_the_first_ends_even_by_a_kill(
     talk: Study,
@@ -303,14 +291,6 @@ def test_the_time_of_a_killed_run_counts_up_to_its_last_line(talk: Study) -> Non
     assert spent_s == {0: 5.0 + 7.0, 1: 7.0}
 
 
-@pytest.mark.parametrize("name", ["Anna Müller", "a@b.org", "discarded"])
-def test_a_person_is_a_pseudonym(talk: Study, name: str) -> None:
-    talk.args.person = name
-    with pytest.raises(UsageError, match="pseudonym"):
-        talk.run(" ")
-    assert not talk.out.exists()
-
-
 # -- trials
 
 
@@ -356,14 +336,6 @@ def test_a_trial_that_is_redone_waits_for_the_operator_to_begin_again(
     scene.run("  " + " " + "q", in_trials={30: "r"})
     assert scene.states() == {"discarded/soft-ball/pass/trial_1-1": "redone"}
     assert said(scene.messages[-3:], "repetition 1 of 2")
-
-
-def test_one_step_back_leads_to_the_trials_that_are_kept_and_not_to_new_ones(
-    scene: Study,
-) -> None:
-    scene.run("  " + "   " + "r" + " q")
-    assert len(scene.states()) == 2
-    assert scene.done() == [0, 1, 2, 2]
 
 
 @ADVERSE_EVENT.mark
@@ -455,22 +427,6 @@ def test_a_virtual_participant_without_a_trial_of_the_card_is_refused_at_once(
     assert not study.out.exists()
 
 
-def test_the_recorder_gets_the_options_of_the_study(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    given = []
-    monkeypatch.setattr(
-        "holdfast.sessions.study.trials.record_plan", lambda *a: given.append(a[0])
-    )
-    words = "--seconds 9 --rate 100 --anyway --camera oak --tag-mm 9.96 --fps 30"
-    study = Study(tmp_path, TRIALS, "virtual://ft232h", *words.split())
-    study.run("  " + " " + "q")
-    (args,) = given
-    assert args.camera == CameraOptions("oak", 9.96, 30.0)
-    assert (args.seconds, args.rate, args.anyway, args.at_once) == (9, 100, True, True)
-    assert (args.person, args.out, args.calibration) == ("p01", study.out, None)
-
-
 # -- withdrawal
 
 
@@ -527,7 +483,7 @@ def test_a_file_that_cannot_be_deleted_is_named_and_the_rest_is_deleted(
     assert [path.name for path in talk.home.iterdir()] == ["stuck.txt"]
     with pytest.raises(UsageError, match=r"deletion did not end.*--withdraw"):
         talk.run(" ")
-    withdraw(talk.out, "p01", talk.messages.append, str)
+    withdraw(talk.out, "p01", talk.messages.append)
     assert not talk.home.exists()
     with pytest.raises(
         UsageError, match=r"has withdrawn; next: give a pseudonym that is new"
@@ -555,14 +511,6 @@ def test_a_person_is_not_deleted_while_another_terminal_runs_their_study(
     assert "p01 has withdrawn" in err
     os.close(reading)
     os.close(writing)
-
-
-def test_people_and_rehearsals_are_not_mixed_in_a_folder(talk: Study) -> None:
-    talk.run(" q")
-    meta = talk.out / "meta.json"
-    meta.write_text(meta.read_text().replace('"simulated"', '"recorded"'))
-    with pytest.raises(UsageError, match="another folder"):
-        talk.run(" ")
 
 
 # -- the program

@@ -58,8 +58,3 @@ def test_the_page_names_every_key_and_every_kind_of_step() -> None:
     letters = [letter for letter in KEYS if letter.isalpha()]
     assert [one for one in letters if f"| `{one}` |" not in page] == []
     assert [kind for kind in KINDS if kind not in page] == []
-
-
-def test_every_path_the_page_points_to_exists() -> None:
-    links = re.findall(r"\]\(([^)#]+)\)", PAGE.read_text("utf-8"))
-    assert [link for link in links if not (PAGE.parent / link).exists()] == []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,10 +14,7 @@ from study_bench import TRIALS, Study, options
 
 from holdfast.cli import study as verb
 from holdfast.core.errors import DataNotFound
-from holdfast.edge_runtime.engine import ModelChoice
-from holdfast.evaluation.outcomes import participant_figures
 from holdfast.sessions.study.outcome import outcome_of, summary_lines, write_report
-from holdfast.sessions.study.protocol import read_study
 from holdfast.training.datasets import load
 
 if TYPE_CHECKING:
@@ -75,15 +71,6 @@ def test_two_virtual_participants_go_from_consent_to_report(
         assert figures["answers"]["kind"] == "simulated"
         pictures = len(figures["answers"]["actions"]) + 1
         assert page.count("<svg") == pictures, "each action, and one trial in full"
-
-
-@pytest.mark.filterwarnings("ignore::holdfast.export.spec.BandsLeftOut")
-def test_the_folder_of_a_study_is_evaluated_as_it_is(
-    two: Study, eight_classes: Built, run: Run
-) -> None:
-    code, out, err = run("evaluate", eight_classes.model, "--data", two.out)
-    assert code == 0, err
-    assert re.search(r"recall \d+ of \d+ risky events", out)
 
 
 @ADVERSE_EVENT.mark
@@ -165,68 +152,6 @@ def test_trials_without_a_label_are_not_recognised_and_not_missed(
     assert "not finished" in page
 
 
-def test_a_key_that_gave_no_label_is_not_called_a_key_that_was_not_pressed(
-    tmp_path: Path, card: Path, eight_classes: Built
-) -> None:
-    study = Study(tmp_path, TRIALS, f"sim://{card}")
-    study.run("  " + "   " + " " + "   " + "q")
-    for truth in study.home.rglob("tactile.truth.json"):
-        truth.write_text(json.dumps(json.loads(truth.read_text()) | {"phases": []}))
-    press = {"t_s": 0.01, "mark": "load_onset", "provenance": "key"}
-    events = study.home / "soft-ball/pass/trial_1/events.jsonl"
-    events.write_text(json.dumps(press) + "\n")
-    for other in study.home.rglob("events.jsonl"):
-        if other != events:
-            other.write_text("")
-    outcome = outcome_of(study.out, "p01", study.protocol, eight_classes.model)
-    assert outcome.figures is not None
-    reasons = outcome.figures.unlabelled
-    assert reasons.pop("no key l, and no camera") == 3
-    ((why, trials),) = reasons.items()
-    assert (why.startswith("marked, but outside the grip"), trials) == (True, 1)
-    assert f"1: {why}" in write_report(study.home, outcome).read_text()
-
-
-def test_the_table_of_another_protocol_is_not_called_the_thesis(two: Study) -> None:
-    assert "thesis" not in report_of(two, "p02")[1].partition("By object")[2][:200]
-    outcome = outcome_of(two.out, "p02", two.protocol, two.args.model)
-    assert not outcome.thesis_protocol
-    assert outcome_of(
-        two.out, "p02", read_study("thesis"), two.args.model
-    ).thesis_protocol
-
-
-def test_no_more_trials_have_a_label_than_there_are(two: Study) -> None:
-    """A put-down slips more than once, and is one trial."""
-    answers = report_of(two, "p02")[0]["answers"]
-    assert answers["labels_by"] == {"scene": 6}
-    pass_truth = two.out / "p02/soft-ball/pass/trial_1/tactile.truth.json"
-    before = pass_truth.read_text()
-    truth = json.loads(before)
-    slip = next(one for one in truth["phases"] if one["label"] == "safe_slip")
-    middle_s = (slip["t0_s"] + slip["t1_s"]) / 2
-    truth["phases"].insert(
-        truth["phases"].index(slip), slip | {"t1_s": middle_s - 0.01}
-    )
-    slip["t0_s"] = middle_s
-    try:
-        pass_truth.write_text(json.dumps(truth))
-        outcome = outcome_of(two.out, "p02", two.protocol, two.args.model)
-    finally:
-        pass_truth.write_text(before)
-    assert outcome.figures is not None
-    assert outcome.figures.labels_by == {"scene": 6}
-
-
-def test_a_report_begins_with_its_figure_a_trial_and_what_to_do_next(
-    two: Study,
-) -> None:
-    page = report_of(two, "p02")[1]
-    parts = ["<h1>", "trials kept", "One trial, as it went by", "What to do next"]
-    places = [page.index(part) for part in [*parts, "Recall by action"]]
-    assert places == sorted(places)
-
-
 def test_a_model_that_does_not_fit_leaves_a_report_that_says_so(two: Study) -> None:
     outcome = outcome_of(
         two.out, "p02", two.protocol, Path("models/holdfast-150hz.onnx")
@@ -247,15 +172,6 @@ def test_the_report_of_a_person_can_be_written_again(
     assert code == 0, err
     assert "p02: 6 of 6 trials kept, 0 adverse events" in out
     assert (two.out / "p02/report.html").read_bytes() == before
-
-
-def test_figures_of_a_person_need_a_kept_trial(
-    two: Study, eight_classes: Built
-) -> None:
-    with pytest.raises(DataNotFound):
-        participant_figures(
-            ModelChoice(str(eight_classes.model)).open(), two.out / "withdrawn"
-        )
 
 
 def test_a_folder_without_a_study_has_no_report(two: Study, tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from holdfast.sessions.recorder.keys import Keys
 from holdfast.sessions.recorder.session import Display
 from holdfast.sessions.study.console import Console
 from holdfast.sessions.study.protocol import StudyProtocol, read_study
-from holdfast.sessions.study.starting import run_parts
+from holdfast.sessions.study.starting import StudyOptions, run_parts
 
 TALK = """
 title = "Two steps of talk"
@@ -135,7 +135,6 @@ class Study:
         typed: str,
         *,
         stopped: Callable[[], bool] = never,
-        utc: Callable[[], str] = lambda: "2026-01-01T00:00:00Z",
         show: Any = None,
         **typing: Any,
     ) -> str:
@@ -147,9 +146,9 @@ class Study:
         display = Display(report)
         if show is not None:
             display.show = show  # type: ignore[method-assign]
-        chosen = study.options_of(self.args)
+        chosen = StudyOptions.of(self.args)
         chosen.require_consistent(self.protocol)
-        return run_parts(chosen, self.protocol, console, display, utc)
+        return run_parts(chosen, self.protocol, console, display)
 
     def entries(self, *events: str) -> list[dict[str, Any]]:
         """The lines of the journal, of all events or of some."""

@@ -63,6 +63,7 @@ def watch(
     source raises.
     """
     dai = load_depthai()
+    failed: HoldfastError | None = None
     try:
         pipeline = source.open(dai)
         _require_new(out)
@@ -76,33 +77,21 @@ def watch(
         )
         # written first, so that a killed recording says so
         write_about(out, facts)
-        failed = _error_of(lambda: _film(dai, pipeline, source, out, stopped))
+        try:
+            _film(dai, pipeline, source, out, stopped)
+        except HoldfastError as error:
+            failed = error
     finally:
         source.close()
 
     # counted even after a failure: the frames so far are worth keeping
-    found = _Found(dai, source, out)
-    unread = _error_of(found.count)
+    facts, unread = _counted(facts, dai, source, out)
     failed = failed or unread
-    facts = msgspec.structs.replace(
-        facts,
-        frames=found.frames,
-        lost=found.lost,
-        in_video=found.in_video,
-        void=str(failed) if failed else None,
-    )
+    facts = msgspec.structs.replace(facts, void=str(failed) if failed else None)
     write_about(out, facts)
     if failed is not None:
         raise failed
     return facts
-
-
-def _error_of(action: Callable[[], None]) -> HoldfastError | None:
-    try:
-        action()
-    except HoldfastError as error:
-        return error
-    return None
 
 
 def _require_new(out: Path) -> None:
@@ -180,38 +169,39 @@ def _take(dai: Any, source: FrameSource, answers: Any, tags: TextIO) -> None:
 # -- what was filmed
 
 
-class _Found:
-    """What a recording holds."""
+def _counted(
+    facts: CameraFacts, dai: Any, source: FrameSource, out: Path
+) -> tuple[CameraFacts, HoldfastError | None]:
+    """The facts with counts of tags and frames, and what is wrong with them.
 
-    def __init__(self, dai: Any, source: FrameSource, out: Path) -> None:
-        self.frames = self.lost = self.in_video = 0
-        self._dai = dai
-        self._source = source
-        self._out = out
-
-    def count(self) -> None:
-        """Count tags and frames; depthai reports no error of a video that it cannot write.
-
-        Raises EmptyRecording, TimeError, OutputError.
-        """
-        tracks = read_tracks(self._out)
-        self.frames = len(tracks.sequence)
-        self.lost = int(tracks.sequence[-1] - tracks.sequence[0]) + 1 - self.frames
-        in_video_s = stamps_of_video(self._out, self._dai)
-        self.in_video = len(in_video_s)
-        ends_s = tracks.t_s + 5e-4 * self._source.lens.exposure_ms
-        required = max(1, self.frames - self._source.last_lost)
-        missing = 0
-        for number, end_s in zip(tracks.sequence[:required], ends_s, strict=False):
-            off_s = abs(in_video_s.get(int(number), math.inf) - end_s)
-            missing += off_s > STAMP_S
-        if missing:
-            raise OutputError(
-                f"{missing} of {self.frames} frames are not in the video",
-                where=self._out / VIDEO,
-                cause="a full disk, or a machine too slow for lossless video",
-                next_step=f"make room and record again; {TAGS} holds the tracks",
-            )
+    depthai reports no error of a video that it cannot write.
+    """
+    try:
+        tracks = read_tracks(out)
+    except HoldfastError as error:
+        return facts, error
+    frames = len(tracks.sequence)
+    in_video_s = stamps_of_video(out, dai)
+    facts = msgspec.structs.replace(
+        facts,
+        frames=frames,
+        lost=int(tracks.sequence[-1] - tracks.sequence[0]) + 1 - frames,
+        in_video=len(in_video_s),
+    )
+    ends_s = tracks.t_s + 5e-4 * source.lens.exposure_ms
+    required = max(1, frames - source.last_lost)
+    missing = 0
+    for number, end_s in zip(tracks.sequence[:required], ends_s, strict=False):
+        off_s = abs(in_video_s.get(int(number), math.inf) - end_s)
+        missing += off_s > STAMP_S
+    if not missing:
+        return facts, None
+    return facts, OutputError(
+        f"{missing} of {frames} frames are not in the video",
+        where=out / VIDEO,
+        cause="a full disk, or a machine too slow for lossless video",
+        next_step=f"make room and record again; {TAGS} holds the tracks",
+    )
 
 
 def stamps_of_video(folder: Path, dai: Any) -> dict[int, float]:

@@ -12,7 +12,6 @@ depthai; everything else is read with numpy alone.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -153,45 +152,39 @@ def read_tracks(folder: Path) -> Tracks:
     """
     path = folder / TAGS
     try:
-        with path.open(newline="", encoding="utf-8") as lines:
-            rows = list(csv.reader(lines))
+        lines = path.read_text("utf-8").split("\n")
     except FileNotFoundError:
         raise _not_watched(folder, TAGS) from None
-    if not rows or rows[0] != COLUMNS:
+    rows = [line.split(",") for line in lines]
+    if rows[0] != COLUMNS:
         expected = f"expected: {','.join(COLUMNS)}"
         raise ColumnError("unexpected columns", where=path, next_step=expected)
-
-    # a killed program leaves an incomplete last line
-    body = rows[1:-1] if rows[-1] and len(rows[-1]) < len(COLUMNS) else rows[1:]
+    # nothing stands behind the last line end, or an incomplete line of a killed program
+    body = rows[1:-1]
     if not body:
         raise EmptyRecording("no frame", where=path, cause="it was stopped at once")
     try:
-        tracks = _tracks(body)
-    except (ValueError, IndexError):
+        cells = [[float(cell or "nan") for cell in row] for row in body]
+        table = np.array(cells).reshape(-1, len(COLUMNS))
+    except ValueError:
         raise NotANumber(
             "a line does not hold numbers", where=path, next_step="record again"
         ) from None
-    require_forward(tracks.t_s, path)
-    return tracks
+    return _tracks(table, path)
 
 
-def _tracks(body: list[list[str]]) -> Tracks:
-    stamps = {int(row[0]): float(row[1]) for row in body}
-    # a frame has one line for each tag, so its stamp comes several times
-    row_of = {sequence: k for k, sequence in enumerate(stamps)}
+def _tracks(table: FloatArray, path: Path) -> Tracks:
+    """The tracks of rows [N, columns]; a frame has a row for each tag, or one without a tag."""
+    numbers, tag_of = table[:, 0], table[:, 2]
+    sequence, first, frame = np.unique(numbers, return_index=True, return_inverse=True)
+    t_s = table[first, 1]
+    require_forward(t_s, path)
     corners: dict[int, FloatArray] = {}
-    for row in body:
-        # a frame without a tag has a line of its own
-        if not row[2]:
-            continue
-        tag = int(row[2])
-        if tag not in corners:
-            corners[tag] = np.full((len(stamps), 4, 2), np.nan)
-        places = np.array(row[3:], dtype=np.float64)
-        corners[tag][row_of[int(row[0])]] = places.reshape(4, 2)
-
-    t_s = np.array(list(stamps.values()))
-    return Tracks(np.array(list(stamps), dtype=np.int64), t_s, corners)
+    for tag in np.unique(tag_of[np.isfinite(tag_of)]):
+        rows = tag_of == tag
+        corners[int(tag)] = np.full((len(sequence), 4, 2), np.nan)
+        corners[int(tag)][frame[rows]] = table[rows, 3:].reshape(-1, 4, 2)
+    return Tracks(sequence.astype(np.int64), t_s, corners)
 
 
 def require_forward(ends_s: npt.NDArray[np.float64], where: Path) -> None:

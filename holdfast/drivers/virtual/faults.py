@@ -67,41 +67,22 @@ def read_fault(text: str) -> Fault:
     >>> read_fault("nack:3@1.5+0.2")
     Fault(kind='nack', at_s=1.5, lasts_s=0.2, sensor=3)
     """
-    found = FORM.fullmatch(text)
-    # parse_qs has turned an unescaped + into a space
-    if found is None and FORM.fullmatch(text.replace(" ", "+")):
-        raise UsageError(
-            f"fault={text!r} has a space where a + belongs",
-            cause="an unescaped + in a URL means a space",
-            next_step=f"write fault={text.replace(' ', '%2B')}",
-        )
+    # in a URL an unescaped + is a space
+    found = FORM.fullmatch(text.replace(" ", "+"))
     if found is None or found["kind"] not in KINDS:
         raise UsageError(
             f"{text!r} is not a fault",
             next_step=f"write kind:sensor@at+lasts; kinds: {', '.join(KINDS)}",
         )
-    if (found["kind"] in OF_A_SENSOR) != (found["sensor"] is not None):
-        what = (
-            "needs a sensor, 1 .. 6"
-            if found["kind"] in OF_A_SENSOR
-            else "has no sensor"
-        )
+    kind = found["kind"]
+    if (kind in OF_A_SENSOR) != (found["sensor"] is not None):
         raise UsageError(
-            f"{text!r}: {found['kind']} {what}",
-            next_step=f"such as {_example(found['kind'])}",
+            f"{text!r}: a sensor, 1 .. 6, belongs to {', '.join(OF_A_SENSOR)} alone",
+            next_step=f"such as {kind}:3@1+0.2 or {kind}@1+0.2",
         )
-
     lasts_s = float(found["lasts"]) if found["lasts"] else DEFAULT_LASTS_S
-    return Fault(
-        found["kind"],
-        float(found["at"]),
-        lasts_s,
-        int(found["sensor"]) if found["sensor"] else None,
-    )
-
-
-def _example(kind: str) -> str:
-    return f"{kind}:3@1+0.2" if kind in OF_A_SENSOR else f"{kind}@1+0.2"
+    sensor = int(found["sensor"]) if found["sensor"] else None
+    return Fault(kind, float(found["at"]), lasts_s, sensor)
 
 
 class Faults:

@@ -1,38 +1,29 @@
-"""A fake /dev/i2c-N: smbus2 opens it and sends it ioctls, as it does with the kernel.
+"""A fake /dev/i2c-N: smbus2 opens it and transfers messages, as it does with the kernel.
 
-Only what smbus2 itself calls is replaced, and only while the shim is installed; every other file is
-the system's. It carries combined transfers (I2C_RDWR), which are all that the driver uses. Faults
-appear as the kernel reports them: stall is EIO, short is EAGAIN (arbitration lost), late and a held
-bus are ETIMEDOUT after the controller's second, unplug is ENODEV and then a missing file.
+Only smbus2's SMBus is replaced, and only while the shim is installed; other buses are the system's.
+It carries combined transfers (i2c_rdwr), which are all that the driver uses. Faults appear as the
+kernel reports them: stall is EIO, short is EAGAIN (arbitration lost), late and a held bus are
+ETIMEDOUT after the controller's second, unplug is ENODEV and then a missing file.
 """
 
 from __future__ import annotations
 
 import ctypes
 import errno
-import itertools
 import os
-import sys
 from types import TracebackType
 from typing import Any
 
-import holdfast.drivers.native_i2c  # noqa: F401  (it imports smbus2)
+import smbus2
+
 from holdfast.drivers.virtual.usb_backend import Traffic
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 
-I2C_FUNCS = 0x0705
-I2C_RDWR = 0x0707
 FLAG_READ = 0x0001
-FUNCS = 0x00000001
-"""I2C_FUNC_I2C."""
-MOST_MESSAGES = 42
-MOST_BYTES = 8192
 BUS_HZ = 400_000
 IOCTL_NS = 50_000
 """Interrupts, context switches and the controller's set-up."""
 TIMEOUT_NS = 1_000_000_000
-_NUMBERS = itertools.count(1_000_000)
-"""Of files; no real one has such a number."""
 
 
 def _refused(number: int) -> OSError:
@@ -58,21 +49,19 @@ class VirtualI2cDev:
         self.hand = hand
         self.traffic = Traffic()
         self.readable = readable
-        self._path = f"/dev/i2c-{number}"
+        self.open_files = 0
+        self._number = number
         self._nack_errno = nack_errno
         self._born_ns = hand.clock.now_ns()
-        self._opened: dict[int, int] = {}
-        self._generation = 0
         self._gone = False
-        self._replaced: dict[str, Any] = {}
+        self._replaced: Any = None
+        self.generation = 0
+        """How often it has been unplugged."""
 
     def __enter__(self) -> VirtualI2cDev:
-        """Replace what smbus2 calls; several can be nested."""
-        module = vars(sys.modules["smbus2.smbus2"])
-        self._replaced = {name: module[name] for name in ("os", "ioctl")}
-        # smbus2 alone sees these; the process keeps its own os
-        module["os"] = _Os(self, self._replaced["os"])
-        module["ioctl"] = self._ioctl
+        """Replace smbus2's SMBus; several can be nested."""
+        self._replaced = smbus2.SMBus
+        vars(smbus2)["SMBus"] = self.open
         return self
 
     def __exit__(
@@ -82,48 +71,24 @@ class VirtualI2cDev:
         trace: TracebackType | None,
     ) -> None:
         """Take it away again."""
-        vars(sys.modules["smbus2.smbus2"]).update(self._replaced)
+        vars(smbus2)["SMBus"] = self._replaced
 
-    # -- what smbus2 calls
-
-    @property
-    def open_files(self) -> int:
-        """How many have not been closed."""
-        return len(self._opened)
-
-    def open(self, path: str, flags: int) -> int | None:
-        """A file number, or None where the path belongs to another device."""
-        if path != self._path:
-            return None
-        if self._unplugged():
+    def open(self, number: int) -> Any:
+        """The opened file; a real one where the number belongs to another device."""
+        if number != self._number:
+            return self._replaced(number)
+        if self.unplugged():
             raise _refused(errno.ENOENT)
         if not self.readable:
             raise _refused(errno.EACCES)
-        fd = next(_NUMBERS)
-        self._opened[fd] = self._generation
-        return fd
-
-    def close(self, fd: int) -> bool:
-        """Whether it was one of ours."""
-        return self._opened.pop(fd, None) is not None
-
-    def _ioctl(self, fd: int, request: int, argument: Any) -> Any:
-        if fd not in self._opened:
-            return self._replaced["ioctl"](fd, request, argument)
-        if self._unplugged() or self._opened[fd] != self._generation:
-            raise _refused(errno.ENODEV)
-        if request == I2C_FUNCS:
-            argument.value = FUNCS
-            return 0
-        if request != I2C_RDWR:
-            raise _refused(errno.ENOTTY)
-        return self._transfer([argument.msgs[k] for k in range(argument.nmsgs)])
+        return OpenedBus(self)
 
     # -- the controller
 
-    def _transfer(self, messages: list[Any]) -> int:
-        """smbus2's i2c_msg , START between and STOP after the last; returns their number."""
-        self._check(messages)
+    def transfer(self, messages: tuple[Any, ...]) -> None:
+        """smbus2's i2c_msg, START between and STOP after the last."""
+        if any(message.flags & FLAG_READ for message in messages[:-1]):
+            raise _refused(errno.EOPNOTSUPP)
         self.traffic.transfers += 1
         self.hand.clock.spend(IOCTL_NS)
         self._suffer()
@@ -134,15 +99,6 @@ class VirtualI2cDev:
         finally:
             self.hand.wire.stop()
             self.hand.clock.spend(round(1e9 * (self.hand.wire.bits - bits) / BUS_HZ))
-
-        return len(messages)
-
-    def _check(self, messages: list[Any]) -> None:
-        too_long = any(message.len > MOST_BYTES for message in messages)
-        if too_long or not 0 < len(messages) <= MOST_MESSAGES:
-            raise _refused(errno.EINVAL)
-        if any(message.flags & FLAG_READ for message in messages[:-1]):
-            raise _refused(errno.EOPNOTSUPP)
 
     def _carry(self, message: Any) -> None:
         wire = self.hand.wire
@@ -174,10 +130,11 @@ class VirtualI2cDev:
         if self._lasts("short"):
             raise _refused(errno.EAGAIN)
 
-    def _unplugged(self) -> bool:
+    def unplugged(self) -> bool:
+        """Whether it is away; the sensors lose their power with it."""
         gone = self._lasts("unplug")
         if gone and not self._gone:
-            self._generation += 1
+            self.generation += 1
             self.hand.power_off()
         self._gone = gone
         return gone
@@ -187,20 +144,22 @@ class VirtualI2cDev:
         return self.hand.faults.lasts(kind, now_s)
 
 
-class _Os:
-    """The os module that smbus2 sees: the real one, with one more file."""
+class OpenedBus:
+    """What smbus2's SMBus is to the driver."""
 
-    def __init__(self, device: VirtualI2cDev, real: Any) -> None:
+    def __init__(self, device: VirtualI2cDev) -> None:
         self._device = device
-        self._real = real
+        self._generation = device.generation
+        self._is_open = True
+        device.open_files += 1
 
-    def open(self, path: str, flags: int) -> Any:
-        fd = self._device.open(path, flags)
-        return self._real.open(path, flags) if fd is None else fd
+    def i2c_rdwr(self, *messages: Any) -> None:
+        """Carry out the messages. Raises OSError, as the kernel does."""
+        if self._device.unplugged() or self._device.generation != self._generation:
+            raise _refused(errno.ENODEV)
+        self._device.transfer(messages)
 
-    def close(self, fd: int) -> None:
-        if not self._device.close(fd):
-            self._real.close(fd)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._real, name)
+    def close(self) -> None:
+        """Close the file; a second call does no harm."""
+        self._device.open_files -= self._is_open
+        self._is_open = False

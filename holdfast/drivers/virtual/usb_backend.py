@@ -208,12 +208,6 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         """Nothing stays halted."""
         self._require_there(dev_handle)
 
-    def reset_device(self, dev_handle: Any) -> None:
-        """The device starts again; its sensors keep their power."""
-        self._require_there(dev_handle)
-        self._late.clear()
-        self.device.reset()
-
     # -- transfers
 
     def ctrl_transfer(

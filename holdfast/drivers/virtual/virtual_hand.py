@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import UsageError
-from holdfast.drivers.layout import Finger
+from holdfast.drivers.layout import LAYOUTS, Finger
 from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES
 from holdfast.drivers.virtual.chip import Chip, FieldSource
 from holdfast.drivers.virtual.clock import Clock
@@ -25,14 +26,8 @@ BITS_OF_A_BYTE = 9
 RELEASED = 0xFF
 """What is read where nothing pulls SDA low."""
 CLOCKS_TO_FREE = 9
-A, B, C, D = FACTORY_ADDRESSES
-WIRINGS: dict[str, tuple[tuple[int, int], ...]] = {
-    "mux": ((0, A), (0, B), (0, C), (0, D), (1, A), (1, B)),
-    "mux6": ((0, A), (1, A), (2, A), (3, A), (4, A), (5, A)),
-    "moved": ((0, A), (0, B), (0, C), (0, D), (1, A), (1, B)),
-}
-"""Mux channel and factory address of each finger: two shared channels, or one for each finger."""
 Wiring = Sequence[tuple[int, int]]
+"""Mux channel and factory address of each finger."""
 BIT_ERROR_RATE = 1e-4
 """Of the fault "noise"."""
 REST_UT = np.array([0.0, 0.0, 23730.0])
@@ -256,25 +251,17 @@ class Track:
         """S."""
         return len(self.field_ut[0])
 
+    @cached_property
+    def _columns(self) -> list[list[FloatArray]]:
+        """[S][3] of [T], each contiguous: numpy would copy a strided one at every call."""
+        return [
+            list(np.ascontiguousarray(one.T)) for one in self.field_ut.swapaxes(0, 1)
+        ]
+
     def at(self, now_s: float, sensor: int) -> list[float]:
-        """x, y, z of one sensor (0 .. S - 1).
-
-        Equal to np.interp to the last bit, at a tenth of its time.
-        """
-        row = int(self.t_s.searchsorted(now_s, "right")) - 1
-        last = len(self.t_s) - 1
-        if row < 0 or row >= last:
-            held: list[float] = self.field_ut[min(max(row, 0), last), sensor].tolist()
-            return held
-        before, after = self.field_ut[row : row + 2, sensor].tolist()
-        from_s, to_s = self.t_s[row : row + 2].tolist()
-        field_ut = []
-        for before_ut, after_ut in zip(before, after, strict=True):
-            # the order of these operations is np.interp's, for equal bits
-            slope = (after_ut - before_ut) / (to_s - from_s)
-            field_ut.append(slope * (now_s - from_s) + before_ut)
-
-        return field_ut
+        """x, y, z of one sensor (0 .. S - 1)."""
+        columns = self._columns[sensor]
+        return [float(np.interp(now_s, self.t_s, column)) for column in columns]
 
 
 def still(field_ut: FloatArray = REST_UT, sensors: int = 6) -> Track:
@@ -291,7 +278,7 @@ def wiring_of(places: Sequence[Finger]) -> Wiring:
             raise UsageError(
                 "a virtual hand has no such layout",
                 cause="its sensors are behind one mux, each at a factory address",
-                next_step=f"layout={' or layout='.join(WIRINGS)}, or channel:address for "
+                next_step=f"layout={' or layout='.join(LAYOUTS)}, or channel:address for "
                 "each sensor, such as layout=0:35,0:22",
             )
         wiring.append((one.channel, one.address))
@@ -299,7 +286,7 @@ def wiring_of(places: Sequence[Finger]) -> Wiring:
 
 
 class VirtualHand:
-    """Chips, mux and wire. layout: a name of WIRINGS; seed: of the chips' noise, None for none.
+    """Chips, mux and wire. layout: a name of LAYOUTS; seed: of the chips' noise, None for none.
 
     wiring: mux channel and factory address of each finger, in place of a layout with a name.
     born_ns: when the hand was made; its field and its faults begin then.
@@ -316,7 +303,7 @@ class VirtualHand:
         seed: int | None = None,
         faults: Sequence[Fault] = (),
     ) -> None:
-        places = WIRINGS[layout] if wiring is None else wiring
+        places = wiring_of(LAYOUTS[layout]) if wiring is None else wiring
         self.clock = clock
         self.faults = Faults(faults)
         self.track = track or still(sensors=len(places))

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from holdfast.export.c.elementwise import write_look_up, write_loop
 from holdfast.export.c.graph import FEATURES, INPUTS, NEXT_STATE, Graph, Node, refusal
 from holdfast.export.c.literals import Tables
-from holdfast.export.c.memory import SCRATCH, Memory, views_of
+from holdfast.export.c.memory import SCRATCH, Memory, View, views_of
 from holdfast.export.c.moves import (
     write_arg_max,
     write_concat,
@@ -50,12 +50,7 @@ class StepCode:
         self.tables = Tables()
         self._graph = graph
         views = views_of(graph)
-        (keep,) = [node for node in graph.nodes if NEXT_STATE in node.outputs]
-        nodes = [node for node in graph.nodes if node.outputs[0] not in views]
-        behind = _behind_features(graph)
-        first = [node for node in nodes if node.outputs[0] not in behind]
-        first.remove(keep)
-        second = [node for node in nodes if node.outputs[0] in behind]
+        first, keep, second = _halves(graph, views)
 
         # the caller's arrays and the fields of its struct
         outside = {name: name for name in (*INPUTS, FEATURES)}
@@ -94,13 +89,23 @@ def _body(node: Node, writer: Writer) -> list[str]:
     return EMITTERS.get(node.op_type, write_loop)(node, writer)
 
 
-def _behind_features(graph: Graph) -> set[str]:
-    """Tensors that follow from the features: holdfast_answer makes them."""
+def _halves(
+    graph: Graph, views: dict[str, View]
+) -> tuple[list[Node], Node, list[Node]]:
+    """Nodes up to the features, the one that joins the next state, nodes behind the features."""
     behind = {FEATURES}
+    sense: list[Node] = []
+    answer: list[Node] = []
+    (*_, keep) = graph.nodes
     for node in graph.nodes:
-        if not behind.isdisjoint(node.inputs):
+        is_behind = not behind.isdisjoint(node.inputs)
+        if is_behind:
             behind.update(node.outputs)
-    return behind - {FEATURES}
+        if NEXT_STATE in node.outputs:
+            keep = node
+        elif node.outputs[0] not in views:
+            (answer if is_behind else sense).append(node)
+    return sense, keep, answer
 
 
 def _kept_state(graph: Graph, node: Node, memory: Memory) -> list[str]:

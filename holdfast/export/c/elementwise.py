@@ -36,9 +36,6 @@ def write_look_up(node: Node, writer: Writer) -> list[str]:
     table, places = node.inputs
     (out,) = node.outputs
     values = writer.graph.constant(table, node)
-    if values.ndim != 1:
-        raise refusal(node, "its table has more than one row")
-
     c_type = C_TYPES[writer.graph.element(table)]
     name = writer.tables.add(f"hf_{table}", values, c_type)
     at = _operand(places, node, writer)

@@ -15,9 +15,9 @@ from pathlib import Path
 
 from holdfast.core.errors import CompilerFailed, OutputError
 from holdfast.core.writing import require_writable, whole_folder, write_whole
-from holdfast.edge_runtime.c_engine import ABOUT, LIBRARY
+from holdfast.edge_runtime.c_engine import LIBRARY
 from holdfast.export.c.graph import read_graph
-from holdfast.export.c.source import CSource, c_source
+from holdfast.export.c.source import c_source
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
 """How a library is compiled.
@@ -38,11 +38,14 @@ LONGEST_MESSAGE = 200
 class CExport:
     """What was written. selftest: what the compiled self-test printed; empty without --build.
 
-    names: of the files in the folder. source: their text, and the memory that a hand needs.
+    files: their names. The memory of one hand, in bytes: state, kept from sample to sample; tables,
+    constants that all hands of a program share; stack of one step, while it runs.
     """
 
-    names: list[str]
-    source: CSource
+    files: list[str]
+    state_bytes: int
+    table_bytes: int
+    stack_bytes: int
     selftest: list[str]
 
 
@@ -50,16 +53,12 @@ def export_c(
     model: Path, folder: Path, *, build: bool = False, force: bool = False
 ) -> CExport:
     """Write the C form of a model. Raises a ModelError, CompilerFailed or OutputError."""
-    graph = read_graph(model)
-    names = ["holdfast.c", "holdfast.h", "holdfast_selftest.c", ABOUT]
-    if build:
-        names.append(LIBRARY)
-
+    source = c_source(read_graph(model))
+    names = [*source.files, LIBRARY] if build else [*source.files]
     # before the compiler runs, which takes a while
     _require_free(folder, names, force=force)
     require_writable(folder)
 
-    source = c_source(graph)
     contents: dict[str, str | bytes] = dict(source.files)
     selftest: list[str] = []
     if build:
@@ -71,7 +70,9 @@ def export_c(
         for name, content in contents.items():
             write_whole(unfinished / name, content)
 
-    return CExport(names, source, selftest)
+    return CExport(
+        names, source.state_bytes, source.table_bytes, source.stack_bytes, selftest
+    )
 
 
 def _require_free(folder: Path, names: list[str], *, force: bool) -> None:
@@ -116,15 +117,15 @@ def compiled_library(files: Mapping[str, str]) -> tuple[bytes, str]:
 
 def find_compiler() -> str:
     """The compiler in $CC, else the first of COMPILERS. Raises CompilerFailed."""
-    wanted = os.environ.get("CC", "")
-    names = (wanted,) if wanted else COMPILERS
+    named = os.environ.get("CC", "")
+    names = (named,) if named else COMPILERS
 
     for name in names:
         path = shutil.which(name)
         if path is not None:
             return path
 
-    missing = "CC names a program that is not there" if wanted else "none is installed"
+    missing = "CC names a program that is not there" if named else "none is installed"
     raise CompilerFailed(
         f"no C compiler ({', '.join(names)})",
         cause=missing,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from holdfast.export.c.graph import DOUBLE, FLOAT, Node, Shape, refusal
+from holdfast.export.c.graph import Node, Shape, refusal
 from holdfast.export.c.literals import C_TYPES
 from holdfast.export.c.memory import parts_of, strides
 from holdfast.export.c.writer import Writer, axes_of, counted, index, nested
@@ -31,10 +31,6 @@ def write_concat(node: Node, writer: Writer) -> list[str]:
     lines = []
     at = 0
     for name in node.inputs:
-        # No graph of an export joins a constant, so none needs a table that memcpy could read.
-        if writer.graph.values(name) is not None:
-            raise refusal(node, "an input is constant")
-
         size = math.prod(writer.graph.shape(name)[node.axis :])
         target = f"{out} + {index((row, 'i', blocks), first=at)}"
         source = f"{writer.name(name)} + {index((size, 'i', blocks))}"
@@ -135,8 +131,6 @@ def write_reduction(node: Node, writer: Writer) -> list[str]:
 
     # The loop above has added up squares: the root of each sum is taken once, at the end.
     if node.op_type == "ReduceL2":
-        if graph.element(out) != DOUBLE:
-            raise refusal(node, "it has no C form for its type")
         lines += counted("j", inner, [f"{target} = sqrt({target});"])
 
     return counted("i", outer, lines)
@@ -156,9 +150,6 @@ def write_arg_max(node: Node, writer: Writer) -> list[str]:
 
 def write_softmax(node: Node, writer: Writer) -> list[str]:
     """Probabilities of one row."""
-    if writer.graph.element(node.inputs[0]) != FLOAT:
-        raise refusal(node, "it has no C form for its type")
-
     x = writer.name(node.inputs[0])
     out = writer.name(node.outputs[0])
     n = writer.graph.shape(node.inputs[0])[-1]

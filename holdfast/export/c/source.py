@@ -18,7 +18,6 @@ from holdfast.edge_runtime.c_engine import ABOUT as ABOUT_MODEL
 from holdfast.edge_runtime.decision import period_us
 from holdfast.edge_runtime.grip_control import SAMPLES
 from holdfast.edge_runtime.model import AMPLITUDE, golden_length, golden_to_json
-from holdfast.edge_runtime.preparation import Preparation
 from holdfast.export.c.compiled import StepCode
 from holdfast.export.c.constants import constants, options_of, rules_of
 from holdfast.export.c.graph import Graph
@@ -115,18 +114,18 @@ def _snippets(used_in: str) -> str:
     """The helpers of maths.c that a source uses, and those that they use, in their order."""
     parts = _SNIPPET.split(_template("maths.c", {}))
     helpers = dict(zip(parts[1::2], parts[2::2], strict=True))
-    wanted: set[str] = set()
+    used: set[str] = set()
     texts = [used_in]
 
     # a helper may use others: go on until no new one turns up
     while texts:
         called = set(re.findall(r"\w+", texts.pop()))
-        new = called & set(helpers) - wanted
+        new = called & set(helpers) - used
         for name in new:
-            wanted.add(name)
+            used.add(name)
             texts.append(helpers[name])
 
-    bodies = [body.strip() + "\n" for name, body in helpers.items() if name in wanted]
+    bodies = [body.strip() + "\n" for name, body in helpers.items() if name in used]
     return "\n".join(bodies)
 
 
@@ -135,11 +134,10 @@ def _words(graph: Graph, compiled: StepCode) -> dict[str, object]:
     card = graph.card
     n = card.n_channels
     gap_ms = 1000.0 * card.gap_samples / card.rate_hz
-    # A sample that comes without flags is taken as valid at every sensor.
-    all_valid = ", ".join(["1"] * (n // 3))
-    # ceiling and target are forces in N: a raw signal has neither
-    reduced = "; forces are not in N, so there is no ceiling and no target"
-    words: dict[str, object] = {
+    preparation = card.preparation
+    turned_axes = 3 if preparation.turns == "sensor" else 1
+    is_median = preparation.statistic == "median" and preparation.bias_rows > 0
+    return {
         "MODEL_ID": card.model_id,
         "DIGEST": graph.digest,
         # A state carries the tag, so that a step refuses the state of another model.
@@ -162,40 +160,15 @@ def _words(graph: Graph, compiled: StepCode) -> dict[str, object]:
         "STATE_BYTES": compiled.state_bytes,
         "TABLE_BYTES": compiled.tables.n_bytes,
         "STACK_BYTES": compiled.stack_bytes,
-        "ONES": all_valid,
         "OUTPUTS": _struct(graph),
         "RULES": rules_of(card),
         "OPTIONS": options_of(card),
-        "REDUCED": "" if card.unit == "N" else reduced,
         "RATIOS": SAMPLES - 1,
-    }
-    return words | _preparation(card.preparation)
-
-
-def _preparation(preparation: Preparation) -> dict[str, object]:
-    """How a stream is prepared: words and numbers for the header."""
-    turned_axes = 3 if preparation.turns == "sensor" else 1
-    is_median = preparation.statistic == "median" and preparation.bias_rows > 0
-
-    return {
-        "BIAS": _bias(preparation),
         "BIAS_ROWS": preparation.bias_rows,
         "BIAS_MEDIAN": int(is_median),
         "TURNED_AXES": turned_axes if preparation.flip_negative_normal else 0,
         "TURN_BEYOND": number(preparation.flip_beyond, "double"),
     }
-
-
-def _bias(preparation: Preparation) -> str:
-    """The preparation in words."""
-    if not preparation.bias_rows:
-        return "if its samples are not without bias already"
-    words = f"the {preparation.statistic} of its first {preparation.bias_rows} samples"
-    if not preparation.flip_negative_normal:
-        return words
-    what = "x, y and z of a sensor" if preparation.turns == "sensor" else "z"
-    below = f"-{preparation.flip_beyond:g}"
-    return f"{words}.\n   Before that, turn {what} round where z begins below {below}"
 
 
 def _struct(graph: Graph) -> str:

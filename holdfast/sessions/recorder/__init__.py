@@ -11,6 +11,6 @@
     OUT/<person>/discarded/    trials that were repeated: moved here, never deleted
 
 state: `recording` meanwhile (and after a kill); `kept`; `interrupted` by a signal, an error or the
-end of the source; `redone`; `void`, if it ended before its header was written (`check
---repair` sets it). Training reads only kept trials, and only these count for the protocol.
+end of the source; `redone`; `void`, if it ended before its header was written (`check --repair`
+sets it). Training reads only kept trials, and only these count for the protocol.
 """

@@ -1,13 +1,12 @@
 """What the operator sees during a session: the status line of a terminal, and the live page.
 
-The line has time, rate, lost samples, and the force on each finger. It is redrawn in place a few
+The line has time, lost samples, and the force on each finger. It is redrawn in place a few
 times a second. Nothing waits for either: a terminal or a page that blocks misses updates.
 """
 
 from __future__ import annotations
 
 import os
-from bisect import bisect_left
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TextIO
@@ -27,7 +26,6 @@ from holdfast.sessions.recorder.trial import TrialRecorder
 
 REDRAW_NS = 250_000_000
 """Four times a second: more cannot be read, and costs time between samples."""
-RATE_OVER_NS = 1_000_000_000
 COLUMNS = 80
 """Where a terminal does not know its width."""
 OVER_THE_LINE_ABOVE = "\x1b[A\r\x1b[2K"
@@ -93,27 +91,11 @@ def status_text(trial: TrialRecorder, measured: SourceReading, of: str = "") -> 
     values = measured.values - np.nan_to_num(quality.bias)
     forces = np.linalg.norm(values.reshape(-1, 3), axis=1)
     decimals = DECIMALS.get(quality.unit, 0)
-
     # A finger that is not valid shows a dash: its last force would look like a reading.
-    fingers = []
-    for force, good in zip(forces.tolist(), measured.valid.tolist(), strict=True):
-        fingers.append(f"{force:5.{decimals}f}" if good else "    -")
-
-    return (
-        f"{trial.t_s:.1f}{of} s, {_rate(quality.times_ns)} Hz, {quality.lost} lost; "
-        f"forces {' '.join(fingers)} {quality.unit}"
-    )
-
-
-def _rate(times_ns: list[int]) -> str:
-    """Samples a second over the last second, Hz."""
-    # Time stamps rise, so the last second is found without a look at all of them.
-    first = bisect_left(times_ns, times_ns[-1] - RATE_OVER_NS)
-    spent_ns = times_ns[-1] - times_ns[first]
-    if not spent_ns:
-        return "-"
-    steps = len(times_ns) - 1 - first
-    return f"{1e9 * steps / spent_ns:.1f}"
+    fingers = ""
+    for force, good in zip(forces, measured.valid, strict=True):
+        fingers += f" {force:5.{decimals}f}" if good else "     -"
+    return f"{trial.t_s:.1f}{of} s, {quality.lost} lost; forces{fingers} {quality.unit}"
 
 
 def columns_of(stream: TextIO) -> int:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import fcntl
 import json
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 from holdfast.core.contract import Json
@@ -71,28 +71,34 @@ def opened(root: Path, unit: str, kind: str) -> Iterator[None]:
         yield
 
 
+def _root_of(place: Path) -> Path | None:
+    """The folder of recordings that a place is, or is in; None outside one."""
+    whole = place.absolute()
+    for root in (whole, *whole.parents):
+        if (root / LOCK).is_file():
+            return root
+    return None
+
+
 @contextmanager
 def alone(place: Path) -> Iterator[None]:
-    """No other recorder uses the folder, or one above it, meanwhile. Raises OutputError."""
-    whole = place.absolute()
-    with ExitStack() as held:
-        # A folder above may be the recorder's, with this one as a person or a trial in it.
-        for root in (whole, *whole.parents):
-            # The study holds it, and those above it.
-            if root in _RESERVED:
-                break
-            if not (root / LOCK).is_file():
-                continue
-            lock = held.enter_context((root / LOCK).open())
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                raise OutputError(
-                    "another recorder or study is using it",
-                    where=root,
-                    cause="a second terminal",
-                    next_step="end that program first, or name another folder",
-                ) from None
+    """No other recorder uses the folder of recordings meanwhile. Raises OutputError."""
+    # The place may be a person or a trial in it.
+    root = _root_of(place)
+    # A study of this program holds it already.
+    if root is None or root in _RESERVED:
+        yield
+        return
+    with (root / LOCK).open() as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise OutputError(
+                "another recorder or study is using it",
+                where=root,
+                cause="a second terminal",
+                next_step="end that program first, or name another folder",
+            ) from None
         yield
 
 
@@ -102,37 +108,34 @@ def reserved(root: Path) -> Iterator[None]:
 
     Raises OutputError where another recorder or study uses it.
     """
-    whole = root.absolute()
-    with alone(whole):
-        _RESERVED.add(whole)
+    with alone(root):
+        _RESERVED.add(root.absolute())
         try:
             yield
         finally:
-            _RESERVED.discard(whole)
+            _RESERVED.clear()
 
 
 def require_ours(root: Path) -> Json:
     """meta.json of a folder of recordings; empty for a new or empty folder. Raises OutputError."""
-    for above in root.absolute().parents:
+    above = _root_of(root.absolute().parent)
+    if above is not None:
         # A person's data would be in two places, and a withdrawal would delete only one.
-        if (above / LOCK).is_file() and read_meta(above).get("recorder") == FORMAT:
-            raise OutputError(
-                "is within a recording folder",
-                where=root,
-                cause="the recorder makes the person's folder itself",
-                next_step=f"--out {above}",
-            )
+        raise OutputError(
+            "is within a recording folder",
+            where=root,
+            cause="the recorder makes the person's folder itself",
+            next_step=f"--out {above}",
+        )
 
     if not root.exists():
         return {}
-
     if root.is_dir():
         meta = read_meta(root)
         # A run that was refused early may have left its lock and nothing else.
         is_empty = all(path.name == LOCK for path in root.iterdir())
         if is_empty or meta.get("recorder") == FORMAT:
             return meta
-
     raise OutputError(
         "exists but is not a recording folder",
         where=root,
@@ -162,9 +165,9 @@ def keep_hand(root: Path, card: HandCard, n_sensors: int) -> None:
 
     Raises ChannelError for a card of another hand, OutputError where it cannot be written.
     """
-    there = root / HAND_FILE
-    kept = text_of(there) if there.is_file() else card.text
-    if card.n_sensors != n_sensors or kept != card.text:
+    path = root / HAND_FILE
+    is_another = path.is_file() and text_of(path) != card.text
+    if is_another or card.n_sensors != n_sensors:
         raise ChannelError(
             f"{card.name} is the card of another hand",
             where="--hand",
@@ -172,7 +175,7 @@ def keep_hand(root: Path, card: HandCard, n_sensors: int) -> None:
             "recordings with another card",
             next_step="give the card of this hand, or another --out",
         )
-    write_whole(there, card.text)
+    write_whole(path, card.text)
 
 
 # -- trials
@@ -192,22 +195,26 @@ def new_trial(root: Path, person: str, task: Task) -> Path:
     # After the highest number that is there: a gap below it is not filled.
     taken = [number(path) for path in place.glob("*")]
     folder = place / f"trial_{max(taken, default=0) + 1}"
-
-    try:
+    with _written(folder, "made"):
         folder.mkdir(parents=True)
+    return folder
+
+
+@contextmanager
+def _written(folder: Path, how: str) -> Iterator[None]:
+    """An OSError within is an OutputError: a folder that cannot be made or moved."""
+    try:
+        yield
     except OSError as error:
         raise OutputError(
-            f"cannot be made ({error.strerror})", where=folder, next_step="make room"
+            f"cannot be {how} ({error.strerror})", where=folder, next_step="make room"
         ) from None
-
-    return folder
 
 
 def number(folder: Path) -> int:
     """3 of trial_3; 0 of anything else."""
     digits = folder.name.removeprefix("trial_")
-    # Nine digits and more are no number of ours, and int() could take long.
-    return int(digits) if digits.isdecimal() and len(digits) < 9 else 0
+    return int(digits) if digits.isdecimal() else 0
 
 
 def discard(root: Path, person: str, folder: Path) -> Path:
@@ -218,34 +225,20 @@ def discard(root: Path, person: str, folder: Path) -> Path:
         write_meta(folder, meta | {"state": REDONE})
     home = root / person
     place = home / DISCARDED / folder.parent.relative_to(home)
-
-    try:
+    with _written(folder, "moved"):
         place.mkdir(parents=True, exist_ok=True)
         # The same trial may be repeated several times.
         earlier = len(list(place.glob(f"{folder.name}-*")))
-        target = place / f"{folder.name}-{earlier + 1}"
-        folder.rename(target)
-    except OSError as error:
-        raise OutputError(
-            f"cannot be moved ({error.strerror})",
-            where=folder,
-            next_step="move it yourself",
-        ) from None
-
-    return target
+        return folder.rename(place / f"{folder.name}-{earlier + 1}")
 
 
 def trials_of(root: Path, person: str) -> list[tuple[Path, Json]]:
     """The trials of a person with their meta.json, without the discarded ones."""
     home = root / person
     trials = []
-    # The empty hand has no folder of an object above that of its action.
-    metas = list(home.glob(f"*/trial_*/{META}"))
-    metas += home.glob(f"*/*/trial_*/{META}")
-
-    for folder in sorted(meta.parent for meta in metas):
-        if DISCARDED not in folder.relative_to(home).parts:
-            trials.append((folder, read_meta(folder)))
+    for path in sorted(home.rglob(f"trial_*/{META}")):
+        if DISCARDED not in path.relative_to(home).parts:
+            trials.append((path.parent, read_meta(path.parent)))
     return trials
 
 
@@ -254,11 +247,7 @@ def done(root: Path, person: str) -> list[Task]:
     tasks = []
     for _, meta in trials_of(root, person):
         if meta.get("state") == KEPT:
-            name = str(meta.get("object"))
-            action = str(meta.get("action"))
-            style = str(meta.get("style"))
-            tasks.append(Task(name, action, style))
-
+            tasks.append(Task(meta["object"], meta["action"], meta.get("style", "")))
     return tasks
 
 
@@ -290,19 +279,8 @@ def repair(folder: Path) -> list[str]:
 
     Raises a DataError or OutputError; what is whole in the trial is then unchanged.
     """
-    try:
-        return _repaired(folder)
-    except OutputError as error:
-        step = "make room, then run holdfast check --repair again"
-        raise OutputError(
-            error.what, where=error.where, cause=error.cause, next_step=step
-        ) from None
-
-
-def _repaired(folder: Path) -> list[str]:
     meta = read_meta(folder)
     state = meta.get("state")
-
     try:
         samples = repair_table(folder / TACTILE)
     except EmptyRecording:
@@ -310,18 +288,16 @@ def _repaired(folder: Path) -> list[str]:
             raise
         return [_voided(folder, meta)]
 
-    done = _removed(
-        samples, f"line removed, {count_of(samples.rows, 'sample')} complete"
-    )
+    count = count_of(samples.rows, "sample")
+    done = _removed(samples, f"line removed, {count} complete")
     if (folder / EVENTS).exists():
         events = repair_lines(folder / EVENTS, is_json_object)
         done += _removed(events, "event removed")
     if state == RECORDING:
         # The samples before the cut are whole, but the trial is not: training leaves it out.
-        why = f"cut off; mended, {count_of(samples.rows, 'sample')}"
-        write_meta(folder, meta | {"state": INTERRUPTED, "why": why})
-        done.append(f"marked as interrupted with {count_of(samples.rows, 'sample')}")
-
+        meta |= {"state": INTERRUPTED, "why": f"cut off; repaired, {count}"}
+        write_meta(folder, meta)
+        done.append(f"marked as interrupted with {count}")
     return done
 
 

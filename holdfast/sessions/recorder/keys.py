@@ -21,6 +21,7 @@ KEYS = {
     "l": "load_onset",
     "e": "contact_lost",
 }
+ESCAPE = b"\x1b"
 HELP_READY = "space begins, r does the last one again, q stops"
 HELP_TRIAL = "l load comes on, e released, k keep and next, r redo, q keep and stop"
 
@@ -34,6 +35,8 @@ class Keys:
     def __init__(self, handle: int | None) -> None:
         self._handles = [] if handle is None else [handle]
         self._next = b""
+        self.last = ""
+        """The last letter that `pressed` met, whatever it means."""
 
     def listen_to(self, handle: int) -> None:
         """Take keys from this descriptor too."""
@@ -51,7 +54,19 @@ class Keys:
 
     def pressed(self, wait_s: float = 0.0) -> str:
         """The next known key by its name in KEYS, or ""; waits no longer than wait_s."""
-        return KEYS.get(self.byte(wait_s).decode("ascii", "replace").lower(), "")
+        letter = self.letter(wait_s)
+        self.last = letter or self.last
+        return KEYS.get(letter, "")
+
+    def letter(self, wait_s: float = 0.0) -> str:
+        """The next key as a small letter, or ""; an arrow key, which ends in a letter, is none."""
+        byte = self.byte(wait_s)
+        if byte == ESCAPE:
+            # What came with it, such as the rest of an arrow key.
+            while self.byte():
+                pass
+            return ""
+        return byte.decode("ascii", "replace").lower()
 
     def byte(self, wait_s: float = 0.0) -> bytes:
         """The next byte that was typed, or b""; waits no longer than wait_s."""

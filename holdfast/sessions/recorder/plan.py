@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 from holdfast.core.errors import UsageError
 from holdfast.core.trial_layout import checked_name
@@ -52,6 +53,16 @@ class RecordOptions:
     intent: str | None = None
     hand: str | None = None
 
+    @classmethod
+    def of(cls, args: Any) -> RecordOptions:
+        """From the words on a command line, of which a field has the name."""
+        camera = CameraOptions(args.camera, args.tag_mm, args.fps, args.exposure_ms)
+        given = {}
+        for field in fields(cls):
+            if hasattr(args, field.name):
+                given[field.name] = getattr(args, field.name)
+        return cls(**given | {"camera": camera, "intent": args.wearer})
+
     @property
     def only_a_key_ends(self) -> bool:
         """Whether a trial goes on until a key is pressed: a hand has no end of its own."""
@@ -77,38 +88,32 @@ class Plan:
 
 def planned(options: RecordOptions) -> Plan:
     """The tasks that are left. Raises UsageError, CardError."""
-    by_name = options.object is not None or options.action is not None
-    if (options.protocol is not None) == by_name:
-        raise UsageError(
-            "no trials given",
-            next_step="--protocol PROTOCOL, or --object NAME --action ACTION",
-        )
-
     trials = options.trials
-    before = done(options.out, options.person)
+    name = options.object
+    action = options.action
     if trials is not None and trials < 1:
         raise UsageError(f"--trials {trials}", next_step="a whole number from 1")
-    if options.protocol is not None:
+    before = done(options.out, options.person)
+    if options.protocol is not None and name is None and action is None:
         protocol = read_protocol(Path(options.protocol))
         ordered = protocol.ordered(options.seed, options.person)
         # The order is drawn for the whole protocol, so a second run continues the first one's.
         tasks = tasks_left(ordered, before)
         return Plan(protocol, tasks[:trials], len(ordered) - len(tasks))
 
-    is_empty_hand = options.action == NOTHING
-    if options.action is None or (options.object is None) != is_empty_hand:
+    # The empty hand holds no object.
+    goes_together = (name is None) == (action == NOTHING)
+    if options.protocol is not None or action is None or not goes_together:
         raise UsageError(
-            "--object and --action go together",
-            next_step="--object soft-ball --action pull",
+            "no trials given: --protocol alone, or --object and --action",
+            next_step="--protocol PROTOCOL, or --object soft-ball --action pull",
         )
     # Without keys and without a number it would record until the disk is full.
     if options.at_once and trials is None:
         raise UsageError(
             "--at-once without an end", next_step="--trials N, or a --protocol"
         )
-
-    name = checked_name(options.object, "object") if options.object else NOTHING
-    task = Task(name, options.action)
+    task = Task(checked_name(name, "object") if name else NOTHING, action)
     return Plan(None, [task] * (trials or ENDLESS), before.count(task))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
+import re
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import asdict
 from importlib.metadata import version
@@ -14,7 +15,7 @@ from holdfast.core.contract import Json
 from holdfast.core.errors import LabelError
 from holdfast.core.hand_card import read_hand_card
 from holdfast.core.schema import json_of, text_of
-from holdfast.core.trial_layout import checked_name
+from holdfast.core.trial_layout import checked_name, mass_g
 from holdfast.drivers.calibration import read_calibration
 from holdfast.drivers.hand import LiveHand
 from holdfast.edge_runtime.wearer import IntentMonitor
@@ -23,7 +24,6 @@ from holdfast.live.source_url import LINES, STANDARD_INPUT
 from holdfast.live.sources import force_of, open_live
 from holdfast.live.wearer import wearer_monitor
 from holdfast.sessions.bias import MeasuredBias, measure_bias, require_good
-from holdfast.sessions.camera import CameraProcess
 from holdfast.sessions.recorder.folder import (
     RECORDING,
     keep_hand,
@@ -118,7 +118,6 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
             measured.bias.values,
             about,
             mass_g=plan.mass_g,
-            camera=_camera(options, context),
             intent=intent,
             truth=scene_truth_of(options.source, source),
         )
@@ -131,15 +130,6 @@ def kind_of(url: str) -> str:
         return "recorded"
     scheme, mark, _ = url.partition("://")
     return KINDS.get(scheme if mark else "", "replayed")
-
-
-def _camera(options: RecordOptions, context: RunContext) -> CameraProcess | None:
-    """The camera of a run, if any."""
-    if options.camera.camera is None:
-        return None
-    return context.camera(
-        {"camera": options.camera.camera, **options.camera.shooting()}
-    )
 
 
 # -- before the first trial
@@ -158,24 +148,16 @@ def _report_before(options: RecordOptions, plan: Plan, display: Display) -> None
                 f"{folder} was interrupted and does not count; "
                 f"next: holdfast check --repair {folder}"
             )
-
     # Each object once, in the order of the plan.
     for name in dict.fromkeys(task.object for task in plan.tasks):
         if name != NOTHING and name not in plan.mass_g:
-            _report_mass(options.out / options.person / name, display)
-
+            try:
+                mass_g(options.out / options.person / name)
+            except LabelError as error:
+                # While the object is there: without its mass no weight is learned.
+                display.report(f"warning: {error}")
     if not plan.tasks:
         display.report("every trial of the protocol is recorded")
-
-
-def _report_mass(folder: Path, display: Display) -> None:
-    """Warn of a missing mass, without which no weight is learned, while the object is there."""
-    from holdfast.core.trial_layout import mass_g
-
-    try:
-        mass_g(folder)
-    except LabelError as error:
-        display.report(f"warning: {error}")
 
 
 # -- what meta.json says of a run; of paths only the last part, because folders can name people
@@ -208,7 +190,6 @@ def _protocol(plan: Plan, seed: int) -> Json | None:
     protocol = plan.protocol
     if protocol is None:
         return None
-
     return {
         "card": protocol.name,
         "sha256": protocol.sha256,
@@ -220,16 +201,16 @@ def _protocol(plan: Plan, seed: int) -> Json | None:
 def _calibration(path: Path | None) -> Json | None:
     if path is None:
         return None
-
+    text = text_of(path)
     meta = read_calibration(path).meta
     return {
         "file": path.name,
-        "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+        "sha256": hashlib.sha256(text.encode()).hexdigest(),
         "source": meta.source,
         "date": meta.date,
         "n": meta.n,
         # The whole calibration: the file may be changed later, the recording may not.
-        "content": json_of(text_of(path)),
+        "content": json_of(text),
     }
 
 
@@ -248,15 +229,5 @@ def _without_folders(value: Any) -> Any:
         return value.name
     if isinstance(value, str) and "/" in value:
         scheme, mark, rest = value.rpartition("://")
-        parts = [_last(part) for part in rest.split("&")]
-        return f"{scheme}{mark}{'&'.join(parts)}"
+        return scheme + mark + re.sub(r"[^/?&=]*/", "", rest)
     return value
-
-
-def _last(part: str) -> str:
-    """One option of a URL, its path without the folders."""
-    key, mark, path = part.rpartition("=")
-    head, question, key = key.rpartition("?")
-    place = head.rpartition("/")[2]
-    file = path.rpartition("/")[2]
-    return f"{place}{question}{key}{mark}{file}"

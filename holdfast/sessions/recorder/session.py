@@ -36,7 +36,7 @@ from holdfast.sessions.recorder.keys import HELP_READY, HELP_TRIAL, Keys
 from holdfast.sessions.recorder.labels import MARKS, TruthEvents, read_meta
 from holdfast.sessions.recorder.plan import RecordOptions
 from holdfast.sessions.recorder.protocol import NOTHING, Task
-from holdfast.sessions.recorder.trial import ClosedTrial, Quality, TrialRecorder
+from holdfast.sessions.recorder.trial import Quality, TrialRecorder
 
 READY_WAIT_S = 0.1
 """Between trials: how long a look at the keys waits, so a signal is seen at once."""
@@ -72,8 +72,7 @@ class Display:
 class RunContext:
     """What surrounds a run: its clock, its operator, and what ends it.
 
-    host_ns: CLOCK_MONOTONIC, ns, which also stamps a camera's frames. camera: what films, from the
-    options of its process.
+    host_ns: CLOCK_MONOTONIC, ns, which also stamps a camera's frames.
     """
 
     clock: Any
@@ -81,7 +80,6 @@ class RunContext:
     display: Display
     stopped: Callable[[], bool]
     host_ns: Callable[[], int] = time.monotonic_ns
-    camera: Callable[[Json], CameraProcess] = CameraProcess
 
 
 @dataclass
@@ -100,7 +98,6 @@ class Session:
     bias: FloatArray
     about: Json
     mass_g: dict[str, float] = field(default_factory=dict)
-    camera: CameraProcess | None = None
     intent: IntentMonitor | None = None
     truth: TruthEvents | None = None
     kept: int = 0
@@ -112,6 +109,7 @@ class Session:
         self.report = self.context.display.report
         self.stopped = self.context.stopped
         self.period_ns = 1e9 / self.rate_hz
+        self.camera = CameraProcess(self.options.camera)
 
     def run(self, tasks: Iterable[Task]) -> int:
         """Record the tasks in order; returns the number of trials kept.
@@ -120,7 +118,6 @@ class Session:
         """
         left = list(tasks)
         at_once = self.options.at_once
-
         while left and not self.stopped():
             task = task_in_words(left[0])
             help_ready = "" if at_once else f"; {HELP_READY}"
@@ -146,19 +143,18 @@ class Session:
                 )
             if outcome in ("stop", SIGNAL):
                 break
-
         return self.kept
 
     def _wait_for_key(self) -> str:
         """The next key of begin, redo or stop."""
-        while not self.stopped():
+        key = ""
+        while key not in ("begin", "redo", "stop"):
             if self.keys.closed:
                 self.report(f"{NO_KEY}; --at-once begins trials without a key")
+            if self.keys.closed or self.stopped():
                 return "stop"
             key = self.keys.pressed(READY_WAIT_S)
-            if key in ("begin", "redo", "stop"):
-                return key
-        return "stop"
+        return key
 
     def _discard_last(self, left: list[Task]) -> None:
         if self._last is None:
@@ -183,31 +179,25 @@ class Session:
         """
         self._last = None
         out = self.options.out
-        person = self.options.person
-        folder = new_trial(out, person, task)
+        folder = new_trial(out, self.options.person, task)
         # While the object is at hand; without its mass no weight is learned.
         self._write_mass(folder, task)
-
+        trial = None
         try:
-            if self.camera is not None:
-                self.camera.start(folder)
+            self.camera.start(folder)
             trial = self._open(folder, task)
-        except BaseException:
-            # Nothing was recorded: the folder is no trial, and its number is free again.
-            self._stop_camera()
-            discard(out, person, folder)
-            raise
-
-        try:
             self.report(f"recording {folder.relative_to(out)}; {HELP_TRIAL}")
             outcome = self._samples(trial)
             self._end(trial, task, outcome)
         except BaseException as error:
             # Also for an interrupt: what was written stays, and the trial says how it ended.
-            self._stop_camera()
-            trial.give_up(str(error) or type(error).__name__)
+            self.camera.stop()
+            if trial is None:
+                # Nothing was recorded: the folder is no trial, and its number is free again.
+                discard(out, self.options.person, folder)
+            else:
+                trial.give_up(str(error) or type(error).__name__)
             raise
-
         return outcome
 
     def _open(self, folder: Path, task: Task) -> TrialRecorder:
@@ -236,13 +226,15 @@ class Session:
         # Then its reads wait for the next sample, and no turn passes unread.
         is_paced = isinstance(self.source, SelfPaced)
 
+        seconds = self.options.seconds
+        longest_ns = float("inf") if seconds is None else round(1e9 * seconds)
         turn = 0
         while not self.stopped():
             # From the start, not from the last sample: a late one delays no other.
             if not is_paced:
                 self.clock.wait_until(start_ns + round(turn * self.period_ns))
             now_ns = self.clock.now_ns()
-            if self._time_is_over(now_ns - start_ns):
+            if now_ns - start_ns >= longest_ns:
                 return TIME_OVER
             measured = self.source.read()
             if measured is None:
@@ -260,8 +252,8 @@ class Session:
             if ends:
                 return ends
             # A look costs a system call, so not every sample pays for it.
-            if self.camera is not None and turn % CAMERA_EVERY == 0:
-                self._look_at_camera(trial, self.camera)
+            if turn % CAMERA_EVERY == 0:
+                self._look_at_camera(trial)
             turn += 1
             # Turns whose time has passed are lost samples, and none is read late for them.
             spent_ns = self.clock.now_ns() - start_ns
@@ -272,16 +264,11 @@ class Session:
 
         return SIGNAL
 
-    def _time_is_over(self, spent_ns: int) -> bool:
-        seconds = self.options.seconds
-        return seconds is not None and spent_ns >= round(1e9 * seconds)
-
     def _take_key(self, trial: TrialRecorder) -> str:
         """Mark an event by its key; returns how the trial ends, if it does."""
         key = self.keys.pressed()
         if key in ("keep", "redo", "stop"):
             return key
-
         # Without a sample there is no time to count from.
         if key in MARKS and trial.started:
             at_s = trial.mark(key, self.clock.now_ns())
@@ -289,32 +276,33 @@ class Session:
         if self.keys.closed and self.options.only_a_key_ends:
             self.report(f"{NO_KEY}; --seconds ends trials without a key")
             return SIGNAL
-
         return ""
 
-    def _look_at_camera(self, trial: TrialRecorder, camera: CameraProcess) -> None:
-        why = camera.lost()
+    def _look_at_camera(self, trial: TrialRecorder) -> None:
+        why = self.camera.lost()
         if why:
             trial.note({"t_s": trial.t_s, "event": "camera_lost", "why": why})
             self.report(f"the camera failed, the hand is still recorded: {why}")
 
-    def _stop_camera(self) -> None:
-        if self.camera is not None:
-            self.camera.stop()
-
     def _end(self, trial: TrialRecorder, task: Task, outcome: str) -> None:
-        filmed: Json | None = None
-        if self.camera is not None:
-            self._look_at_camera(trial, self.camera)
-            # The camera films on until the last sample is written.
-            filmed = self.camera.stop()
+        self._look_at_camera(trial)
+        # The camera films on until the last sample is written.
+        filmed = self.camera.stop()
         # A scene's truth is cut to the span of the samples, so it is written at the end.
         over = self._note_truth(trial)
         if outcome == SOURCE_OVER:
             over = "the source ended"
         state = {"redo": REDONE, SIGNAL: INTERRUPTED}.get(outcome, KEPT)
         closed = trial.close(state, over, camera=filmed)
-        self._report_end(closed, filmed or {})
+
+        self.report(f"{closed.state}: {closed.quality.in_words()}")
+        if closed.why and closed.state == INTERRUPTED:
+            self.report(f"not kept, it will be recorded again: {closed.why}")
+        if filmed.get("void"):
+            self.report(f"this trial has no camera recording: {filmed['void']}")
+        if filmed.get("doubt"):
+            doubt = filmed["doubt"]
+            self.report(f"warning: the camera's tags: {doubt}; the recording is kept")
         # Moved only after it is closed: its files keep their content.
         if closed.state == REDONE:
             self._discard(trial.folder)
@@ -326,29 +314,12 @@ class Session:
         """Write what a scene knows of the trial; returns why it is over, if the scene is."""
         if self.truth is None or not trial.started:
             return ""
-
-        first_ns, last_ns = trial.span_ns
-        events = self.truth(first_ns, last_ns)
-
-        for event in events:
-            trial.note(event)
-
-        ends_s = [event["t1_s"] for event in events if "label" in event]
         # The scene's last phase ended before the trial's last sample.
-        is_over = max(ends_s, default=-1.0) < trial.t_s
-        return "the scene ended" if is_over else ""
-
-    def _report_end(self, closed: ClosedTrial, camera: Json) -> None:
-        """Tell the operator how a trial ended."""
-        self.report(f"{closed.state}: {closed.quality.in_words()}")
-        if closed.why and closed.state == INTERRUPTED:
-            self.report(f"not kept, it will be recorded again: {closed.why}")
-        void = camera.get("void")
-        tags = camera.get("doubt")
-        if void:
-            self.report(f"this trial has no camera recording: {void}")
-        if tags:
-            self.report(f"warning: the camera's tags: {tags}; the recording is kept")
+        end_s = -1.0
+        for event in self.truth(*trial.span_ns):
+            trial.note(event)
+            end_s = max(end_s, event.get("t1_s", -1.0))
+        return "the scene ended" if end_s < trial.t_s else ""
 
     def _write_mass(self, folder: Path, task: Task) -> None:
         """Write the protocol's mass to the object's meta.json; its other entries stay."""

@@ -12,8 +12,7 @@ from enum import StrEnum
 from typing import Any
 
 from holdfast.core.errors import HoldfastError, visible
-from holdfast.sessions.recorder.keys import KEYS as TRIAL_KEYS
-from holdfast.sessions.recorder.keys import Keys
+from holdfast.sessions.recorder.keys import ESCAPE, Keys
 
 
 class Key(StrEnum):
@@ -29,13 +28,15 @@ class Key(StrEnum):
     QUIT = "quit"
 
 
+ADVERSE = "a"
+"""The key of an adverse event, in a trial too."""
 KEYS = {
     " ": Key.NEXT,
     "\n": Key.NEXT,
     "s": Key.SKIP,
     "r": Key.REPEAT,
     "n": Key.NOTE,
-    "a": Key.ADVERSE,
+    ADVERSE: Key.ADVERSE,
     "p": Key.PAUSE,
     "w": Key.WITHDRAW,
     "q": Key.QUIT,
@@ -51,43 +52,7 @@ REDRAW_S = 1.0
 ENTER = b"\n\r"
 """A terminal sends CR or LF, a pipe LF."""
 ERASE = b"\x7f\x08"
-ESCAPE = b"\x1b"
-LONGEST_TEXT = 1000
-"""Bytes of a note; what is typed beyond is dropped."""
-LEFT_OUT = "-"
-"""Typed where a question is not to be answered."""
 NO_KEY = "no key can be pressed any more; run the same command again to go on here"
-
-
-class TrialKeys(Keys):
-    """Keys during a trial: those of the recorder, and `a`, which ends the trial at once.
-
-    A trial that is redone ends too, so that the operator says when the next one begins.
-    """
-
-    def __init__(self, keys: Keys) -> None:
-        super().__init__(None)
-        self._keys = keys
-        self.adverse = self.ends = False
-
-    @property
-    def closed(self) -> bool:
-        """Whether no key can be pressed any more."""
-        return self._keys.closed
-
-    def ended(self) -> bool:
-        """`closed` after a look, without waiting."""
-        return self._keys.ended()
-
-    def pressed(self, wait_s: float = 0.0) -> str:
-        """The next key of the recorder by its name, or ""."""
-        # Through the study's own keys: both read the same terminal.
-        letter = letter_of(self._keys, wait_s)
-        # The trial ends at once; what happened is asked afterwards.
-        self.adverse |= letter == "a"
-        key = TRIAL_KEYS.get(letter, "")
-        self.ends |= self.adverse or key == "redo"
-        return key
 
 
 @dataclass
@@ -111,23 +76,19 @@ class Console:
         """
         began_ns = self.clock.now_ns()
         drawn_s = -REDRAW_S
-
         while not self.stopped():
             spent_s = 1e-9 * (self.clock.now_ns() - began_ns)
             if spent_s >= drawn_s + REDRAW_S:
                 drawn_s = spent_s
-                if paused:
-                    self.draw(f"paused for {clock_text(spent_s)}")
-                else:
-                    self.draw(countdown(left_s - spent_s))
-            letter = letter_of(self.keys, WAIT_S)
+                paused_for = f"paused for {clock_text(spent_s)}"
+                self.draw(paused_for if paused else countdown(left_s - spent_s))
+            letter = self.keys.letter(WAIT_S)
             if letter in KEYS:
                 return KEYS[letter]
             # Without keys the study would wait for ever.
             if self.keys.closed:
                 self.report(NO_KEY)
-                return Key.QUIT
-
+                break
         return Key.QUIT
 
     def text(self, prompt: str) -> str | None:
@@ -150,12 +111,13 @@ class Console:
                 self.report(f"> {line}")
                 return line
             if byte == ESCAPE:
-                _drop_the_rest(self.keys)
+                while self.keys.byte():
+                    pass
                 return ""
             if byte and byte in ERASE:
                 # A letter of several bytes goes as a whole.
                 typed = typed.decode("utf-8", "ignore")[:-1].encode()
-            elif byte and len(typed) < LONGEST_TEXT and (byte >= b" " or byte == b"\t"):
+            elif byte >= b" ":
                 # Control characters would move the cursor of the reader.
                 typed += byte
             elif self.keys.closed:
@@ -163,10 +125,6 @@ class Console:
                 return None
 
         return None
-
-    def trial_keys(self) -> TrialKeys:
-        """The keys of one trial."""
-        return TrialKeys(self.keys)
 
     def failed(self, error: HoldfastError) -> None:
         """Report what failed; the operator corrects it, tries again or skips."""
@@ -195,26 +153,11 @@ class Rehearsal(Console):
 
     def text(self, prompt: str) -> str | None:
         """No answer."""
-        return LEFT_OUT
+        return None
 
     def failed(self, error: HoldfastError) -> None:
         """End with the error: no operator can correct it."""
         raise error
-
-
-def letter_of(keys: Keys, wait_s: float) -> str:
-    """The next key as a small letter, or ""; an arrow key, which ends in a letter, is none."""
-    byte = keys.byte(wait_s)
-    if byte == ESCAPE:
-        _drop_the_rest(keys)
-        return ""
-    return byte.decode("ascii", "replace").lower()
-
-
-def _drop_the_rest(keys: Keys) -> None:
-    """Drop what came with an Escape, such as the rest of an arrow key."""
-    while keys.byte():
-        pass
 
 
 def countdown(left_s: float) -> str:

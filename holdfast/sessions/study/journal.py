@@ -15,6 +15,7 @@ import fcntl
 import json
 import os
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -146,18 +147,11 @@ class Progress:
 
 
 class Journal:
-    """The open journal of one person; utc: the time now as text."""
+    """The open journal of one person."""
 
-    def __init__(
-        self,
-        path: Path,
-        n_parts: int,
-        now_ns: Callable[[], int],
-        utc: Callable[[], str],
-    ) -> None:
+    def __init__(self, path: Path, n_parts: int, now_ns: Callable[[], int]) -> None:
         self.path = path
         self._now_ns = now_ns
-        self._utc = utc
         self.entries = read_journal(path)
         # Read back from the file alone: nothing else says where the study stands.
         self.progress = progress_of(self.entries, path, n_parts)
@@ -181,12 +175,17 @@ class Journal:
     def append(self, event: Event, **more: Any) -> None:
         """Write a line and bring it to the disk. Raises OutputError."""
         run = self.progress.runs + (event == Event.OPENED)
-        entry = Entry(str(event), run, round(self.t_s, 3), self._utc(), **more)
+        entry = Entry(str(event), run, round(self.t_s, 3), utc_now(), **more)
         step = "make room and run the same command again; it goes on here"
         write_line(self.path, msgspec.json.encode(entry), step)
         # Only what is on the disk counts as having happened.
         self.entries.append(entry)
         self.progress.take(entry)
+
+
+def utc_now() -> str:
+    """The time now, UTC, ISO 8601 to the second."""
+    return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
 
 
 def write_line(path: Path, line: bytes, next_step: str) -> None:
@@ -220,7 +219,7 @@ def read_journal(path: Path) -> list[Entry]:
 
 @contextmanager
 def opened_journal(
-    home: Path, n_parts: int, now_ns: Callable[[], int], utc: Callable[[], str]
+    home: Path, n_parts: int, now_ns: Callable[[], int]
 ) -> Iterator[Journal]:
     """The journal of a person's folder, new or repaired, for one program at a time.
 
@@ -232,7 +231,7 @@ def opened_journal(
     with held(path):
         # A line that a kill tore is moved aside before the file is read.
         repair_lines(path, is_json_object)
-        yield Journal(path, n_parts, now_ns, utc)
+        yield Journal(path, n_parts, now_ns)
 
 
 @contextmanager
@@ -271,9 +270,7 @@ def progress_of(entries: list[Entry], path: Path, n_parts: int) -> Progress:
 # -- withdrawal
 
 
-def withdraw(
-    root: Path, person: str, report: Callable[[str], None], utc: Callable[[], str]
-) -> None:
+def withdraw(root: Path, person: str, report: Callable[[str], None]) -> None:
     """Delete the folder of a person, and report each file.
 
     Raises OutputError where a file cannot be deleted, which it names; the others are deleted.
@@ -283,7 +280,7 @@ def withdraw(
 
     def note(state: str, names: list[str]) -> None:
         entry = {"event": "withdrawn", "person": person, "state": state}
-        line = json.dumps({**entry, "at": utc(), "files": names})
+        line = json.dumps({**entry, "at": utc_now(), "files": names})
         write_line(root / WITHDRAWN, line.encode(), again)
 
     with alone(root):

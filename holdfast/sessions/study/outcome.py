@@ -25,7 +25,7 @@ from holdfast.sessions.study.journal import (
     progress_of,
     read_journal,
 )
-from holdfast.sessions.study.protocol import StudyProtocol, read_study
+from holdfast.sessions.study.protocol import StudyProtocol
 
 if TYPE_CHECKING:
     from holdfast.evaluation.outcomes import ParticipantFigures
@@ -42,7 +42,7 @@ class PartOutcome:
     state: of STATES, or NOT_REACHED.
     """
 
-    step: int | None
+    step: int
     title: str
     planned_s: float
     spent_s: float | None
@@ -51,24 +51,14 @@ class PartOutcome:
 
 
 @dataclass(frozen=True)
-class Note:
-    """What the operator noted; at: UTC."""
+class Remark:
+    """A note or an adverse event. at: UTC. severity: mild, moderate, severe, or None."""
 
     at: str
-    step: int | None
+    step: int
     title: str
     text: str
-
-
-@dataclass(frozen=True)
-class AdverseEvent:
-    """at: UTC. severity: mild, moderate, severe, or None where it was not given."""
-
-    at: str
-    step: int | None
-    title: str
-    severity: str | None
-    text: str
+    severity: str | None = None
 
 
 @dataclass
@@ -89,10 +79,7 @@ class TrialCounts:
 
 @dataclass(frozen=True)
 class StudyOutcome:
-    """All of one person. figures: of the model, None where `no_figures` says why not.
-
-    thesis_protocol: whether it followed the shipped protocol of that name, to the letter.
-    """
+    """All of one person. figures: of the model, None where `no_figures` says why not."""
 
     person: str
     title: str
@@ -102,12 +89,11 @@ class StudyOutcome:
     began: str
     ended: str
     parts: list[PartOutcome]
-    adverse: list[AdverseEvent]
-    notes: list[Note]
+    adverse: list[Remark]
+    notes: list[Remark]
     trials: list[TrialCounts]
     figures: ParticipantFigures | None
     no_figures: str
-    thesis_protocol: bool
 
     @property
     def kept(self) -> int:
@@ -159,12 +145,11 @@ def outcome_of(
         began=entries[0].at,
         ended=entries[-1].at,
         parts=_parts(protocol, entries, progress),
-        adverse=_adverse(protocol, entries),
-        notes=_notes(protocol, entries),
+        adverse=_remarks(protocol, entries, Event.ADVERSE),
+        notes=_remarks(protocol, entries, Event.NOTE),
         trials=_trials(protocol, home),
         figures=figures,
         no_figures=why,
-        thesis_protocol=protocol.sha256 == read_study("thesis").sha256,
     )
 
 
@@ -209,53 +194,44 @@ def _parts(
     return outcomes
 
 
-def _adverse(protocol: StudyProtocol, entries: list[Entry]) -> list[AdverseEvent]:
-    """Every adverse event, with the description that follows it, if it was given."""
-    events: list[AdverseEvent] = []
+def _remarks(
+    protocol: StudyProtocol, entries: list[Entry], event: Event
+) -> list[Remark]:
+    """All of one event; an adverse event has the description that follows it, if it was given."""
+    remarks: list[Remark] = []
     for entry in entries:
-        if entry.event == Event.ADVERSE:
+        if entry.event == event:
             part = protocol.parts[entry.part]
-            events.append(AdverseEvent(entry.at, part.step, part.title, None, ""))
-        elif entry.event == Event.DETAIL and events:
-            # The description follows its event, unless the terminal was gone.
-            events[-1] = replace(events[-1], severity=entry.severity, text=entry.text)
-    return events
-
-
-def _notes(protocol: StudyProtocol, entries: list[Entry]) -> list[Note]:
-    notes = []
-    for entry in entries:
-        if entry.event == Event.NOTE:
-            part = protocol.parts[entry.part]
-            notes.append(Note(entry.at, part.step, part.title, entry.text))
-    return notes
+            remarks.append(Remark(entry.at, part.step, part.title, entry.text))
+        elif entry.event == Event.DETAIL and event == Event.ADVERSE:
+            remarks[-1] = replace(remarks[-1], text=entry.text, severity=entry.severity)
+    return remarks
 
 
 def _trials(protocol: StudyProtocol, home: Path) -> list[TrialCounts]:
     """Trials on the disk, by the tasks of the protocol first."""
     counts: dict[tuple[str, str], TrialCounts] = {}
-
-    def of(name: str, action: str) -> TrialCounts:
-        return counts.setdefault((name, action), TrialCounts(name, action))
-
     for part in protocol.parts:
         if part.task:
-            of(part.task.object, part.task.action).planned += part.repetitions
+            of_task = part.task.object, part.task.action
+            counts.setdefault(
+                of_task, TrialCounts(*of_task)
+            ).planned += part.repetitions
 
     # From the disk and not from the journal: the disk shows what was kept in the end.
     for path in home.rglob(f"trial_*/{META}"):
         meta = read_meta(path.parent)
-        trials = of(str(meta.get("object")), str(meta.get("action")))
-        camera = meta.get("camera")
-        if meta.get("state") == KEPT:
+        of_trial = str(meta.get("object")), str(meta.get("action"))
+        trials = counts.setdefault(of_trial, TrialCounts(*of_trial))
+        state = meta.get("state")
+        if state == KEPT:
             trials.kept += 1
             # A video that is void has gaps, or ended before the trial.
-            trials.filmed += isinstance(camera, dict) and not camera.get("void")
-        elif meta.get("state") == REDONE:
+            trials.filmed += "camera" in meta and not meta["camera"].get("void")
+        elif state == REDONE:
             trials.redone += 1
         else:
             trials.interrupted += 1
-
     return list(counts.values())
 
 
@@ -277,7 +253,6 @@ def write_report(home: Path, outcome: StudyOutcome) -> Path:
             pictures[action] = timelines(rows, figures.kind)
         if figures.central is not None:
             central = trial(figures.central, figures.kind)
-
     return write_page(
         home / "report.html",
         "participant_report.html",

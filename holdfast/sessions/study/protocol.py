@@ -28,11 +28,10 @@ others are counted from first_step (1). Protocols that ship are found by name.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Literal, get_args
 
 import msgspec
 
@@ -75,43 +74,36 @@ class StudyObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class StudyRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One row. title, say, show, hand_over: texts in which braces are filled in.
+    """One row, or with `objects` its rows `each` for every object and each of its actions.
 
-    minutes: up to a working day and more. repetitions: of a recording, 1 where none are given.
+    minutes: up to a working day and more. title, say, show, hand_over: texts in which braces are
+    filled in. begin_object, end_object: for the room, before an object's rows and after them.
     """
 
-    kind: Kind
-    minutes: Annotated[float, msgspec.Meta(gt=0.0, le=600.0)]
-    repetitions: Annotated[int, msgspec.Meta(ge=1, le=100)] | None = None
+    kind: Kind = "say"
+    minutes: Annotated[float, msgspec.Meta(gt=0.0, le=600.0)] = 1.0
+    repetitions: Annotated[int, msgspec.Meta(ge=1, le=100)] = 1
     object: str | None = None
     action: str | None = None
     title: str = ""
     say: str = ""
     show: str = ""
     hand_over: str = ""
-
-    def __post_init__(self) -> None:
-        if self.repetitions is not None and self.kind != RECORD:
-            allowed = "only with kind = 'record'"
-            raise ValueError(f"repetitions = {self.repetitions}; allowed: {allowed}")
-
-
-class StudyBlock(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The rows of `each` for every object and each of its actions.
-
-    begin_object, end_object: for the room, before an object's first row and after its last.
-    """
-
-    objects: tuple[str, ...]
-    each: Annotated[tuple[StudyRow, ...], msgspec.Meta(min_length=1)]
+    objects: tuple[str, ...] = ()
+    each: tuple[StudyRow, ...] = ()
     begin_object: str = ""
     end_object: str = ""
 
+    def __post_init__(self) -> None:
+        if bool(self.objects) != bool(self.each):
+            allowed = "objects together with [[steps.each]]"
+            raise ValueError(f"objects = {list(self.objects)}; allowed: {allowed}")
+
 
 class StudyCard(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The whole file. steps: a StudyBlock where a row names objects, else a StudyRow."""
+    """The whole file."""
 
-    steps: Annotated[tuple[dict[str, Any], ...], msgspec.Meta(min_length=1)]
+    steps: Annotated[tuple[StudyRow, ...], msgspec.Meta(min_length=1)]
     title: str = ""
     about: str = ""
     before: tuple[str, ...] = ()
@@ -124,17 +116,23 @@ class StudyCard(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             require_action(action)
         for name in self.objects:
             require_name(name)
+        if self.steps[0].kind == QUESTIONS:
+            raise ValueError("steps[0].kind = 'questions'; allowed: after a step")
+        for name in {name for row in self.steps for name in row.objects}:
+            if not self.objects.get(name, StudyObject()).actions:
+                allowed = f'[objects.{name}] with actions = ["pass"]'
+                raise ValueError(f"objects = {name!r}; allowed: {allowed}")
 
 
 @dataclass(frozen=True)
 class StudyPart:
     """One row of the protocol, such as "show a video", with all its texts filled in.
 
-    step: its number; None for questions. task, repetitions: of a trial. room_before,
-    room_after: reminders for the room, such as its video.
+    step: its number; questions have that of the step before. task, repetitions: of a trial.
+    room_before, room_after: reminders for the room, such as its video.
     """
 
-    step: int | None
+    step: int
     title: str
     kind: str
     minutes: float
@@ -148,26 +146,18 @@ class StudyPart:
 
 
 @dataclass(frozen=True)
-class StudyProtocol:
-    """A whole study protocol. mass_g: of objects that it defines."""
+class StudyProtocol(Protocol):
+    """A whole study protocol; its trials are those that the recorder reads."""
 
-    name: str
-    text: str
     title: str
-    before: list[str]
+    before: tuple[str, ...]
     parts: list[StudyPart]
     first_step: int
-    mass_g: dict[str, float]
-
-    @property
-    def sha256(self) -> str:
-        """Of the file's text."""
-        return hashlib.sha256(self.text.encode()).hexdigest()
 
     @property
     def last_step(self) -> int:
         """The highest number of a step."""
-        return max(part.step for part in self.parts if part.step is not None)
+        return self.parts[-1].step
 
     @property
     def minutes(self) -> float:
@@ -185,22 +175,11 @@ class StudyProtocol:
             lines.append(f"before: {line}")
 
         for part in self.parts:
-            number = "" if part.step is None else str(part.step)
-            title = part.title
-            if part.repetitions:
-                title += f" x {part.repetitions}"
-            lines.append(f"{number:>4} {part.minutes:>5g} min  {title}")
+            times = f" x {part.repetitions}" if part.task else ""
+            lines.append(f"{part.step:>4} {part.minutes:>5g} min  {part.title}{times}")
 
         steps = f"steps {self.first_step} to {self.last_step}"
         return [*lines, f"{steps}, {self.minutes:g} minutes"]
-
-    def recording_protocol(self) -> Protocol:
-        """Its trials, as the recorder reads them."""
-        tasks: list[Task] = []
-        for part in self.parts:
-            if part.task:
-                tasks += [part.task] * part.repetitions
-        return Protocol(self.name, self.text, tuple(tasks), self.mass_g)
 
 
 def shipped_protocols() -> list[str]:
@@ -227,98 +206,76 @@ def read_study(name: str | Path) -> StudyProtocol:
     for of_object, entry in card.objects.items():
         if entry.mass_g is not None:
             mass_g[of_object] = entry.mass_g
+    parts = _Parts(path, card).all()
+    tasks: list[Task] = []
+    for part in parts:
+        if part.task:
+            tasks += [part.task] * part.repetitions
     return StudyProtocol(
         name=path.stem,
         text=text_of(path),
-        title=_one_line(card.title) or path.stem,
-        before=list(card.before),
-        parts=_Rows(path, card).parts(),
-        first_step=card.first_step,
+        tasks=tuple(tasks),
         mass_g=mass_g,
+        title=card.title or path.stem,
+        before=card.before,
+        parts=parts,
+        first_step=card.first_step,
     )
 
 
-@dataclass(frozen=True)
-class _Rows:
-    """Makes the parts of a card's rows; an error names the row, as steps[3] (from 1)."""
+class _Parts:
+    """Makes the parts of a card's rows; an error names the row, as steps[3] (from 0)."""
 
-    path: Path
-    card: StudyCard
+    def __init__(self, path: Path, card: StudyCard) -> None:
+        self.path = path
+        self.card = card
+        self.step = card.first_step - 1
 
-    def parts(self) -> list[StudyPart]:
+    def all(self) -> list[StudyPart]:
         """All parts in order, with the number of their step."""
         parts: list[StudyPart] = []
-        for number, raw in enumerate(self.card.steps, 1):
+        for number, row in enumerate(self.card.steps):
             place = f"{self.path}: steps[{number}]"
-            if "objects" in raw:
-                parts += self.block(checked(raw, StudyBlock, place), place)
-            else:
-                row = checked(raw, StudyRow, place)
+            if not row.objects:
                 parts.append(self.part(row, row.object, row.action, place))
-
-        if parts[0].kind == QUESTIONS:
-            what = "steps[1].kind = 'questions'"
-            raise _refused(self.path, what, "a step that questions can follow")
-        return self.numbered(parts)
-
-    def numbered(self, parts: list[StudyPart]) -> list[StudyPart]:
-        """The parts with their step's number: questions belong to the step before."""
-        numbered = []
-        number = self.card.first_step - 1
-        for part in parts:
-            if part.kind != QUESTIONS:
-                number += 1
-            numbered.append(replace(part, step=number))
-        return numbered
-
-    def block(self, block: StudyBlock, place: str) -> list[StudyPart]:
-        """The parts of a block: all its rows for each action of each object."""
-        parts: list[StudyPart] = []
-        for name in block.objects:
-            entry = self.card.objects.get(name, StudyObject())
-            if not entry.actions:
-                allowed = f'[objects.{name}] with actions = ["pass"]'
-                raise _refused(place, f"objects = {name!r}", allowed)
-            of_object = []
-            for action in entry.actions:
-                for k, row in enumerate(block.each):
-                    of_row = f"{place}.each[{k}]"
-                    of_object.append(self.part(row, name, action, of_row))
-            # The room is told once an object: a video runs over all of its rows.
-            begins = _one_line(block.begin_object)
-            ends = _one_line(block.end_object)
-            of_object[0] = replace(of_object[0], room_before=begins)
-            of_object[-1] = replace(of_object[-1], room_after=ends)
-            parts += of_object
-
+            for name in row.objects:
+                of_object = []
+                for action in self.card.objects[name].actions:
+                    for each in row.each:
+                        of_object.append(self.part(each, name, action, place))
+                # The room is told once an object: a video runs over all of its rows.
+                of_object[0] = replace(of_object[0], room_before=row.begin_object)
+                of_object[-1] = replace(of_object[-1], room_after=row.end_object)
+                parts += of_object
         return parts
 
     def part(
         self, row: StudyRow, name: str | None, action: str | None, place: str
     ) -> StudyPart:
-        """One part, without a number; name, action: of its object, None where the row has none."""
+        """One part; name, action: of its object, None where the row has none."""
+        if row.kind != QUESTIONS:
+            self.step += 1
+        words = self.words(name, action)
+        # "Testing: soft ball, pass" keeps two rows of one block apart.
+        about = joined(", ", (words.get("object"), words.get("action")))
+        title = _filled(row.title, words, place) or row.kind.capitalize()
+        hand_over = _filled(row.hand_over, words, place)
         task = None
-        needs = ""
         if row.kind == RECORD:
             task = _task(name, action, place)
             # What an action needs, such as a box, is handed over together with the object.
             needs = self.card.actions.get(task.action, StudyAction()).needs
-
-        words = self.words(name, action)
-        title = _filled(row.title, words, place) or row.kind.capitalize()
-        # "Testing: soft ball, pass" keeps two rows of one block apart.
-        about = joined(", ", (words.get("object"), words.get("action")))
-        hand_over = _filled(row.hand_over, words, place)
+            hand_over = joined(" and ", (hand_over, needs))
         return StudyPart(
-            step=None,
+            step=self.step,
             title=joined(": ", (title, about)),
             kind=row.kind,
             minutes=row.minutes,
             say=_filled(row.say, words, place),
             show=_filled(row.show, words, place),
-            hand_over=joined(" and ", (hand_over, needs)),
+            hand_over=hand_over,
             task=task,
-            repetitions=(row.repetitions or 1) if task else 0,
+            repetitions=row.repetitions if task else 0,
         )
 
     def words(self, name: str | None, action: str | None) -> dict[str, str]:
@@ -331,7 +288,7 @@ class _Rows:
             "how": of_action.how,
         }
         # A place without a word is an error of the text that has it.
-        return {place: _one_line(word) for place, word in words.items() if word}
+        return {place: word for place, word in words.items() if word}
 
 
 def _task(name: str | None, action: str | None, place: str) -> Task:
@@ -341,24 +298,17 @@ def _task(name: str | None, action: str | None, place: str) -> Task:
     return row.tasks()[0]
 
 
-def _one_line(text: str) -> str:
-    """A text over several lines of the file as one line of the console."""
-    return " ".join(text.split())
-
-
 def _filled(text: str, words: dict[str, str], place: str) -> str:
-    """A text with the words in place of its braces. Raises CardError."""
+    """A text on one line, with the words in place of its braces. Raises CardError."""
     try:
-        return _one_line(text).format(**words)
+        return " ".join(text.format(**words).split())
     except (KeyError, ValueError, IndexError, AttributeError):
         # A misspelt place would be read out as it stands, so it is refused.
         known = ", ".join(f"{{{word}}}" for word in words)
         allowed = known or "no {..} without an object"
-        raise _refused(place, f"{text!r}", f"{allowed}, in pairs of braces") from None
-
-
-def _refused(where: Path | str, what: str, allowed: str) -> CardError:
-    return CardError(what, where=where, next_step=f"allowed: {allowed}")
+        raise CardError(
+            f"{text!r}", where=place, next_step=f"allowed: {allowed}, in pairs"
+        ) from None
 
 
 def joined(separator: str, texts: Iterable[str | None]) -> str:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from pathlib import Path
 
 from holdfast.core.errors import HoldfastError
 from holdfast.sessions.recorder.protocol import Task
-from holdfast.sessions.study.console import Console, Key, clock_text
+from holdfast.sessions.study.console import ADVERSE, Console, Key, clock_text
 from holdfast.sessions.study.journal import Event, Journal, withdraw
 from holdfast.sessions.study.protocol import StudyPart, StudyProtocol
 from holdfast.sessions.study.trials import Trials
@@ -31,15 +29,12 @@ class Ending(StrEnum):
 
 @dataclass
 class Runner:
-    """Runs the parts of a protocol with one person. utc: the time now as text."""
+    """Runs the parts of a protocol with one person."""
 
-    root: Path
-    person: str
     protocol: StudyProtocol
     journal: Journal
     console: Console
     trials: Trials
-    utc: Callable[[], str]
 
     def run(self) -> Ending:
         """Until the last part is done, or the operator quits: FINISHED, QUIT or WITHDRAWN."""
@@ -185,13 +180,14 @@ class Runner:
         return Ending.GOES_ON
 
     def _withdraw(self) -> Ending:
-        everything = f"withdraw deletes everything of {self.person}"
-        typed = self.console.text(f"{everything}; type {self.person} to confirm")
+        person = self.trials.person
+        everything = f"withdraw deletes everything of {person}"
+        typed = self.console.text(f"{everything}; type {person} to confirm")
         # Nothing brings the files back, so a slip of a key must not delete them.
-        if typed != self.person:
+        if typed != person:
             self.console.report("nothing is deleted")
             return Ending.GOES_ON
-        withdraw(self.root, self.person, self.console.report, self.utc)
+        withdraw(self.trials.root, person, self.console.report)
         return Ending.WITHDRAWN
 
     def _adverse(self) -> Ending:
@@ -223,13 +219,13 @@ class Runner:
 
     def _trial(self, task: Task) -> Ending:
         # During a trial the keys are those of the recorder, and `a` for an adverse event.
-        trial_keys = self.console.trial_keys()
+        keys = self.console.keys
+        keys.last = ""
         try:
-            self.trials.record(task, trial_keys)
+            self.trials.record(task)
         except HoldfastError as error:
             # One failed trial does not end the study: the operator tries again or skips.
             name = type(error).__name__
             self.journal.append(Event.FAILED, part=self.journal.part, error=name)
             self.console.failed(error)
-
-        return self._adverse() if trial_keys.adverse else Ending.GOES_ON
+        return self._adverse() if keys.last == ADVERSE else Ending.GOES_ON

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 from holdfast.core.errors import CardError, DataNotFound, UsageError
 from holdfast.core.lines import stream_sink
@@ -52,6 +51,13 @@ class StudyOptions:
 
     recording: RecordOptions
     rehearse: bool = False
+
+    @classmethod
+    def of(cls, args: Any) -> StudyOptions:
+        """From the words on a command line."""
+        # The protocol of the study is not one of the recorder.
+        recording = replace(RecordOptions.of(args), protocol=None)
+        return cls(recording, args.rehearse)
 
     @property
     def home(self) -> Path:
@@ -138,24 +144,17 @@ def _console(keys: Keys, status: StatusLine, stopped: Callable[[], bool]) -> Con
     return Console(keys, status.report, status.draw, RunClock(), stopped)
 
 
-def utc_now() -> str:
-    """The time now, UTC, ISO 8601 to the second."""
-    return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-
-
 def run_parts(
     options: StudyOptions,
     protocol: StudyProtocol,
     console: Console,
     display: Display,
-    utc: Callable[[], str] = utc_now,
 ) -> Ending:
     """Run the study on any console; returns how it ended. Raises a HoldfastError.
 
     display: of the trials.
     """
     root = options.recording.out
-    person = options.recording.person
     home = options.home
     clock = console.clock
     context = RunContext(clock, console.keys, display, console.stopped)
@@ -171,12 +170,12 @@ def run_parts(
     # For the whole study: between two trials another program would take numbers and time.
     with (
         reserved(root),
-        opened_journal(home, len(protocol.parts), clock.now_ns, utc) as journal,
+        opened_journal(home, len(protocol.parts), clock.now_ns) as journal,
     ):
         # Before the first part: a trial that a kill left is recorded again, and must not count.
         trials.repair()
         _open(home, protocol, console, journal)
-        return Runner(root, person, protocol, journal, console, trials, utc).run()
+        return Runner(protocol, journal, console, trials).run()
 
 
 def _open(
@@ -259,6 +258,6 @@ def withdraw_person(root: Path, person: str, keyboard: TextIO) -> bool:
             return False
         # Another terminal that runs this person's study would write the files again.
         with held(home / JOURNAL):
-            withdraw(root, person, console.report, utc_now)
+            withdraw(root, person, console.report)
 
     return True

@@ -31,7 +31,7 @@ from holdfast.sessions.recorder.protocol import NOTHING, Task
 from holdfast.sessions.recorder.recording import kind_of, record_plan
 from holdfast.sessions.recorder.session import RunContext
 from holdfast.sessions.set_source import read_set_trial
-from holdfast.sessions.study.console import TrialKeys
+from holdfast.sessions.study.console import ADVERSE
 from holdfast.sessions.study.protocol import StudyProtocol
 
 
@@ -127,7 +127,7 @@ class Trials:
         """How many trials of a task are kept."""
         return done(self.root, self.person).count(task)
 
-    def record(self, task: Task, keys: TrialKeys) -> None:
+    def record(self, task: Task) -> None:
         """Record one trial. Raises a HoldfastError; the study may go on after it."""
         # Discarded trials count, so that a repeated trial of a scene is another one.
         options = replace(
@@ -138,15 +138,14 @@ class Trials:
             at_once=True,
         )
         stopped = self.context.stopped
+        keys = self.context.keys
+        # An adverse event stops a trial at once, as a signal does; and after a redo the operator
+        # says when the next one begins.
         context = replace(
-            self.context,
-            keys=keys,
-            # A key that ends a trial at once, such as an adverse event, stops it as a signal
-            # does.
-            stopped=lambda: stopped() or keys.ends,
+            self.context, stopped=lambda: stopped() or keys.last in (ADVERSE, "r")
         )
-        protocol = self.protocol.recording_protocol()
-        record_plan(options, Plan(protocol, [task], self.kept(task)), context)
+        plan = Plan(self.protocol, [task], self.kept(task))
+        record_plan(options, plan, context)
 
     def discard_last(self, task: Task) -> Path:
         """Move the last kept trial of a task to the discarded ones; returns its new path."""

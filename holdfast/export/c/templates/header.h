@@ -14,8 +14,8 @@
    every processor that follows IEEE 754. Without -ffp-contract=off their last bits may differ.
 
    Sample: @CHANNELS@ numbers, x y z of sensor 1, then of sensor 2, and so on; z presses on the
-   fingertip. In @UNIT@, without bias: subtract what the unloaded hand reads,
-   @BIAS@.
+   fingertip. In @UNIT@, without bias: subtract what the unloaded hand reads, as HOLDFAST_BIAS_ROWS
+   and the numbers behind it say; 0 rows: its samples have no bias.
    A sensor with a number that is not finite, or of magnitude @LIMIT@ or more, counts as lost at
    this sample: write NaN for a finger that did not answer. A sample that never came is a step with
    NaN in every number. Call holdfast_init again after a gap of more than @GAP_MS@ ms without steps.
@@ -158,7 +158,7 @@ typedef struct {
     double lead_n, ceiling_n, slew_n_s, rise_s, most_rise_s, give_back_s, give_back_n_s, shear_gain;
 } holdfast_grip_options;
 
-/* The defaults@REDUCED@. */
+/* The defaults; forces that are not in N have no ceiling and no target. */
 extern const holdfast_grip_options holdfast_own_options;
 
 /* What the controller knows of one sample: forces of either side and along the skin,

@@ -31,8 +31,9 @@ static int hf_refuse(holdfast_out *out) {
 
 int holdfast_features(holdfast_state *state, const double *sample, const uint8_t *valid,
                       float *features, holdfast_out *out) {
-    static const uint8_t all[HOLDFAST_SENSORS] = {@ONES@};
+    uint8_t all[HOLDFAST_SENSORS];
     if (state->model != HOLDFAST_MODEL) return hf_refuse(out);
+    memset(all, 1, sizeof all);
     hf_sense(state->table, sample, valid ? valid : all, features, out);
     return HOLDFAST_OK;
 }
