@@ -14,13 +14,13 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from benchmarks.loop_baselines import needed_grip_n
 from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.core.trial_layout import (
     HELD_ACTIONS,
     SITUATION_OF_ACTION,
 )
 from holdfast.evaluation.statistics import share
-from holdfast.simulation.closed_loop import needed_grip_n
 from holdfast.simulation.loop_people import LoopOutcome
 from holdfast.simulation.protocol import may_slip
 from holdfast.training.figures import Interval

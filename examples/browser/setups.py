@@ -9,7 +9,7 @@ from holdfast.simulation.body import Body
 from holdfast.simulation.contacts import pressure
 from holdfast.simulation.drive import Actuator, Drive
 from holdfast.simulation.objects import OBJECTS
-from holdfast.simulation.protocol import PlannedTrial, draw_trial
+from holdfast.simulation.protocol import PlannedTrial, TrialsRow, draw_trial
 from holdfast.simulation.script import body_of
 
 ELEMENTS = 5
@@ -28,7 +28,8 @@ NOMINAL = {
 def trial_of(name: str) -> PlannedTrial:
     """The page's trial with an object of the thesis."""
     held = OBJECTS[name]
-    return draw_trial(0, held, "pull", "page", NOMINAL, SEED, hand_of_counts())
+    row = TrialsRow((name,), "pull", "page", 1, NOMINAL)
+    return draw_trial(0, held, row, SEED, hand_of_counts())
 
 
 def body_numbers(body: Body, trial: int = 0) -> list[float]:

@@ -21,7 +21,7 @@ from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.evaluation.style import SITUATION_COLOURS, with_label
 from holdfast.simulation.closed_loop import ClosedLoop, LoopController, LoopTruth
-from holdfast.simulation.loop_people import LoopOutcome, LoopRecord
+from holdfast.simulation.loop_people import LoopOutcome
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
@@ -66,9 +66,9 @@ class Seen:
 class _WatchedLoop(ClosedLoop):
     """A closed loop that also keeps where the objects were."""
 
-    def note(self, record: LoopRecord, period: int, target_n: FloatArray) -> None:
+    def note(self, target_n: FloatArray) -> None:
         """Write down one sample period."""
-        super().note(record, period, target_n)
+        super().note(target_n)
         self.position_m.append(self.world.position_m.copy())
 
     def run(self) -> list[LoopOutcome]:

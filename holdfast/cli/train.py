@@ -8,6 +8,7 @@ again: an artifact of the fixture there is replaced. Every other artifact is rep
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,6 +22,7 @@ from holdfast.cli.command import (
     show,
     show_found,
 )
+from holdfast.core.errors import UsageError
 from holdfast.core.writing import require_writable
 
 if TYPE_CHECKING:
@@ -33,6 +35,12 @@ MODEL_SIZES = ("tiny", "default")
 LEARNERS = ("forest", "network", "committee")
 HELD_OUT_BY = ("person", "object", "session", "trial")
 DEFAULT_OUT = Path("build/default")
+GONE = {
+    "--channels": "leave it out: a set is read with its usual channels; in Python "
+    "holdfast.training.datasets.load(SET, channels=C)",
+    "--inner-folds": "leave it out: label weights are not chosen any more",
+}
+"""Options of older versions, and what to do instead."""
 OTHER_STAGES = 9
 """Stages besides one for each set: libraries, features, six folds, final forests."""
 REPORT_STAGES = 4
@@ -81,9 +89,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _choose_recordings(parser: argparse.ArgumentParser) -> None:
     """The options of which recordings are read, and how they are held out."""
     parser.add_argument(
-        "--channels", type=int, metavar="C", help="channels, where a set offers several"
-    )
-    parser.add_argument(
         "--groups", type=int, metavar="K", help="use K people (or blocks) only"
     )
     parser.add_argument(
@@ -127,21 +132,17 @@ def _choose_learner(parser: argparse.ArgumentParser) -> None:
         metavar="WHAT",
         help="what answers: forest, network, or committee (both; default; docs/learners.md)",
     )
-    parser.add_argument(
-        "--inner-folds",
-        type=_fold_count,
-        default=0,
-        metavar="K",
-        help="choose label weights and network on K folds of the training groups (default: no)",
-    )
+    for name, instead in GONE.items():
+        parser.add_argument(name, type=_gone(name, instead), help=argparse.SUPPRESS)
 
 
-def _fold_count(word: str) -> int:
-    """A number of folds from the command line: two or more."""
-    number = int(word) if word.isdecimal() else 0
-    if number < 2:
-        raise argparse.ArgumentTypeError(f"{word!r} is not a whole number of 2 or more")
-    return number
+def _gone(name: str, instead: str) -> Callable[[str], None]:
+    """What refuses an option of an older version, and says what to write."""
+
+    def refuse(word: str) -> None:
+        raise UsageError(f"{name} is gone", next_step=instead)
+
+    return refuse
 
 
 def run(args: argparse.Namespace) -> int:
@@ -210,14 +211,12 @@ def _request(args: argparse.Namespace) -> TrainingRequest:
         out=args.out,
         replace=args.force,
         replace_fixture=args.out == DEFAULT_OUT,
-        channels=args.channels,
         groups=args.groups,
         hold_out=args.hold_out,
         windows=args.windows,
         features=args.features,
         size=args.size,
         learner=args.learner,
-        inner_folds=args.inner_folds,
         seed=args.seed,
         judge=args.report is not None,
     )

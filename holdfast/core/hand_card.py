@@ -130,8 +130,11 @@ class HandCard:
     @property
     def sensor_names(self) -> tuple[str, ...]:
         """What people call each sensor, in the order of the channels."""
-        names = [contact.name for contact in self.contacts if contact.sensed]
-        return tuple(name.replace("-", " ") for name in names)
+        names = []
+        for contact in self.contacts:
+            if contact.sensed:
+                names.append(contact.name.replace("-", " "))
+        return tuple(names)
 
     @property
     def sensed(self) -> BoolArray:
@@ -247,14 +250,18 @@ def pad_pressure(
 def open_contacts(hand: HandCard, touching: int, rng: np.random.Generator) -> list[int]:
     """The contacts of the pads that stay open, chosen at random; one pad a side touches."""
     pads = hand.pads
-    order = [pads[k] for k in rng.permutation(len(pads))]
-    of_thumb = [pad for pad in order if pad[0] < hand.thumb]
-    opposing = [pad for pad in order if pad[0] >= hand.thumb]
+    touched_sides = set()
+    others = []
+    for k in rng.permutation(len(pads)):
+        is_thumb = pads[k][0] < hand.thumb
+        if is_thumb in touched_sides:
+            others.append(pads[k])
+        touched_sides.add(is_thumb)
 
-    left = of_thumb[1:] + opposing[1:]
-    left.sort(key=order.index)
-    still_open = left[max(0, touching - 2) :]
-    return [contact for pad in still_open for contact in pad]
+    still_open: list[int] = []
+    for pad in others[max(0, touching - 2) :]:
+        still_open += pad
+    return still_open
 
 
 def shipped_hands() -> list[str]:

@@ -125,9 +125,7 @@ def write_training_report(
 def _central(data: DataSet, trained: Trained) -> AnsweredTrial | None:
     """A trial with its held-out answers, those at the windows that were scored."""
     task = data.tasks[main_task(data)]
-    answers = trained.held_out.labels
-    if answers is None:
-        return None
+    answers = trained.held_out.situations()
 
     rows: list[AnsweredTrial] = []
     for k, recording in enumerate(data.recordings):

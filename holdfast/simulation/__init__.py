@@ -1,11 +1,9 @@
 """Scenes: the physics of a hand, an object and the people who disturb them.
 
-scene_file.py reads a scene file, actions/ has what happens in a trial, protocol.py draws the trials,
+scene_file.py reads a scene file, actions/ has what happens in a trial, protocol.py draws trials,
 script.py turns them into inputs of core.py, stepper.py steps them in batches, truth.py reads the
 events, folder.py writes all of it. A scene runs only the effects that it names: effect.py defines
-an effect and lists them all.
-With a controller in the scene file, closed_loop.py steps the trials together with sensors, model
-and drive.
+an effect and lists them all. closed_loop.py steps trials together with sensors, model and drive.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ come first.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
@@ -22,6 +22,8 @@ def sides(contacts: int, thumb: int) -> FloatArray:
     return np.where(np.arange(contacts) < thumb, 1.0, -1.0)[:, None]
 
 
+UPWARDS = np.array([[0.0], [0.0], [1.0]])
+"""[3, 1] along the object's axis."""
 SIDE = sides(6, 2)
 """Of the default hand: two contacts of the thumb, then index, middle, ring, little."""
 
@@ -89,14 +91,15 @@ class Pull:
 
     def at(self, k: int) -> Pull:
         """Step k of several."""
-        return Pull(
-            stiffness_n_per_m=self.stiffness_n_per_m[k],
-            damping_n_s_per_m=self.damping_n_s_per_m[k],
-            cap_n=self.cap_n[k],
-            weight_share=self.weight_share[k],
-            target_m=self.target_m[k],
-            target_m_s=self.target_m_s[k],
-        )
+        return Pull(*[array[k] for array in vars(self).values()])
+
+
+def bearer(weight_share: FloatArray, damping_n_s_per_m: FloatArray) -> Pull:
+    """A person who bears a share of the weight [n, B] wherever the object is, without a spring."""
+    still = np.zeros((len(weight_share), 3, weight_share.shape[1]))
+    nothing = np.zeros_like(weight_share)
+    # There is no spring, so the cap of 1 N limits nothing.
+    return Pull(nothing, damping_n_s_per_m, nothing + 1.0, weight_share, still, still)
 
 
 @dataclass(frozen=True)
@@ -107,7 +110,7 @@ class Floor:
 
     height_m  [B]: of its top in the hand's frame
     cap_n     [B]: it pushes no harder
-    up        [3, B]: where it pushes, a unit vector, and along which its height is; None: along z
+    up        [3, B]: where it pushes, a unit vector, and along which its height is
     """
 
     stiffness_n_per_m: float
@@ -115,7 +118,7 @@ class Floor:
     sideways_n_s_per_m: float
     height_m: FloatArray
     cap_n: FloatArray
-    up: FloatArray | None = None
+    up: FloatArray = field(default_factory=lambda: UPWARDS)
 
     def at(self, k: int) -> Floor:
         """Step k of several."""
@@ -137,7 +140,7 @@ class Changes:
 
     def at(self, k: int) -> Changes:
         """Step k of several."""
-        return Changes(self.mass_kg[k], self.gravity_m_s2[k], self.push_n[k])
+        return Changes(*[array[k] for array in vars(self).values()])
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.simulation.effect import Drawn, Effect, Parameter, Signal
-from holdfast.simulation.rows import Plan, RowEffect, Rows
+from holdfast.simulation.effect import Effect, Parameter, Rows, Signal
+from holdfast.simulation.rows import Plan, PlanRequest, RowEffect, added
 
 NOISE_UT = np.array([22.0, 22.0, 11.0])
 """1 sigma at 32 averaged conversions (data sheet SLYS045).
@@ -37,38 +36,28 @@ def conversion_s(averages: float) -> float:
     return 25e-6 * (3.0 * averages + 1.0)
 
 
-def noise_plan(
-    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-) -> Plan:
+def noise_plan(request: PlanRequest) -> Plan:
     """White noise of 22 uT in x and y and 11 uT in z at 32 averages, times sqrt(32 / averages)."""
-    sigma = NOISE_UT * np.sqrt(32.0 / drawn["averages"])
-    return {"noise_ut": sigma * rng.normal(size=(len(t_s), sensors, 3))}
+    sigma = NOISE_UT * np.sqrt(32.0 / request["averages"])
+    return {"added": sigma * request.noise()}
 
 
-def hall_noise(rows: Rows, plan: Plan) -> Rows:
-    """Adds the noise."""
-    return replace(rows, values=rows.values + plan["noise_ut"])
-
-
-def range_plan(
-    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-) -> Plan:
+def range_plan(request: PlanRequest) -> Plan:
     """The chip's range, +-40 mT in x, y and +-80 mT in z, times a factor."""
-    return {"limit_ut": (RANGE_UT * drawn["range"])[None, None]}
+    return {"limit_ut": (RANGE_UT * request["range"])[None, None]}
 
 
 def saturation(rows: Rows, plan: Plan) -> Rows:
     """Beyond its range the chip reports its limit; the sensor is invalid."""
     limit = plan["limit_ut"]
     inside = (np.abs(rows.values) < limit).all(axis=2)
-    return Rows(np.clip(rows.values, -limit, limit), rows.valid & inside)
+    clipped = np.clip(rows.values, -limit, limit)
+    return replace(rows, values=clipped, valid=rows.valid & inside)
 
 
-def bits_plan(
-    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-) -> Plan:
+def bits_plan(request: PlanRequest) -> Plan:
     """Steps of 2 range / 2^bits: 19.5 uT in x, y and 39 uT in z at 12 effective bits."""
-    return {"step_ut": (2.0 * RANGE_UT / 2.0 ** drawn["bits"])[None, None]}
+    return {"step_ut": (2.0 * RANGE_UT / 2.0 ** request["bits"])[None, None]}
 
 
 def quantisation(rows: Rows, plan: Plan) -> Rows:
@@ -77,19 +66,19 @@ def quantisation(rows: Rows, plan: Plan) -> Rows:
     return replace(rows, values=np.rint(rows.values / step) * step)
 
 
-def late_s(t_s: FloatArray, drawn: Drawn, rng: np.random.Generator) -> FloatArray:
-    """[T] by how much each sample is late, s: normal with sd_ms; the first and the last are not."""
-    latest_s = LATEST * float(t_s[1] - t_s[0])
-    late = 1e-3 * drawn["sd_ms"] * rng.normal(size=len(t_s))
-    late = np.clip(late, -latest_s, latest_s)
+def late_plan(request: PlanRequest) -> Plan:
+    """By how much each sample is late, s: normal with sd_ms; the first and the last are not."""
+    latest_s = LATEST * float(request.t_s[1] - request.t_s[0])
+    late_s = 1e-3 * request["sd_ms"] * request.rng.normal(size=len(request.t_s))
+    late_s = np.clip(late_s, -latest_s, latest_s)
     # A recording keeps its ends, so that no value is taken from beyond them.
-    late[[0, -1]] = 0.0
-    return late
+    late_s[[0, -1]] = 0.0
+    return {"late_s": late_s}
 
 
-def timing_jitter(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """A sample is taken at t + e, e normal with sd_ms; value and time stamp are of that moment."""
-    late = late_s(signal.t_s, drawn, rng)
+def timing_jitter(signal: Signal, plan: Plan) -> Signal:
+    """A sample is taken late or early; value and time stamp are of that moment."""
+    late = plan["late_s"]
     if not late.any():
         return signal
 
@@ -101,22 +90,22 @@ def timing_jitter(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Sig
     return replace(signal, t_s=t_s, values=values.reshape(signal.values.shape))
 
 
-def kept_rows(t_s: FloatArray, drawn: Drawn, rng: np.random.Generator) -> BoolArray:
-    """[T] which samples come; the others are lost in bursts of 1 to 3 rows.
+def kept_plan(request: PlanRequest) -> Plan:
+    """Which samples come; the others are lost in bursts of 1 to 3 rows.
 
     The first two and the last come. At least two rows lie between bursts, then one begins with
     probability p at each row. So m / (m + 1 + 1 / p) of the rows are lost, m the mean length of a
     burst.
     """
-    n = len(t_s)
+    n = len(request.t_s)
     mean = 0.5 * (1 + LONGEST_BURST)
-    share = drawn["share"]
-    bursts = rng.integers(1, LONGEST_BURST + 1, n)
+    share = request["share"]
+    bursts = request.rng.integers(1, LONGEST_BURST + 1, n)
     # Solved for p: share = m / (m + 1 + 1 / p).
     probability = 0.0
     if share:
         probability = 1.0 / (mean / share - mean - 1.0)
-    begins = rng.uniform(size=n) < probability
+    begins = request.rng.uniform(size=n) < probability
     kept = np.ones(n, dtype=np.bool_)
     last = -LONGEST_BURST
 
@@ -125,39 +114,38 @@ def kept_rows(t_s: FloatArray, drawn: Drawn, rng: np.random.Generator) -> BoolAr
             last = min(start + bursts[start], n - 1)
             kept[max(start, 2) : last] = False
 
-    return kept
+    return {"kept": kept}
 
 
-def dropped_samples(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
+def dropped_samples(signal: Signal, plan: Plan) -> Signal:
     """A share of the samples is lost."""
-    kept = kept_rows(signal.t_s, drawn, rng)
+    kept = plan["kept"]
     values = signal.values[kept]
-    valid = signal.valid[kept]
-    return replace(signal, t_s=signal.t_s[kept], values=values, valid=valid)
+    return replace(
+        signal, t_s=signal.t_s[kept], values=values, valid=signal.valid[kept]
+    )
 
 
-def stale_plan(
-    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-) -> Plan:
+def stale_plan(request: PlanRequest) -> Plan:
     """From at_s on for lasts_s the sensors are stuck; the driver detects it after 20 ms."""
-    begins_s = drawn["at_s"]
-    ends_s = drawn["at_s"] + drawn["lasts_s"]
+    begins_s = request["at_s"]
+    ends_s = request["at_s"] + request["lasts_s"]
 
-    stuck = np.zeros((len(t_s), sensors), dtype=np.bool_)
+    stuck = np.zeros((len(request.t_s), request.sensors), dtype=np.bool_)
     # Sensors are numbered from 1 in a scene file.
-    these = [int(number) - 1 for number in drawn["sensors"]]
-    during = (t_s >= begins_s) & (t_s < ends_s)
+    these = [int(number) - 1 for number in request["sensors"]]
+    during = (request.t_s >= begins_s) & (request.t_s < ends_s)
     stuck[:, these] = during[:, None]
 
     # The driver needs a while to see that a reading does not change.
-    late = t_s - begins_s > STALE_AFTER_S
+    late = request.t_s - begins_s > STALE_AFTER_S
     return {"stuck": stuck, "detected": stuck & late[:, None]}
 
 
 def stale_sensor(rows: Rows, plan: Plan, before: Rows) -> Rows:
     """A stuck sensor repeats its last value; it is invalid once the driver has detected it."""
     values = np.where(plan["stuck"][..., None], before.values, rows.values)
-    return Rows(values, rows.valid & ~plan["detected"])
+    return replace(rows, values=values, valid=rows.valid & ~plan["detected"])
 
 
 AVERAGES = Parameter(
@@ -177,7 +165,7 @@ TABLE = (
     Effect(
         "hall_noise",
         "sensor",
-        RowEffect(noise_plan, hall_noise),
+        RowEffect(noise_plan, added),
         {"averages": AVERAGES},
         needs=("dipole",),
     ),
@@ -199,14 +187,14 @@ TABLE = (
     Effect(
         "timing_jitter",
         "sensor",
-        timing_jitter,
+        RowEffect(late_plan, timing_jitter),
         {"sd_ms": Parameter(0.3, "ms", 0, 20, "standard deviation of a sample's time")},
         in_scene_unit=True,
     ),
     Effect(
         "dropped_samples",
         "sensor",
-        dropped_samples,
+        RowEffect(kept_plan, dropped_samples),
         {"share": Parameter(0.01, "", 0, 0.3, "share of the samples")},
         in_scene_unit=True,
     ),

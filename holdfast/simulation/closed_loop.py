@@ -7,7 +7,7 @@ The target of a sample acts from that sample on; delay_samples more are the cost
 computer or bus. The loop of a trial begins a little before the hand closes, so that the model has
 settled, and ends a while after the action.
 
-A grip controller decides by its name, or the oracle, or a vibration alone.
+A grip controller decides by its name (managed), or what a study puts in its place.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -25,9 +25,7 @@ from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.grip import AnswerRules, GripSense
 from holdfast.edge_runtime.grip_control import GripLoop, controller_of
 from holdfast.edge_runtime.supervisor import Limits
-from holdfast.simulation.actions import action_named
 from holdfast.simulation.drive import Actuator, Drive
-from holdfast.simulation.effect import stream
 from holdfast.simulation.loop_people import (
     Habits,
     LoopOutcome,
@@ -39,11 +37,10 @@ from holdfast.simulation.loop_physics import HandsAndObjects, loop_end_s, spans_
 from holdfast.simulation.loop_sensing import (
     Between,
     HandModels,
-    TrueEvidence,
-    sensors_of,
+    LoopSensors,
 )
 from holdfast.simulation.magnet import shear_gain_in
-from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial, may_slip
+from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.script_times import Times
 
@@ -51,14 +48,6 @@ ROWS_TO_SPARE = 5
 """Rows by which the loop begins earlier than bias and model need."""
 MOST_TOGETHER = 500
 """Trials in a loop together: fewer waste time on calls, more on memory."""
-SPARE = 1.1
-"""Grip over what the largest load needs: a tenth to spare."""
-CLOSURES = (SPARE, 1.5, 2.0, 3.0, np.inf)
-"""How far oracles close, over what the largest load needs; the last one to the drive's ceiling."""
-REACTION_S = 0.28
-"""Median of the reaction of a wearer to a vibration, s."""
-REACTION_SPREAD = 0.25
-"""Standard deviation of the logarithm of that reaction: it is log-normal."""
 
 
 @lru_cache(maxsize=2)
@@ -89,8 +78,8 @@ Make = Callable[[Sequence[PlannedTrial], float], LoopController]
 """Makes the controller of a batch: (trials, rate in Hz)."""
 
 
-TrueSlips = Callable[[Sequence[PlannedTrial], float], TrueEvidence]
-"""Makes the true evidence of a batch: (trials, rate in Hz)."""
+TrueSlips = Callable[[Sequence[PlannedTrial], float], Any]
+"""Makes the true evidence, something with a `tell`, of a batch: (trials, rate in Hz)."""
 
 
 @dataclass(frozen=True)
@@ -138,8 +127,7 @@ def batches(trials: Sequence[PlannedTrial]) -> list[list[int]]:
 
     # As few batches as can be, of equal size; -(-a // b) rounds up.
     count = max(1, -(-len(order) // MOST_TOGETHER))
-    size = max(1, -(-len(order) // count))
-    return [order[start : start + size] for start in range(0, len(order), size)]
+    return [part.tolist() for part in np.array_split(order, count) if part.size]
 
 
 def run_batch(
@@ -192,9 +180,10 @@ class ClosedLoop:
         steps = scene.step_settings_of(trials)
         self.world = HandsAndObjects(trials, steps, self.spans, self.actuator, habits)
 
-        self.sensors = sensors_of(scene, trials, self.spans.counts, settings.between)
-        periods = self.spans.ends - self.spans.begins
-        self.models = HandModels(model, periods)
+        self.sensors: Any = LoopSensors(scene, trials, self.spans.counts)
+        if settings.between is not None:
+            self.sensors = settings.between(self.sensors, trials, self.spans.counts)
+        self.models = HandModels(model, len(trials))
         self.evidence_p = AnswerRules.of(model.card.decision).from_p
 
         self.wearer = Wearer(trials, habits, scene.seed)
@@ -204,33 +193,30 @@ class ClosedLoop:
         self._late = [np.zeros(len(trials))] * settings.delay_samples
         self._agents_n = self.world.state.agents_n.copy()
         self._p_risky = np.zeros(len(trials))
-        self._truth: TrueEvidence | None = None
+        self._noted: list[tuple[Any, ...]] = []
+        self._truth: Any = None
         if settings.true_slips is not None:
             self._truth = settings.true_slips(trials, self.rate_hz)
 
     def run(self) -> list[LoopOutcome]:
         """Run to the end."""
-        record = LoopRecord.empty(self.spans.periods, len(self.trials))
         for period in range(self.spans.periods):
             target_n = self.decide(period)
-            self.note(record, period, target_n)
+            self.note(target_n)
             self.world.advance(period, target_n)
 
-        outcomes = []
-        for k in range(len(self.trials)):
-            outcomes.append(self.outcome(k, record))
-        return outcomes
+        columns = zip(*self._noted, strict=True)
+        record = LoopRecord(*[np.array(column) for column in columns])
+        return [self.outcome(k, record) for k in range(len(self.trials))]
 
-    def note(self, record: LoopRecord, period: int, target_n: FloatArray) -> None:
+    def note(self, target_n: FloatArray) -> None:
         """Write down one sample period, before the world goes on."""
-        record.grip_n[period] = self.actuator.grip_n
-        record.own_n[period] = self.actuator.wearers_n
-        record.target_n[period] = target_n
-        record.p_risky[period] = self._p_risky
+        drive = self.actuator
+        levels = (drive.grip_n, drive.wearers_n, target_n, self._p_risky)
         touching = self.world.forces_n[:, :, 2] > 0.0
-        thumb = touching[:, : self.trials[0].hand.thumb].any(axis=1)
-        fingers = touching[:, self.trials[0].hand.thumb :].any(axis=1)
-        record.both_sides[period] = thumb & fingers
+        thumb = self.trials[0].hand.thumb
+        both = touching[:, :thumb].any(axis=1) & touching[:, thumb:].any(axis=1)
+        self._noted.append((*[level.astype(np.float32) for level in levels], both))
 
     def decide(self, period: int) -> FloatArray:
         """[B] targets of the drives at a sample, 0 for none."""
@@ -243,13 +229,13 @@ class ClosedLoop:
         values = readings.values.reshape(len(self.trials), -1)
         sense = self.models.answer(values, valid)
 
-        # Only the wearer, the oracle and the vibration use the truth.
+        # Only the wearer, and a baseline of a study, use the truth.
         now = LoopTruth(rows / self.rate_hz, self.actuator.grip_n)
         opening = self.wearer.opening(now.t_s)
         overridden = self._overridden(now)
         sense = replace(sense, opening=opening, overridden=overridden)
         if self._truth is not None:
-            sense = self._truth.tell(sense, now.t_s, self.world.slips())
+            sense = self._truth.tell(sense, now.t_s, self.world.slid)
         self._p_risky = np.where(sense.known, sense.p_risky, 0.0)
         # A queue: what is decided now acts delay_samples later.
         self._late.append(self.controller.step(sense, now))
@@ -276,68 +262,18 @@ class ClosedLoop:
         end = int(self.spans.ends[k])
 
         # The outcome is read off the steps alone, so the motion needs no samples.
-        no_forces_n = np.zeros((2, 1, 3))
-        no_position_m = np.zeros((2, 3))
-        motion = self.world.motion(k, no_forces_n, no_position_m)
+        motion = self.world.motion(k, np.zeros((2, 1, 3)), np.zeros((2, 3)))
         return outcome_of(
             self.trials[k],
             motion,
+            record.of_trial(k, end - begin),
             overrode_s=float(self.wearer.overrode_s[k]),
             begin_s=begin / self.rate_hz,
             rate_hz=self.rate_hz,
             mu_hat=float(self.controller.mu_hat[k]),
-            record=record.of_trial(k, end - begin),
             gives_up_s=float(self.world.script.gives_up_s[k]),
             evidence_p=self.evidence_p,
         )
-
-
-class Oracle:
-    """What one closure of the drive can do: it knows each trial's action, friction and load.
-
-    From the first sample after load onset it closes as fast as the drive can, until the grip is
-    `closure` times what holds the largest load that will come by kinetic friction; in a hand-over
-    it does nothing. onset_s [B]: load onset in a hand that does nothing, inf where there is none.
-
-    most_times: commands stay below so many times what the load needs; inf for the ceiling alone. A
-    drive that gets no more than that is slower.
-
-    A further closure holds more, and may also push a curved object out of the hand, so none is the
-    best for every event: a drop is preventable where any of CLOSURES keeps the object.
-    """
-
-    def __init__(
-        self,
-        trials: Sequence[PlannedTrial],
-        onset_s: FloatArray,
-        ceiling_n: float,
-        closure: float = SPARE,
-        most_times: float = np.inf,
-    ) -> None:
-        most_n = np.array([needed_grip_n(trial, most_times) for trial in trials])
-        self.most_n = np.minimum(ceiling_n, most_n)
-        risky = np.array([may_slip(trial.action) for trial in trials])
-        self.act_s = np.where(risky, onset_s, np.inf)
-        self.needed_n = np.array([needed_grip_n(trial, closure) for trial in trials])
-        self.mu_hat = np.full(len(trials), np.nan)
-
-    def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:
-        """[B] N a side; 0 for none."""
-        # A target at the ceiling moves the drive at its full speed.
-        too_weak = now.grip_n < self.needed_n
-        close_n = np.where(too_weak, self.most_n, self.needed_n)
-        return np.where(now.t_s >= self.act_s, close_n, 0.0)
-
-
-def needed_grip_n(trial: PlannedTrial, spare: float = SPARE) -> float:
-    """Grip of either side, N: `spare` times what holds the largest load by kinetic friction."""
-    weight_n = trial.object.mass_g * 1e-3 * GRAVITY_M_S2
-    load_n = action_named(trial.action).load_n(trial, weight_n)
-
-    # Coulomb: both sides hold, each with friction times its normal force
-    # The bound keeps the grip finite for an object without friction.
-    friction = max(trial.kinetic_friction, 1e-3)
-    return spare * load_n / (2.0 * friction)
 
 
 class Managed:
@@ -357,38 +293,6 @@ class Managed:
         return self.target_n
 
 
-class Vibration:
-    """The hand only vibrates; a wearer who did not mean it closes the hand after a while.
-
-    The wearer knows whether it was meant, and closes to what the load needs. Reaction times are
-    log-normal about 0.28 s (vibrotactile: a simple reaction of 0.2 to 0.35 s). cue_p: p(risky slip)
-    from which the hand vibrates.
-    """
-
-    def __init__(self, trials: Sequence[PlannedTrial], seed: int, cue_p: float) -> None:
-        self.cue_p = cue_p
-        # Every trial has a stream of its own, so a reaction does not depend on the batch.
-        spreads = []
-        for trial in trials:
-            rng = stream(seed, trial.number, "reaction")
-            spreads.append(np.exp(REACTION_SPREAD * rng.normal()))
-        self.reaction_s = REACTION_S * np.array(spreads)
-        self.meant = np.array([not may_slip(trial.action) for trial in trials])
-        self.needed_n = np.array([needed_grip_n(trial) for trial in trials])
-        self.felt_s = np.full(len(trials), np.inf)
-        self.mu_hat = np.full(len(trials), np.nan)
-
-    def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:
-        """[B] N a side; 0 for none."""
-        cue = sense.known & (sense.p_risky >= self.cue_p) & ~self.meant
-
-        # Only the first vibration starts a reaction.
-        first_s = np.minimum(self.felt_s, now.t_s)
-        self.felt_s = np.where(cue, first_s, self.felt_s)
-        acts = now.t_s >= self.felt_s + self.reaction_s
-        return np.where(acts, self.needed_n, 0.0)
-
-
 def managed(
     scene: Scene,
     name: str,
@@ -406,23 +310,3 @@ def managed(
         return Managed(grip, len(trials))
 
     return make
-
-
-def oracle(
-    onset_s: dict[int, float],
-    ceiling_n: float,
-    closure: float = SPARE,
-    most_times: float = np.inf,
-) -> Make:
-    """A maker of the oracle; onset_s: trial number -> load onset in a hand that does nothing."""
-
-    def make(trials: Sequence[PlannedTrial], rate_hz: float) -> LoopController:
-        onsets = np.array([onset_s[trial.number] for trial in trials])
-        return Oracle(trials, onsets, ceiling_n, closure, most_times)
-
-    return make
-
-
-def vibration(seed: int, cue_p: float) -> Make:
-    """A maker of the vibration alone."""
-    return lambda trials, rate_hz: Vibration(trials, seed, cue_p)

@@ -183,11 +183,8 @@ def _add_floor(
     floor: Floor, state: State, load_n: FloatArray, drag: FloatArray, dt_s: FloatArray
 ) -> None:
     """Add the box to the forces load_n [3, B], and to the drag [3, B], in place."""
-    place_m = state.position_m[2]
-    speed_m_s = state.velocity_m_s[2]
-    if floor.up is not None:
-        place_m = add(floor.up * state.position_m, axis=0)
-        speed_m_s = add(floor.up * state.velocity_m_s, axis=0)
+    place_m = add(floor.up * state.position_m, axis=0)
+    speed_m_s = add(floor.up * state.velocity_m_s, axis=0)
     above_m = floor.height_m - place_m
 
     # As for people, the cap is judged at the end of a step with the old speed.
@@ -202,12 +199,6 @@ def _add_floor(
     follows = floor.stiffness_n_per_m * dt_s
     upwards = share * (follows + floor.damping_n_s_per_m)
     sideways = share * floor.sideways_n_s_per_m
-    if floor.up is None:
-        load_n[2] += push_n
-        drag[2] += upwards
-        drag[:2] += sideways
-        return
-
     # A drag has one number an axis. These bound the push's own, n n' (Gershgorin), so no step
     # gains energy; along an axis they are exact.
     size = np.abs(floor.up)

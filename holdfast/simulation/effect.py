@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import importlib
 import math
-import sys
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
@@ -47,13 +46,13 @@ EFFECT_MODULES = {
     "arm": "shakes",
     "tremor": "shakes",
     "knock": "shakes",
-    "fluctuation": "fluctuation",
+    "fluctuation": "shakes",
     "averaging": "chip",
     "shear_gain": "sensor_spread",
     "hysteresis": "sensor_spread",
     "mounting": "sensor_spread",
     "dipole": "magnet",
-    "pad_magnet": "pad_magnet",
+    "pad_magnet": "magnet",
     "cross_talk": "magnet",
     "gain_tilt": "magnet",
     "magnet_reversed": "magnet",
@@ -62,7 +61,7 @@ EFFECT_MODULES = {
     "hall_noise": "chip",
     "saturation": "chip",
     "quantisation": "chip",
-    "magnetometer": "pad_magnet",
+    "magnetometer": "magnet",
     "drift": "sensor_spread",
     "white_noise": "sensor_spread",
     "timing_jitter": "chip",
@@ -134,7 +133,11 @@ class Parameter:
             pair = "mean, standard deviation" if kind == "normal" else "low, high"
             return f"{kind} = [{pair}]"
         if kind == "normal":
-            return self._problem_of_normal(*numbers)
+            mean, deviation = numbers
+            if self._inside(mean) and deviation >= 0:
+                return None
+            allowed = f"a mean within {self.allowed()}"
+            return f"{allowed} and a standard deviation that is not negative"
         if not all(map(self._inside, numbers)):
             return f"limits within {self.allowed()}"
         if kind != "choice" and not numbers[0] <= numbers[1]:
@@ -143,15 +146,6 @@ class Parameter:
             return "limits above zero"
 
         return None
-
-    def _problem_of_normal(self, mean: Any, deviation: Any) -> str | None:
-        """What is wrong with mean and standard deviation, or None."""
-        # The upper bound refuses infinity, and nan fails both comparisons.
-        number = isinstance(deviation, (int, float))
-        if self._inside(mean) and number and 0 <= deviation <= sys.float_info.max:
-            return None
-        allowed = f"a mean within {self.allowed()}"
-        return f"{allowed} and a standard deviation that is not negative"
 
 
 def _drawn(kind: str, numbers: list[float], rng: np.random.Generator) -> float:
@@ -167,26 +161,33 @@ def _drawn(kind: str, numbers: list[float], rng: np.random.Generator) -> float:
 
 
 @dataclass(frozen=True)
-class Signal:
-    """What S fingertips report at T samples.
+class Rows:
+    """What S fingertips report in n rows: shear x, shear y, normal.
 
-    t_s     [T]
-    values  [T, S, 3] shear x, shear y, normal
-    valid   [T, S]
+    Rows are the samples of one trial, or one sample of many trials.
+
+    values  [n, S, 3]
+    valid   [n, S]
     unit    of the values
     """
 
-    t_s: FloatArray
     values: FloatArray
     valid: BoolArray
     unit: Unit = "N"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Signal(Rows):
+    """What S fingertips report in a trial, at the times t_s [T]."""
+
+    t_s: FloatArray
 
 
 @dataclass(frozen=True)
 class Effect:
     """One entry of the table of effects.
 
-    make            of a sensor effect: (signal, drawn, random stream) -> signal;
+    make            of a sensor effect: its law (rows.RowEffect);
                     of a physics effect: EffectBatch -> PhysicsEffect;
                     of one that `sets` a field of stepper.StepSettings: its constant -> that field
     parameters      in the order in which they are drawn

@@ -93,62 +93,48 @@ def _fill(scene: Scene, out: Path, trials: Sequence[PlannedTrial], done: Done) -
         recordings = [(out / name, [trial]) for name, trial in _named(trials)]
         together = max(1, len(recordings))
 
-    work = _Work(done)
+    before = 0
     for start in range(0, len(recordings), together):
+
+        def report(trials: float, before: int = before) -> None:
+            done(before + trials)
+
         part = recordings[start : start + together]
-        _write_recordings(scene, part, work)
+        before += _write_recordings(scene, part, report)
     return len(recordings)
 
 
-class _Work:
-    """Counts the work: a trial counts in part when simulated, in full when written."""
+def _write_recordings(scene: Scene, recordings: Sequence[Recording], done: Done) -> int:
+    """Simulate recordings together, and write each as soon as all its trials are there.
 
-    def __init__(self, done: Done) -> None:
-        self.done = done
-        self.before = 0.0
-        self.n_simulated = 0.0
-        self.n_written = 0
-
-    def simulated(self, trials: float) -> None:
-        """Report how many trials of the present part are simulated so far."""
-        self.n_simulated = self.before + trials
-        self._report()
-
-    def written(self, trials: int) -> None:
-        """Report that so many more trials are on disk."""
-        self.n_written += trials
-        self._report()
-
-    def _report(self) -> None:
-        simulated = SIMULATED_SHARE * self.n_simulated
-        self.done(simulated + (1.0 - SIMULATED_SHARE) * self.n_written)
-
-
-def _write_recordings(
-    scene: Scene, recordings: Sequence[Recording], work: _Work
-) -> None:
-    """Simulate recordings together, and write each as soon as all its trials are there."""
-    trials = []
-    path_of = {}
-    missing = {}
-
+    Returns their number of trials; done: called with the trials' worth of work, of which a trial
+    counts a part when simulated and all when written.
+    """
+    recording_of = {}
     for path, joined in recordings:
-        trials += joined
-        missing[path] = len(joined)
         for trial in joined:
-            path_of[trial.number] = path, joined
+            recording_of[trial.number] = path, joined
+
+    simulated_so_far = 0.0
+    written = 0
+
+    def report(simulated: float) -> None:
+        nonlocal simulated_so_far
+        simulated_so_far = simulated
+        done(SIMULATED_SHARE * simulated + (1.0 - SIMULATED_SHARE) * written)
 
     ready: dict[int, SimulatedTrial] = {}
-    for simulated in scene.run(trials, work.simulated):
-        path, joined = path_of[simulated.trial.number]
+    trials = [trial for _, joined in recordings for trial in joined]
+    for simulated in scene.run(trials, report):
+        path, joined = recording_of[simulated.trial.number]
         ready[simulated.trial.number] = simulated
-        missing[path] -= 1
-        if not missing[path]:
+        if all(trial.number in ready for trial in joined):
             complete = [ready.pop(trial.number) for trial in joined]
             write_recording(path, scene, complete)
-            work.written(len(joined))
+            written += len(joined)
+            report(simulated_so_far)
 
-    work.before += len(trials)
+    return len(trials)
 
 
 def write_recording(path: Path, scene: Scene, trials: Sequence[SimulatedTrial]) -> None:

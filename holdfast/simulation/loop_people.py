@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -60,52 +61,38 @@ class LoopScript(Script):
         self.gives_up_s = first_pull_s + patience_s
         self.lets_go_s = habits.lets_go_s
         self.grip_n = np.array([trial.grip_n for trial in trials])
-        # In each step of the next chunk [n, B]: the place of the wearer, and that of the drive.
-        self.own_n: FloatArray = self.grip_n[None]
-        self.place_n: FloatArray = self.grip_n[None]
 
-    def own_place_n(self, t_s: FloatArray) -> FloatArray:
+    def places_n(self, t_s: FloatArray, closures_m: Sequence[FloatArray]) -> FloatArray:
         """[n, B] grip that the wearer asks for at t_s [n, B], N a side, as Actuator.own_n.
 
         Of the finger that is least closed: no finger of a drive that follows it is closed further
-        than the wearer would.
+        than the wearer would. closures_m: the wearer's.
         """
-        shut = self.shut(t_s)
-        pulse = self.pulse(t_s)
-        wearers = self.wearers_share(t_s)
+        closed_m = np.where(self.stays_open, 1.0, self.closed_m)
         shares = []
-        for k in range(len(t_s)):
-            share = 1.0 if wearers is None else wearers[k]
-            own_m = self.own_closure(shut[k], pulse[k], share)
-            shares.append(self._share_of(own_m))
+        for own_m in closures_m:
+            deep_m = (own_m - self.surface_m) / closed_m
+            least = np.where(self.stays_open, np.inf, deep_m).min(axis=0)
+            shares.append(least)
         place_n: FloatArray = np.stack(shares) * self.grip_n
         # A closed hand is at its grip exactly, whatever the rounding.
-        still = (shut == 1.0) & (pulse == 0.0)
+        still = (self.shut(t_s) == 1.0) & (self.pulse(t_s) == 0.0)
+        wearers = self.wearers_share(t_s)
         if wearers is not None:
             still &= wearers == 1.0
         return np.where(still, self.grip_n, place_n)
 
-    def _share_of(self, own_m: FloatArray) -> FloatArray:
-        """[B] the share of its grip that the least closed finger of those that touch has."""
-        deep_m = own_m if self.surface_m is None else own_m - self.surface_m
-        if self.stays_open is None:
-            least: FloatArray = (deep_m / self.closed_m).min(axis=0)
-            return least
-        closed_m = np.where(self.stays_open, 1.0, self.closed_m)
-        shares = np.where(self.stays_open, np.inf, deep_m / closed_m)
-        least = shares.min(axis=0)
-        return least
+    def driven(
+        self, own_m: FloatArray, own_n: FloatArray, place_n: FloatArray
+    ) -> FloatArray:
+        """[S, B] how far the fingers are closed: for the larger of the wearer's and the drive's.
 
-    def driven(self, k: int, own_m: FloatArray) -> FloatArray:
-        """[S, B] how far the fingers are closed: for the larger of the wearer's and the drive's."""
-        drive_m = self.closed_m * (self.place_n[k] / self.grip_n)
-        if self.surface_m is not None:
-            drive_m = drive_m + self.surface_m
-        if self.stays_open is not None:
-            drive_m = np.where(self.stays_open, own_m, drive_m)
-        beyond = self.place_n[k] > self.own_n[k]
+        own_n, place_n [B]: the places of wearer and drive, N a side.
+        """
+        drive_m = self.closed_m * (place_n / self.grip_n) + self.surface_m
+        drive_m = np.where(self.stays_open, own_m, drive_m)
         # in place: the layout in memory decides in which order numpy sums
-        return np.maximum(own_m, drive_m, out=own_m, where=beyond)
+        return np.maximum(own_m, drive_m, out=own_m, where=place_n > own_n)
 
     def still_there(self, t_s: FloatArray) -> FloatArray:
         """[n, B] 1 while the other person pulls, 0 after giving up."""
@@ -175,7 +162,29 @@ HELD_AT_END_S = float("inf")
 
 
 @dataclass(frozen=True)
-class LoopOutcome:
+class LoopRecord:
+    """What is recorded at every sample; each [T] of one trial, or [T, B] of a batch.
+
+    grip_n      the grip of either side that the drive gave
+    own_n       the grip that the wearer asked for
+    target_n    the grip that the controller commanded, 0 for none
+    p_risky     the evidence that the controller was given, 0 while the state is unknown
+    both_sides  thumb and fingers touch the object
+    """
+
+    grip_n: npt.NDArray[np.float32]
+    own_n: npt.NDArray[np.float32]
+    target_n: npt.NDArray[np.float32]
+    p_risky: npt.NDArray[np.float32]
+    both_sides: BoolArray
+
+    def of_trial(self, k: int, periods: int) -> LoopRecord:
+        """The first samples of trial k."""
+        return LoopRecord(*[array[:periods, k] for array in vars(self).values()])
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopOutcome(LoopRecord):
     """What became of a trial. Times in s of the trial; inf for what never happened.
 
     trial       as it was planned
@@ -185,14 +194,9 @@ class LoopOutcome:
     peak_n      largest force of the other person or the box beyond the one before the action, while
                 there is contact
     overrode_s  the wearer overrides
-    begin_s     first time of grip_n
-    rate_hz     of grip_n
+    begin_s     first time of what is recorded
+    rate_hz     of what is recorded
     mu_hat      the last friction estimate, nan where no slip has shown it
-    grip_n      [T] the grip of either side that the drive gave
-    own_n       [T] the grip that the wearer asked for
-    target_n    [T] the grip that the controller commanded, 0 for none
-    p_risky     [T] the evidence that the controller was given, 0 while the state is unknown
-    both_sides  [T] thumb and fingers touch the object
     gives_up_s  the other person gives up
     evidence_p  p(risky slip) that counts as evidence: our answer begins with it
     """
@@ -206,11 +210,6 @@ class LoopOutcome:
     begin_s: float
     rate_hz: float
     mu_hat: float
-    grip_n: npt.NDArray[np.float32]
-    own_n: npt.NDArray[np.float32]
-    target_n: npt.NDArray[np.float32]
-    p_risky: npt.NDArray[np.float32]
-    both_sides: BoolArray
     gives_up_s: float = NEVER_S
     evidence_p: float = AnswerRules.from_p
 
@@ -247,52 +246,10 @@ class LoopOutcome:
         return float(self.grip_n.max())
 
 
-@dataclass(frozen=True)
-class LoopRecord:
-    """What is recorded at every sample; each [T] of one trial, or [T, B] of a batch.
-
-    Names as in LoopOutcome.
-    """
-
-    grip_n: npt.NDArray[np.float32]
-    own_n: npt.NDArray[np.float32]
-    target_n: npt.NDArray[np.float32]
-    p_risky: npt.NDArray[np.float32]
-    both_sides: BoolArray
-
-    @classmethod
-    def empty(cls, periods: int, hands: int) -> LoopRecord:
-        """Zeros [periods, hands]."""
-        shape = (periods, hands)
-        grip_n, own_n, target_n, p_risky = np.zeros((4, *shape), dtype=np.float32)
-        both_sides = np.zeros(shape, dtype=np.bool_)
-        return cls(grip_n, own_n, target_n, p_risky, both_sides)
-
-    def of_trial(self, k: int, periods: int) -> LoopRecord:
-        """The first samples of trial k."""
-        rows = slice(periods)
-        return LoopRecord(
-            self.grip_n[rows, k],
-            self.own_n[rows, k],
-            self.target_n[rows, k],
-            self.p_risky[rows, k],
-            self.both_sides[rows, k],
-        )
-
-
 def outcome_of(
-    trial: PlannedTrial,
-    motion: TrialMotion,
-    *,
-    overrode_s: float,
-    begin_s: float,
-    rate_hz: float,
-    mu_hat: float,
-    record: LoopRecord,
-    gives_up_s: float,
-    evidence_p: float,
+    trial: PlannedTrial, motion: TrialMotion, record: LoopRecord, **known: Any
 ) -> LoopOutcome:
-    """Read the outcome of a trial off its motion; the rest is what the loop knows of it."""
+    """Read the outcome of a trial off its motion; known: what the loop knows of it."""
     act_s = Times.of(trial).act
     at_s = motion.at_s
     held = np.flatnonzero(motion.gripped)
@@ -316,22 +273,13 @@ def outcome_of(
     slip_m = motion.slip_m[held_last] - motion.slip_m[start]
 
     return LoopOutcome(
+        **vars(record),
+        **known,
         trial=trial,
         lost_s=lost_s,
         onset_s=onset_s,
         slip_mm=1e3 * float(slip_m),
         peak_n=_peak_n(motion, act_s, last),
-        overrode_s=overrode_s,
-        begin_s=begin_s,
-        rate_hz=rate_hz,
-        mu_hat=mu_hat,
-        grip_n=record.grip_n,
-        own_n=record.own_n,
-        target_n=record.target_n,
-        p_risky=record.p_risky,
-        both_sides=record.both_sides,
-        gives_up_s=gives_up_s,
-        evidence_p=evidence_p,
     )
 
 

@@ -32,7 +32,6 @@ from holdfast.simulation.script_times import (
     pieces_of,
 )
 from holdfast.simulation.stepper import (
-    SLIDES_M_S,
     Part,
     StepSettings,
     StepTape,
@@ -120,7 +119,7 @@ class HandsAndObjects:
     position_m  [B, 3] at the last sample
     all         every trial, as it is stepped
     busy        [periods, B] where the script of a trial, or an effect, asks for fine steps
-    slid        [B] whether the object slid in the last period
+    slid        [B] whether any part of a contact slips, be it while the object still holds
     tape        the truth at every step; a trial takes only some of its rows
     """
 
@@ -161,13 +160,6 @@ class HandsAndObjects:
         """Where everything is at the last sample."""
         return self.all.state
 
-    def slips(self) -> BoolArray:
-        """[B] whether any part of a contact slips, be it while the object still holds."""
-        fast = (self.state.slip_m_s > SLIDES_M_S).any(axis=0)
-        touching = self.state.normal_n > 0.0
-        slipping: BoolArray = np.any(fast & touching, axis=0)
-        return slipping
-
     def advance(self, period: int, target_n: FloatArray) -> None:
         """One sample period of all trials; target_n [B]: of the drives."""
         at = self.spans.begins + period
@@ -190,14 +182,15 @@ class HandsAndObjects:
         within = (np.arange(pieces)[:, None] + 1) / pieces
         ends_s = (at + within) / rate_hz
         dt_s = 1.0 / (rate_hz * pieces)
-        own_n = self.script.own_place_n(ends_s)
-        places_n = [self.actuator.step(target_n, dt_s, each_n) for each_n in own_n]
+        closures_m = self.script.wearers_closures(ends_s)
+        own_n = self.script.places_n(ends_s, closures_m)
+        for own_m, each_n in zip(closures_m, own_n, strict=True):
+            place_n = self.actuator.step(target_n, dt_s, each_n)
+            self.script.driven(own_m, each_n, place_n)
 
         # Without fine steps only the inputs at the end of the period are needed.
         first = 0 if fine.any() else pieces - 1
-        self.script.own_n = own_n[first:]
-        self.script.place_n = np.stack(places_n[first:])
-        inputs = self.script.chunk(ends_s[first:])
+        inputs = self.script.chunk(ends_s[first:], closures_m[first:])
 
         # Every period has `pieces` rows of the tape, whether or not a trial takes them all.
         row = period * pieces
@@ -228,8 +221,8 @@ class HandsAndObjects:
         self.forces_n[trials] = part.felt_n(np.arange(len(trials)))
         self.position_m[trials] = state.position_m.T
         # An object that slides takes fine steps in the next period too.
-        fast = (state.slip_m_s > SLIDES_M_S).any(axis=0)
-        self.slid[trials] = (fast & (state.normal_n > 0.0)).any(axis=0)
+        last = row + len(inputs) - 1
+        self.slid[trials] = self.tape.slips[last, trials]
         if part is not self.all:
             self.all.travel_m[:, trials] = part.travel_m
             for name, array in vars(self.state).items():

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,21 +23,16 @@ from holdfast.core.contract import (
     SAFE_SLIP,
     BoolArray,
     FloatArray,
-    Unit,
 )
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.grip import GripSense
-from holdfast.simulation.chip import kept_rows, late_s
-from holdfast.simulation.effect import Signal
+from holdfast.simulation.effect import Rows
 from holdfast.simulation.objects import sensed_of
 from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.rows import Plan, PlanBatch, RowEffect, Rows
+from holdfast.simulation.rows import Plan, PlanBatch, PlanRequest
 from holdfast.simulation.scene import Scene
-from holdfast.simulation.script_times import Times
 
 IntArray = npt.NDArray[np.int64]
-TOGETHER = 50
-"""Hands in one call of the graph. Hands that are done cost nothing once all of a call are."""
 OUTPUTS = ("p_situation", "situation", "unknown")
 """Outputs of the graph that a controller needs."""
 
@@ -67,20 +62,16 @@ class LoopSensors:
         self, name: str, trials: Sequence[PlannedTrial], times_s: list[FloatArray]
     ) -> None:
         """Draw an effect's plans; times_s are those of the samples before it, then after it."""
-        law = self.effects[name].make
+        law: Any = self.effects[name].make
         plans: list[Plan] = []
         for k, trial in enumerate(trials):
-            drawn = self.scene.draw(name, trial)
+            drawn = self.scene.draw(name, trial.number)
             rng = self.scene.rng(name, trial)
-            if isinstance(law, RowEffect):
-                sensors = trial.hand.n_sensors
-                plans.append(law.plan(drawn, rng, times_s[k], sensors))
-            elif name == "timing_jitter":
-                plans.append({"late_s": late_s(times_s[k], drawn, rng)})
+            sensors = trial.hand.n_sensors
+            plans.append(law.plan(PlanRequest(drawn, rng, times_s[k], sensors)))
+            if "late_s" in plans[k]:
                 # Later effects see the times at which samples are really taken.
                 times_s[k] = times_s[k] + plans[k]["late_s"]
-            else:
-                plans.append({"kept": kept_rows(times_s[k], drawn, rng)})
 
         self._plans[name] = PlanBatch(plans)
 
@@ -92,32 +83,31 @@ class LoopSensors:
         forces_n = sensed_of(self.scene.file.hand, forces_n)
         all_valid = np.ones(forces_n.shape[:2], dtype=np.bool_)
         now = Rows(forces_n, all_valid)
-        unit: Unit = "N"
         lost = np.zeros(len(rows), dtype=np.bool_)
 
         for name, effect in self.effects.items():
-            law: Any = effect.make
             if effect.in_scene_unit:
-                now, unit = self._in_scene_unit(now, unit)
+                now = self.scene.in_unit(now)
             if name == "timing_jitter":
                 # Later effects act on the row before, and take its plan.
                 now, rows = self._between(now, rows)
             elif name == "dropped_samples":
                 lost = ~self._plans[name].at(rows)["kept"]
             else:
-                now = self._apply(name, law, now, rows, lost)
-                unit = effect.gives_unit or unit
+                made = self._apply(name, effect.make, now, rows, lost)
+                now = replace(made, unit=effect.gives_unit or now.unit)
 
-        readings, _ = self._in_scene_unit(now, unit)
-        return readings, lost
+        return self.scene.in_unit(now), lost
 
     def _apply(
-        self, name: str, law: RowEffect, now: Rows, rows: IntArray, lost: BoolArray
+        self, name: str, law: Any, now: Rows, rows: IntArray, lost: BoolArray
     ) -> Rows:
         """Readings after one effect; a chained one also gets the last reading that came."""
         plan = self._plans[name].at(rows)
+        made: Rows
         if not law.chained:
-            return law.apply(now, plan)
+            made = law.apply(now, plan)
+            return made
 
         before = self._before.get(name, now)
         made = law.apply(now, plan, before)
@@ -161,67 +151,19 @@ class LoopSensors:
         punctual = (late == 0.0)[:, None, None]
         values = np.where(punctual, middle.values, moved)
 
-        return Rows(values, middle.valid), rows
-
-    def _in_scene_unit(self, rows: Rows, unit: Unit) -> tuple[Rows, Unit]:
-        """Rows in the unit of the scene, and that unit."""
-        # The conversion knows whole trials only, and needs no times.
-        no_times_s = np.empty(0)
-        signal = Signal(no_times_s, rows.values, rows.valid, unit)
-        converted = self.scene.in_unit(signal)
-        return replace(rows, values=converted.values), converted.unit
+        return replace(middle, values=values), rows
 
 
-class SensorReader(Protocol):
-    """What a loop reads: LoopSensors, or something between them and the model."""
-
-    def read(self, rows: IntArray, forces_n: FloatArray) -> tuple[Rows, BoolArray]:
-        """(readings, lost [B]) at samples rows [B], from forces [B, S, 3]."""
-        ...
-
-
-Between = Callable[[LoopSensors, Sequence[PlannedTrial], IntArray], SensorReader]
-"""Puts something between sensors and model: (sensors, trials, samples of each [B])."""
-
-
-def sensors_of(
-    scene: Scene,
-    trials: Sequence[PlannedTrial],
-    counts: IntArray,
-    between: Between | None,
-) -> SensorReader:
-    """The sensors of trials of counts [B] samples, with what is between them and the model."""
-    sensors = LoopSensors(scene, trials, counts)
-    if between is None:
-        return sensors
-    return between(sensors, trials, counts)
+Between = Callable[[LoopSensors, Sequence[PlannedTrial], IntArray], Any]
+"""Puts something with a `read` between sensors and model: (sensors, trials, samples of each)."""
 
 
 class HandModels:
-    """One model file, B hands; the bias of each is of its own first rows.
+    """One model file, B hands in one call of its graph; the bias of each is of its first rows."""
 
-    model    the opened file; its graph answers up to TOGETHER hands in one call
-    samples  [B] how many samples each hand needs answers for; after them its answers stand still
-    """
-
-    def __init__(self, model: OpenedModel, samples: IntArray) -> None:
+    def __init__(self, model: OpenedModel, hands: int) -> None:
         self.preparation = model.card.preparation
-        self._groups = []
-        for start in range(0, len(samples), TOGETHER):
-            stop = min(start + TOGETHER, len(samples))
-            hands = slice(start, stop)
-            steps = model.stepper(OUTPUTS, stop - start)
-            longest = int(samples[hands].max())
-            self._groups.append((steps, hands, longest))
-
-        # The answers of all hands, as the groups have them for theirs.
-        self._out = {}
-        first_steps, _, _ = self._groups[0]
-        for name, array in first_steps.out.items():
-            shape = (len(samples), *array.shape[1:])
-            self._out[name] = np.zeros(shape, array.dtype)
-
-        self._answered = 0
+        self._stepper = model.stepper(OUTPUTS, hands)
         self._first_rows: list[FloatArray] = []
         self._tare: tuple[FloatArray, FloatArray] | None = None
 
@@ -238,26 +180,14 @@ class HandModels:
             scale, bias = self._tare
             values = values * scale - bias
 
-        self._step(values, valid)
-        return self._sense(values, valid)
+        # The graph reads its inputs from the arrays that it was opened with.
+        self._stepper.sample[:] = values
+        self._stepper.valid[:] = valid
+        return self._sense(values, valid, self._stepper.step())
 
-    def _step(self, values: FloatArray, valid: BoolArray) -> None:
-        """Step the groups of hands that are not done."""
-        for steps, hands, samples in self._groups:
-            # A call whose hands are all done costs nothing.
-            if self._answered >= samples:
-                continue
-
-            # The graph reads its inputs from the arrays that it was opened with.
-            steps.sample[:] = values[hands]
-            steps.valid[:] = valid[hands]
-            answers = steps.step()
-            for name, array in answers.items():
-                self._out[name][hands] = array
-
-        self._answered += 1
-
-    def _sense(self, values: FloatArray, valid: BoolArray) -> GripSense:
+    def _sense(
+        self, values: FloatArray, valid: BoolArray, answers: Mapping[str, Any]
+    ) -> GripSense:
         """What a controller gets: forces summed over the sensors, and the model's answers."""
         by_sensor = values.reshape(len(values), -1, 3)
         forces = np.where(valid[..., None], by_sensor, 0.0)
@@ -267,8 +197,8 @@ class HandModels:
         shear_n = np.sqrt(forces[..., 0] ** 2 + forces[..., 1] ** 2)
 
         nothing = np.zeros(len(values), dtype=np.bool_)
-        p_situation = self._out["p_situation"]
-        known = ~self._out["unknown"]
+        p_situation = answers["p_situation"]
+        known = ~answers["unknown"]
 
         # Thumb and fingers press with equal force, so half of the sum is the grip of a side.
         return GripSense(
@@ -277,7 +207,7 @@ class HandModels:
             p_risky=p_situation[:, RISKY_SLIP].astype(np.float64),
             p_safe=p_situation[:, SAFE_SLIP].astype(np.float64),
             known=known,
-            empty=known & (self._out["situation"] == NOTHING),
+            empty=known & (answers["situation"] == NOTHING),
             opening=nothing,
             overridden=nothing,
         )
@@ -298,36 +228,3 @@ class HandModels:
             biases.append(bias)
 
         self._tare = np.stack(scales), np.stack(biases)
-
-
-class TrueEvidence:
-    """Tells a controller the truth about slips in place of the model, a while later.
-
-    What is lost with it is the controller's own loss. A slip that endangers the object counts from
-    danger_s on, by trial number: the load onset of a drop, inf for none. Every other slip is safe.
-    """
-
-    def __init__(
-        self,
-        trials: Sequence[PlannedTrial],
-        danger_s: Mapping[int, float],
-        late_s: float,
-        rate_hz: float,
-    ) -> None:
-        self._danger_s = np.array([danger_s[trial.number] for trial in trials])
-        self._act_s = np.array([Times.of(trial).act for trial in trials])
-        # A queue: what is true now arrives so many samples later.
-        nothing = np.zeros((2, len(trials)), dtype=np.bool_)
-        self._waiting = [nothing] * round(late_s * rate_hz)
-
-    def tell(self, sense: GripSense, t_s: FloatArray, slips: BoolArray) -> GripSense:
-        """The sense with true probabilities. t_s [B]; slips [B]: a part of a contact slips now."""
-        in_danger = t_s >= self._danger_s
-        acted = t_s >= self._act_s
-        self._waiting.append(np.stack([slips & in_danger, slips & acted & ~in_danger]))
-        risky, safe = self._waiting.pop(0)
-        return replace(
-            sense,
-            p_risky=np.where(risky, 1.0, 0.0),
-            p_safe=np.where(safe, 1.0, 0.0),
-        )

@@ -8,12 +8,13 @@ from __future__ import annotations
 from collections.abc import Container, Sequence
 from dataclasses import replace
 from functools import cache
+from typing import TypeVar
 
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import Drawn, Effect, Parameter, Signal
-from holdfast.simulation.rows import Plan, RowEffect, Rows
+from holdfast.simulation.effect import Effect, Parameter, Rows
+from holdfast.simulation.rows import Plan, PlanRequest, RowEffect, scaled
 
 UT_PER_T = 1e6
 """Microtesla in a tesla."""
@@ -33,6 +34,16 @@ STIFFENING_N = 30.0
 """Silicone stiffens: displacement = F / (k (1 + |F| / STIFFENING_N))."""
 EARTH_UT = np.array([20.0, 0.0, 43.0])
 """The earth's field in central Europe, the chip lying flat."""
+
+# Pads with strong magnets deep in soft lattice, above magnetometers: eFlesh (Pattabiraman 2025).
+# For scenes in uT: their field is never turned into newtons. Numbers from the authors' own probings
+# of a pad (set eflesh_calibration).
+LEAST_HEIGHT_SHARE = 0.2
+"""A magnet is never pressed nearer to its chip than this share of its height."""
+PAD_NOISE_UT = np.array([4.3, 4.3, 6.7])
+"""Rms of a resting MLX90393, x, y and z: measured on eflesh_slip, median of its channels."""
+PAD_STEP_UT = np.array([0.6, 0.6, 0.97])
+"""Steps of its readings in that set."""
 
 
 def dipole_ut(place_m: FloatArray, moment_a_m2: float = MOMENT_A_M2) -> FloatArray:
@@ -63,11 +74,9 @@ def place_m(forces_n: FloatArray, height_mm: float | FloatArray) -> FloatArray:
     return place
 
 
-def height_plan(
-    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-) -> Plan:
+def height_plan(request: PlanRequest) -> Plan:
     """Distance of the magnet from the chip, unloaded."""
-    return {"height_mm": np.full((1, 1), drawn["height_mm"])}
+    return {"height_mm": np.full((1, 1), request["height_mm"])}
 
 
 def dipole(rows: Rows, plan: Plan) -> Rows:
@@ -79,15 +88,13 @@ def dipole(rows: Rows, plan: Plan) -> Rows:
     return replace(rows, values=dipole_ut(place_m(rows.values, plan["height_mm"])))
 
 
-def leak_plan(
-    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-) -> Plan:
+def leak_plan(request: PlanRequest) -> Plan:
     """Shares of the neighbours' field and of the other axes."""
     # A field falls as r^-3, the spacing being much larger than the height.
-    ratio = (drawn["height_mm"] / drawn["spacing_mm"]) ** 3
+    ratio = (request["height_mm"] / request["spacing_mm"]) ** 3
     return {
         "near": np.full((1, 1, 1), ratio),
-        "axes": np.full((1, 1, 1), drawn["axes"]),
+        "axes": np.full((1, 1, 1), request["axes"]),
     }
 
 
@@ -106,20 +113,20 @@ def cross_talk(rows: Rows, plan: Plan) -> Rows:
     return replace(rows, values=values + plan["near"] * near + leak)
 
 
-def turn_plan(
-    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-) -> Plan:
+def turn_plan(request: PlanRequest) -> Plan:
     """Each sensor's gain, 1 + gain_sd n, and its tilt, tilt_sd_deg n about x and y.
 
     n is standard normal. Both are drawn for each recording, so a model cannot learn the
     calibration.
     """
-    gain = 1.0 + drawn["gain_sd"] * rng.normal(size=(sensors, 1))
-    angle = np.radians(drawn["tilt_sd_deg"]) * rng.normal(size=(2, sensors))
+    gain = 1.0 + request["gain_sd"] * request.rng.normal(size=(request.sensors, 1))
+    angle = np.radians(request["tilt_sd_deg"]) * request.rng.normal(
+        size=(2, request.sensors)
+    )
     cx, cy = np.cos(angle)
     sx, sy = np.sin(angle)
-    zeros = np.zeros(sensors)
-    ones = np.ones(sensors)
+    zeros = np.zeros(request.sensors)
+    ones = np.ones(request.sensors)
 
     # Rotation matrices of all sensors, [3, 3, S] each; the one about x acts first.
     about_x = np.array([[ones, zeros, zeros], [zeros, cx, -sx], [zeros, sx, cx]])
@@ -137,32 +144,23 @@ def gain_tilt(rows: Rows, plan: Plan) -> Rows:
     return replace(rows, values=plan["gain"] * turned)
 
 
-def reversed_plan(
-    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-) -> Plan:
-    """-1 where the magnet of a sensor (1 .. S) is upside down (thesis).
+def reversed_plan(request: PlanRequest) -> Plan:
+    """-1 where the magnet of a sensor (1 .. S) is upside down (thesis), whose field flips.
 
     Those of the list are, and of the others each by chance, with probability `share`.
     """
-    sign = np.ones((1, sensors, 1))
-    if "share" in drawn:
-        sign[0, rng.uniform(size=sensors) < drawn["share"]] = -1.0
-    sign[:, _indices(drawn["sensors"])] = -1.0
-    return {"sign": sign}
+    sign = np.ones((1, request.sensors, 1))
+    if "share" in request.drawn:
+        sign[0, request.rng.uniform(size=request.sensors) < request["share"]] = -1.0
+    sign[:, _indices(request["sensors"])] = -1.0
+    return {"factor": sign}
 
 
-def magnet_reversed(rows: Rows, plan: Plan) -> Rows:
-    """The field of a magnet that is upside down flips."""
-    return replace(rows, values=rows.values * plan["sign"])
-
-
-def lost_plan(
-    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-) -> Plan:
+def lost_plan(request: PlanRequest) -> Plan:
     """From at_s on the magnets of these sensors are lost."""
-    gone = np.zeros((len(t_s), sensors, 1), dtype=np.bool_)
-    after = t_s >= drawn["at_s"]
-    gone[:, _indices(drawn["sensors"])] = after[:, None, None]
+    gone = np.zeros((len(request.t_s), request.sensors, 1), dtype=np.bool_)
+    after = request.t_s >= request["at_s"]
+    gone[:, _indices(request["sensors"])] = after[:, None, None]
     return {"gone": gone}
 
 
@@ -171,26 +169,19 @@ def magnet_lost(rows: Rows, plan: Plan) -> Rows:
     return replace(rows, values=np.where(plan["gone"], EARTH_UT, rows.values))
 
 
-def warming_plan(
-    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-) -> Plan:
+def warming_plan(request: PlanRequest) -> Plan:
     """The magnets warm by w (1 - exp(-t / tau)) degC and lose 0.12 % of their field per degree.
 
     That is for neodymium. With compensated = 1 the chip's own temperature coefficient corrects for
     it, and a tenth remains.
     """
     # A body of first order, as a hand in use.
-    approach = 1.0 - np.exp(-t_s / drawn["time_s"])
-    warm = drawn["warming_degc"] * approach
+    approach = 1.0 - np.exp(-request.t_s / request["time_s"])
+    warm = request["warming_degc"] * approach
 
-    remaining = 0.1 if drawn["compensated"] else 1.0
+    remaining = 0.1 if request["compensated"] else 1.0
     share = 0.0012 * remaining
-    return {"left": (1.0 - share * warm)[:, None, None]}
-
-
-def thermal_drift(rows: Rows, plan: Plan) -> Rows:
-    """The field that is left."""
-    return replace(rows, values=rows.values * plan["left"])
+    return {"factor": (1.0 - share * warm)[:, None, None]}
 
 
 def _indices(sensors: Sequence[float]) -> list[int]:
@@ -198,6 +189,73 @@ def _indices(sensors: Sequence[float]) -> list[int]:
     return [int(number) - 1 for number in sensors]
 
 
+def pad_plan(request: PlanRequest) -> Plan:
+    """The magnet's moment from its field at rest, and how far a newton moves it."""
+    height_m = 1e-3 * request["height_mm"]
+    # On its axis a dipole has mu0/4pi 2 m / h^3.
+    rest_t = request["rest_ut"] / UT_PER_T
+    moment_a_m2 = rest_t * height_m**3 / (2.0 * MU0_OVER_4PI)
+    per_n = [
+        request["shear_n_per_mm"],
+        request["shear_n_per_mm"],
+        -request["normal_n_per_mm"],
+    ]
+    return {
+        "height_m": np.full((1, 1), height_m),
+        "moment_a_m2": np.full((1, 1, 1), moment_a_m2),
+        "m_per_n": (1e-3 / np.array(per_n))[None, None],
+    }
+
+
+def pad_magnet(rows: Rows, plan: Plan) -> Rows:
+    """Field of a magnet that the load on its part of the pad moves, uT; its field at rest included.
+
+    The place is force over stiffness, linear: normal force pushes it towards the chip, shear moves
+    it sideways. Field: dipole_ut. For small loads z changes by 3 rest / (height k) a newton
+    of normal force, x by 1.5 rest / (height k) a newton of shear.
+    """
+    place_m = rows.values * plan["m_per_n"]
+    height_m = plan["height_m"]
+    lowest_m = LEAST_HEIGHT_SHARE * height_m
+    place_m[..., 2] = np.maximum(height_m + place_m[..., 2], lowest_m)
+    return replace(rows, values=dipole_ut(place_m, 1.0) * plan["moment_a_m2"])
+
+
+def pad_noise_plan(request: PlanRequest) -> Plan:
+    """White noise of each axis, times a factor."""
+    return {"noise_ut": request["noise"] * PAD_NOISE_UT * request.noise()}
+
+
+def magnetometer(rows: Rows, plan: Plan) -> Rows:
+    """Adds the noise of a MLX90393 and rounds to its steps, uT."""
+    noisy = rows.values + plan["noise_ut"]
+    return replace(rows, values=np.rint(noisy / PAD_STEP_UT) * PAD_STEP_UT)
+
+
+PAD_MAGNET = {
+    # Magnetometers of eflesh_slip read 4.4 to 11.5 mT at rest.
+    "rest_ut": Parameter(
+        {"uniform": [4400, 11500]}, "uT", 10, 1e5, "field at rest, on the magnet's axis"
+    ),
+    "height_mm": Parameter(
+        {"uniform": [8, 16]}, "mm", 1, 50, "from chip to magnet, unloaded"
+    ),
+    # The probed pads change by 25 to 120 uT a newton of normal force on the whole pad, and by 11 to
+    # 74 uT a newton of shear. A fifth of the load rests on each of five magnets.
+    "normal_n_per_mm": Parameter(
+        {"log_uniform": [2, 10]},
+        "N/mm",
+        0.05,
+        1000,
+        "force that moves a magnet inwards",
+    ),
+    "shear_n_per_mm": Parameter(
+        {"log_uniform": [1.5, 8]}, "N/mm", 0.05, 1000, "force that moves it sideways"
+    ),
+}
+"""Parameters of the effect `pad_magnet`."""
+PAD_NOISE = {"noise": Parameter(1.0, "", 0, 100, "of the chip's noise")}
+"""Parameter of the effect `magnetometer`."""
 HEIGHT = Parameter(2.0, "mm", 1.5, 20, "from chip to magnet, unloaded")
 SENSORS = Parameter([], "", 1, 12, "which sensors", many=True)
 SPACING = Parameter(20.0, "mm", 5, 200, "between neighbouring fingertips")
@@ -233,7 +291,7 @@ TABLE = (
     Effect(
         "magnet_reversed",
         "sensor",
-        RowEffect(reversed_plan, magnet_reversed),
+        RowEffect(reversed_plan, scaled),
         {
             "sensors": SENSORS,
             "share": Parameter(None, "", 0, 1, "chance of every other magnet"),
@@ -253,7 +311,7 @@ TABLE = (
     Effect(
         "thermal_drift",
         "sensor",
-        RowEffect(warming_plan, thermal_drift),
+        RowEffect(warming_plan, scaled),
         {
             "warming_degc": WARMING,
             "time_s": Parameter(300.0, "s", 1, 1e5, "time constant"),
@@ -261,10 +319,27 @@ TABLE = (
         },
         needs=("dipole",),
     ),
+    Effect(
+        "pad_magnet",
+        "sensor",
+        RowEffect(pad_plan, pad_magnet),
+        PAD_MAGNET,
+        gives_unit="uT",
+        only_unit="uT",
+    ),
+    Effect(
+        "magnetometer",
+        "sensor",
+        RowEffect(pad_noise_plan, magnetometer),
+        PAD_NOISE,
+        needs=("pad_magnet",),
+        only_unit="uT",
+    ),
 )
 EFFECTS = {effect.name: effect for effect in TABLE}
 
 
+Reported = TypeVar("Reported", bound=Rows)
 SHEAR_SHARE = 0.5
 """Largest shear of the calibration's loads over their normal force."""
 
@@ -293,16 +368,16 @@ def linear_map() -> tuple[FloatArray, FloatArray]:
     return solution.T, rest
 
 
-def calibrate(signal: Signal) -> Signal:
-    """A signal in uT as newtons, its bias not removed.
+def calibrate(rows: Reported) -> Reported:
+    """Rows in uT as newtons, its bias not removed.
 
     The magnet's own field is 23 N, that of a magnet upside down -23 N.
     """
     # The resting field stays in, as in the files of the thesis: readers recognise a reversed magnet
     # by the sign of that offset.
     matrix, _ = linear_map()
-    newton = np.einsum("ij,tsj->tsi", matrix, signal.values)
-    return replace(signal, values=newton, unit="N")
+    newton = np.einsum("ij,tsj->tsi", matrix, rows.values)
+    return replace(rows, values=newton, unit="N")
 
 
 def _read_n(forces_n: FloatArray) -> FloatArray:

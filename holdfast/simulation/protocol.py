@@ -106,25 +106,24 @@ class PlannedTrial:
 def draw_trial(
     number: int,
     held: HeldObject,
-    action: str,
-    style: str,
-    values: Mapping[str, Any],
+    row: TrialsRow,
     seed: int,
     hand: HandCard,
 ) -> PlannedTrial:
-    """Draw a trial from the stream of its number; values: the scene's over those of its style."""
+    """Draw a trial of a row from the stream of its number."""
+    action = row.action
     # The order of the draws is part of the format: another one changes every simulated set.
     rng = stream(seed, number, "protocol")
-    drawn = draw_all(parameters_of(action), values, rng)
+    drawn = draw_all(parameters_of(action), row.values, rng)
 
     # Thumb and fingers press equally hard against each other: each side's shares have the sum 1.
     share = 1.0 + drawn["share_spread"] * rng.uniform(-1.0, 1.0, hand.n_contacts)
     touch: dict[str, float] = {}
-    touch_table = touch_parameters(values, hand)
+    touch_table = touch_parameters(row.values, hand)
     if touch_table:
         # A stream of its own: how the hand touches shifts no other draw.
         touch_rng = stream(seed, number, "touch")
-        touch = draw_all(touch_table, values, touch_rng)
+        touch = draw_all(touch_table, row.values, touch_rng)
         share = share[_leads(hand)] * load_factors(hand, touch, touch_rng)
     share[: hand.thumb] /= share[: hand.thumb].sum()
     share[hand.thumb :] /= share[hand.thumb :].sum()
@@ -138,7 +137,7 @@ def draw_trial(
         number,
         held,
         action,
-        style,
+        row.style,
         drawn | touch,
         supported=weak,
         grip_n=_grip_n(held, action, drawn, weak),

@@ -1,8 +1,8 @@
 """An effect of the sensor, row by row: what a whole trial and a closed loop both apply.
 
 An effect is two functions. `plan` draws everything random before the first sample; `apply` turns
-rows of readings into rows of readings and draws nothing. Rows are the samples of one trial, or one
-sample of many trials; a row depends on another one only where `apply` takes the row before.
+rows of readings into rows of readings and draws nothing. A row depends on another one only where
+`apply` takes the row before.
 """
 
 from __future__ import annotations
@@ -13,32 +13,47 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.simulation.effect import Drawn, Signal
+from holdfast.core.contract import FloatArray
+from holdfast.simulation.effect import Drawn, Rows, Signal
 
 Plan = dict[str, Any]
 """Arrays by name; the first axis has a row for each sample, or one row for all samples."""
 
 
 @dataclass(frozen=True)
-class Rows:
-    """What S fingertips report in n rows: values [n, S, 3], valid [n, S]."""
+class PlanRequest:
+    """What an effect draws its plan from.
 
-    values: FloatArray
-    valid: BoolArray
+    drawn    parameters of the trial; request["height_mm"] is one of them
+    rng      the effect's random stream in the trial
+    t_s      [T] times of the samples
+    sensors  S
+    """
+
+    drawn: Drawn
+    rng: np.random.Generator
+    t_s: FloatArray
+    sensors: int
+
+    def __getitem__(self, name: str) -> Any:
+        return self.drawn[name]
+
+    def noise(self) -> FloatArray:
+        """[T, S, 3] standard normal numbers from the stream."""
+        return self.rng.normal(size=(len(self.t_s), self.sensors, 3))
 
 
 @dataclass(frozen=True)
 class RowEffect:
     """The two functions of an effect; as a function itself, it acts on a whole trial.
 
-    plan     (parameters of the trial, its random stream, times [T] in s, S) -> plan
+    plan     PlanRequest -> plan
     apply    (rows, plan) -> rows
     chained  `apply` also takes what it returned for the row before (itself at the first row)
     """
 
-    plan: Callable[[Drawn, np.random.Generator, FloatArray, int], Plan]
-    apply: Callable[..., Rows]
+    plan: Callable[[PlanRequest], Plan]
+    apply: Callable[..., Any]
     chained: bool = False
 
     def __call__(
@@ -46,11 +61,10 @@ class RowEffect:
     ) -> Signal:
         """A whole trial at once."""
         sensors = signal.values.shape[1]
-        plan = self.plan(drawn, rng, signal.t_s, sensors)
-        rows = Rows(signal.values, signal.valid)
-        law = self._row_by_row if self.chained else self.apply
-        made = law(rows, plan)
-        return replace(signal, values=made.values, valid=made.valid)
+        plan = self.plan(PlanRequest(drawn, rng, signal.t_s, sensors))
+        law: Any = self._row_by_row if self.chained else self.apply
+        made: Signal = law(signal, plan)
+        return made
 
     def _row_by_row(self, rows: Rows, plan: Plan) -> Rows:
         """Apply a chained effect: every row needs what became of the one before."""
@@ -65,7 +79,17 @@ class RowEffect:
             values[k] = before.values[0]
             valid[k] = before.valid[0]
 
-        return Rows(values, valid)
+        return replace(rows, values=values, valid=valid)
+
+
+def added(rows: Rows, plan: Plan) -> Rows:
+    """What is read, and what the plan adds to it, in the unit of the rows."""
+    return replace(rows, values=rows.values + plan["added"])
+
+
+def scaled(rows: Rows, plan: Plan) -> Rows:
+    """What is read times the plan's factor."""
+    return replace(rows, values=rows.values * plan["factor"])
 
 
 def row_of(plan: Plan, k: int) -> Plan:

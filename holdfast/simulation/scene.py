@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from holdfast.simulation.effect import (
     Effect,
     EffectBatch,
     PhysicsEffects,
+    Rows,
     Signal,
     effect_named,
     step_settings,
@@ -38,6 +39,7 @@ from holdfast.simulation.truth import Truth, truth_of
 
 BATCH = 1000
 """About this many trials are stepped together: fewer waste time on calls, more on memory."""
+Reported = TypeVar("Reported", bound=Rows)
 HAND_MOTION = "motion_m"
 """Method of an effect that moves the hand."""
 
@@ -111,16 +113,10 @@ class Scene:
     def trial(self, row: TrialsRow, name: str | None, number: int) -> PlannedTrial:
         """One trial; its number picks its random streams."""
         objects = self.file.objects
-        action = row.action
-        if name:
-            held = objects[name]
-        elif action == "nothing":
-            held = next(iter(objects.values()))
-        else:
-            held = NO_OBJECT
-        style = row.style
-        hand = self.file.hand
-        trial = draw_trial(number, held, action, style, row.values, self.seed, hand)
+        held = NO_OBJECT
+        if name or row.action == "nothing":
+            held = objects[name or next(iter(objects))]
+        trial = draw_trial(number, held, row, self.seed, self.file.hand)
         named = any(name in row.values for name in HOLD_KEYS)
         if not named or not trial.holds_object:
             return trial
@@ -132,7 +128,7 @@ class Scene:
         motion = HandMotion()
         for effect_name, effect in self.physics_effects.items():
             made: Any = effect.make
-            drawn = self._draw(effect_name, number)
+            drawn = self.draw(effect_name, number)
             motion.peak_m_s2 += made.peak_m_s2(drawn)
             motion.lever_m += made.lever_m(drawn)
         return in_hold(trial, row.values, rng, motion)
@@ -203,7 +199,7 @@ class Scene:
         drawn = {}
         made = []
         for name, effect in self.physics_effects.items():
-            drawn[name] = [self.draw(name, trial) for trial in trials]
+            drawn[name] = [self.draw(name, trial.number) for trial in trials]
             rngs = [self.rng(name, trial) for trial in trials]
             batch = EffectBatch(drawn[name], trials, rngs)
             made.append(effect.make(batch))
@@ -257,34 +253,30 @@ class Scene:
         """(signal in the scene's unit, draws) of forces [T, S, 3] at t_s [T] on the sensors."""
         forces_n = sensed_of(trial.hand, forces_n)
         all_valid = np.ones(forces_n.shape[:2], dtype=np.bool_)
-        signal = Signal(t_s, forces_n, all_valid)
+        signal = Signal(forces_n, all_valid, t_s=t_s)
 
         # The order in which effects act is that of EFFECT_MODULES.
         drawn = {}
         for name, effect in self.sensor_effects.items():
             if effect.in_scene_unit:
                 signal = self.in_unit(signal)
-            drawn[name] = self.draw(name, trial)
+            drawn[name] = self.draw(name, trial.number)
             rng = self.rng(name, trial)
             signal = effect.sense(signal, drawn[name], rng)
 
         return self.in_unit(signal), drawn
 
-    def in_unit(self, signal: Signal) -> Signal:
-        """A signal in the scene's unit."""
-        if signal.unit != "uT" or self.file.unit != "N":
-            return signal
+    def in_unit(self, rows: Reported) -> Reported:
+        """Rows in the scene's unit."""
+        if rows.unit != "uT" or self.file.unit != "N":
+            return rows
         # Only scenes with a magnet need its calibration.
         from holdfast.simulation.magnet import calibrate
 
-        return calibrate(signal)
+        return calibrate(rows)
 
-    def draw(self, name: str, trial: PlannedTrial) -> Drawn:
-        """Parameters of an effect in a trial."""
-        return self._draw(name, trial.number)
-
-    def _draw(self, name: str, number: int) -> Drawn:
-        """The same, of a trial that is not planned yet."""
+    def draw(self, name: str, number: int) -> Drawn:
+        """Parameters of an effect in the trial of that number."""
         rng = stream(self.seed, number, f"{name} parameters")
         return effect_named(name).draw(self.file.effects[name], rng)
 
@@ -295,9 +287,6 @@ class Scene:
     def _steps(self, trial: PlannedTrial) -> int:
         """Number of steps of a trial, without those that effects ask for."""
         return len(grid_of(trial, self.file.rate_hz, self.file.step_s).at_s)
-
-
-"""Steps trials in a closed loop: (scene, trials, done)."""
 
 
 def apportion(total: int, counts: Sequence[int]) -> list[int]:

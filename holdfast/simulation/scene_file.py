@@ -42,7 +42,7 @@ import msgspec
 from msgspec import Meta
 
 from holdfast.core.contract import Json, Unit
-from holdfast.core.errors import CardError, HoldfastError, UsageError
+from holdfast.core.errors import CardError, UsageError
 from holdfast.core.hand_card import HandCard, hand_of_counts, read_hand_card
 from holdfast.core.schema import read, text_of
 from holdfast.simulation import STYLES, find_scene_file
@@ -175,34 +175,31 @@ def read_scene_file(
     try:
         scene = _scene(tables, path, hand)
     except ValueError as reason:
-        what, _, allowed = str(reason).partition("; allowed: ")
-        raise CardError(what, where=path, next_step=f"allowed: {allowed}") from None
+        what, _, allowed = str(reason).partition("; ")
+        raise CardError(what, where=path, next_step=allowed) from None
 
     # A chip that averages cannot read faster than it converts.
     average_s = step_settings(scene.effects).get("average_s")
     if average_s and scene.rate_hz > 1.0 / average_s:
         allowed = f"at most {1.0 / average_s:.0f} Hz, which is what the chip delivers"
-        option = "" if rate_hz is None else rate_option
-        raise _rate_refused(path, option, scene.rate_hz, allowed)
+        if rate_hz is not None:
+            raise _rate_refused(path, rate_option, rate_hz, allowed)
+        what = f"record.rate_hz = {scene.rate_hz}"
+        raise CardError(what, where=path, next_step=f"allowed: {allowed}")
     return scene
 
 
-def _rate_refused(
-    path: Path, option: str, rate_hz: float, allowed: str
-) -> HoldfastError:
-    """The error for a rate, which names who gave it: the user's option, or without one the file."""
-    if option:
-        what = f"{option}{rate_hz:g} is not a sampling rate of {path.stem}"
-        return UsageError(what, next_step=f"give {allowed}")
-    what = f"record.rate_hz = {rate_hz}"
-    return CardError(what, where=path, next_step=f"allowed: {allowed}")
+def _rate_refused(path: Path, option: str, rate_hz: float, allowed: str) -> UsageError:
+    """The error for the user's rate, which names the option and not the file."""
+    what = f"{option}{rate_hz:g} is not a sampling rate of {path.stem}"
+    return UsageError(what, next_step=f"give {allowed}")
 
 
 def _scene(tables: _Tables, path: Path, hand: HandCard) -> SceneFile:
     """The scene of a file's tables, checked against each other. Raises ValueError."""
     objects = dict(OBJECTS)
     for name, values in tables.objects.items():
-        _require_possible(f"objects.{name}", values, OBJECT_KEYS, drawn=False)
+        _require_possible(f"objects.{name}", values, OBJECT_KEYS, OBJECT_KEYS)
         objects[name] = held_object(name, values)
 
     if ROW_KEYS & tables.every_trial.keys():
@@ -246,17 +243,20 @@ def _require_known(names: Collection[str], allowed: Collection[str], what: str) 
 
 
 def _require_possible(
-    key: str, values: Json, table: Mapping[str, Parameter], *, drawn: bool = True
+    key: str,
+    values: Json,
+    table: Mapping[str, Parameter],
+    constants: Collection[str] = (),
 ) -> None:
     """Raise ValueError for an unknown name, and for a value outside of its range.
 
-    drawn: it may be a distribution.
+    constants: names of those that cannot be drawn from a distribution.
     """
     _require_known(values, table, key)
     for name, value in values.items():
         problem = table[name].problem(value)
-        if not drawn and isinstance(value, dict):
-            problem = table[name].allowed()
+        if name in constants and isinstance(value, dict):
+            problem = f"{table[name].allowed()}, the same for every trial"
         if problem:
             raise _refused(f"{key}.{name}", value, problem)
 
@@ -315,15 +315,10 @@ def _effects(effects: Mapping[str, Json]) -> dict[str, Json]:
     """Effects with their values, in the order in which they run. Raises ValueError."""
     _require_known(effects, EFFECT_MODULES, "effect")
     for name, values in effects.items():
-        key = f"effects.{name}"
         effect = effect_named(name)
-        _require_possible(key, values, effect.parameters)
-
         # Trials are stepped together, so a constant of the step cannot be drawn for each.
-        constant = values.get(effect.constant)
-        if isinstance(constant, dict):
-            allowed = "a number, the same for every trial"
-            raise _refused(f"{key}.{effect.constant}", constant, allowed)
+        key = f"effects.{name}"
+        _require_possible(key, values, effect.parameters, (effect.constant,))
 
     # The order is that in which effects run, not that of the file.
     return {name: effects[name] for name in EFFECT_MODULES if name in effects}

@@ -13,7 +13,16 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray
 from holdfast.simulation.actions import action_named
-from holdfast.simulation.body import Body, Floor, Inputs, Pull, offset_m, recess_m
+from holdfast.simulation.body import (
+    UPWARDS,
+    Body,
+    Floor,
+    Inputs,
+    Pull,
+    bearer,
+    offset_m,
+    recess_m,
+)
 from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial
 from holdfast.simulation.script_times import (
     BOX_GAP_M,
@@ -103,8 +112,8 @@ class Script:
     holds, falls, sets_down, passes    [B] which trials have which action
     takes       [B] which have a person who moves the object, gently or not
     closed_m    [S, B] how far past contact a finger closes for its share of the grip
-    stays_open  [S, B] fingers that do not touch; None where all do
-    surface_m   [S, B] how far a curved surface lies behind its apex; None: fingers do not feel it
+    stays_open  [S, B] fingers that do not touch
+    surface_m   [S, B] how far a curved surface lies behind its apex; 0: fingers do not feel it
     push        [3, B] direction of taking
     weight_n    [B]
     boxed       there are boxes, at NO_BOX_M for trials that set nothing down
@@ -136,19 +145,17 @@ class Script:
         if "touch-table" in actions:
             self.boxed = True
 
-        # A finger that bears nothing stays open; None where all touch.
+        # A finger that bears nothing stays open.
         shares = np.stack([trial.share for trial in trials], axis=1)
-        self.stays_open = shares == 0.0 if (shares == 0.0).any() else None
+        self.stays_open = shares == 0.0
         # Every contact bears its share of the grip of its side.
         grips_n = np.stack([trial.grip_n * trial.share for trial in trials], axis=1)
         # How far past contact a finger must close for that share.
         self.closed_m = grips_n / body.stiffness_n_per_m
         # Where the grip is set by friction, fingers close onto the surface under them.
         fitted = np.array(["used" in trial.drawn for trial in trials])
-        self.surface_m: FloatArray | None = None
-        if fitted.any():
-            middle = offset_m(body, np.zeros((2, len(trials))))
-            self.surface_m = np.where(fitted, recess_m(body, middle), 0.0)
+        middle = offset_m(body, np.zeros((2, len(trials))))
+        self.surface_m = np.where(fitted, recess_m(body, middle), 0.0)
         self.push = np.stack([trial.push for trial in trials], axis=1)
         self.weight_n = body.mass_kg * GRAVITY_M_S2
         self._drawn: dict[str, FloatArray] = {}
@@ -167,43 +174,53 @@ class Script:
             self._drawn[name] = np.array(values)
         return self._drawn[name]
 
-    def chunk(self, t_s: FloatArray) -> list[Inputs]:
-        """Inputs at the ends of n steps, t_s [n, B]."""
-        shut = self.shut(t_s)
-        pulse = self.pulse(t_s)
+    def chunk(
+        self, t_s: FloatArray, closures_m: Sequence[FloatArray] | None = None
+    ) -> list[Inputs]:
+        """Inputs at the ends of n steps, t_s [n, B].
+
+        closures_m: [S, B] at each, how far the fingers are closed; None: as the wearer closes them.
+        """
         people = [self._giver(t_s)]
         if self.takes.any():
             people.append(self._taker(t_s))
         if self.holds.any():
-            people.append(self._disturber(t_s, pulse))
+            people.append(self._disturber(t_s))
 
         box = self._box(t_s) if self.boxed else None
         changes = None
-        wearers = None
         if self.more is not None:
             people += self.more.people(t_s)
             box = None if box is None else self.more.table(t_s, box)
             changes = self.more.changes(t_s)
-            wearers = self.wearers_share(t_s)
 
         # A person who does nothing costs nothing.
         acting = [_acts(person) for person in people]
         inputs = []
 
         # All steps were computed at once; the core takes them one by one.
-        for k in range(len(t_s)):
+        for k, closure_m in enumerate(closures_m or self.wearers_closures(t_s)):
             pulls = []
             for person, acts in zip(people, acting, strict=True):
                 if acts[k]:
                     pulls.append(person.at(k))
 
-            share = 1.0 if wearers is None else wearers[k]
-            closure = self.driven(k, self.own_closure(shut[k], pulse[k], share))
             floor = None if box is None else box.at(k)
             now = None if changes is None else changes.at(k)
-            inputs.append(Inputs(closure, tuple(pulls), floor, now))
+            inputs.append(Inputs(closure_m, tuple(pulls), floor, now))
 
         return inputs
+
+    def wearers_closures(self, t_s: FloatArray) -> list[FloatArray]:
+        """[S, B] at each of n times: how far the wearer closes the fingers, m."""
+        shut = self.shut(t_s)
+        pulse = self.pulse(t_s)
+        share = self.wearers_share(t_s)
+        closures = []
+        for k in range(len(t_s)):
+            of_grip = 1.0 if share is None else share[k]
+            closures.append(self.own_closure(shut[k], pulse[k], of_grip))
+        return closures
 
     def shut(self, t_s: FloatArray) -> FloatArray:
         """[n, B] how far the hand is closed, 0 .. 1."""
@@ -245,22 +262,15 @@ class Script:
         grip = (1.0 + self.drawn("grip_change") * pulse) * share
 
         # The way from the open hand to the depth at which the springs give the grip.
-        travel_m = OPEN_GAP_M + self.closed_m * grip
-        if self.surface_m is not None:
-            travel_m = travel_m + self.surface_m
+        travel_m = OPEN_GAP_M + self.closed_m * grip + self.surface_m
         closure = shut * travel_m - OPEN_GAP_M
 
         # dq: only the fingers are driven, the thumb stands still
         # times shut, so that a disturbance of the motor fades as the hand opens
         motor_m = 1e-3 * self.drawn("motor_mm") * pulse * shut
         closure[self.body.thumb :] += motor_m
-        if self.stays_open is not None:
-            closure[self.stays_open] = -OPEN_GAP_M
+        np.copyto(closure, -OPEN_GAP_M, where=self.stays_open)
         return closure
-
-    def driven(self, k: int, own_m: FloatArray) -> FloatArray:
-        """[S, B] how far the fingers are closed in step k of a chunk; own_m: by the wearer."""
-        return own_m
 
     def wearers_share(self, t_s: FloatArray) -> FloatArray | None:
         """[n, B] the wearer's grip over the one with which the hand was closed; None: all of it."""
@@ -336,23 +346,12 @@ class Script:
             target_m_s=speed[:, None] * self.push,
         )
 
-    def _disturber(self, t_s: FloatArray, pulse: FloatArray) -> Pull:
+    def _disturber(self, t_s: FloatArray) -> Pull:
         """A force along the object, as a share of its weight, subtracted or added."""
-        still = np.zeros((len(t_s), *self.push.shape))
-        nothing = np.zeros_like(t_s)
         # A pull downwards is a negative share of the weight borne.
         load_share = -self.drawn("load_n") / self.weight_n
         load = np.where(self.holds, load_share, 0.0)
-
-        # There is no spring, so the cap of 1 N limits nothing.
-        return Pull(
-            stiffness_n_per_m=nothing,
-            damping_n_s_per_m=nothing,
-            cap_n=nothing + 1.0,
-            weight_share=load * pulse,
-            target_m=still,
-            target_m_s=still,
-        )
+        return bearer(load * self.pulse(t_s), np.zeros_like(t_s))
 
     def _box(self, t_s: FloatArray) -> Floor:
         """The box that comes from below and takes the weight."""
@@ -367,7 +366,7 @@ class Script:
         cap = self.drawn("press") * self.weight_n + self.drawn("excess_n")
 
         # A hand that is held any way sets the object down the way gravity points.
-        up = None
+        up = UPWARDS
         if any(trial.down is not None for trial in self.trials):
             up = -self.body.gravity_m_s2 / GRAVITY_M_S2
 

@@ -24,17 +24,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import Drawn, Effect, Parameter
-from holdfast.simulation.rows import Plan, RowEffect, Rows
+from holdfast.simulation.effect import Effect, Parameter, Rows
+from holdfast.simulation.rows import Plan, PlanRequest, RowEffect, added
 
 
-def gain_plan(
-    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-) -> Plan:
+def gain_plan(request: PlanRequest) -> Plan:
     """Each sensor's gain along the skin: that of the hand times 1 + spread n, n standard normal."""
-    spread = 1.0 + drawn["spread"] * rng.normal(size=(1, sensors, 1))
-    return {"gain": drawn["gain"] * np.maximum(spread, 0.1)}
+    spread = 1.0 + request["spread"] * request.rng.normal(size=(1, request.sensors, 1))
+    return {"gain": request["gain"] * np.maximum(spread, 0.1)}
 
 
 def shear_gain(rows: Rows, plan: Plan) -> Rows:
@@ -49,12 +46,11 @@ def shear_gain(rows: Rows, plan: Plan) -> Rows:
     return replace(rows, values=values)
 
 
-def mounting_plan(
-    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-) -> Plan:
+def mounting_plan(request: PlanRequest) -> Plan:
     """The angle of each sensor about its normal, and -1 where the hand is a left one."""
-    degrees = drawn["angle_deg"] + drawn["spread_deg"] * rng.normal(size=sensors)
-    left = rng.uniform() < drawn["left_share"]
+    apart = request.rng.normal(size=request.sensors)
+    degrees = request["angle_deg"] + request["spread_deg"] * apart
+    left = request.rng.uniform() < request["left_share"]
     angle = np.radians(degrees)
     return {
         "cos": np.cos(angle)[None],
@@ -77,11 +73,9 @@ def mounting(rows: Rows, plan: Plan) -> Rows:
     return replace(rows, values=values)
 
 
-def play_plan(
-    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-) -> Plan:
+def play_plan(request: PlanRequest) -> Plan:
     """Half the width of the loop, N."""
-    return {"half_n": np.full((1, 1, 1), 0.5 * drawn["width_n"])}
+    return {"half_n": np.full((1, 1, 1), 0.5 * request["width_n"])}
 
 
 def hysteresis(rows: Rows, plan: Plan, before: Rows) -> Rows:
@@ -111,39 +105,27 @@ class _Play(RowEffect):
         return replace(rows, values=values)
 
 
-def drift_plan(
-    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-) -> Plan:
-    """Each axis of each sensor drifts at a rate of its own, up to the drawn one, and steps once."""
-    rates = drawn["rate_n_s"] * rng.uniform(-1.0, 1.0, (1, sensors, 3))
-    steps = drawn["step_n"] * rng.uniform(-1.0, 1.0, (1, sensors, 3))
-    after = (t_s >= drawn["step_at_s"])[:, None, None]
-    return {"moved_n": rates * t_s[:, None, None] + after * steps}
-
-
-def drift(rows: Rows, plan: Plan) -> Rows:
-    """Adds rate * t, and a step from step_at_s on, N, to what is read.
+def drift_plan(request: PlanRequest) -> Plan:
+    """Each axis of each sensor drifts at a rate of its own, N/s, and steps once at step_at_s, N.
 
     Rates and steps are uniform from minus to plus the drawn size. A bias that is learnt before the
     first touch takes off what there was until then. Sizes are assumed: 20 mN/s is 1.2 N a minute.
     """
-    return replace(rows, values=rows.values + plan["moved_n"])
+    rates = request["rate_n_s"] * request.rng.uniform(
+        -1.0, 1.0, (1, request.sensors, 3)
+    )
+    steps = request["step_n"] * request.rng.uniform(-1.0, 1.0, (1, request.sensors, 3))
+    after = (request.t_s >= request["step_at_s"])[:, None, None]
+    return {"added": rates * request.t_s[:, None, None] + after * steps}
 
 
-def white_plan(
-    drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-) -> Plan:
-    """Normal noise of the drawn root mean square on every axis of every sample, N."""
-    return {"noise_n": drawn["rms_n"] * rng.normal(size=(len(t_s), sensors, 3))}
-
-
-def white_noise(rows: Rows, plan: Plan) -> Rows:
-    """Adds white noise to the force that is read, N.
+def white_plan(request: PlanRequest) -> Plan:
+    """Normal noise of the drawn root mean square on every axis of every sample, N.
 
     The noise of our own chips is 10 to 19 mN (`hall_noise`), of uSkin 3 mN (human_slip_uskin,
     empty hand); a model should not depend on either.
     """
-    return replace(rows, values=rows.values + plan["noise_n"])
+    return {"added": request["rms_n"] * request.noise()}
 
 
 TABLE = (
@@ -185,7 +167,7 @@ TABLE = (
     Effect(
         "drift",
         "sensor",
-        RowEffect(drift_plan, drift),
+        RowEffect(drift_plan, added),
         {
             "rate_n_s": Parameter(
                 {"uniform": [0, 0.02]}, "N/s", 0, 10, "largest rate of an axis"
@@ -199,7 +181,7 @@ TABLE = (
     Effect(
         "white_noise",
         "sensor",
-        RowEffect(white_plan, white_noise),
+        RowEffect(white_plan, added),
         {
             "rms_n": Parameter(
                 {"uniform": [0, 0.04]}, "N", 0, 10, "root mean square of every axis"

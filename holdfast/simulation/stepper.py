@@ -149,21 +149,15 @@ class StepTape:
         """One trial of the tape, with its samples."""
         # The rows that the trial skipped hold nothing of it.
         taken = self.taken[:, trial]
-        turned_rad = None
+        steps = {}
+        for name in ("at_s", "agents_n", "gripped", "slips", "slides", "slip_m"):
+            steps[name] = vars(self)[name][taken, ..., trial]
+        for name in ("agents_n", "slip_m"):
+            steps[name] = steps[name].astype(np.float64)
         if self.turned_rad is not None:
-            turned_rad = self.turned_rad[taken, trial].astype(np.float64)
-        return TrialMotion(
-            t_s=np.arange(len(forces_n)) / rate_hz,
-            forces_n=forces_n,
-            position_m=position_m,
-            at_s=self.at_s[taken, trial],
-            agents_n=self.agents_n[taken, :, trial].astype(np.float64),
-            gripped=self.gripped[taken, trial],
-            slips=self.slips[taken, trial],
-            slides=self.slides[taken, trial],
-            slip_m=self.slip_m[taken, trial].astype(np.float64),
-            turned_rad=turned_rad,
-        )
+            steps["turned_rad"] = self.turned_rad[taken, trial].astype(np.float64)
+        t_s = np.arange(len(forces_n)) / rate_hz
+        return TrialMotion(t_s, forces_n, position_m, **steps)
 
 
 def forces_of(body: Body, state: State) -> FloatArray:
@@ -406,12 +400,11 @@ def _stack(grids: Sequence[Grid]) -> tuple[FloatArray, IntArray]:
 
     for trial, grid in enumerate(grids):
         n = len(grid.at_s)
-        at_s[:n, trial] = grid.at_s
         sample[:n, trial] = grid.sample
         # The times go on, so that no step has length zero.
-        times_s = np.concatenate([[grid.start_s], grid.at_s])
-        before_s, last_s = times_s[-2:]
+        before_s, last_s = np.concatenate([[grid.start_s], grid.at_s])[-2:]
         more = np.arange(1, longest - n + 1)
-        at_s[n:, trial] = last_s + (last_s - before_s) * more
+        more_s = last_s + (last_s - before_s) * more
+        at_s[:, trial] = np.concatenate([grid.at_s, more_s])
 
     return at_s, sample

@@ -1,4 +1,10 @@
-"""Recordings -> critical points -> balanced windows -> forest -> artifact."""
+"""Recordings -> critical points -> balanced windows -> forest -> artifact.
+
+The centre is four files: datasets/thesis.py reads recordings, critical_points.py looks for the
+moments at which a grip changes, windows.py labels windows of the eight classes and balances them,
+crossval.py trains the forest and answers for people it never saw. fitting.py joins the four, and
+plan.py has what they choose by default.
+"""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

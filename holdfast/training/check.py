@@ -29,7 +29,7 @@ from holdfast.core.trial_layout import (
     weigh_it,
 )
 from holdfast.training.datasets import LAYOUTS, layout_of, load, reader_of
-from holdfast.training.datasets.thesis import common_rate, of_trials
+from holdfast.training.datasets.thesis import SetMeta, common_rate, of_trials
 from holdfast.training.datasets.trials import FOLDERS, TrialReader, read_all
 from holdfast.training.figures import in_words as counted
 from holdfast.training.judging import strictest_hold_out
@@ -190,7 +190,7 @@ def _examine_trials(report: FolderReport, root: Path, layout: str, part: Part) -
         common_rate([trial.recording for trial in trials], faults.append)
         rate_hz = trials[0].recording.rate_hz
         # Neither names nor rates change what is held out.
-        about = {"name": "", "kind": ""}
+        about = SetMeta()
         try:
             _hold_out(report, of_trials(trials, about, rate_hz, "balanced", seed=0))
         except RateError as error:
@@ -374,7 +374,7 @@ def report_lines(report: FolderReport) -> list[str]:
     if report.cells:
         lines += ["", *_aligned([HEADS, *map(_row, report.cells)])]
     if report.classes:
-        lines += ["", *_aligned(_class_rows(report.classes))]
+        lines += ["", *_aligned([CLASS_HEADS, *map(_class_row, report.classes)])]
 
     # One line for many faults of a kind: a folder of a hundred trials would fill the screen.
     for first, more in alike(report.missing, lambda one: f"{one.level} {one.what}"):
@@ -439,21 +439,9 @@ def _row(cell: Cell) -> tuple[str, ...]:
     )
 
 
-def _class_rows(classes: Sequence[ClassSeconds]) -> list[tuple[str, ...]]:
-    """Situations and their seconds as texts; a column in which nothing is known is left out."""
-    weighed = any(row.light_s + row.heavy_s for row in classes)
-    unweighed = any(row.unweighed_s for row in classes)
-    shown = slice(1 if weighed else 3, 4 if unweighed else 3)
-    rows = [(CLASS_HEADS[0], *CLASS_HEADS[shown])]
-    for row in classes:
-        texts = (
-            "",
-            f"{row.light_s:.1f}",
-            f"{row.heavy_s:.1f}",
-            f"{row.unweighed_s:.1f}",
-        )
-        rows.append((row.situation, *texts[shown]))
-    return rows
+def _class_row(row: ClassSeconds) -> tuple[str, ...]:
+    seconds = (row.light_s, row.heavy_s, row.unweighed_s)
+    return row.situation, *(f"{one:.1f}" for one in seconds)
 
 
 def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:

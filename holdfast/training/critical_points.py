@@ -1,4 +1,4 @@
-"""Critical points for labelling, computed OFFLINE: these functions look ahead.
+"""Recordings -> critical points, the second of four steps, OFFLINE: these functions look ahead.
 
 Nothing here may run on a hand; the causal detectors that do are in `export`. Two methods look for
 the moment at which a grip changes:

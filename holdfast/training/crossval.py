@@ -1,29 +1,20 @@
-"""Cross-validation by person, its learners, and calibration from the held-out votes.
+"""Windows -> forest (or network, or both), the last of four steps, with figures held out.
 
-Predictions are the reference's (quantised leaves, riskier class on ties), that is, the exported
-file's: with `verify_spec` every fold's forest really is exported and compared on every held-out
-row.
+Cross-validation by person, learners, and calibration from the held-out votes. Predictions are the
+reference's (quantised leaves, riskier class on ties), that is, the exported file's.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 from sklearn.linear_model import LogisticRegression
 
-from holdfast.core.contract import SITUATIONS, FloatArray, IntArray
+from holdfast.core.contract import FloatArray, IntArray
 from holdfast.core.errors import ClassMissing
-from holdfast.export.exporting import whole_graph
-from holdfast.export.heads import (
-    Calibration,
-    Head,
-    reference_label,
-    riskier_argmax,
-    situation_votes,
-)
+from holdfast.export.heads import Calibration, riskier_argmax, situation_votes
 from holdfast.export.learner import (
     Committee,
     Forest,
@@ -31,22 +22,16 @@ from holdfast.export.learner import (
     reference_votes,
     votes_of_trees,
 )
-from holdfast.export.spec import StepSpec
-from holdfast.export.verify import Verification, verify
 from holdfast.training.featurise import FloatRows
-from holdfast.training.plan import TASK_HEADS, TrainingPlan
-from holdfast.training.progress import Say
+from holdfast.training.plan import TrainingPlan
+from holdfast.training.progress import Say, ignored
 from holdfast.training.recording import (
     DataSet,
     Fold,
     StringArray,
     assign_groups,
     folds_of,
-    grouped_folds,
 )
-
-if TYPE_CHECKING:
-    from holdfast.training.tuning import LabelWeights
 
 CALIBRATION_C = 1.0
 """Inverse regularisation of the calibration (scikit-learn's C) on vote shares between 0 and 1."""
@@ -58,46 +43,35 @@ ABSENT_NATS = -30.0
 class FoldAnswers:
     """What the learners of one fold answer for the windows of its held-out people.
 
-    rows: task -> [N] which windows of the task. votes: task -> [N, K] exact integers. labels: [N]
-    of the main task. verification: of the exported learners, where that was asked for.
+    rows: task -> [N] which windows of the task. votes: task -> [N, K] exact integers.
     """
 
     rows: dict[str, IntArray]
     votes: dict[str, IntArray]
-    labels: IntArray
-    verification: Verification | None
+    learners: dict[str, Learner]
 
 
 @dataclass(frozen=True)
 class HeldOut:
     """Votes for every window, each from a learner that never saw its person.
 
-    votes: task -> [M, K] exact integers. labels: [M] situations of the main task, where a fold's
-    label weights count; else the riskiest of those with most votes. verification: one report a
-    fold.
+    votes: task -> [M, K] exact integers.
     """
 
     votes: dict[str, IntArray]
-    labels: IntArray | None = None
-    verification: list[Verification] = field(default_factory=list)
 
     @classmethod
     def of(cls, data: DataSet, folds: Sequence[FoldAnswers]) -> HeldOut:
         """The answers of all folds, window by window."""
-        main = main_task(data)
         votes = {}
         for task, windows in data.tasks.items():
             votes[task] = np.zeros((len(windows), len(windows.classes)), np.int64)
 
         # Every window is held out by exactly one fold, so each row is written once.
-        labels = np.zeros(len(data.tasks[main]), np.int64)
         for fold in folds:
-            labels[fold.rows[main]] = fold.labels
             for task, rows in fold.rows.items():
                 votes[task][rows] = fold.votes[task]
-
-        verified = [fold.verification for fold in folds if fold.verification]
-        return cls(votes, labels, verified)
+        return cls(votes)
 
     def shares(self, task: str) -> FloatArray:
         """[M, K] vote shares, rows summing to one."""
@@ -106,9 +80,7 @@ class HeldOut:
 
     def situations(self) -> IntArray:
         """[M] labels of the main task by the declared tie rule."""
-        if self.labels is None:
-            return riskier_argmax(self.situation_votes())
-        return self.labels
+        return riskier_argmax(self.situation_votes())
 
     def situation_votes(self) -> IntArray:
         """[M, 4] votes of the main task."""
@@ -122,21 +94,17 @@ def cross_validate(
     plan: TrainingPlan,
     *,
     seed: int = 0,
-    say: Say = lambda line: None,
-    verify_spec: StepSpec | None = None,
+    say: Say = ignored,
 ) -> HeldOut:
     """Held-out votes for every window of every task; folds of people are shared by all tasks.
 
-    features: task -> [M, F]. verify_spec: export every fold's learners and compare them on all
-    held-out rows. A fold may hold out no window of a task; one that leaves none to train on is a
-    ClassMissing. Raises TooFewGroups.
+    features: task -> [M, F]. A fold may hold out no window of a task; one that leaves none to train
+    on is a ClassMissing. Raises TooFewGroups.
     """
     folds = []
-    splits = splits_of(data, plan, seed)
-    for number, split in enumerate(splits, 1):
+    for number, split in enumerate(splits_of(data, plan, seed), 1):
         say(f"fold {number} of {plan.folds}")
-        answers = answer_fold(data, features, plan, split, seed, verify_spec)
-        folds.append(answers)
+        folds.append(answer_fold(data, features, plan, split, seed))
     return HeldOut.of(data, folds)
 
 
@@ -173,114 +141,20 @@ def answer_fold(
     plan: TrainingPlan,
     split: dict[str, Fold],
     seed: int,
-    verify_spec: StepSpec | None = None,
 ) -> FoldAnswers:
     """Train on one fold's people and answer the windows of those it holds out.
 
     The arguments are those of `cross_validate`; split: one of `splits_of`.
     """
-    heads = {}
     held = {}
     votes = {}
+    learners = {}
     for task, (train, test) in split.items():
-        head = _fold_head(data, features, plan, task, train, seed)
-        heads[task] = head
-        held[task] = test
-        rows = features[task][test]
-        votes[task] = reference_votes(head.learner, rows, len(head.classes))
-
-    report = None
-    if verify_spec is not None:
-        # All heads read the same features, so rows of every task test each of them.
-        seen = np.concatenate([features[task][held[task]] for task in held])
-
-        learners = list(heads.values())
-        graph = whole_graph(verify_spec, learners)
-        report = verify(graph, verify_spec, learners, seen, seed)
-
-    main = main_task(data)
-    labels = reference_label(heads[main], votes[main])
-    return FoldAnswers(held, votes, labels, report)
-
-
-def _fold_head(
-    data: DataSet,
-    features: dict[str, FloatRows],
-    plan: TrainingPlan,
-    task: str,
-    rows: IntArray,
-    seed: int,
-) -> Head:
-    """The head of a task as a fold's training rows give it; its probabilities are not used."""
-    plan = plan_for(data, features, plan, task, rows, seed)
-    learner = fit_learner(data, features[task], plan, task, rows, seed)
-    classes = data.tasks[task].classes
-    calibration = uncalibrated(len(classes))
-    # Only the main head answers with a label; the others are read as probabilities.
-    weights = None
-    if task == main_task(data):
-        weights = chosen_label_weights(data, features, plan, rows, seed)
-    return Head(TASK_HEADS[task], classes, learner, calibration, weights)
-
-
-def plan_for(
-    data: DataSet,
-    features: dict[str, FloatRows],
-    plan: TrainingPlan,
-    task: str,
-    rows: IntArray,
-    seed: int,
-) -> TrainingPlan:
-    """The plan with a task's network as these windows alone choose it, people held out in turn.
-
-    The plan itself where it has no inner folds or no network. Raises TooFewGroups.
-    """
-    if not plan.inner_folds or plan.learner == "forest":
-        return plan
-
-    # only a plan with inner folds needs this module
-    from holdfast.training.tuning import choose_network
-
-    label = data.tasks[task].label[rows]
-    groups = data.group_of(task)[rows]
-    given = plan.network_for(task)
-    seen = features[task][rows]
-    chosen = choose_network(given, seen, label, groups, plan.inner_folds, seed)
-    return plan.with_network(task, chosen)
-
-
-def chosen_label_weights(
-    data: DataSet,
-    features: dict[str, FloatRows],
-    plan: TrainingPlan,
-    rows: IntArray,
-    seed: int,
-) -> LabelWeights | None:
-    """Label weights from these windows of the main task alone, their people held out in turn.
-
-    None where the plan wants none. Raises TooFewGroups.
-    """
-    if not plan.inner_folds:
-        return None
-
-    task = main_task(data)
-    windows = data.tasks[task].take(rows)
-    groups = data.group_of(task)[rows]
-    n_classes = len(windows.classes)
-    votes = np.zeros((len(rows), n_classes), np.int64)
-
-    # The weights are chosen on people whom the learner has not seen, because that is how they are
-    # used.
-    for train, test in grouped_folds(groups, plan.inner_folds, seed=seed):
-        learner = fit_learner(data, features[task], plan, task, rows[train], seed)
-        held_out = features[task][rows[test]]
-        votes[test] = reference_votes(learner, held_out, n_classes)
-
-    from holdfast.training.tuning import fit_label_weights
-
-    # Of eight classes two belong to each situation, light and heavy.
-    situation = windows.label // (n_classes // len(SITUATIONS))
-    return fit_label_weights(situation_votes(votes), situation)
+        learner = fit_learner(data, features[task], plan, task, train, seed)
+        n_classes = len(data.tasks[task].classes)
+        votes[task] = reference_votes(learner, features[task][test], n_classes)
+        held[task], learners[task] = test, learner
+    return FoldAnswers(held, votes, learners)
 
 
 def main_task(data: DataSet) -> str:

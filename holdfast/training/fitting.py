@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from holdfast.core.contract import CANNOT_TELL, Json, untold_of
-from holdfast.core.errors import DataError, UsageError
+from holdfast.core.errors import DataError
 from holdfast.core.trial_layout import read_json
 from holdfast.core.writing import require_writable
 from holdfast.export.artifact import (
@@ -30,7 +30,6 @@ from holdfast.training.crossval import (
     fit_calibration,
     fit_learner,
     main_task,
-    plan_for,
     with_even_classes,
 )
 from holdfast.training.datasets import find, join, load
@@ -85,9 +84,9 @@ class TrainingRequest:
     """What `train_on_sets` is asked for.
 
     data: sets by name or folder; none for the generated fixture. replace: an artifact in `out` may
-    be replaced; replace_fixture: one of the fixture may be, by one of the fixture. channels,
-    groups, hold_out, windows: as `datasets.load` takes them; hold_out: None for the strictest that
-    the data allow. features, size, learner, inner_folds: of the plan. seed: of every random choice,
+    be replaced; replace_fixture: one of the fixture may be, by one of the fixture. groups,
+    hold_out, windows: as `datasets.load` takes them; hold_out: None for the strictest that
+    the data allow. features, size, learner: of the plan. seed: of every random choice,
     so that the same request gives the same model. judge: compute the learning curve too.
     """
 
@@ -95,14 +94,12 @@ class TrainingRequest:
     out: Path
     replace: bool = False
     replace_fixture: bool = False
-    channels: int | None = None
     groups: int | None = None
     hold_out: HoldOut | None = None
     windows: Choice = "balanced"
     features: str = "fixed"
     size: str = "default"
     learner: LearnerKind = "committee"
-    inner_folds: int = 0
     seed: int = 0
     judge: bool = False
 
@@ -149,9 +146,16 @@ def train_on_sets(
     sets = []
     for name in names:
         progress(f"reading {name}")
-        data = _read_set(name, request, progress.part)
+        data = load(
+            name,
+            groups=request.groups,
+            seed=request.seed,
+            windows=request.windows,
+            hold_out=request.hold_out,
+            part=progress.part,
+        )
         count = f"{len(data.recordings)} recordings at {data.rate_hz:.4g} Hz"
-        describe(f"{data.name}: {data.kind}; {count}\n{windows_table(data)}")
+        describe(f"{data.name}: {data.kind}; {count}\n{_counts(data)}")
         sets.append(data)
 
     plan = PLANS[request.features](request.size, request.learner)
@@ -164,7 +168,7 @@ def train_on_sets(
     trained = train(
         joined,
         request.out,
-        replace(plan, inner_folds=request.inner_folds),
+        plan,
         seed=request.seed,
         say=progress,
         part=progress.part,
@@ -219,48 +223,17 @@ def _rebuilds_fixture(request: TrainingRequest) -> bool:
     return isinstance(origin, dict) and origin.get("kind") == KIND
 
 
-def _read_set(name: str, request: TrainingRequest, part: Part) -> DataSet:
-    """A set as the request wants it. Raises UsageError for channels that it does not offer."""
-    from holdfast.training.datasets.trials import ChannelsNotOffered
-
-    try:
-        return load(
-            name,
-            channels=request.channels,
-            groups=request.groups,
-            seed=request.seed,
-            windows=request.windows,
-            hold_out=request.hold_out,
-            part=part,
-        )
-    except ChannelsNotOffered as error:
-        raise UsageError(
-            f"--channels {request.channels}: {name} does not have that many",
-            next_step=f"give --channels {error.offered}, or leave it out",
-        ) from None
-
-
-def windows_table(data: DataSet) -> str:
-    """Windows by class, a line for each task; in the thesis' layout object x action too."""
-    if "table" in data.notes:
-        return f"{data.notes['table']}\n\n{_on_counts(data.notes)}"
+def _counts(data: DataSet) -> str:
+    """Windows by class, a line for each task, and before they were undersampled."""
+    counts = {task: rows.class_counts() for task, rows in data.tasks.items()}
+    if "windows_natural" in data.notes:
+        counts["before undersampling"] = data.notes["windows_natural"]
 
     lines = []
-    for task, rows in data.tasks.items():
-        counts = rows.class_counts().items()
-        cells = ", ".join(f"{name} {count:,}" for name, count in counts)
-        lines.append(f"{task}: {len(rows):,} windows ({cells})")
+    for task, of_class in counts.items():
+        cells = ", ".join(f"{name} {count:,}" for name, count in of_class.items())
+        lines.append(f"{task}: {sum(of_class.values()):,} windows ({cells})")
     return "\n".join(lines)
-
-
-def _on_counts(notes: Json) -> str:
-    """The counts that were undersampled, or else the note that counts are no weights."""
-    counts = notes.get("windows_natural") or notes["windows"]
-    if counts == notes["windows"]:
-        return "in training every class weighs the same, whatever its count"
-
-    natural = ", ".join(f"{name} {count}" for name, count in counts.items())
-    return f"all windows before undersampling: {natural}"
 
 
 def warn_of_scarcity(data: DataSet, *, undersampled: bool = False) -> None:
@@ -363,9 +336,6 @@ def final_artifact(
 
     figures: of the held-out votes, for the model card.
     """
-    for task, windows in data.tasks.items():
-        plan = plan_for(data, features, plan, task, np.arange(len(windows)), seed)
-
     heads = []
     for task, windows in data.tasks.items():
         every = np.arange(len(windows))
@@ -376,14 +346,7 @@ def final_artifact(
         calibration = fit_calibration(held_out.shares(task), windows.label)
         if plan.even_classes:
             calibration = with_even_classes(calibration, windows.label)
-        weights = None
-        if plan.inner_folds and task == main_task(data):
-            from holdfast.training.tuning import fit_label_weights
-
-            situation = windows.of_situations().label
-            weights = fit_label_weights(held_out.situation_votes(), situation)
-
-        head = Head(TASK_HEADS[task], windows.classes, learner, calibration, weights)
+        head = Head(TASK_HEADS[task], windows.classes, learner, calibration)
         heads.append(head)
 
     spec = spec_for(data, plan.groups)

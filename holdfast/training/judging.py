@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from holdfast.core.errors import ClassMissing, TooFewGroups
+from holdfast.core.errors import TooFewGroups
 from holdfast.training.crossval import (
     HeldOut,
     answer_fold,
@@ -121,7 +121,7 @@ def as_grouped(data: DataSet, folds: int, seed: int) -> HoldOutChoice:
         gone = np.setdiff1d(label[test], label[train])
         if gone.size:
             those = test[label[test] == gone[0]]
-            names = _in_short(np.unique(groups[those]).tolist())
+            names = " and ".join(np.unique(groups[those])[:MOST_NAMED])
             what = _in_words(rows.classes[gone[0]])
             return HoldOutChoice(data, lacks=f"without {names} no {what} is left")
     return HoldOutChoice(data)
@@ -133,13 +133,6 @@ def _in_words(name: str) -> str:
     if weight not in ("light", "heavy"):
         return name.replace("_", " ")
     return f"{situation.replace('_', ' ')} with a {weight} object"
-
-
-def _in_short(names: Sequence[str]) -> str:
-    """Some names, and how many more there are."""
-    if len(names) <= MOST_NAMED:
-        return " and ".join(names)
-    return f"{', '.join(names[:MOST_NAMED])} and {len(names) - MOST_NAMED} more"
 
 
 def learning_curve(
@@ -231,11 +224,7 @@ def _answers(
 
     answers = []
     for fold in folds:
-        try:
-            answers.append(answer_fold(data, features, plan, {main: fold}, seed))
-        # Inner folds need groups too.
-        except (ClassMissing, TooFewGroups):
-            return None
+        answers.append(answer_fold(data, features, plan, {main: fold}, seed))
     return HeldOut.of(data, answers)
 
 

@@ -24,7 +24,7 @@ import numpy.typing as npt
 from sklearn.metrics import average_precision_score, roc_auc_score
 
 from holdfast.core.contract import SITUATIONS, BoolArray, FloatArray, IntArray
-from holdfast.core.errors import LabelError, NotANumber
+from holdfast.core.errors import LabelError
 from holdfast.training.figures import (
     HeadFigures,
     Interval,
@@ -160,17 +160,10 @@ def prediction_scores(
 ) -> PredictionFigures:
     """AUC, average precision and their intervals, from labels 0/1 [M], scores [M] and groups [M].
 
-    Raises LabelError for another label, and NotANumber for a score that is not finite.
+    Raises LabelError for another label; scikit-learn's ValueError for a score that is not finite.
     """
     truth = np.asarray(truth)
     _require_labels(truth, 2, "truth")
-    n_missing = int((~np.isfinite(score)).sum())
-    if n_missing:
-        raise NotANumber(
-            f"{n_missing} of {len(score)} scores are not finite",
-            cause="windows without an answer",
-            next_step="score an answer withheld as 0",
-        )
     # Without both classes there is nothing to rank.
     if len(np.unique(truth)) < 2:
         return PredictionFigures()

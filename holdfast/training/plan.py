@@ -139,8 +139,6 @@ class TrainingPlan:
     copies: disturbed copies of each recording that are trained on as well (nuisances.py).
     even_classes: probabilities are those of classes that are all as likely, as the learner weighs
     them; otherwise as likely as they have windows.
-    inner_folds: label weights and a network's hyperparameters are chosen on so many folds of the
-    training windows alone; 0 for none.
     """
 
     groups: tuple[str, ...] = CLOCK_FREE_GROUPS
@@ -155,7 +153,6 @@ class TrainingPlan:
     learner: LearnerKind = "forest"
     network: NetworkPlan = SITUATION_NETWORK
     prediction_network: NetworkPlan = PREDICTION_NETWORK
-    inner_folds: int = 0
     copies: int = 0
     even_classes: bool = False
 
@@ -164,12 +161,6 @@ class TrainingPlan:
         if TASK_HEADS[task] == "p_risky_250ms":
             return self.prediction_network
         return self.network
-
-    def with_network(self, task: str, network: NetworkPlan) -> TrainingPlan:
-        """The plan with another network for a task."""
-        if TASK_HEADS[task] == "p_risky_250ms":
-            return replace(self, prediction_network=network)
-        return replace(self, network=network)
 
     def forest_for(self, task: str) -> ForestPlan:
         """The forest of a task."""
@@ -180,10 +171,10 @@ class TrainingPlan:
     def to_json(self) -> Json:
         """As a JSON object, for the model card."""
         fields = asdict(self)
-        # The card of a forest, or of a run without inner folds, is as it was before there were any.
+        # The card of a forest is as it was before there was anything else.
         if self.learner == "forest":
             del fields["learner"], fields["network"], fields["prediction_network"]
-        for name in ("inner_folds", "copies", "even_classes"):
+        for name in ("copies", "even_classes"):
             if not fields[name]:
                 del fields[name]
         return fields

@@ -25,12 +25,16 @@ class Stages:
     def __call__(self, text: str) -> None:
         """The stage under way has ended, and this one begins."""
         line = visible(text)
+        elapsed_s = time.perf_counter() - self._started_s
+        timed = f"{elapsed_s:6.0f} s  {line}"
+        if self._progress is None:
+            sys.stderr.write(f"{timed}\n")
+            return
+
         self._begun += 1
         self._progress.update(self._bar, description=line, completed=self._begun)
-
-        elapsed_s = time.perf_counter() - self._started_s
         self._progress.console.print(
-            f"{elapsed_s:6.0f} s  {line}",
+            timed,
             style="dim",
             highlight=False,
             markup=False,
@@ -39,13 +43,19 @@ class Stages:
 
     def part(self, share: float) -> None:
         """So much of the stage under way is done."""
-        self._progress.update(self._bar, completed=max(self._begun, 0) + share)
+        if self._progress is not None:
+            self._progress.update(self._bar, completed=max(self._begun, 0) + share)
 
 
 @contextmanager
 def stages(total: int) -> Iterator[Stages]:
     """Yields a Stages, to be called once for each of `total` stages as it begins."""
-    progress = _progress()
+    try:
+        progress = _progress()
+    except ModuleNotFoundError:
+        # On the hand, where only the live path is installed, there are lines without a bar.
+        yield Stages(None, None)
+        return
     with progress:
         yield Stages(progress, progress.add_task("starting", total=total))
 
@@ -63,48 +73,17 @@ def counted(text: str, total: int) -> Iterator[Callable[[float], None]]:
         yield lambda done: progress.update(bar, completed=done)
 
 
-class _Lines:
-    """Lines without a bar, in place of rich's Progress where only the live path is installed."""
-
-    is_terminal = False
-
-    @property
-    def console(self) -> _Lines:
-        """Where lines are printed."""
-        return self
-
-    def print(self, line: str, **style: object) -> None:
-        """One line on stderr."""
-        sys.stderr.write(f"{line}\n")
-
-    def add_task(self, text: str, total: int) -> int:
-        """No bar begins."""
-        return 0
-
-    def update(self, bar: int, **change: object) -> None:
-        """No bar moves."""
-
-    def __enter__(self) -> _Lines:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        return None
-
-
 def _progress() -> Any:
-    try:
-        from rich.console import Console
-        from rich.progress import (
-            BarColumn,
-            Progress,
-            TaskProgressColumn,
-            TextColumn,
-            TimeElapsedColumn,
-            TimeRemainingColumn,
-        )
-    # recordings are read and converted without the packages of training too
-    except ModuleNotFoundError:
-        return _Lines()
+    # late, so that what only counts loads no rich
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TaskProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
     columns = (
         TextColumn("{task.description}", markup=False),
@@ -132,8 +111,3 @@ Part = Callable[[float], None]
 
 def ignored(message: object) -> None:
     """A Say or a Part that shows nothing."""
-
-
-def span(part: Part, start: float, stop: float) -> Part:
-    """A Part for what lasts from one share of a stage to another."""
-    return lambda share: part(start + (stop - start) * share)

@@ -303,15 +303,6 @@ def assign_groups(
     return assignment
 
 
-def grouped_folds(groups: npt.ArrayLike, n_folds: int, *, seed: int = 0) -> list[Fold]:
-    """Cross-validation by groups [M]. Raises TooFewGroups.
-
-    For two tasks with the same held-out people, call `assign_groups` once and `folds_of` for each
-    task.
-    """
-    return folds_of(groups, assign_groups(groups, n_folds, seed=seed))
-
-
 def folds_of(groups: npt.ArrayLike, assignment: dict[str, int]) -> list[Fold]:
     """Training and test rows of every fold, for windows of these groups [M]."""
     names, place = np.unique(np.asarray(groups, dtype=str), return_inverse=True)

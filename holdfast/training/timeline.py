@@ -14,8 +14,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal
 
+import msgspec
 import numpy as np
 
 from holdfast.core.contract import (
@@ -25,9 +26,9 @@ from holdfast.core.contract import (
     RISKY_SLIP,
     SITUATIONS,
     FloatArray,
-    Json,
 )
 from holdfast.core.errors import LabelError
+from holdfast.core.schema import checked
 from holdfast.core.trial_file import LONGEST_S, Trial
 from holdfast.core.trial_layout import (
     LABELLED_ACTIONS,
@@ -189,26 +190,6 @@ def of_whole_trial(t_s: FloatArray, samples: FloatArray, action: str) -> Phases:
     return (Phase(first, stop, RISKY_SLIP),)
 
 
-def action_start_s(about: Json, where: Path) -> float | None:
-    """When the action starts, s, by a meta.json or a truth; None where it gives no time.
-
-    Raises LabelError.
-    """
-    at_s = about.get(ACTION_KEY)
-    if at_s is None:
-        return None
-
-    # True and False are whole numbers in Python, and no time.
-    is_number = isinstance(at_s, int | float) and not isinstance(at_s, bool)
-    if not is_number or not 0.0 < at_s < LONGEST_S:
-        raise LabelError(
-            f"{ACTION_KEY} is {at_s!r}",
-            where=where,
-            next_step="write seconds from the first row",
-        )
-    return float(at_s)
-
-
 def situation_of(action: str) -> int:
     """The situation that an action leads to, as an index of SITUATIONS."""
     return SITUATIONS.index(SITUATION_OF_ACTION[action])
@@ -229,6 +210,42 @@ def contact(t_s: FloatArray, samples: FloatArray) -> tuple[int, int]:
     return rows
 
 
+class _TruthPhase(msgspec.Struct, frozen=True):
+    """A phase of a truth file, in s from the first sample; further keys are for people."""
+
+    t0_s: float
+    t1_s: float
+    label: Literal["nothing", "grasp", "safe_slip", "risky_slip"]
+    provenance: str = ""
+
+    def __post_init__(self) -> None:
+        if self.t1_s < self.t0_s:
+            raise ValueError("a phase ends before it begins; allowed: t0_s <= t1_s")
+
+
+class _GrossSlip(msgspec.Struct, frozen=True):
+    """When all fingers slide, s from the first sample; None where none is known."""
+
+    gross_slip_s: float | None = None
+
+
+class _Truth(_GrossSlip, frozen=True):
+    """A truth file. trials: of a recording of several, each with its gross slip."""
+
+    phases: list[_TruthPhase] | None = None
+    trials: list[_GrossSlip] = []
+    action_at_s: Annotated[float, msgspec.Meta(gt=0.0, lt=LONGEST_S)] | None = None
+
+
+def _truth(path: Path) -> _Truth:
+    return checked(read_json(path), _Truth, path, LabelError)
+
+
+def action_of_trial_s(path: Path) -> float | None:
+    """When the action of a trial starts, s, by its truth; None where it gives no time."""
+    return _truth(path).action_at_s
+
+
 def has_phases(path: Path) -> bool:
     """Whether a truth gives phases: one that is there, unless it only says when the action starts.
 
@@ -236,8 +253,8 @@ def has_phases(path: Path) -> bool:
     """
     if not path.exists():
         return False
-    truth = read_json(path)
-    return "phases" in truth or ACTION_KEY not in truth
+    truth = _truth(path)
+    return truth.phases is not None or truth.action_at_s is None
 
 
 def labels_by(path: Path, action_at_s: float, action: str | None) -> str:
@@ -245,18 +262,14 @@ def labels_by(path: Path, action_at_s: float, action: str | None) -> str:
 
     path: of the truth. action_at_s: of the set.
     """
-    truth = read_json(path)
+    truth = _truth(path)
     if not has_phases(path):
         if action in LABELLED_ACTIONS:
             return OF_WHOLE_TRIAL[action]
-        of_trial = action_start_s(truth, path)
-        source = " (truth file)" if of_trial else ""
-        return f"script, action at {of_trial or action_at_s:g} s{source}"
+        source = " (truth file)" if truth.action_at_s else ""
+        return f"script, action at {truth.action_at_s or action_at_s:g} s{source}"
 
-    names = set()
-    for entry in truth.get("phases", []):
-        if isinstance(entry, dict):
-            names.add(str(entry.get("provenance") or "truth file"))
+    names = {phase.provenance or "truth file" for phase in truth.phases or []}
     # A phase that names its provenance tells more than that there is a file.
     if len(names) > 1:
         names.discard("truth file")
@@ -270,41 +283,37 @@ def read_truth(path: Path, t_s: FloatArray) -> Phases:
 
     They follow each other without overlap; rows in no phase have no label. Raises LabelError.
     """
-    written = read_json(path).get("phases")
-    if not isinstance(written, list) or not written:
-        raise LabelError(
-            "holds no list of phases", where=path, next_step="correct or remove it"
-        )
-
-    phases = tuple(_phase(entry, t_s, path) for entry in written)
+    phases = []
+    for entry in _truth(path).phases or []:
+        first, stop = np.searchsorted(t_s, [entry.t0_s, entry.t1_s]).tolist()
+        phases.append(Phase(first, stop, SITUATIONS.index(entry.label)))
+    fault = "" if phases else "holds no list of phases"
     if any(phase.stop > later.first for phase, later in pairwise(phases)):
-        raise LabelError(
-            "phases overlap or are out of order",
-            where=path,
-            next_step="correct or remove it",
-        )
+        fault = "phases overlap or are out of order"
+    if fault:
+        raise LabelError(fault, where=path, next_step="correct or remove it")
 
     # A phase shorter than the time between two samples holds none of them.
     return tuple(phase for phase in phases if phase.first < phase.stop)
 
 
 def read_events(path: Path) -> RiskyEvents:
-    """The risky phases of a truth, each with the gross slip that falls into it."""
-    truth = read_json(path)
+    """The risky phases of a truth, each with the first gross slip that falls into it."""
+    truth = _truth(path)
     events = []
-    for entry in truth["phases"]:
-        if entry["label"] != SITUATIONS[RISKY_SLIP]:
+    for entry in truth.phases or []:
+        if entry.label != SITUATIONS[RISKY_SLIP]:
             continue
-        onset_s, end_s = float(entry["t0_s"]), float(entry["t1_s"])
-
-        # A recording of several trials has a gross slip for each; the first inside the phase is its
-        # own.
         gross_s = None
-        for trial in truth.get("trials", [truth]):
-            at_s = trial.get("gross_slip_s")
-            if gross_s is None and at_s is not None and onset_s <= at_s <= end_s:
-                gross_s = float(at_s)
-        events.append(RiskyEvent(onset_s, gross_s, end_s))
+        for trial in truth.trials or [truth]:
+            at_s = trial.gross_slip_s
+            if (
+                gross_s is None
+                and at_s is not None
+                and entry.t0_s <= at_s <= entry.t1_s
+            ):
+                gross_s = at_s
+        events.append(RiskyEvent(entry.t0_s, gross_s, entry.t1_s))
     return tuple(events)
 
 
@@ -323,19 +332,3 @@ def events_of_whole_trial(n_rows: int, rate_hz: float, action: str) -> RiskyEven
     if action == "hold":
         return ()
     return (RiskyEvent(0.0, None, n_rows / rate_hz, timed=False),)
-
-
-def _phase(entry: Any, t_s: FloatArray, path: Path) -> Phase:
-    """One phase of a truth, in rows. Raises LabelError that shows the entry."""
-    try:
-        t0_s, t1_s = float(entry["t0_s"]), float(entry["t1_s"])
-        if not t0_s <= t1_s:  # also true of nan
-            raise ValueError("a phase that ends before it begins")
-        first, stop = np.searchsorted(t_s, [t0_s, t1_s])
-        return Phase(int(first), int(stop), SITUATIONS.index(entry["label"]))
-    except (KeyError, OverflowError, TypeError, ValueError):
-        raise LabelError(
-            f"{entry!r} is not a phase",
-            where=path,
-            next_step=f"write t0_s and t1_s in seconds and a label of {', '.join(SITUATIONS)}",
-        ) from None

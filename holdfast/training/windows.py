@@ -1,4 +1,4 @@
-"""Labelled windows of the eight classes, and their balance.
+"""Critical points -> balanced windows of the eight classes, third of four steps.
 
 Where the mass of an object is not known, windows are labelled with the four situations alone.
 
@@ -49,7 +49,6 @@ from holdfast.core.contract import (
 )
 from holdfast.core.trial_layout import Mass
 from holdfast.export.spec import HISTORY_S, WINDOW_S, window_samples
-from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import NO_OBJECT, LabelledRows, Recording
 from holdfast.training.timeline import Phase
 
@@ -119,48 +118,33 @@ class _Spot:
     source: str
 
 
-def natural_windows(trials: Sequence[TimedTrial], part: Part = ignored) -> pd.DataFrame:
-    """Every window there is, one line each.
+def windows_of(trials: Sequence[TimedTrial], choice: Choice) -> pd.DataFrame:
+    """The windows of a choice, one line each; for "thesis" all that `undersample` draws from.
 
     Columns: trial (index), row (the window's last), label (of classes_of), object, action and
-    source (band-pass, friction, both, slip, keep, nothing). part: receives the share of trials
-    done.
+    source (band-pass, friction, both, slip, keep, nothing, dense).
     """
-    return _table(trials, _natural_spots, part)
-
-
-def dense_windows(trials: Sequence[TimedTrial], part: Part = ignored) -> pd.DataFrame:
-    """As `natural_windows`, but dense; a trial without an exact truth gives its natural ones."""
-    return _table(trials, _dense_spots, part)
-
-
-def denser_windows(trials: Sequence[TimedTrial], part: Part = ignored) -> pd.DataFrame:
-    """As `dense_windows`, but closer together where a phase begins."""
-    return _table(trials, _denser_spots, part)
-
-
-def _table(
-    trials: Sequence[TimedTrial],
-    spots_of: Callable[[TimedTrial], list[_Spot]],
-    part: Part,
-) -> pd.DataFrame:
-    """The table of all windows that a rule chooses. spots_of: the rule, trial by trial."""
     import pandas as pd  # a third of a second, which no command without windows needs
 
+    rows_of = {"balanced": _dense_rows, "dense": _denser_rows}.get(choice)
     lines = []
     weighed = classes_of(trials) == CLASSES
     for index, trial in enumerate(trials):
         name = trial.recording.object_name or NO_OBJECT
         action = trial.recording.action or NO_OBJECT
+        # A script does not say when each sample begins to slip.
+        if rows_of and trial.timed and trial.has_object:
+            spots = _dense(trial.recording, rows_of)
+        else:
+            spots = _natural(trial)
 
-        for number, spot in enumerate(spots_of(trial)):
+        for number, spot in enumerate(spots):
             # Without an object windows are light and heavy alternately.
             heavy = bool(number % 2) if trial.heavy is None else trial.heavy
             label = spot.situation
             if weighed:
-                label = class_id(spot.situation, heavy=bool(heavy))
+                label = class_id(spot.situation, heavy=heavy)
             lines.append((index, spot.row, label, name, action, spot.source))
-        part((index + 1) / len(trials))
     return pd.DataFrame(lines, columns=COLUMNS)
 
 
@@ -191,13 +175,6 @@ def labelled_rows(
     return LabelledRows(trial, row, label, classes)
 
 
-def class_counts(
-    windows: pd.DataFrame, classes: tuple[str, ...] = CLASSES
-) -> dict[str, int]:
-    """Windows per class, by name, zeros included."""
-    return labelled_rows(windows, classes).class_counts()
-
-
 def sample_counts(trials: Sequence[TimedTrial]) -> dict[str, int]:
     """Samples per class over the whole time lines, of trials with an object."""
     classes = classes_of(trials)
@@ -214,39 +191,7 @@ def sample_counts(trials: Sequence[TimedTrial]) -> dict[str, int]:
     return counts
 
 
-def counts_table(windows: pd.DataFrame, classes: tuple[str, ...] = CLASSES) -> str:
-    """Two tables to print: class x object against action, and class against source."""
-    import pandas as pd
-
-    # A categorical keeps the order of the classes, where texts would be sorted by name.
-    label = windows["label"].to_numpy()
-    name = pd.Categorical.from_codes(label, categories=classes)
-    named = windows.assign(**{"class": name})
-
-    by_action = pd.crosstab([named["class"], named["object"]], named["action"])
-    by_source = pd.crosstab(named["class"], named["source"])
-    cells = _with_totals(by_action).to_string()
-    sources = _with_totals(by_source).to_string()
-    return f"{cells}\n\n{sources}"
-
-
-def _with_totals(counts: pd.DataFrame) -> pd.DataFrame:
-    """The counts with a column and a row "all"; pandas' own margins take three times as long."""
-    import pandas as pd
-
-    counts["all"] = counts.sum(axis=1)
-    total = counts.sum().to_frame().T
-    # A row cannot be added in place: "all" is none of the categories of the index.
-    if counts.index.nlevels == 1:
-        total.index = pd.Index(["all"])
-    else:
-        total.index = pd.MultiIndex.from_tuples([("all", "")])
-
-    names = {"index": counts.index.names, "columns": counts.columns.name}
-    return pd.concat([counts, total]).rename_axis(**names)
-
-
-def _natural_spots(trial: TimedTrial) -> list[_Spot]:
+def _natural(trial: TimedTrial) -> list[_Spot]:
     """All windows of a trial, each row once, in order of time."""
     if not trial.has_object:
         return _empty_hand(trial.recording)
@@ -266,28 +211,15 @@ def _natural_spots(trial: TimedTrial) -> list[_Spot]:
     return sorted(spots, key=lambda spot: spot.row)
 
 
-def _dense_spots(trial: TimedTrial) -> list[_Spot]:
-    """Dense windows of a trial with an exact truth and an object, else the natural ones."""
-    return _spots_by(trial, _dense_rows)
-
-
-def _denser_spots(trial: TimedTrial) -> list[_Spot]:
-    """The same, closer together where a phase begins."""
-    return _spots_by(trial, _denser_rows)
-
-
-def _spots_by(
-    trial: TimedTrial, rows_of: Callable[[Phase, int, float], list[int]]
+def _dense(
+    recording: Recording, rows_of: Callable[[Phase, int, float], list[int]]
 ) -> list[_Spot]:
-    """rows_of: the rows of a phase, from the settled row on, at a rate."""
-    if not trial.timed or not trial.has_object:
-        return _natural_spots(trial)
-
-    rate_hz = trial.recording.rate_hz
+    """Windows by phase alone. rows_of: the rows of a phase, from the settled row on, at a rate."""
+    rate_hz = recording.rate_hz
     # Before that a hand answers nothing, because its history is not whole.
     settled = math.ceil(HISTORY_S * rate_hz)
     spots = []
-    for phase in trial.recording.phases:
+    for phase in recording.phases:
         for row in rows_of(phase, settled, rate_hz):
             spots.append(_Spot(row, phase.situation, "dense"))
     return spots

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray, Json
+from holdfast.simulation.effect import Rows
 from holdfast.simulation.loop_sensing import IntArray, LoopSensors
 from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.rows import PlanBatch, Rows
+from holdfast.simulation.rows import PlanBatch
 from studies.distortions.law import Law, Memory, PlanRequest
 from studies.distortions.statistics import paired_change
 from studies.distortions.table import Distortion, by_name
@@ -38,7 +39,7 @@ NOT_RUN: Json = {"figures": dict.fromkeys(KEYS), "saved": {}, "blocked": {}}
 
 
 class DistortedSensors:
-    """Sensors of B hands behind a law, as closed_loop.SensorReader."""
+    """Sensors of B hands behind a law, read as LoopSensors."""
 
     def __init__(self, sensors: LoopSensors, law: Law, distortion: Distortion) -> None:
         self.sensors = sensors

@@ -15,7 +15,8 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray
 from holdfast.core.hand_card import Side
-from holdfast.simulation.rows import Plan, Rows
+from holdfast.simulation.effect import Rows
+from holdfast.simulation.rows import Plan
 from studies.distortions.law import Memory, PlanRequest
 
 

@@ -11,13 +11,22 @@ from typing import TypeVar
 import numpy as np
 
 from holdfast.evaluation.jobs import Job, Workers
+from holdfast.export.exporting import whole_graph
+from holdfast.export.heads import Head
 from holdfast.export.pooled import FAMILIES
-from holdfast.training.crossval import FoldAnswers, HeldOut, answer_fold, splits_of
+from holdfast.export.verify import Verification, verify
+from holdfast.training.crossval import (
+    FoldAnswers,
+    HeldOut,
+    answer_fold,
+    splits_of,
+    uncalibrated,
+)
 from holdfast.training.datasets import find, human_slip_uskin
 from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.figures import HeadFigures
 from holdfast.training.fitting import held_out_figures
-from holdfast.training.plan import RAW_BASELINE, ForestPlan, TrainingPlan
+from holdfast.training.plan import RAW_BASELINE, TASK_HEADS, ForestPlan, TrainingPlan
 from holdfast.training.progress import Say
 from holdfast.training.recording import DataSet
 from studies.real.taxels import (
@@ -38,6 +47,7 @@ from studies.row_names import (
 
 HUMAN = "human_slip_uskin"
 Result = TypeVar("Result")
+Answered = tuple[FoldAnswers, Verification | None]
 _SMOOTH = ForestPlan(kind="random", min_samples_leaf=20)
 CLOCK_PLAN = TrainingPlan(groups=(), situation=_SMOOTH, prediction=_SMOOTH)
 """For the two numbers of the timing-only baseline: the best such forest found, to be fair."""
@@ -98,6 +108,7 @@ class Row:
 
     held_out: HeldOut
     figures: HeadFigures
+    verifications: list[Verification]
 
 
 def cross_validated(
@@ -130,19 +141,43 @@ def done(
         yield result
 
 
-def _row(method: Method, answers: Iterator[FoldAnswers], seed: int) -> Row:
+def _row(method: Method, answers: Iterator[Answered], seed: int) -> Row:
     """Takes the next folds as its own."""
     folds = list(islice(answers, method.plan.folds))
-    held_out = HeldOut.of(method.data(), folds)
-    return Row(held_out, held_out_figures(method.data(), held_out, seed))
+    held_out = HeldOut.of(method.data(), [fold for fold, _ in folds])
+    figures = held_out_figures(method.data(), held_out, seed)
+    return Row(held_out, figures, [report for _, report in folds if report])
 
 
-def _answer(method: Method, fold: int, seed: int) -> FoldAnswers:
+def _answer(method: Method, fold: int, seed: int) -> Answered:
     data = method.data()
-    plan = method.plan
-    spec = spec_for(data, plan.groups) if method.verified else None
-    split = splits_of(data, plan, seed)[fold]
-    return answer_fold(data, method.features(), plan, split, seed, spec)
+    features = method.features()
+    split = splits_of(data, method.plan, seed)[fold]
+    answers = answer_fold(data, features, method.plan, split, seed)
+    report = None
+    if method.verified:
+        report = verified(data, answers, features, method.plan, seed)
+    # What answers is not sent back from another process.
+    return replace(answers, learners={}), report
+
+
+def verified(
+    data: DataSet,
+    answers: FoldAnswers,
+    features: dict[str, FloatRows],
+    plan: TrainingPlan,
+    seed: int,
+) -> Verification:
+    """A fold's learners, exported and compared with the reference on all held-out rows."""
+    spec = spec_for(data, plan.groups)
+    heads = []
+    for task, learner in answers.learners.items():
+        classes = data.tasks[task].classes
+        calibration = uncalibrated(len(classes))
+        heads.append(Head(TASK_HEADS[task], classes, learner, calibration))
+    # All heads read the same features, so rows of every task test each of them.
+    seen = np.concatenate([features[task][rows] for task, rows in answers.rows.items()])
+    return verify(whole_graph(spec, heads), spec, heads, seen, seed)
 
 
 @lru_cache(maxsize=1)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from holdfast.export.exporting import export_artifact
 from holdfast.export.heads import riskier_argmax
 from holdfast.export.learner import reference_votes
 from holdfast.export.network import IntArray
+from holdfast.export.verify import Verification
 from holdfast.training.crossval import HeldOut, fit_learner
 from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.figures import HeadFigures
@@ -35,7 +36,7 @@ from holdfast.training.metrics import report
 from holdfast.training.plan import RAW_BASELINE, TrainingPlan
 from holdfast.training.progress import Say, stages
 from holdfast.training.recording import DataSet
-from studies.leaky import leaky_folds
+from studies.folds import leaky_folds
 from studies.real.figures import (
     FinalModel,
     RealStudy,
@@ -77,7 +78,7 @@ def study_sets(out: Path, seed: int, say: Say, workers: Workers = ALONE) -> Real
         channels=OURS.channels,
         clock_free=CLOCK_FREE,
         caveat=data.caveat,
-        verification=verification_of(ours),
+        verification=verification_of(rows[OURS_18].verifications),
         streamed_fold=streamed,
         rows={name: row.figures for name, row in rows.items()} | {LEAKY: leaky_row},
         model=model,
@@ -146,17 +147,17 @@ def _leaky_votes(
     return votes
 
 
-def verification_of(held_out: HeldOut) -> VerificationSums:
+def verification_of(folds: Sequence[Verification]) -> VerificationSums:
     """Sums over the folds of what export compared."""
-    heads = [head for fold in held_out.verification for head in fold.heads.values()]
+    heads = [head for fold in folds for head in fold.heads.values()]
     plain = [head.predict_disagreement for head in heads if head.predict_disagreement]
     return VerificationSums(
-        folds=len(held_out.verification),
-        heldout_rows=sum(fold.given_rows for fold in held_out.verification),
+        folds=len(folds),
+        heldout_rows=sum(fold.given_rows for fold in folds),
         rows=sum(head.rows for head in heads),
         label_mismatches=sum(head.label_mismatches for head in heads),
         vote_mismatches=sum(head.vote_mismatches for head in heads),
-        single_rows=sum(fold.single_rows for fold in held_out.verification),
+        single_rows=sum(fold.single_rows for fold in folds),
         predict_disagreement_share=float(
             np.mean([one.share_off_ties for one in plain])
         ),

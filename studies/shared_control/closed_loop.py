@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.loop_baselines import CLOSURES, TrueEvidence, oracle, vibration
 from benchmarks.loop_figures import LoopFigures, ThreeRuns, loop_figures
 from holdfast.core.contract import Json
 from holdfast.core.errors import UsageError
@@ -24,21 +25,17 @@ from holdfast.edge_runtime.supervisor import Limits
 from holdfast.evaluation.jobs import Workers
 from holdfast.simulation.actions import EMPTY_HANDED
 from holdfast.simulation.closed_loop import (
-    CLOSURES,
     Between,
     LoopSettings,
     Make,
     batches,
     managed,
     model_of,
-    oracle,
     run_batch,
-    vibration,
 )
 from holdfast.simulation.drive import Drive
 from holdfast.simulation.effect import effect_named
 from holdfast.simulation.loop_people import Habits, LoopOutcome
-from holdfast.simulation.loop_sensing import TrueEvidence
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file

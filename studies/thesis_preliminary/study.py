@@ -32,8 +32,8 @@ from threadpoolctl import threadpool_limits
 from holdfast.core.errors import ClassMissing
 from holdfast.training.network_fit import interruptible
 from holdfast.training.progress import Say
-from holdfast.training.recording import DataSet, Fold, grouped_folds
-from studies.leaky import leaky_folds
+from holdfast.training.recording import DataSet, Fold
+from studies.folds import grouped_folds, leaky_folds
 from studies.thesis_preliminary.cases import CASES, Case
 from studies.thesis_preliminary.figures import (
     CaseFigures,

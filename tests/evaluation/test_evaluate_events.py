@@ -6,10 +6,10 @@ import argparse
 import json
 import re
 import warnings
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 import pytest
 from command_line import Run
@@ -234,8 +234,12 @@ def test_detectors_fire_where_those_of_a_step_graph_with_their_thresholds_do() -
     columns = detector_names(SPEC)
     both = band_pass_fires(signals, SPEC, ratios)
     for ratio, fires in zip(ratios, both, strict=True):
-        rules = replace(SPEC.detectors, band_ratio=ratio, friction=ratio / 4.0)
-        graph = feature_graph(replace(SPEC, detectors=rules)).SerializeToString()
+        rules = msgspec.structs.replace(
+            SPEC.detectors, band_ratio=ratio, friction=ratio / 4.0
+        )
+        graph = feature_graph(
+            msgspec.structs.replace(SPEC, detectors=rules)
+        ).SerializeToString()
         expected = everywhere(steps_of(open_session(graph), ["detectors"]), streams)
         for one, fired, of_graph in zip(signals, fires, expected, strict=True):
             cone = cone_fires(SPEC, one, ratio / 4.0)

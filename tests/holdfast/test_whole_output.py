@@ -222,7 +222,7 @@ def test_the_bare_command_rebuilds_the_fixture_s_model_and_replaces_no_other(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    fails(run, 2, "UsageError", "train", "--groups", "0", says="keeps no group")
+    fails(run, 2, "UsageError", "train", "--groups", "0", says="0 groups")
     index = json.loads((artifact / "artifact.json").read_text())
     index["training"]["kind"] = "recorded"
     (artifact / "artifact.json").write_text(json.dumps(index))

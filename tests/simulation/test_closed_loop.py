@@ -21,13 +21,12 @@ from loop_bench import (
     scene_of,
 )
 
+from benchmarks.loop_baselines import needed_grip_n, oracle
 from holdfast.simulation.closed_loop import (
     ClosedLoop,
     LoopSettings,
     LoopTruth,
     managed,
-    needed_grip_n,
-    oracle,
     run_loops,
 )
 from holdfast.simulation.loop_people import Habits, LoopOutcome, Wearer

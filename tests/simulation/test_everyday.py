@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from loop_bench import Firm, model, scene_of
 
+from benchmarks.loop_baselines import needed_grip_n
 from holdfast.core.contract import (
     GRASP,
     NOTHING,
@@ -19,7 +20,7 @@ from holdfast.core.contract import (
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.simulation.actions import EVERYDAY
 from holdfast.simulation.body import at_rest
-from holdfast.simulation.closed_loop import LoopTruth, needed_grip_n, run_loops
+from holdfast.simulation.closed_loop import LoopTruth, run_loops
 from holdfast.simulation.core import step
 from holdfast.simulation.effect import EffectBatch, effect_named
 from holdfast.simulation.energy import brush_j, kinetic_j, normal_j

@@ -11,7 +11,7 @@ from holdfast.edge_runtime.grip import GripSense
 from holdfast.edge_runtime.grip_control import sense_of
 from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.simulation.loop_sensing import TOGETHER, HandModels
+from holdfast.simulation.loop_sensing import HandModels
 
 SAMPLES = 150
 HANDS = 2
@@ -46,7 +46,7 @@ def live_senses(values: np.ndarray) -> list[GripSense]:
 
 def test_a_loop_of_hands_senses_what_the_live_path_senses() -> None:
     values = readings()
-    loop = HandModels(model(), np.full(HANDS, SAMPLES))
+    loop = HandModels(model(), HANDS)
     every = np.ones((HANDS, 6), dtype=np.bool_)
     looped = [loop.answer(now, every) for now in values]
     for hand in range(HANDS):
@@ -60,16 +60,3 @@ def test_a_loop_of_hands_senses_what_the_live_path_senses() -> None:
             assert one.p_safe == pytest.approx(many.p_safe[hand], abs=1e-6)
             assert one.grip_n == pytest.approx(many.grip_n[hand], rel=1e-5, abs=1e-5)
             assert one.load_n == pytest.approx(many.load_n[hand], rel=1e-5, abs=1e-5)
-
-
-def test_hands_that_are_done_cost_nothing_and_change_no_other_hand() -> None:
-    values = np.repeat(readings()[:, :1], TOGETHER + 1, axis=1)
-    samples = np.full(TOGETHER + 1, SAMPLES)
-    samples[-1] = 100  # alone in the second call
-    loop = HandModels(model(), samples)
-    every = np.ones((TOGETHER + 1, 6), dtype=np.bool_)
-    looped = [loop.answer(now, every) for now in values]
-    assert any(sense.p_risky[-1] != sense.p_risky[0] for sense in looped[100:])
-    assert len({sense.p_risky[-1] for sense in looped[99:]}) == 1
-    for sense in looped[:100]:
-        assert len(set(sense.p_risky)) == 1

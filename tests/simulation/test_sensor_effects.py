@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 
 from holdfast.core.contract import FloatArray, Unit
 from holdfast.drivers.virtual.virtual_hand import FORCE_N_PER_UT
-from holdfast.simulation.effect import Signal, all_effects, stream
+from holdfast.simulation.effect import Rows, Signal, all_effects, stream
 from holdfast.simulation.magnet import (
     calibrate,
     dipole_ut,
@@ -22,7 +23,7 @@ from holdfast.simulation.magnet import (
     loads_n,
     residual_n,
 )
-from holdfast.simulation.rows import RowEffect, Rows
+from holdfast.simulation.rows import PlanRequest, RowEffect
 from holdfast.training.datasets.thesis import preparation
 
 MU0 = 4e-7 * np.pi
@@ -87,10 +88,10 @@ RANDOM = (
 def signal(values: FloatArray, unit: Unit = "uT") -> Signal:
     """[T, 6, 3] at 100 Hz, all valid."""
     return Signal(
-        np.arange(len(values)) / RATE_HZ,
         values,
         np.ones(values.shape[:2], dtype=np.bool_),
         unit,
+        t_s=np.arange(len(values)) / RATE_HZ,
     )
 
 
@@ -362,7 +363,7 @@ def test_prepared_a_hand_of_reversed_magnets_is_the_hand_of_upright_ones(
     raw = pressed(sensors).values.reshape(40, 18)
     upright = preparation("N").apply(pressed([]).values.reshape(40, 18))
     assert preparation("N").apply(raw) == pytest.approx(upright, abs=1e-9)
-    thesis_own = replace(preparation("N"), turns="normal").apply(raw)
+    thesis_own = msgspec.structs.replace(preparation("N"), turns="normal").apply(raw)
     shear = slice(0, 18, 3)
     sums = thesis_own[20:, shear] + upright[20:, shear]
     assert np.abs(sums[:, columns(*sensors)]).max() < 1e-9
@@ -632,7 +633,7 @@ def test_play_row_by_row_is_play_of_the_whole_trial() -> None:
     rng = np.random.default_rng(4)
     wandered = signal(np.cumsum(rng.normal(size=(200, 6, 3)), axis=0), "N")
     law: Any = SENSOR_EFFECTS["hysteresis"].make
-    plan = law.plan({"width_n": 2.0}, rng, wandered.t_s, 6)
+    plan = law.plan(PlanRequest({"width_n": 2.0}, rng, wandered.t_s, 6))
     rows = Rows(wandered.values, wandered.valid)
     whole = law._row_by_row(rows, plan).values
     assert np.array_equal(whole, RowEffect._row_by_row(law, rows, plan).values)

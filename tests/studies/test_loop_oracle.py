@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from loop_bench import MODEL, card_text, row
 
+from benchmarks.loop_baselines import CLOSURES
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.jobs import Workers
-from holdfast.simulation.closed_loop import CLOSURES
 from holdfast.simulation.loop_people import LoopOutcome
 from holdfast.simulation.script_times import Times
 from studies.shared_control.closed_loop import (
@@ -54,20 +54,20 @@ class Pretended(LoopRuns):
             gone_s = gone_s if trial.action == "fall" else times.act + 0.1
         p_risky = np.ones(samples, dtype=np.float32)
         return LoopOutcome(
-            trial,
-            gone_s,
-            times.act,
-            0.0,
-            1.0,
-            np.inf,
-            0.0,
-            100.0,
-            np.nan,
-            grip_n,
-            grip_n,
-            grip_n,
-            p_risky,
-            grip_n > 0.0,
+            trial=trial,
+            lost_s=gone_s,
+            onset_s=times.act,
+            slip_mm=0.0,
+            peak_n=1.0,
+            overrode_s=np.inf,
+            begin_s=0.0,
+            rate_hz=100.0,
+            mu_hat=np.nan,
+            grip_n=grip_n,
+            own_n=grip_n,
+            target_n=grip_n,
+            p_risky=p_risky,
+            both_sides=grip_n > 0.0,
         )
 
 

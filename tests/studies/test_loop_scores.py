@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.loop_baselines import needed_grip_n
 from benchmarks.loop_figures import LoopFigures, ThreeRuns, loop_figures
-from holdfast.simulation.closed_loop import needed_grip_n
 from holdfast.simulation.loop_people import LoopOutcome
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene

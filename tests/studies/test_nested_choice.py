@@ -26,7 +26,7 @@ PEOPLE, SAMPLES, RATE_HZ = 4, 400, 50.0
 NETWORK = NetworkPlan(hidden=(8,), members=2, epochs=2, batch=64)
 TREES = ForestPlan(n_estimators=4, max_depth=5)
 SMALL = replace(
-    TrainingPlan(learner="committee", inner_folds=2),
+    TrainingPlan(learner="committee"),
     folds=2,
     groups=("now",),
     situation=TREES,

@@ -16,8 +16,8 @@ from page_tables import filled
 from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.model_outputs import WindowFigures
 from holdfast.evaluation.provenance import host
-from holdfast.export.verify import ExportReport
-from holdfast.training.crossval import HeldOut, cross_validate
+from holdfast.export.verify import ExportReport, Verification
+from holdfast.training.crossval import HeldOut, answer_fold, cross_validate, splits_of
 from holdfast.training.datasets import load
 from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.fitting import held_out_figures, versions
@@ -27,7 +27,7 @@ from holdfast.training.plan import (
 )
 from holdfast.training.recording import DataSet
 from studies.real.figures import FinalModel, RealStudy, StreamedFold
-from studies.real.methods import CLOCK_PLAN, Method, cross_validated
+from studies.real.methods import CLOCK_PLAN, Method, cross_validated, verified
 from studies.real.report import Evidence, write_real_report
 from studies.real.streamed_fold import stream_one_fold
 from studies.real.study import leaky, verification_of
@@ -36,7 +36,7 @@ from studies.row_names import CLOCK, OURS_18
 pytestmark = pytest.mark.filterwarnings("ignore::holdfast.export.spec.BandsLeftOut")
 FEW = ForestPlan(kind="extra", n_estimators=8, min_samples_leaf=10)
 PLAN = TrainingPlan(situation=FEW, prediction=FEW, folds=3)
-Small = tuple[DataSet, dict[str, FloatRows], HeldOut]
+Small = tuple[DataSet, dict[str, FloatRows], HeldOut, list[Verification]]
 
 
 @pytest.fixture(scope="module")
@@ -44,14 +44,19 @@ def small(real_set: Callable[[str], Path]) -> Small:
     data = load(real_set("human_slip_uskin"), groups=3)
     spec = spec_for(data, PLAN.groups)
     features = features_of(data, spec)
-    return data, features, cross_validate(data, features, PLAN, verify_spec=spec)
+    folds = [
+        answer_fold(data, features, PLAN, split, 0)
+        for split in splits_of(data, PLAN, 0)
+    ]
+    reports = [verified(data, fold, features, PLAN, 0) for fold in folds]
+    return data, features, HeldOut.of(data, folds), reports
 
 
 def test_every_window_is_answered_by_a_forest_that_never_saw_its_person(
     small: Small,
 ) -> None:
     """Labels that only say who it is cannot be learned from other people."""
-    data, features, _ = small
+    data, features, _, _ = small
     people = np.unique(data.group_of("situations"), return_inverse=True)[1]
     rows = data.tasks["situations"]
     named = DataSet(
@@ -94,8 +99,8 @@ def test_methods_side_by_side_answer_as_each_would_alone(
 def test_every_fold_was_exported_and_agrees_with_the_reference_on_every_held_out_row(
     small: Small,
 ) -> None:
-    data, _, held_out = small
-    checked = verification_of(held_out)
+    data, _, _, reports = small
+    checked = verification_of(reports)
     assert checked.heldout_rows == sum(len(rows) for rows in data.tasks.values())
     assert (checked.folds, checked.label_mismatches, checked.vote_mismatches) == (
         3,
@@ -107,7 +112,7 @@ def test_every_fold_was_exported_and_agrees_with_the_reference_on_every_held_out
 def test_the_sealed_file_streamed_sample_by_sample_gives_the_tables_labels(
     small: Small, tmp_path: Path
 ) -> None:
-    data, features, held_out = small
+    data, features, held_out, _ = small
     streamed = stream_one_fold(data, features, PLAN, held_out, tmp_path, 0)
     assert streamed.label_mismatches == 0
     assert (
@@ -117,7 +122,7 @@ def test_the_sealed_file_streamed_sample_by_sample_gives_the_tables_labels(
 
 
 def test_a_leaky_split_flatters(small: Small) -> None:
-    data, _, _ = small
+    data, _, _, _ = small
     plan = TrainingPlan(groups=("window",), situation=FEW, prediction=FEW, folds=3)
     features = features_of(data, spec_for(data, plan.groups))
     honest = held_out_figures(data, cross_validate(data, features, plan))
@@ -130,7 +135,7 @@ def test_a_leaky_split_flatters(small: Small) -> None:
 
 @pytest.fixture(scope="module")
 def evidence(small: Small) -> Evidence:
-    data, _, held_out = small
+    data, _, held_out, reports = small
     heads = held_out_figures(data, held_out)
     windows = WindowFigures(heads, "model", data.name, data.kind, 0, 0, data.caveat, 0)
     figures = RealStudy(
@@ -140,13 +145,13 @@ def evidence(small: Small) -> Evidence:
         channels=18,
         clock_free="nothing old",
         caveat=data.caveat,
-        verification=verification_of(held_out),
+        verification=verification_of(reports),
         streamed_fold=StreamedFold(windows, rows=1, label_mismatches=0),
         rows={OURS_18: heads, CLOCK: heads},
         model=FinalModel(
             "human/holdfast.onnx",
             1,
-            ExportReport(**vars(held_out.verification[0]), bytes=1),
+            ExportReport(**vars(reports[0]), bytes=1),
         ),
         seed=0,
         host=host(),

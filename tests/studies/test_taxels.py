@@ -10,7 +10,7 @@ import pytest
 
 from holdfast.training.datasets import human_slip_uskin
 from holdfast.training.recording import DataSet
-from studies.leaky import leaky_folds
+from studies.folds import leaky_folds
 from studies.real.taxels import (
     SPREAD_TAXELS_CARD,
     clock_features,

@@ -15,11 +15,9 @@ from holdfast.core.errors import (
     ColumnError,
     DataError,
     DataNotFound,
-    EmptyRecording,
     LabelError,
     NotANumber,
     RateError,
-    TooFewGroups,
     UnitError,
     UsageError,
 )
@@ -90,14 +88,6 @@ def test_a_set_that_is_not_there_says_how_to_get_it(
         load(tmp_path / "file")
 
 
-@pytest.mark.parametrize("path", ["/", "//", "/./"])
-def test_a_path_that_was_cut_short_to_the_whole_file_system_is_not_searched(
-    path: str,
-) -> None:
-    with pytest.raises(DataNotFound, match="root of the file system"):
-        load(path)
-
-
 def test_kept_groups_come_with_their_windows_and_no_others(tmp_path: Path) -> None:
     whole = load(write_eflesh(tmp_path))
     part = load(tmp_path, groups=2, seed=3)
@@ -120,9 +110,9 @@ def test_groups_are_chosen_by_the_seed(tmp_path: Path) -> None:
 
 def test_more_groups_than_there_are_cannot_be_kept(tmp_path: Path) -> None:
     write_eflesh(tmp_path)
-    with pytest.raises(TooFewGroups, match="4 exist"):
+    with pytest.raises(UsageError, match="4 exist"):
         load(tmp_path, groups=5)
-    with pytest.raises(UsageError, match="keeps no group"):
+    with pytest.raises(UsageError, match="0 groups"):
         load(tmp_path, groups=0)
 
 
@@ -195,11 +185,6 @@ def rewritten(name: str, change: Callable[[str], str]) -> Callable[[Path], objec
             rewritten(PADS[0], lambda text: text.replace("\n3.0,", "\nthree,")),
             NotANumber,
             "'three'",
-        ),
-        (
-            rewritten("meta_data.csv", lambda text: text.splitlines()[0] + "\n"),
-            EmptyRecording,
-            "no rows of data",
         ),
         (
             rewritten(PADS[1], lambda text: text[: text[:-1].rindex("\n") + 1]),
@@ -280,12 +265,12 @@ def test_one_set_joined_is_itself_and_the_same_twice_is_refused(
     ("change", "error", "says"),
     [
         (lambda data: replace(data, rate_hz=3.0 * data.rate_hz), RateError, "Hz"),
-        (lambda data: replace(data, unit="uT"), UnitError, "in uT"),
+        (lambda data: replace(data, unit="uT"), UnitError, "unit: uT, not N"),
         (lambda data: replace(data, tasks={}), LabelError, "classes"),
         (
             lambda data: replace(data, preparation=Preparation()),
             DataError,
-            "tared in another way",
+            "preparation",
         ),
     ],
 )

@@ -13,7 +13,7 @@ from made_set import made_set, task_of
 from sklearn.ensemble import ExtraTreesClassifier
 
 from holdfast.core.contract import SITUATIONS, FloatArray
-from holdfast.core.errors import ClassMissing, DataError, LabelError, NotANumber
+from holdfast.core.errors import ClassMissing, DataError, LabelError
 from holdfast.drivers.calibration import Calibration as FieldCalibration
 from holdfast.drivers.calibration import (
     CalibrationOrigin,
@@ -173,13 +173,6 @@ def test_a_prediction_that_is_no_label_is_refused_by_its_number(foreign: int) ->
         situation_scores(right, wrong, list("abc"))
     with pytest.raises(LabelError, match=f"a truth of {foreign}, not of 0..3"):
         situation_scores(wrong, right, list("abc"))
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-@FOREIGN.mark
-def test_a_score_that_is_no_number_is_refused(bad: float) -> None:
-    with pytest.raises(NotANumber, match="1 of 3 scores are not finite"):
-        prediction_scores(np.array([0, 1, 1]), np.array([0.5, bad, 1.0]), list("abc"))
 
 
 # Calibrations of the sensors

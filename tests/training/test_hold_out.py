@@ -13,7 +13,7 @@ from own_data import write_meta, write_people_folders
 from holdfast.core.errors import DataError, DataNotFound, LabelError, TooFewGroups
 from holdfast.core.trial_layout import truth_path
 from holdfast.training.datasets import join, load
-from holdfast.training.recording import DataSet, grouped_folds, regrouped
+from holdfast.training.recording import DataSet, assign_groups, folds_of, regrouped
 
 PULL = "soft-ball/pull/trial_1"
 
@@ -43,7 +43,7 @@ def test_folders_of_people_make_people_the_groups_of_every_split(data: DataSet) 
     assert (data.groups(), data.group_kind) == (["p01", "p02"], "person")
     assert len(data.recordings) == 2 * 16
     people = np.array(data.group_of("classes"))
-    for train, test in grouped_folds(people, 2):
+    for train, test in folds_of(people, assign_groups(people, 2)):
         assert set(people[train]).isdisjoint(people[test])
     of = {one.trial_id: one for one in data.recordings}
     trial = of[f"p02/{PULL}"]
@@ -156,9 +156,9 @@ def test_a_trial_off_the_script_is_told_where_to_write_its_start(small: Path) ->
 @pytest.mark.parametrize(
     ("key", "value", "says"),
     [
-        ("action_at_s", "late", "action_at_s is 'late'"),
-        ("action_at_s", -1, "write seconds from the first row"),
-        ("masses_g", 3, "masses_g is no table"),
+        ("action_at_s", "late", "action_at_s = 'late'"),
+        ("action_at_s", -1, "action_at_s = -1; next: allowed: float > 0.0"),
+        ("masses_g", 3, "masses_g = 3"),
         ("masses_g", {"soft-ball": "heavy"}, "'heavy'"),
     ],
 )

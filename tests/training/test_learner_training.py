@@ -7,29 +7,15 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from made_set import made_set, task_of
 
 from holdfast.core.contract import SITUATIONS
-from holdfast.export.heads import riskier_argmax
 from holdfast.export.learner import Committee
 from holdfast.export.network import Network, network_votes
-from holdfast.training.crossval import (
-    chosen_label_weights,
-    cross_validate,
-    fit_learner,
-    plan_for,
-)
-from holdfast.training.metrics import situation_scores
+from holdfast.training.crossval import cross_validate, fit_learner
 from holdfast.training.network_fit import fit_members, fit_network, in_whole_numbers
 from holdfast.training.plan import ForestPlan, NetworkPlan, TrainingPlan
 from holdfast.training.recording import DataSet
-from holdfast.training.tuning import (
-    candidates_of,
-    choose_network,
-    fit_label_weights,
-)
 
 SMALL = NetworkPlan(hidden=(8,), members=2, epochs=3, batch=16)
 PLAN = TrainingPlan(
@@ -37,7 +23,6 @@ PLAN = TrainingPlan(
     folds=3,
     network=SMALL,
     learner="committee",
-    inner_folds=2,
 )
 PEOPLE, ROWS_EACH, WIDTH = 6, 40, 5
 FloatRows = npt.NDArray[np.float32]
@@ -98,15 +83,6 @@ def test_of_two_classes_the_second_gets_the_votes_that_its_rows_deserve():
     assert ((votes[:, 1] > votes[:, 0]) == (label == 1)).mean() > 0.95
 
 
-def test_label_weights_are_chosen_without_the_windows_that_are_scored():
-    data, features = people()
-    train = np.arange(3 * ROWS_EACH)
-    chosen = chosen_label_weights(data, features, PLAN, train, 0)
-    changed = relabelled(data, len(train))
-    assert chosen == chosen_label_weights(changed, features, PLAN, train, 0)
-    assert max(chosen) == 1.0
-
-
 def test_a_fold_s_labels_do_not_depend_on_the_labels_of_its_own_people():
     data, features = people()
     before = cross_validate(data, features, PLAN, seed=0).situations()
@@ -115,48 +91,3 @@ def test_a_fold_s_labels_do_not_depend_on_the_labels_of_its_own_people():
     after = cross_validate(changed, features, PLAN, seed=0).situations()
     assert np.array_equal(before[first:], after[first:])
     assert not np.array_equal(before[:first], after[:first])
-
-
-def test_the_network_of_a_fold_is_chosen_without_the_windows_that_are_scored():
-    data, features = people()
-    train = np.arange(3 * ROWS_EACH)
-    chosen = plan_for(data, features, PLAN, "situations", train, 0)
-    assert chosen.network in candidates_of(SMALL)
-    changed = {"situations": features["situations"].copy()}
-    changed["situations"][3 * ROWS_EACH :] = 0.0
-    assert plan_for(data, changed, PLAN, "situations", train, 0) == chosen
-    forest = replace(PLAN, learner="forest")
-    assert plan_for(data, features, forest, "situations", train, 0) is forest
-
-
-def test_the_network_that_ranks_people_held_out_best_is_chosen():
-    data, features = people()
-    label, rows = data.tasks["situations"].label, features["situations"]
-    groups = data.group_of("situations")
-    stiff = replace(SMALL, alpha=3e3, epochs=20)
-    chosen = choose_network(stiff, rows, label, groups, 2, 0)
-    assert chosen.alpha < stiff.alpha, (
-        "so much regularisation answers the same whatever it sees"
-    )
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_chosen_label_weights_never_lower_macro_f1_on_the_windows_they_are_chosen_on(
-    seed,
-):
-    rng = np.random.default_rng(seed)
-    votes = rng.multinomial(1000, rng.dirichlet(np.ones(4)), size=60)
-    truth, person = rng.choice(4, size=60), np.zeros(60, np.int64)
-    weights = fit_label_weights(votes, truth)
-    plain, chosen = (
-        situation_scores(
-            truth,
-            riskier_argmax(votes if each is None else votes * each),
-            person,
-            n_draws=1,
-        )
-        for each in (None, weights)
-    )
-    assert chosen.macro_f1 >= plain.macro_f1 - 1e-3
-    assert max(weights) == 1.0
-    assert min(weights) > 0.0

@@ -23,11 +23,10 @@ from holdfast.training.windows import (
     COLUMNS,
     STRATA,
     TimedTrial,
-    class_counts,
-    counts_table,
-    natural_windows,
+    labelled_rows,
     sample_counts,
     undersample,
+    windows_of,
 )
 
 RATE_HZ = 50.0
@@ -105,7 +104,8 @@ def test_all_classes_have_the_same_count_and_their_cells_give_as_equally_as_they
     windows: pd.DataFrame, seed: int
 ) -> None:
     balanced = undersample(windows, seed)
-    assert set(class_counts(balanced).values()) == {min(class_counts(windows).values())}
+    counts = labelled_rows(balanced).class_counts().values()
+    assert set(counts) == {min(labelled_rows(windows).class_counts().values())}
     assert not balanced.duplicated().any()
     made_up = len(balanced) - len(balanced.merge(windows, how="inner"))
     assert not made_up
@@ -122,7 +122,7 @@ def test_a_class_without_a_window_leaves_the_others_as_many_as_their_rarest() ->
     windows = pd.DataFrame(
         [(0, k, min(k % 7, 5), "a", "b", "c") for k in range(70)], columns=COLUMNS
     )
-    counts = class_counts(undersample(windows, 0))
+    counts = labelled_rows(undersample(windows, 0)).class_counts()
     assert list(counts.values()) == [10] * 6 + [0, 0]
 
 
@@ -140,14 +140,14 @@ def test_a_window_spans_a_tenth_of_a_second_at_every_rate(
 def test_a_point_bears_the_situation_of_the_phase_it_falls_in() -> None:
     times = phases((0, NOTHING), (3, GRASP), (7, RISKY_SLIP), (8, NOTHING))
     trial = timed(times, 3.2, 7.3, 9.5, heavy=True)
-    assert [label for _, label in slips(natural_windows([trial]))] == [3, 7]
+    assert [label for _, label in slips(windows_of([trial], "natural"))] == [3, 7]
 
 
 def test_at_an_edge_the_higher_situation_takes_the_points_within_one_window() -> None:
     times = phases((0, NOTHING), (3, GRASP), (7, SAFE_SLIP), (8, NOTHING))
-    found = slips(natural_windows([timed(times, 2.92, 6.92, 8.02)]))
+    found = slips(windows_of([timed(times, 2.92, 6.92, 8.02)], "natural"))
     assert [label for _, label in found] == [2, 4, 4]
-    early = slips(natural_windows([timed(times, 2.6, 6.6, 8.4)]))
+    early = slips(windows_of([timed(times, 2.6, 6.6, 8.4)], "natural"))
     assert [label for _, label in early] == [2], (
         "before contact and after the release a point is no window"
     )
@@ -159,7 +159,7 @@ def test_keep_windows_show_steady_holding_before_and_between_actions() -> None:
     times = (*first, *second)
 
     def kept(*shaken_s: float) -> pd.DataFrame:
-        windows = natural_windows([timed(times, *shaken_s)])
+        windows = windows_of([timed(times, *shaken_s)], "natural")
         return windows[windows["source"] == "keep"]
 
     assert (kept(7.2)["label"] == 2).all()
@@ -169,14 +169,14 @@ def test_keep_windows_show_steady_holding_before_and_between_actions() -> None:
 
 def test_a_hold_too_short_to_be_steady_gives_no_keep_window() -> None:
     times = phases((0, NOTHING), (3, GRASP), (3.6, SAFE_SLIP), (4.5, NOTHING))
-    windows = natural_windows([timed(times)])
+    windows = windows_of([timed(times)], "natural")
     assert "keep" not in set(windows["source"])
 
 
 def test_nothing_windows_stand_at_both_ends_and_bear_the_weight_of_the_object() -> None:
     times = phases((0, NOTHING), (3, GRASP), (8, NOTHING))
     for heavy in (False, True):
-        windows = natural_windows([timed(times, 3.1, heavy=heavy)])
+        windows = windows_of([timed(times, 3.1, heavy=heavy)], "natural")
         nothing = windows[windows["source"] == "nothing"]
         assert set(nothing["label"]) == {int(heavy)}
         assert (nothing["row"] < 150).any()
@@ -184,7 +184,7 @@ def test_nothing_windows_stand_at_both_ends_and_bear_the_weight_of_the_object() 
 
 
 def test_windows_of_the_empty_hand_bear_both_weights_alternately() -> None:
-    assert natural_windows([EMPTY])["label"].tolist() == [0, 1] * 11 + [0]
+    assert windows_of([EMPTY], "natural")["label"].tolist() == [0, 1] * 11 + [0]
 
 
 def test_every_window_lies_inside_its_trial_and_no_row_is_used_twice(
@@ -272,20 +272,6 @@ def test_the_seed_alone_decides_the_windows_that_are_drawn(
         [again.trial, again.row, again.label], [task.trial, task.row, task.label]
     )
     assert again.row.tolist() != other.row.tolist()
-
-
-def test_the_counts_table_names_classes_objects_actions_sources_and_totals() -> None:
-    lines = [
-        (0, 5, 2, "apple", "pass", "keep"),
-        (0, 9, 7, "brick", "fall", "both"),
-        (1, 9, 7, "brick", "fall", "both"),
-    ]
-    cells, sources = counts_table(pd.DataFrame(lines, columns=COLUMNS)).split("\n\n")
-    brick = next(line for line in cells.splitlines() if "brick" in line)
-    assert brick.split() == ["risky_slip_heavy", "brick", "2", "0", "2"], (
-        "fall, pass, all"
-    )
-    assert sources.splitlines()[-1].split() == ["all", "2", "1", "3"], "both, keep, all"
 
 
 def test_samples_are_counted_over_the_whole_time_line() -> None:

@@ -10,8 +10,7 @@ from holdfast.training.timeline import Phase
 from holdfast.training.windows import (
     MOST_RISKY,
     TimedTrial,
-    dense_windows,
-    denser_windows,
+    windows_of,
 )
 
 RATE_HZ = 100.0
@@ -33,7 +32,7 @@ def a_trial(*phases: Phase) -> TimedTrial:
 
 
 def rows_of(trial: TimedTrial, situation: int) -> list[int]:
-    table = denser_windows([trial])
+    table = windows_of([trial], "dense")
     return table[table.label == 2 * situation].row.tolist()
 
 
@@ -45,7 +44,7 @@ def test_windows_are_two_hundredths_of_a_second_apart_while_a_phase_begins() -> 
 
 def test_later_they_are_as_far_apart_as_without_the_choice() -> None:
     trial = a_trial(Phase(0, 100, NOTHING), Phase(100, 300, GRASP))
-    usual = dense_windows([trial])
+    usual = windows_of([trial], "balanced")
     later = usual[(usual.label == 2 * GRASP) & (usual.row >= 140)].row.tolist()
     assert [row for row in rows_of(trial, GRASP) if row >= 140] == later
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray
 from holdfast.simulation.actions import EVERYDAY
-from holdfast.simulation.body import Body, Changes, Floor, Pull
+from holdfast.simulation.body import Body, Changes, Floor, Pull, bearer
 from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial, least_grip_n
 from holdfast.simulation.script_times import CATCH_S, smooth
 
@@ -100,17 +100,9 @@ class Everyday:
 
         # The damping of an arm, as in script.py.
         critical = np.sqrt(CATCHER_N_PER_M * self.body.mass_kg)
-        still = np.zeros((len(t_s), *self.push.shape))
 
         # Without a spring, a lost object is not pulled back into the hand.
-        return Pull(
-            stiffness_n_per_m=np.zeros_like(t_s),
-            damping_n_s_per_m=there * 2.0 * ARM_DAMPING * critical,
-            cap_n=np.ones_like(t_s),
-            weight_share=there,
-            target_m=still,
-            target_m_s=still,
-        )
+        return bearer(there, there * 2.0 * ARM_DAMPING * critical)
 
     def _tugger(self, t_s: FloatArray) -> Pull:
         """A spring whose end moves so far that a held object feels at most peak_n."""

@@ -104,8 +104,8 @@ def touch_truth(motion: TrialMotion) -> Truth:
     end_s = float(motion.t_s[-1]) + period_s
 
     # A situation begins at the sample at which the touch begins or ends.
-    marks: list[Mark] = [(0.0, GRASP if touches[0] else NOTHING)]
-    for row in np.flatnonzero(touches[1:] != touches[:-1]) + 1:
+    marks: list[Mark] = [(0.0, NOTHING)]
+    for row in np.flatnonzero(np.diff(touches, prepend=False)):
         marks.append((float(motion.t_s[row]), GRASP if touches[row] else NOTHING))
 
     # The first touch and the end of the last one stand for contact and its loss.

@@ -22,7 +22,6 @@ from holdfast.core.errors import (
     DataNotFound,
     LabelError,
     RateError,
-    TooFewGroups,
     UnitError,
     UsageError,
 )
@@ -51,6 +50,15 @@ LAYOUTS = ("recorded", "thesis")
 """Layouts of folders that users fill with trials of their own."""
 FOLDER_VARIABLE = "HOLDFAST_DATA"
 """The environment variable that names the data folder."""
+MUST_AGREE: dict[str, type[DataError]] = {
+    "rate in Hz": RateError,
+    "unit": UnitError,
+    "sensors": ChannelError,
+    "sides": ChannelError,
+    "tasks": LabelError,
+    "preparation": DataError,
+}
+"""In what sets must agree to train one model."""
 BESIDE_THE_CHECKOUT = Path(__file__).resolve().parents[4] / "shared" / "data"
 
 
@@ -72,15 +80,12 @@ def load(
     that is natural, to score on (training/windows.py), or none: recordings alone, which are read
     sooner. hold_out: what a group is; None for people where there are two.
 
-    Raises DataNotFound, ChannelsNotOffered, TooFewGroups, UsageError, or a DataError of the reader.
+    Raises DataNotFound, ChannelsNotOffered, UsageError, or a DataError of the reader.
     """
     root = find(name_or_path)
     layout = layout_of(root)
     if layout is None:
-        next_step = (
-            "give a public set, a folder of `holdfast record`, or a folder with "
-            "<object>/<action>/trial_<n>.csv; holdfast check says what was found"
-        )
+        next_step = f"holdfast check {root}"
         if has_logs(root):
             next_step = f"logs of another program: {import_command(root)}"
         raise DataNotFound(
@@ -157,18 +162,8 @@ def find(name_or_path: str | Path) -> Path:
     if named:
         candidates.insert(0, data_folder() / name_or_path)
     for folder in candidates:
-        if not folder.is_dir():
-            continue
-
-        # A search below the root of the file system would read every file of the machine.
-        if folder.resolve() == Path(folder.resolve().anchor):
-            raise DataNotFound(
-                "the root of the file system is not a data set",
-                where=folder,
-                cause="a path that was cut short",
-                next_step="give the folder of the set",
-            )
-        return folder
+        if folder.is_dir():
+            return folder
     if named:
         is_set = os.environ.get(FOLDER_VARIABLE)
         raise DataNotFound(
@@ -214,16 +209,13 @@ def reader_of(layout: str) -> Any:
 def keep_groups(data: DataSet, n_groups: int, *, seed: int = 0) -> DataSet:
     """The part of a set that n_groups people (or blocks), chosen by seed, recorded.
 
-    Raises UsageError for less than one, TooFewGroups for more than there are.
+    Raises UsageError for less than one and for more than there are.
     """
     names = data.groups()
-    next_step = f"keep 1 to {len(names)}"
-    if n_groups < 1:
-        raise UsageError(f"groups={n_groups} keeps no group", next_step=next_step)
-    if n_groups > len(names):
-        raise TooFewGroups(
+    if not 1 <= n_groups <= len(names):
+        raise UsageError(
             f"{n_groups} groups (people, blocks) requested, {len(names)} exist",
-            next_step=next_step,
+            next_step=f"keep 1 to {len(names)}",
         )
 
     kept = set(np.random.default_rng(seed).permutation(names)[:n_groups].tolist())
@@ -243,11 +235,11 @@ def join(sets: Sequence[DataSet]) -> DataSet:
         sets = [data.without_weight() for data in sets]
     first, *others = sets
     for other in others:
-        require_alike(other, first)
+        _require_alike(other, first)
     # A set without a card fits any hand, so those with one are compared with each other.
     with_card = [data for data in sets if data.hand is not None]
     for other in with_card[1:]:
-        require_alike(other, with_card[0])
+        _require_alike(other, with_card[0])
 
     # The same trials twice would be on both sides of a split, as two groups.
     names = [data.name for data in sets]
@@ -288,45 +280,38 @@ def join(sets: Sequence[DataSet]) -> DataSet:
     )
 
 
-def require_alike(other: DataSet, first: DataSet) -> None:
+def _require_alike(other: DataSet, first: DataSet) -> None:
     """Check that one model fits both sets.
 
     Raises RateError, UnitError, ChannelError, LabelError or DataError.
     """
-    error: type[DataError]
-    if abs(other.rate_hz / first.rate_hz - 1.0) > RATE_TOLERANCE:
-        error, has, wanted = (
-            RateError,
-            f"at {other.rate_hz:g} Hz",
-            f"{first.rate_hz:g} Hz",
-        )
-    elif other.unit != first.unit:
-        error, has, wanted = UnitError, f"in {other.unit}", first.unit
-    elif other.n_sensors != first.n_sensors:
-        error, has = ChannelError, f"of {other.n_sensors} sensors"
-        wanted = str(first.n_sensors)
-    elif other.hand and first.hand and not same_sides(other, first):
-        error, has, wanted = ChannelError, f"of {other.hand.name}", first.hand.name
-    elif set(other.tasks) != set(first.tasks):
-        error, has = LabelError, f"with the tasks {', '.join(other.tasks)}"
-        wanted = ", ".join(first.tasks)
-    elif other.preparation != first.preparation:
-        error, has, wanted = DataError, "tared in another way", "the same"
-    else:
-        return
-    raise error(
-        f"{other.name} is {has}, {first.name}: {wanted}",
-        where=other.name,
-        cause="recorded with other settings",
-        next_step="use sets that were recorded alike, or one of them alone",
-    )
+    one, reference = _facts(other), _facts(first)
+    # The rate of a set that is near enough counts as the same.
+    if abs(other.rate_hz / first.rate_hz - 1.0) <= RATE_TOLERANCE:
+        one["rate in Hz"] = reference["rate in Hz"]
+    # A set without a card fits any hand.
+    if other.hand is None or first.hand is None:
+        one["sides"] = reference["sides"]
+    for name, error in MUST_AGREE.items():
+        if one[name] != reference[name]:
+            raise error(
+                f"{other.name} differs in {name}: {one[name]}, not {reference[name]}",
+                where=other.name,
+                cause=f"recorded with other settings than {first.name}",
+                next_step="use sets that were recorded alike, or one of them alone",
+            )
 
 
-def same_sides(other: DataSet, first: DataSet) -> bool:
-    """Whether the sensors of two sets with hand cards are on the same sides."""
-    assert other.hand is not None
-    assert first.hand is not None
-    return other.hand.sensor_sides == first.hand.sensor_sides
+def _facts(data: DataSet) -> dict[str, object]:
+    """What one model needs to know of a set, by the names of MUST_AGREE."""
+    return {
+        "rate in Hz": data.rate_hz,
+        "unit": data.unit,
+        "sensors": data.n_sensors,
+        "sides": data.hand.sensor_sides if data.hand else None,
+        "tasks": ", ".join(sorted(data.tasks)),
+        "preparation": data.preparation,
+    }
 
 
 def _each_once(separator: str, texts: list[str]) -> str:

@@ -15,7 +15,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from holdfast.core.contract import Json
+from holdfast.core.contract import UNITS, Json
 from holdfast.core.errors import DataNotFound, LabelError, UnitError
 from holdfast.core.trial_file import Trial
 from holdfast.core.trial_layout import (
@@ -62,7 +62,7 @@ def load(
     found = _found(root)
 
     kinds = sorted({_kind(meta) for meta in found.values() if _is_kept(meta)})
-    about = {"kind": " and ".join(kinds), "name": root.resolve().name}
+    about = thesis.SetMeta(kind=" and ".join(kinds), name=root.resolve().name)
     data = thesis.assembled(
         about, readers(root), channels=channels, seed=seed, windows=windows, part=part
     )
@@ -70,7 +70,6 @@ def load(
     people = len({recording.person for recording in data.recordings})
     notes = {
         **data.notes,
-        "layout": "recorded",
         "states": dict(Counter(str(meta.get("state")) for meta in found.values())),
         "people": people,
     }
@@ -105,7 +104,8 @@ def readers(root: Path, fault: Fault = refuse) -> list[TrialReader]:
             where=root,
             next_step="keep them in two folders",
         )
-    thesis.require_unit(units[0], kept[0].with_name(META))
+    if units[0] not in UNITS:
+        raise UnitError(f"unit {units[0]!r}", where=kept[0].with_name(META))
     return [_reader(path, found[path], root) for path in kept]
 
 
@@ -151,7 +151,7 @@ def _timed(place: TrialPlace, meta: Json, root: Path) -> TimedTrial:
     """A kept trial, read and labelled by its truth."""
     folder = place.path.parent
 
-    timed = thesis.timed(place, root, {"unit": meta.get("unit")}, phased)
+    timed = thesis.timed(place, root, thesis.SetMeta(unit=meta["unit"]), phased)
     trial_id = folder.name if folder == root else folder.relative_to(root).as_posix()
     # The object is the one in meta.json; the folder may be called otherwise.
     name = object_name(str(meta.get("object"))) if place.object_folder else None

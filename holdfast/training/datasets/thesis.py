@@ -1,4 +1,6 @@
-"""Reader of the thesis' layout: `<root>/[<person>/]<object>/<action>/trial_<n>.csv`.
+"""Recordings, the first of four steps: `<root>/[<person>/]<object>/<action>/trial_<n>.csv`.
+
+The thesis' layout; critical points, windows and learner follow (training/__init__.py).
 
 In the root there may be a `meta.json` {"unit", "kind", "name", "recordings by", "redistributable",
 "action_at_s", "masses_g"}; in an object's folder a `meta.json` {"mass_g"}; next to a trial its
@@ -14,7 +16,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Annotated, Any
 
+import msgspec
 import numpy as np
 
 from holdfast.core.contract import (
@@ -22,7 +26,6 @@ from holdfast.core.contract import (
     NORMAL_FLOOR,
     NOTHING,
     RATE_TOLERANCE,
-    UNITS,
     Json,
     Unit,
 )
@@ -31,12 +34,11 @@ from holdfast.core.errors import (
     DataNotFound,
     LabelError,
     RateError,
-    UnitError,
 )
-from holdfast.core.trial_file import Trial, implausible_rate, read_trial
+from holdfast.core.schema import checked
+from holdfast.core.trial_file import LONGEST_S, Trial, implausible_rate, read_trial
 from holdfast.core.trial_layout import (
     LABELLED_ACTIONS,
-    MASSES_KEY,
     META,
     mass_of,
     object_name,
@@ -54,7 +56,7 @@ from holdfast.training.datasets.trials import (
     read_all,
     refuse,
 )
-from holdfast.training.progress import Part, ignored, span
+from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import (
     DataSet,
     LabelledRows,
@@ -63,12 +65,11 @@ from holdfast.training.recording import (
     grouped,
 )
 from holdfast.training.timeline import (
-    ACTION_KEY,
     ACTION_S,
     OF_WHOLE_TRIAL,
     Phases,
     RiskyEvents,
-    action_start_s,
+    action_of_trial_s,
     events_of,
     events_of_whole_trial,
     has_phases,
@@ -81,15 +82,11 @@ from holdfast.training.timeline import (
 from holdfast.training.windows import (
     Choice,
     TimedTrial,
-    class_counts,
     classes_of,
-    counts_table,
-    dense_windows,
-    denser_windows,
     labelled_rows,
-    natural_windows,
     sample_counts,
     undersample,
+    windows_of,
 )
 
 WEIGHT_CAVEAT = (
@@ -109,8 +106,6 @@ BY_SCRIPT = "script"
 """How the source of labels begins that follow the script (timeline.labels_by)."""
 OPEN_HAND = "open hand"
 """What the labels come from where the trial is that of the hand alone."""
-READING = 0.5
-"""Of the time of `load`; the rest is for finding the windows."""
 
 
 def preparation(unit: Unit) -> Preparation:
@@ -139,13 +134,12 @@ def load(
 
     Where the mass of an object is not known, the task is "situations" (labels 0..3).
     channels: refuse the set if it has another number; None takes it as it is.
-    windows: training/windows.py; thesis draws by the seed; none
-    leaves the task and its counts out.
+    windows: training/windows.py; thesis draws by the seed; none leaves the task and its counts out.
     People are the groups; without at least two, every trial is its own. `notes` has the counts of
-    samples and of the windows, these also as a table, and where they were drawn from the natural
-    ones, the counts of those. rate_hz is the median over the trials to three digits, so that a
-    clock that is a microsecond off does not cost the window a sample. Raises a DataError, such as
-    RateError for a trial more than 10 % off the others, which names the place.
+    samples and of windows, and of those before undersampling. rate_hz is the median over the trials
+    to three digits, so that a clock that is a microsecond off does not cost the window a sample.
+    Raises a DataError, such as RateError for a trial more than 10 % off the others, which names the
+    place.
     """
     found = readers(root)
     if not found:
@@ -155,7 +149,7 @@ def load(
             next_step="give a folder with <object>/<action>/trial_<n>.csv in it",
         )
     return assembled(
-        meta_of(root),
+        _meta_of(root),
         found,
         channels=channels,
         seed=seed,
@@ -170,7 +164,7 @@ def readers(root: Path, fault: Fault = refuse) -> list[TrialReader]:
     fault: receives the DataError of each folder that is at no trial's place. Raises one for the
     set's meta.json.
     """
-    meta = meta_of(root)
+    meta = _meta_of(root)
     return [
         TrialReader(place, partial(timed, place, root, meta))
         for place in places(root, fault)
@@ -178,7 +172,7 @@ def readers(root: Path, fault: Fault = refuse) -> list[TrialReader]:
 
 
 def assembled(
-    meta: Json,
+    meta: SetMeta,
     readers: Sequence[TrialReader],
     *,
     channels: int | None,
@@ -187,48 +181,44 @@ def assembled(
     part: Part = ignored,
 ) -> DataSet:
     """A data set of trials. meta: name, kind, origin. Raises RateError, ChannelError, .."""
-    read = read_all(readers, part=span(part, 0.0, READING))
+    read = read_all(readers, part=part)
     trials = [trial for trial in read if trial]
     recordings = [trial.recording for trial in trials]
 
     rate_hz = common_rate(recordings)
     n_channels = 3 * recordings[0].n_sensors
     if channels not in (None, n_channels):
-        raise ChannelsNotOffered(str(meta["name"]), channels, [n_channels])
-    return of_trials(trials, meta, rate_hz, windows, seed, span(part, READING, 1.0))
+        raise ChannelsNotOffered(meta.name, channels, [n_channels])
+    return of_trials(trials, meta, rate_hz, windows, seed)
 
 
 def of_trials(
     trials: list[TimedTrial],
-    meta: Json,
+    meta: SetMeta,
     rate_hz: float,
     windows: Choice,
     seed: int,
-    part: Part = ignored,
 ) -> DataSet:
     """The data set of trials that are read. meta: name, kind, origin."""
     tasks: dict[str, LabelledRows] = {}
     notes: Json = {}
     if windows != "none":
-        tasks, notes = _windows(trials, windows, seed, part)
+        tasks, notes = _windows(trials, windows, seed)
 
     unit = trials[0].recording.unit
     recordings, group_kind = grouped([trial.recording for trial in trials])
     return DataSet(
-        name=str(meta["name"]),
+        name=meta.name,
         recordings=recordings,
         tasks=tasks,
         rate_hz=rate_hz,
         unit=unit,
         preparation=preparation(unit),
-        kind=str(meta["kind"]),
-        redistributable=meta.get("redistributable") is True,
+        kind=meta.kind,
+        redistributable=meta.redistributable,
         caveat=_caveat(trials, meta),
         group_kind=group_kind,
         notes={
-            "layout": "thesis",
-            "recordings_by": str(meta.get("recordings by", "not stated")),
-            "seed": seed,
             "bands_hz": list(bands_for(rate_hz)),
             "samples": sample_counts(trials),
             **notes,
@@ -236,7 +226,7 @@ def of_trials(
     )
 
 
-def _caveat(trials: Sequence[TimedTrial], meta: Json) -> str:
+def _caveat(trials: Sequence[TimedTrial], meta: SetMeta) -> str:
     """The sentences that stand with every figure of these trials."""
     sources = [trial.labels_by for trial in trials]
     guessed = sources.count(OF_WHOLE_TRIAL["slip"])
@@ -246,71 +236,56 @@ def _caveat(trials: Sequence[TimedTrial], meta: Json) -> str:
         sentences.append(WEIGHT_CAVEAT)
     # Trials with phases, and those that only say slip or hold, follow no script.
     if any(source.startswith(BY_SCRIPT) for source in sources):
-        sentences.append(CAVEAT.format(at_s=meta.get(ACTION_KEY, ACTION_S)))
+        sentences.append(CAVEAT.format(at_s=meta.action_at_s))
     if guessed:
         sentences.append(SLIP_CAVEAT.format(n=guessed, of=len(trials)))
     return " ".join(sentences)
 
 
 def _windows(
-    trials: list[TimedTrial], choice: Choice, seed: int, part: Part
+    trials: list[TimedTrial], choice: Choice, seed: int
 ) -> tuple[dict[str, LabelledRows], Json]:
     """The task on the chosen windows, "classes" or "situations", and their counts for the notes."""
     notes: Json = {}
     classes = classes_of(trials)
     task = "classes" if classes == CLASSES else "situations"
-    if choice == "balanced":
-        chosen = dense_windows(trials, part)
-    elif choice == "dense":
-        chosen = denser_windows(trials, part)
-    else:
-        chosen = natural_windows(trials, part)
-        notes["windows_natural"] = class_counts(chosen, classes)
+    chosen = windows_of(trials, choice)
     if choice == "thesis":
+        notes["windows_natural"] = labelled_rows(chosen, classes).class_counts()
         chosen = undersample(chosen, seed)
-    notes["windows"] = class_counts(chosen, classes)
-    notes["table"] = counts_table(chosen, classes)
-    return {task: labelled_rows(chosen, classes)}, notes
+    rows = labelled_rows(chosen, classes)
+    notes["windows"] = rows.class_counts()
+    return {task: rows}, notes
 
 
-def meta_of(root: Path) -> Json:
-    """The set's meta.json, with the assumption for each key it lacks. Raises a DataError."""
-    where = root / META
-    assumed = {"unit": "N", "kind": "recorded", "name": root.resolve().name}
-    meta = {**assumed, **read_json(where)}
-    require_unit(meta["unit"], where)
-    if not isinstance(meta.get(MASSES_KEY, {}), dict):
-        example = f'{{"{MASSES_KEY}": {{"mug": 320.0}}}}'
-        raise LabelError(
-            f"{MASSES_KEY} is no table", where=where, next_step=f"write {example}"
-        )
+class SetMeta(msgspec.Struct, frozen=True):
+    """The meta.json of a set, with what is assumed for a key that it lacks; others are ignored."""
 
-    # Read here for its error alone: a bad time is refused even where no trial uses the script.
-    action_start_s(meta, where)
-    return meta
+    unit: Unit = "N"
+    kind: str = "recorded"
+    name: str = ""
+    redistributable: bool = False
+    masses_g: dict[str, Any] = {}
+    action_at_s: Annotated[float, msgspec.Meta(gt=0.0, lt=LONGEST_S)] = ACTION_S
 
 
-def require_unit(unit: object, where: Path) -> None:
-    """Raise UnitError where a meta.json gives no unit that is known."""
-    if unit not in UNITS:
-        raise UnitError(
-            f"unit {unit!r} is not one of {', '.join(UNITS)}",
-            where=where,
-            next_step="write the unit the channels are in",
-        )
+def _meta_of(root: Path) -> SetMeta:
+    """The set's meta.json. Raises LabelError."""
+    name = {"name": root.resolve().name}
+    return checked(name | read_json(root / META), SetMeta, root / META, LabelError)
 
 
 def timed(
     place: TrialPlace,
     root: Path,
-    meta: Json,
+    meta: SetMeta,
     phased: Callable[[Trial], tuple[Phases, RiskyEvents]] | None = None,
 ) -> TimedTrial:
     """Read and prepare a trial. phased: gives its phases; default: its truth, else the script."""
     trial, folder = read_trial(place.path), place.object_folder
 
     trial_id = place.path.relative_to(root).with_suffix("").as_posix()
-    recording = prepared(trial, meta["unit"], trial_id)
+    recording = prepared(trial, meta.unit, trial_id)
     recording = replace(
         recording,
         object_name=object_name(folder.name) if folder else None,
@@ -318,19 +293,20 @@ def timed(
         person=place.person,
     )
 
-    action_at_s = action_start_s(meta, root / META) or ACTION_S
     if phased is None:
-        phases, events = _phased(trial, recording, action_at_s)
+        phases, events = _phased(trial, recording, meta.action_at_s)
     else:
         phases, events = phased(trial)
     truth = truth_path(trial.path)
-    mass = mass_of(folder, meta.get(MASSES_KEY)) if folder else None
+    mass = mass_of(folder, meta.masses_g) if folder else None
     return TimedTrial(
         replace(recording, phases=phases, events=events),
         heavy=mass.heavy if mass else None,
         timed=has_phases(truth) or place.action in LABELLED_ACTIONS,
         mass=mass,
-        labels_by=labels_by(truth, action_at_s, place.action) if folder else OPEN_HAND,
+        labels_by=labels_by(truth, meta.action_at_s, place.action)
+        if folder
+        else OPEN_HAND,
     )
 
 
@@ -358,8 +334,7 @@ def _phased(
         phases = read_truth(truth, trial.t_s)
     else:
         # A trial's own time goes before that of the set.
-        of_trial = action_start_s(read_json(truth), truth)
-        starts_s = of_trial or action_at_s
+        starts_s = action_of_trial_s(truth) or action_at_s
         phases = scripted(trial, recording.samples, action, name, starts_s)
     if has_phases(truth):
         return phases, read_events(truth)

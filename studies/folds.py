@@ -1,0 +1,21 @@
+"""Folds by group, and a split that is wrong on purpose, to show how far it flatters."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.training.recording import Fold, assign_groups, folds_of
+
+
+def grouped_folds(groups: npt.ArrayLike, n_folds: int, *, seed: int = 0) -> list[Fold]:
+    """Cross-validation by groups [M]. Raises TooFewGroups."""
+    return folds_of(groups, assign_groups(groups, n_folds, seed=seed))
+
+
+def leaky_folds(n_rows: int, n_folds: int, *, seed: int = 0) -> list[Fold]:
+    """Folds of random windows, so that neighbours in time are on both sides: WRONG."""
+    fold = np.random.default_rng(seed).permutation(n_rows) % n_folds
+    return [
+        (np.flatnonzero(fold != k), np.flatnonzero(fold == k)) for k in range(n_folds)
+    ]
