@@ -28,7 +28,7 @@ from holdfast.core.errors import (
     UsageError,
 )
 from holdfast.core.hand_lines import LONGEST_LINE, line_url
-from holdfast.core.source import SourceReading
+from holdfast.core.source import Source, SourceReading
 from holdfast.drivers.line_feeds import DatagramFeed, LineSplitter, StreamFeed
 from holdfast.drivers.line_source import (
     DRIFT,
@@ -121,7 +121,7 @@ def opened(
     return source, feed, said
 
 
-def read(source: LineSource) -> SourceReading:
+def read(source: Source) -> SourceReading:
     reading = source.read()
     assert reading is not None
     return reading
