@@ -119,7 +119,7 @@ class SerialPort:
     def open(self) -> None:
         """Open the port. Raises UsageError, DeviceError."""
         # an unplugged adapter gets another name as long as a process holds the old one
-        self.close()
+        self._lose()
         self._port = open_port(self._path, self._baud)
         self._port.write_timeout = PATIENCE_S
         # the modem lines stay as they are when it is closed: some boards reset on them
@@ -151,12 +151,16 @@ class SerialPort:
         self.write(b"\n" + line)
 
     def close(self) -> None:
-        """Close the port, without waiting for what is unsent."""
+        """Close the port; what was written still leaves."""
+        with suppress(*FAILURES):
+            self._port.close()
+
+    def _lose(self) -> None:
+        """Close a port that failed, without waiting for what is unsent."""
         if self._port is not None and self._port.is_open:
             with suppress(*FAILURES):
                 self._port.reset_output_buffer()
-            with suppress(*FAILURES):
-                self._port.close()
+            self.close()
 
 
 class HandLink:
