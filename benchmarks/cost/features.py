@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -102,7 +101,10 @@ def _whole(
 
     def from_bands_or_computed() -> FloatRows:
         with_bands = _kept(
-            folder, of, replace(whole, groups=GROUPS["default and bands"]), name
+            folder,
+            of,
+            msgspec.structs.replace(whole, groups=GROUPS["default and bands"]),
+            name,
         )
         has_none = "window" in whole.groups or whole.is_pooled
         if has_none or not with_bands.is_file():
@@ -119,7 +121,7 @@ def whole_of(spec: StepSpec) -> StepSpec:
         groups = GROUPS[EVERY_POOLED]
         return msgspec.structs.replace(spec, groups=groups, min_valid_sensors=0)
     if "window" in spec.groups:
-        return replace(
+        return msgspec.structs.replace(
             spec,
             groups=GROUPS["raw window"],
             window_s=max(WINDOWS_S),
@@ -140,11 +142,16 @@ def _taken(whole: FloatRows, spec: StepSpec) -> FloatRows:
 def columns(spec: StepSpec) -> npt.NDArray[np.int64]:
     """[F] columns of a spec's features in its whole; bands are matched by their Hz."""
     whole = whole_of(spec)
-    widths = [feature_count(replace(whole, groups=(name,))) for name in whole.groups]
+    widths = [
+        feature_count(msgspec.structs.replace(whole, groups=(name,)))
+        for name in whole.groups
+    ]
     start = dict(zip(whole.groups, np.cumsum([0, *widths[:-1]]), strict=True))
     parts = []
     for name in spec.groups:
-        own = start[name] + np.arange(feature_count(replace(whole, groups=(name,))))
+        own = start[name] + np.arange(
+            feature_count(msgspec.structs.replace(whole, groups=(name,)))
+        )
         if name == "window":
             own = own.reshape(spec.n_sensors, whole.window_samples, 3)[
                 :, -spec.window_samples :

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
+import msgspec
+
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.export.spec import BANDS_HZ, HISTORY_S, WINDOW_S, StepSpec
 from holdfast.training.featurise import spec_for
@@ -163,7 +165,7 @@ class Point:
     def spec(self, data: DataSet) -> StepSpec:
         """As a step graph for a set."""
         of_set = spec_for(data, GROUPS[self.groups])
-        return replace(
+        return msgspec.structs.replace(
             of_set,
             window_s=self.window_s,
             bands_hz=BANDS[self.bands],

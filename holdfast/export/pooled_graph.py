@@ -40,7 +40,7 @@ from holdfast.export.pooled import (
 )
 
 if TYPE_CHECKING:
-    from holdfast.export.features import History
+    from holdfast.export.history import History
 
 LEAST_WEIGHT = 1e-12
 """Added to the weight of every sensor, also of one that is not usable."""

@@ -94,7 +94,8 @@ def threshold_rows(forest: Forest, rows: FloatRows, seed: int) -> FloatRows:
     # scikit-learn marks a leaf by the feature -2
     feature = np.concatenate([tree.feature for tree in trees])
     at = largest_float32_not_above(np.concatenate([tree.threshold for tree in trees]))
-    on = hard.copy()
+    # 0 for a feature that no tree reads
+    on = np.zeros_like(hard)
     for column in np.unique(feature[feature >= 0]):
         on[:, column] = rng.choice(at[feature == column], THRESHOLD_ROWS)
     return _moved(hard, on, THRESHOLD_SHARE, rng)

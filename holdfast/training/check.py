@@ -28,15 +28,13 @@ from holdfast.core.trial_layout import (
     truth_path,
     weigh_it,
 )
-from holdfast.training.datasets import LAYOUTS, layout_of, load, reader_of
-from holdfast.training.datasets.thesis import SetMeta, common_rate, of_trials
+from holdfast.training.datasets import LAYOUTS, layout_of, load, reader_of, thesis
 from holdfast.training.datasets.trials import FOLDERS, TrialReader, read_all
 from holdfast.training.figures import in_words as counted
 from holdfast.training.judging import strictest_hold_out
 from holdfast.training.plan import TrainingPlan
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import DataSet
-from holdfast.training.timeline import OF_WHOLE_TRIAL
 from holdfast.training.windows import TimedTrial, classes_of
 
 T = TypeVar("T")
@@ -45,11 +43,6 @@ LEVELS = {"error": "ERROR", "training": "FOR TRAINING", "advice": "ADVICE"}
 FORMATS = {"thesis": "folders of CSV trials", "recorded": "folders of holdfast record"}
 """Layouts in words; any other is a public set."""
 LAYOUT = "<person>/<object>/<action>/trial_1.csv"
-NOT_MEASURED = {
-    "script": "have labels by the script, not measured ones",
-    OF_WHOLE_TRIAL["slip"]: "slip at a moment that is guessed: the largest change",
-}
-"""How the source of labels begins that are not measured -> what is said of these."""
 PHASES = '{"phases": [{"t0_s": 2.1, "t1_s": 6.4, "label": "grasp"}, ..]}'
 """An example of a truth file, for the advice."""
 RECORD = {
@@ -187,12 +180,14 @@ def _examine_trials(report: FolderReport, root: Path, layout: str, part: Part) -
 
     # Checks of the whole set compare only what can be read: a fault of one trial is noted already.
     if trials:
-        common_rate([trial.recording for trial in trials], faults.append)
+        thesis.common_rate([trial.recording for trial in trials], faults.append)
         rate_hz = trials[0].recording.rate_hz
         # Neither names nor rates change what is held out.
-        about = SetMeta()
+        about = thesis.SetMeta()
         try:
-            _hold_out(report, of_trials(trials, about, rate_hz, "balanced", seed=0))
+            _hold_out(
+                report, thesis.of_trials(trials, about, rate_hz, "balanced", seed=0)
+            )
         except RateError as error:
             step = error.next_step
             faults.append(RateError(error.what, where=root, next_step=step))
@@ -200,8 +195,8 @@ def _examine_trials(report: FolderReport, root: Path, layout: str, part: Part) -
     missing = []
     for fault in faults:
         missing.append(Missing("error", fault.where, fault.what, fault.next_step))
-    strange = [isinstance(fault, ColumnError | NotANumber) for fault in faults]
-    if not trials and any(strange):
+    columns = any(isinstance(fault, ColumnError | NotANumber) for fault in faults)
+    if columns and not trials:
         what = "no trial has the columns of the layout: logs of another program?"
         missing.append(Missing("error", str(root), what, import_command(root)))
     if trials:
@@ -325,8 +320,13 @@ def _advice(
 
     if all_read:
         yield from _missing_situations(report.classes, root, trials)
-    if all_read and bare:
-        yield from _missing_labels(root, trials)
+    scripted = [one for one in trials if one.labels_by.startswith(thesis.BY_SCRIPT)]
+    if all_read and bare and scripted:
+        truth = truth_path(root / f"{scripted[0].recording.trial_id}.csv")
+        share = f"{len(scripted)} of {len(trials)} trials"
+        what = f"{share} have labels by the script, not measured ones"
+        step = f"where you know the times, write {PHASES}"
+        yield Missing("advice", str(truth), what, step)
 
 
 def _missing_situations(
@@ -350,17 +350,6 @@ def _missing_situations(
             lacks = "heavy" if one.light_s else "light"
             what = f"no {one.situation} with a {lacks} object: {NO_WEIGHT}"
             yield Missing("advice", str(root), what, step)
-
-
-def _missing_labels(root: Path, trials: Sequence[TimedTrial]) -> Iterator[Missing]:
-    """A line on the trials that are labelled by the script, and on slips without a time."""
-    for source, what in NOT_MEASURED.items():
-        such = [trial for trial in trials if trial.labels_by.startswith(source)]
-        if such:
-            truth = truth_path(root / f"{such[0].recording.trial_id}.csv")
-            share = f"{len(such)} of {len(trials)} trials {what}"
-            step = f"where you know the times, write {PHASES}"
-            yield Missing("advice", str(truth), share, step)
 
 
 # -- as lines for people
@@ -405,11 +394,16 @@ def alike(ones: Sequence[T], words: Callable[[T], str]) -> list[tuple[T, int]]:
 
 def _summary(report: FolderReport, held_out_by: str) -> list[str]:
     """The first lines of a report: how much was read, and what is held out together."""
-    trials = sum(cell.trials for cell in report.cells)
-    minutes = sum(cell.seconds for cell in report.cells) / 60.0
-    n_people = len({cell.person for cell in report.cells} - {None})
-    of = f" of {counted(n_people, 'person')}" if n_people else ""
-    found = f"{counted(trials, 'trial')}{of}, {minutes:.1f} min"
+    trials = 0
+    seconds = 0.0
+    people = set()
+    for cell in report.cells:
+        trials += cell.trials
+        seconds += cell.seconds
+        people.add(cell.person)
+    people.discard(None)
+    of = f" of {counted(len(people), 'person')}" if people else ""
+    found = f"{counted(trials, 'trial')}{of}, {seconds / 60.0:.1f} min"
     form = FORMATS.get(report.layout or "", "a public set")
     return [
         f"{report.folder}: {found}, {report.channels} channels; {form}",

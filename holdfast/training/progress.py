@@ -64,7 +64,12 @@ def stages(total: int) -> Iterator[Stages]:
 def counted(text: str, total: int) -> Iterator[Callable[[float], None]]:
     """Yields a function that takes how many of `total` are done. text: the name of the work."""
     line = visible(text)
-    progress = _progress()
+    try:
+        progress = _progress()
+    except ModuleNotFoundError:
+        sys.stderr.write(f"{line}\n")
+        yield ignored
+        return
     with progress:
         if not progress.console.is_terminal:
             progress.console.print(line, highlight=False, markup=False, soft_wrap=True)

@@ -7,12 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from holdfast.core.contract import FloatArray
+from holdfast.core.contract import FloatArray, IntArray
 from holdfast.core.hand_card import read_hand_card
-from holdfast.training.datasets.human_slip_labels import (
-    contact_force_n,
-    frames_since_contact,
-)
+from holdfast.training.datasets.human_slip_labels import CONTACT_N, contact_force_n
 from holdfast.training.datasets.human_slip_uskin import N_TAXELS
 from holdfast.training.datasets.public_files import channels_of
 from holdfast.training.recording import DataSet, LabelledRows
@@ -60,6 +57,17 @@ def with_taxels(data: DataSet, taxels: Sequence[int], card: str) -> DataSet:
         samples, valid = one.samples[:, columns], one.valid[:, sensors]
         recordings.append(replace(one, samples=samples, valid=valid))
     return replace(data, recordings=recordings, hand=read_hand_card(card))
+
+
+def frames_since_contact(force_n: FloatArray, contact_n: float = CONTACT_N) -> IntArray:
+    """[T] rows since z last rose through contact_n, -1 before: the timing of a scripted set."""
+    touching = force_n >= contact_n
+    touched_before = np.concatenate([[False], touching[:-1]])
+    rises = touching & ~touched_before
+
+    row = np.arange(len(force_n))
+    last_rise = np.maximum.accumulate(np.where(rises, row, -1))
+    return np.where(last_rise >= 0, row - last_rise, -1)
 
 
 def clock_features(data: DataSet, rows: LabelledRows) -> FloatArray:

@@ -131,7 +131,7 @@ FAULTS: dict[str, tuple[Callable[[Path], None], str, str]] = {
     ),
     "a rate": (with_another_rate, "runs at 25 Hz", "a set of its own"),
     "a column": (with_an_unknown_column, "X1", "the layout is Time,X1,Y1,Z1"),
-    "a unit": (with_an_unknown_unit, "unit = 'lbf'", "allowed: N, uT, count"),
+    "a unit": (with_an_unknown_unit, "unit = 'lbf'", "allowed: N or uT or count"),
 }
 
 

@@ -314,18 +314,19 @@ def test_a_folder_without_a_recording_is_refused_as_one(tmp_path: Path) -> None:
 
 
 def live_path(folder: Path) -> dict[str, str]:
-    """An environment with what a replay needs and nothing else, and the packages a hand has."""
+    """An environment with numpy and onnxruntime and nothing else, and the packages a hand
+    has."""
     packages = Path(sysconfig.get_paths()["platlib"])
     others = set(MAY_IMPORT) - {"core", "edge_runtime", "drivers", "live", "cli"}
     left_out = shutil.ignore_patterns("__pycache__", *others)
     shutil.copytree(ROOT / "holdfast", folder / "holdfast", ignore=left_out)
-    for package in ("numpy", "numpy.libs", "onnxruntime", "msgspec"):
+    for package in ("msgspec", "numpy", "numpy.libs", "onnxruntime"):
         if (packages / package).exists():
             (folder / package).symlink_to(packages / package)
     return {**os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
 
 
-def test_a_replay_needs_the_live_path_and_no_other_package(
+def test_a_replay_needs_numpy_and_onnxruntime_and_no_other_package_or_room(
     eight_classes: Built, tmp_path: Path
 ) -> None:
     environment = live_path(tmp_path)

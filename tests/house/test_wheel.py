@@ -24,6 +24,7 @@ from holdfast.live.sources import open_source
 
 LIVE = (
     "numpy",
+    "msgspec",
     "numpy.libs",
     "onnxruntime",
     "usb",

@@ -157,7 +157,7 @@ def test_a_trial_off_the_script_is_told_where_to_write_its_start(small: Path) ->
     ("key", "value", "says"),
     [
         ("action_at_s", "late", "action_at_s = 'late'"),
-        ("action_at_s", -1, "action_at_s = -1; next: allowed: float > 0.0"),
+        ("action_at_s", -1, "action_at_s = -1; next: allowed: a number above 0"),
         ("masses_g", 3, "masses_g = 3"),
         ("masses_g", {"soft-ball": "heavy"}, "'heavy'"),
     ],

@@ -121,9 +121,9 @@ def with_hand(data: DataSet, root: Path) -> DataSet:
     """
     path = root / HAND_FILE
     named = read_json(root / META).get("hand")
+    if not path.is_file() and named is None:
+        return data
     if not path.is_file():
-        if named is None:
-            return data
         raise DataNotFound(
             f"no {HAND_FILE}, which {META} names",
             where=root,
@@ -140,8 +140,7 @@ def with_hand(data: DataSet, root: Path) -> DataSet:
         raise ChannelError(
             f"{HAND_FILE} is the card of another hand",
             where=path,
-            cause=f"{data.n_sensors} sensors recorded, {hand.n_sensors} on the card, "
-            "or a card that was changed after the recording",
+            cause="a card that was changed after the recording",
             next_step="put the card back with which the set was recorded",
         )
     return replace(data, hand=hand)

@@ -181,17 +181,6 @@ def prediction_windows(
     return row, over[horizon] > over[row + 1]
 
 
-def frames_since_contact(force_n: FloatArray, contact_n: float = CONTACT_N) -> IntArray:
-    """[T] rows since z last rose through contact_n, -1 before: the timing of a scripted set."""
-    touching = force_n >= contact_n
-    touched_before = np.concatenate([[False], touching[:-1]])
-    rises = touching & ~touched_before
-
-    row = np.arange(len(force_n))
-    last_rise = np.maximum.accumulate(np.where(rises, row, -1))
-    return np.where(last_rise >= 0, row - last_rise, -1)
-
-
 def _last_rows(first: int, stop: int, step: int) -> IntArray:
     """Last rows of the windows that begin at first, first + step, .. and end before stop."""
     begins = np.arange(first, stop - WINDOW_ROWS + 1, step, dtype=np.int64)

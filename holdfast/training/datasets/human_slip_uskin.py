@@ -109,12 +109,8 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
         ahead = labels.prediction_windows(force_n, turned_deg, start, end)
         predictions.append(ahead)
     if not recordings:
-        raise EmptyRecording(
-            "no usable trial",
-            where=root,
-            cause="no trial with 60 < start_index < end_index <= n",
-            next_step="check start_index and end_index in trials.csv",
-        )
+        what = "no trial with 60 < start_index < end_index <= n: no usable trial"
+        raise EmptyRecording(what, where=root, next_step="check these in trials.csv")
 
     return DataSet(
         name="human_slip_uskin",

@@ -42,14 +42,14 @@ def refuse(error: DataError) -> NoReturn:
 
 
 class ChannelsNotOffered(ChannelError):
-    """A set cannot be read with that number of channels. offered: those that it has, in words."""
+    """A set cannot be read with that number of channels; numbers: those that it has."""
 
     def __init__(self, set_name: str, channels: int, numbers: Iterable[int]) -> None:
         self.channels = channels
         self.numbers = sorted(numbers)
-        self.offered = " or ".join(map(str, self.numbers))
+        offered = " or ".join(map(str, self.numbers))
         super().__init__(
-            f"recordings of {self.offered} channels, not {channels}",
+            f"recordings of {offered} channels, not {channels}",
             where=set_name,
             cause="a model made for other sensors",
             next_step="holdfast export MODEL --hand CARD --out FILE, where MODEL has pooled "
