@@ -1,6 +1,8 @@
-"""A vibration motor: plays the cues of `holdfast run --feedback URL`.
+"""A vibration motor: plays the cues of `holdfast run`.
 
-python examples/cue_receiver.py /run/hand/cues     --feedback unix:///run/hand/cues
+python examples/cue_receiver.py /run/hand/cues
+
+holdfast.toml of the run has feedback = "unix:///run/hand/cues".
 """
 
 import json

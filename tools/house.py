@@ -35,7 +35,7 @@ from holdfast.cli.main import main
 for words in {}:
     assert main(words) == 0
 """
-RUN = ["run", "holdfast-150hz", "--source", "virtual://ft232h", "--quiet"]
+RUN = ["run", "holdfast-150hz", "--source", "virtual://ft232h", "--to", "none"]
 COARSE = """
 from importlib.resources import files
 from pathlib import Path

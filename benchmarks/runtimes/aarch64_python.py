@@ -1,4 +1,4 @@
-"""`holdfast selftest` in Python on an emulated aarch64: Debian's interpreter, the locked wheels.
+"""`holdfast doctor MODEL` in Python on an emulated aarch64: Debian's interpreter, locked wheels.
 
 Nothing is installed on this machine: the packages are unpacked into one folder, by an apt with
 lists and status of its own. onnxruntime reads /proc/cpuinfo, and this machine's would tell it of
@@ -48,7 +48,7 @@ def selftest(model: Path, folder: Path) -> list[str]:
         "ORT_DISABLE_TELEMETRY": "1",
     }
     done = called(
-        [*python, "-m", "holdfast", "selftest", model.resolve()], ROOT, environment
+        [*python, "-m", "holdfast", "doctor", model.resolve()], ROOT, environment
     )
     return done.stdout.decode("utf-8").splitlines()
 

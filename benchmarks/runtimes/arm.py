@@ -82,7 +82,7 @@ class OnBoard:
 def measure(models: list[Path]) -> Json:
     """Everything that `make bench NAME=arm` shows."""
     figures = [of_model(path) for path in models]
-    show(f"holdfast selftest {models[0]} on an emulated aarch64: some minutes")
+    show(f"holdfast doctor {models[0]} on an emulated aarch64: some minutes")
     lines = selftest(models[0], KEPT)
     return {
         "clock_mhz": CLOCK_MHZ,

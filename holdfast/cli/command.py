@@ -27,7 +27,7 @@ from holdfast.core.errors import (
 from holdfast.core.lines import stream_sink
 from holdfast.core.writing import require_writable, write_whole
 
-WITH_SETTINGS = ("run", "record", "bias", "study", "replay", "selftest")
+WITH_SETTINGS = ("run", "record", "bias", "study", "replay")
 """Commands whose options may stand in holdfast.toml."""
 
 

@@ -1,77 +1,83 @@
-"""`holdfast doctor`: what is installed, what is missing and how to get it. It never crashes."""
+"""`holdfast doctor [MODEL]`: what is installed here, or whether a model file answers as it must."""
 
 from __future__ import annotations
 
 import argparse
+import sys
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from holdfast.cli.command import add_json_option, show_found
-from holdfast.cli.settings import DEFAULT, read_settings
+from holdfast.cli.command import STDOUT, add_json_option, show, write_found
 
 if TYPE_CHECKING:
-    from holdfast.live.installation import Finding
+    from holdfast.live.doctor import Finding
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
+    model = "check this model file on this machine, about 5 s (default: the machine)"
+    parser.add_argument("model", nargs="?", metavar="MODEL", help=model)
     add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print every finding; always 0, because a missing thing is a result."""
-    from holdfast.live.installation import examine
+    """Print every finding when it is there; 1 where a check of the model failed."""
+    # a missing thing on a machine is a result, and no failure
+    if args.model is None:
+        from holdfast.live.doctor import examine
 
-    findings = examine(_data_sets, _settings)
-    width = max(len(one.what) for one in findings) + 2
-    lines = []
+        findings = examine(_data_sets, _settings)
+    else:
+        from holdfast.live.model_checks import model_checks
+
+        findings = model_checks(args.model)
+
+    found = []
     for one in findings:
-        step = f"  -> {one.next_step}" if one.next_step else ""
-        lines.append(f"{one.status:<11}{one.what:<{width}}{one.found}{step}")
-
-    show_found(args, "\n".join(lines), {"findings": [asdict(one) for one in findings]})
-    return 0
+        found.append(one)
+        if args.json != STDOUT:
+            # at once and not at the end: a check that hangs is then the next one
+            step = f"  -> {one.next_step}" if one.next_step else ""
+            show(f"{one.status:<9}{one.what:<30}{one.found}{step}")
+            sys.stdout.flush()
+    failed = args.model is not None and any(one.status != "ok" for one in found)
+    write_found(args, {"ok": not failed, "findings": [asdict(one) for one in found]})
+    return int(failed)
 
 
 def _data_sets() -> list[Finding]:
     """The public sets, where training is installed: nothing else reads them."""
-    from holdfast.live.installation import Finding, missing_of
+    from holdfast.live.doctor import Finding, missing_of
     from holdfast.training.datasets import PUBLIC_SETS, data_folder
 
     if missing_of("train"):
         return []
-
     folder = data_folder()
     there = [name for name in PUBLIC_SETS if (folder / name).is_dir()]
+    missing = ", ".join(name for name in PUBLIC_SETS if name not in there)
     findings = [Finding(name, "ok", f"in {folder}") for name in there]
-    missing = [name for name in PUBLIC_SETS if name not in there]
     if missing:
-        found = f"not in {folder}: {', '.join(missing)}"
         step = "only for figures on public recordings: HOLDFAST_DATA names their folder"
+        found = f"not in {folder}: {missing}"
         findings.append(Finding("public data sets", "ok", found, step))
     return findings
 
 
 def _settings() -> list[Finding]:
     """Each value of holdfast.toml here, and where it comes from."""
+    from holdfast.cli.settings import DEFAULT, read_settings
     from holdfast.core.errors import HoldfastError
-    from holdfast.live.installation import Finding
+    from holdfast.live.doctor import Finding
 
     try:
-        settings = read_settings([])
-    # A file of settings with a mistake is a finding like any other.
+        path, settings = read_settings([])
+    # a file of settings with a mistake is a finding like any other
     except HoldfastError as error:
         return [Finding("settings", "broken", str(error), error.next_step)]
-
-    if settings.path is None:
+    if path is None:
         found = f"no {DEFAULT} here: options come from the command line"
         return [Finding("settings", "ok", found)]
-
-    findings = []
-    for name, value in settings.values.items():
-        # the model is no option: it stands first, behind the verb
-        word = "MODEL on the command line" if name == "model" else f"--{name}"
-        found = f"{value} (from {settings.path}; {word} wins)"
-        findings.append(Finding(f"setting {name}", "ok", found))
-
-    return findings
+    return [
+        Finding(f"setting {name}", "ok", f"{value} (from {path})")
+        for name, value in settings.given().items()
+    ]

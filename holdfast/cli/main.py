@@ -6,7 +6,7 @@ Exit codes: 0 done, 1 failed, 2 usage, 3 data, 4 model, 5 output, 6 device, 130 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from importlib.metadata import version
 
@@ -29,8 +29,7 @@ GROUPS = {
         "simulate": ("simulate", "simulate the trials of a scene, with their truth"),
     },
     "set up a hand": {
-        "doctor": ("doctor", "list what is installed, what is missing, how to get it"),
-        "selftest": ("selftest", "check a model file on this machine, in seconds"),
+        "doctor": ("doctor", "what is installed and missing here; or check a MODEL"),
         "scan": ("scan", "list the sensors on a bus, their faults and the rate"),
         "bias": ("bias", "measure the bias of the open, untouched hand"),
         "calibrate": ("calibrate", "fit the map from field to force, from known loads"),
@@ -58,6 +57,7 @@ OLD = {
     "loop": "python -m studies loop SCENE.., or make loop, in a checkout",
     "onset": "holdfast watch --onset TRIAL",
     "repair": "holdfast check --repair DIR",
+    "selftest": "holdfast doctor MODEL",
 }
 """A word that was a command -> what does it now."""
 
@@ -125,10 +125,20 @@ def _run(verb: str, argv: Sequence[str]) -> int:
     name, about = VERBS[verb]
     # Only the verb's module: `holdfast run` must start without the packages of training.
     module = import_module(name)
+    _refuse_old(verb, argv, getattr(module, "OLD_OPTIONS", {}))
     parser = _parser(verb, argv, about)
     module.add_arguments(parser)
     code: int = module.run(parser.parse_args([_stdin_url(word) for word in argv]))
     return code
+
+
+def _refuse_old(verb: str, argv: Sequence[str], old: Mapping[str, str]) -> None:
+    """Raise UsageError for an option of earlier versions. old: each, and what to write instead."""
+    for word in argv:
+        name = word.partition("=")[0]
+        if name in old:
+            what = f"{name} is no option of holdfast {verb} any more"
+            raise UsageError(what, next_step=f"write {old[name]}")
 
 
 def _stdin_url(word: str) -> str:
@@ -145,5 +155,5 @@ def _parser(verb: str, argv: Sequence[str], about: str) -> Parser:
     from holdfast.cli.settings import SettingsParser, read_settings
 
     # Before the parser exists, because they become its defaults.
-    settings = read_settings(argv).of(verb)
+    settings = read_settings(argv).settings
     return SettingsParser(settings=settings, prog=prog, description=about)

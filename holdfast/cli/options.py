@@ -10,7 +10,6 @@ import os
 from typing import TYPE_CHECKING
 
 from holdfast.cli.command import path_argument, positive
-from holdfast.core.errors import UsageError
 from holdfast.edge_runtime.engine import ENGINES, ONNXRUNTIME, ModelChoice
 
 if TYPE_CHECKING:
@@ -49,13 +48,20 @@ def add_calibration_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--calibration", type=path_argument, metavar="FILE", help=made)
 
 
-def add_web_option(parser: argparse.ArgumentParser) -> None:
-    """--web."""
-    web = (
-        "show it on a page in the browser, and no JSON lines in the terminal "
-        "(default host: 127.0.0.1; docs/live-page.md)"
-    )
-    parser.add_argument("--web", metavar="[HOST:]PORT", help=web)
+def add_page_option(parser: argparse.ArgumentParser) -> None:
+    """--to, of a verb that shows a page and nothing else."""
+    web = "web[:[HOST:]PORT]: show it on a page in the browser (docs/live-page.md)"
+    parser.add_argument("--to", type=_page, metavar="web[:PORT]", help=web)
+
+
+def _page(word: str) -> str:
+    """[HOST:]PORT of web[:[HOST:]PORT]."""
+    from holdfast.live.outputs import output_url
+
+    output = output_url(word)
+    if output.kind != "web":
+        raise argparse.ArgumentTypeError(f"{word!r} is not web or web:PORT")
+    return output.place
 
 
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
@@ -72,7 +78,7 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     option("--hand", metavar="CARD", help=card)
     option("--camera", metavar="oak|FILE", help="film every trial (docs/camera.md)")
     add_camera_options(parser)
-    add_intent_option(parser)
+    add_wearer_option(parser)
 
 
 def add_camera_options(parser: argparse.ArgumentParser) -> None:
@@ -103,64 +109,11 @@ def printed_mm(word: str) -> float:
     return side_mm
 
 
-def add_grip_options(parser: argparse.ArgumentParser) -> None:
-    """--grip, --controller, --ceiling, --feedback, --cues."""
-    option = parser.add_argument
-    wires = "unix:///PATH, serial:///dev/ttyX?baud=115200"
-    scene = (
-        "or the word virtual for the hand in a scene (--source virtual://..?scene=..)"
-    )
-    grip = f"send a grip command at every sample to {wires}, {scene}"
-    option("--grip", metavar="URL", help=grip)
-    names = "none, pd-shear, sliding-mode, smsp, ismsp or holdfast (the default)"
-    option("--controller", metavar="NAME", help=f"grip controller: {names}")
-    ceiling = "largest grip of the hand, N of either side (default: 70)"
-    option("--ceiling", type=positive, metavar="N", help=ceiling)
-    feedback = f"send vibration cues for the wearer: {wires}"
-    option("--feedback", metavar="URL", help=feedback)
-    cues = "patterns of the cues (TOML; default: the shipped table, docs/feedback.md)"
-    option("--cues", type=path_argument, metavar="FILE", help=cues)
-
-
-def require_grip(args: argparse.Namespace) -> None:
-    """Raise UsageError where an option stands without the one that it belongs to."""
-    if args.cues and not args.feedback:
-        raise UsageError(
-            "--cues needs --feedback, which sends the cues",
-            next_step="--feedback unix:///run/hand/cues",
-        )
-
-    # Silently ignored, these options would look as if they worked.
-    given = {"controller": args.controller, "ceiling": args.ceiling}
-    for option, value in given.items():
-        if value and not args.grip:
-            raise UsageError(
-                f"--{option} needs --grip, which runs the controller",
-                next_step="--grip unix:///run/hand/grip",
-            )
-
-
-def add_intent_option(parser: argparse.ArgumentParser) -> None:
-    """--intent."""
-    ports = "unix:///PATH or lsl://NAME"
-    intent = f"show and record the wearer's command: {ports}"
-    parser.add_argument("--intent", metavar="URL", help=intent)
-
-
-def add_obey_option(parser: argparse.ArgumentParser) -> None:
-    """--obey-intent."""
-    obey = "let it open the hand, as --commands does"
-    parser.add_argument("--obey-intent", action="store_true", help=obey)
-
-
-def require_intent(args: argparse.Namespace) -> None:
-    """Raise UsageError for --obey-intent without --intent."""
-    if args.obey_intent and not args.intent:
-        from holdfast.live.intent import ADDRESSES
-
-        raise UsageError(
-            "--obey-intent needs --intent", next_step=f"--intent {ADDRESSES}"
-        )
+def add_wearer_option(parser: argparse.ArgumentParser) -> None:
+    """--wearer."""
+    urls = "unix:///PATH, serial:///dev/ttyX, lsl://NAME, - or replay://FILE"
+    wearer = f"the stream of what the wearer wants: open, close, stop; {urls}"
+    parser.add_argument("--wearer", metavar="URL", help=wearer)
 
 
 def add_job_options(parser: argparse.ArgumentParser, processes: int) -> None:
@@ -199,11 +152,10 @@ def add_engine_option(parser: argparse.ArgumentParser) -> None:
 
 
 def add_engine_options(parser: argparse.ArgumentParser) -> None:
-    """The options that `run` and `make loop` share."""
+    """The options that `evaluate` and the studies share."""
     add_engine_option(parser)
-    option = parser.add_argument
     library = "the library of --engine c (default MODEL-c/libholdfast.so)"
-    option("--library", type=path_argument, metavar="FILE", help=library)
+    parser.add_argument("--library", type=path_argument, metavar="FILE", help=library)
 
 
 def chosen_model(args: argparse.Namespace) -> ModelChoice:

@@ -20,15 +20,19 @@ from typing import TYPE_CHECKING
 from holdfast.cli.command import add_json_option, path_argument, seed, show_found
 from holdfast.cli.options import (
     add_calibration_option,
+    add_page_option,
     add_recording_options,
     add_source_option,
-    add_web_option,
 )
 from holdfast.core.errors import count_of
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
 
 if TYPE_CHECKING:
     from holdfast.sessions.recorder.plan import RecordOptions
+
+
+OLD_OPTIONS = {"--web": "--to web[:[HOST:]PORT]", "--intent": "--wearer URL"}
+"""An option of earlier versions -> what to write instead."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     at_once = "begin every trial without waiting for a key"
     option("--at-once", action="store_true", help=at_once)
     add_recording_options(parser)
-    add_web_option(parser)
+    add_page_option(parser)
     add_json_option(parser)
 
 
@@ -63,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     """Record until the plan is done, the operator stops it, or an error ends it."""
     from holdfast.core.lines import stream_sink
     from holdfast.live.running import RunClock, stop_signals
-    from holdfast.live.sources import is_standard_input
+    from holdfast.live.source_url import is_standard_input
     from holdfast.sessions.recorder.display import StatusLine, columns_of, record_page
     from holdfast.sessions.recorder.keys import Keys, listening
     from holdfast.sessions.recorder.recording import record
@@ -78,11 +82,11 @@ def run(args: argparse.Namespace) -> int:
         stopped = stack.enter_context(stop_signals())
         keys = Keys(None)
         # Samples are no keys.
-        if not is_standard_input(args.source):
+        if not any(map(is_standard_input, (args.source, args.wearer or ""))):
             keys = stack.enter_context(listening(sys.stdin.fileno()))
         # The page is one more display and one more source of keys.
-        if args.web:
-            page = record_page(args.web, options, keys, display)
+        if args.to:
+            page = record_page(args.to, options, keys, display)
             display = stack.enter_context(page)
         kept = record(options, RunContext(RunClock(), keys, display, stopped))
 

@@ -1,10 +1,12 @@
 """`holdfast run [MODEL] --source URL`: reads a hand and answers every sample, until it is stopped.
 
 holdfast run --source usb://ft232h
-holdfast run --source "virtual://ft232h?scene=pull-soft-ball&seed=1" --view
+holdfast run --source "virtual://ft232h?scene=pull-soft-ball&seed=1" --to view
 holdfast run mine.onnx --source usb://ft232h --grip unix:///run/hand/grip
 holdfast run mine.onnx --source usb://ft232h --engine c
-holdfast run --source usb://ft232h --web 8000
+holdfast run --source usb://ft232h --to web:8000 --to today.jsonl
+
+What is of a hand and seldom changes stands in holdfast.toml (cli/settings.py).
 """
 
 from __future__ import annotations
@@ -14,18 +16,32 @@ import argparse
 from holdfast.cli.command import path_argument, positive
 from holdfast.cli.options import (
     add_calibration_option,
-    add_engine_options,
-    add_grip_options,
-    add_intent_option,
-    add_obey_option,
+    add_engine_option,
     add_source_option,
-    add_web_option,
-    chosen_model,
-    require_grip,
-    require_intent,
+    add_wearer_option,
     set_reader,
 )
 from holdfast.core.schema import DEFAULT_MODEL
+
+IN_SETTINGS = "holdfast.toml (docs/deploy.md)"
+OLD_OPTIONS = {
+    "--out": "--to FILE.jsonl",
+    "--samples": "--to FILE.csv",
+    "--udp": "--to udp://HOST:PORT",
+    "--lsl": "--to lsl://NAME",
+    "--view": "--to view",
+    "--web": "--to web[:[HOST:]PORT]",
+    "--quiet": "--to none",
+    "--commands": '--wearer URL, which takes words such as {"wants":"open"}',
+    "--intent": "--wearer URL",
+    "--obey-intent": "--wearer URL, whose `open` counts",
+    "--controller": f'controller = ".." in {IN_SETTINGS}',
+    "--ceiling": f"ceiling_n = 40.0 in {IN_SETTINGS}",
+    "--feedback": f'feedback = "URL" in {IN_SETTINGS}',
+    "--cues": f'cues = "FILE" in {IN_SETTINGS}',
+    "--library": f'library = "FILE" in {IN_SETTINGS}',
+}
+"""An option of earlier versions -> what to write instead."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,65 +50,44 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     model = f"a sealed holdfast.onnx (default: the shipped {DEFAULT_MODEL})"
     option("model", nargs="?", default=DEFAULT_MODEL, metavar="MODEL", help=model)
     add_source_option(parser)
-    add_calibration_option(parser)
-    add_engine_options(parser)
-    option(
-        "--out",
-        type=path_argument,
-        metavar="FILE",
-        help="also write the JSON lines to FILE",
+    to = (
+        "where answers go, as often as wanted: - (JSON lines on stdout, the default), "
+        "FILE.jsonl, FILE.csv (samples), view, web[:PORT], lsl://NAME, udp://HOST:PORT, none"
     )
-    option("--udp", metavar="HOST:PORT", help="also send the JSON lines as datagrams")
-    lsl = "also send values and decisions as the LSL streams NAME and NAME-decision"
-    option("--lsl", metavar="NAME", help=lsl)
-    commands = "receive the user's commands here: opening, and override of an alarm"
-    option("--commands", metavar="URL", help=f"{commands} (unix:///PATH)")
-    add_intent_option(parser)
-    add_obey_option(parser)
-    add_grip_options(parser)
-    samples = "write the prepared samples to a CSV, for holdfast replay"
-    option("--samples", type=path_argument, metavar="FILE", help=samples)
-    option("--quiet", action="store_true", help="no JSON lines on stdout")
-    view = "show the stream in the terminal, and no JSON lines there"
-    option("--view", action="store_true", help=view)
-    add_web_option(parser)
+    option("--to", action="append", metavar="URL", help=to)
+    grip = (
+        "send a grip command at every sample to unix:///PATH or serial:///dev/ttyX?baud=115200, "
+        "or to the hand in a scene, by the word virtual (--source virtual://..?scene=..)"
+    )
+    option("--grip", metavar="URL", help=grip)
+    add_wearer_option(parser)
+    add_calibration_option(parser)
     bias = "file written by holdfast bias (default: from the first samples)"
     option("--bias", type=path_argument, metavar="FILE", help=bias)
-    option(
-        "--seconds",
-        type=positive,
-        metavar="S",
-        help="stop after S seconds (default: Ctrl-C)",
-    )
+    add_engine_option(parser)
+    seconds = "stop after S seconds (default: Ctrl-C)"
+    option("--seconds", type=positive, metavar="S", help=seconds)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run until stopped; JSON lines on stdout, messages and the summary on stderr."""
+    """Run until stopped; answers to --to, messages and the summary on stderr."""
+    from holdfast.edge_runtime.engine import ModelChoice
     from holdfast.live.run import RunOptions, run
 
-    # Options that contradict each other are refused before the hand is opened.
-    require_grip(args)
-    require_intent(args)
+    settings = args.settings
+    library = settings.library if args.engine == "c" else None
     options = RunOptions(
-        model=chosen_model(args),
+        model=ModelChoice(str(args.model), args.engine, library),
         source=args.source,
+        to=tuple(args.to or settings.to),
+        grip=args.grip,
+        wearer=args.wearer,
         calibration=args.calibration,
         bias=args.bias,
         seconds=args.seconds,
-        quiet=args.quiet,
-        out=args.out,
-        udp=args.udp,
-        lsl=args.lsl,
-        samples=args.samples,
-        view=args.view,
-        web=args.web,
-        commands=args.commands,
-        intent=args.intent,
-        obey_intent=args.obey_intent,
-        grip=args.grip,
-        controller=args.controller,
-        ceiling=args.ceiling,
-        feedback=args.feedback,
-        cues=args.cues,
+        controller=settings.controller,
+        ceiling_n=settings.ceiling_n,
+        feedback=settings.feedback,
+        cues=path_argument(settings.cues) if settings.cues else None,
     )
     return run(options, set_reader(args.source))

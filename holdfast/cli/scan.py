@@ -43,8 +43,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _surveyed(url: str) -> ScannedBus:
     from holdfast.drivers.scan import survey
-    from holdfast.live.hand_sources import named_addresses, open_bus
     from holdfast.live.running import RunClock
+    from holdfast.live.sources import named_addresses, open_bus
 
     clock = RunClock()
     # The sensors are not started: a scan shall leave everything as it is.

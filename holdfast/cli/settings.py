@@ -5,8 +5,9 @@
     bias = "hand.bias.json"
     model = "holdfast-150hz"          # a shipped one, or a file
 
-    [sinks]                           # of holdfast run
-    udp = "127.0.0.1:9000"
+    grip = "unix:///run/hand/grip"    # from here on of holdfast run alone
+    ceiling_n = 40.0
+    to = ["udp://127.0.0.1:9000"]
 
 Files are looked for next to the settings. A value on the command line wins.
 """
@@ -15,38 +16,58 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, NamedTuple
 
-from holdfast.cli.command import WITH_SETTINGS, Parser, path_argument
-from holdfast.core.errors import CardError, DataNotFound
-from holdfast.core.reading import CardReader, read_toml
-from holdfast.core.schema import shipped
+import msgspec
+
+from holdfast.cli.command import Parser, path_argument
+from holdfast.core.errors import DataNotFound
+from holdfast.core.schema import read, shipped
 
 DEFAULT = Path("holdfast.toml")
-HAND = ("source", "calibration", "bias", "model", "intent")
-SINKS = ("out", "udp", "lsl", "grip", "feedback", "cues", "web")
-FILES = ("calibration", "bias", "model", "out", "cues")
+FILES = ("calibration", "bias", "model", "library", "cues")
 """Whose values are names of files."""
+Text = Annotated[str, msgspec.Meta(min_length=1)]
 
 
-@dataclass(frozen=True)
-class Settings:
-    """Values by option as they would be typed, and the file that they stand in."""
+class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What may stand in the file: values as they would be typed, None where they do not.
 
-    path: Path | None = None
-    values: dict[str, str] = field(default_factory=dict)
+    hand: the hand card of recordings; library: of --engine c; ceiling_n: largest grip of the hand,
+    N of either side; feedback: where cues go, and cues: their table.
+    """
 
-    def of(self, verb: str) -> dict[str, str]:
-        """Those that hold for a command: sinks are of `run` alone."""
-        allowed = (
-            (*HAND, *SINKS) if verb == "run" else HAND if verb in WITH_SETTINGS else ()
-        )
-        return {name: value for name, value in self.values.items() if name in allowed}
+    source: Text | None = None
+    model: Text | None = None
+    calibration: Text | None = None
+    bias: Text | None = None
+    wearer: Text | None = None
+    hand: Text | None = None
+    grip: Text | None = None
+    to: tuple[Text, ...] = ()
+    engine: Text | None = None
+    library: Text | None = None
+    controller: Text | None = None
+    ceiling_n: Annotated[float, msgspec.Meta(gt=0.0, le=1e4)] | None = None
+    feedback: Text | None = None
+    cues: Text | None = None
+
+    def given(self) -> dict[str, Any]:
+        """The values that the file gives, by name."""
+        return {
+            key: value for key, value in msgspec.structs.asdict(self).items() if value
+        }
 
 
-def read_settings(argv: Sequence[str]) -> Settings:
+class SettingsFile(NamedTuple):
+    """Settings, and the file that they stand in; None without one."""
+
+    path: Path | None
+    settings: Settings
+
+
+def read_settings(argv: Sequence[str]) -> SettingsFile:
     """The settings that --config names, or those of holdfast.toml here, or none.
 
     Raises DataNotFound for a file that --config names and that is missing, and CardError.
@@ -61,14 +82,11 @@ def read_settings(argv: Sequence[str]) -> Settings:
     except argparse.ArgumentError:
         named = None  # the command's parser reports what is wrong
 
-    if named is None and not DEFAULT.is_file():
-        return Settings()
-    return _read(named or DEFAULT)
-
-
-def _read(path: Path) -> Settings:
+    path = named or DEFAULT
+    if named is None and not path.is_file():
+        return SettingsFile(None, Settings())
     try:
-        _, raw = read_toml(path)
+        settings = read(path, Settings)
     except FileNotFoundError:
         raise DataNotFound(
             "no such file of settings",
@@ -76,29 +94,12 @@ def _read(path: Path) -> Settings:
             next_step="check the path after --config",
         ) from None
 
-    card = CardReader(path)
-    card.require_known(raw, (*HAND, "sinks"), "settings")
-    sinks = card.table(raw, "sinks")
-    card.require_known(sinks, SINKS, "[sinks]")
-    # Sinks stand in a table of their own in the file, and among the others on the command line.
-    given = {name: value for name, value in raw.items() if name != "sinks"} | sinks
-    return Settings(
-        path, {name: _value(path, name, value) for name, value in given.items()}
-    )
-
-
-def _value(path: Path, name: str, value: object) -> str:
-    # Values stand as they would be typed, so all of them are texts.
-    if not isinstance(value, str) or not value.strip():
-        raise CardError(
-            f"{name} = {value!r:.80} is no text",
-            where=path,
-            next_step=f'write it as on the command line, in quotes: {name} = ".."',
-        )
-
-    # A shipped model is found by its name, in any folder.
-    is_file = name in FILES and not (name == "model" and value in shipped())
-    return str(path.parent / value) if is_file else value
+    placed = {}
+    for name, value in settings.given().items():
+        # a shipped model is found by its name, in any folder
+        if name in FILES and not (name == "model" and value in shipped()):
+            placed[name] = str(path.parent / value)
+    return SettingsFile(path, msgspec.structs.replace(settings, **placed))
 
 
 def add_config_option(parser: argparse.ArgumentParser) -> None:
@@ -108,21 +109,24 @@ def add_config_option(parser: argparse.ArgumentParser) -> None:
 
 
 class SettingsParser(Parser):
-    """A parser whose options have their defaults from settings.
+    """A parser whose options have their defaults from settings; the others are args.settings.
 
     An option, or an argument such as MODEL, that settings give is no longer required.
     """
 
-    def __init__(self, *, settings: dict[str, str], **options: Any) -> None:
-        self._settings = settings
+    def __init__(self, *, settings: Settings, **options: Any) -> None:
+        self._given = settings.given()
+        # an option that may be repeated would add to its default
+        self._given.pop("to", None)
         super().__init__(**options)
         add_config_option(self)
+        self.set_defaults(settings=settings)
 
     def add_argument(self, *names: Any, **options: Any) -> argparse.Action:
         """As argparse's, with the default from the settings."""
         name = names[-1].lstrip("-")
-        if name in self._settings:
-            options["default"] = self._settings[name]
+        if name in self._given:
+            options["default"] = self._given[name]
             # An option with a default must not be required; a positional argument becomes
             # optional.
             if names[0].startswith("-"):

@@ -178,12 +178,3 @@ class Prediction:
     degraded: bool
     settled: bool
     model_id: str
-
-
-@dataclass(frozen=True)
-class CheckResult:
-    """One self-check of a model file: what it checks, whether it held, and its figure."""
-
-    what: str
-    ok: bool
-    figure: str

@@ -19,11 +19,10 @@ import os
 import socket
 import stat
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
 from urllib.parse import SplitResult, parse_qs, unquote, urlsplit
 
 from holdfast.core.contract import Json
@@ -36,13 +35,10 @@ LONGEST_LINE = 16 << 10
 """Bytes. A sample of 64 sensors needs 5,000."""
 MOST_A_CALL = 32
 """Datagrams that are read at a call, so that a fast sender delays lines and no sample."""
-MOST_FORGOTTEN = 100_000
 LONGEST_SHOWN = 80
 SECOND_NS = 1_000_000_000
 
 NOT_UNDERSTOOD, NOT_RISING = "not understood", "not rising"
-
-T = TypeVar("T")
 
 
 class LineRefused(ValueError):
@@ -161,86 +157,6 @@ def line_url(url: str) -> LineUrl:
     parts = urlsplit(url)
     found = parse_qs(parts.query, keep_blank_values=True)
     return LineUrl(url, parts, {name: values[-1] for name, values in found.items()})
-
-
-class LinePort:
-    """The lines that come to a Unix socket, read without waiting."""
-
-    def __init__(
-        self,
-        listener: socket.socket,
-        name: str,
-        report: Callable[[str], object],
-        now_ns: Callable[[], int],
-    ) -> None:
-        self._listener = listener
-        self._now_ns = now_ns
-        self._rule = RisingRule()
-        self._skipped = Skipped(name, report, now_ns)
-
-    def waiting(self) -> Iterator[bytes]:
-        """Datagrams that have come; never waits."""
-        for _ in range(MOST_A_CALL):
-            try:
-                yield self._listener.recv(LONGEST_LINE + 1)
-            except BlockingIOError:
-                return
-
-    def came(self, read: Callable[[Json], T]) -> list[tuple[T, bytes]]:
-        """What `read` makes of each line that is obeyed, oldest first, and the line.
-
-        read: raises ValueError, with the reason, for what it does not understand.
-        """
-        obeyed = []
-        for line in self.waiting():
-            try:
-                obeyed.append((self._taken(line, read), line))
-            except LineRefused as error:
-                self._skipped.count(
-                    error.kind, f"{printable(line)} is skipped: {error}"
-                )
-        return obeyed
-
-    def _taken(self, line: bytes, read: Callable[[Json], T]) -> T:
-        try:
-            fields = fields_of(line)
-            sequence = sequence_of(fields.pop("sequence", None))
-            value = read(fields)
-        except ValueError as error:
-            raise LineRefused(NOT_UNDERSTOOD, str(error)) from None
-        if not self._rule.obeys(self._now_ns(), sequence):
-            raise LineRefused(NOT_RISING)
-        return value
-
-    def forget(self) -> None:
-        """Drop what is waiting."""
-        for _ in range(MOST_FORGOTTEN):
-            if not list(self.waiting()):
-                return
-
-    def close(self) -> None:
-        """Report the last counts."""
-        self._skipped.close()
-
-
-@contextmanager
-def line_port(
-    url: str,
-    link: str,
-    report: Callable[[str], object],
-    now_ns: Callable[[], int],
-) -> Iterator[LinePort]:
-    """Listen at unix:///PATH. link: what its lines are, such as "commands". Raises UsageError."""
-    try:
-        where = line_url(url)
-    except ValueError as error:
-        raise not_an_address(url, link, str(error)) from None
-    if where.options:
-        raise not_an_address(url, link, f"{next(iter(where.options))} is not known")
-    with ExitStack() as stack:
-        port = LinePort(unix_listener(where, link, stack), link, report, now_ns)
-        stack.callback(port.close)
-        yield port
 
 
 def not_an_address(url: str, link: str, cause: str = "") -> UsageError:

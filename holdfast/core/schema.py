@@ -22,7 +22,7 @@ from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
-from holdfast.core.errors import CardError, DataError
+from holdfast.core.errors import CardError, DataError, HoldfastError
 
 with suppress(ImportError):  # the doctor runs without it, and reads no card
     import msgspec
@@ -121,17 +121,23 @@ def read(path: Path, kind: type[T], error: type[DataError] = CardError) -> T:
 
 
 def checked(
-    raw: Any, kind: type[T], where: Path | str, error: type[DataError] = CardError
+    raw: Any,
+    kind: type[T],
+    where: Path | str,
+    error: type[HoldfastError] = CardError,
+    *,
+    strict: bool = True,
 ) -> T:
     """A value that was read, as a kind; where: what its error names. Raises error.
 
+    strict: false where numbers stand as text, as in a URL.
     A Struct whose __post_init__ raises ValueError("what; allowed: what is") is heard too.
     """
     if key := _not_finite(raw):
         allowed = "allowed: a finite number"
         raise error(key, where=where, next_step=allowed)
     try:
-        return msgspec.convert(raw, kind)
+        return msgspec.convert(raw, kind, strict=strict)
     except msgspec.ValidationError as reason:
         what, allowed = _explained(raw, kind, str(reason))
         step = f"allowed: {allowed}" if allowed else "correct that value"

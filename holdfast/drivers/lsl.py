@@ -39,8 +39,9 @@ from holdfast.core.errors import (
     UnitError,
     listed,
 )
+from holdfast.core.hand_lines import NOT_UNDERSTOOD, Skipped
 from holdfast.core.source import SourceReading
-from holdfast.edge_runtime.intent import Intent, ItemReader, intent_of
+from holdfast.edge_runtime.wearer import Intent, intent_of
 
 FIRST_S = 5.0
 """An opened stream must send within this time."""
@@ -291,7 +292,7 @@ class LslIntent:
         self._stream = _Stamped(inlet, now_ns, report)
         self._now_ns = now_ns
         self._is_text = inlet.facts.is_text
-        self._reader = ItemReader(report)
+        self._skipped = Skipped("wearer", report, now_ns)
 
     def came(self) -> list[Intent]:
         """What came; the newest stamp is not in the future."""
@@ -304,8 +305,9 @@ class LslIntent:
 
     def _item(self, t_ns: int, values: Sequence[Any]) -> Intent | None:
         wants = values[0] if self._is_text else ""
-
-        def read() -> Intent:
+        try:
             return intent_of(wants, min(t_ns, self._now_ns()))
-
-        return self._reader.item(read, str(values))
+        except ValueError as error:
+            shown = f"{str(values)[:80]} is skipped: {NOT_UNDERSTOOD} ({error})"
+            self._skipped.count(NOT_UNDERSTOOD, shown)
+            return None

@@ -157,7 +157,7 @@ def _loaded(path: Path) -> ctypes.CDLL:
             "no compiled library",
             where=path,
             cause="it was not built yet, or elsewhere",
-            next_step="holdfast export MODEL --to c --build, or name it with --library",
+            next_step="holdfast export MODEL --to c --build, or library = in holdfast.toml",
         )
 
     try:

@@ -6,8 +6,8 @@ and again every `repeat_ms`. No cue cuts off the one before, and at most `most_p
 second. Urgent cues pass both rules, but never cut off another urgent one. A cue that has to wait is
 sent only if it still applies then.
 
-`holdfast run --feedback URL` sends the cues on a separate wire. A wire that fails is reported and
-tried again (live/wire.py); the loop never waits for it. The last line is the cue `unknown`: nothing
+`holdfast run --feedback URL` sends the cues on a link of their own, which is opened again where it
+fails (live/hand_link.py); the loop never waits for it. The last line is the cue `unknown`: nothing
 looks after the grip any more.
 """
 
@@ -15,19 +15,19 @@ from __future__ import annotations
 
 import json
 from collections import deque
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated
 
+import msgspec
 import numpy as np
 
-from holdfast.core.contract import Json, Prediction
+from holdfast.core.contract import Prediction
 from holdfast.core.errors import CardError, DataNotFound
-from holdfast.core.reading import CardReader, read_toml
+from holdfast.core.schema import read
+from holdfast.live.hand_link import HandLink, open_hand_link
 from holdfast.live.outputs import STOPPED
-from holdfast.live.wire import Wire, open_wire
 
 if TYPE_CHECKING:
     from holdfast.edge_runtime.recording import Answers, TextArray
@@ -36,6 +36,8 @@ KINDS = ("unknown", "act", "arm", "risky_slip", "safe_slip", "grasp", "nothing")
 """The situations, and before them the decision's requests; the first that applies counts."""
 UNKNOWN = "unknown"
 QUIET = "quiet"
+SHORTEST_PAUSE_MS, LONGEST_MS = 10, 60_000
+Milliseconds = Annotated[int, msgspec.Meta(ge=0, le=LONGEST_MS)]
 SECOND_NS = 1_000_000_000
 QUIET_NS = SECOND_NS
 """Where no cue was sent for so long, a line shows that the run goes on."""
@@ -43,40 +45,42 @@ EXPIRES_MS = 3000
 """A device that has got no line for so long knows nothing any more, as in `unknown`."""
 
 
-@dataclass(frozen=True)
-class Pattern:
+class Pattern(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What the motor does: pulses of on_ms with off_ms after each, at a strength of 0 to 1."""
 
-    pulses: int
-    on_ms: int
-    off_ms: int
-    strength: float
+    pulses: Annotated[int, msgspec.Meta(ge=1, le=10)]
+    on_ms: Annotated[int, msgspec.Meta(ge=10, le=LONGEST_MS)]
+    off_ms: Milliseconds
+    strength: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
 
     @property
     def length_ns(self) -> int:
         """From its first pulse to the end of its last pause."""
         return 1_000_000 * self.pulses * (self.on_ms + self.off_ms)
 
+    @property
+    def felt(self) -> tuple[int, int, int]:
+        """Without its strength; the pause after a single pulse is not felt."""
+        return self.pulses, self.on_ms, self.off_ms if self.pulses > 1 else 0
+
 
 SILENCE = Pattern(0, 0, 0, 0.0)
 
 
-@dataclass(frozen=True)
-class CueRule:
-    """When a pattern is sent. repeat_ms: 0 for once."""
+class CueRule(Pattern, frozen=True):
+    """A pattern and when it is sent. repeat_ms: 0 for once."""
 
-    pattern: Pattern
-    after_ms: int = 0
-    repeat_ms: int = 0
+    after_ms: Milliseconds = 0
+    repeat_ms: Milliseconds = 0
     urgent: bool = False
 
 
-@dataclass(frozen=True)
-class CueTable:
+class CueTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The rules by kind; a kind without one has no cue."""
 
-    rules: Mapping[str, CueRule]
-    most_per_s: int
+    rules: dict[str, CueRule] = msgspec.field(name="cues")
+    most_per_s: Annotated[int, msgspec.Meta(ge=1, le=10)]
+    title: str = ""
 
 
 class Cues:
@@ -136,7 +140,7 @@ class Cues:
         """The cue that was due has left."""
         rule = self._table.rules[kind]
         self._last_ns = now_ns
-        self._ends_ns = now_ns + rule.pattern.length_ns
+        self._ends_ns = now_ns + rule.length_ns
         # later urgent cues must not cut this one off
         if rule.urgent:
             self._urgent_ends_ns = self._ends_ns
@@ -181,110 +185,56 @@ def cue_line(sequence: int, t_ns: int, kind: str, pattern: Pattern) -> str:
 
 
 SHIPPED = Path(__file__).with_name("cues.toml")
-SECTIONS = ("title", "most_per_s", "cues")
-KEYS = ("pulses", "on_ms", "off_ms", "strength", "after_ms", "repeat_ms", "urgent")
-MOST_PER_S = 10
-MOST_PULSES = 10
-SHORTEST_MS = 10
-LONGEST_MS = 60_000
 
 
 def read_cues(path: Path = SHIPPED) -> CueTable:
     """Read and check a table. Raises CardError, DataNotFound."""
     try:
-        _, raw = read_toml(path)
+        table = read(path, CueTable)
     except FileNotFoundError:
         raise DataNotFound(
             "no such table of cues",
             where=path,
             next_step="docs/feedback.md has the table",
         ) from None
+    _require_felt(table, path)
+    return table
 
-    return _CueReader(path).cues(raw)
 
+def _require_felt(table: CueTable, path: Path) -> None:
+    """Every cue must be felt as what it is, and that the state is not known as nothing else."""
+    for kind, rule in table.rules.items():
+        if kind not in KINDS:
+            known = f"allowed: {', '.join(KINDS)}"
+            raise CardError(f"cues.{kind} is not known", where=path, next_step=known)
+        if rule.pulses > 1 and rule.off_ms < SHORTEST_PAUSE_MS:
+            what = f"cues.{kind}.off_ms = {rule.off_ms}: pulses without a pause are felt as one"
+            step = f"{SHORTEST_PAUSE_MS} or more"
+            raise CardError(what, where=path, next_step=step)
 
-class _CueReader(CardReader):
-    """Checks one table of cues."""
-
-    def cues(self, raw: Json) -> CueTable:
-        self.require_known(raw, SECTIONS, "section")
-        tables = self.table(raw, "cues")
-        self.require_known(tables, KINDS, "[cues]")
-
-        rules = {}
-        for name, table in tables.items():
-            key = f"cues.{name}"
-            rules[name] = self.rule(key, self.require_table(key, table))
-
-        self._require_distinct_unknown(rules)
-        most = self.whole("most_per_s", raw.get("most_per_s"), 1, MOST_PER_S)
-        return CueTable(rules, most)
-
-    def rule(self, key: str, table: Json) -> CueRule:
-        self.require_known(table, KEYS, key)
-        pulses = self.whole(f"{key}.pulses", table.get("pulses"), 1, MOST_PULSES)
-        # several pulses without a pause between them would be felt as one
-        shortest_off_ms = SHORTEST_MS if pulses > 1 else 0
-        urgent = table.get("urgent", False)
-        if not isinstance(urgent, bool):
-            raise self.refused(f"{key}.urgent", urgent, "true or false")
-
-        def duration(name: str, default: int | None, shortest: int) -> int:
-            value = table.get(name, default)
-            return self.whole(f"{key}.{name}", value, shortest, LONGEST_MS)
-
-        on_ms = duration("on_ms", None, SHORTEST_MS)
-        off_ms = duration("off_ms", None, shortest_off_ms)
-        strength = self.strength(f"{key}.strength", table.get("strength"))
-        after_ms = duration("after_ms", 0, 0)
-        repeat_ms = duration("repeat_ms", 0, 0)
-        pattern = Pattern(pulses, on_ms, off_ms, strength)
-        return CueRule(pattern, after_ms, repeat_ms, urgent)
-
-    def whole(self, key: str, value: Any, least: int, most: int) -> int:
-        # in Python, true is an int
-        is_whole = isinstance(value, int) and not isinstance(value, bool)
-        if not is_whole or not least <= value <= most:
-            raise self.refused(key, value, f"a whole number from {least} to {most}")
-        return int(value)
-
-    def strength(self, key: str, value: Any) -> float:
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not is_number or not 0.0 < value <= 1.0:
-            raise self.refused(key, value, "a number above 0, at most 1")
-        return float(value)
-
-    def _require_distinct_unknown(self, rules: dict[str, CueRule]) -> None:
-        """The wearer must feel that the state is not known, and take it for nothing else."""
-        if UNKNOWN not in rules:
+    if UNKNOWN not in table.rules:
+        raise CardError(
+            "no [cues.unknown]",
+            where=path,
+            cause="without it, a hand that feels nothing is silent like a safe one",
+            next_step="give it a pattern",
+        )
+    felt = table.rules[UNKNOWN].felt
+    for kind, rule in table.rules.items():
+        if kind != UNKNOWN and rule.felt == felt:
             raise CardError(
-                "no [cues.unknown]",
-                where=self.path,
-                cause="without it, a hand that feels nothing is silent like a safe one",
-                next_step="give it a pattern",
+                f"[cues.{kind}] and [cues.unknown] have the same pulses",
+                where=path,
+                cause="a wearer does not tell them apart by strength alone",
+                next_step="give unknown another pattern",
             )
-
-        felt = _felt(rules[UNKNOWN].pattern)
-        for name, rule in rules.items():
-            if name != UNKNOWN and _felt(rule.pattern) == felt:
-                raise CardError(
-                    f"[cues.{name}] and [cues.unknown] have the same pulses",
-                    where=self.path,
-                    cause="a wearer does not tell them apart by strength alone",
-                    next_step="give unknown another pattern",
-                )
-
-
-def _felt(pattern: Pattern) -> tuple[int, int, int]:
-    """A pattern without its strength; the pause after a single pulse is not felt."""
-    return pattern.pulses, pattern.on_ms, pattern.off_ms if pattern.pulses > 1 else 0
 
 
 class CueOutput:
     """The wearer's cues as an output of a run."""
 
-    def __init__(self, wire: Wire, table: CueTable) -> None:
-        self._wire = wire
+    def __init__(self, link: HandLink, table: CueTable) -> None:
+        self._link = link
         self._table = table
         self._cues = Cues(table)
         self._newest_ns: int | None = None
@@ -293,29 +243,29 @@ class CueOutput:
         self, prediction: Prediction, sample: object = None, reading: object = None
     ) -> None:
         """Send the cue of one sample, or a sign of life where none was due for long."""
+        if not self._link.works:
+            # a cue that did not leave is due again
+            self._cues = Cues(self._table)
+        # a line never takes the place of a cue that has not left yet
+        if not self._link.idle:
+            return
         now_ns = prediction.t_decided_ns
         kind = self._cues.due(prediction)
         if kind is not None:
-            # a cue that did not leave stays due
-            if self._send(prediction, kind, self._table.rules[kind].pattern):
-                self._cues.sent(kind, now_ns)
+            self._send(prediction, kind, self._table.rules[kind])
+            self._cues.sent(kind, now_ns)
         # without a line for EXPIRES_MS the device would go to `unknown` by itself
         elif self._newest_ns is None or now_ns - self._newest_ns >= QUIET_NS:
             self._send(prediction, QUIET, SILENCE)
-        else:
-            # no line to send: a broken wire is noticed and opened again all the same
-            self._wire.look(prediction.sequence)
 
     def close(self, reason: str = STOPPED) -> None:
         """Send the cue `unknown`: nothing looks after the grip any more."""
-        self._wire.close(reason)
+        self._link.close(reason)
 
-    def _send(self, prediction: Prediction, kind: str, pattern: Pattern) -> bool:
+    def _send(self, prediction: Prediction, kind: str, pattern: Pattern) -> None:
         line = cue_line(prediction.sequence, prediction.t_acquired_ns, kind, pattern)
-        taken = self._wire(line, prediction.sequence)
-        if taken:
-            self._newest_ns = prediction.t_decided_ns
-        return taken
+        self._link(line, prediction.sequence)
+        self._newest_ns = prediction.t_decided_ns
 
 
 def open_cues(
@@ -331,10 +281,10 @@ def open_cues(
     table = read_cues(path or SHIPPED)
     effect = "the wearer feels no cue"
     last = partial(last_cue, table)
-    wire = open_wire(url, "--feedback", last, report, now_ns, effect)
-    return CueOutput(wire, table)
+    link = open_hand_link(url, "--feedback", last, report, now_ns, effect)
+    return CueOutput(link, table)
 
 
 def last_cue(table: CueTable, sequence: int, t_ns: int, reason: str) -> str:
     """The line that ends the cues, or begins them after a failure: the state is not known."""
-    return cue_line(sequence, t_ns, UNKNOWN, table.rules[UNKNOWN].pattern)
+    return cue_line(sequence, t_ns, UNKNOWN, table.rules[UNKNOWN])

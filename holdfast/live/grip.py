@@ -1,7 +1,7 @@
 """The grip as an output of a run: one grip command a sample, to a hand or to a scene.
 
 The controller runs in the live loop, right after the prediction. Where its commands do not arrive,
-the run goes on and reports it (holdfast/live/wire.py).
+the run goes on and reports it (holdfast/live/hand_link.py).
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.edge_runtime.grip_control import GripControl
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.supervisor import GripCommand, Limits, last_line, to_line
+from holdfast.live.hand_link import HandLink, open_hand_link
 from holdfast.live.outputs import STOPPED
-from holdfast.live.wire import Wire, open_wire
 
 if TYPE_CHECKING:
     from holdfast.live.scene import LiveScene
@@ -74,7 +74,7 @@ def controller_for(
 
 
 class GripOutput:
-    """Controller of a run, and the wire or the scene that its commands go to.
+    """Controller of a run, and the link or the scene that its commands go to.
 
     newest: the command of the last sample, None before the first.
     """
@@ -85,13 +85,13 @@ class GripOutput:
         clock: Any,
         report: Report,
         *,
-        wire: Wire | None = None,
+        link: HandLink | None = None,
         scene: LiveScene | None = None,
     ) -> None:
         self._controller = controller
         self._clock = clock
         self._report = report
-        self._wire = wire
+        self._link = link
         self.scene = scene
         self._begun = False
         self.newest: GripCommand | None = None
@@ -110,35 +110,35 @@ class GripOutput:
         command = self._controller.step(prediction, sample.values, sample.valid)
         # for the page, which shows it with the same sample
         self.newest = command
-        if self._wire is not None:
-            self._wire(to_line(command), command.sequence)
+        if self._link is not None:
+            self._link(to_line(command), command.sequence)
         if self.scene is not None:
             self.scene.obey(command, self._clock.now_ns())
 
     def close(self, reason: str = STOPPED) -> None:
         """Send `hold` as the last command; report what became of a scene."""
-        if self._wire is not None:
-            self._wire.close(reason)
+        if self._link is not None:
+            self._link.close(reason)
         # only once, and not for a run whose source did not open
         if self.scene is not None and self._begun:
             self._report(self.scene.outcome().line())
         self._begun = False
 
 
-def grip_to_wire(
+def grip_to_link(
     url: str, controller: GripControl, rate_hz: float, clock: Any, report: Report
 ) -> GripOutput:
     """Commands to unix:// or serial://. Raises UsageError, DeviceError."""
-    wire = open_wire(url, "--grip", last_line, report, clock.now_ns)
+    link = open_hand_link(url, "--grip", last_line, report, clock.now_ns)
 
     # reported at the start, since otherwise the dropped lines would look like a fault
-    if wire.most_hz < rate_hz:
-        carried = f"carries about {wire.most_hz:.0f} of {rate_hz:.0f} commands a second"
+    if link.most_hz < rate_hz:
+        carried = f"carries about {link.most_hz:.0f} of {rate_hz:.0f} commands a second"
         report(
-            f"{wire.name}: {carried}; the others are left out (baud=460800 carries them)"
+            f"{link.name}: {carried}; the others are left out (baud=460800 carries them)"
         )
 
-    return GripOutput(controller, clock, report, wire=wire)
+    return GripOutput(controller, clock, report, link=link)
 
 
 def grip_to_scene(

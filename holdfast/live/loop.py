@@ -26,15 +26,14 @@ import numpy.typing as npt
 
 from holdfast.core.contract import (
     FloatArray,
-    Json,
     Prediction,
     Sample,
 )
 from holdfast.core.errors import count_of
 from holdfast.core.source import SelfPaced, Source, SourceReading
-from holdfast.edge_runtime.commands import Command
 from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.preparation import Tare
+from holdfast.edge_runtime.wearer import Command
 
 STAGES = ("read", "convert", "step", "decide", "emit")
 REMEMBERED = 1 << 16
@@ -117,18 +116,6 @@ class Summary:
             latency_us[name] = dict(zip(PERCENT_NAMES, percentiles, strict=True))
 
         return latency_us
-
-    def to_json(self) -> Json:
-        """As a JSON object."""
-        return {
-            "samples": self.samples,
-            "overruns": self.overruns,
-            "acts": self.acts,
-            "states": self.states,
-            **self.lost(),
-            "lost_sinks": self.lost_sinks,
-            "latency_us": self.latency_us(),
-        }
 
     def lost(self) -> dict[str, int]:
         """The other losses, by the names above."""

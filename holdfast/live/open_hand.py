@@ -11,9 +11,8 @@ from holdfast.core.contract import Sample
 from holdfast.core.source import SelfPaced
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.live.hand_sources import open_live
 from holdfast.live.running import RunClock, say
-from holdfast.live.sources import force_of, resting_of
+from holdfast.live.sources import force_of, open_live, resting_of
 
 
 class OpenHand:

@@ -1,7 +1,16 @@
 """Where the answers of a run go: every destination is an Output.
 
-The terminal, files, a UDP port, the page, LSL streams, the grip and the wearer's cues are outputs.
-The loop passes each answer to all of them in turn and never waits for one.
+    -                  JSON lines on stdout
+    FILE.jsonl         JSON lines in a new file
+    udp://HOST:PORT    JSON lines as datagrams
+    FILE.csv           the prepared samples, for holdfast replay
+    view               a picture in the terminal (view.py)
+    web[:[HOST:]PORT]  the live page (page/)
+    lsl://NAME         values and decisions as two streams (extra `lsl`)
+    none               nothing, where only the grip is wanted
+
+The loop passes each answer to all outputs in turn, also to the grip and the wearer's cues, and
+never waits for one.
 
 Streams and files are logs: a thread writes each (lines.py). Lines that they do not take in time are
 dropped whole and counted. A log that fails is left out, reported and counted, while the loop goes
@@ -18,7 +27,8 @@ from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
+from urllib.parse import urlsplit
 
 from holdfast.core.contract import (
     RISKY_SLIP,
@@ -38,6 +48,39 @@ from holdfast.edge_runtime.model_file import OLDER_FILE, ModelCard
 RISKY = SITUATIONS[RISKY_SLIP]
 STOPPED, FAILED = "stopped", "failed"
 """Why an output is closed: the run came to its end, or an error ended it."""
+
+
+class OutputUrl(NamedTuple):
+    """Where answers go: one of KINDS, and the address or path behind it."""
+
+    kind: str
+    place: str
+
+
+KINDS = ("view", "-", "jsonl", "udp", "csv", "web", "lsl", "none")
+ALLOWED = (
+    "-, FILE.jsonl, FILE.csv, view, web[:PORT], lsl://NAME, udp://HOST:PORT or none"
+)
+WEB_PORT = "8000"
+
+
+def output_url(url: str) -> OutputUrl:
+    """The parts of a value of --to. Raises UsageError.
+
+    >>> output_url("udp://127.0.0.1:9000"), output_url("web"), output_url("run/a.csv")[0]
+    (OutputUrl(kind='udp', place='127.0.0.1:9000'), OutputUrl(kind='web', place='8000'), 'csv')
+    """
+    scheme, mark, place = url.partition("://")
+    if mark and scheme in ("udp", "lsl") and place:
+        return OutputUrl(scheme, place)
+    if url in ("-", "view", "none"):
+        return OutputUrl(url, "")
+    if url == "web" or url.startswith("web:"):
+        return OutputUrl("web", url.removeprefix("web").removeprefix(":") or WEB_PORT)
+    kind = Path(url).suffix.removeprefix(".")
+    if kind in ("jsonl", "csv") and not mark:
+        return OutputUrl(kind, url)
+    raise UsageError(f"--to {url[:80]!r} is no output", next_step=ALLOWED)
 
 
 class Output(Protocol):
@@ -139,25 +182,24 @@ class UdpSink:
 
 def udp_sink(address: str) -> UdpSink:
     """A sink to HOST:PORT. Raises UsageError."""
-    example = "give HOST:PORT, such as 127.0.0.1:9000"
-    host, _, port = address.rpartition(":")
-    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
-        raise UsageError(f"{address!r} is not an address", next_step=example)
-
     try:
-        found = socket.getaddrinfo(host, int(port), type=socket.SOCK_DGRAM)
-    except OSError as error:
-        what = f"{address!r}: {error.strerror}"
-        raise UsageError(what, next_step=example) from None
+        parts = urlsplit(f"//{address}")
+        found = socket.getaddrinfo(parts.hostname, parts.port, type=socket.SOCK_DGRAM)
+        family, kind, protocol, _, target = found[0]
+        if not parts.hostname or not parts.port:
+            raise ValueError("no host or no port")
+    except (OSError, ValueError) as error:
+        what = f"udp://{address} is no address: {error}"
+        step = "udp://HOST:PORT, such as udp://127.0.0.1:9000"
+        raise UsageError(what, next_step=step) from None
 
-    family, kind, protocol, _, target = found[0]
     sender = socket.socket(family, kind, protocol)
     # a full buffer loses a line; it must never hold up the loop
     sender.setblocking(False)
-    return UdpSink(sender, target, f"--udp {address}")
+    return UdpSink(sender, target, f"udp://{address}")
 
 
-def file_sink(path: Path, name: str = "", header: str | None = None) -> LineWriter:
+def file_sink(path: Path, header: str | None = None) -> LineWriter:
     """A new file, a line at a time, after its header.
 
     Raises OutputError if it exists or is not writable.
@@ -169,7 +211,7 @@ def file_sink(path: Path, name: str = "", header: str | None = None) -> LineWrit
         raise OutputError(
             f"cannot write ({error.strerror})", where=path, next_step="name a new file"
         ) from None
-    return LineWriter(handle, f"{name} {path}".strip(), header)
+    return LineWriter(handle, str(path), header)
 
 
 class LineOutput:
@@ -187,12 +229,12 @@ class LineOutput:
         watched: Sequence[Sink] = (),
         untold: Collection[str] = (),
     ) -> None:
-        self._untold = untold
         self.failures: dict[str, OSError] = {}
-        self._sinks = list(sinks)
+        self._untold = untold
         self._report = report
+        self._sinks = list(sinks)
         self._closed_here = list(sinks)
-        self._working = [*sinks, *watched]
+        self._watched = list(watched)
 
     @property
     def dropped(self) -> int:
@@ -205,10 +247,14 @@ class LineOutput:
             name: str(error.strerror or error) for name, error in self.failures.items()
         }
 
+    def add_lines(self, sink: Sink) -> None:
+        """One more sink of the lines."""
+        self._sinks.append(sink)
+        self.add(sink)
+
     def add(self, sink: Sink) -> None:
         """Check one more sink that gets its lines elsewhere, and close it with the others."""
         self._closed_here.append(sink)
-        self._working.append(sink)
 
     def write(
         self,
@@ -219,24 +265,20 @@ class LineOutput:
         """Pass the prediction to all working sinks, and look for failures."""
         line = to_json_line(prediction, self._untold)
         for sink in self._sinks:
-            sink(line)
-        self._leave_out_failures()
+            if sink.failure is None:
+                sink(line)
+        self._note_failures()
 
-    def _leave_out_failures(self) -> None:
-        """Leave out each sink that has failed since the last look, and report it once."""
-        for sink in self._working:
-            if sink.failure is not None:
-                self._leave_out(sink, sink.failure)
-
-    def _leave_out(self, failed: Sink, error: OSError) -> None:
-        # new lists: the loop over the old ones may still be under way
-        self._working = [sink for sink in self._working if sink is not failed]
-        self._sinks = [sink for sink in self._sinks if sink is not failed]
-        self.failures[failed.name] = error
-        reason = self.lost()[failed.name]
-        self._report(
-            f"{failed.name} takes no more lines ({reason}); it is dropped, control goes on"
-        )
+    def _note_failures(self) -> None:
+        """Report each sink that has failed, once; it gets no more lines."""
+        for sink in (*self._closed_here, *self._watched):
+            error = sink.failure
+            if error is not None and sink.name not in self.failures:
+                self.failures[sink.name] = error
+                why = error.strerror or error
+                self._report(
+                    f"{sink.name} takes no more lines ({why}); it is dropped, control goes on"
+                )
 
     def close(self, reason: str = STOPPED, wait_s: float = CLOSING_S) -> None:
         """End all sinks at once and wait at most wait_s for all together.
@@ -249,7 +291,7 @@ class LineOutput:
         end_s = time.monotonic() + wait_s
         for sink in self._closed_here:
             sink.close(end_s - time.monotonic())
-        self._leave_out_failures()
+        self._note_failures()
 
 
 class SampleFile:
@@ -263,7 +305,8 @@ class SampleFile:
         sensors = n_channels // 3
         valid = [f"valid{k}" for k in range(1, sensors + 1)]
         header = ",".join([TIME_COLUMN, *channel_names(sensors), *valid])
-        self.sink = file_sink(path, "--samples", header)
+        self.path = path
+        self.sink = file_sink(path, header)
         self.first_ns: int | None = None
 
     def write(

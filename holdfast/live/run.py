@@ -14,26 +14,27 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from holdfast.core.contract import FloatArray, untold_of
-from holdfast.core.errors import OutputError, RateError, visible
+from holdfast.core.errors import OutputError, RateError, UsageError, visible
 from holdfast.core.lines import Sink, stream_sink
 from holdfast.core.source import Source
 from holdfast.drivers.hand import LiveHand
-from holdfast.edge_runtime.commands import Command, command_port
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.live.bias import ZeroWatch
-from holdfast.live.hand_sources import open_live, shear_gain_of
+from holdfast.edge_runtime.wearer import Command
 from holdfast.live.loop import Emit, Summary, report_summary, run_live
 from holdfast.live.outputs import (
+    KINDS,
     LineOutput,
     Output,
+    OutputUrl,
     SampleFile,
     about_model,
     close_at_end,
     emit_to,
     file_sink,
+    output_url,
     udp_sink,
 )
 from holdfast.live.running import (
@@ -44,10 +45,12 @@ from holdfast.live.running import (
     stop_signals,
     until,
 )
-from holdfast.live.sources import SetReader, force_of, resting_of
+from holdfast.live.scene_source import shear_gain_of
+from holdfast.live.source_url import is_standard_input
+from holdfast.live.sources import SetReader, force_of, open_live, resting_of
+from holdfast.live.zero import ZeroWatch
 
 if TYPE_CHECKING:
-    from holdfast.edge_runtime.intent import IntentMonitor
     from holdfast.live.cues import CueOutput
     from holdfast.live.grip import GripOutput
     from holdfast.live.page.run_page import RunPage
@@ -67,26 +70,18 @@ READER_GONE = (errno.EPIPE, errno.EIO, errno.EBADF)
 
 @dataclass(frozen=True)
 class RunOptions:
-    """The options of `holdfast run`, by their names."""
+    """What `holdfast run` was asked for, on the command line and in holdfast.toml."""
 
     model: ModelChoice
     source: str
+    to: tuple[str, ...] = ()
+    grip: str | None = None
+    wearer: str | None = None
     calibration: Path | None = None
     bias: Path | None = None
     seconds: float | None = None
-    quiet: bool = False
-    out: Path | None = None
-    udp: str | None = None
-    lsl: str | None = None
-    samples: Path | None = None
-    view: bool = False
-    web: str | None = None
-    commands: str | None = None
-    intent: str | None = None
-    obey_intent: bool = False
-    grip: str | None = None
     controller: str | None = None
-    ceiling: float | None = None
+    ceiling_n: float | None = None
     feedback: str | None = None
     cues: Path | None = None
 
@@ -97,15 +92,31 @@ class RunOptions:
         name = "" if self.grip is None else self.grip.partition("?")[0]
         return name.rstrip(":/") == "virtual"
 
+    def outputs(self) -> list[OutputUrl]:
+        """Where answers go, in the order of KINDS; JSON lines where nothing is named."""
+        named = [output_url(url) for url in self.to] or [OutputUrl("-", "")]
+        return sorted(named, key=lambda one: KINDS.index(one.kind))
+
     @property
-    def writes_lines(self) -> bool:
-        """Whether JSON lines go to stdout: not onto a terminal beside a view or a page."""
-        shown = self.view or self.web is not None
-        return not self.quiet and not (shown and sys.stdout.isatty())
+    def has_page(self) -> bool:
+        """Whether a page shows the run."""
+        return any(one.kind == "web" for one in self.outputs())
+
+    def require_consistent(self) -> None:
+        """Raise UsageError for what contradicts itself, before the hand is opened."""
+        self.outputs()
+        if (
+            self.wearer
+            and is_standard_input(self.wearer)
+            and is_standard_input(self.source)
+        ):
+            what = "--wearer - and --source -: standard input cannot be both"
+            raise UsageError(what, next_step="--wearer unix:///run/holdfast/wearer")
 
 
 def run(options: RunOptions, read_set: SetReader | None = None) -> int:
     """Run until stopped; returns the exit code. read_set: reads SET#N as a source."""
+    options.require_consistent()
     clock = RunClock()
     if options.moves_scene:
         from holdfast.live.scene import SceneClock
@@ -172,7 +183,7 @@ class _Run:
             stopped = stack.enter_context(stop_signals())
             self._shear_gain = known_shear_gain(options, self._model.card)
             outputs = self._open_outputs(stack)
-            command = self._open_commands(stack, outputs)
+            command = self._open_wearer(stack, outputs)
             self._open_grip(stack)
             self._open_cues(stack)
 
@@ -223,68 +234,25 @@ class _Run:
 
     def _open_outputs(self, stack: ExitStack) -> list[Output]:
         """Those that only show or keep answers, in the order in which they get one."""
-        options = self._options
-        card = self._model.card
-        untold = untold_of(card.raw)
-        # the view is opened first: from then on messages appear above its picture
-        if options.view:
-            from holdfast.core.hand_card import sensor_names
-            from holdfast.live.view import open_view
-
-            names = sensor_names(card.hand, card.n_channels // 3)
-            self._view = open_view(card.unit, untold=untold, names=names)
-            close_at_end(stack, self._view)
-
-        sinks: list[Sink] = []
-        if options.writes_lines:
-            sinks.append(stream_sink(sys.stdout, STDOUT))
-        if options.out:
-            sinks.append(file_sink(options.out, "--out"))
-        if options.udp:
-            sinks.append(udp_sink(options.udp))
+        open_one = {
+            "view": self._open_view,
+            "-": self._open_stdout,
+            "jsonl": self._open_file,
+            "udp": self._open_udp,
+            "csv": self._open_samples,
+            "web": self._open_page,
+            "lsl": self._open_streams,
+        }
+        untold = untold_of(self._model.card.raw)
         # one output for all lines, so that each answer is written as text only once
-        self.lines = LineOutput(sinks, self.report, [self._stderr], untold)
+        self.lines = LineOutput([], self.report, [self._stderr], untold)
         close_at_end(stack, self.lines)
-
         outputs: list[Output] = [self.lines]
-        if options.samples:
-            self._samples = SampleFile(options.samples, card.n_channels)
-            self.lines.add(self._samples.sink)
-            outputs.append(self._samples)
-
-        if self._view:
-            outputs.append(self._view)
-
-        if options.web:
-            from holdfast.live.page.run_page import open_run_page
-
-            name = f"{Path(options.model.path).name} ({card.model_id})"
-            self._page = open_run_page(
-                options.web,
-                source=options.source,
-                card=card,
-                model_name=name,
-                with_grip=options.grip is not None,
-                shear_gain=self._shear_gain or 1.0,
-                report=self.report,
-            )
-            close_at_end(stack, self._page)
-            outputs.append(self._page)
-
-        if options.lsl:
-            from holdfast.drivers.lsl_library import open_answers
-
-            n_sensors = card.n_channels // 3
-            answers = open_answers(
-                options.lsl,
-                n_sensors,
-                card.unit,
-                card.rate_hz,
-                self._clock.now_ns,
-                untold,
-            )
-            close_at_end(stack, answers)
-            outputs.append(answers)
+        for kind, place in self._options.outputs():
+            output = open_one[kind](place) if kind in open_one else None
+            if output is not None:
+                close_at_end(stack, output)
+                outputs.append(output)
 
         # last: a sign of life says that every other output has got the answer
         watchdog = ServiceWatchdog()
@@ -292,40 +260,77 @@ class _Run:
         outputs.append(watchdog)
         return outputs
 
-    def _open_commands(
+    def _open_stdout(self, place: str) -> None:
+        self.lines.add_lines(stream_sink(sys.stdout, STDOUT))
+
+    def _open_file(self, place: str) -> None:
+        self.lines.add_lines(file_sink(Path(place)))
+
+    def _open_udp(self, place: str) -> None:
+        self.lines.add_lines(udp_sink(place))
+
+    def _open_samples(self, place: str) -> SampleFile:
+        self._samples = SampleFile(Path(place), self._model.card.n_channels)
+        self.lines.add(self._samples.sink)
+        return self._samples
+
+    def _open_view(self, place: str) -> View:
+        from holdfast.core.hand_card import sensor_names
+        from holdfast.live.view import open_view
+
+        card = self._model.card
+        names = sensor_names(card.hand, card.n_channels // 3)
+        self._view = open_view(card.unit, untold=untold_of(card.raw), names=names)
+        return self._view
+
+    def _open_page(self, place: str) -> RunPage:
+        from holdfast.live.page.run_page import open_run_page
+
+        card = self._model.card
+        self._page = open_run_page(
+            place,
+            source=self._options.source,
+            card=card,
+            model_name=f"{Path(self._options.model.path).name} ({card.model_id})",
+            with_grip=self._options.grip is not None,
+            shear_gain=self._shear_gain or 1.0,
+            report=self.report,
+        )
+        return self._page
+
+    def _open_streams(self, place: str) -> Output:
+        from holdfast.drivers.lsl_library import open_answers
+
+        card = self._model.card
+        return open_answers(
+            place,
+            card.n_channels // 3,
+            card.unit,
+            card.rate_hz,
+            self._clock.now_ns,
+            untold_of(card.raw),
+        )
+
+    def _open_wearer(
         self, stack: ExitStack, outputs: list[Output]
     ) -> Callable[[], Command]:
-        """What the user commands at a sample, also by the wearer's stream."""
-        options = self._options
-        now_ns = self._clock.now_ns
-        command: Callable[[], Command] = Command
-        if options.commands:
-            port = command_port(options.commands, self.report, now_ns)
-            command = stack.enter_context(port)
+        """What the wearer commands at a sample."""
+        if self._options.wearer is None:
+            return Command
+        from holdfast.live.wearer import IntentLog, wearer_monitor
 
-        if not options.intent:
-            return command
-        from holdfast.live.intent import IntentLog, intended, intent_monitor
-
-        opened = intent_monitor(options.intent, self._clock, self.report)
-        intent = stack.enter_context(opened)
-        if intent is None:
-            return command
-
-        self._show_intent(intent)
-        if options.samples and self._samples is not None:
-            log = IntentLog(options.samples, intent, now_ns, self._samples)
+        clock = self._clock
+        opened = wearer_monitor(self._options.wearer, clock, self.report)
+        wearer = stack.enter_context(opened)
+        for shown in (self._view, self._page):
+            if shown is not None:
+                shown.intent = wearer
+        if self._samples is not None:
+            log = IntentLog(self._samples.path, wearer, clock.now_ns, self._samples)
             self.lines.add(log.sink)
             # after the file of samples, whose first sample sets the time axis of both
             outputs.insert(outputs.index(self._samples) + 1, log)
-
-        return intended(command, intent, obeyed=options.obey_intent)
-
-    def _show_intent(self, intent: IntentMonitor) -> None:
-        if self._view:
-            self._view.intent = intent
-        if self._page:
-            self._page.intent = intent
+        return wearer.command
 
     def _open_grip(self, stack: ExitStack) -> None:
         options = self._options
@@ -338,7 +343,7 @@ class _Run:
             options.controller or grip.DEFAULT_CONTROLLER,
             card,
             self.report,
-            ceiling_n=options.ceiling,
+            ceiling_n=options.ceiling_n,
             shear_gain=self._shear_gain or 1.0,
         )
         # the scene's hand is part of the source, so its commands go through no wire
@@ -347,12 +352,12 @@ class _Run:
                 options.grip,
                 options.source,
                 controller,
-                options.ceiling,
+                options.ceiling_n,
                 self._clock,
                 self.report,
             )
         else:
-            self._grip = grip.grip_to_wire(
+            self._grip = grip.grip_to_link(
                 options.grip, controller, card.rate_hz, self._clock, self.report
             )
 
@@ -376,7 +381,7 @@ def known_shear_gain(options: RunOptions, card: ModelCard) -> float | None:
     """Of the calibration or the scene; None where it was never measured."""
     # A calibration file may be older than its gain, and a bare hand has no calibration at all.
     # only these two show friction, and raw fields have no newtons to correct
-    if not (options.grip or options.web) or card.unit != "N":
+    if not (options.grip or options.has_page) or card.unit != "N":
         return 1.0
     return shear_gain_of(options.source, options.calibration)
 

@@ -21,10 +21,9 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.errors import UsageError
-from holdfast.drivers.virtual.virtual_hand import Track
 from holdfast.edge_runtime.supervisor import EXPIRES_MS, GripCommand
-from holdfast.live.hand_sources import planned_scene
 from holdfast.live.running import RunClock
+from holdfast.live.scene_source import planned_scene
 from holdfast.simulation.drive import Actuator, Drive
 from holdfast.simulation.loop_people import Habits
 from holdfast.simulation.loop_physics import HandsAndObjects, Spans
@@ -141,8 +140,8 @@ class LiveScene:
         contacts = self._world.forces_n.shape[1]
         self.n_sensors = trial.hand.n_sensors
         # the whole field is reserved at once, and each row filled when it is reached
-        field_ut = np.zeros((rows, self.n_sensors, 3))
-        self._field = Track(np.arange(rows) / ROWS_HZ, field_ut)
+        self._field_ut = np.zeros((rows, self.n_sensors, 3))
+        self._t_s = np.arange(rows) / ROWS_HZ
         self._forces_n = np.zeros((rows, contacts, 3))
         self._position_m = np.zeros((rows, 3))
 
@@ -156,7 +155,11 @@ class LiveScene:
     def at(self, now_s: float, sensor: int) -> list[float]:
         """x, y, z of one sensor (0 .. S - 1) in uT, now_s after the scene began."""
         self.advance(now_s)
-        return self._field.at(now_s, sensor)
+        # the rows around this time alone: the field grows while it is read
+        first = max(int(now_s * ROWS_HZ) - 1, 0)
+        near = slice(min(first, len(self._t_s) - 1), first + 4)
+        field_ut = self._field_ut[near, sensor]
+        return [float(np.interp(now_s, self._t_s[near], one)) for one in field_ut.T]
 
     def obey(self, command: GripCommand, now_ns: int) -> None:
         """Take a command, which acts from now on."""
@@ -182,7 +185,7 @@ class LiveScene:
             self._keep_row()
             # a reading after the end of the scene finds its last field
             if self._row == self._periods:
-                self._field.field_ut[self._row :] = self._field.field_ut[self._row]
+                self._field_ut[self._row :] = self._field_ut[self._row]
 
     def outcome(self) -> SceneOutcome:
         """What has become of the object so far."""
@@ -207,7 +210,7 @@ class LiveScene:
         forces = self._world.forces_n
         readings, _ = self._sensors.read(_for_all(k), forces)
         # the copies are alike: the first one is the hand that is read
-        self._field.field_ut[k] = readings.values[0]
+        self._field_ut[k] = readings.values[0]
         self._forces_n[k] = forces[0]
         self._position_m[k] = self._world.position_m[0]
         self._strongest_n = max(self._strongest_n, float(self._drive.grip_n[0]))

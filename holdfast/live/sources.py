@@ -1,105 +1,81 @@
-"""Source URLs: where samples come from, the same for every verb; and the files that belong to them.
-
-replay://PATH, PATH         a recorded trial
-replay://SET#N, SET#N       trial N (or its name) of a data set
-sim://CARD?seed=S&trial=N   a trial of a scene, simulated now (default 0, 0)
-sim://CARD?trials=K         K trials end to end
-
-A source that is neither a URL nor an existing file gets a suggestion.
-"""
+"""What opens a source of samples: one table, scheme by scheme (source_url.py has the URLs)."""
 
 from __future__ import annotations
 
-import re
+import os
+import stat
 from collections.abc import Callable
-from functools import lru_cache
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
-from urllib.parse import SplitResult, parse_qs, urlsplit
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from holdfast.core.contract import FloatArray
-from holdfast.core.errors import UnitError, UsageError
+from holdfast.core.contract import FloatArray, Unit
+from holdfast.core.errors import CardError, DataNotFound, UnitError, UsageError
 from holdfast.core.source import Source
-from holdfast.drivers.replay import Replay, open_replay
+from holdfast.drivers.bridges import open_bus as open_bridge
+from holdfast.drivers.bridges import open_virtual
+from holdfast.drivers.replay import PacedReplay, Replay, open_replay
 from holdfast.edge_runtime.preparation import Preparation
+from holdfast.live.running import say
+from holdfast.live.scene_source import field_of, scene_force, simulated_stream
+from holdfast.live.source_url import (
+    HANDS,
+    REPLAY,
+    SIM,
+    LineOptions,
+    SourceUrl,
+    StdinOptions,
+    source_url,
+    stream_name,
+)
 
 if TYPE_CHECKING:
-    from holdfast.simulation.scene import Scene, SimulatedTrial
+    from holdfast.core.column_map import ColumnMap
+    from holdfast.drivers.bus import Bus
+    from holdfast.drivers.hand import LiveHand
+    from holdfast.drivers.line_feeds import Feed
+    from holdfast.drivers.virtual.virtual_hand import VirtualHand
 
-
-LINES = ("stdin", "tcp", "udp", "serial", "unix")
-"""Sources that are lines of another program (holdfast/live/line_sources.py)."""
-STANDARD_INPUT = "-"
-"""The same as stdin://."""
-SCHEMES = ("usb", "i2c", "virtual", "sim", "replay", *LINES)
-_NATIVE = re.compile(r"(?:/dev/)?i2c-(\d{1,3})")
-
-
-def is_standard_input(url: str) -> bool:
-    """Whether a source is what is piped into the program, so that no key can be read from there."""
-    return url == STANDARD_INPUT or url.startswith("stdin:")
-
-
-def require_meant(word: str) -> None:
-    """Raise UsageError with a suggestion, if the word looks like a source without its scheme."""
-    # a file may have the name of a scene or a bridge, and then it is the file that is meant
-    is_terminal = word.startswith("/dev/tty")
-    if "://" in word or (_exists(word) and not is_terminal):
-        return
-    meant = _meant(word)
-    if meant:
-        what = f"{word!r} is not a file, and a source needs its scheme"
-        raise UsageError(what, next_step=f"write {meant}")
-
-
-def _exists(word: str) -> bool:
-    try:
-        return Path(word).exists()
-    # a word that is too long, or has a zero byte, is no name of a file
-    except (OSError, ValueError):
-        return False
-
-
-def _meant(word: str) -> str:
-    """What to write instead; empty without a suggestion."""
-    scheme, colon, name = word.partition(":")
-    if colon and scheme in SCHEMES:
-        slash = "/" if scheme in ("serial", "unix") else ""
-        return f"{scheme}://{slash}{name.lstrip('/')}"
-    if word.startswith("/dev/tty"):
-        return f"serial://{word}?baud=115200"
-    if native := _NATIVE.fullmatch(word):
-        return f"i2c://{native[1]}"
-    return _bridge(word) or _card(word)
-
-
-def _bridge(word: str) -> str:
-    from holdfast.drivers.bridges import BRIDGES
-
-    name, _, options = word.partition("?")
-    if name not in BRIDGES:
-        return ""
-    query = f"?{options}" if options else ""
-    return f"usb://{name}{query} for the bridge itself, virtual://{name}{query} for an emulated one"
-
-
-def _card(word: str) -> str:
-    from holdfast.simulation import shipped_scenes
-
-    name, _, _ = word.partition("?")
-    return f"sim://{word}" if name in shipped_scenes() else ""
-
-
-REPLAY = "replay://"
-SIM = "sim://"
-SIM_KEYS = ("seed", "trial", "trials", "rate_hz")
-MOST_DIGITS = 18
+Report = Callable[[str], None]
 ToForce = Callable[[FloatArray], FloatArray]
 """Field [sensors, 3] -> force [sensors, 3]."""
 SetReader = Callable[[str, int | None], Replay]
 """(SET#N, channels) -> trial N of a labelled set, prepared. Sets are read by packages above."""
+
+
+@dataclass(frozen=True)
+class _Opening:
+    """What an opener gets beside the URL.
+
+    clock: has now_ns, spend and wait_until. field: what a virtual hand's chips measure.
+    """
+
+    clock: Any
+    report: Report
+    to_force: ToForce | None = None
+    field: Any = None
+    read_set: SetReader | None = None
+
+
+def open_live(
+    url: str,
+    *,
+    clock: Any,
+    report: Report,
+    to_force: ToForce | None = None,
+    field: Any = None,
+    read_set: SetReader | None = None,
+) -> Source:
+    """Open and start a live source.
+
+    clock: has now_ns, spend and wait_until; to_force: a calibration, for a hand; field: what a
+    virtual hand's chips measure, in place of the recorded field of its scene; read_set: reads
+    SET#N. Raises UsageError for an impossible URL, and the errors of the hand or the recording.
+    """
+    source = source_url(url)
+    opening = _Opening(clock, report, to_force, field, read_set)
+    return OPENERS[source.scheme](source, opening)
 
 
 def open_source(
@@ -109,120 +85,239 @@ def open_source(
     preparation: Preparation | None = None,
     read_set: SetReader | None = None,
 ) -> Replay:
-    """Open a source and remove its bias as in `preparation` (data sets are prepared already).
+    """A recording or trials of a scene, without its bias as in `preparation`.
 
-    read_set: reads SET#N with so many channels.
-
-    Raises a DataError or UsageError.
+    read_set: reads SET#N, prepared, with so many channels. Raises a DataError or UsageError.
     """
-    # simulated, prepared or recorded: all of them come as one stream with times
-    if url.startswith(SIM):
-        source = _simulated(url)
-    elif "://" in url and not url.startswith(REPLAY):
+    source = source_url(url)
+    if source.scheme == "sim":
+        stream = simulated_stream(source)
+    elif source.scheme != "replay":
         raise UsageError(
-            f"{url!r}: no such source",
-            next_step=f"use {REPLAY}PATH or {SIM}CARD; holdfast run and record also read usb://, "
-            "i2c://, virtual://, lsl:// and lines (docs/live-sources.md)",
+            f"{url!r} is no recording", next_step=f"use {REPLAY}PATH or {SIM}SCENE"
+        )
+    # a folder may have a number sign in its name
+    elif read_set and "#" in source.name and not Path(source.name).exists():
+        return read_set(source.name, channels)
+    elif not Path(source.name).exists():
+        raise DataNotFound(
+            "no such file, and a URL begins with its scheme",
+            where=url[:80],
+            next_step=f"one of {', '.join(f'{scheme}://' for scheme in OPENERS)}",
         )
     else:
-        require_meant(url)
-        name = url.removeprefix(REPLAY)
-        # a folder may have a number sign in its name
-        if "#" in name and not Path(name).exists() and read_set is not None:
-            return read_set(name, channels)
-        source = open_replay(name)
-
-    return source if preparation is None else source.prepared(preparation)
+        stream = open_replay(source.name)
+    return stream if preparation is None else stream.prepared(preparation)
 
 
-def _simulated(url: str) -> Replay:
-    """Trials of a card, one after another, as one stream."""
-    scene, trials = _trials_of(url)
-    # end to end, with the state of the model going on from one to the next
-    signal, _, _ = scene.join(trials)
-    t_ns = np.round(signal.t_s * 1e9).astype(np.int64)
-    return Replay(
-        t_ns,
-        signal.values.reshape(len(t_ns), -1),
-        signal.valid,
-        scene.file.rate_hz,
-        signal.unit,
+def _recording(source: SourceUrl, opening: _Opening) -> Source:
+    stream = open_source(source.url, read_set=opening.read_set)
+    return PacedReplay(stream, opening.clock.now_ns)
+
+
+def open_bus(url: str, clock: Any, report: Report = say) -> Bus:
+    """The bus of a hand's URL, its sensors not started. Raises UsageError and a DeviceError."""
+    source = source_url(url)
+    if source.scheme == "virtual":
+        hand = _virtual_hand(source, _Opening(clock, report))
+        return open_virtual(source.name, hand, source.options.bus_hz)()
+    if source.scheme not in HANDS:
+        step = f"{'://.., '.join(HANDS)}://.."
+        raise UsageError(f"{url!r} is not a hand", next_step=step)
+    return _bridge(source)()
+
+
+def named_addresses(url: str) -> frozenset[int]:
+    """The addresses of the fingers in a URL's layout. Raises UsageError."""
+    from holdfast.drivers.layout import read_layout
+
+    addresses: set[int] = set()
+    for finger in read_layout(source_url(url).options.layout):
+        addresses.update((finger.address, finger.read_at))
+    return frozenset(addresses)
+
+
+def _bridge(source: SourceUrl) -> Callable[[], Bus]:
+    """A function that opens the bridge, now and again after it was lost."""
+    options = source.options
+    return lambda: open_bridge(
+        source.scheme, source.name, number=options.number, bus_hz=options.bus_hz
     )
 
 
-def simulated_trial(url: str) -> tuple[Scene, SimulatedTrial] | None:
-    """The scene of a sim:// source and its trial; None where it has several."""
-    scene, trials = _trials_of(url)
-    return (scene, trials[0]) if len(trials) == 1 else None
+def _hand(source: SourceUrl, opening: _Opening) -> Source:
+    return _started(_bridge(source), source, opening, opening.to_force)
 
 
-def simulated_scene(url: str) -> Scene:
-    """The scene of a sim:// source."""
-    return _trials_of(url)[0]
+def _virtual(source: SourceUrl, opening: _Opening) -> Source:
+    hand = _virtual_hand(source, opening)
+    bridge = open_virtual(source.name, hand, source.options.bus_hz)
+    live = _started(bridge, source, opening, opening.to_force or scene_force())
+    # truth and camera of a scene count from its start, which is not that of the first sample
+    live.began_ns = hand.born_ns
+    return live
 
 
-@lru_cache(maxsize=1)
-def _trials_of(url: str) -> tuple[Scene, list[SimulatedTrial]]:
-    from holdfast.simulation.scene import Scene
-    from holdfast.simulation.scene_file import read_scene_file
+def _started(
+    open_bus: Callable[[], Bus],
+    source: SourceUrl,
+    opening: _Opening,
+    to_force: ToForce | None,
+) -> LiveHand:
+    from holdfast.drivers.hand import Hand, LiveHand
+    from holdfast.drivers.layout import read_layout
+    from holdfast.drivers.tmag5273 import Setup
 
-    parts = split_url(url)
-    name = parts.netloc + parts.path
-    numbers = _numbers(url)
-    card = read_scene_file(name, rate_hz=numbers.get("rate_hz"))
-    scene = Scene(card, int(numbers["seed"]))
+    clock = opening.clock
+    options = source.options
 
-    trials = scene.trials()
-    first = int(numbers["trial"])
-    # first and count are checked together: their sum may lie beyond the scene
-    count = int(numbers["trials"])
-    if not 0 <= first < first + count <= len(trials):
+    def pause(seconds: float) -> None:
+        clock.wait_until(clock.now_ns() + round(1e9 * seconds))
+
+    hand = Hand(
+        open_bus,
+        read_layout(options.layout),
+        now_ns=clock.now_ns,
+        say=opening.report,
+        setup=Setup(options.averages, together=options.together),
+        pause=pause,
+    )
+    hand.start()
+    return LiveHand(hand, to_force)
+
+
+def _virtual_hand(source: SourceUrl, opening: _Opening) -> VirtualHand:
+    from holdfast.drivers.layout import read_layout
+    from holdfast.drivers.virtual.faults import read_fault
+    from holdfast.drivers.virtual.virtual_hand import VirtualHand, wiring_of
+
+    options = source.options
+    places = read_layout(options.layout)
+    # before the scene is simulated, which takes seconds
+    wiring = wiring_of(places)
+    faults = [read_fault(text) for text in options.fault]
+    for fault in faults:
+        if (fault.sensor or 0) > len(places):
+            what = f"fault={fault.kind}:{fault.sensor}: the layout has {len(places)} sensors"
+            raise UsageError(what, next_step=f"name a sensor from 1 to {len(places)}")
+
+    track = opening.field or field_of(source, opening.report)
+    if track is not None and track.n_sensors != len(places):
         raise UsageError(
-            f"{url!r}: no trials {first} to {first + count - 1}",
-            next_step=f"choose from 0..{len(trials) - 1}",
+            f"the layout has {len(places)} sensors, the scene's hand {track.n_sensors} sensors",
+            next_step="name a place for each sensor, such as layout=0:35,0:22 for two",
+        )
+    hand = VirtualHand(
+        opening.clock, track=track, wiring=wiring, seed=options.seed, faults=faults
+    )
+    # the emulated multiplexer answers where the URL's layout looks for it
+    hand.mux.address = places[0].mux
+    return hand
+
+
+def _stream(source: SourceUrl, opening: _Opening) -> Source:
+    from holdfast.drivers.lsl import LslSource
+    from holdfast.drivers.lsl_library import LslInlet
+
+    if opening.to_force is not None:
+        raise UsageError(
+            "a calibration is for a hand, not for a stream",
+            next_step="send forces, or leave it out",
+        )
+    options = source.options
+    inlet = LslInlet(stream_name(source.name))
+    return LslSource(
+        inlet, opening.clock.now_ns, opening.report, options.unit, options.rate_hz
+    )
+
+
+def _lines(source: SourceUrl, opening: _Opening) -> Source:
+    from holdfast.drivers import line_source
+    from holdfast.drivers.sample_lines import SampleReader
+
+    options = source.options
+    column_map = _column_map(options)
+    own_unit: Unit = options.unit or "N"
+    unit = column_map.unit_of_values if column_map else own_unit
+    if opening.to_force is not None and unit != "uT":
+        raise UsageError(
+            f"a calibration maps a field in uT to a force, and these lines are in {unit}",
+            next_step="leave it out, or say unit=uT",
         )
 
-    return scene, scene.run_together(trials[first : first + count])
+    rate_hz = options.rate_hz or (column_map.time.rate_hz if column_map else None)
+    paced = source.scheme == "stdin" and _is_paced(options)
+    how = line_source.LineOptions(options.stamps, rate_hz, paced)
+    reader = SampleReader(column_map, own_unit)
+    with ExitStack() as on_error:
+        feed = open_feed(source, "--source")
+        on_error.callback(feed.close)
+        opening.report(f"{feed.name}: waiting for the first samples")
+        clock = opening.clock
+        lines = line_source.LineSource(
+            feed, reader, clock, opening.report, how, opening.to_force
+        )
+        on_error.pop_all()
+    return lines
 
 
-def _numbers(url: str) -> dict[str, float]:
-    options = parse_qs(split_url(url).query, keep_blank_values=True)
-    numbers: dict[str, float] = {"seed": 0, "trial": 0, "trials": 1}
-    for key, values in options.items():
-        if key not in SIM_KEYS:
-            raise UsageError(
-                f"{url!r}: {key!r} is not known",
-                next_step=f"allowed: {', '.join(SIM_KEYS)}",
-            )
-        # a key that is given twice counts by its last value, as in other URLs
-        text = values[-1]
-        try:
-            numbers[key] = float(text) if key == "rate_hz" else _whole(text)
-        except ValueError:
-            raise UsageError(
-                f"{url[:80]!r}: {key}={text[:40]!r} is not a number",
-                next_step=f"write {key}=1",
-            ) from None
+def _column_map(options: LineOptions) -> ColumnMap | None:
+    if options.map is None:
+        return None
+    if options.unit is not None:
+        raise UsageError("unit= beside a map", next_step="write the unit into the map")
+    from holdfast.core.column_map import read_column_map
 
-    return numbers
-
-
-def _whole(text: str) -> int:
-    """A whole number that is not negative. Raises ValueError."""
-    if not text.isdecimal() or len(text) > MOST_DIGITS:
-        raise ValueError(text)
-    return int(text)
-
-
-def split_url(url: str) -> SplitResult:
-    """The parts of a URL. Raises UsageError."""
     try:
-        return urlsplit(url)
-    except ValueError as error:
+        column_map = read_column_map(options.map)
+    except FileNotFoundError:
+        raise CardError("no such column map", where=options.map) from None
+    # looked at here: a map that contradicts its hand card is refused before anything opens
+    column_map.hand_card()
+    return column_map
+
+
+def _is_paced(options: StdinOptions) -> bool:
+    # a file is there as a whole, and a pipe is written as time goes by
+    is_file = stat.S_ISREG(os.fstat(0).st_mode)
+    return is_file if options.paced is None else options.paced
+
+
+def open_feed(source: SourceUrl, option: str) -> Feed:
+    """What reads the lines of a stdin, unix or serial URL. option: its name for people.
+
+    Raises UsageError, DeviceError.
+    """
+    from holdfast.core.hand_lines import line_url
+    from holdfast.drivers.line_feeds import DatagramFeed, serial_feed, stdin_feed
+
+    if source.scheme == "stdin":
+        return stdin_feed()
+    if not source.name.startswith("/") or source.name == "/":
         raise UsageError(
-            f"{url[:80]!r} is not a URL ({error})",
-            next_step="write SCHEME://NAME?key=value",
-        ) from None
+            f"{option} {source.url[:80]!r} is not an address",
+            next_step=f"{source.scheme}:///PATH, with three slashes",
+        )
+    if source.scheme == "unix":
+        return DatagramFeed(line_url(f"unix://{source.name}"))
+    return serial_feed(source.name, source.options.baud)
+
+
+OPENERS: dict[str, Callable[[SourceUrl, _Opening], Source]] = {
+    "usb": _hand,
+    "i2c": _hand,
+    "virtual": _virtual,
+    "lsl": _stream,
+    "stdin": _lines,
+    "unix": _lines,
+    "serial": _lines,
+    "sim": _recording,
+    "replay": _recording,
+}
+"""Scheme -> what opens it."""
+
+
+# -- the files of a hand
 
 
 def force_of(path: Path | None) -> ToForce | None:

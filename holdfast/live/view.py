@@ -1,7 +1,7 @@
-"""`holdfast run --view`: the stream in a terminal, also over SSH, on stderr.
+"""`--to view`: the stream in a terminal, also over SSH, on stderr.
 
-A separate thread draws and writes, so a terminal that blocks stops the picture and nothing else.
-It needs no package, so it works where only the live path is installed.
+A thread draws and writes, so a terminal that blocks stops the picture and nothing else. The library
+rich draws it (extra `view`); without rich there is one plain line a second.
 """
 
 from __future__ import annotations
@@ -11,45 +11,53 @@ import sys
 from collections import deque
 from collections.abc import Collection, Sequence
 from threading import Event, Thread
-from typing import NamedTuple, TextIO
+from typing import TYPE_CHECKING, NamedTuple, TextIO
 
 import numpy as np
 
 from holdfast.core.contract import NORMAL_AXIS, SITUATIONS, Prediction, Sample
 from holdfast.core.lines import STREAM_LINES, STUCK_S, write_whole_line
 from holdfast.core.source import SourceReading
-from holdfast.edge_runtime.intent import Intent, IntentMonitor
 from holdfast.live.outputs import STOPPED
 
-REFRESH_HZ = 8
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+    from rich.table import Table
+
+    from holdfast.edge_runtime.wearer import Intent, IntentMonitor
+
+REFRESH_S, PLAIN_S = 0.125, 1.0
+"""Between two pictures, and between two plain lines."""
+NO_RICH = "a picture needs the package rich: pip install 'holdfast[view]'"
 BAR = 30
 COLOURS = {
-    "unknown": "35",
-    "nothing": "90",
-    "grasp": "36",
-    "safe_slip": "32",
-    "risky_slip": "31",
+    "unknown": "magenta",
+    "nothing": "bright_black",
+    "grasp": "cyan",
+    "safe_slip": "green",
+    "risky_slip": "red",
 }
-"""Magenta, grey, cyan, green and red, by their numbers in ECMA-48 (ANSI)."""
-BOLD = "1"
-PLAIN = "\x1b[0m"
-NAME_WIDTH = max(map(len, SITUATIONS))
-WIDTHS = (12, 11)
-"""Of the columns of numbers."""
-SMALLEST = os.terminal_size((80, 24))
-"""Taken where a terminal does not say how large it is."""
-CLEAR_LINE = "\x1b[K"
-CLEAR_BELOW = "\x1b[J"
 
 
-class Span(NamedTuple):
-    """A piece of a line in one style; style: numbers of ECMA-48, "" for none."""
+class Shown(NamedTuple):
+    """What the picture shows. names: of the sensors; untold: what the model cannot tell."""
 
-    text: str
-    style: str = ""
+    prediction: Prediction
+    sample: Sample
+    reading: SourceReading
+    unit: str
+    names: Sequence[str] = ()
+    untold: Collection[str] = ()
+    intent: Intent | None = None
 
-
-Line = list[Span]
+    @property
+    def state(self) -> str:
+        """The state with its requests, in words."""
+        answer = self.prediction
+        # a request to act is above one to arm, so only the stronger one is shown
+        request = "  ACT" if answer.act else "  arm" if answer.arm else ""
+        missing = "  degraded" if answer.degraded else ""
+        return f"{_words(answer.state).upper()}{missing}{request}"
 
 
 class View:
@@ -69,7 +77,6 @@ class View:
         self._newest: tuple[Prediction, Sample, SourceReading] | None = None
         self._messages: deque[str] = deque(maxlen=STREAM_LINES)
         self.intent: IntentMonitor | None = None
-        self._height = 0
         self._done = Event()
         self._thread = Thread(target=self._draw_until_done, name="view", daemon=True)
 
@@ -100,42 +107,72 @@ class View:
         if self._thread.is_alive():
             self._thread.join(STUCK_S)
 
+    # -- in the thread
+
     def _draw_until_done(self) -> None:
         try:
-            # waiting on the event ends the picture at once when the run ends
-            while not self._done.wait(1.0 / REFRESH_HZ):
-                self._write(self._frame(self._picture()))
-            self._write(self._frame([]))
+            try:
+                self._draw_pictures()
+            except ModuleNotFoundError:
+                self._messages.append(NO_RICH)
+                self._write_lines()
         except OSError:
             return  # the terminal is gone: the sink of stderr notices it too, and reports it
 
-    def _write(self, text: str) -> None:
-        write_whole_line(self._terminal.fileno(), text.encode("utf-8", "replace"))
+    def _draw_pictures(self) -> None:
+        from rich.console import Console
+        from rich.live import Live
 
-    def _picture(self) -> list[Line]:
-        if self._newest is None:
-            return [[Span("waiting for the first sample")]]
-        wearer = None if self.intent is None else self.intent.newest
-        prediction, sample, reading = self._newest
-        return picture(
-            prediction, sample, reading, self._unit, wearer, self._untold, self._names
-        )
+        file = _Whole(self._terminal.fileno())
+        console = Console(file=file, force_terminal=True, highlight=False)  # type: ignore[arg-type]
+        live = Live(console=console, auto_refresh=False, transient=True)
+        with live:
+            # waiting on the event ends the picture at once when the run ends
+            while not self._done.wait(REFRESH_S):
+                for message in self._waiting():
+                    console.print(message, markup=False)
+                shown = self._shown()
+                live.update(picture(shown) if shown else "waiting", refresh=True)
+            for message in self._waiting():
+                console.print(message, markup=False)
 
-    def _frame(self, lines: list[Line]) -> str:
-        """The codes and lines that overwrite the last picture."""
+    def _write_lines(self) -> None:
+        file = _Whole(self._terminal.fileno())
+        ended = False
+        while not ended:
+            ended = self._done.wait(PLAIN_S)
+            for message in self._waiting():
+                file.write(f"{message}\n")
+            shown = self._shown()
+            if shown and not ended:
+                risky = shown.prediction.p_risky
+                file.write(f"{shown.state}, p(risky slip) {risky:.2f}\n")
+
+    def _waiting(self) -> list[str]:
         # only those that wait now: the loop may add more meanwhile
-        messages = [self._messages.popleft() for _ in range(len(self._messages))]
-        size = terminal_size(self._terminal)
-        # a picture that is higher than the terminal would scroll, and leave its top behind
-        shown = lines[: size.lines - 1]
-        # back to the first column, and up by the lines of the last picture
-        frame = f"\r\x1b[{self._height}A" if self._height else ""
-        self._height = len(shown)
-        for message in messages:
-            frame += f"{CLEAR_LINE}{message}\n"
-        for line in shown:
-            frame += f"{CLEAR_LINE}{drawn(line, size.columns)}\n"
-        return frame + CLEAR_BELOW
+        return [self._messages.popleft() for _ in range(len(self._messages))]
+
+    def _shown(self) -> Shown | None:
+        if self._newest is None:
+            return None
+        intent = None if self.intent is None else self.intent.newest
+        return Shown(*self._newest, self._unit, self._names, self._untold, intent)
+
+
+class _Whole:
+    """A text file without a buffer or a lock that a blocked write would keep."""
+
+    def __init__(self, handle: int) -> None:
+        self._handle = handle
+
+    def write(self, text: str) -> None:
+        write_whole_line(self._handle, text.encode("utf-8", "replace"))
+
+    def flush(self) -> None:
+        """Nothing is kept back."""
+
+    def fileno(self) -> int:
+        return self._handle
 
 
 def open_view(
@@ -157,112 +194,59 @@ def open_view(
     return view
 
 
-def terminal_size(terminal: TextIO) -> os.terminal_size:
-    """Its columns and lines now; a window may change while it is drawn on."""
-    try:
-        size = os.get_terminal_size(terminal.fileno())
-    except OSError:
-        return SMALLEST
-    # a serial console reports zeros
-    return size if size.columns and size.lines else SMALLEST
+def picture(shown: Shown) -> RenderableType:
+    """State and request, the four situations as bars, the sensors, and the wearer's command."""
+    from rich.console import Group
+    from rich.text import Text
 
-
-def drawn(line: Line, columns: int) -> str:
-    """A line as text with its codes, cut to the width: a wrapped line would count as two."""
-    text = ""
-    for span in line:
-        piece = span.text[:columns]
-        columns -= len(piece)
-        text += f"\x1b[{span.style}m{piece}{PLAIN}" if span.style and piece else piece
-    return text
-
-
-def picture(
-    prediction: Prediction,
-    sample: Sample,
-    measured: SourceReading,
-    unit: str,
-    intent: Intent | None = None,
-    untold: Collection[str] = (),
-    names: Sequence[str] = (),
-) -> list[Line]:
-    """State and request, the four situations as bars, the sensors, and the wearer's command.
-
-    untold: what the model cannot tell, which has no bar. names: of the sensors; numbers without.
-    """
-    # a request to act is above one to arm, so only the stronger one is shown
-    request = ""
-    if prediction.act:
-        request = "  ACT"
-    elif prediction.arm:
-        request = "  arm"
-
-    state = prediction.state.replace("_", " ").upper()
-    style = f"{BOLD};{COLOURS[prediction.state]}"
-    missing = "  degraded" if prediction.degraded else ""
-    age = f"{1e-3 * prediction.latency_us:.1f} ms after it was taken"
-
-    lines = [
-        [Span(f"{state}{missing}{request}", style)],
-        [Span(f"sample {prediction.sequence}, {age}")],
+    answer = shown.prediction
+    age = f"{1e-3 * answer.latency_us:.1f} ms after it was taken"
+    parts: list[RenderableType] = [
+        Text(shown.state, style=f"bold {COLOURS[answer.state]}"),
+        Text(f"sample {answer.sequence}, {age}"),
+        _situations(shown),
+        _sensors(shown),
     ]
+    if shown.intent is not None:
+        style = COLOURS["unknown"] if shown.intent.wants == "unknown" else ""
+        parts.append(Text.assemble("wearer  ", (shown.intent.wants, style)))
+    return Group(*parts)
+
+
+def _situations(shown: Shown) -> Table:
+    """The probability of each as a bar."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table.grid(padding=(0, 1))
     for name in SITUATIONS:
-        if name in untold:
-            words = name.replace("_", " ")
-            lines.append([Span(f"{words:<{NAME_WIDTH}} cannot tell")])
+        if name in shown.untold:
+            table.add_row(_words(name), "cannot tell")
             continue
-        share = prediction.p_situation[name]
-        lines.append(_bar(name.replace("_", " "), share, COLOURS[name]))
-    lines += _sensors(sample, measured, unit, names)
-    if intent is not None:
-        lines += _wearer(intent)
-    return lines
+        share = shown.prediction.p_situation[name]
+        bar = Text("█" * round(BAR * share), style=COLOURS[name])
+        bar.pad_right(BAR - len(bar))
+        table.add_row(_words(name), bar, f"{share:.2f}")
+    return table
 
 
-def _bar(name: str, share: float, style: str = "") -> Line:
-    """A share of 0 to 1 as a bar with its number."""
-    bar = "█" * round(BAR * share)
-    left = " " * (BAR - len(bar))
-    return [
-        Span(f"{name:<{NAME_WIDTH}} "),
-        Span(bar, style),
-        Span(f"{left} {share:.2f}"),
-    ]
-
-
-def _sensors(
-    sample: Sample, measured: SourceReading, unit: str, names: Sequence[str]
-) -> list[Line]:
+def _sensors(shown: Shown) -> Table:
     """Normal force and shear of each sensor, and why one is not valid."""
-    names = names or [str(k + 1) for k in range(len(sample.valid))]
-    head = "sensor"
-    width = max(len(head), *map(len, names))
-    heads = (head.rjust(width), f"normal, {unit}", f"shear, {unit}")
-    lines = [[Span(_row(heads))]]
+    from rich.table import Table
+
+    sample, why = shown.sample, shown.reading.why
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for heading in ("sensor", f"normal, {shown.unit}", f"shear, {shown.unit}"):
+        table.add_column(heading, justify="right")
+    table.add_column(style=COLOURS["unknown"])
     for k, force in enumerate(sample.values.reshape(-1, 3)):
-        x, y = force[:NORMAL_AXIS]
-        shear = float(np.hypot(x, y))
-        trouble = ""
-        if not sample.valid[k]:
-            # a sensor that was read well and is not valid still waits for its bias
-            why = measured.why[k] if measured.why else ""
-            trouble = why or "taring"
-        numbers = (names[k].rjust(width), f"{force[NORMAL_AXIS]:.2f}", f"{shear:.2f}")
-        line = [Span(_row(numbers))]
-        if trouble:
-            line.append(Span(f"  {trouble}", COLOURS["unknown"]))
-        lines.append(line)
-    return lines
+        shear = float(np.hypot(*force[:NORMAL_AXIS]))
+        # a sensor that was read well and is not valid still waits for its bias
+        trouble = "" if sample.valid[k] else (why[k] if why else "") or "taring"
+        name = shown.names[k] if shown.names else str(k + 1)
+        table.add_row(name, f"{force[NORMAL_AXIS]:.2f}", f"{shear:.2f}", trouble)
+    return table
 
 
-def _row(cells: tuple[str, str, str]) -> str:
-    """Cells of the table of sensors, right-aligned; the first is as wide as it comes."""
-    name, normal, shear = cells
-    return f"{name}{normal:>{WIDTHS[0]}}{shear:>{WIDTHS[1]}}"
-
-
-def _wearer(intent: Intent) -> list[Line]:
-    """What the wearer wants."""
-    style = COLOURS["unknown"] if intent.wants == "unknown" else ""
-    lines = [[Span(f"{'wearer':<{NAME_WIDTH}} "), Span(intent.wants, style)]]
-    return lines
+def _words(name: str) -> str:
+    return name.replace("_", " ")

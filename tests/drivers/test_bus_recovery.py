@@ -24,7 +24,7 @@ from holdfast.drivers.virtual.ft232h import (
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
 from holdfast.drivers.virtual.usb_device import stall
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
-from holdfast.live.hand_sources import open_live
+from holdfast.live.sources import open_live
 
 ONE = [Transfer(0x70, b"\x01"), Transfer(0x35, b"\x0d", 3)]
 IDENTITY = bytes([0x01, 0x49, 0x54])

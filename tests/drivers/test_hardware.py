@@ -11,8 +11,8 @@ import pytest
 
 from holdfast.core.clock import MonotonicClock
 from holdfast.drivers.scan import look_at
-from holdfast.live.hand_sources import open_bus, open_live
 from holdfast.live.running import RunClock
+from holdfast.live.sources import open_bus, open_live
 
 pytestmark = pytest.mark.hardware
 URL = os.environ.get("HOLDFAST_HAND", "usb://ft232h")

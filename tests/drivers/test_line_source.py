@@ -28,7 +28,7 @@ from holdfast.core.errors import (
     UsageError,
 )
 from holdfast.core.hand_lines import LONGEST_LINE, line_url
-from holdfast.core.source import SourceReading
+from holdfast.core.source import Source, SourceReading
 from holdfast.drivers.line_feeds import DatagramFeed, LineSplitter, StreamFeed
 from holdfast.drivers.line_source import (
     DRIFT,
@@ -41,10 +41,9 @@ from holdfast.drivers.line_source import (
 from holdfast.drivers.sample_lines import SampleReader
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.model import Model
-from holdfast.live.bias import read_rows
-from holdfast.live.hand_sources import open_live
-from holdfast.live.line_sources import open_lines
 from holdfast.live.running import RunClock
+from holdfast.live.sources import open_live
+from holdfast.sessions.bias import read_rows
 
 PERIOD_NS = round(1e9 / 150)
 NAMES = channel_names(6)
@@ -122,7 +121,7 @@ def opened(
     return source, feed, said
 
 
-def read(source: LineSource) -> SourceReading:
+def read(source: Source) -> SourceReading:
     reading = source.read()
     assert reading is not None
     return reading
@@ -437,7 +436,7 @@ class Sender:
 def first_reading(
     url: str, send: Callable[[bytes], object], said: list[str]
 ) -> SourceReading:
-    source = open_lines(f"{url}rate_hz=150", Sender(send), said.append)
+    source = open_live(f"{url}rate_hz=150", clock=Sender(send), report=said.append)
     try:
         return next(one for one in iter(source.read, None) if one.valid.all())
     finally:
@@ -473,16 +472,15 @@ def test_a_unix_socket_is_of_its_owner_alone_and_gone_at_the_end(
     [
         ("udp://127.0.0.1:9000", "nc -l 9000 | holdfast run"),
         ("tcp://127.0.0.1:9000", "nc -l 9000 | holdfast run"),
-        ("unix://relative", "not an address"),
+        ("unix://relative", "three slashes"),
         ("serial://dev/ttyACM0", "three slashes"),
-        ("serial:///dev/ttyACM0?baud=fast", "baud=115200"),
-        ("stdin://?speed=1", "allowed: map, unit"),
-        ("stdin://?unit=kg", "unit=N|uT|count"),
-        ("stdin://?stamps=none", "stamps=arrival|sender"),
-        ("stdin://?rate_hz=nan", "rate_hz=150"),
-        ("stdin://?rate_hz=0", "rate_hz=150"),
+        ("serial:///dev/ttyACM0?baud=fast", "baud = 'fast'"),
+        ("stdin://?speed=1", "speed is not known"),
+        ("stdin://?unit=kg", "allowed: N or uT or count"),
+        ("stdin://?stamps=none", "allowed: arrival or sender"),
+        ("stdin://?rate_hz=nan", "rate_hz"),
+        ("stdin://?rate_hz=0", "from 1 to 10000"),
         ("stdin://?map=a.toml&unit=N", "into the map"),
-        ("stdin://name", "nothing but options"),
     ],
 )
 def test_a_url_that_cannot_be_is_a_usage_error(url: str, says: str) -> None:
@@ -494,11 +492,11 @@ def test_a_url_that_cannot_be_is_a_usage_error(url: str, says: str) -> None:
 def test_a_source_that_cannot_be_opened_says_what_to_do(tmp_path: Path) -> None:
     clock = VirtualClock()
     with pytest.raises((DeviceNotFound, AccessDenied), match="serial:///dev/tty"):
-        open_lines("serial:///dev/ttyNone", clock, print)
+        open_live("serial:///dev/ttyNone", clock=clock, report=print)
     with pytest.raises(CardError, match="no such column map"):
-        open_lines(f"-?map={tmp_path}/none".replace("-", "stdin://"), clock, print)
+        open_live(f"stdin://?map={tmp_path}/none", clock=clock, report=print)
     with pytest.raises(UsageError, match="unit=uT"):
-        open_lines("stdin://", clock, print, lambda field: field)
+        open_live("stdin://", clock=clock, report=print, to_force=lambda field: field)
 
 
 # -- exact times
@@ -662,7 +660,8 @@ def test_a_serial_port_is_read_until_it_is_unplugged(
         # a carriage return and a Ctrl-C come as they are
         os.write(board, text.replace(b"\n", b"\r\n"))
 
-    source = open_lines(f"serial://{name}?rate_hz=150&baud=230400", Sender(send), print)
+    url = f"serial://{name}?rate_hz=150&baud=230400"
+    source = open_live(url, clock=Sender(send), report=print)
     stack.callback(source.close)
     assert read(source).valid.all()
     os.close(board)

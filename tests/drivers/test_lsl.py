@@ -40,7 +40,7 @@ from holdfast.drivers.lsl import (
 from holdfast.drivers.lsl_library import LslInlet, LslOutlet, open_answers
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor, Model
-from holdfast.live.bias import read_rows
+from holdfast.sessions.bias import read_rows
 
 ROOT = Path(__file__).resolve().parents[2]
 RATE_HZ = 150.0
@@ -286,15 +286,14 @@ def config(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def running(name: str, config: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """`holdfast run --lsl` on a simulated trial."""
+    """`holdfast run --to lsl://` on a simulated trial."""
     words = [
         "run",
         str(DEFAULT),
         "--source",
         "sim://thesis",
-        "--quiet",
-        "--lsl",
-        f"{name}-run",
+        "--to",
+        f"lsl://{name}-run",
     ]
     process = subprocess.Popen(
         [sys.executable, "-m", "holdfast", *words],
@@ -326,7 +325,7 @@ def _found(name: str) -> LslInlet | None:
 def test_a_url_that_cannot_be_a_stream_is_a_usage_error(run):
     for url, says in {
         "lsl://": "no name",
-        "lsl://a?unit=kg": "unit=N|uT|count",
+        "lsl://a?unit=kg": "allowed: N or uT or count",
         "lsl://a?seed=1": "allowed: unit, rate_hz",
     }.items():
         fails(run, 2, "UsageError", "run", DEFAULT, "--source", url, says=says)

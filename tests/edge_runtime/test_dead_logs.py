@@ -363,8 +363,10 @@ def running(
             f'exec "$@" {redirect}',
             "sh",
             *run,
-            "--udp",
-            f"127.0.0.1:{port}",
+            "--to",
+            f"udp://127.0.0.1:{port}",
+            "--to",
+            "-",
             *words,
         ]
         with subprocess.Popen(
@@ -385,7 +387,7 @@ def test_a_run_with_lines_and_view_on_a_terminal_that_is_not_drained_still_ends_
         pass
     os.set_blocking(terminal[1], True)
     with running(
-        ["--view"], stdin=terminal[1], stdout=terminal[1], stderr=terminal[1]
+        ["--to", "view"], stdin=terminal[1], stdout=terminal[1], stderr=terminal[1]
     ) as (
         process,
         answered,
@@ -444,9 +446,9 @@ def test_a_run_whose_stdout_is_closed_and_whose_disk_is_full_controls_on_and_say
     tmp_path,
 ):
     words = [
-        "--out",
+        "--to",
         str(tmp_path / "out.jsonl"),
-        "--samples",
+        "--to",
         str(tmp_path / "kept.csv"),
     ]
     read, write = os.pipe()
@@ -463,8 +465,8 @@ def test_a_run_whose_stdout_is_closed_and_whose_disk_is_full_controls_on_and_say
         _, err = process.communicate(timeout=LONG_S)
     for name, why in (
         ("stdout", "Broken pipe"),
-        ("--out", "File too large"),
-        ("--samples", "File too large"),
+        (tmp_path / "out.jsonl", "File too large"),
+        (tmp_path / "kept.csv", "File too large"),
     ):
         assert [
             why in line for line in err.splitlines() if line.startswith(f"{name}")

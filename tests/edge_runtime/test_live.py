@@ -10,22 +10,22 @@ import re
 import signal
 import socket
 import subprocess
-import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import sys
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from command_line import fails
+from drawn_picture import drawn
 from hazard_marks import LOST_SENSOR, OTHER_SENDER, RESTART, SILENT_SENDER
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from live_bench import ROOT, RUN, Steady, closing_output, go
 from made_prediction import prediction
-from numbered_lines import numbered_sender
 
 from holdfast.core.contract import Prediction, Sample
 from holdfast.core.errors import (
@@ -42,16 +42,16 @@ from holdfast.core.source import SourceReading
 from holdfast.drivers.calibration import read_bias
 from holdfast.drivers.replay import PacedReplay, Replay, open_replay
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.commands import Command, command_port
-from holdfast.edge_runtime.intent import Intent
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Preparation, Tare
-from holdfast.live.hand_sources import open_live, scene_of
+from holdfast.edge_runtime.wearer import Command, Intent
 from holdfast.live.loop import STAGES, Summary
 from holdfast.live.outputs import LineOutput, SampleFile, file_sink, udp_sink
 from holdfast.live.run import answer
 from holdfast.live.running import ServiceWatchdog
-from holdfast.live.view import Span, drawn, open_view, picture
+from holdfast.live.scene_source import scene_of
+from holdfast.live.sources import open_live
+from holdfast.live.view import Shown, open_view
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -120,7 +120,6 @@ def test_every_stage_has_its_latency_and_a_run_of_nothing_has_none(model):
     assert summary.latency_us()["read"]["p50"] == pytest.approx(1000.0)
     assert summary.latency_us()["read to emit"]["p99"] == pytest.approx(1000.0)
     assert Summary().latency_us() == {}
-    json.dumps(summary.to_json())
 
 
 def test_the_user_s_override_ends_a_request_and_an_opening_hand_begins_none(
@@ -447,20 +446,17 @@ def test_a_signal_ends_a_run_cleanly_with_its_summary(how):
 
 
 def test_the_view_shows_the_state_the_fingers_and_what_is_wrong_with_them(model):
-    def shown(*what):
-        return "\n".join(drawn(line, 80) for line in picture(*what))
-
     _, answers, samples, _ = live(model, "virtual://ft232h?fault=nack:3@0.5%2B5", 1.0)
     measured = SourceReading(
         0, np.zeros(18), samples[-1].valid, ("", "", "nack", "", "", "")
     )
-    text = shown(answers[-1], samples[-1], measured, "N")
+    shown = Shown(answers[-1], samples[-1], measured, "N")
+    text = drawn(shown)
     assert "NOTHING  degraded" in text
     assert re.search(r"^ +3 .*nack", text, re.MULTILINE)
     assert "risky slip" in text
     assert "wearer" not in text
-    text = shown(answers[-1], samples[-1], measured, "N", Intent(0, "open"))
-    assert re.search(r"wearer +open", text)
+    assert re.search(r"wearer +open", drawn(shown._replace(intent=Intent(0, "open"))))
 
 
 def test_the_view_of_a_gripper_of_two_pads_names_these_and_no_other_hand():
@@ -468,41 +464,49 @@ def test_the_view_of_a_gripper_of_two_pads_names_these_and_no_other_hand():
     sample = Sample(0, np.array([0.3, 0.4, 2.0] * 2), both, 0)
     measured = SourceReading(0, sample.values, both)
     names = sensor_names(read_hand_card("two-pad-gripper"), 2)
-    lines = picture(prediction(), sample, measured, "N", names=names)
-    text = "\n".join(drawn(line, 80) for line in lines)
-    assert re.search(r"^ left jaw +2\.00 +0\.50$", text, re.MULTILINE)
+    text = drawn(Shown(prediction(), sample, measured, "N", names))
+    assert re.search(r"^ left jaw +2\.00 +0\.50 *$", text, re.MULTILINE)
     assert re.search(r"^right jaw +2\.00", text, re.MULTILINE)
     assert not re.search(r"thumb|finger|\bsix\b", text.lower())
 
 
-def test_a_line_of_the_view_is_cut_to_the_terminal_and_keeps_its_colours():
-    line = [Span("risky slip "), Span("████", "31"), Span(" 0.98")]
-    assert drawn(line, 80) == "risky slip \x1b[31m████\x1b[0m 0.98"
-    assert drawn(line, 13) == "risky slip \x1b[31m██\x1b[0m"
-
-
-def test_a_view_draws_over_its_last_picture_below_the_messages_and_goes_away_at_the_end(
-    model, monkeypatch
-):
-    monkeypatch.setenv("TERM", "xterm")
+def seen_in_a_terminal(model, message: str, until: bytes) -> tuple[bytes, bytes]:
+    """(what a view wrote until then, what it wrote at its end)."""
     _, answers, samples, _ = live(model, "virtual://ft232h", 0.1)
     seen, terminal = os.openpty()
     with open(terminal, "w", encoding="utf-8") as file:
         with closing_output(open_view("N", terminal=file)) as view:
-            view.report("finger 3 is lost")
+            view.report(message)
             reading = SourceReading(0, np.zeros(18), samples[-1].valid)
             view.write(answers[-1], samples[-1], reading)
-            shown = b""
-            while b"UNKNOWN" not in shown:
+            shown = end = b""
+            while until not in shown:
                 shown += os.read(seen, 65536)
-        end = os.read(seen, 65536)
+        os.set_blocking(seen, False)
+        with suppress(BlockingIOError):
+            end = os.read(seen, 65536)
     os.close(seen)
-    # a terminal ends its lines with a carriage return too
-    shown = shown.replace(b"\r\n", b"\n")
-    assert shown.index(b"finger 3 is lost") < shown.index(b"UNKNOWN")
-    height = shown[shown.index(b"finger 3 is lost\n") :].count(b"\n") - 1
-    assert end.endswith(f"\r\x1b[{height}A\x1b[J".encode())
     assert not view.drawing
+    return shown, end
+
+
+def test_a_view_draws_below_the_messages_and_goes_away_at_the_end(model, monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")
+    shown, end = seen_in_a_terminal(model, "finger 3 is [bold] lost", b"UNKNOWN")
+    assert shown.index(b"finger 3 is [bold] lost") < shown.index(b"UNKNOWN")
+    # the cursor goes up and every line of the picture is erased
+    assert end.count(b"\x1b[1A\x1b[2K") > 10
+
+
+def test_a_view_without_rich_is_a_plain_line_that_names_the_extra(model, monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setitem(sys.modules, "rich.console", None)
+    monkeypatch.setattr("holdfast.live.view.PLAIN_S", 0.01)
+    shown, _ = seen_in_a_terminal(model, "finger 3 is lost", b"p(risky slip)")
+    assert b"finger 3 is lost" in shown
+    assert b"pip install 'holdfast[view]'" in shown
+    assert b"UNKNOWN, p(risky slip) 0." in shown
+    assert b"\x1b" not in shown
 
 
 def test_a_view_on_what_is_no_terminal_draws_nothing(tmp_path):
@@ -569,85 +573,6 @@ def test_a_recording_at_another_rate_is_refused(eight_classes: Built, model):
         answer(source, model, VirtualClock(), kept([], []), lambda: False)
 
 
-@contextmanager
-def commanded(
-    log: list[str], clock: VirtualClock
-) -> Iterator[Callable[[str], Command]]:
-    """A command port, and what is commanded after a datagram ("" for none)."""
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        command_port(f"unix://{folder}/commands", log.append, clock.now_ns) as ask,
-        numbered_sender(f"{folder}/commands") as user,
-    ):
-
-        def after(datagram: str) -> Command:
-            if datagram:
-                # an object gets its numbers, and rubbish none
-                is_object = datagram.startswith("{")
-                user.send(json.loads(datagram) if is_object else datagram.encode())
-            return ask()
-
-        yield after
-
-
-def test_the_user_s_commands_come_by_a_port_of_their_own_and_changes_are_logged():
-    log: list[str] = []
-    with commanded(log, VirtualClock()) as after:
-        user_commands = [
-            after(one)
-            for one in (
-                "",
-                '{"opening": true}',
-                '{"opening": true}',
-                '{"override": true}',
-                "rubbish",
-                '{"opening": false}',
-                '{"opening": 1}',
-            )
-        ]
-    assert user_commands == [
-        Command(),
-        Command(opening=True, link="live"),
-        Command(opening=True, link="live"),
-        Command(opening=True, override=True, link="live"),
-        Command(opening=True, link="live"),
-        Command(link="live"),
-        Command(link="live"),
-    ]
-    # the second line that is skipped is reported a second later
-    assert ["not understood" in line for line in log[:4]] == [False, False, True, False]
-    assert log[4:] == ["commands: 1 more are skipped"]
-
-
-@SILENT_SENDER.mark
-def test_a_command_expires_where_its_sender_is_silent_for_longer_than_three_tenths_of_a_second():
-    log: list[str] = []
-    clock = VirtualClock(10**9)
-    with commanded(log, clock) as after:
-        assert after('{"opening": true}') == Command(opening=True, link="live")
-        clock.spend(300_000_000)
-        assert after("") == Command(opening=True, link="live")
-        clock.spend(1)
-        assert after("") == after("") == Command(link="expired")
-        assert log[-1] == "command: the sender is silent; its last command has expired"
-        assert len(log) == 2
-        assert after("{}") == Command(link="live")
-
-
-@SILENT_SENDER.mark
-def test_a_sender_that_says_it_is_still_there_keeps_its_command_and_rubbish_does_not():
-    clock = VirtualClock()
-    with commanded([], clock) as after:
-        after('{"opening": true}')
-        for _ in range(5):
-            clock.spend(250_000_000)
-            assert after("{}").opening
-        clock.spend(250_000_000)
-        after("rubbish")
-        clock.spend(60_000_000)
-        assert after("").link == "expired"
-
-
 @SILENT_SENDER.mark
 def test_every_answer_says_whether_commands_still_come(model):
     clock = VirtualClock()
@@ -705,7 +630,7 @@ def test_the_shipped_service_names_bias_calibration_and_commands_is_never_given_
     for word in (
         "--bias ",
         "--calibration ",
-        "--commands ",
+        "--wearer ",
         "Type=notify",
         "WatchdogSec=1\n",
         "Restart=always",
@@ -734,11 +659,10 @@ def test_the_shipped_service_s_command_is_one_that_the_program_understands():
     words = shlex.split(line.removeprefix("ExecStart="))
     args = parser.parse_args(words[2:])
     assert words[1] == "run"
-    assert (args.bias.name, args.quiet) == ("bias.json", True)
+    assert (args.bias.name, args.to) == ("bias.json", ["none"])
     # no port, which every program of the board could write to
-    assert args.commands == "unix:///run/holdfast/commands"
+    assert args.wearer == "unix:///run/holdfast/wearer"
     assert args.grip == "unix:///run/holdfast/grip"
-    assert args.udp is None
     for line in ("RuntimeDirectory=holdfast", "RuntimeDirectoryMode=0700"):
         assert f"{line}\n" in unit
 

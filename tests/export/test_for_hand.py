@@ -33,7 +33,7 @@ from holdfast.export.exporting import (
 )
 from holdfast.export.pooled import FAMILIES
 from holdfast.export.spec import StepSpec
-from holdfast.live.selftest import self_checks
+from holdfast.live.model_checks import model_checks
 
 HANDS = ("two-pad-gripper", "three-fingertips", "twelve-sensors", "pinch-pad")
 CLOCK = "clock"
@@ -75,7 +75,9 @@ def test_a_file_for_another_hand_opens_tests_itself_and_answers(
     model = Model(out)
     assert model.card.n_channels == 3 * card.n_sensors
     assert StepSpec.from_json(model.card.raw["spec"]).hand == card_without_text(hand)
-    failed = [one for one in self_checks(out) if not one.ok and one.what != CLOCK]
+    failed = [
+        one for one in model_checks(out) if one.status != "ok" and one.what != CLOCK
+    ]
     assert not failed
     assert json.loads(out.with_suffix(".json").read_text("utf-8"))["spec"]["hand"]
 

@@ -14,7 +14,7 @@ from own_data import write_meta, write_people_folders, write_phases
 
 from holdfast.core.contract import channel_names
 from holdfast.core.trial_layout import intent_path, truth_path
-from holdfast.edge_runtime.intent import INTENT_HEADER
+from holdfast.edge_runtime.wearer import INTENT_HEADER
 
 PULL, FALL = "soft-ball/pull/trial_1.csv", "hard-ball/fall/trial_1.csv"
 

@@ -81,7 +81,6 @@ OFTEN = (
     "study",
     "watch",
     "replay",
-    "selftest",
 )
 
 

@@ -7,7 +7,6 @@ import pytest
 from holdfast.core.contract import (
     CLASSES,
     UNIT_OF,
-    CheckResult,
     channel_names,
     class_id,
     is_rate,
@@ -80,10 +79,3 @@ def test_labels_of_the_layout_give_the_order_and_others_none() -> None:
     for wrong in ([], ["X1", "Y1"], ["X1", "Y1", "Z1", "X2"]):
         with pytest.raises(ChannelError, match=f"{len(wrong)} channels"):
             order_of(wrong, "a")
-
-
-def test_the_result_of_a_check_is_three_values_that_stay() -> None:
-    result = CheckResult("golden rows", True, "252 rows")
-    assert result == CheckResult(what="golden rows", ok=True, figure="252 rows")
-    with pytest.raises(AttributeError, match="ok"):
-        result.ok = False  # type: ignore[misc]

@@ -6,8 +6,8 @@ import importlib.util
 import json
 import math
 import random
-import select
 import shutil
+import socket
 import stat
 import subprocess
 import sys
@@ -19,7 +19,7 @@ from typing import Any
 
 import pytest
 from c_form import SANITIZERS
-from grip_bench import ROOT, Hands, command, opened, send
+from grip_bench import ROOT, command, opened, send
 from hazard_marks import BROKEN_LINE, NO_GRIP_COMMAND, OTHER_SENDER
 from hypothesis import given
 from hypothesis import strategies as st
@@ -27,7 +27,6 @@ from hypothesis import strategies as st
 from holdfast.core.hand_lines import RisingRule
 from holdfast.edge_runtime.supervisor import to_line
 from holdfast.live.cues import QUIET, SILENCE, Pattern, cue_line
-from holdfast.live.links import open_link
 
 EXAMPLES = ROOT / "examples"
 
@@ -81,17 +80,10 @@ def grip_line(sequence: int, **changed: Any) -> bytes:
 @contextmanager
 def sending(url: str) -> Iterator[Callable[[bytes], object]]:
     """Sends what it is given to a receiver."""
-    link = open_link(url, "--grip")
-
-    def send_line(line: bytes) -> None:
-        # a receiver's queue is short: wait until it has room
-        while not link.write(line):
-            select.select([], [link.handle], [], 1.0)
-
-    try:
-        yield send_line
-    finally:
-        link.close()
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+        # a receiver's queue is short: this waits until it has room
+        sender.connect(url.removeprefix("unix://"))
+        yield sender.send
 
 
 def after(lines: Iterator[str], wanted: str) -> str:
@@ -103,7 +95,7 @@ def after(lines: Iterator[str], wanted: str) -> str:
 
 def test_a_receiver_obeys_commands_and_holds_at_the_end(program):
     with listening(program) as (lines, url):
-        with opened(url, Hands(), []) as sink:
+        with opened(url) as sink:
             send(sink, 1)
             assert (
                 after(lines, "tighten")

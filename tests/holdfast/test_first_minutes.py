@@ -53,14 +53,14 @@ def shown_on_a_terminal(*words: str) -> bytes:
 
 @pytest.mark.parametrize(
     ("words", "lines"),
-    [((), True), (("--view",), False), (("--web", PORT), False)],
+    [((), True), (("--to", "view"), False), (("--to", PORT), False)],
     ids=["alone", "beside a view", "beside a page"],
 )
 def test_a_terminal_shows_json_lines_or_a_picture_and_never_both(
     words: tuple[str, ...], lines: bool
 ) -> None:
     # chosen now: another program may have taken one that was free when tests were collected
-    chosen = [str(free_port()) if word == PORT else word for word in words]
+    chosen = [f"web:{free_port()}" if word == PORT else word for word in words]
     assert (LINE in shown_on_a_terminal(*chosen)) is lines
 
 

@@ -28,11 +28,11 @@ from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.supervisor import GripCommand
 from holdfast.live.grip import GripOutput, controller_for
-from holdfast.live.hand_sources import open_live
 from holdfast.live.outputs import emit_to
 from holdfast.live.run import answer
 from holdfast.live.running import RunClock, first_in_line
 from holdfast.live.scene import SceneClock, drive_of, live_scene
+from holdfast.live.sources import open_live
 
 SOAK_S = float(os.environ.get("HOLDFAST_SOAK_S", "3600"))
 SPARE_SAMPLES = 2

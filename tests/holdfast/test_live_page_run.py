@@ -216,14 +216,14 @@ def test_the_page_ends_with_what_it_shows_and_its_port_is_free_again():
 def test_a_page_whose_process_does_not_start_is_an_error(monkeypatch):
     monkeypatch.setattr("holdfast.live.page.link.PROCESS", "holdfast.no_such_module")
     error = pytest.raises(
-        OutputError, match=r"no process for the live page.*run without --web"
+        OutputError, match=r"no process for the live page.*run without the page"
     )
     with error:
         open_page("0", ABOUT, print)
 
 
 def test_a_run_shows_itself_takes_a_mark_and_ends_as_without_a_page():
-    command = [*RUN, "--quiet", "--web", "0"]
+    command = [*RUN, "--to", "web:0"]
     with subprocess.Popen(
         command, cwd=ROOT, text=True, stderr=subprocess.PIPE, env=dict(os.environ)
     ) as run:
@@ -254,7 +254,7 @@ def test_a_run_shows_itself_takes_a_mark_and_ends_as_without_a_page():
 
 @STALE_PAGE.mark
 def test_a_run_that_is_killed_ends_its_page():
-    command = [*RUN, "--quiet", "--web", "0"]
+    command = [*RUN, "--to", "web:0"]
     with subprocess.Popen(command, cwd=ROOT, text=True, stderr=subprocess.PIPE) as run:
         assert run.stderr is not None
         port = port_in(next(line for line in run.stderr if "live page" in line))
@@ -272,13 +272,13 @@ def test_a_run_that_is_killed_ends_its_page():
 def test_a_port_that_is_taken_is_an_error_before_a_source_is_opened():
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
-        words = [*RUN[:-1], "usb://ft232h", "--web", str(port)]
+        words = [*RUN[:-1], "usb://ft232h", "--to", f"web:{port}"]
         done = subprocess.run(
             words, cwd=ROOT, capture_output=True, text=True, check=False
         )
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
-    assert line.startswith(f"error: UsageError: --web '{port}': address already in use")
+    assert line.startswith(f"error: UsageError: web:{port}: address already in use")
 
 
 # -- recording
@@ -306,7 +306,7 @@ def test_keys_of_the_page_count_beside_those_of_the_terminal_and_after_its_end(
 def test_a_trial_is_started_marked_and_kept_from_the_page_alone(tmp_path):
     words = cup_pull(tmp_path / "out")
     assert words[1] == REST
-    with start(*words, "--web", "0", "--trials", "1") as run:
+    with start(*words, "--to", "web:0", "--trials", "1") as run:
         port = port_in(wait_for(run, "live page"))
         events = HTTPConnection("127.0.0.1", port, timeout=300)
         events.request("GET", "/events")

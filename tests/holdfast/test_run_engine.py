@@ -26,8 +26,8 @@ from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.model import Model
 from holdfast.export.c.exporting import export_c
 from holdfast.export.exporting import model_card, seal
-from holdfast.live.hand_sources import open_live
 from holdfast.live.run import answer
+from holdfast.live.sources import open_live
 
 ROOT = Path(__file__).resolve().parents[2]
 FAULT = "nack:3@1%2B0.2"
@@ -96,7 +96,7 @@ def test_a_run_of_the_c_engine_never_loads_onnxruntime(model):
 import sys
 from holdfast.cli.main import main
 words = ["run", {str(model)!r}, "--source", "virtual://ft232h", "--engine", "c", "--seconds", "0.2"]
-code = main([*words, "--quiet"])
+code = main([*words, "--to", "none"])
 print(code, "onnxruntime" in sys.modules)
 """
     done = subprocess.run(
@@ -116,18 +116,13 @@ def test_a_library_that_does_not_fit_is_one_clear_error(
     alone.write_bytes(sealed_bytes())
     words = ("run", alone, "--source", "virtual://ft232h", "--engine", "c")
     fails(run, 4, "LibraryRefused", *words, says="no compiled library")
-    fails(
-        run,
-        4,
-        "LibraryRefused",
-        *words,
-        "--library",
-        alone,
-        says="is no library of a model",
-    )
-    built = model.parent / "small-c" / LIBRARY
-    fails(run, 4, "LibraryRefused", *words, "--library", built, says="is of model")
-    fails(run, 2, "UsageError", *words[:4], "--library", built, says="add --engine c")
+    for library, says in (
+        (alone, "is no library of a model"),
+        (model.parent / "small-c" / LIBRARY, "is of model"),
+    ):
+        settings = tmp_path / "holdfast.toml"
+        settings.write_text(f'library = "{library}"\n', encoding="utf-8")
+        fails(run, 4, "LibraryRefused", *words, "--config", settings, says=says)
 
 
 def test_a_library_that_answers_otherwise_is_refused(model: Path, tmp_path: Path):

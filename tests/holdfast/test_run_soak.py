@@ -35,15 +35,16 @@ from holdfast.core.source import Source, SourceReading
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.faults import KINDS, OF_A_SENSOR
 from holdfast.drivers.virtual.virtual_hand import Track
-from holdfast.edge_runtime.commands import command_port
 from holdfast.edge_runtime.model import Model
-from holdfast.live.grip import GripOutput, controller_for, grip_to_wire
-from holdfast.live.hand_sources import open_live, simulated
+from holdfast.live.grip import GripOutput, controller_for, grip_to_link
 from holdfast.live.loop import Summary
 from holdfast.live.outputs import LineOutput, Output, close_at_end, emit_to, file_sink
 from holdfast.live.run import answer
 from holdfast.live.running import stop_signals
 from holdfast.live.scene import SceneClock, Still
+from holdfast.live.scene_source import simulated
+from holdfast.live.sources import open_live
+from holdfast.live.wearer import wearer_monitor
 
 SOAK_S = float(os.environ.get("HOLDFAST_SOAK_S", "3600"))
 SEED = int(os.environ.get("HOLDFAST_SOAK_SEED", "1"))
@@ -68,13 +69,13 @@ DATAGRAMS = (
     b"null",
     b"[" * 900,
     b"\x00\xff" * 500,
-    b'{"opening": true}',
-    b'{"opening": false}',
-    b'{"override": true}',
-    b'{"opening": 1}',
-    b'{"opening": true, "opening": false}',
+    b'{"wants": "open"}',
+    b'{"wants": "stop"}',
+    b'{"wants": "override"}',
+    b'{"wants": 1}',
+    b'{"wants": "open", "wants": "stop"}',
     b'{"t_ns": 9223372036854775808, "target_n": 500}',
-    b'{"override": Infinity}',
+    b'{"wants": Infinity}',
 )
 WARM = 0.2
 """Share of a soak in which memory may still grow: caches fill, rings are laid out."""
@@ -115,7 +116,7 @@ class Untimed:
 class Witness:
     """Sees every answer and every command, and holds them against the laws.
 
-    arrived: sequence numbers of the commands that came by the wire in this life. unknown: answers
+    arrived: sequence numbers of the commands that came by the link in this life. unknown: answers
     with an unknown state.
     """
 
@@ -147,12 +148,10 @@ class Witness:
         self.receive()
 
     def receive(self) -> None:
-        """Take what came by the wire."""
-        with suppress(BlockingIOError):
-            while True:
-                line = json.loads(self.receiver.recv(4096))
-                self.arrived.append(line["sequence"])
-                self.last_mode = line["mode"]
+        """Wait for the next line on the link."""
+        line = json.loads(self.receiver.recv(4096))
+        self.arrived.append(line["sequence"])
+        self.last_mode = line["mode"]
 
     def close(self, reason: str = "") -> None:
         """Nothing to close."""
@@ -267,19 +266,19 @@ class Soak:
             hand_path = self._folder / "grip"
             hand_path.unlink(missing_ok=True)
             wire.bind(str(hand_path))
-            wire.setblocking(False)
+            wire.settimeout(60.0)
             stopped = stack.enter_context(stop_signals())
-            lines = LineOutput([file_sink(log, "--out")], lambda line: None)
+            lines = LineOutput([file_sink(log)], lambda line: None)
             close_at_end(stack, lines)
             trouble = Trouble(self, log, port, life_s)
             close_at_end(stack, trouble)
-            command = stack.enter_context(
-                command_port(f"unix://{port}", lambda line: None, self.clock.now_ns)
+            wearer = stack.enter_context(
+                wearer_monitor(f"unix://{port}", self.clock, lambda line: None)
             )
             control = controller_for("holdfast", self.model.card, lambda line: None)
             url = f"unix://{hand_path}"
             rate_hz = self.model.card.rate_hz
-            grip = grip_to_wire(url, control, rate_hz, self.clock, lambda line: None)
+            grip = grip_to_link(url, control, rate_hz, self.clock, lambda line: None)
             close_at_end(stack, grip)
             witness = Witness(grip, wire)
             # one seed: the emulated chips keep their noise, 3 MB, which is no memory of the run
@@ -300,7 +299,7 @@ class Soak:
                 self.clock,
                 emit_to(outputs),
                 stopped,
-                command=command,
+                command=wearer.command,
             )
             grip.close()
             lines.close(wait_s=60.0)

@@ -7,8 +7,6 @@ from pathlib import Path
 import pytest
 from command_line import Run, fails
 
-from holdfast.cli.settings import read_settings
-
 HAND = 'source = "virtual://ft232h"\n'
 SOON = ("--seconds", "0.3")
 """A bias is measured on the clock of the machine."""
@@ -51,27 +49,26 @@ def test_files_are_looked_for_beside_the_settings(run: Run, here: Path) -> None:
     assert str(other.parent / "mine.onnx") in err
 
 
-def test_sinks_are_of_a_run_alone(here: Path) -> None:
-    here.write_text(f'{HAND}[sinks]\nudp = "127.0.0.1:9000"\nout = "today.jsonl"\n')
-    settings = read_settings([])
-    assert settings.of("run") == {
-        "source": "virtual://ft232h",
-        "udp": "127.0.0.1:9000",
-        "out": "today.jsonl",
-    }
-    assert settings.of("record") == {"source": "virtual://ft232h"}
-    assert settings.of("train") == {}
+def test_outputs_are_of_a_run_and_typed_ones_stand_in_their_place(
+    run: Run, here: Path
+) -> None:
+    here.write_text(f'{HAND}to = ["today.jsonl", "none"]\nceiling_n = 40\n')
+    assert run("run", *SOON)[0] == 0
+    assert Path("today.jsonl").stat().st_size > 0
+    assert run("run", *SOON, "--to", "other.jsonl")[0] == 0
+    assert Path("other.jsonl").stat().st_size > 0
+    assert run("bias", "--out", "bias.json", *SOON)[0] == 0
 
 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
         ('sauce = "virtual://ft232h"', "sauce"),
-        ("source = 3", "source = 3 is no text"),
-        ('source = ""', "is no text"),
-        ('[sinks]\nudq = "x"', "udq"),
+        ("source = 3", "source = 3"),
+        ('source = ""', "source = ''"),
+        ('ceiling_n = "x"', "ceiling_n = 'x'"),
         ("source = ", "not valid TOML"),
-        ('sinks = "x"', "sinks"),
+        ('[sinks]\nudp = "x"', "sinks is not known"),
     ],
 )
 def test_a_wrong_setting_is_named_with_its_file(

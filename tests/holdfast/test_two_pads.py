@@ -14,7 +14,8 @@ from holdfast.core.errors import UsageError
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.model import Model
 from holdfast.live.grip import controller_for, grip_to_scene
-from holdfast.live.hand_sources import open_live, shear_gain_of
+from holdfast.live.scene_source import shear_gain_of
+from holdfast.live.sources import open_live
 
 LAYOUT = "layout=0:35,0:22"
 # Twice what friction holds, for a fifth of a second; a drive of 50 ms can be in time.
@@ -85,7 +86,7 @@ def test_a_tug_at_a_gripper_of_two_pads_is_held_by_the_commands(
 
 def test_a_run_names_the_gripper_and_commands_it(two_pads: Path, tug: Path) -> None:
     words = [sys.executable, "-m", "holdfast", "run", str(two_pads), "--source"]
-    words += [scene_url(tug, 102), "--grip", "virtual", "--quiet"]
+    words += [scene_url(tug, 102), "--grip", "virtual", "--to", "none"]
     done = subprocess.run(
         [*words, "--seconds", "0.5"],
         cwd=ROOT,

@@ -146,7 +146,7 @@ def write_recording(path: Path) -> None:
     ("words", "code", "says"),
     [
         ((*VIRTUAL, "--seconds", "0.2"), 0, "samples"),
-        ((*VIRTUAL, "--seconds", "0.2", "--view"), 0, "samples"),
+        ((*VIRTUAL, "--seconds", "0.2", "--to", "view"), 0, "samples"),
         (("scan", "virtual://ft232h"), 0, ""),
         (("simulate", "thesis", "--trials", "1", "--out", "made"), 0, "simulating"),
         (("train",), 2, "holdfast[train"),
@@ -176,7 +176,7 @@ def commands_of_the_readme() -> list[str]:
     for command in commands:
         words = shlex.split(command)
         # it needs options, waits for a bridge, needs an extra, or takes as long as a test
-        bare = len(words) == 2 or words[1] == "selftest" or "c" in words
+        bare = len(words) == 2 or words[1] == "doctor" or "c" in words
         if not bare and not any(re.fullmatch("[A-Z.]+", word) for word in words):
             whole.append(command)
     return [one for one in whole if "oak" not in one and "completion" not in one]

@@ -9,14 +9,15 @@ import socket
 import subprocess
 import sys
 import tempfile
+import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from holdfast.edge_runtime.supervisor import GripCommand, last_line, to_line
-from holdfast.live.wire import Wire, open_wire
+from holdfast.live.hand_link import HandLink, open_hand_link
 
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE_S = 60.0
@@ -34,6 +35,10 @@ class UnixReceiver:
         self.socket.settimeout(PATIENCE_S)
         self.url = f"unix://{self.path}"
         self._kept: deque[bytes] = deque()
+
+    def keep(self, *_: object) -> None:
+        """Wait for a line and keep it for `raw`."""
+        self._kept.append(self.socket.recv(65536))
 
     def raw(self) -> bytes:
         """The next line as it came."""
@@ -109,14 +114,12 @@ class TtyReceiver:
         self.handle = self._other = -1
 
 
-class Hands:
-    """A clock by hand."""
-
-    def __init__(self) -> None:
-        self.ns = 1_000_000_000
-
-    def now_ns(self) -> int:
-        return self.ns
+def until(holds: Callable[[], object]) -> None:
+    """Wait for what a thread does."""
+    end_s = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < end_s
+        time.sleep(0.002)
 
 
 def command(sequence: int, mode: Any = "tighten") -> GripCommand:
@@ -124,26 +127,29 @@ def command(sequence: int, mode: Any = "tighten") -> GripCommand:
 
 
 @contextmanager
-def opened(url: str, clock: Hands, messages: list[str]) -> Iterator[Wire]:
-    wire = open_wire(url, "--grip", last_line, messages.append, clock.now_ns)
+def opened(url: str, report: Callable[[str], object] = print) -> Iterator[HandLink]:
+    link = open_hand_link(url, "--grip", last_line, report, time.monotonic_ns)
     reason = "failed"
     try:
-        yield wire
+        yield link
         reason = "stopped"
     finally:
-        wire.close(reason)
+        link.close(reason)
 
 
-def send(sink: Wire, *sequences: int) -> list[bool]:
-    return [sink(to_line(command(k)), k) for k in sequences]
+def send(link: HandLink, *sequences: int) -> None:
+    """Commands, each when the one before has left or is lost."""
+    for k in sequences:
+        link(to_line(command(k)), k)
+        until(lambda: link.idle or not link.works)
 
 
 SENDS_THEN_WAITS = """
 import sys
 sys.path.insert(0, "tests/support")
-from grip_bench import Hands, opened, send
-with opened(sys.argv[1], Hands(), []) as sink:
-    send(sink, 40, 41, 42)
+from grip_bench import opened, send
+with opened(sys.argv[1]) as link:
+    send(link, 40, 41, 42)
     print("sent", flush=True)
     sys.stdin.read()
     if sys.argv[2] == "raise":

@@ -273,8 +273,8 @@ NO_GRIP_COMMAND = Hazard(
 WIRE_FAILS = Hazard(
     LIVE,
     "The wire to the hand fails, or its reader stalls",
-    "The loop never waits for it; the failure is reported, the wire is tried again, and its first "
-    "commands are `hold`",
+    "The loop never waits for it; the failure is reported, the wire is opened again, and its first "
+    "command is `hold`",
     "The hand's own controller holds where no command comes for 300 ms",
 )
 STALE_PAGE = Hazard(
@@ -313,9 +313,8 @@ OTHER_SENDER = Hazard(
 )
 CROWDED_PAGE = Hazard(
     OUTSIDE,
-    "A program shuts the live page with slow or huge requests, or fills the memory with them",
-    "A request must be whole after 5 s and within 32 KiB; connections are limited, and those that "
-    "have not asked make way for a browser",
-    "A program on the same machine, or with the token, that opens whole requests faster than the "
-    "browser does: it disconnects the browser, which comes back after a second",
+    "A program shuts the live page with requests that never end",
+    "A thread answers each request, and a connection that sends or takes nothing for 5 s ends",
+    "A program on the same machine, or with the token, that opens connections without end: the "
+    "page stops, the run goes on",
 )

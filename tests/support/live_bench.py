@@ -19,10 +19,10 @@ from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.grip import GripOutput
-from holdfast.live.hand_sources import open_live
 from holdfast.live.loop import Summary, run_live
 from holdfast.live.outputs import Output, close_at_end, emit_to
 from holdfast.live.run import answer
+from holdfast.live.sources import open_live
 
 ROOT = Path(__file__).resolve().parents[2]
 AnyOutput = TypeVar("AnyOutput", bound=Output)

@@ -22,7 +22,7 @@ LONGEST = (
     "test_health",
     "test_camera_onset",
     "test_stream",
-    "test_selftest",
+    "test_model_checks",
     "test_run_grip",
     "test_wheel",
     "test_train_command",

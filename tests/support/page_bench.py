@@ -23,7 +23,6 @@ ABOUT = {
     "source": "virtual://ft232h",
     "answers": True,
     "grip": False,
-    "saves": True,
     "actions": ACTIONS,
 }
 PERIOD_NS = 6_666_667

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import Run, fails
+from drawn_picture import drawn
 from made_prediction import prediction
 from own_data import write_meta, write_people_folders, write_phases
 
@@ -25,7 +26,7 @@ from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP, Sample, channel
 from holdfast.core.source import SourceReading
 from holdfast.core.trial_layout import truth_path
 from holdfast.drivers.lsl import DECISION, decision_row
-from holdfast.live.view import picture
+from holdfast.live.view import Shown
 from holdfast.training.datasets import human_slip_uskin, join, load
 from holdfast.training.datasets.eflesh_slip import SIX_MAGNETOMETERS
 from holdfast.training.datasets.public_files import channels_of
@@ -309,10 +310,9 @@ def test_the_view_has_words_in_place_of_a_bar() -> None:
     good = np.ones(2, np.bool_)
     sample = Sample(0, np.zeros(6), good, 0)
     reading = SourceReading(0, np.zeros(6), good)
-    lines = picture(prediction(), sample, reading, "uT", untold=["safe_slip"])
-    drawn = ["".join(span.text for span in line) for line in lines]
-    assert "safe slip  cannot tell" in drawn
-    assert any(re.match(r"grasp .*1\.00$", line) for line in drawn)
+    text = drawn(Shown(prediction(), sample, reading, "uT", untold=["safe_slip"]))
+    assert re.search(r"^safe slip +cannot tell", text, re.MULTILINE)
+    assert re.search(r"^grasp .*1\.00 *$", text, re.MULTILINE)
 
 
 @pytest.mark.filterwarnings("ignore")

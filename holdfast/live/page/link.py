@@ -25,6 +25,7 @@ from collections.abc import Callable
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from ipaddress import ip_address
+from urllib.parse import urlsplit
 
 from holdfast.core.contract import Json
 from holdfast.core.errors import OutputError, UsageError
@@ -39,7 +40,7 @@ for long."""
 ELSEWHERE = ("192.0.2.1", 9)
 """An address for examples: a datagram socket that is connected to it sends nothing."""
 EXAMPLES = (
-    "--web 8000 (this machine only), or --web 0.0.0.0:8000 (the network, with a token)"
+    "web:8000 (this machine only), or web:0.0.0.0:8000 (the network, with a token)"
 )
 
 
@@ -66,18 +67,23 @@ def read_address(text: str) -> tuple[str, int]:
     >>> read_address("8000"), read_address("[::1]:0")
     (('127.0.0.1', 8000), ('::1', 0))
     """
-    host, colon, port = text.rpartition(":")
-    bracketed = host.startswith("[") and host.endswith("]")
-    if bracketed:
-        host = host[1:-1]
-    empty = colon and not host
-    # an IPv6 address without brackets: where it ends and the port begins cannot be told
-    unclear = ":" in host and not bracketed
-    is_number = port.isascii() and port.isdecimal() and len(port) <= 5
-    wrong_host = empty or unclear or not host.isprintable()
-    if wrong_host or not is_number or int(port) > 65535:
-        raise UsageError(f"--web {text[:80]!r} is not [HOST:]PORT", next_step=EXAMPLES)
-    return host or LOOPBACK, int(port)
+    try:
+        parts = urlsplit(f"//{text}" if ":" in text else f"//{LOOPBACK}:{text}")
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host = port = None
+    if not host or port is None:
+        what = f"web:{text[:80]} is no address of a page"
+        raise UsageError(what, next_step=EXAMPLES)
+    return host, port
+
+
+CAUSES = {
+    errno.EADDRINUSE: "another run or program listens there",
+    errno.EACCES: "a port below 1024 needs root",
+    errno.EADDRNOTAVAIL: "this machine does not have that address",
+    socket.EAI_NONAME: "no such host",
+}
 
 
 def listen(text: str) -> PageAddress:
@@ -86,40 +92,21 @@ def listen(text: str) -> PageAddress:
     Raises UsageError where the host is unknown or the port cannot be had.
     """
     host, port = read_address(text)
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        listener = socket.create_server(
+            (host, port), family=family, backlog=WAITING_CONNECTIONS
+        )
     except (OSError, UnicodeError) as error:
-        cause = getattr(error, "strerror", None) or str(error)
+        what = getattr(error, "strerror", None) or str(error)
         raise UsageError(
-            f"--web: no host {host!r}", cause=cause, next_step=EXAMPLES
+            f"web:{text[:80]}: {what.lower()}",
+            cause=CAUSES.get(getattr(error, "errno", 0), ""),
+            next_step="choose another port, such as web:8001, or web:0 for any free one",
         ) from None
-
-    family, kind, protocol, _, address = found[0]
-    listener = socket.socket(family, kind, protocol)
-    try:
-        # else the port of a run that just ended is refused for a minute
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
-        listener.bind(address)
-        listener.listen(WAITING_CONNECTIONS)
-    except OSError as error:
-        listener.close()
-        raise _cannot_listen(text, error) from None
-
+    # accepted connections have it too
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
     return _reached(listener, host)
-
-
-def _cannot_listen(text: str, error: OSError) -> UsageError:
-    causes = {
-        errno.EADDRINUSE: "another run or program listens there",
-        errno.EACCES: "a port below 1024 needs root",
-        errno.EADDRNOTAVAIL: "this machine does not have that address",
-    }
-    return UsageError(
-        f"--web {text[:80]!r}: {(error.strerror or str(error)).lower()}",
-        cause=causes.get(error.errno or 0, ""),
-        next_step="choose another port, such as --web 8001, or --web 0 for any free one",
-    )
 
 
 def _reached(listener: socket.socket, host: str) -> PageAddress:
@@ -269,6 +256,6 @@ def _started(
         process.kill()
         process.wait()
         what = f"no process for the live page ({error.strerror or error})"
-        raise OutputError(what, where="--web", next_step="run without --web") from None
+        raise OutputError(what, where="web", next_step="run without the page") from None
 
     return PageLink(ours, report, process)

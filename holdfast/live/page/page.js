@@ -238,10 +238,6 @@ function buildButtons() {
   const pause = button(page.paused ? "Resume" : "Pause", () => togglePause(pause));
   pause.setAttribute("aria-pressed", String(page.paused !== null));
   bar.append(pause);
-  if (!page.about.saves) return;
-  const link = document.createElement("a");
-  Object.assign(link, { href: "save", className: "button", textContent: "Save the last 30 s", download: "" });
-  bar.append(link);
 }
 
 /** Only what can be done now can be pressed. */

@@ -1,4 +1,4 @@
-"""The live page of `holdfast run --web`: every sample, its answer, its grip command.
+"""The live page of `holdfast run --to web`: every sample, its answer, its grip command.
 
 Without --grip no controller runs; the friction margin is then computed for the page alone.
 """
@@ -20,8 +20,8 @@ from holdfast.core.hand_card import SIDES, HandCard, hand_or_usual, sensor_names
 from holdfast.core.source import SourceReading
 from holdfast.edge_runtime.batch import ONE_HAND
 from holdfast.edge_runtime.grip_control import FrictionMargin, sense_of
-from holdfast.edge_runtime.intent import IntentMonitor
 from holdfast.edge_runtime.model_file import ModelCard
+from holdfast.edge_runtime.wearer import IntentMonitor
 from holdfast.live.outputs import STOPPED
 from holdfast.live.page.link import PageLink, open_page
 
@@ -209,7 +209,6 @@ def open_run_page(
         "source": source,
         "answers": True,
         "grip": with_grip,
-        "saves": True,
         "actions": ACTIONS,
     }
     return RunPage(open_page(address, about, report), card, report, shear_gain)

@@ -17,7 +17,7 @@ from typing import Any
 Message = dict[str, Any]
 
 KEPT_S, SHOWN_S = 30.0, 10.0
-"""How much is kept for saving, and how much a new browser sees."""
+"""How long losses are counted, and how much a new browser sees."""
 FRAME_S = 0.06
 """The time between two frames: shorter than a display is read."""
 KEPT_FRAMES = 32
@@ -126,7 +126,7 @@ class LiveStream:
             self._over = bool(self.ended)
             self._changed.notify_all()
 
-    # -- to a browser, and to a file
+    # -- to a browser
 
     def frames(self) -> Iterator[bytes]:
         """Events for one browser: a whole picture, then frames as they come; ends with the run."""
@@ -154,15 +154,6 @@ class LiveStream:
             yield b"".join(newest)
             if over:
                 return
-
-    def last(self) -> tuple[list[Message], list[Message]]:
-        """The last 30 s: samples, and the marks among them, oldest first."""
-        with self._changed:
-            samples = list(self._samples)
-            # a mark before the first kept sample has no signal to stand at
-            begins_ns = samples[0]["t_ns"] if samples else 0
-            marks = [mark for mark in self._marks if mark["t_ns"] >= begins_ns]
-            return samples, marks
 
     def _whole(self) -> bytes:
         picture = self._now(self._came_s or 0.0)

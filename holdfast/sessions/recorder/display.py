@@ -170,7 +170,6 @@ def record_page(
         "source": options.source,
         "answers": False,
         "grip": False,
-        "saves": False,
         "actions": ACTIONS,
     }
     hand = None if options.hand is None else read_hand_card(options.hand)

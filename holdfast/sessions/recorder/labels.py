@@ -39,7 +39,7 @@ from holdfast.core.trial_layout import (
     read_json,
 )
 from holdfast.core.writing import write_whole
-from holdfast.live.hand_sources import scene_of
+from holdfast.live.scene_source import scene_of
 
 NOTHING = SITUATIONS[0]
 """The situation of an empty hand."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from holdfast.core.errors import UsageError
 from holdfast.core.trial_layout import checked_name
-from holdfast.live.hand_sources import is_hand
+from holdfast.live.source_url import is_hand
 from holdfast.sessions.camera import CameraOptions
 from holdfast.sessions.recorder.folder import done
 from holdfast.sessions.recorder.keys import Keys
@@ -61,7 +61,7 @@ class RecordOptions:
         for field in fields(cls):
             if hasattr(args, field.name):
                 given[field.name] = getattr(args, field.name)
-        return cls(**given | {"camera": camera})
+        return cls(**given | {"camera": camera, "intent": args.wearer})
 
     @property
     def only_a_key_ends(self) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 import re
-from contextlib import closing
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -18,11 +18,12 @@ from holdfast.core.schema import json_of, text_of
 from holdfast.core.trial_layout import checked_name, mass_g
 from holdfast.drivers.calibration import read_calibration
 from holdfast.drivers.hand import LiveHand
-from holdfast.live.bias import MeasuredBias, measure_bias, require_good
-from holdfast.live.hand_sources import open_live
-from holdfast.live.intent import intent_monitor
+from holdfast.edge_runtime.wearer import IntentMonitor
 from holdfast.live.running import first_in_line
-from holdfast.live.sources import LINES, STANDARD_INPUT, force_of
+from holdfast.live.source_url import LINES, STANDARD_INPUT
+from holdfast.live.sources import force_of, open_live
+from holdfast.live.wearer import wearer_monitor
+from holdfast.sessions.bias import MeasuredBias, measure_bias, require_good
 from holdfast.sessions.recorder.folder import (
     RECORDING,
     keep_hand,
@@ -80,7 +81,9 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
     )
     # The folder is locked for the whole run: a second recorder would mix trial numbers.
     folder = opened(options.out, source.unit, kind_of(options.source))
-    monitor = intent_monitor(options.intent, clock, report)
+    monitor: AbstractContextManager[IntentMonitor | None] = nullcontext()
+    if options.intent is not None:
+        monitor = wearer_monitor(options.intent, clock, report)
 
     with (
         closing(source),

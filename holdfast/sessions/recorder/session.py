@@ -22,7 +22,7 @@ from holdfast.core.source import SelfPaced, Source, SourceReading
 from holdfast.core.trial_layout import META
 from holdfast.core.writing import write_whole
 from holdfast.drivers.replay import PacedReplay
-from holdfast.edge_runtime.intent import IntentMonitor
+from holdfast.edge_runtime.wearer import IntentMonitor
 from holdfast.live.loop import ANOTHER_CLOCK_NS, Stamps
 from holdfast.sessions.camera import CameraProcess
 from holdfast.sessions.recorder.folder import (

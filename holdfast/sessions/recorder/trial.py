@@ -20,7 +20,7 @@ from holdfast.core.errors import DataError, HoldfastError, OutputError
 from holdfast.core.source import SourceReading
 from holdfast.core.tactile_file import TactileFile
 from holdfast.core.trial_layout import EVENTS, TACTILE, intent_path
-from holdfast.edge_runtime.intent import INTENT_HEADER, IntentMonitor, intent_row
+from holdfast.edge_runtime.wearer import INTENT_HEADER, IntentMonitor, intent_row
 from holdfast.sessions.recorder.folder import (
     FORMAT,
     INTERRUPTED,

@@ -13,8 +13,7 @@ from urllib.parse import parse_qsl, urlsplit
 
 from holdfast.core.errors import UsageError
 from holdfast.core.trial_layout import DISCARDED
-from holdfast.live.hand_sources import open_live
-from holdfast.live.sources import force_of
+from holdfast.live.sources import force_of, open_live
 from holdfast.sessions.recorder.folder import (
     KEPT,
     RECORDING,

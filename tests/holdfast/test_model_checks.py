@@ -1,5 +1,4 @@
-"""`holdfast selftest`: says line by line what holds, and fails on a model that only its seal speaks
-for."""
+"""`holdfast doctor MODEL` says what holds, and fails on a model that only its seal speaks for."""
 
 from __future__ import annotations
 
@@ -19,14 +18,14 @@ from holdfast.edge_runtime.model_file import CARD_KEY
 from holdfast.edge_runtime.monitor import Model
 from holdfast.export.artifact import read_artifact
 from holdfast.export.exporting import seal
-from holdfast.live.selftest import CHECKS, self_checks
+from holdfast.live.model_checks import CHECKS, model_checks
 
 if TYPE_CHECKING:
     from conftest import Built
 
 DEFAULT = Path(__file__).resolve().parents[2] / "models" / "holdfast-150hz.onnx"
 EVERY = [
-    "seal, card and golden rows",
+    "golden rows",
     "one sample against a batch",
     "reset forgets",
     "unknown when it must be",
@@ -48,14 +47,14 @@ HEAVY = {
 ALONE = """
 import sys
 from holdfast.cli.main import main
-code = main(["selftest", *sys.argv[1:]])
+code = main(["doctor", *sys.argv[1:]])
 print(*sorted({name.removeprefix("holdfast.").split(".")[0] for name in sys.modules}))
 sys.exit(code)
 """
 
 
 def alone(model: Path, *words: str) -> tuple[list[str], set[str]]:
-    """What the self-test says of a model that holds, in a process of its own, whose memory it looks
+    """What the check says of a model that holds, in a process of its own, whose memory it looks
     at; and the packages that the process has loaded."""
     command = [sys.executable, "-c", ALONE, str(model), *words]
     done = subprocess.run(command, capture_output=True, text=True)
@@ -66,7 +65,7 @@ def alone(model: Path, *words: str) -> tuple[list[str], set[str]]:
 
 @pytest.fixture(scope="module")
 def default_alone() -> tuple[list[str], set[str]]:
-    """The self-test of the default model: its lines, and the packages that it has loaded."""
+    """The check of the default model: its lines, and the packages that it has loaded."""
     return alone(DEFAULT)
 
 
@@ -74,22 +73,24 @@ def default_alone() -> tuple[list[str], set[str]]:
     "Forest and ONNX",
     "the board answers otherwise than the machine it was verified on",
     elsewhere="the tests ran on another machine only",
-    here="`holdfast selftest` runs the hard cases in short on the board, with the very "
+    here="`holdfast doctor MODEL` runs the hard cases in short on the board, with the very "
     "file that is deployed",
 )
 def test_the_default_model_holds_line_by_line(default_alone, record_property):
     lines, _ = default_alone
-    assert [line[8:36].strip() for line in lines] == EVERY
-    assert {line[:8] for line in lines} == {"ok      "}
+    assert [line[9:39].strip() for line in lines] == EVERY
+    assert {line[:9] for line in lines} == {"ok       "}
     record_property("checks", len(lines))
 
 
 def test_a_model_of_four_situations_holds_too_and_json_says_the_same(
     four_situations: Built,
 ):
-    content = json.loads("\n".join(alone(four_situations.model, "--json")[0]))["checks"]
+    content = json.loads("\n".join(alone(four_situations.model, "--json")[0]))[
+        "findings"
+    ]
     assert [one["what"] for one in content] == EVERY
-    assert all(one["ok"] is True and one["figure"] for one in content)
+    assert all(one["status"] == "ok" and one["found"] for one in content)
 
 
 def test_it_needs_what_is_on_the_hand_and_nothing_else(default_alone):
@@ -163,36 +164,43 @@ DAMAGES = {
     "Forest and ONNX",
     "a model that is wrong and properly sealed",
     elsewhere="its hash is right, its golden rows are its own, and so it is trusted",
-    here="the selftest checks properties of the file that golden rows cannot show",
+    here="`holdfast doctor MODEL` checks properties of the file that golden rows cannot show",
 )
 @pytest.mark.parametrize("damage", DAMAGES, ids=lambda damage: damage.__name__)
-def test_the_selftest_fails_on_a_model_with_any_of_these_faults(
+def test_the_check_fails_on_a_model_with_any_of_these_faults(
     four_situations: Built, tmp_path: Path, capsys, damage
 ):
     path = damaged(four_situations, damage, tmp_path / "m.onnx")
     Model(path)
-    assert main(["selftest", str(path), "--json"]) == 1
-    content = json.loads(capsys.readouterr().out)["checks"]
-    assert DAMAGES[damage] in [one["what"] for one in content if not one["ok"]]
+    assert main(["doctor", str(path), "--json"]) == 1
+    content = json.loads(capsys.readouterr().out)["findings"]
+    assert DAMAGES[damage] in [
+        one["what"] for one in content if one["status"] == "broken"
+    ]
 
 
 def test_a_file_that_cannot_be_opened_fails_in_its_first_line(tmp_path: Path, capsys):
     (tmp_path / "m.onnx").write_bytes(DEFAULT.read_bytes()[:-1])
-    assert main(["selftest", str(tmp_path / "m.onnx")]) == 1
+    assert main(["doctor", str(tmp_path / "m.onnx")]) == 1
     (line,) = capsys.readouterr().out.splitlines()
-    assert line.startswith("failed  seal, card and golden rows  BrokenSeal")
+    assert line.startswith("broken   golden rows                   BrokenSeal")
 
 
 def test_a_check_that_cannot_be_carried_out_has_failed_and_the_others_go_on(
     monkeypatch,
 ):
-    def _broken(model: Model) -> None:
+    def broken(model: Model) -> None:
         raise ZeroDivisionError("on purpose")
 
-    monkeypatch.setattr("holdfast.live.selftest.CHECKS", (_broken, CHECKS[-1]))
-    result = list(self_checks(DEFAULT))
-    assert [(one.what, one.ok) for one in result[1:]] == [
-        ("broken", False),
-        ("clock", True),
+    monkeypatch.setitem(CHECKS, "reset forgets", broken)
+    found = {one.what: one for one in model_checks(DEFAULT)}
+    assert list(found) == EVERY
+    assert [one.what for one in found.values() if one.status != "ok"] == [
+        "reset forgets"
     ]
-    assert "on purpose" in result[1].figure
+    assert "on purpose" in found["reset forgets"].found
+
+
+def test_the_old_word_answers_with_the_new_one(capsys):
+    assert main(["selftest", "m.onnx"]) == 2
+    assert "holdfast doctor MODEL" in capsys.readouterr().err

@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import os
+import socket
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import pytest
+from hazard_marks import BROKEN_LINE, OTHER_SENDER, SILENT_SENDER
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numbered_lines import numbered_sender
 
-from holdfast.core.errors import ColumnError, DeviceLost, NotANumber
-from holdfast.core.hand_lines import line_port
+from holdfast.core.errors import ColumnError, DeviceLost, NotANumber, UsageError
+from holdfast.core.hand_lines import SILENCE_NS
 from holdfast.drivers.lsl import LslIntent, StreamFacts
-from holdfast.edge_runtime.intent import (
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.wearer import (
     INTENT_HEADER,
+    Command,
     Intent,
     IntentMonitor,
-    ItemReader,
-    PortIntent,
     intent_row,
     read_intent,
 )
+from holdfast.live.wearer import wearer_monitor
 
 PERIOD_NS = 6_666_667
 
@@ -66,7 +74,7 @@ def test_before_the_first_item_the_wish_is_unknown_and_nothing_opens(hand):
     assert not hand.monitor.opening
 
 
-@pytest.mark.parametrize("word", ["open", "close", "rest"])
+@pytest.mark.parametrize("word", ["open", "close", "stop"])
 def test_a_silent_stream_is_unknown_after_three_tenths_of_a_second(hand, word):
     assert hand.sample(word).wants == word
     assert hand.silence(44).wants == word
@@ -76,7 +84,7 @@ def test_a_silent_stream_is_unknown_after_three_tenths_of_a_second(hand, word):
     assert hand.silence(20).wants == "unknown"
     assert len(hand.messages) == 1
     assert hand.sample(word).wants == word
-    assert hand.messages[1:] == ["intent: the stream is back"]
+    assert hand.messages[1:] == ["wearer: the stream is back"]
 
 
 def test_an_opening_that_never_ends_counts_for_three_seconds_until_it_has_ended(hand):
@@ -85,8 +93,8 @@ def test_an_opening_that_never_ends_counts_for_three_seconds_until_it_has_ended(
         assert hand.sample("open").wants == "open"
         opened.append(hand.monitor.opening)
     assert (sum(opened), opened[448], opened[449]) == (449, True, False)
-    assert hand.messages == ["intent: open for 3 s; it does not count until it ends"]
-    hand.sample("rest", "open")
+    assert hand.messages == ["wearer: open for 3 s; it does not count until it ends"]
+    hand.sample("stop", "open")
     assert hand.monitor.opening
 
 
@@ -111,7 +119,7 @@ def test_what_waited_while_nothing_looked_is_dropped(hand):
 
 
 @settings(deadline=None, max_examples=50)
-@given(st.lists(st.none() | st.sampled_from(["open", "close", "rest"]), max_size=300))
+@given(st.lists(st.none() | st.sampled_from(["open", "close", "stop"]), max_size=300))
 def test_the_wish_is_never_older_than_it_may_be_and_never_made_up(stream):
     hand = Hand()
     hand.sample()
@@ -125,33 +133,74 @@ def test_the_wish_is_never_older_than_it_may_be_and_never_made_up(stream):
         assert (hand.monitor.link == "live") == fresh
 
 
-# -- datagrams
+def test_an_override_counts_for_the_sample_at_which_it_came(hand):
+    hand.ns += PERIOD_NS
+    hand.next = [Intent(hand.ns, word) for word in ("override", "open")]
+    assert hand.monitor.command() == Command(True, True, "live")
+    hand.ns += PERIOD_NS
+    assert hand.monitor.command() == Command(True, False, "live")
 
 
-@pytest.fixture
-def words(tmp_path) -> Iterator[tuple[Callable[[Any], None], PortIntent, list[str]]]:
-    """(sends one datagram, the stream, its messages)."""
-    messages: list[str] = []
-    path = tmp_path / "intent"
-    with (
-        line_port(f"unix://{path}", "intent", messages.append, lambda: 7) as port,
-        numbered_sender(path) as sender,
-    ):
-        yield sender.send, PortIntent(port, lambda: 7), messages
+# -- lines
 
 
-def test_datagrams_are_items_with_the_time_of_their_arrival(words):
-    send, stream, messages = words
-    for word in ("open", "rest"):
-        send({"wants": word})
-    assert stream.came() == [Intent(7, "open"), Intent(7, "rest")]
-    assert not messages
+@dataclass
+class Listening:
+    """A run that listens at a socket file."""
+
+    path: Path
+    clock: VirtualClock
+    log: list[str]
+    monitor: IntentMonitor
+
+    def ask(self) -> Command:
+        """The command at a sample, a period after the one before."""
+        self.clock.spend(PERIOD_NS)
+        return self.monitor.command()
 
 
+@contextmanager
+def listening(folder: Path) -> Iterator[Listening]:
+    path, clock, log = folder / "wearer", VirtualClock(10**9), list[str]()
+    with wearer_monitor(f"unix://{path}", clock, log.append) as monitor:
+        one = Listening(path, clock, log, monitor)
+        assert one.ask() == Command()
+        yield one
+
+
+@SILENT_SENDER.mark
+def test_a_word_comes_as_an_object_or_bare_and_an_opening_lasts_until_it_expires(
+    tmp_path: Path,
+) -> None:
+    with listening(tmp_path) as run, numbered_sender(run.path) as wearer:
+        for line in ({"wants": "open"}, b"open", b"open\nstop\nopen\n"):
+            wearer.send(line)
+            assert run.ask() == Command(opening=True, link="live")
+        wearer.send({"wants": "stop"})
+        assert run.ask() == Command(link="live")
+        wearer.send({"wants": "open"})
+        assert run.ask().opening
+        run.clock.spend(SILENCE_NS - PERIOD_NS)
+        assert run.ask().opening
+        assert run.ask() == Command(link="expired")
+        assert "silent" in run.log[-1]
+
+
+@OTHER_SENDER.mark
+def test_an_old_line_that_comes_late_moves_nothing(tmp_path: Path) -> None:
+    with listening(tmp_path) as run, numbered_sender(run.path) as wearer:
+        wearer.send({"sequence": 7, "wants": "stop"})
+        assert not run.ask().opening
+        for late in (7, 6, 0):
+            wearer.send({"sequence": late, "wants": "open"})
+        assert not run.ask().opening
+        assert "not rising" in run.log[-1]
+
+
+@BROKEN_LINE.mark
 @pytest.mark.parametrize(
     "rubbish",
     [
-        b"",
         b"\xff\x1b[2J",
         b"[0.5, 0.5]",
         {},
@@ -163,14 +212,89 @@ def test_datagrams_are_items_with_the_time_of_their_arrival(words):
         {"opening": True},
     ],
 )
-def test_what_is_not_understood_is_no_item_and_reported_once(words, rubbish):
-    send, stream, messages = words
-    for _ in range(3):
-        send(rubbish)
-    assert stream.came() == []
-    assert len(messages) == 1
-    assert "is skipped: not understood" in messages[0]
-    assert messages[0].isprintable()
+def test_what_is_not_understood_is_skipped_and_a_word_behind_it_counts(
+    tmp_path: Path, rubbish: Any
+) -> None:
+    with listening(tmp_path) as run, numbered_sender(run.path) as wearer:
+        for _ in range(3):
+            wearer.send(rubbish)
+        wearer.send({"wants": "open"})
+        assert run.ask().opening
+        (line,) = run.log
+        assert "is skipped: not understood" in line
+        assert line.isprintable()
+        run.clock.spend(SILENCE_NS - PERIOD_NS)
+        wearer.send(rubbish)
+        assert run.ask().opening
+        wearer.send(rubbish)
+        assert run.ask() == Command(link="expired")
+
+
+@OTHER_SENDER.mark
+@pytest.mark.parametrize("umask", [0o000, 0o077])
+def test_a_socket_file_is_for_its_owner_only_whatever_the_umask(
+    tmp_path: Path, umask: int
+) -> None:
+    before = os.umask(umask)
+    try:
+        with listening(tmp_path) as run:
+            assert stat.S_IMODE(run.path.stat().st_mode) == 0o600
+    finally:
+        os.umask(before)
+    assert not (tmp_path / "wearer").exists()
+
+
+def test_what_a_program_left_behind_is_replaced_and_nothing_else(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "wearer"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as dead:
+        dead.bind(str(path))
+    with (
+        listening(tmp_path),
+        pytest.raises(UsageError, match="in use"),
+        listening(tmp_path),
+    ):
+        pass
+    path.write_text("kept", encoding="utf-8")
+    with pytest.raises(UsageError, match="in use"), listening(tmp_path):
+        pass
+    assert path.read_text("utf-8") == "kept"
+
+
+@pytest.mark.parametrize(
+    ("url", "says"),
+    [
+        ("9001", "is no stream"),
+        ("sim://apple", "is no stream"),
+        ("udp://127.0.0.1:9001", "nothing that moves a hand crosses a network"),
+        ("unix:///run/a?key=b", "key is not known"),
+        ("unix://relative", "three slashes"),
+        ("unix:///no/such/folder/wearer", "cannot listen"),
+        ("unix:///" + "a" * 200, "cannot listen"),
+        ("lsl://", "no name of a stream"),
+    ],
+)
+def test_an_address_that_cannot_be_is_a_usage_error(url: str, says: str) -> None:
+    with (
+        pytest.raises(UsageError, match=says),
+        wearer_monitor(url, VirtualClock(), print),
+    ):
+        pass
+
+
+def test_a_recorded_stream_comes_again_in_its_time(tmp_path: Path) -> None:
+    path, clock = tmp_path / "trial_1.intent.csv", VirtualClock(10**9)
+    rows = [INTENT_HEADER, "0.1,7,open", "0.2,8,unknown", "0.3,9,rest", ""]
+    path.write_text("\n".join(rows), encoding="utf-8")
+    with wearer_monitor(f"replay://{path}", clock, print) as monitor:
+        said = []
+        for _ in range(100):
+            monitor.look()
+            said += [(item.t_ns, item.wants) for item in monitor.fresh]
+            clock.spend(PERIOD_NS)
+    assert said[:2] == [(1_100_000_000, "open"), (1_300_000_000, "stop")]
+    assert [wants for _, wants in said[2:]] == ["unknown"]
 
 
 # -- the lab streaming layer
@@ -201,7 +325,7 @@ def test_words_of_the_lab_streaming_layer_are_put_on_the_runs_clock():
     messages: list[str] = []
     pairs = [(1000.5, ["open"]), (1000.75, ["shut"]), (1009.0, ["rest"])]
     stream = LslIntent(ScriptedInlet(pairs), lambda: 10**9, messages.append)
-    assert stream.came() == [Intent(500_000_000, "open"), Intent(10**9, "rest")]
+    assert stream.came() == [Intent(500_000_000, "open"), Intent(10**9, "stop")]
     assert len(messages) == 1
     for _ in range(3):
         assert stream.came() == []
@@ -263,11 +387,11 @@ def test_a_silence_and_a_pause_are_longer_than_three_tenths_of_a_second():
         (900_000_007, "expired", [], 2),
     ):
         hand.ns = at_ns
-        hand.next = [Intent(5, "rest")] if at_ns == 5 else []
+        hand.next = [Intent(5, "stop")] if at_ns == 5 else []
         hand.monitor.look()
         assert (hand.monitor.link, hand.forgotten) == (link, forgotten)
         assert [one.t_ns for one in hand.monitor.fresh] == fresh
-        assert (hand.monitor.newest.wants == "rest") == (link == "live")
+        assert (hand.monitor.newest.wants == "stop") == (link == "live")
     assert len(hand.messages) == 1
 
 
@@ -280,16 +404,3 @@ def test_an_opening_counts_for_three_seconds_from_the_last_sample_without_it():
     hand.ns += 1
     hand.monitor.look()
     assert (hand.monitor.opening, len(hand.messages)) == (False, 1)
-
-
-def test_what_is_not_understood_is_shown_up_to_80_characters_once_in_a_row():
-    said: list[str] = []
-    reader = ItemReader(said.append)
-
-    def wrong() -> Intent:
-        raise ValueError("so")
-
-    item = Intent(5, "open")
-    for read in (wrong, wrong, lambda: item, wrong):
-        assert reader.item(read, 90 * "x") == (None if read is wrong else item)
-    assert said == [f"intent: {80 * 'x'} is not understood (so)"] * 2

@@ -1,4 +1,4 @@
-"""`--intent`: the wearer's command beside the sensors, shown, recorded, and obeyed if asked."""
+"""`--wearer`: what the wearer wants beside the sensors: shown, recorded, and its `open` obeyed."""
 
 from __future__ import annotations
 
@@ -24,13 +24,12 @@ from recorder_bench import Hand, columns_of, meta_of, one_pull, said, session
 from holdfast.core.contract import Sample
 from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.commands import Command
 from holdfast.edge_runtime.grip_control import GripControl
-from holdfast.edge_runtime.intent import Intent, IntentMonitor, read_intent
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.supervisor import GripCommand
-from holdfast.live.intent import intended, intent_monitor
+from holdfast.edge_runtime.wearer import Intent, IntentMonitor, read_intent
 from holdfast.live.page.run_page import RunPage
+from holdfast.live.wearer import wearer_monitor
 from holdfast.simulation.drive import Actuator, Drive
 
 Send = Callable[[Any], None]
@@ -44,7 +43,7 @@ def wearer(tmp_path) -> Iterator[tuple[str, Send]]:
 
 
 def monitored(url: str, clock: VirtualClock, messages: list[str]) -> Any:
-    return intent_monitor(url, clock, messages.append)
+    return wearer_monitor(url, clock, messages.append)
 
 
 def test_a_trial_has_the_wearers_own_command_beside_it_on_the_clock_of_its_samples(
@@ -54,7 +53,7 @@ def test_a_trial_has_the_wearers_own_command_beside_it_on_the_clock_of_its_sampl
     clock, messages = VirtualClock(7_000_000_000), list[str]()
     says = {
         10: lambda: send({"wants": "open"}),
-        20: lambda: send({"wants": "rest"}),
+        20: lambda: send({"wants": "stop"}),
     }
     source = Hand(140, clock=clock, says=says)
     with monitored(url, clock, messages) as intent:
@@ -68,7 +67,7 @@ def test_a_trial_has_the_wearers_own_command_beside_it_on_the_clock_of_its_sampl
     assert kept == 1
     folder = tmp_path / "p01" / "soft-ball" / "pull" / "trial_1"
     record = read_intent(folder / "tactile.intent.csv")
-    assert [one.wants for one in record.items] == ["open", "rest", "unknown"]
+    assert [one.wants for one in record.items] == ["open", "stop", "unknown"]
     assert record.time_s == pytest.approx((0.1, 0.2, 0.51), abs=0.002)
     host_ns = [int(one) for one in columns_of(folder)["host_ns"]]
     assert record.items[0].t_ns == host_ns[10]
@@ -79,41 +78,39 @@ def test_a_trial_without_a_stream_has_no_such_file_and_a_silent_one_has_an_empty
     tmp_path, wearer
 ):
     one_pull(tmp_path / "without")
-    one_pull(tmp_path / "silent", "--intent", wearer[0])
+    one_pull(tmp_path / "silent", "--wearer", wearer[0])
     assert not list((tmp_path / "without").rglob("*.intent.csv"))
     (path,) = (tmp_path / "silent").rglob("*.intent.csv")
     assert read_intent(path).items == ()
     assert meta_of(path.parent)["configuration"]["intent"].startswith("unix://")
 
 
-def test_a_run_records_the_stream_beside_its_samples_and_opens_only_if_asked(
+def test_a_run_records_the_stream_beside_its_samples_and_an_open_opens(
     tmp_path, wearer
 ):
     url, send = wearer
-    for obeyed in ([], ["--obey-intent"]):
-        samples = tmp_path / f"trial_{len(obeyed)}.csv"
-        options = ["--intent", url, *obeyed, "--samples", str(samples)]
-        with subprocess.Popen(
-            [*RUN, *options], cwd=ROOT, text=True, stdout=subprocess.PIPE
-        ) as run:
-            assert run.stdout is not None
-            answers, opened = [], 0
-            for line in run.stdout:
-                answers.append(json.loads(line))
-                send({"wants": "open"})
-                opened += answers[-1]["opening"]
-                if len(answers) == 300 or opened == 5:
-                    run.send_signal(signal.SIGTERM)
-                    break
-            run.stdout.read()
-        assert run.returncode == 0
-        record = read_intent(samples.with_suffix(".intent.csv"))
-        assert {one.wants for one in record.items} == {"open"}
-        assert bool(opened) == bool(obeyed)
-        assert answers[-1]["commands"] == ("live" if obeyed else "none")
-        with samples.open(newline="") as lines:
-            last_s = float(list(csv.reader(lines))[-1][0])
-        assert 0.0 <= record.time_s[0] <= record.time_s[-1] <= last_s + 0.1
+    samples = tmp_path / "trial.csv"
+    options = ["--wearer", url, "--to", str(samples), "--to", "-"]
+    with subprocess.Popen(
+        [*RUN, *options], cwd=ROOT, text=True, stdout=subprocess.PIPE
+    ) as run:
+        assert run.stdout is not None
+        answers, opened = [], 0
+        for line in run.stdout:
+            answers.append(json.loads(line))
+            send({"wants": "open"})
+            opened += answers[-1]["opening"]
+            if opened == 5:
+                run.send_signal(signal.SIGTERM)
+                break
+        run.stdout.read()
+    assert run.returncode == 0
+    record = read_intent(samples.with_suffix(".intent.csv"))
+    assert {one.wants for one in record.items} == {"open"}
+    assert answers[-1]["commands"] == "live"
+    with samples.open(newline="") as lines:
+        last_s = float(list(csv.reader(lines))[-1][0])
+    assert 0.0 <= record.time_s[0] <= record.time_s[-1] <= last_s + 0.1
 
 
 class Scripted:
@@ -131,22 +128,6 @@ class Scripted:
 
 def scripted(wants: Any) -> IntentMonitor:
     return IntentMonitor(Scripted(Intent(10**9, wants)), lambda: 10**9, print)
-
-
-@pytest.mark.parametrize("wants", ["open", "close", "rest", "unknown", ""])
-@pytest.mark.parametrize("obeyed", [False, True])
-@pytest.mark.parametrize(
-    "own", [Command(), Command(True, True, "live"), Command(link="expired")]
-)
-def test_a_stream_adds_an_opening_and_takes_nothing_from_the_commands(
-    wants, obeyed, own
-):
-    got = intended(lambda: own, scripted(wants), obeyed=obeyed)()
-    if not obeyed:
-        assert got == own
-    assert got.override == own.override
-    assert got.opening == (own.opening or (obeyed and wants == "open"))
-    assert not (own.link == "expired" and got.link != "expired")
 
 
 class OneDrive(Actuator):
@@ -170,7 +151,7 @@ def obeyed_n(command: GripCommand, drive: OneDrive) -> Any:
 @given(
     st.lists(
         st.tuples(
-            st.sampled_from([None, "open", "rest", "close"]), st.sampled_from([0, 1])
+            st.sampled_from([None, "open", "stop", "close"]), st.sampled_from([0, 1])
         ),
         max_size=60,
     ),
@@ -179,9 +160,9 @@ def obeyed_n(command: GripCommand, drive: OneDrive) -> Any:
 def test_a_stuck_or_forged_stream_takes_back_our_answer_and_nothing_of_the_wearers(
     said, lasts
 ):
-    clock, stream = VirtualClock(10**9), Scripted(Intent(0, "rest"))
+    clock, stream = VirtualClock(10**9), Scripted(Intent(0, "stop"))
     intent = IntentMonitor(stream, clock.now_ns, lambda line: None)
-    ask = intended(Command, intent, obeyed=True)
+    ask = intent.command
     control, drive = GripControl("holdfast", 150.0), OneDrive()
     for wants, p_risky in [one for one in said for _ in range(lasts)]:
         clock.wait_until(clock.now_ns() + 6_666_667)
@@ -195,7 +176,7 @@ def test_a_stuck_or_forged_stream_takes_back_our_answer_and_nothing_of_the_weare
             assert command.target_n is None
         drive.step(obeyed_n(command, drive), 1.0 / 150.0)
         assert drive.motor_n[0] >= drive.own_n[0]
-    stream.items = [Intent(clock.now_ns(), "rest")]
+    stream.items = [Intent(clock.now_ns(), "stop")]
     assert not ask().opening
 
 
@@ -218,7 +199,7 @@ def test_an_existing_file_beside_the_samples_is_never_overwritten(
     tmp_path: Path, wearer
 ):
     (tmp_path / "a.intent.csv").write_text("mine", encoding="utf-8")
-    command = [*RUN, "--intent", wearer[0], "--samples", str(tmp_path / "a.csv")]
+    command = [*RUN, "--wearer", wearer[0], "--to", str(tmp_path / "a.csv")]
     done = subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, timeout=300
     )

@@ -1,4 +1,4 @@
-"""What `holdfast doctor` examines: packages, models, buses, rights and clocks of this machine.
+"""What `holdfast doctor` examines: packages, models, buses and rights of this machine.
 
 What belongs to an extra, a bridge or a board is examined only where that is there: a line that says
 "missing" is something to do. Every check imports what it examines late: a package that is missing
@@ -11,17 +11,16 @@ import importlib.metadata
 import os
 import platform
 import sys
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 LIVE_PATH = "live path"
 EXTRAS = {
-    LIVE_PATH: ("numpy", "onnxruntime", "pyusb", "libusb-package", "smbus2"),
+    LIVE_PATH: ("numpy", "msgspec", "onnxruntime", "pyusb", "libusb-package", "smbus2"),
     "train": ("scikit-learn", "skl2onnx", "onnx", "scipy", "pandas", "skops", "rich"),
-    "viz": ("matplotlib",),
+    "viz": ("matplotlib", "jinja2"),
     "camera": ("depthai",),
     "completion": ("shtab",),
     "dask": ("distributed",),
@@ -30,6 +29,8 @@ EXTRAS = {
     "mcap": ("mcap", "mcap-protobuf-support"),
     "parquet": ("pyarrow",),
     "ros2": ("rosbags",),
+    "serial": ("pyserial",),
+    "view": ("rich",),
     "xdf": ("pyxdf",),
     "xlsx": ("openpyxl",),
 }
@@ -52,32 +53,28 @@ class Finding:
 Check = Callable[[], list[Finding]]
 
 
-def examine(data_sets: Check, settings: Check) -> list[Finding]:
+def examine(data_sets: Check, settings: Check) -> Iterator[Finding]:
     """All findings; a check that raises becomes a finding too.
 
     data_sets, settings: the checks of packages above this one.
     """
     # from what everything needs to what only a live hand needs
-    checks: list[tuple[str, Check]] = [
-        ("machine", _machine),
-        ("packages", _packages),
-        ("onnxruntime", _runtime),
-        ("data sets", data_sets),
-        ("model", _models),
-        ("settings", settings),
-        ("libusb", _libusb),
-        ("bridges", _bridges),
-        ("i2c", _native_buses),
-        ("udev", _udev),
-        ("clock", _clock),
-        ("governor", _governor),
-        ("priority", _priority),
-    ]
-
-    findings: list[Finding] = []
-    for name, check in checks:
-        findings += _safely(name, check)
-    return findings
+    checks: dict[str, Check] = {
+        "machine": _machine,
+        "packages": _packages,
+        "onnxruntime": _runtime,
+        "data sets": data_sets,
+        "model": _models,
+        "settings": settings,
+        "libusb": _libusb,
+        "bridges": _bridges,
+        "i2c": _native_buses,
+        "udev": _udev,
+        "governor": _governor,
+        "priority": _priority,
+    }
+    for name, check in checks.items():
+        yield from _safely(name, check)
 
 
 def _safely(name: str, check: Check) -> list[Finding]:
@@ -114,41 +111,26 @@ def missing_of(extra: str) -> list[str]:
 
 
 def _packages() -> list[Finding]:
-    """Those of the live path and of extras that are there; the other extras in one line."""
+    """The live path, each extra that is there, and the other extras in one line."""
     findings = []
     absent = []
     for extra, names in EXTRAS.items():
         missing = missing_of(extra)
-        # pandas comes with another extra, and is no part of lerobot by itself
-        own = [name for name in names if _extras_of(name) == [extra]]
-        if not missing or extra == LIVE_PATH or not set(own) <= set(missing):
-            findings += _extra(extra, missing)
+        there = [name for name in names if name not in missing]
+        if not missing:
+            version = importlib.metadata.version
+            found = ", ".join(f"{name} {version(name)}" for name in there)
+            findings.append(Finding(extra, "ok", found))
+        elif extra == LIVE_PATH:
+            found = f"not installed: {', '.join(missing)}"
+            findings.append(Finding(extra, "missing", found, "pip install holdfast"))
         else:
             absent.append(extra)
 
     if absent:
-        found = f"not installed: {', '.join(absent)}"
+        found = f"not installed, or in part: {', '.join(absent)}"
         step = "pip install 'holdfast[NAME]' for one that you want"
         findings.append(Finding("extras", "ok", found, step))
-    return findings
-
-
-def _extras_of(package: str) -> list[str]:
-    return [extra for extra, names in EXTRAS.items() if package in names]
-
-
-def _extra(extra: str, missing: list[str]) -> list[Finding]:
-    """One line for each package that is there, and one for those that are not."""
-    findings = []
-    for name in EXTRAS[extra]:
-        if name not in missing:
-            version = importlib.metadata.version(name)
-            findings.append(Finding(f"{name} ({extra})", "ok", version))
-
-    if missing:
-        wanted = "holdfast" if extra == LIVE_PATH else f"'holdfast[{extra}]'"
-        found = f"not installed: {', '.join(missing)}"
-        findings.append(Finding(extra, "missing", found, f"pip install {wanted}"))
     return findings
 
 
@@ -227,55 +209,35 @@ def _bridges() -> list[Finding]:
 
 def _native_buses() -> list[Finding]:
     buses = sorted(Path("/dev").glob("i2c-*"))
-    if not buses and not BOARD.exists():
-        return []
     if not buses:
+        if not BOARD.exists():
+            return []
         step = "on a Raspberry Pi: dtparam=i2c_arm=on in config.txt"
         return [Finding("i2c", "missing", "no /dev/i2c-*", step)]
 
     # a bus that is there and not allowed needs another remedy than a missing one
-    closed = [str(bus) for bus in buses if not os.access(bus, os.R_OK | os.W_OK)]
-    if closed:
+    names = ", ".join(str(bus) for bus in buses)
+    if not all(os.access(bus, os.R_OK | os.W_OK) for bus in buses):
         step = "sudo usermod -aG i2c $USER"
-        found = f"not allowed: {', '.join(closed)}"
-        return [Finding("i2c", "broken", found, step)]
-
-    return [Finding("i2c", "ok", ", ".join(str(bus) for bus in buses))]
+        return [Finding("i2c", "broken", f"not allowed: {names}", step)]
+    return [Finding("i2c", "ok", names)]
 
 
 def _udev() -> list[Finding]:
-    from holdfast.drivers.bridges import BRIDGES, ids_of
-    from holdfast.drivers.usb import find_usb, real_backend
+    from holdfast.drivers.bridges import bridges_on_usb
 
     # rules decide which users may open a bridge, so they matter where there is one
-    backend = real_backend()
-    if not any(find_usb(ids_of(name), backend) for name in BRIDGES):
+    if not bridges_on_usb():
         return []
-    folder = Path("/etc/udev/rules.d")
-    if not folder.is_dir():
-        step = "not needed as root or without udev"
-        return [Finding("udev", "missing", "no /etc/udev/rules.d", step)]
-
-    rules = []
-    for rule in folder.glob("*.rules"):
-        # 6014 is the product number of an FT232H, which every version of our rules names
-        if "6014" in rule.read_text(encoding="utf-8", errors="replace"):
-            rules.append(str(rule))
-
+    # 6014 is the product number of an FT232H, which every version of our rules names
+    rules = [
+        str(rule)
+        for rule in Path("/etc/udev/rules.d").glob("*.rules")
+        if "6014" in rule.read_text(encoding="utf-8", errors="replace")
+    ]
     if rules:
         return [Finding("udev", "ok", ", ".join(rules))]
     return [Finding("udev", "missing", "no rule for the bridges", RULES)]
-
-
-def _clock() -> list[Finding]:
-    info = time.get_clock_info("monotonic")
-    found = f"{info.implementation}, resolution {1e9 * info.resolution:g} ns"
-    # a coarser clock than 1 us would blur the latency of a stage
-    if info.monotonic and info.resolution <= 1e-6:
-        return [Finding("clock", "ok", found)]
-    return [
-        Finding("clock", "broken", found, "use a kernel with high-resolution timers")
-    ]
 
 
 def _governor() -> list[Finding]:

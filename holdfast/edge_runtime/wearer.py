@@ -1,18 +1,20 @@
-"""The wearer's command as a stream of words next to the sensors.
+"""What the wearer wants, as a stream of words next to the sensors: open, close, stop.
 
-    {"wants": "open"}                   or "close", "rest"
+    {"wants": "open"}                   stop: neither opening nor closing
 
-Nothing in a stream reaches the decision, unless the run was asked for it. A stream that has been
+The hand's own controller makes the words, from muscle signals for instance. A stream that has been
 silent for EXPIRES_NS means `unknown`, never that the hand should close. An opening that lasts for
-MOST_OPEN_NS no longer counts until it has ended: an electrode that has come off reads like one.
+MOST_OPEN_NS no longer counts until it has ended: an electrode that has come off reads like one. The
+word `override` counts for the sample at which it came: it ends every request and blocks new ones
+for a while (decision.py).
 
 The same as a file of a trial (trial_n.intent.csv, tactile.intent.csv):
 
     Time (s),host (ns),wants
 
-Older files have further columns, which are not read. Time counts from the trial's first sample;
-host is CLOCK_MONOTONIC, as in tactile.csv. Where the stream goes silent, a line has `unknown`. A
-torn last line, as a kill leaves it, is not read.
+Older files have further columns, which are not read, and `rest` for `stop`. Time counts from the
+trial's first sample; host is CLOCK_MONOTONIC, as in tactile.csv. Where the stream goes silent, a
+line has `unknown`. A torn last line, as a kill leaves it, is not read.
 """
 
 from __future__ import annotations
@@ -22,17 +24,33 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol
 
-from holdfast.core.contract import CommandLink, Json
+from holdfast.core.contract import CommandLink
 from holdfast.core.errors import ColumnError, NotANumber
-from holdfast.core.hand_lines import LinePort
+from holdfast.core.hand_lines import SILENCE_NS
 from holdfast.core.schema import text_of
-from holdfast.edge_runtime.commands import EXPIRES_NS
 
-Wants = Literal["open", "close", "rest", "unknown", ""]
+Wants = Literal["open", "close", "stop", "override", "unknown", ""]
 """What the wearer wants; "" in an older file, where only envelopes were recorded."""
-WORDS: tuple[Wants, ...] = ("open", "close", "rest")
+WORDS: tuple[Wants, ...] = ("open", "close", "stop", "override")
+IN_FILE: tuple[Wants, ...] = ("", "unknown", *WORDS)
+OLDER_STOP = "rest"
+EXPIRES_NS = SILENCE_NS
+"""The word of a sender that has been silent for longer expires."""
 MOST_OPEN_NS = 3_000_000_000
 """A hand opens within half a second, and a receiver takes what it holds: longer, it is a fault."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """What the wearer commands at a sample.
+
+    opening ends an act and prevents a new one; override ends every request and blocks new ones for
+    a while. link: whether words have come at all, and whether they still come.
+    """
+
+    opening: bool = False
+    override: bool = False
+    link: CommandLink = "none"
 
 
 @dataclass(frozen=True)
@@ -83,6 +101,12 @@ class IntentMonitor:
         """Whether the wearer wants to open the hand, as far as that is known and can be meant."""
         return self.newest.wants == "open" and not self._stuck
 
+    def command(self) -> Command:
+        """Look, and what is commanded at this sample. Call it once a sample."""
+        self.look()
+        override = any(item.wants == "override" for item in self.fresh)
+        return Command(self.opening, override, self.link)
+
     def look(self) -> None:
         """Take what came. Call it once a sample."""
         now_ns = self._now_ns()
@@ -96,7 +120,7 @@ class IntentMonitor:
         if self.fresh:
             self.newest = self.fresh[-1]
         if self.link == "live" and now_ns - self.newest.t_ns > EXPIRES_NS:
-            self._log("intent: the stream is silent; what the wearer wants is unknown")
+            self._log("wearer: the stream is silent; what the wearer wants is unknown")
             self.link = "expired"
             self.newest = Intent(now_ns, "unknown")
             self.fresh.append(self.newest)
@@ -108,57 +132,14 @@ class IntentMonitor:
             self._opened_ns = now_ns
             self._stuck = False
         elif not self._stuck and now_ns - self._opened_ns > MOST_OPEN_NS:
-            self._log("intent: open for 3 s; it does not count until it ends")
+            self._log("wearer: open for 3 s; it does not count until it ends")
             self._stuck = True
 
     def _taken(self, item: Intent) -> Intent:
         if self.link == "expired":
-            self._log("intent: the stream is back")
+            self._log("wearer: the stream is back")
         self.link = "live"
         return item
-
-
-class ItemReader:
-    """Reads items one by one. log: receives the first in a row that is not understood."""
-
-    def __init__(self, log: Callable[[str], object]) -> None:
-        self._log = log
-        self._understood = True
-
-    def item(self, read: Callable[[], Intent], shown: str) -> Intent | None:
-        """What `read` returns, None where it raises ValueError. shown: the item, for the line."""
-        try:
-            item = read()
-        except ValueError as error:
-            if self._understood:
-                self._log(f"intent: {shown[:80]} is not understood ({error})")
-            self._understood = False
-            return None
-
-        self._understood = True
-        return item
-
-
-class PortIntent:
-    """Items as lines that come to a port, stamped at the sample at which they are read."""
-
-    def __init__(self, port: LinePort, now_ns: Callable[[], int]) -> None:
-        self._port = port
-        self._now_ns = now_ns
-
-    def came(self) -> list[Intent]:
-        """What is waiting, by the rules of the port."""
-        return [item for item, _ in self._port.came(self._item)]
-
-    def forget(self) -> None:
-        """Drop what is waiting."""
-        self._port.forget()
-
-    def _item(self, keys: Json) -> Intent:
-        """An item of a JSON object. Raises ValueError, with the reason."""
-        if set(keys) != {"wants"}:
-            raise ValueError('no {"wants": ".."}')
-        return intent_of(keys["wants"], self._now_ns())
 
 
 def intent_of(wants: object, t_ns: int) -> Intent:
@@ -166,15 +147,14 @@ def intent_of(wants: object, t_ns: int) -> Intent:
     for word in WORDS:
         if wants == word:
             return Intent(t_ns, word)
+    if wants == OLDER_STOP:
+        return Intent(t_ns, "stop")
     raise ValueError(f"wants is one of {', '.join(WORDS)}")
 
 
 # -- the file of a trial
 
 HEAD = ("Time (s)", "host (ns)", "wants")
-IN_FILE: tuple[Wants, ...] = ("", "unknown", *WORDS)
-
-
 INTENT_HEADER = ",".join(HEAD)
 """The first line, without its line end."""
 
@@ -197,11 +177,7 @@ class IntentRecord:
 
 def read_intent(path: Path) -> IntentRecord:
     """Read a file. Raises ColumnError, NotANumber, OSError."""
-    try:
-        lines = text_of(path).split("\n")
-    except UnicodeDecodeError:
-        lines = [""]
-
+    lines = text_of(path).split("\n")
     # what follows the last line end is torn, or empty
     header = lines[0].split(",") if len(lines) > 1 else []
     if tuple(header[: len(HEAD)]) != HEAD:
@@ -235,6 +211,7 @@ def _item_of_line(cells: list[str], n_columns: int) -> tuple[float, Intent]:
     if len(cells) != n_columns:
         raise ValueError(f"{len(cells)} cells, not {n_columns}")
     time_s, host_ns, wants = cells[: len(HEAD)]
+    wants = "stop" if wants == OLDER_STOP else wants
     if wants not in IN_FILE:
         raise ValueError(f"wants is {wants[:40]!r}")
     word = IN_FILE[IN_FILE.index(wants)]

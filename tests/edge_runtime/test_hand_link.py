@@ -1,0 +1,222 @@
+"""Grip commands on their way to a hand: whatever fails, the last command is `hold`."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from grip_bench import (
+    TtyReceiver,
+    UnixReceiver,
+    command,
+    opened,
+    send,
+    sender,
+    until,
+)
+from hazard_marks import NO_GRIP_COMMAND, RUN_DIES, WIRE_FAILS
+
+from holdfast.core.errors import DeviceNotFound, UsageError
+from holdfast.edge_runtime.supervisor import to_line
+from holdfast.live.hand_link import BITS_A_COMMAND
+
+
+@pytest.fixture(params=[UnixReceiver, TtyReceiver])
+def receiver(request) -> Iterator[UnixReceiver | TtyReceiver]:
+    one = request.param()
+    yield one
+    one.close()
+
+
+@pytest.fixture
+def tty() -> Iterator[TtyReceiver]:
+    one = TtyReceiver()
+    yield one
+    one.close()
+
+
+@NO_GRIP_COMMAND.mark
+def test_every_command_arrives_and_the_last_one_holds(receiver):
+    with opened(receiver.url) as link:
+        send(link, 1, 2, 3)
+        assert [receiver.next()["sequence"] for _ in range(3)] == [1, 2, 3]
+    last = receiver.next()
+    assert (last["mode"], last["target_n"], last["reason"]) == ("hold", None, "stopped")
+    assert last["sequence"] == 4
+    assert last["expires_ms"] == 300
+
+
+@RUN_DIES.mark
+def test_a_run_that_is_killed_leaves_lines_that_expire(receiver):
+    with sender(receiver.url) as process:
+        process.send_signal(signal.SIGKILL)
+        process.wait(300)
+    lines = [receiver.next() for _ in range(3)]
+    assert [line["sequence"] for line in lines] == [40, 41, 42]
+    assert {line["expires_ms"] for line in lines} == {300}
+
+
+@RUN_DIES.mark
+def test_a_run_that_ends_by_an_error_says_so_in_its_last_hold(receiver):
+    with sender(receiver.url, "raise") as process:
+        process.communicate(timeout=300)
+        assert process.returncode == 1
+        assert receiver.until("failed")["mode"] == "hold"
+
+
+@WIRE_FAILS.mark
+def test_a_stalled_reader_never_delays_a_command_and_gets_hold_when_it_reads(receiver):
+    messages: list[str] = []
+    with opened(receiver.url, messages.append) as link:
+        k, slowest_s = 0, 0.0
+        while not messages:
+            k += 1
+            began_s = time.monotonic()
+            link(to_line(command(k)), k)
+            slowest_s = max(slowest_s, time.monotonic() - began_s)
+            time.sleep(0.001)
+        # far below the 300 ms after which the link counts as failed
+        assert slowest_s < 0.1
+        assert "the hand holds its grip" in messages[0]
+        assert link.dropped > 20
+        while receiver.next()["reason"] != "link was lost":
+            pass
+        until(lambda: link.works)
+        send(link, k + 1)
+        assert receiver.next()["sequence"] == k + 1
+    assert "arrive again" in messages[1]
+    assert "did not leave" in messages[-1]
+
+
+@WIRE_FAILS.mark
+def test_a_stalled_reader_keeps_no_run_from_ending(receiver):
+    messages: list[str] = []
+    with opened(receiver.url, messages.append) as link:
+        while not messages:
+            link(to_line(command(1)), 1)
+        began_s = time.monotonic()
+    assert time.monotonic() - began_s < 1.0
+
+
+@WIRE_FAILS.mark
+def test_an_unplugged_port_comes_back_under_its_name_and_begins_with_hold(
+    tmp_path: Path, tty
+):
+    messages: list[str] = []
+    name = tmp_path / "ttyHAND"
+    first = TtyReceiver()
+    name.symlink_to(first.path)
+    with opened(f"serial://{name}", messages.append) as link:
+        send(link, 1)
+        assert first.next()["sequence"] == 1
+        first.close()
+        name.unlink()
+        k = 2
+        while not messages:
+            send(link, k)
+            k += 1
+        name.symlink_to(tty.path)
+        until(lambda: link.works)
+        send(link, k)
+        assert [tty.next()["reason"] for _ in range(2)] == [
+            "link was lost",
+            "risky slip",
+        ]
+    assert tty.next()["reason"] == "stopped"
+
+
+@WIRE_FAILS.mark
+def test_a_line_that_was_cut_off_does_not_spoil_the_last_one(tty):
+    with opened(tty.url) as link:
+        send(link, 1)
+        assert tty.next()["sequence"] == 1
+        with open(tty.path, "wb", buffering=0) as other:
+            other.write(b'{"sequence":2,"t_n')
+    assert tty.next()["reason"] == "stopped"
+
+
+@WIRE_FAILS.mark
+def test_a_slow_port_gets_the_newest_command_and_queues_none(tty, monkeypatch):
+    room = [0]
+    is_full = property(lambda port: room[0])
+    monkeypatch.setattr("serial.Serial.out_waiting", is_full)
+    with opened(tty.url) as link:
+        send(link, 1)
+        room[0] = 500
+        for k in (2, 3, 4):
+            link(to_line(command(k)), k)
+        room[0] = 50
+        assert [tty.next()["sequence"] for _ in range(2)] == [1, 4]
+        assert link.dropped == 2
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "127.0.0.1:9000",
+        "tcp://127.0.0.1:9000",
+        "udp://127.0.0.1:9000",
+        "unix://relative",
+        "unix:///run/a?key=b",
+        "serial://",
+        "serial://ttyUSB0",
+        "serial:///dev/null?speed=9600",
+        "serial:///dev/null?baud=fast",
+        "udp://[::1:9000",
+    ],
+)
+def test_an_address_that_cannot_be_is_a_usage_error(url):
+    with pytest.raises(UsageError), opened(url):
+        pass
+
+
+@pytest.mark.parametrize("path", ["/dev/null", "/dev/no-such-port", "/etc/hostname"])
+def test_what_is_not_a_serial_port_is_a_device_error(path):
+    with pytest.raises(DeviceNotFound, match="serial"), opened(f"serial://{path}"):
+        pass
+
+
+@WIRE_FAILS.mark
+def test_a_receiver_that_is_not_there_yet_or_starts_again_is_found(tmp_path):
+    messages, path = list[str](), str(tmp_path / "grip")
+    with opened(f"unix://{path}", messages.append) as link:
+        send(link, 1)
+        assert "there is no receiver" in messages[0]
+        first = UnixReceiver(path)
+        assert first.until("link was lost")["sequence"] == 1
+        until(lambda: link.works)
+        first.close()
+        send(link, 2)
+        second = UnixReceiver(path)
+        assert second.next()["mode"] == "hold"
+        until(lambda: link.works)
+        send(link, 3)
+        assert second.next()["sequence"] == 3
+        assert len(messages) == 4
+    assert second.until("stopped")["sequence"] == 4
+    second.close()
+
+
+@WIRE_FAILS.mark
+def test_a_receiver_that_is_gone_is_looked_for_ever_more_seldom(tmp_path, monkeypatch):
+    tries: list[float] = []
+
+    def look(port: object) -> None:
+        tries.append(time.monotonic())
+        raise FileNotFoundError
+
+    monkeypatch.setattr("holdfast.live.hand_link.UnixPort.open", look)
+    with opened(f"unix://{tmp_path / 'grip'}") as link:
+        send(link, 1)
+        until(lambda: len(tries) == 5)
+    pauses_s = np.diff(tries[1:5])
+    assert pauses_s[-1] > 3 * pauses_s[0] > 0.1
+
+
+def test_a_serial_port_s_rate_counts_the_whole_line():
+    line = to_line(command(10**6)._replace(mu_hat=0.6123))
+    assert 10 * len(line) < BITS_A_COMMAND < 14 * len(line)
