@@ -25,6 +25,7 @@ All contacts press along the axis from thumb to fingers; a card turns none of th
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -301,10 +302,17 @@ def read_hand_card(name: str | Path, folder: Path | None = None) -> HandCard:
 
 def _share_pads(rows: Any) -> None:
     """Where the card says no stiffness, the taxels of a pad have equal parts of a fingertip's."""
-    tables = [row for row in rows if isinstance(row, dict)] if rows else []
-    pads = [str(table.get("pad", "")) for table in tables]
-    for table, pad in zip(tables, pads, strict=True):
-        table.setdefault("stiffness", 1.0 / pads.count(pad) if pad else 1.0)
+    if not isinstance(rows, list):
+        return  # the schema names what is wrong
+    tables = []
+    taxels: Counter[str] = Counter()
+    for row in rows:
+        if isinstance(row, dict):
+            tables.append(row)
+            taxels[str(row.get("pad", ""))] += 1
+    for table in tables:
+        pad = str(table.get("pad", ""))
+        table.setdefault("stiffness", 1.0 / taxels[pad] if pad else 1.0)
 
 
 def _require_hand(contacts: Sequence[HandContact]) -> None:
@@ -322,13 +330,14 @@ def _require_hand(contacts: Sequence[HandContact]) -> None:
         allowed = "the contacts of the thumb's side before all others"
         raise ValueError(f"sides in mixed order; allowed: {allowed}")
 
-    names = [contact.name for contact in contacts]
+    names: set[str] = set()
     side_of_pad: dict[str, str] = {}
     for contact in contacts:
-        if names.count(contact.name) > 1:
+        if contact.name in names:
             raise ValueError(
                 f"name = {contact.name!r} twice; allowed: a name of its own"
             )
+        names.add(contact.name)
         side = side_of_pad.setdefault(contact.pad or contact.name, contact.side)
         if side != contact.side:
             raise ValueError(

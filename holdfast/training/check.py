@@ -250,14 +250,20 @@ def _cell_of(reader: TrialReader) -> CellName:
 def _cell(name: CellName, trials: list[TimedTrial | None]) -> Cell:
     """The figures of a cell; its unit and its mass are those of its first trial."""
     read = [trial for trial in trials if trial]
-    recordings = [trial.recording for trial in read]
-    rates_hz = [one.rate_hz for one in recordings]
+    recordings = []
+    rates_hz = []
+    seconds = 0.0
+    for trial in read:
+        one = trial.recording
+        recordings.append(one)
+        rates_hz.append(one.rate_hz)
+        seconds += len(one.samples) / one.rate_hz
     mass = next((trial.mass for trial in read if trial.mass), None)
     return Cell(
         *name,
         trials=len(trials),
         read=len(read),
-        seconds=sum(len(one.samples) / one.rate_hz for one in recordings),
+        seconds=seconds,
         rate_hz=float(np.median(rates_hz)) if rates_hz else None,
         unit=recordings[0].unit if recordings else None,
         mass_g=mass.mass_g if mass else None,
@@ -336,7 +342,9 @@ def _missing_situations(
     # Where a mass is not known, no weight is learned whatever there is.
     weighed = classes_of(trials) == CLASSES
     in_n = trials[0].recording.unit == "N"
-    lasting = [one.light_s + one.heavy_s + one.unweighed_s for one in classes]
+    lasting: list[float] = []
+    for one in classes:
+        lasting.append(one.light_s + one.heavy_s + one.unweighed_s)
     # Of one situation alone there is nothing to learn.
     alone = np.count_nonzero(lasting) < 2
     for one, lasts_s in zip(classes, lasting, strict=True):
