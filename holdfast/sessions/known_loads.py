@@ -166,7 +166,7 @@ def _read_csv(path: Path, load_unit: str) -> tuple[FloatArray, FloatArray]:
     """(field [T, S, 3] uT, force [T, 3] N)."""
     table = _numbers(path, skip=1)
     names = path.read_text("utf-8-sig").partition("\n")[0].split(",")
-    header = [name.strip() for name in names]
+    header = list(map(str.strip, names))
     # Time, three columns a sensor, three forces, in any order.
     expected = ("Time", *channel_names(max(1, (len(header) - 4) // 3)), *FORCES)
     if sorted(header) != sorted(expected) or table.shape[1] != len(header):
@@ -179,8 +179,8 @@ def _read_csv(path: Path, load_unit: str) -> tuple[FloatArray, FloatArray]:
         )
 
     # Columns may stand in any order: they are taken by their names.
-    fields = [header.index(name) for name in expected[1:-3]]
-    forces = [header.index(name) for name in FORCES]
+    fields = list(map(header.index, expected[1:-3]))
+    forces = list(map(header.index, FORCES))
     by_sensor = table[:, fields].reshape(len(table), -1, 3)
     return by_sensor, UNIT_OF[load_unit][1] * table[:, forces]
 

@@ -443,7 +443,7 @@ def _row(cell: Cell) -> tuple[str, ...]:
 
 def _class_row(row: ClassSeconds) -> tuple[str, ...]:
     seconds = (row.light_s, row.heavy_s, row.unweighed_s)
-    return row.situation, *(f"{one:.1f}" for one in seconds)
+    return row.situation, *map("{:.1f}".format, seconds)
 
 
 def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
