@@ -1,13 +1,30 @@
-"""`holdfast doctor [MODEL]`: what is installed here, or whether a model file answers as it must."""
+"""`holdfast doctor [MODEL]`: what is installed here, or whether a model file answers as it must.
+
+With --completion SHELL it prints what makes a shell complete commands, options and files:
+
+holdfast doctor --completion bash > ~/.local/share/bash-completion/completions/holdfast
+holdfast doctor --completion zsh > "${fpath[1]}/_holdfast"
+holdfast doctor --completion fish > ~/.config/fish/completions/holdfast.fish
+"""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Mapping
 from dataclasses import asdict
+from importlib import import_module
 from typing import TYPE_CHECKING
 
-from holdfast.cli.command import STDOUT, add_json_option, show, write_found
+from holdfast.cli.command import (
+    STDOUT,
+    WITH_SETTINGS,
+    add_json_option,
+    path_argument,
+    show,
+    write_found,
+)
+from holdfast.core.errors import UsageError
 
 if TYPE_CHECKING:
     from holdfast.live.doctor import Finding
@@ -17,11 +34,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     model = "check this model file on this machine, about 5 s (default: the machine)"
     parser.add_argument("model", nargs="?", metavar="MODEL", help=model)
+    completion = "print what makes a shell complete commands, and stop"
+    parser.add_argument(
+        "--completion", choices=("bash", "zsh", "fish"), help=completion
+    )
     add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Print every finding when it is there; 1 where a check of the model failed."""
+    if args.completion is not None:
+        return _complete(args.completion)
     # a missing thing on a machine is a result, and no failure
     if args.model is None:
         from holdfast.live.doctor import examine
@@ -43,6 +66,46 @@ def run(args: argparse.Namespace) -> int:
     failed = args.model is not None and any(one.status != "ok" for one in found)
     write_found(args, {"ok": not failed, "findings": [asdict(one) for one in found]})
     return int(failed)
+
+
+def _complete(shell: str) -> int:
+    """Print the script that a shell reads."""
+    from holdfast.cli.main import VERBS
+
+    try:
+        import shtab
+    except ImportError as error:
+        raise UsageError(
+            f"completion needs the package {error.name}",
+            cause="only the extra `completion` installs it",
+            next_step="pip install 'holdfast[completion]'",
+        ) from None
+
+    print(shtab.complete(whole_parser(VERBS, shtab.FILE), shell))
+    return 0
+
+
+def whole_parser(
+    verbs: Mapping[str, tuple[str, str]], files: object
+) -> argparse.ArgumentParser:
+    """All commands in one parser. files: how shtab completes names of files."""
+    # here: the rest of the doctor runs where no package is installed
+    from holdfast.cli.settings import add_config_option
+
+    whole = argparse.ArgumentParser(prog="holdfast")
+    commands = whole.add_subparsers()
+    for verb, (module, about) in verbs.items():
+        parser = commands.add_parser(verb, help=about)
+        import_module(module).add_arguments(parser)
+        if verb in WITH_SETTINGS:
+            add_config_option(parser)
+        for action in parser._actions:
+            if isinstance(action.choices, dict):  # which shtab takes for commands
+                action.choices = list(action.choices)
+            if action.type is path_argument or action.dest == "model":
+                action.complete = files  # type: ignore[attr-defined]  # the way of shtab
+
+    return whole
 
 
 def _data_sets() -> list[Finding]:

@@ -35,7 +35,6 @@ GROUPS = {
         "calibrate": ("calibrate", "fit the map from field to force, from known loads"),
         "bench": ("bench", "say whether this machine is fast enough"),
         "board": ("board", "print udev rules or a systemd unit for the board"),
-        "completion": ("completion", "print what makes a shell complete commands"),
     },
     "with people": {
         "study": ("study", "run a study with a person: steps, trials, report"),
@@ -58,6 +57,7 @@ OLD = {
     "onset": "holdfast watch --onset TRIAL",
     "repair": "holdfast check --repair DIR",
     "selftest": "holdfast doctor MODEL",
+    "completion": "holdfast doctor --completion SHELL",
 }
 """A word that was a command -> what does it now."""
 

@@ -29,7 +29,7 @@ def completed(script: str, *words: str) -> set[str]:
 
 
 def test_bash_completes_commands_options_and_choices(run: Run) -> None:
-    script = run("completion", "bash")[1]
+    script = run("doctor", "--completion", "bash")[1]
     assert completed(script, "sc") == {"scan"}
     assert set(VERBS) <= completed(script, "")
     assert completed(script, "run", "--cali") == {"--calibration"}
@@ -41,4 +41,12 @@ def test_without_its_package_completion_names_the_extra(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "shtab", None)
-    fails(run, 2, "UsageError", "completion", "bash", says="holdfast[completion]")
+    fails(
+        run,
+        2,
+        "UsageError",
+        "doctor",
+        "--completion",
+        "bash",
+        says="holdfast[completion]",
+    )
