@@ -310,7 +310,7 @@ def test_so_many_people_as_there_are_not_cannot_be_chosen(
 ) -> None:
     folder = write_people(tmp_path / "set", people=2, trials=1)
     for count, kind, code in (
-        ("3", "TooFewGroups", 3),
+        ("3", "UsageError", 2),
         ("0", "UsageError", 2),
         ("-1", "UsageError", 2),
     ):
