@@ -124,7 +124,7 @@ def _csv_set(path: Path, load_unit: str) -> LoadSet:
     turned = ", ".join(str(k + 1) for k in np.flatnonzero(reversed_)) or "none"
     left_out = f"{count_of(n_lost, 'row')} with a lost value left out"
     note = f"{left_out}; sensors with a reversed magnet: {turned}"
-    names = [f"probing {block + 1}" for block in range(len(starts))]
+    names = list(map("probing {}".format, range(1, len(starts) + 1)))
     # Rows before the first pause belong to no probing.
     inside = blocks >= 0
     return LoadSet(

@@ -124,7 +124,9 @@ def _write_recordings(scene: Scene, recordings: Sequence[Recording], done: Done)
         done(SIMULATED_SHARE * simulated + (1.0 - SIMULATED_SHARE) * written)
 
     ready: dict[int, SimulatedTrial] = {}
-    trials = [trial for _, joined in recordings for trial in joined]
+    trials = []
+    for _, joined in recordings:
+        trials += joined
     for simulated in scene.run(trials, report):
         path, joined = recording_of[simulated.trial.number]
         ready[simulated.trial.number] = simulated

@@ -250,20 +250,14 @@ def _cell_of(reader: TrialReader) -> CellName:
 def _cell(name: CellName, trials: list[TimedTrial | None]) -> Cell:
     """The figures of a cell; its unit and its mass are those of its first trial."""
     read = [trial for trial in trials if trial]
-    recordings = []
-    rates_hz = []
-    seconds = 0.0
-    for trial in read:
-        one = trial.recording
-        recordings.append(one)
-        rates_hz.append(one.rate_hz)
-        seconds += len(one.samples) / one.rate_hz
+    recordings = [trial.recording for trial in read]
+    rates_hz = [one.rate_hz for one in recordings]
     mass = next((trial.mass for trial in read if trial.mass), None)
     return Cell(
         *name,
         trials=len(trials),
         read=len(read),
-        seconds=seconds,
+        seconds=sum(len(one.samples) / one.rate_hz for one in recordings),
         rate_hz=float(np.median(rates_hz)) if rates_hz else None,
         unit=recordings[0].unit if recordings else None,
         mass_g=mass.mass_g if mass else None,
