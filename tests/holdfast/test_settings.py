@@ -8,7 +8,7 @@ import pytest
 from command_line import Run, fails
 
 HAND = 'source = "virtual://ft232h"\n'
-SOON = ("--seconds", "0.3")
+SOON = ("--seconds", "1")
 """A bias is measured on the clock of the machine."""
 
 
