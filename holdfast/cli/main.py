@@ -66,9 +66,9 @@ Know a grip is about to fail before it does: holdfast reads the magnetic fingert
 prosthetic hand, and tells at every sample whether the object is held, handed over or slipping.
 
 Try first:
-  holdfast run --source virtual://ft232h --seconds 10      a simulated hand, answered live
-  holdfast simulate thesis --trials 60 --out trials        recordings to train on
-  holdfast train --data trials --out model --report        a model, and a page that shows it
+  holdfast run --source virtual://ft232h --to view            a simulated hand, answered live
+  holdfast simulate thesis --trials 60 --out trials           recordings to train on
+  holdfast train --data trials --out model --report r.html    a model, and a page about it
 
 All commands: holdfast help. One command: holdfast help VERB.
 """

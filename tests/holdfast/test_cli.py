@@ -7,10 +7,12 @@ import csv
 import json
 import os
 import pickle
+import re
 import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +25,8 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 
-from holdfast.cli.main import VERBS, main
+from holdfast.cli.command import Parser
+from holdfast.cli.main import START, VERBS, main
 from holdfast.core.errors import ArtifactError, OutputError
 from holdfast.export.artifact import read_artifact, write_artifact
 from holdfast.training.fixture import write_fixture
@@ -82,6 +85,15 @@ OFTEN = (
     "watch",
     "replay",
 )
+
+
+def test_what_holdfast_alone_says_to_try_are_commands_with_their_options() -> None:
+    tried = re.findall(r"^  holdfast (\w+) (.+?)  ", START, re.MULTILINE)
+    assert len(tried) == 3
+    for verb, words in tried:
+        parser = Parser(prog=verb)
+        import_module(VERBS[verb][0]).add_arguments(parser)
+        parser.parse_args(words.split())
 
 
 def test_help_loads_no_package_that_takes_time() -> None:
