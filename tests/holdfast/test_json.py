@@ -13,7 +13,7 @@ from long_steps import long_steps
 
 from holdfast.cli.main import VERBS
 
-LINES_OR_TEXT = {"run", "replay", "board", "completion", "study"}
+LINES_OR_TEXT = {"run", "replay", "board", "study"}
 """Their stdout is JSON lines, or a file for another program; a study leaves report.json."""
 
 
