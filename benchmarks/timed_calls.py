@@ -13,11 +13,11 @@ import numpy as np
 from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.edge_runtime.graph import StepGraph, open_session
 from holdfast.edge_runtime.model import Model
-from holdfast.edge_runtime.model_file import read_sealed
 from holdfast.evaluation.bench import (
     CALLS_A_TURN,
     TURNS,
     busy_wait,
+    step_of,
     time_in_turns,
 )
 from holdfast.simulation.folder import write_set
@@ -99,8 +99,8 @@ def steps_beside(path: Path, older: Path) -> list[Json]:
     """
     with tempfile.TemporaryDirectory() as work:
         data = simulated_set(Path(work), Model(path).card.rate_hz)
-    samples, _ = stream_of(data)
+    stream = stream_of(data)
     files = {"the older file": older, "this file": path}
-    steps = {name: step_call(read_sealed(one), samples) for name, one in files.items()}
+    steps = {name: step_of(Model(one), stream) for name, one in files.items()}
     times = times_beside(steps, TURNS, CALLS_A_TURN)
     return [{"file": name, **of} for name, of in times.items()]

@@ -19,15 +19,13 @@ from scipy.signal import butter
 from benchmarks.cost.forest_c import c_walk
 from benchmarks.timed_calls import (
     simulated_set,
-    step_call,
     stream_of,
     times_beside,
 )
 from holdfast.core.contract import CLASSES, Json
 from holdfast.core.errors import LibraryMissing
 from holdfast.edge_runtime.model import Model
-from holdfast.edge_runtime.model_file import read_sealed
-from holdfast.evaluation.bench import CALLS_A_TURN, STEP, TURNS
+from holdfast.evaluation.bench import CALLS_A_TURN, STEP, TURNS, step_of
 from holdfast.export.learner import Forest, reference_votes
 from holdfast.export.spec import bands_for
 from holdfast.training.crossval import fit_learner
@@ -65,7 +63,7 @@ def peer_times(path: Path, turns: int = TURNS, calls: int = CALLS_A_TURN) -> Jso
     model = Model(path)
     with tempfile.TemporaryDirectory() as work:
         data = simulated_set(Path(work), model.card.rate_hz)
-        step = step_call(read_sealed(path), stream_of(data)[0])
+        step = step_of(model, stream_of(data))
         times = times_beside({STEP: step, **peer_calls(data, Path(work))}, turns, calls)
     ratio = times[THESIS]["over_first"]
     line = f"{THESIS} takes {ratio:.1f} steps, less than {LEAST_THESIS_OVER_STEP:g}"

@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay the whole trial to stdout."""
-    from holdfast.core.contract import in_words_untold, untold_of
+    from holdfast.core.contract import not_learned_in_words
     from holdfast.edge_runtime.monitor import GripMonitor, Model, require_fit
     from holdfast.live.outputs import to_json_line
     from holdfast.live.sources import open_source
@@ -40,9 +40,9 @@ def run(args: argparse.Namespace) -> int:
     )
     # Without a clock: an answer of a replay is never late.
     monitor = GripMonitor(model, None)
-    untold = untold_of(card.raw)
-    for line in in_words_untold(untold):
+    not_learned = card.not_learned
+    for line in not_learned_in_words(not_learned):
         sys.stderr.write(f"{line}\n")
     for sample in source:
-        sys.stdout.write(to_json_line(monitor.feed(sample), untold) + "\n")
+        sys.stdout.write(to_json_line(monitor.feed(sample), not_learned) + "\n")
     return 0

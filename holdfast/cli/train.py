@@ -147,7 +147,7 @@ def _gone(name: str, instead: str) -> Callable[[str], None]:
 
 def run(args: argparse.Namespace) -> int:
     """Train; prints the windows and the held-out figures, and the stages on stderr."""
-    from holdfast.core.contract import CANNOT_TELL, in_words_untold
+    from holdfast.core.contract import CANNOT_TELL, not_learned_in_words
     from holdfast.training.figures import situation_lines, with_interval
     from holdfast.training.progress import stages
 
@@ -173,8 +173,10 @@ def run(args: argparse.Namespace) -> int:
             write_training_report(args.report, data, trained, args.out)
 
     held_out = f"held out by {data.group_kind}: "
-    untold = trained.cannot_tell
-    macro_f1, *each_f1 = situation_lines(figures.situations, figures.group_kind, untold)
+    not_learned = trained.cannot_tell
+    macro_f1, *each_f1 = situation_lines(
+        figures.situations, figures.group_kind, not_learned
+    )
     lines = [held_out + macro_f1, *each_f1]
     if figures.predict_250ms is not None:
         ranking = figures.predict_250ms
@@ -182,7 +184,7 @@ def run(args: argparse.Namespace) -> int:
         lines.append(f"{held_out}0.25 s prediction AUC {auc}")
 
     lines += trained.not_held_out
-    lines += in_words_untold(untold)
+    lines += not_learned_in_words(not_learned)
     lines += [data.caveat, f"artifact: {args.out}; next: holdfast export {args.out}"]
 
     found = {
@@ -192,7 +194,7 @@ def run(args: argparse.Namespace) -> int:
         "caveat": data.caveat,
         "held_out": figures.to_json(),
         "not_held_out": trained.not_held_out,
-        CANNOT_TELL: untold,
+        CANNOT_TELL: not_learned,
         "learning_curve": [asdict(point) for point in trained.curve],
     }
     show_found(args, "\n".join(lines), found)

@@ -89,21 +89,21 @@ A name is one of SITUATIONS, or "weight". No figure of such a thing means anythi
 """
 
 
-def untold_of(card: Mapping[str, Any]) -> dict[str, str]:
+def not_learned_of(card: Mapping[str, Any]) -> dict[str, str]:
     """What a model cannot tell, from its card; empty for a file that does not say."""
     training = card.get("training")
-    untold = training.get(CANNOT_TELL) if isinstance(training, dict) else None
-    return untold if isinstance(untold, dict) else {}
+    not_learned = training.get(CANNOT_TELL) if isinstance(training, dict) else None
+    return not_learned if isinstance(not_learned, dict) else {}
 
 
-def in_words_untold(untold: Mapping[str, str]) -> list[str]:
+def not_learned_in_words(not_learned: Mapping[str, str]) -> list[str]:
     """A line for each thing that a model cannot tell.
 
-    >>> in_words_untold({"safe_slip": "no voluntary release in the training data"})
+    >>> not_learned_in_words({"safe_slip": "no voluntary release in the training data"})
     ['cannot tell safe slip: no voluntary release in the training data']
     """
     lines = []
-    for name, reason in untold.items():
+    for name, reason in not_learned.items():
         lines.append(f"cannot tell {name.replace('_', ' ')}: {reason}")
     return lines
 
@@ -143,7 +143,7 @@ class Prediction:
     """The answer at one sample (the output contract; one JSON line each).
 
     t_acquired_ns, t_decided_ns, latency_us: monotonic clock. p_situation: the four situations,
-    always; about 0 for one that the model cannot tell (untold_of its card), which is null in the
+    always; about 0 for one that the model cannot tell (not_learned_of its card): null in the
     JSON line. p_class and weight: None where the model knows no weight, and in "nothing" and
     "unknown". state and why: "unknown" wherever the samples or the time of the answer cannot be
     trusted, and the reason; "" where the state is known. extra: further heads by name, such as

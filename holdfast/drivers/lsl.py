@@ -237,7 +237,7 @@ class LslAnswers:
 
     samples: the prepared values, nan where a sensor is not valid. decisions: DECISION, state as an
     index of SITUATIONS or UNKNOWN_STATE. offset_ns: of the clock of stamps over the LSL clock.
-    untold: what the model cannot tell, nan in each decision.
+    not_learned: what the model cannot tell, nan in each decision.
     """
 
     def __init__(
@@ -245,9 +245,9 @@ class LslAnswers:
         samples: Outlet,
         decisions: Outlet,
         offset_ns: int,
-        untold: Collection[str] = (),
+        not_learned: Collection[str] = (),
     ) -> None:
-        self._untold = untold
+        self._not_learned = not_learned
         self._samples = samples
         self._decisions = decisions
         self._offset_ns = offset_ns
@@ -260,24 +260,26 @@ class LslAnswers:
         # receivers must not take a held value for a measured one
         values = np.where(np.repeat(sample.valid, 3), sample.values, np.nan)
         self._samples.push(values.tolist(), stamp_s)
-        decision = decision_row(prediction, self._untold)
+        decision = decision_row(prediction, self._not_learned)
         self._decisions.push(decision, stamp_s)
 
     def close(self, reason: str = "") -> None:
         """The streams end with the program."""
 
 
-def decision_row(prediction: Prediction, untold: Collection[str] = ()) -> list[float]:
-    """The values of DECISION. untold: what the model cannot tell, which is nan."""
+def decision_row(
+    prediction: Prediction, not_learned: Collection[str] = ()
+) -> list[float]:
+    """The values of DECISION. not_learned: what the model cannot tell, which is nan."""
     state = prediction.state
     known = state in SITUATIONS
     p = dict(prediction.p_situation)
-    for name in untold:
+    for name in not_learned:
         p[name] = math.nan
     return [
         float(SITUATIONS.index(state)) if known else UNKNOWN_STATE,
         *(p[name] for name in SITUATIONS),
-        math.nan if SITUATIONS[RISKY_SLIP] in untold else prediction.p_risky,
+        math.nan if SITUATIONS[RISKY_SLIP] in not_learned else prediction.p_risky,
         float(prediction.arm),
         float(prediction.act),
     ]

@@ -124,11 +124,11 @@ def open_answers(
     unit: Unit,
     rate_hz: float,
     now_ns: Callable[[], int],
-    untold: Collection[str] = (),
+    not_learned: Collection[str] = (),
 ) -> LslAnswers:
     """The streams NAME (values) and NAME-decision.
 
-    now_ns: the clock of the samples' stamps. untold: what the model cannot tell.
+    now_ns: the clock of the samples' stamps. not_learned: what the model cannot tell.
     """
     labels = channel_names(n_sensors)
     units = [unit] * len(labels)
@@ -136,7 +136,7 @@ def open_answers(
     no_units = [""] * len(DECISION)
     decisions = LslOutlet(f"{name}-decision", "Decision", rate_hz, DECISION, no_units)
     offset_ns = now_ns() - round(1e9 * pylsl.local_clock())
-    return LslAnswers(samples, decisions, offset_ns, untold)
+    return LslAnswers(samples, decisions, offset_ns, not_learned)
 
 
 def _facts(info: Any) -> StreamFacts:

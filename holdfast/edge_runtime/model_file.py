@@ -17,7 +17,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import msgspec
 from msgspec import Meta
 
-from holdfast.core.contract import CLASSES, RATES_HZ, SITUATIONS, Json, Unit
+from holdfast.core.contract import (
+    CLASSES,
+    RATES_HZ,
+    SITUATIONS,
+    Json,
+    Unit,
+    not_learned_of,
+)
 from holdfast.core.errors import BrokenSeal, DataNotFound, NotAModel, RuntimeRefused
 from holdfast.core.schema import model_path, shipped
 from holdfast.edge_runtime.decision import DecisionRules
@@ -85,6 +92,11 @@ class ModelCard:
     def is_older(self) -> bool:
         """Whether the file is older than the contact rule, which could decide in its unit."""
         return CONTACT_KEY not in self.raw and self.unit == "N"
+
+    @property
+    def not_learned(self) -> dict[str, str]:
+        """What the model cannot tell, because its training data lack it -> the reason."""
+        return not_learned_of(self.raw)
 
     @property
     def has_weight(self) -> bool:

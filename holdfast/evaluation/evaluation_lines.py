@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from holdfast.core.contract import RISKY_SLIP, SITUATIONS, in_words_untold
+from holdfast.core.contract import RISKY_SLIP, SITUATIONS, not_learned_in_words
 from holdfast.core.errors import count_of
 from holdfast.evaluation.formats import display_name, onsets_in_words
 from holdfast.evaluation.methods import MethodFigures
@@ -22,11 +22,11 @@ RISKY = SITUATIONS[RISKY_SLIP]
 
 def evaluation_lines(of: Evaluation) -> list[str]:
     """The figures as lines for people, with the caveats that belong to them."""
-    untold = of.model.cannot_tell
+    not_learned = of.model.cannot_tell
     lines: list[str] = []
     for one in of.sets.values():
-        lines += _windows_in_words(one.windows, untold)
-    lines += in_words_untold(untold)
+        lines += _windows_in_words(one.windows, not_learned)
+    lines += not_learned_in_words(not_learned)
 
     headline = of.thresholds.headline
     rows = {name: one.rows[headline] for name, one in of.sets.items()}
@@ -35,7 +35,7 @@ def evaluation_lines(of: Evaluation) -> list[str]:
         rows["all sets"] = of.rows[headline]
     for name, row in rows.items():
         # Requests of such a model answer something else than a risky slip.
-        if RISKY in untold:
+        if RISKY in not_learned:
             lines.append(f"{name}: cannot tell risky slip, so no event can be found")
             continue
         if name in of.sets and not of.sets[name].card.timed:
@@ -82,14 +82,16 @@ def _kinds_in_words(name: str, row: MethodFigures) -> list[str]:
     return lines
 
 
-def _windows_in_words(figures: WindowFigures, untold: Collection[str]) -> list[str]:
+def _windows_in_words(
+    figures: WindowFigures, not_learned: Collection[str]
+) -> list[str]:
     heads = figures.heads
     kind = heads.group_kind
     trials = _trials_in_words(heads)
     lines = [f"{figures.data} ({figures.kind}): {trials}"]
     # Before the figures: a reader who stops at the first must not take it for a judgement.
     lines += _warnings(figures)
-    lines += situation_lines(heads.situations, kind, untold)
+    lines += situation_lines(heads.situations, kind, not_learned)
 
     ahead = heads.predict_250ms
     if ahead is not None:

@@ -16,7 +16,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from holdfast.core.contract import SITUATIONS, in_words_untold
+from holdfast.core.contract import SITUATIONS, not_learned_in_words
 from holdfast.core.errors import count_of
 from holdfast.core.writing import write_whole
 from holdfast.evaluation import formats
@@ -34,7 +34,7 @@ FILTERS = {
     "p_value": formats.p_value,
     "spaced": formats.spaced,
     "over": over,
-    "untold": in_words_untold,
+    "not_learned": not_learned_in_words,
     "display_name": formats.display_name,
     "is_this_model": formats.is_this_model,
 }

@@ -9,7 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import RISKY_SLIP, SITUATIONS, BoolArray, Json, untold_of
+from holdfast.core.contract import (
+    RISKY_SLIP,
+    SITUATIONS,
+    BoolArray,
+    Json,
+)
 from holdfast.core.errors import ChannelError
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.engine import OpenedModel
@@ -193,10 +198,10 @@ def window_figures(
     # By content: a recording that was copied or renamed is still one that it was trained on.
     seen = set(model.card.raw["training"].get("recordings", ()))
     overlap = sum(fingerprint(recording) in seen for recording in data.recordings)
-    cannot_tell = untold_of(model.card.raw)
+    cannot_tell = model.card.not_learned
 
     return WindowFigures(
-        heads=report(data, situation, risky_score, untold=cannot_tell, seed=seed),
+        heads=report(data, situation, risky_score, not_learned=cannot_tell, seed=seed),
         model_id=model.card.model_id,
         data=data.name,
         kind=data.kind,

@@ -108,7 +108,7 @@ def write_training_report(
         data=data,
         figures=figures,
         situations=figures.situations,
-        untold=trained.cannot_tell,
+        not_learned=trained.cannot_tell,
         held_out_by=kind,
         not_held_out=trained.not_held_out,
         groups=groups,

@@ -7,7 +7,12 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from holdfast.core.contract import RISKY_SLIP, SITUATIONS, BoolArray, Json, untold_of
+from holdfast.core.contract import (
+    RISKY_SLIP,
+    SITUATIONS,
+    BoolArray,
+    Json,
+)
 from holdfast.core.trial_layout import read_json
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.evaluation.alarms import EventTimes, event_times
@@ -133,7 +138,7 @@ def score_set(
     headline = thresholds.headline
     # States are shown at the confidence of the headline, and so fit its alarms.
     risky = risky_states(outputs, thresholds.confidences[headline])
-    states = state_figures(outputs, risky, seed, untold_of(card.raw))
+    states = state_figures(outputs, risky, seed, card.not_learned)
     part(0.5)
 
     figures = SetFigures(
@@ -314,7 +319,7 @@ def all_sets(
         unit=card.unit,
         votes_for=list(card.classes),
         trained_on=card.raw["training"].get("data"),
-        cannot_tell=untold_of(card.raw),
+        cannot_tell=card.not_learned,
     )
 
     return Evaluation(

@@ -85,11 +85,11 @@ def state_figures(
     outputs: Sequence[ModelOutputs],
     risky: Sequence[EventMatch],
     seed: int,
-    untold: Collection[str] = (),
+    not_learned: Collection[str] = (),
 ) -> StateFigures:
     """All figures of the states.
 
-    risky: of `risky_states`. untold: situations that the model cannot tell.
+    risky: of `risky_states`. not_learned: situations that the model cannot tell.
     """
     # Matched like alarms, so the state's delay compares with that of the request.
     delay = event_scores(risky, seed=seed)
@@ -111,7 +111,7 @@ def state_figures(
         changes_per_s=changes_per_s(outputs, [one.situation for one in outputs]),
         true_changes_per_s=changes_per_s(outputs, [labels_of(one) for one in outputs]),
         calibration=calibration(samples),
-        confusion={"four": confusion(samples, seed, untold)},
+        confusion={"four": confusion(samples, seed, not_learned)},
     )
 
 
@@ -221,7 +221,7 @@ def _ece(bins: list[CalibrationBin]) -> float:
 
 
 def confusion(
-    samples: LabelledSamples, seed: int, untold: Collection[str] = ()
+    samples: LabelledSamples, seed: int, not_learned: Collection[str] = ()
 ) -> ConfusionFigures:
     """Count the truth against the answer, and score it.
 
@@ -240,7 +240,7 @@ def confusion(
         answered,
         labelled.group,
         classes=SITUATIONS,
-        untold=untold,
+        not_learned=not_learned,
         seed=seed,
     )
 

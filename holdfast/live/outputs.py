@@ -36,8 +36,7 @@ from holdfast.core.contract import (
     Prediction,
     Sample,
     channel_names,
-    in_words_untold,
-    untold_of,
+    not_learned_in_words,
 )
 from holdfast.core.errors import OutputError, UsageError
 from holdfast.core.lines import CLOSING_S, LineWriter, Sink
@@ -122,17 +121,17 @@ def emit_to(
     return emit
 
 
-def to_json_line(prediction: Prediction, untold: Collection[str] = ()) -> str:
+def to_json_line(prediction: Prediction, not_learned: Collection[str] = ()) -> str:
     """One line without the line break; floats keep all their digits, unknown values are null.
 
-    untold: what the model cannot tell, which has no probability.
+    not_learned: what the model cannot tell, which has no probability.
     """
     fields = asdict(prediction)
-    for name in untold:
+    for name in not_learned:
         # A probability of almost 0 would look like an answer.
         if name in fields["p_situation"]:
             fields["p_situation"][name] = None
-    if RISKY in untold:
+    if RISKY in not_learned:
         fields["p_risky"] = None
     return json.dumps(fields, separators=(",", ":"), allow_nan=False)
 
@@ -140,7 +139,7 @@ def to_json_line(prediction: Prediction, untold: Collection[str] = ()) -> str:
 def about_model(card: ModelCard, path: str | Path) -> list[str]:
     """What is reported of a model when a run begins: its hand, its gaps, its age."""
     lines = [] if card.hand is None else [card.hand.in_words()]
-    lines += in_words_untold(untold_of(card.raw))
+    lines += not_learned_in_words(card.not_learned)
     if card.is_older:
         lines.append(f"{path}: {OLDER_FILE}")
     return lines
@@ -218,8 +217,8 @@ class LineOutput:
     """Predictions as JSON lines, to every sink that works; it reports the sinks that fail.
 
     watched: sinks that get their lines elsewhere and are only checked for failures. report:
-    receives a line for each failure. failures: the error by the sink's name. untold: what the model
-    cannot tell.
+    receives a line for each failure. failures: the error by the sink's name. not_learned: what the
+    model cannot tell.
     """
 
     def __init__(
@@ -227,10 +226,10 @@ class LineOutput:
         sinks: Sequence[Sink],
         report: Callable[[str], object],
         watched: Sequence[Sink] = (),
-        untold: Collection[str] = (),
+        not_learned: Collection[str] = (),
     ) -> None:
         self.failures: dict[str, OSError] = {}
-        self._untold = untold
+        self._not_learned = not_learned
         self._report = report
         self._sinks = list(sinks)
         self._closed_here = list(sinks)
@@ -263,7 +262,7 @@ class LineOutput:
         reading: SourceReading | None = None,
     ) -> None:
         """Pass the prediction to all working sinks, and look for failures."""
-        line = to_json_line(prediction, self._untold)
+        line = to_json_line(prediction, self._not_learned)
         for sink in self._sinks:
             if sink.failure is None:
                 sink(line)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from holdfast.core.contract import FloatArray, untold_of
+from holdfast.core.contract import FloatArray
 from holdfast.core.errors import OutputError, RateError, UsageError, visible
 from holdfast.core.lines import Sink, stream_sink
 from holdfast.core.source import Source
@@ -243,9 +243,10 @@ class _Run:
             "web": self._open_page,
             "lsl": self._open_streams,
         }
-        untold = untold_of(self._model.card.raw)
         # one output for all lines, so that each answer is written as text only once
-        self.lines = LineOutput([], self.report, [self._stderr], untold)
+        self.lines = LineOutput(
+            [], self.report, [self._stderr], self._model.card.not_learned
+        )
         close_at_end(stack, self.lines)
         outputs: list[Output] = [self.lines]
         for kind, place in self._options.outputs():
@@ -280,7 +281,7 @@ class _Run:
 
         card = self._model.card
         names = sensor_names(card.hand, card.n_channels // 3)
-        self._view = open_view(card.unit, untold=untold_of(card.raw), names=names)
+        self._view = open_view(card.unit, not_learned=card.not_learned, names=names)
         return self._view
 
     def _open_page(self, place: str) -> RunPage:
@@ -308,7 +309,7 @@ class _Run:
             card.unit,
             card.rate_hz,
             self._clock.now_ns,
-            untold_of(card.raw),
+            card.not_learned,
         )
 
     def _open_wearer(

@@ -40,14 +40,14 @@ COLOURS = {
 
 
 class Shown(NamedTuple):
-    """What the picture shows. names: of the sensors; untold: what the model cannot tell."""
+    """What the picture shows. names: of the sensors; not_learned: what the model cannot tell."""
 
     prediction: Prediction
     sample: Sample
     reading: SourceReading
     unit: str
     names: Sequence[str] = ()
-    untold: Collection[str] = ()
+    not_learned: Collection[str] = ()
     intent: Intent | None = None
 
     @property
@@ -67,11 +67,11 @@ class View:
         self,
         unit: str,
         terminal: TextIO,
-        untold: Collection[str] = (),
+        not_learned: Collection[str] = (),
         names: Sequence[str] = (),
     ) -> None:
         self._unit = unit
-        self._untold = untold
+        self._not_learned = not_learned
         self._names = names
         self._terminal = terminal
         self._newest: tuple[Prediction, Sample, SourceReading] | None = None
@@ -156,7 +156,7 @@ class View:
         if self._newest is None:
             return None
         intent = None if self.intent is None else self.intent.newest
-        return Shown(*self._newest, self._unit, self._names, self._untold, intent)
+        return Shown(*self._newest, self._unit, self._names, self._not_learned, intent)
 
 
 class _Whole:
@@ -179,15 +179,15 @@ def open_view(
     unit: str,
     *,
     terminal: TextIO | None = None,
-    untold: Collection[str] = (),
+    not_learned: Collection[str] = (),
     names: Sequence[str] = (),
 ) -> View:
     """A view that draws in its thread until it is closed; without a terminal it draws nothing.
 
-    untold: what the model cannot tell. names: of the sensors, by their hand card.
+    not_learned: what the model cannot tell. names: of the sensors, by their hand card.
     """
     terminal = terminal or sys.stderr
-    view = View(unit, terminal, untold, names)
+    view = View(unit, terminal, not_learned, names)
     # codes for the cursor would only litter a file or a pipe
     if terminal.isatty() and os.environ.get("TERM", "dumb") != "dumb":
         view.start()
@@ -220,7 +220,7 @@ def _situations(shown: Shown) -> Table:
 
     table = Table.grid(padding=(0, 1))
     for name in SITUATIONS:
-        if name in shown.untold:
+        if name in shown.not_learned:
             table.add_row(_words(name), "cannot tell")
             continue
         share = shown.prediction.p_situation[name]

@@ -89,18 +89,18 @@ def over(f1: Mapping[str, float | None]) -> str:
 
 
 def situation_lines(
-    of: SituationFigures, group_kind: str, untold: Collection[str] = ()
+    of: SituationFigures, group_kind: str, not_learned: Collection[str] = ()
 ) -> list[str]:
     """The macro F1 and the classes it averages, then the F1 of each situation.
 
-    group_kind: what the intervals resample. untold: what the model cannot tell.
+    group_kind: what the intervals resample. not_learned: what the model cannot tell.
     """
     macro = with_interval(of.macro_f1, of.macro_f1_ci, group_kind)
     lines = [f"macro F1 {over(of.f1) or 'over four situations'}  {macro}"]
 
     for name, f1 in of.f1.items():
         shown = "cannot tell"
-        if name not in untold:
+        if name not in not_learned:
             shown = with_interval(f1, of.f1_ci[name], group_kind)
         lines.append(f"  F1 {name:<12} {shown}")
     return lines

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from holdfast.core.contract import CANNOT_TELL, Json, untold_of
+from holdfast.core.contract import CANNOT_TELL, Json, not_learned_of
 from holdfast.core.errors import DataError
 from holdfast.core.trial_layout import read_json
 from holdfast.core.writing import require_writable
@@ -321,7 +321,9 @@ def train(
         curve = learning_curve(
             data, features, plan, seed, held_out_figures, figures, say
         )
-    return Trained(figures, held_out, curve, untold_of({"training": artifact.training}))
+    return Trained(
+        figures, held_out, curve, not_learned_of({"training": artifact.training})
+    )
 
 
 def final_artifact(
@@ -384,7 +386,7 @@ def _origin(
     prints = [fingerprint(recording) for recording in data.recordings]
 
     windows = {task: rows.class_counts() for task, rows in data.tasks.items()}
-    untold = cannot_tell(data, by_force=spec.contact is not None)
+    not_learned = cannot_tell(data, by_force=spec.contact is not None)
     return {
         "data": data.name,
         "kind": data.kind,
@@ -395,7 +397,7 @@ def _origin(
         "groups": len(data.groups()),
         "group_kind": data.group_kind,
         "windows": windows,
-        **({CANNOT_TELL: untold} if untold else {}),
+        **({CANNOT_TELL: not_learned} if not_learned else {}),
         "main_task": main_task(data),
         "plan": plan.to_json(),
         "seed": seed,

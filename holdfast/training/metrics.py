@@ -45,13 +45,13 @@ def report(
     predicted: Labels,
     risky_score: FloatArray | None = None,
     *,
-    untold: Collection[str] = (),
+    not_learned: Collection[str] = (),
     n_draws: int = N_DRAWS,
     seed: int = 0,
 ) -> HeadFigures:
     """All figures for answers at every window of a set.
 
-    untold: situations that the model cannot tell, which have no figure.
+    not_learned: situations that the model cannot tell, which have no figure.
 
     predicted [M]: situation at each window of the task "situations". risky_score [M2]: score at
     each window of the task "predict_250ms"; None where the model has no such head.
@@ -60,7 +60,7 @@ def report(
         data.tasks["situations"].label,
         predicted,
         data.group_of("situations"),
-        untold=untold,
+        not_learned=not_learned,
         n_draws=n_draws,
         seed=seed,
     )
@@ -90,21 +90,21 @@ def situation_scores(
     groups: npt.ArrayLike,
     *,
     classes: tuple[str, ...] = SITUATIONS,
-    untold: Collection[str] = (),
+    not_learned: Collection[str] = (),
     n_draws: int = N_DRAWS,
     seed: int = 0,
 ) -> SituationFigures:
     """F1 by class, its mean and their intervals, from labels [M], [M] and groups [M].
 
-    untold: classes without a figure, because the model cannot answer them; what it says in their
-    place still counts against the others.
+    not_learned: classes without a figure, because the model cannot answer them; what it says in
+    their place still counts against the others.
     A prediction of len(classes) means "unknown": an answer withheld, which misses what was there.
     Raises LabelError for any other number: -1, the decision's own "unknown", would silently count
     as another class' answer.
     """
     f1, f1_draws = f1_and_draws(truth, predicted, groups, len(classes), n_draws, seed)
     for k, name in enumerate(classes):
-        if name in untold:
+        if name in not_learned:
             f1[k] = np.nan
             f1_draws[:, k] = np.nan
 

@@ -244,16 +244,16 @@ def cannot_tell(data: DataSet, *, by_force: bool) -> dict[str, str]:
 
     by_force: the model's contact rule tells "nothing", also where no window shows it.
     """
-    untold = {}
+    not_learned = {}
     main = data.tasks.get("classes", data.tasks.get("situations"))
     assert main is not None
     for name, count in main.of_situations().class_counts().items():
         by_rule = by_force and name == SITUATIONS[NOTHING]
         if not count and not by_rule:
-            untold[name] = f"{NOT_SHOWN[name]} in the training data"
+            not_learned[name] = f"{NOT_SHOWN[name]} in the training data"
     if "classes" not in data.tasks:
-        untold[WEIGHT] = "the training data lack masses, or light or heavy objects"
-    return untold
+        not_learned[WEIGHT] = "the training data lack masses, or light or heavy objects"
+    return not_learned
 
 
 def _of_one_weight(rows: LabelledRows) -> bool:

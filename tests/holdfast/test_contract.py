@@ -10,7 +10,7 @@ from holdfast.core.contract import (
     channel_names,
     class_id,
     is_rate,
-    untold_of,
+    not_learned_of,
 )
 from holdfast.core.errors import ChannelError, UnitError
 from holdfast.drivers.lsl import order_of, unit_of
@@ -49,8 +49,10 @@ def test_channels_stand_together_sensor_by_sensor() -> None:
     "card", [{}, {"training": 1}, {"training": {"cannot_tell": 2}}]
 )
 def test_a_card_that_does_not_say_what_it_cannot_tell_tells_all(card: object) -> None:
-    assert untold_of(card) == {}  # type: ignore[arg-type]
-    assert untold_of({"training": {"cannot_tell": {"weight": "a"}}}) == {"weight": "a"}
+    assert not_learned_of(card) == {}  # type: ignore[arg-type]
+    assert not_learned_of({"training": {"cannot_tell": {"weight": "a"}}}) == {
+        "weight": "a"
+    }
 
 
 @pytest.mark.parametrize(

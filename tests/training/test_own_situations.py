@@ -97,8 +97,8 @@ def test_a_weight_that_a_situation_gives_away_is_not_learned(tmp_path: Path) -> 
     learned = learnable(data)
     assert list(learned.tasks) == ["situations"]
     assert len(learned.tasks["situations"]) == len(data.tasks["classes"])
-    untold = cannot_tell(learned, by_force=False)
-    assert set(untold) == {"nothing", "safe_slip", "weight"}
+    not_learned = cannot_tell(learned, by_force=False)
+    assert set(not_learned) == {"nothing", "safe_slip", "weight"}
 
 
 def write_meta_of(root: Path, masses_g: dict[str, float]) -> None:
@@ -310,7 +310,7 @@ def test_the_view_has_words_in_place_of_a_bar() -> None:
     good = np.ones(2, np.bool_)
     sample = Sample(0, np.zeros(6), good, 0)
     reading = SourceReading(0, np.zeros(6), good)
-    text = drawn(Shown(prediction(), sample, reading, "uT", untold=["safe_slip"]))
+    text = drawn(Shown(prediction(), sample, reading, "uT", not_learned=["safe_slip"]))
     assert re.search(r"^safe slip +cannot tell", text, re.MULTILINE)
     assert re.search(r"^grasp .*1\.00 *$", text, re.MULTILINE)
 

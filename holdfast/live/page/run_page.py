@@ -14,7 +14,6 @@ from holdfast.core.contract import (
     Json,
     Prediction,
     Sample,
-    untold_of,
 )
 from holdfast.core.hand_card import SIDES, HandCard, hand_or_usual, sensor_names
 from holdfast.core.source import SourceReading
@@ -52,7 +51,7 @@ class RunPage:
         self._report = report
         self._margin = FrictionMargin(ONE_HAND, card.rate_hz, shear_gain)
         self._thumb = None if card.hand is None else card.hand.of_thumb
-        self._untold_risky = SITUATIONS[RISKY_SLIP] in untold_of(card.raw)
+        self._risky_not_learned = SITUATIONS[RISKY_SLIP] in card.not_learned
         self.grip: GripOutput | None = None
         self.intent: IntentMonitor | None = None
         self._lost = self._next = self._marks = 0
@@ -71,7 +70,7 @@ class RunPage:
         message = sample_message(sample, reading, self._lost, self._link.unsent)
         message["answer"] = _answer(prediction)
         # A probability of almost 0 would look like an answer.
-        if self._untold_risky:
+        if self._risky_not_learned:
             message["answer"]["p_risky"] = None
         message["grip"] = self._grip(prediction, sample)
         message |= intent_message(self.intent)
