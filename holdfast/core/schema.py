@@ -132,7 +132,7 @@ def checked(
     """
     if key := _not_finite(raw):
         allowed = "allowed: a finite number"
-        raise error(key, where=where, next_step=allowed)
+        raise error(f"{key}, not a finite number", where=where, next_step=allowed)
     try:
         return msgspec.convert(raw, kind, strict=strict)
     except msgspec.ValidationError as reason:
