@@ -261,6 +261,7 @@ class LoopFigures:
     losses: why preventable objects were lost (LOSSES). above_need: trials with a command above the
     wearer's grip and above ENOUGH times the need; squeezed: with such a grip. held_called: tugs,
     and pick_ups_called: lifts, that the bare hand holds and in which our command tightens.
+    lost_in_holds: of what should stay in the hand, whatever the bare hand does.
     receiver_peak_n: largest force of a receiver. refused: hand-overs of which the receiver gives
     up. put_downs: disturbed as a hand-over is blocked. grip_excess: N s a trial beyond what is
     needed. tightenings_per_min: before any action, and in disturbed holds. new_drops: what the
@@ -298,6 +299,7 @@ class LoopFigures:
     disturbed_share: float | None
     disturbed_share_ci: Interval | None
     fragile: int
+    lost_in_holds: Counted
     crushed_share: float | None
     crushed_share_ci: Interval | None
     grip_excess: float
@@ -331,6 +333,10 @@ def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
     extra_n = [run.extra_n for run in passes]
     delays_ms = [1e3 * run.extra_s for run in passes]
     excess_n_s = [run.excess_n_s for run in runs]
+    in_holds = []
+    for run in runs:
+        if run.held.trial.action in HELD_ACTIONS:
+            in_holds.append(run.held.dropped)
     # Without a slip the controller has no estimate of friction, and no error.
     errors = [run.friction_error for run in preventable]
     known_errors = [error for error in errors if np.isfinite(error)]
@@ -367,6 +373,7 @@ def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
         disturbed_share=disturbed.share,
         disturbed_share_ci=disturbed.share_ci,
         fragile=crushed.of,
+        lost_in_holds=_counted(in_holds),
         crushed_share=crushed.share,
         crushed_share_ci=crushed.share_ci,
         grip_excess=float(np.mean(excess_n_s)) if runs else 0.0,

@@ -25,7 +25,7 @@ from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.grip import AnswerRules, GripSense
 from holdfast.edge_runtime.grip_control import GripLoop, controller_of
 from holdfast.edge_runtime.supervisor import Limits
-from holdfast.simulation.drive import Actuator, Drive
+from holdfast.simulation.drive import Actuator, Drive, Opening
 from holdfast.simulation.loop_people import (
     Habits,
     LoopOutcome,
@@ -87,6 +87,7 @@ class LoopSettings:
     """What a loop adds to its scene.
 
     drive          of the hand
+    opening        who decides when the wearer opens the hand, of OPENINGS
     habits         of the people
     delay_samples  by so many samples later than they could do targets act
     between        what changes the readings before the model gets them; None: nothing does
@@ -94,6 +95,7 @@ class LoopSettings:
     """
 
     drive: Drive = field(default_factory=Drive)
+    opening: Opening = "wearer"
     habits: Habits = field(default_factory=Habits)
     delay_samples: int = 0
     between: Between | None = None
@@ -176,7 +178,7 @@ class ClosedLoop:
         before = model.card.settle_samples + preparation.bias_rows + ROWS_TO_SPARE
         self.spans = spans_of(scene, trials, before, habits)
 
-        self.actuator = Actuator(settings.drive, trials)
+        self.actuator = Actuator(settings.drive, trials, settings.opening)
         steps = scene.step_settings_of(trials)
         self.world = HandsAndObjects(trials, steps, self.spans, self.actuator, habits)
 

@@ -33,7 +33,7 @@ from holdfast.simulation.closed_loop import (
     model_of,
     run_batch,
 )
-from holdfast.simulation.drive import Drive
+from holdfast.simulation.drive import Drive, Opening
 from holdfast.simulation.effect import effect_named
 from holdfast.simulation.loop_people import Habits, LoopOutcome
 from holdfast.simulation.protocol import PlannedTrial
@@ -51,9 +51,9 @@ BARE = "none"
 class LoopSet:
     """Trials of a card: all of it, or so many in its proportions.
 
-    changes: values of every row. noise: times that of the card's chips; 1: the card as it is.
-    tremor_m_s2: amplitude of the hand's trembling; 0: the card as it is. actions: only rows of
-    these; none given: all.
+    changes: values of every row, two numbers for all between them. noise: times that of the card's
+    chips; 1: the card as it is. tremor_m_s2: amplitude of the hand's trembling; 0: the card as it
+    is. actions: only rows of these; none given: all.
     """
 
     card: str
@@ -79,6 +79,7 @@ class LoopRequest:
     name: str
     setting: float | None = None
     lag_ms: float = 50.0
+    opening: Opening = "wearer"
     delay_samples: int = 0
     rules: tuple[tuple[str, object], ...] = ()
     habits: Habits = field(default_factory=Habits)
@@ -97,7 +98,11 @@ def scene_of(of: LoopSet) -> tuple[Scene, tuple[PlannedTrial, ...]]:
         if of.actions and row.action not in of.actions:
             continue
         # A row without an object has none of the values to change.
-        changes = {} if row.action in EMPTY_HANDED else dict(of.changes)
+        changes: dict[str, object] = {}
+        if row.action not in EMPTY_HANDED:
+            for name, value in of.changes:
+                is_range = isinstance(value, tuple)
+                changes[name] = {"uniform": [*value]} if is_range else value
         values = {**row.values, **changes}
         rows.append(replace(row, values=values))
 
@@ -145,7 +150,9 @@ def run_part(
     scene, trials = scene_of(of)
 
     drive = Drive(lag_ms=request.lag_ms)
-    settings = LoopSettings(drive, request.habits, request.delay_samples)
+    settings = LoopSettings(
+        drive, request.opening, request.habits, request.delay_samples
+    )
     settings = replace(settings, between=request.between)
     if request.evidence_s is not None:
         late_s = request.evidence_s
@@ -376,7 +383,7 @@ class LoopComparison:
     """Which controllers run on which scenes.
 
     setting: of every controller, None for the default of each. lag_ms: of the hand's drive.
-    trials: how many of a scene, None for all.
+    trials: how many of a scene, None for all. opening: who decides when the wearer opens.
     """
 
     model: ModelChoice
@@ -386,6 +393,7 @@ class LoopComparison:
     lag_ms: float
     trials: int | None
     seed: int
+    opening: Opening = "wearer"
 
     def require_runnable(self) -> None:
         """Raise what would stop a run: UsageError, CardError, or a model that does not fit."""
@@ -409,7 +417,7 @@ class LoopComparison:
         for card in self.cards:
             loop_set = LoopSet(card, self.trials, self.seed)
             for name in self.controllers:
-                request = LoopRequest(name, self.setting, self.lag_ms)
+                request = LoopRequest(name, self.setting, self.lag_ms, self.opening)
                 wanted.append((loop_set, request))
 
         # All at once: scenes and bare hands that several requests need are run once.
@@ -437,6 +445,7 @@ class LoopComparison:
             "model": model_of(self.model).card.model_id,
             "engine": self.model.engine,
             "lag_ms": self.lag_ms,
+            "opening": self.opening,
             "seed": self.seed,
             "trials": self.trials,
             "setting": self.setting,

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from holdfast.edge_runtime.grip import CONTROLLERS, AnswerRules
+from holdfast.simulation.drive import Opening
 from holdfast.simulation.loop_people import Habits
 from studies.shared_control.closed_loop import ORACLE, VIBRATION, LoopRequest, LoopSet
 
@@ -21,6 +22,7 @@ OURS = "holdfast"
 OUR_LEAD_N = CONTROLLERS[OURS].SETTING
 LAG_MS = 50.0
 """Of the drive, unless a row says otherwise; as LoopRequest has it."""
+OUR_REQUEST = LoopRequest(OURS, OUR_LEAD_N)
 SETTINGS: dict[str, tuple[float, ...]] = {
     OURS: (4.0, 8.0, 14.0, 22.0, 32.0),
     "pd-shear": (0.5, 2.0, 6.0),
@@ -54,13 +56,19 @@ TREMORS_M_S2 = (0.0, 0.3, 1.0, 2.0, 3.0)
 """How strongly the wearer's hand trembles."""
 TREMBLING = ("fall", "pass")
 """Actions of these sets: nearly all preventable drops are falls, and hand-overs may be blocked."""
-OPENS_AFTER_S = {"opens late": 2.0, "never opens": 4.0}
+OPENS_AFTER_S = {"opens late": (0.3, 1.0), "never opens": 4.0}
 """From the first pull of a receiver until the giver opens the hand. A receiver gives up after 3 s,
 so for this receiver a hand that opens after 4 s never opens."""
+MISSED = {"always": 0.0, "nine in ten": Habits.missed_share, "never": 1.0}
+"""In the part `intent` the board is told of so many openings: share of those that it misses."""
+MISTAKES_S = (0.05, 0.15, 0.3)
+"""In the part `mistake` the wearer opens the hand by mistake, for so long."""
+CANNOT_TELL = "a hand that cannot tell"
+"""It grips for the larger of the target and its wearer's grip, also when the wearer opens it."""
 LATE_SETS = ("author", "p1")
 PARTS = (
     *("table", "curve", "lag", "delay", "noise", "without", *OPENS_AFTER_S, "tremor"),
-    *("truth", "intent", "cap"),
+    *("truth", "intent", "cannot tell", "mistake", "cap"),
 )
 """Parts of the study; each row belongs to one."""
 WITHOUT = {
@@ -80,6 +88,10 @@ class Row:
     label: str
     one: LoopSet
     request: LoopRequest
+
+    def with_opening(self, opening: Opening) -> Row:
+        """The row in hands in which this decides when the wearer opens."""
+        return replace(self, request=replace(self.request, opening=opening))
 
 
 def sets(trials: int, seed: int = SEED) -> dict[str, LoopSet]:
@@ -119,34 +131,43 @@ def rows(trials: int, seed: int = SEED) -> list[Row]:
     for name in LATE_SETS:
         made += _opening_late(name, by_name[name])
     for name in ("author", *WIDEST):
-        made += _with_more(name, by_name[name])
+        truth = replace(OUR_REQUEST, evidence_s=TRUE_EVIDENCE_S)
+        made.append(Row("truth", name, OURS, by_name[name], truth))
+    for name in STYLES:
+        made += _told(name, by_name[name])
     for name in CAP_SETS:
         made += _capped(name, by_name[name])
+    made += _mistaken(by_name["disturbed holds"])
     return [*made, *_trembling(by_name["author"])]
 
 
-def _with_more(name: str, one: LoopSet) -> list[Row]:
-    """What the controller itself loses, and what the wearer's wish to open brings.
+def _told(name: str, one: LoopSet) -> list[Row]:
+    """Whether the board is told that the wearer opens the hand, and a hand that cannot tell."""
+    made = []
+    for label, share in MISSED.items():
+        habits = replace(Habits(), missed_share=share)
+        made.append(
+            Row("intent", name, label, one, replace(OUR_REQUEST, habits=habits))
+        )
+    larger = replace(OUR_REQUEST, opening="larger")
+    return [*made, Row("cannot tell", name, CANNOT_TELL, one, larger)]
 
-    Part `truth`: it gets the true slips. Part `intent`: the wearer's wish to open reaches it
-    (`--obey-intent`), with its delay and its misses; or it never does; or it alone tells a
-    hand-over, and what the model says does not.
-    """
-    ours = LoopRequest(OURS, OUR_LEAD_N)
-    deaf = replace(ours, habits=replace(Habits(), missed_share=1.0))
-    alone = replace(ours, rules=WITHOUT["revocable"])
-    truth = replace(ours, evidence_s=TRUE_EVIDENCE_S)
-    return [
-        Row("truth", name, OURS, one, truth),
-        Row("intent", name, "is obeyed", one, ours),
-        Row("intent", name, "never comes", one, deaf),
-        Row("intent", name, "alone ends an answer", one, alone),
-    ]
+
+def _mistaken(one: LoopSet) -> list[Row]:
+    """Holds in which the wearer opens the hand by mistake."""
+    made = []
+    for mistake_s in MISTAKES_S:
+        habits = replace(Habits(), mistake_s=mistake_s)
+        for which in ("none", OURS):
+            request = LoopRequest(which, habits=habits)
+            label = f"{which}, {1e3 * mistake_s:g} ms"
+            made.append(Row("mistake", "disturbed holds", label, one, request))
+    return made
 
 
 def _capped(name: str, one: LoopSet) -> list[Row]:
     """What a smaller command saves, and what the oracle saves with no larger one."""
-    ours = LoopRequest(OURS, OUR_LEAD_N)
+    ours = OUR_REQUEST
     made = []
     for label, rules in RISES.items():
         made.append(Row("cap", name, label, one, replace(ours, rules=rules)))
@@ -170,7 +191,7 @@ def _opening_late(name: str, one: LoopSet) -> list[Row]:
 
 def _trembling(one: LoopSet) -> list[Row]:
     """Falls and hand-overs of a hand that trembles more and more."""
-    ours = LoopRequest(OURS, OUR_LEAD_N)
+    ours = OUR_REQUEST
     made = []
     for tremor_m_s2 in TREMORS_M_S2:
         shaken = replace(one, tremor_m_s2=tremor_m_s2, actions=TREMBLING)
@@ -180,8 +201,7 @@ def _trembling(one: LoopSet) -> list[Row]:
 
 def _of_curve_set(name: str, one: LoopSet) -> list[Row]:
     """Everything but the table: settings, lags, delays, noise, and parts left out."""
-    ours = LoopRequest(OURS, OUR_LEAD_N)
-    deaf = replace(Habits(), missed_share=1.0)
+    ours = OUR_REQUEST
     made = []
     for which, settings in SETTINGS.items():
         for setting in settings:
@@ -198,8 +218,4 @@ def _of_curve_set(name: str, one: LoopSet) -> list[Row]:
         made.append(Row("noise", name, OURS, replace(one, noise=noise), ours))
     for part, rules in WITHOUT.items():
         made.append(Row("without", name, part, one, replace(ours, rules=rules)))
-    without_command = replace(ours, habits=deaf)
-    return [
-        *made,
-        Row("without", name, "the wearer's wish to open", one, without_command),
-    ]
+    return made

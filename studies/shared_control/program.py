@@ -24,6 +24,7 @@ from holdfast.core.trial_layout import read_json
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.evaluation.style import for_any_page
 from holdfast.simulation.closed_loop import model_of
+from holdfast.simulation.drive import OPENINGS
 from holdfast.training.progress import counted
 from studies.shared_control import comparison
 from studies.shared_control.closed_loop import LoopRuns
@@ -41,6 +42,7 @@ ROW_KEYS = (
     "controller",
     "setting",
     "lag_ms",
+    "opening",
     "delay_samples",
     "noise",
     "tremor_m_s2",
@@ -64,6 +66,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"default {MODEL}",
     )
     add_engine_options(parser)
+    meanings = "; ".join(f"{name}: {text}" for name, text in OPENINGS.items())
+    option(
+        "--opening",
+        choices=tuple(OPENINGS),
+        default="wearer",
+        help=f"{meanings} (default wearer)",
+    )
     option(
         "--trials",
         type=trial_count,
@@ -107,6 +116,8 @@ def run(args: argparse.Namespace) -> int:
     seed = SEED if args.seed is None else args.seed
     trials = args.trials or TRIALS
     wanted = _chosen(rows(trials, seed), args)
+    if args.opening != "wearer":
+        wanted = [row.with_opening(args.opening) for row in wanted]
     with counted(f"{len(wanted)} rows in a closed loop (simulated)", 1) as done:
         runs = LoopRuns(chosen_model(args), chosen_workers(args), done)
         runs.run([(row.one, row.request) for row in wanted], losses=args.losses)
@@ -194,6 +205,7 @@ def _row(row: Row, runs: LoopRuns) -> Json:
         "controller": row.label,
         "setting": request.setting,
         "lag_ms": request.lag_ms,
+        "opening": request.opening,
         "delay_samples": request.delay_samples,
         "noise": row.one.noise,
         "tremor_m_s2": row.one.tremor_m_s2,

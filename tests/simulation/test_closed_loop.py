@@ -29,7 +29,7 @@ from holdfast.simulation.closed_loop import (
     managed,
     run_loops,
 )
-from holdfast.simulation.loop_people import Habits, LoopOutcome, Wearer
+from holdfast.simulation.loop_people import MISTAKEN_S, Habits, LoopOutcome, Wearer
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.script_times import Times
@@ -41,6 +41,8 @@ PATIENT = "wait_s = 0.1\nmove_s = 0.3\ndistance_m = 0.25\narm_n_per_m = 600\n"
 
 HEARD = LoopSettings(habits=Habits(missed_share=0.0, pull_gives_up_s=0.5))
 """No signal is missed, and a puller gives up after half a second."""
+CANNOT_TELL = replace(HEARD, opening="larger")
+"""And the hand holds on while its wearer opens it."""
 
 
 def firm_loop(
@@ -54,6 +56,11 @@ def firm_loop(
         return made[0]
 
     return ClosedLoop(scene, scene.trials(), model(), make, settings), made[0]
+
+
+def firm_of(trials: Sequence[PlannedTrial], rate_hz: float) -> Firm:
+    """The maker of a hand that holds on."""
+    return Firm(trials, 45.0)
 
 
 # a hand that does nothing
@@ -219,7 +226,7 @@ def resisted(
         row("pull", "cap_n = 12\nmove_s = 0.5\ntail_s = 1.5\n"),
     ]
     scene = scene_of(tmp_path_factory.mktemp("resisted"), card_text(*rows))
-    loop, firm = firm_loop(scene, settings=HEARD)
+    loop, firm = firm_loop(scene, settings=CANNOT_TELL)
     return loop, firm, loop.run()
 
 
@@ -232,7 +239,7 @@ def test_a_wearer_overrides_a_hand_that_resists_for_a_third_of_a_second(
     assert pull.overrode_s == np.inf
 
 
-def test_a_hand_that_is_told_to_hold_holds_while_its_wearer_opens(
+def test_a_hand_that_cannot_tell_holds_while_its_wearer_opens(
     resisted: tuple[ClosedLoop, Firm, list[LoopOutcome]],
 ) -> None:
     _, weak, _ = resisted[2]
@@ -242,6 +249,39 @@ def test_a_hand_that_is_told_to_hold_holds_while_its_wearer_opens(
     assert (weak.own_n[opened] < 0.5 * weak.trial.grip_n).all()
     assert weak.grip_n[opened] == pytest.approx(45.0, abs=2.0)
     assert weak.lost_s > weak.overrode_s
+
+
+def test_a_hand_obeys_its_wearers_opening_whatever_the_target(tmp_path: Path) -> None:
+    kind = f"{PATIENT}cap_n = 0.5\nopen_after_s = 1.2\n"
+    scene = scene_of(tmp_path, card_text(row("pass", kind)))
+    make = managed(scene, "none")
+    (bare,) = run_loops(scene, scene.trials(), model(), make, HEARD)
+
+    (held,) = run_loops(scene, scene.trials(), model(), firm_of, HEARD)
+    t_s = held.begin_s + np.arange(len(held.grip_n)) / held.rate_hz
+    before = int(np.searchsorted(t_s, held.opens_s)) - 1
+    assert held.grip_n[before] == pytest.approx(45.0, abs=2.0)
+    # the command stays, and the object is free as soon as the drive has opened
+    assert (held.target_n[t_s > held.opens_s] == 45.0).any()
+    assert held.overrode_s == np.inf
+    assert bare.lost_s < held.lost_s < bare.lost_s + 0.3
+
+
+@pytest.mark.parametrize(("mistake_s", "is_held"), [(0.05, True), (0.3, False)])
+def test_a_hand_that_its_wearer_opens_by_mistake_opens_for_so_long(
+    tmp_path: Path, mistake_s: float, is_held: bool
+) -> None:
+    kind = "hold_s = 1.8\nopening_s = 0.3\n"
+    scene = scene_of(tmp_path, card_text(row("hold", kind)))
+    habits = replace(HEARD.habits, mistake_s=mistake_s)
+    settings = replace(HEARD, habits=habits)
+    (held, _) = run_loops(scene, [*scene.trials()] * 2, model(), firm_of, settings)
+    t_s = held.begin_s + np.arange(len(held.grip_n)) / held.rate_hz
+    begins_s = held.act_s - MISTAKEN_S
+    opened = (t_s > begins_s) & (t_s < begins_s + 2.0 * mistake_s)
+    assert held.own_n[opened].min() < 0.99 * held.trial.grip_n
+    assert (held.lost_s > held.opens_s) == is_held
+    assert held.own_n[t_s > begins_s + 0.7][0] == pytest.approx(held.trial.grip_n)
 
 
 def test_a_puller_gives_up_and_the_object_stays(

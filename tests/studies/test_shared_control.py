@@ -19,6 +19,7 @@ def row(part: str, name: str, controller: str, **figures: Any) -> dict[str, Any]
     whole |= {
         "setting": None,
         "lag_ms": 50.0,
+        "opening": "wearer",
         "delay_samples": 0,
         "noise": 1.0,
         "grip_excess": 1.0,
