@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -32,6 +33,8 @@ TIGHTER_N = 1.0
 """A hand that grips by so much more than its wearer commands is tightened."""
 ENOUGH = 2.5
 """A command above so many times the needed grip is more than needed, as in benchmarks/world."""
+GRIPS_N = (0.0, 0.5, 1.0, 2.0, 5.0, 70.0)
+"""Bounds of the wearer's grip by which drops are counted, N a side."""
 LOSSES = (
     "no evidence",
     "evidence too late",
@@ -114,6 +117,15 @@ class ThreeRuns:
         trial = self.held.trial
         most_n = max(trial.grip_n, ENOUGH * needed_grip_n(trial, 1.0))
         return self.most_commanded_n > 0.0 and self.held.peak_grip_n > most_n
+
+    @property
+    def over_need_n(self) -> float:
+        """The largest grip while the object is held, beyond the wearer's and the need, N a side."""
+        held = self.held
+        while_held = _times_s(held) < min(held.lost_s, held.opens_s)
+        most_n = float(held.grip_n[while_held].max(initial=0.0))
+        enough_n = max(held.trial.grip_n, needed_grip_n(held.trial, 1.0))
+        return max(0.0, most_n - enough_n)
 
     @property
     def called(self) -> bool:
@@ -257,7 +269,9 @@ class LoopFigures:
 
     drops: of the bare hand in pulls and falls. saved: of the preventable drops. saved_of_drops: of
     all. saved_untightened: of the preventable ones without an earlier tightening in that hold.
-    by_action: the same by what happened to the object. slip_mm_p50: travel of what was saved.
+    by_action: the same by what happened to the object; by_grip: by the wearer's grip, N a side.
+    over_need_n_by_action: by how much the grip exceeds the wearer's and the need, at most, while
+    the object is held; the median of each action. slip_mm_p50: travel of what was saved.
     losses: why preventable objects were lost (LOSSES). above_need: trials with a command above the
     wearer's grip and above ENOUGH times the need; squeezed: with such a grip. held_called: tugs,
     and pick_ups_called: lifts, that the bare hand holds and in which our command tightens.
@@ -278,6 +292,8 @@ class LoopFigures:
     saved_of_drops: Counted
     saved_untightened: Counted
     by_action: dict[str, SavedDrops]
+    by_grip: dict[str, SavedDrops]
+    over_need_n_by_action: dict[str, float | None]
     losses: dict[str, int]
     above_need: Counted
     squeezed: Counted
@@ -352,6 +368,8 @@ def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
         saved_of_drops=drops.of_all,
         saved_untightened=drops.untightened,
         by_action=_by_action(runs),
+        by_grip=_by_grip(runs),
+        over_need_n_by_action=_over_need_n(runs),
         losses=_losses(runs),
         above_need=_counted([run.above_need for run in runs]),
         squeezed=_counted([run.squeezed for run in runs]),
@@ -407,6 +425,25 @@ def _by_action(runs: Sequence[ThreeRuns]) -> dict[str, SavedDrops]:
         if of_action:
             found[action] = _saved_drops(of_action)
     return found
+
+
+def _by_grip(runs: Sequence[ThreeRuns]) -> dict[str, SavedDrops]:
+    """The drops by the wearer's grip before the event."""
+    found = {}
+    for low, high in pairwise(GRIPS_N):
+        within = [run for run in runs if low <= run.held.trial.grip_n < high]
+        found[f"{low:g} to {high:g}"] = _saved_drops(within)
+    return found
+
+
+def _over_need_n(runs: Sequence[ThreeRuns]) -> dict[str, float | None]:
+    """By action, the median of the grip over what is needed; of drops the preventable ones."""
+    by_action: dict[str, list[float]] = {}
+    for run in runs:
+        over_n = by_action.setdefault(run.held.trial.action, [])
+        if run.preventable or not run.drop:
+            over_n.append(run.over_need_n)
+    return {action: _percentile(over_n, 50) for action, over_n in by_action.items()}
 
 
 def _percentile(values: Sequence[float], percent: float) -> float | None:

@@ -69,14 +69,13 @@ SOURCES: dict[str, dict[str, str]] = {
     },
     "docs/shared-control.md": {
         "loop": "build/loop/loop.json",
-        "before": "docs/measured/loop-d86a7e638b14.json",
-        "cap": "docs/measured/loop-cap-080828f74eb1.json",
+        "front": "docs/measured/loop-front-2026-11-28.json",
     },
     "docs/targets.md": {
         "distortions": "docs/measured/distortions-080828f74eb1.json",
         "evaluated": "build/evaluate/figures.json",
         "files": "docs/measured/hand-files-080828f74eb1.json",
-        "loop": "docs/measured/loop-080828f74eb1.json",
+        "loop": "docs/measured/loop-2026-11-28.json",
         "nested": "docs/measured/nested-choice-2026-11-25.json",
         "spread": "docs/measured/transfer-spread-2026-11-26.json",
         "wide": "docs/measured/wide-080828f74eb1.json",

@@ -87,6 +87,7 @@ def run(args: argparse.Namespace) -> int:
         seconds=args.seconds,
         controller=settings.controller,
         ceiling_n=settings.ceiling_n,
+        most_over_wearers_n=settings.most_over_wearers_n,
         feedback=settings.feedback,
         cues=path_argument(settings.cues) if settings.cues else None,
     )

@@ -7,6 +7,7 @@
 
     grip = "unix:///run/hand/grip"    # from here on of holdfast run alone
     ceiling_n = 40.0
+    most_over_wearers_n = 5.0         # for fragile work
     to = ["udp://127.0.0.1:9000"]
 
 Files are looked for next to the settings. A value on the command line wins.
@@ -35,7 +36,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What may stand in the file: values as they would be typed, None where they do not.
 
     hand: the hand card of recordings; library: of --engine c; ceiling_n: largest grip of the hand,
-    N of either side; feedback: where cues go, and cues: their table.
+    N of either side; most_over_wearers_n: no target is further above the wearer's grip, N of either
+    side; feedback: where cues go, and cues: their table.
     """
 
     source: Text | None = None
@@ -50,6 +52,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     library: Text | None = None
     controller: Text | None = None
     ceiling_n: Annotated[float, msgspec.Meta(gt=0.0, le=1e4)] | None = None
+    most_over_wearers_n: Annotated[float, msgspec.Meta(gt=0.0, le=1e4)] | None = None
     feedback: Text | None = None
     cues: Text | None = None
 

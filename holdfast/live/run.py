@@ -82,6 +82,7 @@ class RunOptions:
     seconds: float | None = None
     controller: str | None = None
     ceiling_n: float | None = None
+    most_over_wearers_n: float | None = None
     feedback: str | None = None
     cues: Path | None = None
 
@@ -345,6 +346,7 @@ class _Run:
             card,
             self.report,
             ceiling_n=options.ceiling_n,
+            most_over_n=options.most_over_wearers_n,
             shear_gain=self._shear_gain or 1.0,
         )
         # the scene's hand is part of the source, so its commands go through no wire

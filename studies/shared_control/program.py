@@ -44,11 +44,9 @@ ROW_KEYS = (
     "lag_ms",
     "opening",
     "delay_samples",
-    "noise",
     "tremor_m_s2",
 )
 """What a row measures: two runs have it once."""
-BEFORE = Path("docs/measured/loop-d86a7e638b14.json")
 FIGURE = Path("docs/shared-control.svg")
 
 
@@ -135,8 +133,8 @@ def run(args: argparse.Namespace) -> int:
         figures = merged(read_json(args.out / "loop.json"), figures)
     path = write_figures(args.out / "loop.json", figures)
     if args.page:
-        fill(PAGE, tables_of(PAGE, {"loop": figures, **_before()}))
-    if args.page and any(row.part == "curve" for row in wanted):
+        fill(PAGE, tables_of(PAGE, {"loop": figures}))
+    if any(row.part == "front" for row in wanted):
         write_whole(FIGURE, for_any_page(picture(figures)) + "\n")
     sys.stdout.write(f"{path}\n")
     return 0
@@ -164,11 +162,6 @@ def merged(earlier: Json, figures: Json) -> Json:
         said = dict.fromkeys([earlier.get(key), figures.get(key)])
         both[key] = "; ".join(one for one in said if one)
     return {**figures, **both}
-
-
-def _before() -> dict[str, Json]:
-    """The figures before the mends, which stay beside the new ones."""
-    return {"before": read_json(BEFORE)} if BEFORE.is_file() else {}
 
 
 def _locked_on(seed: int) -> str | None:
@@ -207,7 +200,6 @@ def _row(row: Row, runs: LoopRuns) -> Json:
         "lag_ms": request.lag_ms,
         "opening": request.opening,
         "delay_samples": request.delay_samples,
-        "noise": row.one.noise,
         "tremor_m_s2": row.one.tremor_m_s2,
         **runs.figures(row.one, request).to_json(),
     }

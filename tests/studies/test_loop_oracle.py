@@ -109,19 +109,6 @@ def test_the_oracle_is_for_each_event_the_gentlest_closure_that_keeps_the_object
     assert runs.figures(of, LoopRequest(BARE)).saved == 0
 
 
-def test_an_oracle_with_a_cap_closes_no_further_and_stands_beside_the_one_without(
-    pretended: tuple[Pretended, LoopSet],
-) -> None:
-    runs, of = pretended
-    capped = LoopRequest(ORACLE, most_times=1.9)
-    runs.run([(of, capped)])
-    closures = [closure for closure, _ in runs.asked]
-    # without a further closure the last one, which the cap bounds, is what is left
-    assert closures == [None, 1.1, 1.1, 1.5, 1.5, 2.0, 3.0, np.inf, np.inf]
-    made = runs.figures(of, capped)
-    assert made.preventable == runs.figures(of, LoopRequest(ORACLE)).preventable == 2
-
-
 def test_only_what_a_controller_lost_is_tried_again_from_its_evidence_on(
     pretended: tuple[Pretended, LoopSet],
 ) -> None:
