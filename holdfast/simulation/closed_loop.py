@@ -189,7 +189,7 @@ class ClosedLoop:
         self._late = [np.zeros(len(trials))] * settings.delay_samples
         self._agents_n = self.world.state.agents_n.copy()
         self._p_risky = np.zeros(len(trials))
-        self._noted: list[tuple[Any, ...]] = []
+        self._noted: list[list[Any]] = []
 
     def run(self) -> list[LoopOutcome]:
         """Run to the end."""
@@ -206,10 +206,7 @@ class ClosedLoop:
         """Write down one sample period, before the world goes on."""
         drive = self.actuator
         levels = (drive.grip_n, drive.wearers_n, target_n, self._p_risky)
-        touching = self.world.forces_n[:, :, 2] > 0.0
-        thumb = self.trials[0].hand.thumb
-        both = touching[:, :thumb].any(axis=1) & touching[:, thumb:].any(axis=1)
-        self._noted.append((*[level.astype(np.float32) for level in levels], both))
+        self._noted.append([level.astype(np.float32) for level in levels])
 
     def decide(self, period: int) -> FloatArray:
         """[B] targets of the drives at a sample, 0 for none."""

@@ -199,14 +199,12 @@ class LoopRecord:
     own_n       the grip that the wearer asked for
     target_n    the grip that the controller commanded, 0 for none
     p_risky     the evidence that the controller was given, 0 while the state is unknown
-    both_sides  thumb and fingers touch the object
     """
 
     grip_n: npt.NDArray[np.float32]
     own_n: npt.NDArray[np.float32]
     target_n: npt.NDArray[np.float32]
     p_risky: npt.NDArray[np.float32]
-    both_sides: BoolArray
 
     def of_trial(self, k: int, periods: int) -> LoopRecord:
         """The first samples of trial k."""

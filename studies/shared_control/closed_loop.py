@@ -65,9 +65,8 @@ class LoopSet:
 class LoopRequest:
     """One controller with a setting (None: its default) on a set, with a drive.
 
-    The setting of an oracle is how far it closes, one of CLOSURES. evidence_of: of an oracle: it
-    begins with the first evidence that this request got in the event, and not with the load onset.
-    rules: names and values of AnswerRules that differ from those that come with the model.
+    The setting of an oracle is how far it closes, one of CLOSURES. rules: names and values of
+    AnswerRules that differ from those that come with the model.
     """
 
     name: str
@@ -78,7 +77,6 @@ class LoopRequest:
     rules: tuple[tuple[str, object], ...] = ()
     habits: Habits = field(default_factory=Habits)
     between: Between | None = None
-    evidence_of: LoopRequest | None = None
 
 
 @lru_cache(maxsize=16)
@@ -187,11 +185,8 @@ class LoopRuns:
         # What each run made of each trial, by its place in the set.
         self._outcomes: dict[Run, dict[int, LoopOutcome]] = {}
 
-    def run(self, wanted: Sequence[Run], *, losses: bool = False) -> None:
-        """Run all of them, with the bare hands and oracles that their figures need.
-
-        losses: also the oracles that tell why an object was lost.
-        """
+    def run(self, wanted: Sequence[Run]) -> None:
+        """Run all of them, with the bare hands and oracles that their figures need."""
         # All figures are differences from the bare hand, or shares of what the oracle keeps.
         bare = [_bare(of) for of, _ in wanted]
         best = list(dict.fromkeys(_best(of, request) for of, request in wanted))
@@ -205,14 +200,6 @@ class LoopRuns:
         for closure in CLOSURES:
             self._try(best, closure, share_bare)
         self._run(others, share_bare, 1.0)
-        if not losses:
-            return
-        # Where a controller lost what the oracle keeps: was its evidence in time?
-        by_evidence = [
-            (of, _by_evidence(request)) for of, request in dict.fromkeys(others)
-        ]
-        for closure in CLOSURES:
-            self._try(by_evidence, closure, 1.0)
 
     def _run(self, wanted: Sequence[Run], from_share: float, to_share: float) -> None:
         """Run whole sets, each once, in the order in which they were asked for."""
@@ -231,7 +218,7 @@ class LoopRuns:
             bare = self._outcomes[_bare(of)]
             # A hand that knows what will come does nothing where the bare hand keeps the object.
             known = self._outcomes.setdefault((of, request), dict(bare))
-            lost = [k for k in self._asked(of, request) if _lost(bare[k], known[k])]
+            lost = [k for k in sorted(bare) if _lost(bare[k], known[k])]
             if lost:
                 places[of, replace(request, setting=closure)] = lost
 
@@ -241,19 +228,6 @@ class LoopRuns:
         for of, request in places:
             tried = self._outcomes.pop((of, request))
             self._outcomes[of, replace(request, setting=None)] |= tried
-
-    def _asked(self, of: LoopSet, request: LoopRequest) -> list[int]:
-        """Trials that an oracle is tried on: all, or those that its controller lost."""
-        if request.evidence_of is None:
-            return sorted(self._outcomes[_bare(of)])
-        outcomes = self._outcomes[of, request.evidence_of]
-        best = self._outcomes[_best(of, request)]
-        bare = self._outcomes[_bare(of)]
-        lost = []
-        for k, outcome in sorted(outcomes.items()):
-            if outcome.dropped and ThreeRuns(bare[k], best[k], outcome).preventable:
-                lost.append(k)
-        return lost
 
     def _run_places(
         self, places: Mapping[Run, list[int]], from_share: float, to_share: float
@@ -280,11 +254,6 @@ class LoopRuns:
 
     def _onset_s(self, of: LoopSet, request: LoopRequest) -> dict[int, float]:
         """Trial's number -> the onset that an oracle has of it; nothing for any other."""
-        if request.evidence_of is not None:
-            others = self._outcomes[of, request.evidence_of].values()
-            return {one.trial.number: one.evidence_s for one in others}
-
-        # At the load onset of the bare hand an oracle begins.
         if request.name != ORACLE:
             return {}
         bare = self._outcomes[_bare(of)].values()
@@ -297,16 +266,13 @@ class LoopRuns:
         held = best
         if request.name != ORACLE:
             held = self._outcomes[of, request]
-        early = self._outcomes.get((of, _by_evidence(request)), {})
         # Batches hold trials of similar length, so outcomes are not in the order of the set.
         places = sorted(held)
-        return [ThreeRuns(bare[k], best[k], held[k], early.get(k)) for k in places]
+        return [ThreeRuns(bare[k], best[k], held[k]) for k in places]
 
     def figures(self, of: LoopSet, request: LoopRequest) -> LoopFigures:
-        """Figures of a request on a set; no losses where these were not asked for."""
-        made = loop_figures(self.runs(of, request))
-        asked = (of, _by_evidence(request)) in self._outcomes
-        return made if asked else replace(made, losses={})
+        """Figures of a request on a set."""
+        return loop_figures(self.runs(of, request))
 
 
 def _lost(bare: LoopOutcome, best: LoopOutcome) -> bool:
@@ -323,11 +289,6 @@ def _best(of: LoopSet, request: LoopRequest) -> Run:
     """The run of a set by the oracle, with the drive of a request."""
     # The same lag: the oracle shall show what this drive could do, not what a faster one could.
     return of, LoopRequest(ORACLE, lag_ms=request.lag_ms)
-
-
-def _by_evidence(request: LoopRequest) -> LoopRequest:
-    """The oracle that begins with the evidence which the controller of a request got."""
-    return LoopRequest(ORACLE, lag_ms=request.lag_ms, evidence_of=request)
 
 
 FiguresByCard = dict[str, dict[str, LoopFigures]]

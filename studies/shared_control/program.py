@@ -89,11 +89,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--controllers", nargs="+", metavar="NAME", help="of the tables' first column"
     )
     option(
-        "--losses",
-        action="store_true",
-        help="also say why preventable objects were lost (takes longer)",
-    )
-    option(
         "--keep",
         action="store_true",
         help="keep the rows of the earlier run in --out that this one does not measure",
@@ -118,7 +113,7 @@ def run(args: argparse.Namespace) -> int:
         wanted = [row.with_opening(args.opening) for row in wanted]
     with counted(f"{len(wanted)} rows in a closed loop (simulated)", 1) as done:
         runs = LoopRuns(chosen_model(args), chosen_workers(args), done)
-        runs.run([(row.one, row.request) for row in wanted], losses=args.losses)
+        runs.run([(row.one, row.request) for row in wanted])
     figures = {
         "kind": "simulated",
         "model": model_of(chosen_model(args)).card.model_id,

@@ -41,6 +41,8 @@ ENDED = (None, "released", "timed_out", "opened", "overridden")
 NUMBERS = ("target_n", "slew_n_s", "feedback", "mu_hat", "margin", "needed_n")
 COMMAND = np.dtype([("mode", "i4"), *((name, "f8") for name in NUMBERS)], align=True)
 STREAM = 500
+MOST_OVER_N = 20.0
+"""A target may be so far above the wearer's grip: more than a load is followed by."""
 GAIN = 0.6
 """Of shear, as the sensors of the scenes read it."""
 Array = npt.NDArray[Any]
@@ -129,7 +131,7 @@ def test_a_decision_in_c_is_that_of_python_at_every_step(form, n):
 
 def records_of(senses: list[GripSense], hands: int) -> Array:
     """Records of the harness, one hand after another."""
-    lead_n = (Holdfast.SETTING, AnswerRules.most_over_n)
+    lead_n = (Holdfast.SETTING, MOST_OVER_N)
     limits = (QUICK.ceiling_n, QUICK.slew_n_s, QUICK.rise_s, QUICK.most_rise_s)
     kind = [
         ("options", "f8", 9),
@@ -151,7 +153,7 @@ def records_of(senses: list[GripSense], hands: int) -> Array:
 def commanded(senses: list[GripSense], hands: int) -> Array:
     """[hands, samples] what Python commands, on many hands at once."""
     batch = ManyHands(hands)
-    rules = AnswerRules.of(ANSWER)
+    rules = AnswerRules.of(ANSWER, most_over_n=MOST_OVER_N)
     controller = Holdfast(batch, RATE_HZ, rules=rules)
     loop = GripLoop(batch, RATE_HZ, controller, QUICK, GAIN)
     commands = np.zeros((hands, len(senses)), COMMAND)
