@@ -276,9 +276,23 @@ def test_holdfast_raises_to_what_friction_needs_only_where_it_has_answered() -> 
 @pytest.mark.parametrize(
     ("rules", "total_n", "each_n"),
     [
-        (AnswerRules(), 0.0, ""),
-        (AnswerRules(detects=False, floor=0.3), 0.0, ""),
-        (AnswerRules(follows=False, rise_n=2.0), 0.0, ""),
+        (
+            AnswerRules(floor=0.2),
+            6247.338421,
+            "5.043317 5.043317 5.043317 5.043317 5.043317 10.25619 10.36757 13.64631"
+            " 9.639851 10.33787 10.3453",
+        ),
+        (
+            AnswerRules(detects=False, floor=0.3),
+            4866.134158,
+            "3.395215 4.925743 4.925743 4.925743 4.925743 6.837459 6.911716 9.406766"
+            " 9.411716 6.891914 6.896865",
+        ),
+        (
+            AnswerRules(follows=False, rise_n=2.0),
+            4307.504804,
+            "0 0 20 3.975243 3.610058 0 0 15.02999 3.611386 0 0",
+        ),
     ],
 )
 def test_a_whole_stream_is_answered_by_the_formulas(
