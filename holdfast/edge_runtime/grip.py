@@ -134,7 +134,7 @@ class AnswerRules:
     rise_n: float = 6.0
     follow_n: float = 15.0
     most_over_n: float = math.inf
-    floor: float = 0.15
+    floor: float = 0.2
     safe_p: float = 0.5
     detects: bool = True
     follows: bool = True
