@@ -232,7 +232,7 @@ def test_an_option_that_is_no_number_from_zero_on_leaves_the_defaults_in_c(
     senses = random_senses(5, 60, 5)
     given = records_of(senses, 5)
     own = Limits()
-    lead_n = given["options"][0, 0, :2]
+    lead_n = (Holdfast.SETTING, AnswerRules.most_over_n)
     limits = (own.ceiling_n, own.slew_n_s, own.rise_s, own.most_rise_s)
     given["options"] = (*lead_n, *limits, own.give_back_s, own.give_back_n_s, 1.0)
     program = form.program("gcc", "-O2")
