@@ -157,9 +157,9 @@ def answered_run(
     k = 0
     while not watch.over:
         values, valid = read(k, world.forces_n())
-        opening = world.script.opening(world.t_s)
+        is_told = world.script.opening(world.t_s)
         kept_n = float(world.drive.kept_n[0])
-        target_n = program.step(k, values, valid, opening, kept_n)
+        target_n = program.step(k, values, valid, is_told, kept_n)
         log.take(world, program)
         world.advance(target_n)
         watch.look()

@@ -214,8 +214,9 @@ class GripControl:
         if self.reduced:
             # a ceiling in N says nothing about numbers in another unit, and neither does a rise
             within = replace(within, ceiling_n=math.inf)
-            no_end = {"rise_n": math.inf, "follow_n": math.inf, "most_over_n": math.inf}
-            self.rules = replace(self.rules, **no_end)
+            self.rules = replace(
+                self.rules, rise_n=math.inf, follow_n=math.inf, most_over_n=math.inf
+            )
         controller = CONTROLLERS[name](ONE_HAND, rate_hz, setting, self.rules)
 
         self._loop = GripLoop(ONE_HAND, rate_hz, controller, within, shear_gain)

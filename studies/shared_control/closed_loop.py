@@ -91,8 +91,9 @@ def scene_of(of: LoopSet) -> tuple[Scene, tuple[PlannedTrial, ...]]:
         changes: dict[str, object] = {}
         if row.action not in EMPTY_HANDED:
             for name, value in of.changes:
-                is_range = isinstance(value, tuple)
-                changes[name] = {"uniform": [*value]} if is_range else value
+                if isinstance(value, tuple):
+                    value = {"uniform": list(value)}
+                changes[name] = value
         values = {**row.values, **changes}
         rows.append(replace(row, values=values))
 

@@ -252,6 +252,13 @@ def test_a_load_that_another_person_takes_is_not_followed() -> None:
     assert followed([3.0], p_safe=0.4) != [0.0]
 
 
+def test_a_load_is_followed_by_so_much_and_not_further() -> None:
+    rules = AnswerRules(floor=0.2, follow_n=3.0)
+    assert followed([3.0, 9.0], rules) == pytest.approx([6.0, 6.0])
+    # a slip is answered all the same
+    assert followed([9.0], rules, p_risky=1.0) == pytest.approx([11.0])
+
+
 def test_no_target_is_further_above_the_wearers_grip_than_allowed() -> None:
     rules = AnswerRules(most_over_n=2.0)
     assert followed([9.0], rules) == pytest.approx([5.0])
