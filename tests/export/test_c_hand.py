@@ -41,8 +41,8 @@ ENDED = (None, "released", "timed_out", "opened", "overridden")
 NUMBERS = ("target_n", "slew_n_s", "feedback", "mu_hat", "margin", "needed_n")
 COMMAND = np.dtype([("mode", "i4"), *((name, "f8") for name in NUMBERS)], align=True)
 STREAM = 500
-MOST_OVER_N = 20.0
-"""A target may be so far above the wearer's grip: more than a load is followed by."""
+FRAGILE_N = 4.0
+"""Every other hand does fragile work: no target is further above its wearer's grip."""
 GAIN = 0.6
 """Of shear, as the sensors of the scenes read it."""
 Array = npt.NDArray[Any]
@@ -129,9 +129,13 @@ def test_a_decision_in_c_is_that_of_python_at_every_step(form, n):
     assert few.tobytes() == got[:20_000].tobytes()
 
 
+def most_over(hands: int) -> Array:
+    """[hands] how far above the wearer's grip a target may be, N."""
+    return np.where(np.arange(hands) % 2, FRAGILE_N, np.inf)
+
+
 def records_of(senses: list[GripSense], hands: int) -> Array:
     """Records of the harness, one hand after another."""
-    lead_n = (Holdfast.SETTING, MOST_OVER_N)
     limits = (QUICK.ceiling_n, QUICK.slew_n_s, QUICK.rise_s, QUICK.most_rise_s)
     kind = [
         ("options", "f8", 9),
@@ -140,7 +144,9 @@ def records_of(senses: list[GripSense], hands: int) -> Array:
         ("flags", "u1", 4),
     ]
     given = np.zeros((hands, len(senses)), np.dtype(kind))
-    given["options"] = (*lead_n, *limits, QUICK.give_back_s, QUICK.give_back_n_s, GAIN)
+    back = (QUICK.give_back_s, QUICK.give_back_n_s, GAIN)
+    for hand, most_over_n in enumerate(most_over(hands).tolist()):
+        given["options"][hand] = (Holdfast.SETTING, most_over_n, *limits, *back)
     given["fresh"][:, 0] = 1
     for at, one in enumerate(senses):
         numbers = (one.grip_n, one.load_n, one.p_risky, one.p_safe)
@@ -153,7 +159,7 @@ def records_of(senses: list[GripSense], hands: int) -> Array:
 def commanded(senses: list[GripSense], hands: int) -> Array:
     """[hands, samples] what Python commands, on many hands at once."""
     batch = ManyHands(hands)
-    rules = AnswerRules.of(ANSWER, most_over_n=MOST_OVER_N)
+    rules = AnswerRules.of(ANSWER, most_over_n=most_over(hands))
     controller = Holdfast(batch, RATE_HZ, rules=rules)
     loop = GripLoop(batch, RATE_HZ, controller, QUICK, GAIN)
     commands = np.zeros((hands, len(senses)), COMMAND)
