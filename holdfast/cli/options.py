@@ -48,22 +48,6 @@ def add_calibration_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--calibration", type=path_argument, metavar="FILE", help=made)
 
 
-def add_page_option(parser: argparse.ArgumentParser) -> None:
-    """--to, of a verb that shows a page and nothing else."""
-    web = "web[:[HOST:]PORT]: show it on a page in the browser (docs/live-page.md)"
-    parser.add_argument("--to", type=_page, metavar="web[:PORT]", help=web)
-
-
-def _page(word: str) -> str:
-    """[HOST:]PORT of web[:[HOST:]PORT]."""
-    from holdfast.live.outputs import output_url
-
-    output = output_url(word)
-    if output.kind != "web":
-        raise argparse.ArgumentTypeError(f"{word!r} is not web or web:PORT")
-    return output.place
-
-
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
     """The options that `record` and `study` share."""
     option = parser.add_argument

@@ -30,6 +30,7 @@ from holdfast.core.errors import (
     OutputError,
     UsageError,
 )
+from holdfast.sessions.recorder.folder import reserved
 from holdfast.sessions.study import journal as journals
 from holdfast.sessions.study.journal import (
     Event,
@@ -39,8 +40,7 @@ from holdfast.sessions.study.journal import (
     read_journal,
     withdraw,
 )
-from holdfast.sessions.study.runner import Ending
-from holdfast.sessions.study.starting import write_participant_report
+from holdfast.sessions.study.run import Ending, write_participant_report
 from holdfast.training.datasets import load
 
 WHOLE_TALK = "   "
@@ -437,7 +437,7 @@ def test_withdrawing_deletes_everything_of_the_person_and_says_each_file(
     scene.run("  " + "  " + "nsecret\n" + " q")
     other = shutil.copytree(scene.home, scene.out / "p02")
     files = [path for path in scene.home.rglob("*") if path.is_file()]
-    assert scene.run("w" + "p01\n") == Ending.WITHDRAWN
+    withdraw(scene.out, "p01", scene.messages.append)
     assert not scene.home.exists()
     assert other.is_dir()
     for path in files:
@@ -451,13 +451,6 @@ def test_withdrawing_deletes_everything_of_the_person_and_says_each_file(
     assert "secret" not in text
     with pytest.raises(UsageError, match=r"has withdrawn.*new"):
         scene.run(" ")
-
-
-@WITHDRAWAL.mark
-def test_a_withdrawal_needs_the_pseudonym(talk: Study) -> None:
-    assert talk.run("w" + "p02\n" + "w" + "\n" + " q") == Ending.QUIT
-    assert said(talk.messages, "nothing is deleted")
-    assert talk.done() == [0]
 
 
 @WITHDRAWAL.mark
@@ -478,7 +471,7 @@ def test_a_file_that_cannot_be_deleted_is_named_and_the_rest_is_deleted(
         with pytest.raises(
             OutputError, match=r"stuck\.txt: cannot be deleted; 1 left of 3 files"
         ):
-            talk.run("w" + "p01\n")
+            withdraw(talk.out, "p01", talk.messages.append)
     assert said(talk.messages, "not deleted: p01/stuck.txt")
     assert [path.name for path in talk.home.iterdir()] == ["stuck.txt"]
     with pytest.raises(UsageError, match=r"deletion did not end.*--withdraw"):
@@ -492,19 +485,20 @@ def test_a_file_that_cannot_be_deleted_is_named_and_the_rest_is_deleted(
 
 
 @WITHDRAWAL.mark
-def test_a_person_is_not_deleted_while_another_terminal_runs_their_study(
+def test_a_person_is_deleted_by_the_pseudonym_and_not_while_their_study_runs(
     talk: Study,
 ) -> None:
     talk.run(" q")
     reading, writing = os.pipe()
-    os.write(writing, b"p01\np01\n")
+    os.write(writing, b"p01\np02\np01\n")
     words = (talk.path, "--out", talk.out, "--person", "p01", "--withdraw")
-    with (
-        journals.held(talk.home / "study.jsonl"),
-        start(*words, verb="study", stdin=reading) as run,
-    ):
+    with reserved(talk.out), start(*words, verb="study", stdin=reading) as run:
         _, err = run.communicate(timeout=300)
-    assert (run.returncode, "another program runs" in err) == (5, True)
+    assert (run.returncode, "another recorder or study" in err) == (5, True)
+    with start(*words, verb="study", stdin=reading) as run:
+        _, err = run.communicate(timeout=300)
+    assert (run.returncode, "nothing is deleted" in err) == (1, True)
+    assert talk.done() == [0]
     with start(*words, verb="study", stdin=reading) as run:
         _, err = run.communicate(timeout=300)
     assert (run.returncode, talk.home.exists()) == (0, False)
@@ -558,8 +552,6 @@ def test_a_terminal_that_goes_away_leaves_a_study_that_goes_on(talk: Study) -> N
         ("--out o --person p01", "--source is missing"),
         ("--out o --source sim://p1", "--person is missing"),
         ("--person p01 --source sim://p1", "--out is missing"),
-        ("--out o --person p01 --source usb://ft232h --rehearse", "--rehearse"),
-        ("--out o --person p1 --source virtual://ft232h --rehearse", "--seconds"),
         ("--out o --person p01 --source sim://p1 --camera oak", "--tag-mm"),
         ("--out o --person p01 --source sim://p1", "no key can be pressed"),
     ],

@@ -61,8 +61,8 @@ class Display:
         """A message that stays."""
         self._sink(line)
 
-    def announce(self, task: str, left: int) -> None:
-        """The next trial, before it begins, and how many are left with it."""
+    def draw(self, line: str) -> None:
+        """A line that the next one replaces."""
 
     def show(self, trial: TrialRecorder, measured: SourceReading, now_ns: int) -> None:
         """A sample of a trial when it is written; must return at once."""
@@ -122,7 +122,6 @@ class Session:
             task = task_in_words(left[0])
             help_ready = "" if at_once else f"; {HELP_READY}"
             self.report(f"next: {task} ({len(left)} left){help_ready}")
-            self.context.display.announce(task, len(left))
             key = "begin" if at_once else self._wait_for_key()
             if key == "stop":
                 break
