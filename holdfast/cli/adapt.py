@@ -1,11 +1,11 @@
-"""`holdfast adapt MODEL --data FOLDER --person p01 --out FILE`: a model file for one person.
+"""`holdfast adapt MODEL --data FOLDER --person p01 --slips FOLDER --out FILE`: for one person.
 
     holdfast record --source URL --out trials --person p01 --protocol simulation/cards/adapt.toml
-    holdfast adapt models/holdfast-150hz.onnx --data trials --person p01 --out p01.onnx
-    holdfast adapt p01.onnx --undo --out base.onnx
+    holdfast simulate thesis --trials 300 --seed 1 --out slips
+    holdfast adapt models/holdfast-150hz.onnx --data trials --person p01 --slips slips --out p.onnx
+    holdfast adapt p.onnx --undo --out base.onnx
 
-An adapted file is adapted again from the base in it, so adaptations never add up. docs/adapt.md
-says what is fitted, and on what.
+docs/adapt.md says what is fitted, and on what.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from holdfast.core.errors import OutputError, UsageError
 from holdfast.core.writing import require_writable
 
 if TYPE_CHECKING:
-    from holdfast.sessions.adapt_point import HeldOutFigures
+    from holdfast.sessions.adapt import HeldOutFigures
 
 STAGES = 7
 
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     data = "recordings of the person: eight hand-overs and a minute of holding"
     option("--data", metavar="FOLDER", help=data)
     option("--person", metavar="PSEUDONYM", help="whose recordings in FOLDER")
-    slips = "recordings with slips, of any person (default: simulated trials)"
+    slips = "recordings with slips, of any person, such as simulated ones"
     option("--slips", metavar="SET|FOLDER", help=slips)
     out = "model file to write; its card is written next to it"
     option("--out", type=path_argument, required=True, metavar="FILE", help=out)
@@ -64,11 +64,10 @@ def _require_options(args: argparse.Namespace) -> None:
     from holdfast.edge_runtime.model_file import CARD_SUFFIX
 
     given = (args.data, args.person, args.slips)
-    is_adapting = bool(args.data and args.person)
-    if any(given) if args.undo else not is_adapting:
+    if any(given) if args.undo else not all(given):
         raise UsageError(
-            "--data and --person are needed, or --undo alone",
-            next_step="holdfast adapt MODEL --data FOLDER --person p01 --out FILE",
+            "--data, --person and --slips are needed, or --undo alone",
+            next_step="holdfast adapt MODEL --data FOLDER --person p01 --slips FOLDER --out FILE",
         )
 
     # The card would overwrite the model that it describes.

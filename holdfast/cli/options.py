@@ -76,12 +76,6 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
     option("--exposure-ms", type=positive, metavar="MS", help=exposure)
 
 
-def add_apart_option(parser: argparse.ArgumentParser) -> None:
-    """--apart-mm."""
-    apart = "distance between the tags' centres at the start, as a check"
-    parser.add_argument("--apart-mm", type=positive, metavar="MM", help=apart)
-
-
 def printed_mm(word: str) -> float:
     """A tag's printed side from the command line, mm."""
     side_mm = positive(word)

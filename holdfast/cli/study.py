@@ -11,15 +11,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
 from holdfast.cli.command import path_argument, show
 from holdfast.cli.options import add_calibration_option, add_recording_options
 from holdfast.core.errors import UsageError
 from holdfast.sessions.study.protocol import shipped_protocols
-
-MODEL = Path("holdfast-150hz")
-
 
 OLD_OPTIONS = {"--intent": "--wearer URL"}
 """An option of earlier versions -> what to write instead."""
@@ -41,8 +37,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     person = "letters, digits, dashes; never a real name"
     option("--person", metavar="PSEUDONYM", help=person)
     add_recording_options(parser)
-    model = "model file for the report (default: the shipped one)"
-    option("--model", type=path_argument, default=MODEL, metavar="MODEL", help=model)
     option(
         "--report",
         action="store_true",
@@ -80,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
         if ending != Ending.FINISHED:
             return 0
 
-    lines = write_participant_report(args.out, args.person, protocol, args.model)
+    lines = write_participant_report(args.out, args.person, protocol)
     show("\n".join(lines))
     return 0
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from holdfast.cli.command import add_json_option, path_argument, positive, show_found
-from holdfast.cli.options import add_apart_option, add_camera_options
+from holdfast.cli.options import add_camera_options
 from holdfast.core.errors import TagError, UsageError
 from holdfast.sessions.onset import ACTIONS, doubt, read_motion, write_label
 
@@ -32,7 +32,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     home = "the trial's folder"
     option("--out", type=path_argument, metavar="DIR", help=home)
     add_camera_options(parser)
-    add_apart_option(parser)
     option("--seconds", type=positive, metavar="S", help="oak: stop after S seconds")
     onset = (
         "label a watched folder, with the following options; --tag-mm corrects the tags"
@@ -99,13 +98,12 @@ def _source(args: argparse.Namespace) -> FrameSource:
     from holdfast.sessions.camera import CameraOptions
 
     options = CameraOptions(args.camera, args.tag_mm, args.fps, args.exposure_ms)
-    # Options that do not fit the camera are refused before it is opened.
-    options.require_complete(args.seconds)
+    options.require_usable()
     if args.camera == OAK:
-        lens = Lens(**options.shooting(), clock="monotonic", apart_mm=args.apart_mm)
+        lens = Lens(**options.shooting(), clock="monotonic")
         return Oak(lens, args.seconds)
 
-    return read_frames(Path(args.camera), args.apart_mm)
+    return read_frames(Path(args.camera))
 
 
 def _label(args: argparse.Namespace) -> int:
@@ -128,7 +126,7 @@ def _label(args: argparse.Namespace) -> int:
             next_step="omit --gross-mm, or give more",
         )
 
-    trial = read_motion(args.onset, args.tag_mm, args.apart_mm)
+    trial = read_motion(args.onset, args.tag_mm)
     if args.until_s is not None:
         until_s = args.until_s + trial.starts_s
         trial = replace(trial, moved=trial.moved.between(float("-inf"), until_s))

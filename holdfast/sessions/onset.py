@@ -60,9 +60,7 @@ class WatchedTrial:
     starts_s: float
 
 
-def read_motion(
-    folder: Path, tag_mm: float | None = None, apart_mm: float | None = None
-) -> WatchedTrial:
+def read_motion(folder: Path, tag_mm: float | None = None) -> WatchedTrial:
     """The object's motion in the hand, from a watched folder. Raises a DataError."""
     from holdfast.drivers.camera.motion import motion
     from holdfast.drivers.camera.recording import TAGS, read_about, read_tracks
@@ -98,7 +96,6 @@ def read_motion(
             tracks.of(OBJECT_TAG),
             tracks.of(HAND_TAG),
             tag_mm or about.tag_mm,
-            apart_mm or about.apart_mm,
         )
     starts_s = 0.0 if about.clock == "trial" else _starts_s(folder, moved)
     return WatchedTrial(folder, moved, starts_s)

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from camera_frames import AWAY_SIDES
 from drawn_frames import camera, command, two_sizes, write_frames
 
 from holdfast.cli.main import main
@@ -114,31 +113,6 @@ def test_tags_of_two_sizes_are_reported_as_soon_as_they_were_watched_and_what_wa
     assert read_about(tmp_path / "out").void is None
     assert len(read_tracks(tmp_path / "out").t_s) == 30
     assert (tmp_path / "out/camera.mkv").stat().st_size > 0
-
-
-def test_a_measured_distance_finds_tags_that_a_printer_scaled_alike_and_stays_with_the_recording(
-    drawn, tmp_path
-):
-    apart_mm = 2.0 * AWAY_SIDES * 10.0
-    for name, factor, code in (("right", 1.0, 0), ("wrong", 0.92, 3)):
-        out = tmp_path / name
-        done = command(
-            "watch",
-            "--camera",
-            drawn[0],
-            "--out",
-            out,
-            "--apart-mm",
-            f"{factor * apart_mm:g}",
-        )
-        assert done.returncode == code, done.stderr
-        assert read_about(out).apart_mm == pytest.approx(factor * apart_mm)
-        again = command("watch", "--onset", out, "--action", "pull")
-        assert ("TagError" in done.stderr, "TagError" in again.stderr) == (
-            code == 3,
-            code == 3,
-        )
-    assert "printed at 92 % of that size" in done.stderr
 
 
 @pytest.mark.parametrize("side", ["0.00996", "0.996", "996", "0", "nan", "one"])

@@ -146,15 +146,6 @@ def test_a_tag_that_is_no_square_is_refused():
         motion(np.arange(20.0), flat, tag(np.full((20, 2), 100.0)), TAG_MM)
 
 
-def test_both_tags_printed_too_small_are_found_by_their_distance():
-    hand, thing = (tag(np.full((20, 2), [x, 100.0])) for x in (100.0, 180.0))
-    motion(np.arange(20.0), thing, hand, 9.7, apart_mm=19.4)
-    with pytest.raises(
-        TagError, match=r"19\.4 mm apart, but 21\.00 mm.*92 %.*--tag-mm"
-    ):
-        motion(np.arange(20.0), thing, hand, 10.5, apart_mm=19.4)
-
-
 # -- the slip
 
 

@@ -10,7 +10,12 @@ import pytest
 from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
 from holdfast.core.errors import TooLittleToAdapt
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
-from holdfast.sessions.adapt import require_enough
+from holdfast.sessions.adapt import (
+    LEAST_RECALL,
+    Evidence,
+    HeldOutFigures,
+    require_enough,
+)
 from holdfast.sessions.adapt_evidence import (
     MOST_NATS,
     ContradictedLabels,
@@ -22,7 +27,6 @@ from holdfast.sessions.adapt_evidence import (
     moved,
     stream_of,
 )
-from holdfast.sessions.adapt_point import LEAST_RECALL, Evidence, HeldOutFigures
 from holdfast.training.recording import Recording
 from holdfast.training.timeline import Phase, RiskyEvent
 

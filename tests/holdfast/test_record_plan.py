@@ -256,7 +256,6 @@ def test_a_card_that_cannot_be_is_refused_by_its_key(tmp_path, text, says):
         ("--object cup --action pull", "without an end"),
         ("--object cup --action pull --trials 0", "--trials 0"),
         ("--object cup --action pull --trials 1 --camera oak", "--tag-mm"),
-        ("--object cup --action pull --trials 1 --fps 30", "--fps would be ignored"),
         ("--object cup --action pull --trials 1 --camera gone.npz", "no such file"),
     ],
 )

@@ -229,7 +229,7 @@ def test_a_card_that_was_edited_in_between_is_refused_with_the_one_to_go_on_with
     with pytest.raises(CardError, match=r"not the one.*p01/protocol\.toml"):
         other.run(" ")
     with pytest.raises(CardError, match=r"protocol\.toml"):
-        write_participant_report(other.out, "p01", other.protocol, other.args.model)
+        write_participant_report(other.out, "p01", other.protocol)
     shutil.copy(talk.home / "protocol.toml", talk.path)
     assert talk.run("  ") == Ending.FINISHED
 

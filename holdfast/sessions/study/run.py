@@ -18,7 +18,7 @@ from holdfast.core.errors import CardError, DataNotFound, HoldfastError, UsageEr
 from holdfast.core.lines import stream_sink
 from holdfast.core.trial_layout import checked_name
 from holdfast.core.writing import require_writable, write_whole
-from holdfast.live.running import RunClock, say, stop_signals
+from holdfast.live.running import RunClock, stop_signals
 from holdfast.live.source_url import is_standard_input
 from holdfast.sessions.recorder.display import StatusLine, columns_of
 from holdfast.sessions.recorder.folder import alone, require_ours, reserved
@@ -369,7 +369,7 @@ def require_person(root: Path, person: str) -> Path:
 
 
 def write_participant_report(
-    root: Path, person: str, protocol: StudyProtocol, model: Path
+    root: Path, person: str, protocol: StudyProtocol
 ) -> list[str]:
     """Write the report of a person; returns it in a few lines.
 
@@ -383,8 +383,7 @@ def write_participant_report(
 
     home = require_person(root, person)
     _require_same_protocol(home, protocol)
-    say("writing the report")
-    outcome = outcome_of(root, person, protocol, model)
+    outcome = outcome_of(root, person, protocol)
     return summary_lines(outcome, write_report(home, outcome))
 
 
