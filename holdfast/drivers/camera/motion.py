@@ -80,8 +80,8 @@ def motion(
     """The object's motion in the hand's axes, from the corners of both tags.
 
     object_px, hand_px: [K, 4, 2] (column, row; clockwise from top left), nan if hidden. tag_mm: the
-    printed side without its margin, the same for both tags. Raises TagError where the tags contradict
-    each other, LabelError where both tags are never seen together.
+    printed side without its margin, the same for both tags. Raises TagError where the tags
+    contradict each other, LabelError where both tags are never seen together.
     """
     seen = np.isfinite(object_px) & np.isfinite(hand_px)
     both: BoolArray = np.logical_and.reduce(seen, axis=(1, 2))

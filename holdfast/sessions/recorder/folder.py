@@ -279,16 +279,6 @@ def repair(folder: Path) -> list[str]:
 
     Raises a DataError or OutputError; what is whole in the trial is then unchanged.
     """
-    try:
-        return _repaired(folder)
-    except OutputError as error:
-        step = "make room, then run holdfast check --repair again"
-        raise OutputError(
-            error.what, where=error.where, cause=error.cause, next_step=step
-        ) from None
-
-
-def _repaired(folder: Path) -> list[str]:
     meta = read_meta(folder)
     state = meta.get("state")
     try:
