@@ -134,7 +134,6 @@ def _adapt(args: argparse.Namespace) -> int:
         "held_out": asdict(reached),
         "base_held_out": asdict(made.base),
         "worse_than_base": reached.worse_than(made.base),
-        "labels_contradicted": made.contradicted,
         "verified": asdict(made.verified),
     }
     show_found(args, words, found)

@@ -42,7 +42,6 @@ from holdfast.sessions.adapt_evidence import (
     LabelWeights,
     PersonCounts,
     Stream,
-    contradicted,
     corrected,
     counts_of,
     fit_correction,
@@ -276,7 +275,6 @@ class AdaptedFile:
     person: PersonCounts
     point: OperatingPoint
     base: HeldOutFigures
-    contradicted: list[str]
     verified: AdaptedVerification
 
 
@@ -292,7 +290,7 @@ def adapt_file(
 ) -> AdaptedFile:
     """Fit, build, verify and write. slips: recordings with slips, of any person.
 
-    Warns (ContradictedLabels) before anything is fitted. worse_too: write a file that is worse than
+    worse_too: write a file that is worse than
     its base too; else it raises WorseThanBase. Raises TooLittleToAdapt; UsageError for a file that
     is adapted already; ChannelError, UnitError or RateError where a set does not fit.
     """
@@ -314,7 +312,6 @@ def adapt_file(
     begin(f"running the model on {count_of(counts.trials, 'trial')} of the person")
     of_own = streams_of(model, own, begin.part)
     rules = model.card.decision
-    against = contradicted(of_own, rules)
     n_others = count_of(len(others.recordings), "recording")
     begin(f"running the model on {n_others} with slips ({others.name})")
     of_others = streams_of(model, others, begin.part)
@@ -350,7 +347,7 @@ def adapt_file(
     # Before it is written: a file that fails is never on the disk.
     verified = verify_adapted(base, made, correction, rows)
     _write(out, made)
-    return AdaptedFile(counts, point, of_base, against, verified)
+    return AdaptedFile(counts, point, of_base, verified)
 
 
 def write_base(adapted_path: Path, out: Path) -> None:

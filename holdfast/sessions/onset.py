@@ -161,39 +161,32 @@ def write_label(
 
     moved = trial.moved
     with _placed(trial.path):
-        found = find_slip(moved, gross_mm)
+        slip = find_slip(moved, gross_mm)
+    shear = "measured" if shear_known else "not measured"
+    basis: Json = {"gross_mm": gross_mm, "pad_shear": shear, "hidden": None}
     words = f"no onset: the object moved by less than {gross_mm:.2f} mm"
-    basis: Json = {
-        "gross_mm": gross_mm,
-        "pad_shear": "measured" if shear_known else "not measured",
-        "hidden": None,
-        "threshold_mm": round(moved.threshold_mm, 4),
-        "sigma_mm": round(moved.sigma_mm, 5),
-        "mm_per_px": round(moved.mm_per_px, 5),
-        "frames": len(moved.t_s),
-        "frames_seen": moved.seen,
-    }
     phases: list[Json] = []
-    if isinstance(found, HiddenMotion):
+    if isinstance(slip, HiddenMotion):
         # The object moved while a tag was hidden: no time of its start can be given.
-        from_s = round(found.from_s - trial.starts_s, 6)
-        to_s = round(found.to_s - trial.starts_s, 6)
-        basis["hidden"] = {"from_s": from_s, "to_s": to_s}
-        span = f"{from_s:.3f} to {to_s:.3f} s"
+        hidden = [round(at_s - trial.starts_s, 6) for at_s in (slip.from_s, slip.to_s)]
+        basis["hidden"] = hidden
+        span = f"{hidden[0]:.3f} to {hidden[1]:.3f} s"
         words = f"no onset: a tag was hidden from {span} while the object moved"
-    elif found is not None:
-        phases = [_phase(found, _label(action, trial.path), trial.starts_s) | basis]
+    elif slip is not None:
+        label = _label(action, trial.path)
+        phases = [_phase(slip, label, trial.starts_s) | basis]
         words = _sentence(phases[0])
 
     where = _write_events(trial.path, phases)
-    return f"{words}; {where}", {"written": str(where), "phases": phases, **basis}
+    found = {"written": str(where), "phases": phases, **basis}
+    frames = {"frames": len(moved.t_s), "frames_seen": moved.seen}
+    return f"{words}; {where}", found | frames
 
 
 def _phase(slip: Slip, label: str, starts_s: float) -> Json:
     """A phase, s from the first sample, to microseconds.
 
-    seen_s: first frame beyond the noise. gross_s: the gross distance. start_sd_s, uncertainty_s: of
-    the start. frame_s: time between two frames.
+    seen_s: first frame beyond the noise. gross_s: the gross distance. uncertainty_s: of the start.
     """
     times = {
         "t0_s": slip.start_s,
@@ -202,18 +195,10 @@ def _phase(slip: Slip, label: str, starts_s: float) -> Json:
         "seen_s": slip.seen_s,
         "gross_s": slip.gross_s,
     }
-    lengths = {
-        "duration_s": slip.end_s - slip.start_s,
-        "start_sd_s": slip.start_sd_s,
-        "frame_s": slip.frame_s,
-        "uncertainty_s": slip.uncertainty_s,
-    }
     phase: Json = {"label": label, "provenance": PROVENANCE, "by": "holdfast watch"}
     for name, at_s in times.items():
         phase[name] = round(at_s - starts_s, 6)
-    for name, seconds in lengths.items():
-        phase[name] = round(seconds, 6)
-    return phase
+    return phase | {"uncertainty_s": round(slip.uncertainty_s, 6)}
 
 
 def _label(action: str | None, path: Path) -> str:

@@ -463,7 +463,7 @@ def test_a_file_that_cannot_be_deleted_is_named_and_the_rest_is_deleted(
             withdraw(talk.out, "p01", talk.messages.append)
     assert said(talk.messages, "not deleted: p01/stuck.txt")
     assert [path.name for path in talk.home.iterdir()] == ["stuck.txt"]
-    with pytest.raises(UsageError, match=r"deletion did not end.*--withdraw"):
+    with pytest.raises(UsageError, match=r"has withdrawn.*--withdraw"):
         talk.run(" ")
     withdraw(talk.out, "p01", talk.messages.append)
     assert not talk.home.exists()

@@ -298,19 +298,8 @@ def _files_in(home: Path) -> list[str]:
 
 def require_not_withdrawn(root: Path, person: str) -> None:
     """Raise UsageError for the pseudonym of a person who withdrew."""
-    state = None
-    for entry in read_events(root / WITHDRAWN):
-        if entry.get("person") == person:
-            # The last line counts: a deletion that was cut off may have ended later.
-            state = entry["state"]
-
-    if state == "done":
+    if any(entry.get("person") == person for entry in read_events(root / WITHDRAWN)):
         raise UsageError(
-            f"{person} has withdrawn", next_step="give a pseudonym that is new"
-        )
-    if state is not None:
-        raise UsageError(
-            f"{person} has withdrawn, and the deletion did not end",
-            cause="it was cut off, or a file could not be deleted",
-            next_step=f"add --withdraw to delete what is left of {person}",
+            f"{person} has withdrawn",
+            next_step="give a pseudonym that is new; --withdraw deletes what may be left",
         )
