@@ -267,10 +267,7 @@ def _reached(
 
 @dataclass(frozen=True)
 class AdaptedFile:
-    """What an adaptation was fitted on, and reaches beside its base on the same trials.
-
-    contradicted: trials of the person whose labels the base contradicts.
-    """
+    """What an adaptation was fitted on, and reaches beside its base on the same trials."""
 
     person: PersonCounts
     point: OperatingPoint

@@ -68,7 +68,7 @@ def calibrate(loads: LoadSet, source: str, date: str) -> Fit:
     matrix = _solve(moved, force)
 
     held_out = []
-    for block in range(loads.n_probings):
+    for block in np.unique(loads.blocks):
         out = loads.blocks == block
         others = _solve(moved[~out], force[~out])
         held_out.append(_rmse(moved[out], force[out], others))
@@ -164,7 +164,7 @@ def as_json(loads: LoadSet, fit: Fit) -> Json:
     """The data, the errors on probings left out and the shear gain."""
     return {
         "loads": loads.name,
-        "probings": loads.n_probings,
+        "probings": len(fit.held_out_n),
         "rows": len(loads.blocks),
         "rows_lost": loads.n_lost,
         "sensors": loads.field_ut.shape[1],

@@ -45,11 +45,6 @@ class LoadSet:
     reversed_: BoolArray
     n_lost: int
 
-    @property
-    def n_probings(self) -> int:
-        """How many probings there are."""
-        return int(self.blocks.max()) + 1
-
 
 def read_loads(path: Path, load_unit: str) -> LoadSet:
     """The loads of a CSV file. load_unit: N, mN or gf. Raises a DataError."""

@@ -107,7 +107,8 @@ def planned(options: RecordOptions) -> Plan:
             next_step="--protocol PROTOCOL, or --object soft-ball --action pull",
         )
     task = Task(checked_name(name, "object") if name else NOTHING, action)
-    return Plan(None, [task] * (trials or ENDLESS), before.count(task))
+    count = ENDLESS if trials is None else trials
+    return Plan(None, [task] * count, before.count(task))
 
 
 def require_keys(options: RecordOptions, plan: Plan, keys: Keys) -> None:

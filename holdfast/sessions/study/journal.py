@@ -165,11 +165,6 @@ class Journal:
         """The number of the part to do or under way."""
         return self.progress.part
 
-    @property
-    def spent_s(self) -> float:
-        """Time in the part under way, s."""
-        return self.progress.spent_until(self.t_s)
-
     def append(self, event: Event, **more: Any) -> None:
         """Write a line and bring it to the disk. Raises OutputError."""
         run = self.progress.runs + (event == Event.OPENED)

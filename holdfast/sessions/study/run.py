@@ -263,7 +263,7 @@ class Runner:
     def _left_s(self) -> float:
         """Planned time that is left of the part under way, s; below 0: it takes longer."""
         planned_s = 60.0 * self.protocol.parts[self.journal.part].minutes
-        return planned_s - self.journal.spent_s
+        return planned_s - self.journal.progress.spent_until(self.journal.t_s)
 
     def _move(self, event: Event, by: int) -> Ending:
         # Before the first part there is none: back stays there.
