@@ -38,7 +38,7 @@ from msgspec import Meta
 
 from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.core.errors import CardError
-from holdfast.core.schema import checked, read, text_of
+from holdfast.core.schema import read, text_of
 
 Side = Literal["thumb", "opposing"]
 SIDES: tuple[Side, ...] = ("thumb", "opposing")
@@ -67,7 +67,7 @@ class HandContact(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     along_mm, across_mm  place along the object's axis and across it
     pad                  contacts with the same name lie in one soft pad; empty: on its own
-    stiffness            over that of one fingertip
+    stiffness            over that of one fingertip; 0: an equal part of it, until the card is read
     sensed               False for a contact without a sensor
     """
 
@@ -76,7 +76,7 @@ class HandContact(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     along_mm: Place
     across_mm: Place = 0.0
     pad: Name = ""
-    stiffness: Stiffness = 1.0
+    stiffness: Stiffness = 0.0
     sensed: bool = True
 
 
@@ -228,43 +228,6 @@ def _spread(width_mm: float, count: int) -> list[float]:
     return places
 
 
-def pad_pressure(
-    hand: HandCard, pad: list[int], patch_m: float, off_m: FloatArray
-) -> FloatArray:
-    """Pressure on each taxel of a soft pad, over that in the middle of the contact.
-
-    p ~ sqrt(1 - (r / a)^2), r the distance from the middle of contact and a its radius patch_m
-    (Hertz; Johnson, "Contact mechanics", 1985, 3.57). off_m [2]: that middle across and along, from
-    the middle of the pad. Where no taxel lies in the contact, the nearest bears all.
-    """
-    places_m = np.stack([hand.across_m[pad], hand.along_m[pad]])
-    from_middle_m = places_m - places_m.mean(axis=1, keepdims=True) - off_m[:, None]
-    distance_m = np.hypot(from_middle_m[0], from_middle_m[1])
-
-    inside = 1.0 - (distance_m / patch_m) ** 2
-    pressure: FloatArray = np.sqrt(np.maximum(inside, 0.0))
-    if not pressure.any():
-        pressure[distance_m.argmin()] = 1.0
-    return pressure
-
-
-def open_contacts(hand: HandCard, touching: int, rng: np.random.Generator) -> list[int]:
-    """The contacts of the pads that stay open, chosen at random; one pad a side touches."""
-    pads = hand.pads
-    touched_sides = set()
-    others = []
-    for k in rng.permutation(len(pads)):
-        is_thumb = pads[k][0] < hand.thumb
-        if is_thumb in touched_sides:
-            others.append(pads[k])
-        touched_sides.add(is_thumb)
-
-    still_open: list[int] = []
-    for pad in others[max(0, touching - 2) :]:
-        still_open += pad
-    return still_open
-
-
 def shipped_hands() -> list[str]:
     """Names of the hand cards that are installed with Holdfast, sorted."""
     return sorted(path.stem for path in HANDS.glob("*.toml"))
@@ -292,27 +255,17 @@ def find_hand_card(name: str, folder: Path | None = None) -> Path:
 def read_hand_card(name: str | Path, folder: Path | None = None) -> HandCard:
     """Read and check a hand card by name or path. Raises CardError."""
     path = find_hand_card(str(name), folder)
-    raw = read(path, dict[str, Any])
-    _share_pads(raw.get("sensors"))
-    card = checked(raw, _Tables, path)
+    tables = read(path, _Tables)
+    # Where the card says no stiffness, the taxels of a pad have equal parts of a fingertip's.
+    taxels = Counter(one.pad for one in tables.sensors)
+    contacts = []
+    for one in tables.sensors:
+        of_pad = 1.0 / taxels[one.pad] if one.pad else 1.0
+        stiffness = one.stiffness or of_pad
+        contacts.append(msgspec.structs.replace(one, stiffness=stiffness))
     text = text_of(path)
     digest = hashlib.sha256(text.encode()).hexdigest()
-    return HandCard(card.name or path.stem, card.sensors, text, digest)
-
-
-def _share_pads(rows: Any) -> None:
-    """Where the card says no stiffness, the taxels of a pad have equal parts of a fingertip's."""
-    if not isinstance(rows, list):
-        return  # the schema names what is wrong
-    tables = []
-    taxels: Counter[str] = Counter()
-    for row in rows:
-        if isinstance(row, dict):
-            tables.append(row)
-            taxels[str(row.get("pad", ""))] += 1
-    for table in tables:
-        pad = str(table.get("pad", ""))
-        table.setdefault("stiffness", 1.0 / taxels[pad] if pad else 1.0)
+    return HandCard(tables.name or path.stem, tuple(contacts), text, digest)
 
 
 def _require_hand(contacts: Sequence[HandContact]) -> None:

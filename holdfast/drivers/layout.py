@@ -246,9 +246,6 @@ class ScanPlanner:
         self.muxes = muxes_of(fingers)
         self.masks: dict[int, int] = {}
         self._channels = [read_behind(fingers, finger) for finger in fingers]
-        self._all_channels = frozenset[Channel]().union(
-            *(one.behind for one in fingers)
-        )
         self._plans: dict[object, ScanPlan] = {}
 
     def forget_masks(self) -> None:
@@ -278,10 +275,6 @@ class ScanPlanner:
         ]
         self.masks = self.masks | wanted
         return writes
-
-    def select_all(self) -> list[Transfer]:
-        """Mux writes that enable the channels of all fingers at once."""
-        return self.select(self._all_channels)
 
     def _new_plan(self, reads: Sequence[Transfer | None], doubtful: bool) -> ScanPlan:
         transfers: list[Transfer] = []

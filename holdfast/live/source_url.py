@@ -13,9 +13,9 @@
     replay://PATH, PATH                       a recorded trial, at its own pace
     replay://SET#N, SET#N                     trial N (or its name) of a data set
 
-A hand also has layout=mux (drivers/layout.py), averages=32 and together=1 (a trigger makes all
-fingers convert at one moment). Lines also have map=FILE (a column map), unit=N (without a map),
-rate_hz=150 (else measured) and stamps=arrival or sender. What comes over a network is piped:
+A hand also has layout=mux (drivers/layout.py), averages=32. Lines also have map=FILE
+(a column map), unit=N (without a map), rate_hz=150 (else measured) and stamps=arrival or sender.
+What comes over a network is piped:
 nc -l 9000 | holdfast run --source -
 """
 
@@ -49,7 +49,6 @@ class HandOptions(NoOptions, frozen=True):
     layout: str = "mux"
     # the chip averages 2^0 to 2^5 conversions, and its register has no other values
     averages: Literal[1, 2, 4, 8, 16, 32] = 32
-    together: bool = False
     bus_hz: Count = 400_000
     number: Count = 0
 

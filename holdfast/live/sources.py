@@ -179,7 +179,7 @@ def _started(
         read_layout(options.layout),
         now_ns=clock.now_ns,
         say=opening.report,
-        setup=Setup(options.averages, together=options.together),
+        setup=Setup(options.averages),
         pause=pause,
     )
     hand.start()

@@ -6,7 +6,7 @@ of one press are too alike to judge a model that has seen some of them.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -15,8 +15,6 @@ from holdfast.core.errors import DataError, count_of
 from holdfast.drivers.calibration import (
     Calibration,
     CalibrationOrigin,
-    rmse_normal,
-    rmse_shear,
     turn,
 )
 from holdfast.sessions.known_loads import LoadSet
@@ -49,11 +47,15 @@ class Fit:
     def errors(self) -> dict[str, AxisError]:
         """For normal and shear."""
         errors = {}
-        for axis, rmse_of in (("normal", rmse_normal), ("shear", rmse_shear)):
-            # Shear has two axes, so its error is that of a vector.
-            each = [rmse_of(row) for row in self.held_out_n]
-            rmse_n = float(np.sqrt(np.mean(np.square(each))))
-            errors[axis] = AxisError(rmse_n, each)
+        # Shear has two axes, so its error is that of a vector.
+        shear = np.delete(self.held_out_n, NORMAL_AXIS, axis=1)
+        each = {
+            "normal": self.held_out_n[:, NORMAL_AXIS],
+            "shear": np.sqrt(np.mean(shear**2, axis=1)),
+        }
+        for axis, rmse_n in each.items():
+            whole = float(np.sqrt(np.mean(rmse_n**2)))
+            errors[axis] = AxisError(whole, rmse_n.tolist())
         return errors
 
 
@@ -78,10 +80,8 @@ def calibrate(loads: LoadSet, source: str, date: str) -> Fit:
     origin = CalibrationOrigin(
         f"{source}/{loads.name}", date, loads.load_unit, len(force), residual
     )
-    tared = Calibration(matrix, None, loads.reversed_, origin)
-    gain = measured_shear_gain(loads, tared)
-    # A hand's fields are not less their rest, so its calibration has it.
-    fitted = replace(tared, rest_ut=loads.rest_ut, shear_gain=gain)
+    gain = measured_shear_gain(loads.force_n, np.einsum("sij,tsj->ti", matrix, moved))
+    fitted = Calibration(matrix, loads.rest_ut, loads.reversed_, origin, gain)
     return Fit(fitted, np.array(held_out))
 
 
@@ -107,14 +107,12 @@ def _rmse(moved: FloatArray, force: FloatArray, matrix: FloatArray) -> FloatArra
     return root
 
 
-def measured_shear_gain(loads: LoadSet, fitted: Calibration) -> float | None:
+def measured_shear_gain(true_n: FloatArray, read_n: FloatArray) -> float | None:
     """Ratio of shear and normal force as read, over that of the load: the median of light touches.
 
-    None where fewer than MIN_GAIN_ROWS rows have both. The map is one for all loads, and silicone
-    stiffens, so a light touch reads another ratio than it has.
+    true_n, read_n: [M, 3]. None where fewer than MIN_GAIN_ROWS rows have both. The map is one for
+    all loads, and silicone stiffens, so a light touch reads another ratio than it has.
     """
-    true_n = loads.force_n
-    read_n = fitted.apply(loads.field_ut).sum(axis=1)
     true_ratio = _shear_over_normal(true_n)
     normal_n = true_n[:, NORMAL_AXIS]
     light = (normal_n > TOUCHED_N) & (normal_n < LIGHT_N) & (true_ratio > SHEAR_SHARE)

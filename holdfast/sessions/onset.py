@@ -46,6 +46,8 @@ RISKY = (*RISKY_ACTIONS, *HELD_ACTIONS)
 """In a hold the object must not move at all, so any slip is risky."""
 ACTIONS = (*RISKY, *VOLUNTARY_ACTIONS)
 PROVENANCE = "camera"
+GROSS_MM = 2.0
+"""Distance of gross slip, where no other is given."""
 
 
 @dataclass(frozen=True)
@@ -150,20 +152,19 @@ def _starts_s(folder: Path, moved: Motion) -> float:
 
 
 def write_label(
-    trial: WatchedTrial, action: str | None, gross_mm: float, *, shear_known: bool
+    trial: WatchedTrial, action: str | None, gross_mm: float
 ) -> tuple[str, Json]:
     """Find the slip and write its label beside the trial; returns (a sentence, what was found).
 
-    action: None for the name of the trial's folder. shear_known: the shear of the pads was
-    measured. Raises LabelError, UsageError, OutputError.
+    action: None for the name of the trial's folder. gross_mm: above what the pads give. Raises
+    LabelError, UsageError, OutputError.
     """
     from holdfast.drivers.camera.onset import HiddenMotion, find_slip
 
     moved = trial.moved
     with _placed(trial.path):
         slip = find_slip(moved, gross_mm)
-    shear = "measured" if shear_known else "not measured"
-    basis: Json = {"gross_mm": gross_mm, "pad_shear": shear, "hidden": None}
+    basis: Json = {"gross_mm": gross_mm, "hidden": None}
     words = f"no onset: the object moved by less than {gross_mm:.2f} mm"
     phases: list[Json] = []
     if isinstance(slip, HiddenMotion):

@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.core.hand_card import HandCard, open_contacts, pad_pressure
+from holdfast.core.hand_card import HandCard
 from holdfast.core.trial_layout import MASSES_G
 from holdfast.simulation.effect import Parameter
 
@@ -183,3 +183,40 @@ def load_factors(
     if "touching" in drawn:
         factors[open_contacts(hand, round(drawn["touching"]), rng)] = 0.0
     return factors
+
+
+def pad_pressure(
+    hand: HandCard, pad: list[int], patch_m: float, off_m: FloatArray
+) -> FloatArray:
+    """Pressure on each taxel of a soft pad, over that in the middle of the contact.
+
+    p ~ sqrt(1 - (r / a)^2), r the distance from the middle of contact and a its radius patch_m
+    (Hertz; Johnson, "Contact mechanics", 1985, 3.57). off_m [2]: that middle across and along, from
+    the middle of the pad. Where no taxel lies in the contact, the nearest bears all.
+    """
+    places_m = np.stack([hand.across_m[pad], hand.along_m[pad]])
+    from_middle_m = places_m - places_m.mean(axis=1, keepdims=True) - off_m[:, None]
+    distance_m = np.hypot(from_middle_m[0], from_middle_m[1])
+
+    inside = 1.0 - (distance_m / patch_m) ** 2
+    pressure: FloatArray = np.sqrt(np.maximum(inside, 0.0))
+    if not pressure.any():
+        pressure[distance_m.argmin()] = 1.0
+    return pressure
+
+
+def open_contacts(hand: HandCard, touching: int, rng: np.random.Generator) -> list[int]:
+    """The contacts of the pads that stay open, chosen at random; one pad a side touches."""
+    pads = hand.pads
+    touched_sides = set()
+    others = []
+    for k in rng.permutation(len(pads)):
+        is_thumb = pads[k][0] < hand.thumb
+        if is_thumb in touched_sides:
+            others.append(pads[k])
+        touched_sides.add(is_thumb)
+
+    still_open: list[int] = []
+    for pad in others[max(0, touching - 2) :]:
+        still_open += pad
+    return still_open

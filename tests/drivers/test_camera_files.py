@@ -190,27 +190,6 @@ def test_what_onset_cannot_use_is_one_line(tmp_path, capsys, words, spoils, code
     assert says in err
 
 
-def test_a_gross_distance_within_what_the_pads_give_is_refused(tmp_path, capsys):
-    for name, slides_at_s in (("slid", 0.8), ("held", 1.3)):
-        (tmp_path / name).mkdir()
-        hand_made(tmp_path / name, at_s=0.0, slides_at_s=slides_at_s)
-    words = (
-        "watch",
-        "--onset",
-        str(tmp_path / "slid"),
-        "--action",
-        "pull",
-        "--no-slip",
-        str(tmp_path / "held"),
-    )
-    assert main([*words, "--gross-mm", "3"]) == 2
-    assert "within the elastic shear" in capsys.readouterr().err
-    assert main(words) == 0
-    assert (
-        json.loads((tmp_path / "slid" / "events.jsonl").read_text())["gross_mm"] > 4.0
-    )
-
-
 def test_an_object_that_stays_gets_no_line_and_needs_no_action(tmp_path, capsys):
     hand_made(tmp_path, at_s=0.0, slides_at_s=None)
     assert main(["watch", "--onset", str(tmp_path)]) == 0

@@ -19,7 +19,7 @@ from holdfast.drivers.bus import Reply, Transfer
 from holdfast.drivers.finger import identify
 from holdfast.drivers.layout import read_layout
 from holdfast.drivers.scan import as_layout, look_at
-from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES, Setup
+from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES
 from holdfast.drivers.virtual.virtual_hand import Mux, Wire
 
 EIGHT_BITS = 0x36
@@ -110,23 +110,6 @@ def test_a_chip_that_is_no_mux_at_the_mux_s_address_is_written_to_by_no_hand():
     with pytest.raises(WrongDevice, match=r"0x70: another chip, no mux.*mux@71"):
         bench.hand.start()
     assert [chip.state] == before
-
-
-@FOREIGN_CHIP.mark
-@pytest.mark.parametrize("layout", ["mux@71", "moved@71"])
-def test_fingers_triggered_together_reset_no_foreign_chip_by_the_general_call(layout):
-    chips = [Pca9685(), Ads1115(), Expander()]
-    bench, before = with_chips(
-        *chips,
-        layout=layout,
-        on_wire=layout[: layout.index("@")],
-        setup=Setup(together=True),
-    )
-    bench.virtual.mux.address = 0x71
-    bench.hand.start()
-    assert bench.read_for(0.1)[-1].valid.all()
-    assert chips[0].reset_calls == 0
-    assert [chip.state for chip in chips] == before
 
 
 def test_sensors_that_were_moved_are_found_at_their_new_addresses_scan_after_scan():

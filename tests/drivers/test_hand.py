@@ -26,7 +26,6 @@ from holdfast.drivers.layout import (
     masks_of,
     read_layout,
 )
-from holdfast.drivers.tmag5273 import Setup
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.faults import KINDS, Fault, read_fault
 from holdfast.drivers.virtual.virtual_hand import REST_UT, Track
@@ -84,31 +83,6 @@ def test_a_hand_that_is_still_moved_from_before_is_started_as_it_is():
     bench.hand.close()
     bench.hand.start()
     assert bad(bench.read_for(0.1)) == []
-
-
-@pytest.mark.parametrize("layout", LAYOUTS)
-def test_fingers_triggered_together_convert_at_one_moment_and_only_when_triggered(
-    layout,
-):
-    """A field that rises fast: fingers that convert at their own times disagree, those
-    triggered together do not."""
-    rising = Track(
-        np.array([0.0, 1.0]),
-        np.broadcast_to(np.array([[[0.0]], [[30000.0]]]), (2, 6, 3)).copy(),
-    )
-
-    def spread(*, together: bool) -> float:
-        bench = started(
-            track=rising,
-            layout=layout,
-            setup=Setup(together=together),
-        )
-        readings = bench.read_for(0.5)
-        assert bad(readings) == []
-        return float(np.median([np.ptp(r.field_ut[:, 2]) for r in readings]))
-
-    assert spread(together=True) < 60.0  # the chips' noise
-    assert spread(together=True) < 0.8 * spread(together=False)
 
 
 def test_every_reading_is_valid_while_nothing_fails():
@@ -350,12 +324,9 @@ def test_a_resting_magnet_reads_its_field():
     assert reading.field_ut.mean(axis=0) == pytest.approx(REST_UT, abs=40.0)
 
 
-@pytest.mark.parametrize("together", [False, True])
-def test_a_machine_that_stood_still_in_the_middle_of_a_scan_takes_no_finger_for_stale(
-    together,
-):
+def test_a_machine_that_stood_still_in_the_middle_of_a_scan_takes_no_finger_for_stale():
     clock = Faltering()
-    bench = started(clock=clock, setup=Setup(together=together))
+    bench = started(clock=clock)
     assert not bad(bench.read_for(0.1))
     for _ in range(20):
         clock.lost_ns = 2 * STALE_NS

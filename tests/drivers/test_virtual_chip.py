@@ -155,15 +155,6 @@ def test_a_chip_in_wake_and_sleep_mode_is_woken_by_its_address_without_an_acknow
     assert on.results() == [0, 0, 0]
 
 
-def test_a_chip_that_waits_for_its_pin_is_not_triggered_over_the_bus():
-    for mode, converted in ((0, 1), (1 << 2, 0)):
-        on = ChipOnWire()
-        on.configure(SENSOR_CONFIG_1=XYZ << 4, DEVICE_CONFIG_2=mode)
-        on.write(0x80)
-        on.wait_us(200)
-        assert on.status("RESULT_STATUS") == converted
-
-
 # -- time, and what goes wrong at what time
 
 

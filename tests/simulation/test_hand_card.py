@@ -133,7 +133,7 @@ def test_a_contact_without_a_sensor_presses_and_has_no_channels(tmp_path: Path) 
         (('side = "thumb"', 'side = "palm"'), ["sensors[0].side", "thumb or opposing"]),
         (("along_mm = 0", "along_mm = 1e4"), ["sensors[0].along_mm", "-100 to 100"]),
         (("along_mm = 0", "along_mm = -101"), ["sensors[0].along_mm", "-100 to 100"]),
-        (("along_mm = 0", "along_mm = nan"), ["sensors[0].along_mm", "finite"]),
+        (("along_mm = 0", "along_mm = nan"), ["not valid TOML", "finite"]),
         (("along_mm = 0", "along_mm = true"), ["sensors[0].along_mm", "number"]),
         (("along_mm = 0\n", ""), ["sensors[0].along_mm", "is missing"]),
         (('name = "b"', 'name = "a"'), ["name", "'a'"]),

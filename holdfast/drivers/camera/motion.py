@@ -65,9 +65,9 @@ class Motion:
         """An object that is further from rest than this has moved."""
         return max(SIGMAS * self.sigma_mm, FLOOR_PX * self.mm_per_px)
 
-    def between(self, from_s: float, until_s: float) -> Motion:
-        """The part in [from_s, until_s]."""
-        part = (self.t_s >= from_s) & (self.t_s <= until_s)
+    def until(self, until_s: float) -> Motion:
+        """The part up to until_s."""
+        part = self.t_s <= until_s
         return Motion(self.t_s[part], self.place_mm[part], self.mm_per_px)
 
 
