@@ -56,10 +56,6 @@ Stiffness = Annotated[float, Meta(ge=0.01, le=100.0)]
 
 USUAL_HAND = "six-fingertips"
 """Of a set or a model that has its number of sensors and no hand card."""
-THUMB_MM, FINGER_MM = 48.0, 22.0
-"""Widths along the object's axis, contacts of a hand without a card spread evenly over each."""
-FINGERS_AT_MM = (33.0, 11.0, -11.0, -33.0)
-"""Middles of index, middle, ring, little."""
 
 
 class HandContact(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -197,35 +193,6 @@ def hand_from_json(value: Any) -> HandCard:
     if not hand.n_sensors:
         raise ValueError("a hand without sensors")
     return hand
-
-
-def hand_of_counts(thumb: int = 2, finger: int = 1) -> HandCard:
-    """A hand by its numbers of contacts on thumb and each finger; default: the thesis' hand.
-
-    Each contact has an equal part of its finger's stiffness, the thumb's being that of two.
-    """
-    contacts = []
-    for k, place_mm in enumerate(_spread(THUMB_MM, thumb), 1):
-        contacts.append(
-            HandContact(f"thumb-{k}", "thumb", place_mm, stiffness=2.0 / thumb)
-        )
-    for number, middle_mm in enumerate(FINGERS_AT_MM, 1):
-        for k, place_mm in enumerate(_spread(FINGER_MM, finger), 1):
-            contacts.append(
-                HandContact(
-                    f"finger-{number}-{k}",
-                    "opposing",
-                    place_mm + middle_mm,
-                    stiffness=1.0 / finger,
-                )
-            )
-    return HandCard(f"{thumb} and {finger} contacts", tuple(contacts))
-
-
-def _spread(width_mm: float, count: int) -> list[float]:
-    """Middles of equal parts of a width, centred on 0, the uppermost first."""
-    places: list[float] = (width_mm * (0.5 - (np.arange(count) + 0.5) / count)).tolist()
-    return places
 
 
 def shipped_hands() -> list[str]:

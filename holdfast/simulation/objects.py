@@ -30,10 +30,14 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.core.hand_card import HandCard
+from holdfast.core.hand_card import HandCard, HandContact
 from holdfast.core.trial_layout import MASSES_G
 from holdfast.simulation.effect import Parameter
 
+THUMB_MM, FINGER_MM = 48.0, 22.0
+"""Widths along the object's axis, contacts of a hand without a card spread evenly over each."""
+FINGERS_AT_MM = (33.0, 11.0, -11.0, -33.0)
+"""Middles of index, middle, ring, little."""
 OBJECT_KEYS = {
     "mass_g": Parameter(100.0, "g", 0.1, 5000.0, "mass"),
     "radius_mm": Parameter(
@@ -220,3 +224,32 @@ def open_contacts(hand: HandCard, touching: int, rng: np.random.Generator) -> li
     for pad in others[max(0, touching - 2) :]:
         still_open += pad
     return still_open
+
+
+def hand_of_counts(thumb: int = 2, finger: int = 1) -> HandCard:
+    """A hand by its numbers of contacts on thumb and each finger; default: the thesis' hand.
+
+    Each contact has an equal part of its finger's stiffness, the thumb's being that of two.
+    """
+    contacts = []
+    for k, place_mm in enumerate(_spread(THUMB_MM, thumb), 1):
+        contacts.append(
+            HandContact(f"thumb-{k}", "thumb", place_mm, stiffness=2.0 / thumb)
+        )
+    for number, middle_mm in enumerate(FINGERS_AT_MM, 1):
+        for k, place_mm in enumerate(_spread(FINGER_MM, finger), 1):
+            contacts.append(
+                HandContact(
+                    f"finger-{number}-{k}",
+                    "opposing",
+                    place_mm + middle_mm,
+                    stiffness=1.0 / finger,
+                )
+            )
+    return HandCard(f"{thumb} and {finger} contacts", tuple(contacts))
+
+
+def _spread(width_mm: float, count: int) -> list[float]:
+    """Middles of equal parts of a width, centred on 0, the uppermost first."""
+    places: list[float] = (width_mm * (0.5 - (np.arange(count) + 0.5) / count)).tolist()
+    return places

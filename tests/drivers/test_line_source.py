@@ -290,7 +290,7 @@ def test_what_waited_while_nothing_was_read_is_dropped() -> None:
     assert said[1:] == [
         "script: 140 samples dropped: nothing was read",
         "script: its lines ended after 51 samples",
-        "script: 9 more are skipped",
+        "script: 149 skipped in all",
     ]
 
 

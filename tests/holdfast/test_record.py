@@ -6,7 +6,6 @@ from __future__ import annotations
 import os
 import re
 import time
-from importlib.metadata import version
 
 import numpy as np
 import pytest
@@ -66,7 +65,7 @@ def test_meta_tells_who_what_how_and_how_good(tmp_path):
     assert meta["hand"]["averages"] == 32
     assert len(meta["bias"]["values"]) == len(meta["bias"]["spread"]) == 18
     assert meta["bias"]["good"] is True
-    assert meta["version"] == version("holdfast")
+    assert set(meta["versions"]) >= {"holdfast", "numpy", "python"}
     assert meta["configuration"]["source"] == REST
     assert meta["quality"]["samples"] == 150
     assert (meta["quality"]["lost"], meta["quality"]["invalid_readings"]) == (0, 0)

@@ -15,7 +15,6 @@ from small_model import artifact, card_of, graph_of, spec
 from holdfast.core.errors import CardError, ChannelError, DataNotFound, NotAModel
 from holdfast.core.hand_card import (
     HandCard,
-    hand_of_counts,
     read_hand_card,
 )
 from holdfast.edge_runtime.model_file import read_card
@@ -23,7 +22,7 @@ from holdfast.evaluation.model_outputs import require_model_fits
 from holdfast.export.exporting import model_card, seal
 from holdfast.export.spec import StepSpec
 from holdfast.simulation.folder import write_set
-from holdfast.simulation.objects import load_factors
+from holdfast.simulation.objects import hand_of_counts, load_factors
 from holdfast.simulation.scene import Scene, SimulatedTrial
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.datasets import join, load

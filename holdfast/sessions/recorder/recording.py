@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import platform
 import re
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import asdict
@@ -105,7 +106,7 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
             "calibration": _calibration(options.calibration),
             "bias": _bias(measured),
             "protocol": _protocol(plan, options.seed),
-            "version": version("holdfast"),
+            "versions": _versions(),
             "real_time_priority": has_priority,
             "configuration": _configuration(options),
         }
@@ -210,6 +211,15 @@ def _calibration(path: Path | None) -> Json | None:
         "n": meta.n,
         # The whole calibration: the file may be changed later, the recording may not.
         "content": json_of(text),
+    }
+
+
+def _versions() -> dict[str, str]:
+    return {
+        "holdfast": version("holdfast"),
+        "numpy": version("numpy"),
+        "python": platform.python_version(),
+        "machine": platform.machine(),
     }
 
 
