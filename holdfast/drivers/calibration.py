@@ -296,18 +296,20 @@ class BiasFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             )
 
 
-def write_bias(path: str | Path, bias: Bias) -> Path:
-    """As JSON with all digits; OutputError where that cannot be done."""
-    content = {
-        "format": 1,
-        "kind": "bias",
+def bias_json(bias: Bias) -> Json:
+    """A bias with all digits."""
+    return {
         "values": bias.values.tolist(),
         "spread": bias.spread.tolist(),
         "n": bias.n,
         "unit": bias.unit,
         "reversed": bias.reversed.tolist(),
     }
-    return _write(path, content)
+
+
+def write_bias(path: str | Path, bias: Bias) -> Path:
+    """As JSON; OutputError where that cannot be done."""
+    return _write(path, {"format": 1, "kind": "bias", **bias_json(bias)})
 
 
 def read_bias(path: str | Path) -> Bias:

@@ -131,10 +131,8 @@ def named_addresses(url: str) -> frozenset[int]:
     """The addresses of the fingers in a URL's layout. Raises UsageError."""
     from holdfast.drivers.layout import read_layout
 
-    addresses: set[int] = set()
-    for finger in read_layout(source_url(url).options.layout):
-        addresses.update((finger.address, finger.read_at))
-    return frozenset(addresses)
+    layout = read_layout(source_url(url).options.layout)
+    return frozenset(finger.address for finger in layout)
 
 
 def _bridge(source: SourceUrl) -> Callable[[], Bus]:

@@ -229,9 +229,7 @@ def _write_events(folder: Path, phases: list[Json]) -> Path:
 
 
 def _sentence(phase: Json) -> str:
-    seen_ms = 1e3 * (phase["seen_s"] - phase["t0_s"])
     gross_ms = 1e3 * (phase["gross_s"] - phase["t0_s"])
-    return (
-        f"{phase['label']} from {phase['t0_s']:.4f} s (sd {1e3 * phase['uncertainty_s']:.1f} ms); "
-        f"beyond noise {seen_ms:.0f} ms later, gross {gross_ms:.0f} ms later"
-    )
+    sd_ms = 1e3 * phase["uncertainty_s"]
+    start = f"{phase['label']} from {phase['t0_s']:.4f} s (sd {sd_ms:.1f} ms)"
+    return f"{start}; gross {gross_ms:.0f} ms later"

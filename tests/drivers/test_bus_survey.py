@@ -154,11 +154,7 @@ def test_what_a_chip_reports_as_wrong_is_in_its_line(make: Any) -> None:
         ("TMAG5273 A2 (133/266 mT)", "DIAG_STATUS"),
         ("TMAG5273 B2 (133/266 mT)", "OSC_ER"),
         ("TMAG5273 C2 (133/266 mT)", ""),
-        (
-            "TMAG5273 ?2 (133/266 mT)",
-            "OTP_CRC_ER, not a factory address: it was given at run time and is lost with "
-            "its power",
-        ),
+        ("TMAG5273 ?2 (133/266 mT)", "OTP_CRC_ER"),
         ("TMAG5273 A2 (133/266 mT)", "VCC_UV_ER"),
         ("TMAG5273 B2 (133/266 mT)", "OSC_ER, OTP_CRC_ER, VCC_UV_ER"),
     }

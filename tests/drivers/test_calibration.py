@@ -16,7 +16,7 @@ from hypothesis.extra.numpy import arrays
 
 from holdfast.cli import calibrate
 from holdfast.cli.command import Parser
-from holdfast.core.contract import FloatArray, channel_names
+from holdfast.core.contract import FloatArray, IntArray, channel_names
 from holdfast.core.errors import (
     ChannelError,
     ColumnError,
@@ -63,7 +63,7 @@ def made(n_sensors: int = 2, *, rest: bool = False, seed: int = 0) -> Calibratio
 
 def pressed(
     n_sensors: int = 2, *, seed: int = 1
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, IntArray]:
     """(field [M, S, 3] uT, matrix [S, 3, 3], blocks [M]) of loads in every direction, each sensor
     in its turn."""
     rng = np.random.default_rng(seed)
@@ -131,7 +131,7 @@ def test_a_field_of_another_hand_is_refused(shape: tuple[int, ...]) -> None:
 def loads_of(
     field_ut: FloatArray,
     force_n: FloatArray,
-    blocks: FloatArray,
+    blocks: IntArray,
     reversed_: Any = None,
 ) -> LoadSet:
     """Rows as a set of loads; fields are less their rest."""

@@ -162,14 +162,6 @@ def test_a_sleeping_chip_wakes_by_an_address_it_does_not_acknowledge(bench):
     assert answer(bench, ID, 1) == IDENTITY[:1]
 
 
-def test_a_new_address_counts_from_the_stop_on_and_is_lost_with_power(bench):
-    bench.bus.scan([FIRST, Transfer(A, bytes([0x0C, 0x36 << 1 | 1]))])
-    old, new = bench.bus.scan([Transfer(A, b"\x0d", 1), Transfer(0x36, b"\x0d", 1)])
-    assert (old.acked, new.acked) == (False, True)
-    bench.hand.chips[0].power_on()
-    assert answer(bench, ID, 1) == IDENTITY[:1]
-
-
 def test_two_chips_at_one_address_answer_together_and_zeros_win(bench):
     bench.bus.scan([FIRST, Transfer(A, bytes([0x04, 0b1100]))])
     bench.bus.scan([SECOND, Transfer(A, bytes([0x04, 0b1010]))])

@@ -2,9 +2,9 @@
 
 Covers what a driver of three axes sets: the channels, averaging and ranges, with register reads
 (SLYS045A 7.5). The 1-byte read formats, check bytes, temperature, angle, repeated channels,
-triggers, the general call and the interrupts of wake-and-sleep mode are missing: their registers
-can be written and have no effect, and wake-and-sleep is sleep. Where the data sheet is silent, the
-emulation does what is harder for a driver: a disabled channel keeps its last result.
+triggers, the general call, another address and the interrupts of wake-and-sleep mode are missing:
+their registers can be written and have no effect, and wake-and-sleep is sleep. Where the data sheet
+is silent, the emulation does what is harder for a driver: a disabled channel keeps its last result.
 """
 
 from __future__ import annotations
@@ -187,7 +187,6 @@ class Chip:
         self.address = self.factory_address
         self._configured()
         self._pointer = 0
-        self._next_address: int | None = None
         self._conversions = 0
         self._done = 0
         self._started_ns: int | None = None
@@ -231,10 +230,7 @@ class Chip:
         return byte
 
     def stop(self) -> None:
-        """A new address counts from here on."""
-        if self._next_address is not None:
-            self.address = self._next_address
-            self._next_address = None
+        """Nothing waits for the end of a transfer."""
 
     # -- registers
 
@@ -253,10 +249,6 @@ class Chip:
         register = self._registers.store(address, byte)
         if register is None:
             return
-        if register is REGISTERS["I2C_ADDRESS"] and byte & 1:
-            # the transfer still goes on at the old address
-            self._next_address = byte >> 1
-            self._bytes[address] = byte & 0xFE
         self._configured()
         if any(register is REGISTERS[name] for name in RESTARTING):
             self._restart(mode)

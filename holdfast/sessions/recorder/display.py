@@ -23,8 +23,6 @@ COLUMNS = 80
 """Where a terminal does not know its width."""
 OVER_THE_LINE_ABOVE = "\x1b[A\r\x1b[2K"
 """Cursor up, first column, erase the line: the next output replaces the line above."""
-DECIMALS = {"N": 2}
-"""Of a force by its unit; fields have none."""
 
 
 class StatusLine(Display):
@@ -74,7 +72,8 @@ def status_text(trial: TrialRecorder, measured: SourceReading, of: str = "") -> 
     quality = trial.quality
     values = measured.values - np.nan_to_num(quality.bias)
     forces = np.linalg.norm(values.reshape(-1, 3), axis=1)
-    decimals = DECIMALS.get(quality.unit, 0)
+    # fields are large numbers
+    decimals = 2 if quality.unit == "N" else 0
     # A finger that is not valid shows a dash: its last force would look like a reading.
     fingers = ""
     for force, good in zip(forces, measured.valid, strict=True):
