@@ -27,6 +27,7 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -176,8 +177,7 @@ class HandCard:
     def in_words(self) -> str:
         """One line for people: the card and its sensors, side by side."""
         sides = self.sensor_sides
-        thumb, opposing = sides.count("thumb"), sides.count("opposing")
-        against = f"{thumb} against {opposing}"
+        against = f"{sides.count('thumb')} against {sides.count('opposing')}"
         return f"hand: {self.name}, {len(sides)} sensors ({against})"
 
     def to_json(self) -> Json:
@@ -206,11 +206,10 @@ def find_hand_card(name: str, folder: Path | None = None) -> Path:
         return HANDS / f"{name}.toml"
 
     for path in ((folder or Path()) / name, Path(name)):
-        try:
+        # a name that no file can have is no file
+        with suppress(OSError, ValueError):
             if path.is_file():
                 return path
-        except (OSError, ValueError):
-            continue  # a name that no file can have
 
     raise CardError(
         f"no hand card {name!r:.80}",
@@ -250,16 +249,10 @@ def _require_hand(contacts: Sequence[HandContact]) -> None:
         allowed = "the contacts of the thumb's side before all others"
         raise ValueError(f"sides in mixed order; allowed: {allowed}")
 
-    names: set[str] = set()
     side_of_pad: dict[str, str] = {}
     for contact in contacts:
-        if contact.name in names:
-            raise ValueError(
-                f"name = {contact.name!r} twice; allowed: a name of its own"
-            )
-        names.add(contact.name)
-        side = side_of_pad.setdefault(contact.pad or contact.name, contact.side)
-        if side != contact.side:
+        side = side_of_pad.setdefault(contact.pad, contact.side)
+        if contact.pad and side != contact.side:
             raise ValueError(
                 f"pad = {contact.pad!r}; allowed: all its contacts on one side"
             )
@@ -284,4 +277,4 @@ def sensor_names(card: HandCard | None, n_sensors: int) -> tuple[str, ...]:
     hand = hand_or_usual(card, n_sensors)
     if hand is not None:
         return hand.sensor_names
-    return tuple(f"sensor {k}" for k in range(1, n_sensors + 1))
+    return tuple(map("sensor {}".format, range(1, n_sensors + 1)))

@@ -10,7 +10,6 @@ from __future__ import annotations
 import csv
 import re
 import warnings
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -208,25 +207,19 @@ def _header(path: Path) -> list[str]:
 
 def check_columns(header: list[str], path: Path) -> int:
     """Number of sensors, or a ColumnError that names the columns."""
-    n_sensors = 0
-    for name in header:
-        if _CHANNEL.fullmatch(name):
-            n_sensors = max(n_sensors, int(name[1:]))
-    expected = channel_names(n_sensors)
-    valid = [f"valid{k}" for k in range(1, n_sensors + 1)]
-    known = {TIME_COLUMN, *expected, *RECORDER_COLUMNS, *valid}
-    missing = [name for name in expected or ("X1",) if name not in header]
-    doubled = [name for name, count in Counter(header).items() if count > 1]
+    numbers = [int(name[1:]) for name in header if _CHANNEL.fullmatch(name)]
+    n_sensors = max(numbers, default=1)
+    expected = [TIME_COLUMN, *channel_names(n_sensors)]
+    known = {*expected, *RECORDER_COLUMNS}
+    known.update(f"valid{k}" for k in range(1, n_sensors + 1))
+    missing = [name for name in expected if name not in header]
     unknown = [name for name in header if name not in known]
-    if header[0] != TIME_COLUMN:
-        what = f"the first column is {header[0]!r:.40}, not {TIME_COLUMN!r}"
-    elif doubled or missing:
-        word = "occur twice" if doubled else "missing"
-        what = f"columns {word}: {listed(doubled or missing)}"
+    if missing:
+        what = f"columns missing: {listed(missing)}"
     elif unknown:
         what = f"unknown columns: {listed(unknown)}"
-    elif tuple(header[1 : 1 + len(expected)]) != expected:
-        what = "channels are out of order"
+    elif header[: len(expected)] != expected or len(set(header)) < len(header):
+        what = "columns are out of order, or one occurs twice"
     else:
         return n_sensors
     fix = "the layout is Time,X1,Y1,Z1,X2,.. with three columns a sensor, and no others"

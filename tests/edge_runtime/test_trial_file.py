@@ -118,7 +118,7 @@ REFUSED = {
         "X2",
     ),
     "there is no channel": ("Time", ["0", "1"], ColumnError, "X1"),
-    "there is no time": ("X1,Y1,Z1,X2,Y2,Z2,Q", None, ColumnError, "'Time'"),
+    "there is no time": ("X1,Y1,Z1,X2,Y2,Z2,Q", None, ColumnError, "Time"),
     "a column is unknown": (f"{HEADER},Temperature", None, ColumnError, "Temperature"),
     "validity of a sensor that is not there": (
         f"{HEADER},valid3",
@@ -126,7 +126,12 @@ REFUSED = {
         ColumnError,
         "valid3",
     ),
-    "a column occurs twice": ("Time,X1,Y1,Z1,X1,Y2,Z2", None, ColumnError, "X1"),
+    "a column occurs twice": (
+        "Time,X1,Y1,Z1,X2,Y2,Z2,valid1,valid1",
+        ["0,1,2,3,4,5,6,1,1", "1,1,2,3,4,5,6,1,1"],
+        ColumnError,
+        "twice",
+    ),
     "channels are out of order": ("Time,Y1,X1,Z1,X2,Y2,Z2", None, ColumnError, "order"),
     "there is text in a number": (
         HEADER,

@@ -135,7 +135,6 @@ def test_a_contact_without_a_sensor_presses_and_has_no_channels(tmp_path: Path) 
         (("along_mm = 0", "along_mm = nan"), ["not valid TOML", "finite"]),
         (("along_mm = 0", "along_mm = true"), ["sensors[0].along_mm", "number"]),
         (("along_mm = 0\n", ""), ["sensors[0].along_mm", "is missing"]),
-        (('name = "b"', 'name = "a"'), ["name", "'a'"]),
         (('side = "opposing"', 'side = "thumb"'), ["one side", "sensed = false"]),
         (('side = "thumb"', 'side = "opposing"'), ["one side", "either side"]),
         (("along_mm = 0", "along_mm = 0\nsensed = 1"), ["sensed", "true or false"]),
