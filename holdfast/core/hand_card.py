@@ -57,6 +57,8 @@ Stiffness = Annotated[float, Meta(ge=0.01, le=100.0)]
 
 USUAL_HAND = "six-fingertips"
 """Of a set or a model that has its number of sensors and no hand card."""
+FINGERS_AT_MM = (33.0, 11.0, -11.0, -33.0)
+"""Middles of index, middle, ring, little."""
 
 
 class HandContact(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

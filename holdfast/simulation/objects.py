@@ -30,14 +30,12 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.core.hand_card import HandCard, HandContact
+from holdfast.core.hand_card import FINGERS_AT_MM, HandCard, HandContact
 from holdfast.core.trial_layout import MASSES_G
 from holdfast.simulation.effect import Parameter
 
 THUMB_MM, FINGER_MM = 48.0, 22.0
 """Widths along the object's axis, contacts of a hand without a card spread evenly over each."""
-FINGERS_AT_MM = (33.0, 11.0, -11.0, -33.0)
-"""Middles of index, middle, ring, little."""
 OBJECT_KEYS = {
     "mass_g": Parameter(100.0, "g", 0.1, 5000.0, "mass"),
     "radius_mm": Parameter(
