@@ -17,6 +17,7 @@ import json
 import math
 import re
 import tomllib
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from types import UnionType
@@ -82,10 +83,13 @@ def text_of(path: Path) -> str:
     return path.read_bytes().decode("utf-8")
 
 
-def json_of(text: str | bytes) -> Any:
-    """The value of a JSON text. Raises ValueError, also for nan and infinity."""
+def json_of(text: str | bytes, number: Callable[[str], float] | None = None) -> Any:
+    """The value of a JSON text. Raises ValueError, also for nan and infinity.
+
+    number: what reads a number with a point or an exponent, if not C.
+    """
     try:
-        return json.loads(text, parse_constant=_finite)
+        return json.loads(text, parse_constant=_finite, parse_float=number)
     except RecursionError:
         raise ValueError("it nests too deep") from None
 
@@ -112,7 +116,7 @@ def read(path: Path, kind: type[T], error: type[DataError] = CardError) -> T:
     """
     try:
         text = text_of(path)
-        raw = toml_of(text) if path.suffix == ".toml" else json_of(text)
+        raw = toml_of(text) if path.suffix == ".toml" else json_of(text, _finite)
     except FileNotFoundError:
         raise
     except OSError as reason:

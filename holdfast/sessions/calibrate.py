@@ -97,8 +97,7 @@ def _solve(moved: FloatArray, force: FloatArray) -> FloatArray:
             next_step="check the fields, then press and shear to every side",
         )
     # lstsq gives [S * 3 fields, forces]; a sensor's matrix is [forces, 3 fields].
-    matrix: FloatArray = solution.T.reshape(3, -1, 3).transpose(1, 0, 2)
-    return matrix
+    return np.array(solution.T.reshape(3, -1, 3).transpose(1, 0, 2))
 
 
 def _rmse(moved: FloatArray, force: FloatArray, matrix: FloatArray) -> FloatArray:

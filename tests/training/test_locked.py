@@ -102,7 +102,7 @@ def test_training_refuses_a_locked_set_before_it_reads_one(tmp_path: Path) -> No
 def test_an_adaptation_refuses_a_locked_seed(tmp_path: Path) -> None:
     folder = str(a_set(tmp_path / "set", "p1"))
     with stages(1) as progress, pytest.raises(SetLocked, match="seed 7001"):
-        adapt_file(MODEL, folder, "p1", None, tmp_path / "a.onnx", progress)
+        adapt_file(MODEL, folder, "p1", folder, tmp_path / "a.onnx", progress)
 
 
 @pytest.mark.parametrize("option", ["choose", "train"])
