@@ -129,14 +129,9 @@ def _data_sets() -> list[Finding]:
 def _settings() -> list[Finding]:
     """Each value of holdfast.toml here, and where it comes from."""
     from holdfast.cli.settings import DEFAULT, read_settings
-    from holdfast.core.errors import HoldfastError
     from holdfast.live.doctor import Finding
 
-    try:
-        path, settings = read_settings([])
-    # a file of settings with a mistake is a finding like any other
-    except HoldfastError as error:
-        return [Finding("settings", "broken", str(error), error.next_step)]
+    path, settings = read_settings([])
     if path is None:
         found = f"no {DEFAULT} here: options come from the command line"
         return [Finding("settings", "ok", found)]

@@ -10,9 +10,9 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import platform
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -64,20 +64,19 @@ def examine(data_sets: Check, settings: Check) -> Iterator[Finding]:
         "packages": _packages,
         "onnxruntime": _runtime,
         "data sets": data_sets,
-        "model": _models,
+        "models": _models,
         "settings": settings,
-        "libusb": _libusb,
         "bridges": _bridges,
         "i2c": _native_buses,
-        "udev": _udev,
         "governor": _governor,
         "priority": _priority,
     }
     for name, check in checks.items():
-        yield from _safely(name, check)
+        yield from findings_of(name, check)
 
 
-def _safely(name: str, check: Check) -> list[Finding]:
+def findings_of(name: str, check: Check) -> list[Finding]:
+    """What a check finds; its error is a finding of that name."""
     try:
         return check()
     # the live path is installed without the packages of training
@@ -86,17 +85,14 @@ def _safely(name: str, check: Check) -> list[Finding]:
         return [Finding(name, "missing", f"needs {error.name}", step)]
     except Exception as error:  # doctor must report, whatever fails
         found = f"{type(error).__name__}: {error}"
-        return [Finding(name, "broken", found, "report this line")]
+        step = getattr(error, "next_step", "") or "report this line"
+        return [Finding(name, "broken", found, step)]
 
 
 def _machine() -> list[Finding]:
     system = f"{platform.system()} {platform.machine()}, {os.cpu_count()} CPUs"
     found = f"Python {platform.python_version()}, {system}"
-    # the doctor also runs where the program was unpacked and not installed
-    enough = sys.version_info >= (3, 11)
-    if enough:
-        return [Finding("machine", "ok", found)]
-    return [Finding("machine", "broken", found, "install Python 3.11 or newer")]
+    return [Finding("machine", "ok", found)]
 
 
 def missing_of(extra: str) -> list[str]:
@@ -135,50 +131,30 @@ def _packages() -> list[Finding]:
 
 
 def _runtime() -> list[Finding]:
-    from holdfast.core.errors import RuntimeRefused
     from holdfast.edge_runtime.model_file import check_runtime
 
-    try:
-        check_runtime()
-    except RuntimeRefused as error:
-        return [Finding("onnxruntime", "broken", error.what, error.next_step)]
+    check_runtime()
     return [Finding("onnxruntime", "ok", "not one of the versions known to be wrong")]
 
 
 def _models() -> list[Finding]:
     """The shipped models, and the one that `holdfast export` without options wrote here."""
-    from holdfast.core.errors import HoldfastError
     from holdfast.core.schema import shipped
-    from holdfast.edge_runtime.monitor import Model
 
     # only where it was built: most machines have the shipped models alone
-    built = Path("build/default/holdfast.onnx")
+    words = [*shipped(), *map(str, Path().glob("build/default/holdfast.onnx"))]
     findings = []
-    words = shipped()
-    if built.exists():
-        words.append(str(built))
-
     for word in words:
-        what = f"model {word}"
-        try:
-            # a model that opens has answered its golden sequences as it did at its export
-            model_id = Model(word).card.model_id
-            found = f"id {model_id}, golden sequences reproduced"
-            findings.append(Finding(what, "ok", found))
-        except HoldfastError as error:
-            findings.append(Finding(what, "broken", str(error), error.next_step))
-
+        findings += findings_of(f"model {word}", partial(_model, word))
     return findings
 
 
-def _libusb() -> list[Finding]:
-    from holdfast.core.errors import LibraryMissing
-    from holdfast.drivers.usb import real_backend
+def _model(word: str) -> list[Finding]:
+    from holdfast.edge_runtime.monitor import Model
 
-    try:
-        return [Finding("libusb", "ok", str(real_backend().lib._name))]
-    except LibraryMissing as error:
-        return [Finding("libusb", "missing", str(error), "apt install libusb-1.0-0")]
+    # a model that opens has answered its golden sequences as it did at its export
+    found = f"id {Model(word).card.model_id}, golden sequences reproduced"
+    return [Finding(f"model {word}", "ok", found)]
 
 
 def _bridges() -> list[Finding]:
@@ -188,23 +164,21 @@ def _bridges() -> list[Finding]:
     from holdfast.drivers.usb import UsbPort, find_usb, real_backend
 
     findings = []
+    backend = real_backend()
     for name in BRIDGES:
-        what = f"bridge {name}"
         ids = ids_of(name)
         # several bridges of one kind are told apart by their number
-        plugged_in = len(find_usb(ids, real_backend()))
-        for number in range(plugged_in):
+        for number in range(len(find_usb(ids, backend))):
             # only opening it shows whether this user may
             try:
-                UsbPort(name, ids, real_backend(), number=number).close()
-                findings.append(Finding(what, "ok", "can be opened"))
+                UsbPort(name, ids, backend, number=number).close()
+                findings.append(Finding(f"bridge {name}", "ok", "can be opened"))
             except DeviceError as error:
                 step = f"{RULES}, then plug it in again"
-                findings.append(Finding(what, "broken", str(error), step))
+                found = Finding(f"bridge {name}", "broken", str(error), step)
+                findings.append(found)
 
-    if findings:
-        return findings
-    return [Finding("bridges", "ok", "none on USB", "virtual://ft232h needs none")]
+    return findings or [Finding("bridges", "ok", "none on USB")]
 
 
 def _native_buses() -> list[Finding]:
@@ -221,23 +195,6 @@ def _native_buses() -> list[Finding]:
         step = "sudo usermod -aG i2c $USER"
         return [Finding("i2c", "broken", f"not allowed: {names}", step)]
     return [Finding("i2c", "ok", names)]
-
-
-def _udev() -> list[Finding]:
-    from holdfast.drivers.bridges import bridges_on_usb
-
-    # rules decide which users may open a bridge, so they matter where there is one
-    if not bridges_on_usb():
-        return []
-    # 6014 is the product number of an FT232H, which every version of our rules names
-    rules = [
-        str(rule)
-        for rule in Path("/etc/udev/rules.d").glob("*.rules")
-        if "6014" in rule.read_text(encoding="utf-8", errors="replace")
-    ]
-    if rules:
-        return [Finding("udev", "ok", ", ".join(rules))]
-    return [Finding("udev", "missing", "no rule for the bridges", RULES)]
 
 
 def _governor() -> list[Finding]:
