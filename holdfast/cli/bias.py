@@ -40,8 +40,9 @@ def run(args: argparse.Namespace) -> int:
     """Measure, judge, write."""
     from holdfast.core.writing import require_writable
     from holdfast.drivers.calibration import write_bias
+    from holdfast.live.hand_files import force_of
     from holdfast.live.running import RunClock, say
-    from holdfast.live.sources import force_of, open_live
+    from holdfast.live.sources import open_live
     from holdfast.sessions.bias import measure_bias, require_good
 
     require_writable(args.out.parent)

@@ -128,14 +128,14 @@ def _data_sets() -> list[Finding]:
 
 def _settings() -> list[Finding]:
     """Each value of holdfast.toml here, and where it comes from."""
-    from holdfast.cli.settings import DEFAULT, read_settings
+    from holdfast.cli.settings import DEFAULT, read_settings, settings_file
     from holdfast.live.doctor import Finding
 
-    path, settings = read_settings([])
+    path = settings_file([])
     if path is None:
         found = f"no {DEFAULT} here: options come from the command line"
         return [Finding("settings", "ok", found)]
     return [
         Finding(f"setting {name}", "ok", f"{value} (from {path})")
-        for name, value in settings.given().items()
+        for name, value in read_settings(path).items()
     ]

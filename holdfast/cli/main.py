@@ -152,8 +152,8 @@ def _parser(verb: str, argv: Sequence[str], about: str) -> Parser:
         return Parser(prog=prog, description=about)
 
     # only these commands read files of settings
-    from holdfast.cli.settings import SettingsParser, read_settings
+    from holdfast.cli.settings import SettingsParser, read_settings, settings_file
 
     # Before the parser exists, because they become its defaults.
-    settings = read_settings(argv).settings
+    settings = read_settings(settings_file(argv))
     return SettingsParser(settings=settings, prog=prog, description=about)

@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     """Record until the plan is done, the operator stops it, or an error ends it."""
     from holdfast.core.lines import stream_sink
     from holdfast.live.running import RunClock, stop_signals
-    from holdfast.live.source_url import is_standard_input
+    from holdfast.live.sources import is_standard_input
     from holdfast.sessions.recorder.display import StatusLine, columns_of, record_page
     from holdfast.sessions.recorder.keys import Keys, listening
     from holdfast.sessions.recorder.recording import record

@@ -71,23 +71,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run until stopped; answers to --to, messages and the summary on stderr."""
-    from holdfast.edge_runtime.engine import ModelChoice
     from holdfast.live.run import RunOptions, run
 
-    settings = args.settings
-    library = settings.library if args.engine == "c" else None
-    options = RunOptions(
-        model=ModelChoice(str(args.model), args.engine, library),
-        source=args.source,
-        to=tuple(args.to or settings.to),
-        grip=args.grip,
-        wearer=args.wearer,
-        calibration=args.calibration,
-        bias=args.bias,
-        seconds=args.seconds,
-        controller=settings.controller,
-        ceiling_n=settings.ceiling_n,
-        feedback=settings.feedback,
-        cues=path_argument(settings.cues) if settings.cues else None,
-    )
-    return run(options, set_reader(args.source))
+    known = RunOptions.__struct_fields__
+    typed = {
+        name: value for name, value in vars(args).items() if name in known and value
+    }
+    options = RunOptions(**(args.settings | typed))
+    return run(options, args.seconds, set_reader(args.source))

@@ -11,8 +11,9 @@ from holdfast.core.contract import Sample
 from holdfast.core.source import SelfPaced
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
 from holdfast.edge_runtime.preparation import Tare
+from holdfast.live.hand_files import force_of, resting_of
 from holdfast.live.running import RunClock, say
-from holdfast.live.sources import force_of, open_live, resting_of
+from holdfast.live.sources import open_live
 
 
 class OpenHand:
@@ -29,13 +30,11 @@ class OpenHand:
     ) -> None:
         self.url = url
         self._clock = RunClock()
-        to_force = force_of(None if calibration is None else Path(calibration))
+        to_force = force_of(calibration)
         self._source = open_live(url, clock=self._clock, report=say, to_force=to_force)
         with ExitStack() as on_error:
             on_error.callback(self._source.close)
-            self._resting = resting_of(
-                None if bias is None else Path(bias), self._source
-            )
+            self._resting = resting_of(bias, self._source)
             on_error.pop_all()
 
     def samples(

@@ -6,6 +6,7 @@ Without --grip no controller runs; the friction margin is then computed for the 
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from holdfast.core.contract import (
@@ -26,6 +27,7 @@ from holdfast.live.page.link import PageLink, open_page
 
 if TYPE_CHECKING:
     from holdfast.live.grip import GripOutput
+    from holdfast.live.run import RunOptions
 
 MARK = b"m"
 A_ROW, APART_MM = 4, 25.0
@@ -186,28 +188,23 @@ def _answer(prediction: Prediction) -> Json:
 
 def open_run_page(
     address: str,
-    *,
-    source: str,
+    options: RunOptions,
     card: ModelCard,
-    model_name: str,
-    with_grip: bool,
     shear_gain: float,
     report: Callable[[str], None],
 ) -> RunPage:
     """The page of a run, served at [HOST:]PORT until it is closed.
 
-    source: URL of the hand; with_grip: whether a controller sends grip commands; shear_gain: read
-    over true, of the calibration.
-    Raises UsageError and OutputError.
+    shear_gain: read over true, of the calibration. Raises UsageError and OutputError.
     """
     about: Json = {
         "verb": "run",
         "unit": card.unit,
         "hand": drawn_hand(card.hand, card.n_channels // 3),
-        "model": model_name,
-        "source": source,
+        "model": f"{Path(options.model).name} ({card.model_id})",
+        "source": options.source,
         "answers": True,
-        "grip": with_grip,
+        "grip": options.grip is not None,
         "actions": ACTIONS,
     }
     return RunPage(open_page(address, about, report), card, report, shear_gain)
