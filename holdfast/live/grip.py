@@ -127,7 +127,7 @@ def grip_to_link(
     url: str, controller: GripControl, rate_hz: float, clock: Any, report: Report
 ) -> GripOutput:
     """Commands to unix:// or serial://. Raises UsageError, DeviceError."""
-    link = open_hand_link(url, "--grip", last_line, report, clock.now_ns)
+    link = open_hand_link(url, "grip", last_line, report, clock.now_ns)
 
     # reported at the start, since otherwise the dropped lines would look like a fault
     if link.most_hz < rate_hz:

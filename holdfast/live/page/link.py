@@ -78,14 +78,6 @@ def read_address(text: str) -> tuple[str, int]:
     return host, port
 
 
-CAUSES = {
-    errno.EADDRINUSE: "another run or program listens there",
-    errno.EACCES: "a port below 1024 needs root",
-    errno.EADDRNOTAVAIL: "this machine does not have that address",
-    socket.EAI_NONAME: "no such host",
-}
-
-
 def listen(text: str) -> PageAddress:
     """Listen on [HOST:]PORT; port 0: any free one.
 
@@ -101,29 +93,22 @@ def listen(text: str) -> PageAddress:
         what = getattr(error, "strerror", None) or str(error)
         raise UsageError(
             f"web:{text[:80]}: {what.lower()}",
-            cause=CAUSES.get(getattr(error, "errno", 0), ""),
             next_step="choose another port, such as web:8001, or web:0 for any free one",
         ) from None
     # accepted connections have it too
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
-    return _reached(listener, host)
 
-
-def _reached(listener: socket.socket, host: str) -> PageAddress:
-    """How a listening socket is reached from a browser."""
     address, port = listener.getsockname()[:2]
     bound = ip_address(address.partition("%")[0])
     # names as a browser may send them: a page of another site cannot forge the host it asks for
     if bound.is_loopback:
-        names = dict.fromkeys([*LOOPBACK_NAMES, host.lower(), str(bound)])
         url = f"http://{_in_url(host)}:{port}/"
-        return PageAddress(listener, url, "", tuple(names))
+        return PageAddress(listener, url, "", (*LOOPBACK_NAMES, host.lower()))
 
     # 0.0.0.0 is where it listens, and no address that a browser elsewhere could open
     shown = _address_for_others() if bound.is_unspecified else host
     token = secrets.token_urlsafe(TOKEN_BYTES)
-    url = f"http://{_in_url(shown)}:{port}/{token}/"
-    return PageAddress(listener, url, token, ())
+    return PageAddress(listener, f"http://{_in_url(shown)}:{port}/{token}/", token, ())
 
 
 def _in_url(host: str) -> str:

@@ -202,12 +202,12 @@ function showNumbers() {
     const { grip, answer } = sample;
     figures["target"] = about.grip ? `${grip.target_n === null ? "none" : force(grip.target_n)} (${grip.mode}: ${grip.reason})` : "no controller runs (--grip)";
     figures["friction margin"] = grip.margin === null ? "not known before a slip" : `${number(grip.margin)} (friction ${number(grip.mu_hat)})`;
-    figures["latency"] = `${number(sample.latency_ms)} ms (largest of the last second: ${number(sample.latency_worst_ms)} ms)`;
+    figures["latency"] = `${number(1e-3 * answer.latency_us)} ms`;
     figures["request"] = answer.act ? "act" : answer.arm ? "arm" : "none";
   }
   if (sample.intent) figures["wearer's command"] = wearer(sample.intent);
   figures["rate"] = sample.rate_hz === null ? "–" : `${number(sample.rate_hz, 1)} Hz`;
-  figures["lost samples"] = sample.lost === 0 ? "none" : about.answers ? `${sample.lost} (in the last 30 s: ${sample.lost_30s})` : `${sample.lost} in this trial`;
+  figures["lost samples"] = sample.lost === 0 ? "none" : `${sample.lost} in this ${about.answers ? "run" : "trial"}`;
   if (sample.unsent) figures["not shown here"] = `${sample.unsent} messages that this page missed`;
   const list = at("numbers");
   list.replaceChildren(...Object.entries(figures).flatMap(([name, text]) => {
