@@ -61,21 +61,12 @@ def run(args: argparse.Namespace) -> int:
 
 def _require_options(args: argparse.Namespace) -> None:
     """Raise UsageError or OutputError before anything long begins."""
-    from holdfast.edge_runtime.model_file import CARD_SUFFIX
-
     given = (args.data, args.person, args.slips)
     is_adapting = bool(args.data and args.person)
     if any(given) if args.undo else not is_adapting:
         raise UsageError(
             "--data and --person are needed, or --undo alone",
             next_step="holdfast adapt MODEL --data FOLDER --person p01 --out FILE",
-        )
-
-    # The card would overwrite the model that it describes.
-    if args.out.suffix == CARD_SUFFIX:
-        raise UsageError(
-            f"--out {args.out}: the model's card is written there",
-            next_step=f"write --out {args.out.with_suffix('.onnx')}",
         )
 
     # Resolved: the same file under another name is found out too.

@@ -24,7 +24,7 @@ from holdfast.cli.command import (
     show,
     write_found,
 )
-from holdfast.core.errors import UsageError
+from holdfast.core.errors import needs_extra
 
 if TYPE_CHECKING:
     from holdfast.live.doctor import Finding
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     if args.model is None:
         from holdfast.live.doctor import examine
 
-        findings = examine(_data_sets, _settings)
+        findings = examine(_settings)
     else:
         from holdfast.live.model_checks import model_checks
 
@@ -72,14 +72,8 @@ def _complete(shell: str) -> int:
     """Print the script that a shell reads."""
     from holdfast.cli.main import VERBS
 
-    try:
+    with needs_extra("completion"):
         import shtab
-    except ImportError as error:
-        raise UsageError(
-            f"completion needs the package {error.name}",
-            cause="only the extra `completion` installs it",
-            next_step="pip install 'holdfast[completion]'",
-        ) from None
 
     print(shtab.complete(whole_parser(VERBS, shtab.FILE), shell))
     return 0
@@ -106,24 +100,6 @@ def whole_parser(
                 action.complete = files  # type: ignore[attr-defined]  # the way of shtab
 
     return whole
-
-
-def _data_sets() -> list[Finding]:
-    """The public sets, where training is installed: nothing else reads them."""
-    from holdfast.live.doctor import Finding, missing_of
-    from holdfast.training.datasets import PUBLIC_SETS, data_folder
-
-    if missing_of("train"):
-        return []
-    folder = data_folder()
-    there = [name for name in PUBLIC_SETS if (folder / name).is_dir()]
-    missing = ", ".join(name for name in PUBLIC_SETS if name not in there)
-    findings = [Finding(name, "ok", f"in {folder}") for name in there]
-    if missing:
-        step = "only for figures on public recordings: HOLDFAST_DATA names their folder"
-        found = f"not in {folder}: {missing}"
-        findings.append(Finding("public data sets", "ok", found, step))
-    return findings
 
 
 def _settings() -> list[Finding]:

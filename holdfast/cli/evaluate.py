@@ -6,7 +6,6 @@ import argparse
 from typing import TYPE_CHECKING
 
 from holdfast.cli.command import (
-    add_former_options,
     add_json_option,
     path_argument,
     positive,
@@ -27,12 +26,6 @@ if TYPE_CHECKING:
     from holdfast.evaluation.evaluate import EvaluationRequest
     from holdfast.evaluation.scored_set import Evaluation
     from holdfast.training.progress import Stages
-
-FORMER_OPTIONS = {
-    "--real": "make evaluate, in a checkout: it writes real.html beside its report",
-    "--groups": "give --data a folder with the recordings of these people alone",
-    "--library": "put the library to MODEL-c/libholdfast.so beside the model",
-}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,7 +55,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json_option(parser)
     report = "write a report with pictures to this file (HTML)"
     option("--report", type=path_argument, metavar="OUT", help=report)
-    add_former_options(parser, FORMER_OPTIONS)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -9,7 +9,7 @@ import argparse
 import os
 from typing import TYPE_CHECKING
 
-from holdfast.cli.command import path_argument, positive
+from holdfast.cli.command import path_argument, positive, whole
 from holdfast.edge_runtime.engine import ENGINES, ONNXRUNTIME, ModelChoice
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ def add_job_options(parser: argparse.ArgumentParser, processes: int) -> None:
     """
     option = parser.add_argument
     jobs = f"processes (default {processes})"
-    option("--jobs", type=_process_count, default=processes, metavar="N", help=jobs)
+    option("--jobs", type=whole(1), default=processes, metavar="N", help=jobs)
     dask = (
         "run on a Dask cluster instead: the address of its scheduler (docs/cluster.md)"
     )
@@ -135,14 +135,6 @@ def chosen_workers(args: argparse.Namespace) -> Workers:
     from holdfast.evaluation.jobs import Workers
 
     return Workers(args.jobs, args.dask)
-
-
-def _process_count(word: str) -> int:
-    if not word.isdecimal() or int(word) < 1:
-        raise argparse.ArgumentTypeError(
-            f"{word!r} is not a number of processes from 1 on"
-        )
-    return int(word)
 
 
 def add_engine_option(parser: argparse.ArgumentParser) -> None:

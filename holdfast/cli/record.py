@@ -31,10 +31,6 @@ if TYPE_CHECKING:
     from holdfast.sessions.recorder.plan import RecordOptions
 
 
-OLD_OPTIONS = {"--web": "--to web[:[HOST:]PORT]", "--intent": "--wearer URL"}
-"""An option of earlier versions -> what to write instead."""
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument

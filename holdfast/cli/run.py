@@ -23,26 +23,6 @@ from holdfast.cli.options import (
 )
 from holdfast.core.schema import DEFAULT_MODEL
 
-IN_SETTINGS = "holdfast.toml (docs/deploy.md)"
-OLD_OPTIONS = {
-    "--out": "--to FILE.jsonl",
-    "--samples": "--to FILE.csv",
-    "--udp": "--to udp://HOST:PORT",
-    "--lsl": "--to lsl://NAME",
-    "--view": "--to view",
-    "--web": "--to web[:[HOST:]PORT]",
-    "--quiet": "--to none",
-    "--commands": '--wearer URL, which takes words such as {"wants":"open"}',
-    "--intent": "--wearer URL",
-    "--obey-intent": "--wearer URL, whose `open` counts",
-    "--controller": f'controller = ".." in {IN_SETTINGS}',
-    "--ceiling": f"ceiling_n = 40.0 in {IN_SETTINGS}",
-    "--feedback": f'feedback = "URL" in {IN_SETTINGS}',
-    "--cues": f'cues = "FILE" in {IN_SETTINGS}',
-    "--library": f'library = "FILE" in {IN_SETTINGS}',
-}
-"""An option of earlier versions -> what to write instead."""
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""

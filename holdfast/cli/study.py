@@ -21,10 +21,6 @@ from holdfast.sessions.study.protocol import shipped_protocols
 MODEL = Path("holdfast-150hz")
 
 
-OLD_OPTIONS = {"--intent": "--wearer URL"}
-"""An option of earlier versions -> what to write instead."""
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument

@@ -16,19 +16,15 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import msgspec
-import numpy as np
 
 from holdfast.core.contract import Prediction
 from holdfast.core.errors import DataNotFound
 from holdfast.core.schema import read
 from holdfast.live.hand_link import HandLink, open_hand_link
 from holdfast.live.outputs import STOPPED
-
-if TYPE_CHECKING:
-    from holdfast.edge_runtime.recording import Answers, TextArray
 
 KINDS = ("unknown", "act", "arm", "risky_slip", "safe_slip", "grasp", "nothing")
 """The situations, and before them the decision's requests; the first that applies counts."""
@@ -151,17 +147,6 @@ class Cues:
         # later urgent cues must not cut this one off
         if rule.urgent:
             self._urgent_free_ns = ends_ns
-
-    def of_recording(self, answers: Answers) -> TextArray:
-        """[T] the kind of cue that is sent at a sample, "" for none. Computing takes no time."""
-        sent = []
-        for row, now_ns in enumerate(np.round(answers.t_s * 1e9).astype(int).tolist()):
-            state = str(answers.state[row])
-            kind = self.due(state, answers.act[row], answers.arm[row], now_ns)
-            if kind is not None:
-                self.sent(kind, now_ns)
-            sent.append(kind or "")
-        return np.array(sent)
 
 
 def cue_line(sequence: int, t_ns: int, kind: str, rule: CueRule) -> str:

@@ -53,22 +53,20 @@ class Finding:
 Check = Callable[[], list[Finding]]
 
 
-def examine(data_sets: Check, settings: Check) -> Iterator[Finding]:
+def examine(settings: Check) -> Iterator[Finding]:
     """All findings; a check that raises becomes a finding too.
 
-    data_sets, settings: the checks of packages above this one.
+    settings: a check of the package above this one.
     """
     # from what everything needs to what only a live hand needs
     checks: dict[str, Check] = {
         "machine": _machine,
         "packages": _packages,
         "onnxruntime": _runtime,
-        "data sets": data_sets,
         "models": _models,
         "settings": settings,
         "bridges": _bridges,
         "i2c": _native_buses,
-        "governor": _governor,
         "priority": _priority,
     }
     for name, check in checks.items():
@@ -107,27 +105,26 @@ def missing_of(extra: str) -> list[str]:
 
 
 def _packages() -> list[Finding]:
-    """The live path, each extra that is there, and the other extras in one line."""
-    findings = []
-    absent = []
-    for extra, names in EXTRAS.items():
-        missing = missing_of(extra)
-        there = [name for name in names if name not in missing]
-        if not missing:
-            version = importlib.metadata.version
-            found = ", ".join(f"{name} {version(name)}" for name in there)
-            findings.append(Finding(extra, "ok", found))
-        elif extra == LIVE_PATH:
-            found = f"not installed: {', '.join(missing)}"
-            findings.append(Finding(extra, "missing", found, "pip install holdfast"))
-        else:
-            absent.append(extra)
+    """The live path with its versions, and all extras in one line."""
+    missing = missing_of(LIVE_PATH)
+    live = Finding(
+        LIVE_PATH,
+        "missing",
+        f"not installed: {', '.join(missing)}",
+        "pip install holdfast",
+    )
+    if not missing:
+        versions = [
+            f"{one} {importlib.metadata.version(one)}" for one in EXTRAS[LIVE_PATH]
+        ]
+        live = Finding(LIVE_PATH, "ok", ", ".join(versions))
 
-    if absent:
-        found = f"not installed, or in part: {', '.join(absent)}"
-        step = "pip install 'holdfast[NAME]' for one that you want"
-        findings.append(Finding("extras", "ok", found, step))
-    return findings
+    absent = [extra for extra in EXTRAS if extra != LIVE_PATH and missing_of(extra)]
+    if not absent:
+        return [live, Finding("extras", "ok", "all are installed")]
+    found = f"not installed, or in part: {', '.join(absent)}"
+    step = "pip install 'holdfast[NAME]' for one that you want"
+    return [live, Finding("extras", "ok", found, step)]
 
 
 def _runtime() -> list[Finding]:
@@ -195,20 +192,6 @@ def _native_buses() -> list[Finding]:
         step = "sudo usermod -aG i2c $USER"
         return [Finding("i2c", "broken", f"not allowed: {names}", step)]
     return [Finding("i2c", "ok", names)]
-
-
-def _governor() -> list[Finding]:
-    # a governor that slows idle cores down delays the first step after a wait
-    cores = Path("/sys/devices/system/cpu")
-    files = cores.glob("cpu[0-9]*/cpufreq/scaling_governor")
-    names = sorted({file.read_text(encoding="utf-8").strip() for file in files})
-
-    if not names:
-        return [Finding("governor", "ok", "the kernel does not change the clock rate")]
-    if names == ["performance"]:
-        return [Finding("governor", "ok", "performance")]
-    step = "cpupower frequency-set -g performance, for a steady latency"
-    return [Finding("governor", "missing", ", ".join(names), step)]
 
 
 def _priority() -> list[Finding]:

@@ -23,15 +23,13 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from threading import Condition, Thread
-from typing import Annotated, Any
+from typing import Any
 
-import msgspec
-
-from holdfast.core.errors import DeviceError, UsageError
-from holdfast.core.hand_lines import line_url, not_an_address
-from holdfast.core.schema import checked
-from holdfast.drivers.serial_port import DEFAULT_BAUD, open_port
+from holdfast.core.errors import DeviceError
+from holdfast.core.hand_lines import not_an_address
+from holdfast.drivers.serial_port import open_port
 from holdfast.edge_runtime.supervisor import EXPIRES_MS
+from holdfast.live.sources import source_url
 
 MOST_UNSENT = 96
 """A serial port that still has more bytes to send has no room for a line."""
@@ -57,12 +55,6 @@ FAILURES = (OSError, DeviceError, termios.error)
 LastLine = Callable[[int, int, str], str]
 """(sequence, t_ns, reason) -> the line that ends a run, or begins after a failure."""
 Report = Callable[[str], object]
-
-
-class LinkOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What may stand behind the ? of a URL."""
-
-    baud: Annotated[int, msgspec.Meta(ge=1)] = DEFAULT_BAUD
 
 
 class UnixPort:
@@ -285,24 +277,18 @@ def open_hand_link(
 
 def _port_of(url: str, name: str) -> Port:
     """Raises UsageError, DeviceError."""
-    try:
-        where = line_url(url)
-    except ValueError as error:
-        raise not_an_address(url, name, str(error)) from None
-    scheme = where.parts.scheme
     # serial://dev/ttyX, with two slashes, would lose the first part of the path
-    has_path = not where.parts.netloc and where.path.strip("/")
-    if scheme not in ("unix", "serial") or not has_path:
-        raise not_an_address(url, name, "unix:// or serial://, and a path from / on")
-    options = checked(where.options, LinkOptions, url[:80], UsageError, strict=False)
-    if scheme == "unix":
-        receiver = UnixPort(where.path)
+    if not url.startswith(("unix:///", "serial:///")):
+        raise not_an_address(url, name, "unix:///PATH or serial:///DEVICE")
+    where = source_url(url)
+    if where.scheme == "unix":
+        receiver = UnixPort(where.name)
         # one that starts later is found then; until then its absence is reported
         with suppress(OSError):
             receiver.open()
         return receiver
 
-    port = SerialPort(where.path, options.baud)
+    port = SerialPort(where.name, where.options.baud)
     # a port that is not there is a mistake now, and a fault later
     port.open()
     return port

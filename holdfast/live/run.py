@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import msgspec
 
 from holdfast.core.contract import FloatArray
-from holdfast.core.errors import OutputError, RateError, UsageError, visible
+from holdfast.core.errors import OutputError, UsageError, visible
 from holdfast.core.lines import Sink, stream_sink
 from holdfast.core.schema import DEFAULT_MODEL
 from holdfast.core.source import Source
@@ -55,8 +55,6 @@ if TYPE_CHECKING:
     from holdfast.live.page.run_page import RunPage
     from holdfast.live.view import View
 
-PACE_READS = 30
-"""So many scans may be too slow before a hand is: the first ones are, and so is a busy machine."""
 NO_SHEAR_GAIN = (
     "the shear gain of these sensors is not known, so the friction estimate takes 1; "
     "holdfast calibrate measures it from loads with shear"
@@ -272,8 +270,7 @@ class _Run:
         elif kind == "web":
             from holdfast.live.page.run_page import open_run_page
 
-            gain = self._shear_gain or 1.0
-            self._page = open_run_page(place, self._options, card, gain, self.report)
+            self._page = open_run_page(place, self._options, card, self.report)
             return self._page
         elif kind == "lsl":
             from holdfast.drivers.lsl_library import open_answers
@@ -346,9 +343,8 @@ class _Run:
 def known_shear_gain(options: RunOptions, card: ModelCard) -> float | None:
     """Of the calibration or the scene; None where it was never measured."""
     # A calibration file may be older than its gain, and a bare hand has no calibration at all.
-    # only these two show friction, and raw fields have no newtons to correct
-    has_page = any(one.kind == "web" for one in options.outputs())
-    if not (options.grip or has_page) or card.unit != "N":
+    # only the grip needs friction, and raw fields have no newtons to correct
+    if not options.grip or card.unit != "N":
         return 1.0
     return shear_gain_of(options.source, options.calibration)
 
@@ -382,35 +378,6 @@ def answer(
         has_counters=isinstance(source, LiveHand),
     )
     tare = Tare(card.preparation, card.n_channels, resting)
-    # after the tare is ready and before the schedule: reads that are too slow would all be
-    # overruns
-    require_pace(source, model, clock)
     return run_live(
         source, monitor, tare, clock, emit, stopped=stopped, command=command
-    )
-
-
-def require_pace(source: Source, model: OpenedModel, clock: Any) -> None:
-    """Read until one scan is as fast as the model's rate.
-
-    Raises RateError where none of PACE_READS scans is.
-    """
-    # a source with a rate of its own is paced by it: only a polled bridge can be too slow
-    if source.rate_hz is not None:
-        return
-    rate_hz = model.card.rate_hz
-    fastest_s = float("inf")
-    # one fast scan is enough: what a bridge can do once it can do again
-    for _ in range(PACE_READS):
-        before_ns = clock.now_ns()
-        source.read()
-        fastest_s = min(fastest_s, 1e-9 * (clock.now_ns() - before_ns))
-        if fastest_s * rate_hz <= 1.0:
-            return
-
-    raise RateError(
-        f"the fastest of {PACE_READS} scans takes {1e3 * fastest_s:.1f} ms, "
-        f"the model needs {rate_hz:g} a second",
-        cause="a bridge too slow for this model",
-        next_step="holdfast scan shows the rate that it serves",
     )

@@ -24,11 +24,10 @@ from __future__ import annotations
 import os
 import stat
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
-from urllib.parse import SplitResult, parse_qs, unquote, urlsplit
+from urllib.parse import parse_qs, unquote, urlsplit
 
 import msgspec
 import numpy as np
@@ -107,13 +106,13 @@ class StreamOptions(NoOptions, frozen=True):
     rate_hz: RateHz | None = None
 
 
-class LineOptions(StreamOptions, frozen=True):
+class LinesOptions(StreamOptions, frozen=True):
     """Of lines. map: the file of a column map."""
 
     map: str | None = None
 
 
-class SerialOptions(LineOptions, frozen=True):
+class SerialOptions(LinesOptions, frozen=True):
     """Of a serial port."""
 
     baud: Count = 115_200
@@ -136,12 +135,13 @@ def source_url(url: str) -> SourceUrl:
     if "://" not in url or url.startswith(REPLAY):
         return SourceUrl(url, "replay", url.removeprefix(REPLAY), NoOptions())
 
-    parts = split_url(url)
-    if parts.scheme in ("tcp", "udp"):
+    try:
+        parts = urlsplit(url)
+    except ValueError as error:
         raise UsageError(
-            f"--source {url[:80]!r}: samples do not come over a network",
-            next_step="pipe them, as nc -l 9000 | holdfast run --source -",
-        )
+            f"{url[:80]!r} is not a URL ({error})",
+            next_step="write SCHEME://NAME?key=value",
+        ) from None
     if parts.scheme not in SCHEMES:
         raise UsageError(
             f"{url[:80]!r}: no such source", next_step=f"one of {_known()}"
@@ -163,17 +163,6 @@ def _known() -> str:
     return ", ".join(f"{scheme}://" for scheme in SCHEMES)
 
 
-def split_url(url: str) -> SplitResult:
-    """The parts of a URL. Raises UsageError."""
-    try:
-        return urlsplit(url)
-    except ValueError as error:
-        raise UsageError(
-            f"{url[:80]!r} is not a URL ({error})",
-            next_step="write SCHEME://NAME?key=value",
-        ) from None
-
-
 def is_standard_input(url: str) -> bool:
     """Whether a source is what is piped into the program, so that no key can be read from there."""
     return url == STANDARD_INPUT or url.startswith("stdin:")
@@ -181,17 +170,14 @@ def is_standard_input(url: str) -> bool:
 
 def is_hand(url: str) -> bool:
     """Whether a URL is a hand or a stream, which has no end of its own, unlike a recording."""
-    scheme = "stdin" if url == STANDARD_INPUT else split_url(url).scheme
-    return scheme in (*HANDS, "lsl", *LINES)
+    return source_url(url).scheme in (*HANDS, "lsl", *LINES)
 
 
 def stream_name(name: str) -> str:
     """A name of an LSL stream. Raises UsageError."""
     # liblsl finds a stream by a query in which the name stands between quotes
     if not name or "'" in name:
-        raise UsageError(
-            f"{name[:40]!r} is no name of a stream", next_step="lsl://NAME"
-        )
+        raise UsageError(f"{name[:40]!r} is no stream", next_step="lsl://NAME")
     return name
 
 
@@ -278,19 +264,8 @@ def open_bus(url: str, clock: Any, report: Report = say) -> Bus:
         hand = _virtual_hand(source, _Opening(clock, report))
         return open_virtual(source.name, hand, source.options.bus_hz)()
     if source.scheme not in HANDS:
-        step = f"{'://.., '.join(HANDS)}://.."
-        raise UsageError(f"{url!r} is not a hand", next_step=step)
+        raise UsageError(f"{url!r} is not a hand", next_step="holdfast help scan")
     return _bridge(source)()
-
-
-def named_addresses(url: str) -> frozenset[int]:
-    """The addresses of the fingers in a URL's layout. Raises UsageError."""
-    from holdfast.drivers.layout import read_layout
-
-    addresses: set[int] = set()
-    for finger in read_layout(source_url(url).options.layout):
-        addresses.update((finger.address, finger.read_at))
-    return frozenset(addresses)
 
 
 def _bridge(source: SourceUrl) -> Callable[[], Bus]:
@@ -306,19 +281,18 @@ def _hand(source: SourceUrl, opening: _Opening) -> Source:
 
 
 def _virtual(source: SourceUrl, opening: _Opening) -> Source:
+    from holdfast.drivers.virtual.virtual_hand import FORCE_N_PER_UT
+
+    def scene_force(field_ut: FloatArray) -> FloatArray:
+        """The calibration of the scenes' sensors."""
+        return np.einsum("ij,sj->si", FORCE_N_PER_UT, field_ut)
+
     hand = _virtual_hand(source, opening)
     bridge = open_virtual(source.name, hand, source.options.bus_hz)
-    live = _started(bridge, source, opening, opening.to_force or _scene_force())
+    live = _started(bridge, source, opening, opening.to_force or scene_force)
     # truth and camera of a scene count from its start, which is not that of the first sample
     live.began_ns = hand.born_ns
     return live
-
-
-def _scene_force() -> ToForce:
-    """The calibration of the scenes' sensors, for a virtual hand without a calibration."""
-    from holdfast.drivers.virtual.virtual_hand import FORCE_N_PER_UT
-
-    return lambda field_ut: np.einsum("ij,sj->si", FORCE_N_PER_UT, field_ut)
 
 
 def _started(
@@ -331,19 +305,14 @@ def _started(
     from holdfast.drivers.layout import read_layout
     from holdfast.drivers.tmag5273 import Setup
 
-    clock = opening.clock
     options = source.options
-
-    def pause(seconds: float) -> None:
-        clock.wait_until(clock.now_ns() + round(1e9 * seconds))
-
     hand = Hand(
         open_bus,
         read_layout(options.layout),
-        now_ns=clock.now_ns,
+        now_ns=opening.clock.now_ns,
         say=opening.report,
         setup=Setup(options.averages, together=options.together),
-        pause=pause,
+        pause=lambda seconds: opening.clock.spend(round(1e9 * seconds)),
     )
     hand.start()
     return LiveHand(hand, to_force)
@@ -374,9 +343,8 @@ def _virtual_hand(source: SourceUrl, opening: _Opening) -> VirtualHand:
             f"the layout has {len(places)} sensors, the scene's hand {track.n_sensors} sensors",
             next_step="name a place for each sensor, such as layout=0:35,0:22 for two",
         )
-    hand = VirtualHand(
-        opening.clock, track=track, wiring=wiring, seed=options.seed, faults=faults
-    )
+    clock, seed = opening.clock, options.seed
+    hand = VirtualHand(clock, track=track, wiring=wiring, seed=seed, faults=faults)
     # the emulated multiplexer answers where the URL's layout looks for it
     hand.mux.address = places[0].mux
     return hand
@@ -393,13 +361,12 @@ def _stream(source: SourceUrl, opening: _Opening) -> Source:
         )
     options = source.options
     inlet = LslInlet(stream_name(source.name))
-    return LslSource(
-        inlet, opening.clock.now_ns, opening.report, options.unit, options.rate_hz
-    )
+    now_ns, report = opening.clock.now_ns, opening.report
+    return LslSource(inlet, now_ns, report, options.unit, options.rate_hz)
 
 
 def _lines(source: SourceUrl, opening: _Opening) -> Source:
-    from holdfast.drivers import line_source
+    from holdfast.drivers.line_source import LineOptions, LineSource
     from holdfast.drivers.sample_lines import SampleReader
 
     options = source.options
@@ -415,21 +382,19 @@ def _lines(source: SourceUrl, opening: _Opening) -> Source:
     rate_hz = options.rate_hz or (column_map.time.rate_hz if column_map else None)
     # a file is there as a whole, and a pipe is written as time goes by
     paced = source.scheme == "stdin" and stat.S_ISREG(os.fstat(0).st_mode)
-    how = line_source.LineOptions(rate_hz, paced)
+    how = LineOptions(rate_hz, paced)
     reader = SampleReader(column_map, own_unit)
-    with ExitStack() as on_error:
-        feed = open_feed(source, "--source")
-        on_error.callback(feed.close)
-        opening.report(f"{feed.name}: waiting for the first samples")
-        clock = opening.clock
-        lines = line_source.LineSource(
-            feed, reader, clock, opening.report, how, opening.to_force
-        )
-        on_error.pop_all()
-    return lines
+    feed = open_feed(source, "--source")
+    opening.report(f"{feed.name}: waiting for the first samples")
+    clock, report = opening.clock, opening.report
+    try:
+        return LineSource(feed, reader, clock, report, how, opening.to_force)
+    except BaseException:
+        feed.close()
+        raise
 
 
-def _column_map(options: LineOptions) -> ColumnMap | None:
+def _column_map(options: LinesOptions) -> ColumnMap | None:
     if options.map is None:
         return None
     if options.unit is not None:
@@ -477,8 +442,8 @@ SCHEMES = {
     "i2c": Scheme(HandOptions, _hand),
     "virtual": Scheme(VirtualOptions, _virtual),
     "lsl": Scheme(StreamOptions, _stream),
-    "stdin": Scheme(LineOptions, _lines),
-    "unix": Scheme(LineOptions, _lines),
+    "stdin": Scheme(LinesOptions, _lines),
+    "unix": Scheme(LinesOptions, _lines),
     "serial": Scheme(SerialOptions, _lines),
     "sim": Scheme(SceneOptions, _recording),
     "replay": Scheme(NoOptions, _recording),

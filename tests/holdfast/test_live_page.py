@@ -35,7 +35,6 @@ def test_a_browser_gets_the_whole_picture_and_then_every_sample_once():
             page.frame(
                 sample(3),
                 sample(4, "risky_slip"),
-                {"mark": {"number": 1, "t_ns": 5 * 10**9}},
             )
             _, frame = next_event(answer)
     rows = [
@@ -48,7 +47,6 @@ def test_a_browser_gets_the_whole_picture_and_then_every_sample_once():
     ]
     assert [row["state"] for row in rows[3:]] == ["grasp", "risky_slip"]
     assert (rows[0]["grip"], rows[0]["load"]) == (2.0, 0.6)
-    assert frame["marks"][0]["t_s"] == 0.0
     assert frame["sample"]["answer"]["state"] == "risky_slip"
     assert frame["sample"]["rate_hz"] == pytest.approx(150.0, rel=0.01)
 
@@ -161,7 +159,7 @@ def test_the_page_names_nothing_outside_itself():
 
 
 @FOREIGN_BROWSER.mark
-@pytest.mark.parametrize("path", ["", "page.js", "events", "do/mark"])
+@pytest.mark.parametrize("path", ["", "page.js", "events", "do/load"])
 @pytest.mark.parametrize(
     "prefix", ["", "wrong/", TOKEN[:-1] + "/", TOKEN.upper() + "/", TOKEN, "%00/"]
 )
@@ -178,8 +176,8 @@ def test_with_the_token_the_page_its_parts_and_its_actions_are_there():
         statuses = [
             page.ask(f"/{TOKEN}/{path}")[0] for path in ("", "page.js", "nothing")
         ]
-        marked = page.ask(f"/{TOKEN}/do/mark", "POST")[0]
-    assert (statuses, marked, page.acted) == ([200, 200, 404], 202, [b"m"])
+        marked = page.ask(f"/{TOKEN}/do/load", "POST")[0]
+    assert (statuses, marked, page.acted) == ([200, 200, 404], 202, [b"l"])
 
 
 @FOREIGN_BROWSER.mark
@@ -195,11 +193,11 @@ def test_a_name_that_another_site_points_here_is_refused(host):
 @FOREIGN_BROWSER.mark
 def test_another_site_s_page_presses_no_button():
     with served() as page:
-        assert page.ask("/do/mark", "POST", Origin="http://attacker.example")[0] == 403
+        assert page.ask("/do/load", "POST", Origin="http://attacker.example")[0] == 403
         own = f"http://127.0.0.1:{page.port}"
-        assert page.ask("/do/mark", "POST", Origin=own)[0] == 202
+        assert page.ask("/do/load", "POST", Origin=own)[0] == 202
         assert page.ask("/do/format", "POST", Origin=own)[0] == 404
-        assert page.acted == [b"m"]
+        assert page.acted == [b"l"]
 
 
 @pytest.mark.parametrize(

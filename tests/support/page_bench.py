@@ -10,9 +10,10 @@ from http.client import HTTPConnection, HTTPResponse
 from threading import Thread
 from typing import Any
 
-from holdfast.live.page.run_page import ACTIONS, drawn_hand
+from holdfast.live.page.run_page import drawn_hand
 from holdfast.live.page.server import Access, PageServer
 from holdfast.live.page.stream import LiveStream
+from holdfast.sessions.recorder.display import ACTIONS
 
 LOCAL = Access("", ("localhost", "127.0.0.1", "::1"))
 ABOUT = {

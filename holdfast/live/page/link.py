@@ -1,11 +1,11 @@
-"""The loop's end of the live page: messages that leave without waiting, and the page's actions.
+"""The loop's end of the live page: messages that leave without waiting.
 
 The page is served by a separate process, because threads of the loop's process would take turns
 with it. Between both is a pair of sockets that never block. A message that finds no room is dropped
 and counted. Where that process dies, the loop reports it once and goes on.
 
 One message is one packet of JSON. The first has `access` and `about`; later ones have one of
-`sample`, `said`, `mark`, `ready`, `about`, and the last one `end`. An action is one byte.
+`sample`, `said`, `ready`, `about`, and the last one `end`. An action is one byte.
 
 The page listens on [HOST:]PORT. On a loopback host (the default) the page has no token; its server
 answers only requests that name a loopback host, so no other web site can reach it by a name that it
@@ -169,13 +169,6 @@ class PageLink:
             self._drop(error)
             return False
         return True
-
-    def action(self) -> bytes:
-        """The next action of the page, b"" where there is none. Never waits."""
-        try:
-            return self._channel.recv(1)
-        except OSError:
-            return b""
 
     def close(self, end: str) -> None:
         """Show how the run ended and end the link; the loop is over, so this may wait for END_S."""

@@ -1,4 +1,4 @@
-"""What the live page knows: the last seconds of samples, messages and marks; and frames of them.
+"""What the live page knows: the last seconds of samples, the messages, and frames of them.
 
 All browsers get the same frames. A frame has the newest sample and a short row for each sample
 since the frame before, so that no risky sample falls between two frames. A browser that was stalled
@@ -24,8 +24,6 @@ KEPT_FRAMES = 32
 """About two seconds of frames for a slow browser."""
 MOST_SAID = 40
 """Lines that the page shows and a new browser gets; older ones are forgotten."""
-MOST_MARKS = 100
-"""Marks that are kept; the oldest is forgotten first."""
 ROW_FIELDS = ("t_s", "state", "p_risky", "load", "grip", "target", "act")
 """What a row of a frame has, in this order; null where it is not known."""
 SIGNIFICANT = 6
@@ -46,7 +44,6 @@ class LiveStream:
         self._rows: deque[list[Any]] = deque()
         self._fresh: list[list[Any]] = []
         self._lines: deque[str] = deque(maxlen=MOST_SAID)
-        self._marks: deque[Message] = deque(maxlen=MOST_MARKS)
         self._ready: Message | None = None
         self._news: Message = {}
         self._frames: deque[bytes] = deque(maxlen=KEPT_FRAMES)
@@ -65,12 +62,6 @@ class LiveStream:
             if "said" in message:
                 self._lines.append(message["said"])
                 self._news.setdefault("said", []).append(message["said"])
-            if "mark" in message:
-                mark = dict(message["mark"])
-                # the page counts from the first sample, the run in ns of its clock
-                mark["t_s"] = self._since_start(mark["t_ns"])
-                self._marks.append(mark)
-                self._news.setdefault("marks", []).append(mark)
             if "ready" in message:
                 self._ready = self._news["ready"] = message["ready"]
             if "about" in message:
@@ -85,8 +76,8 @@ class LiveStream:
             self._first_ns = t_ns
         # time never goes back within a run (holdfast/live/loop.py: restarts)
         elif t_ns < self._newest["t_ns"]:
-            for kept in (self._rows, self._fresh, self._marks):
-                kept.clear()
+            self._rows.clear()
+            self._fresh.clear()
             self._first_ns = t_ns
             self._news["restarts"] = True
         self._newest = sample
@@ -105,7 +96,7 @@ class LiveStream:
         with self._changed:
             frame = self._now(now_s)
             frame["rows"] = self._fresh
-            # messages and marks are rare, so a frame has these keys only where they changed
+            # messages are rare, so a frame has this key only where they changed
             frame |= self._news
             self._frames.append(event("frame", frame))
             self._count += 1
@@ -146,7 +137,6 @@ class LiveStream:
         picture["about"] = {**self.about, "rows": ROW_FIELDS, "shown_s": SHOWN_S}
         picture["rows"] = list(self._rows)
         picture["said"] = list(self._lines)
-        picture["marks"] = list(self._marks)
         picture["ready"] = self._ready
         return event("whole", picture)
 
