@@ -34,7 +34,7 @@ def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
 
 def opened(tab: Tab, page: Served, width: int = 1280, **how: Any) -> None:
     tab.problems.clear()
-    tab.open(f"http://127.0.0.1:{page.port}/", width, 844, **how)
+    tab.open(page.url, width, 844, **how)
     tab.wait_until(f"{STATE} !== 'no connection'")
 
 

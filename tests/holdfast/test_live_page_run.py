@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -147,27 +148,29 @@ def test_a_page_reads_to_the_end_what_a_run_sent_that_left_an_action_unread(ends
 # -- a process of its own
 
 
-def ask(port: int, path: str, method: str = "GET") -> bytes:
-    connection = HTTPConnection("127.0.0.1", port, timeout=300)
-    connection.request(method, path)
+def ask(page: tuple[int, str], path: str, method: str = "GET") -> bytes:
+    connection = HTTPConnection("127.0.0.1", page[0], timeout=300)
+    connection.request(method, page[1] + path)
     answer = connection.getresponse()
     content = answer.read()
     connection.close()
     return content
 
 
-def port_in(line: str) -> int:
-    assert "live page: http://127.0.0.1:" in line
-    return int(line.rsplit(":", 1)[1].strip().strip("/"))
+def page_in(line: str) -> tuple[int, str]:
+    """Its port and its token."""
+    found = re.search(r"live page: http://127\.0\.0\.1:(\d+)(/.{22})/$", line.strip())
+    assert found
+    return int(found[1]), found[2]
 
 
 def test_the_page_ends_with_what_it_shows_and_its_port_is_free_again():
     lines: list[str] = []
     about = {"verb": "run", "actions": []}
     for address in ("0", None):
-        address = address or str(port_in(lines[0]))
+        address = address or str(page_in(lines[0])[0])
         link = open_page(address, about, lines.append)
-        assert b"Holdfast live" in ask(port_in(lines[-1]), "/")
+        assert b"Holdfast live" in ask(page_in(lines[-1]), "/")
         assert link.send({"said": "begun"})
         process = link._process
         assert process is not None
@@ -175,7 +178,7 @@ def test_the_page_ends_with_what_it_shows_and_its_port_is_free_again():
         # a busy machine gives the process, which is nice, more time than a run waits for it
         process.wait(60.0)
         with pytest.raises(ConnectionRefusedError):
-            ask(port_in(lines[-1]), "/")
+            ask(page_in(lines[-1]), "/")
     assert len(lines) == 2
 
 
@@ -195,9 +198,9 @@ def test_a_run_shows_itself_and_ends_as_without_a_page():
     ) as run:
         try:
             assert run.stderr is not None
-            port = port_in(next(line for line in run.stderr if "live page" in line))
-            events = HTTPConnection("127.0.0.1", port, timeout=300)
-            events.request("GET", "/events")
+            page = page_in(next(line for line in run.stderr if "live page" in line))
+            events = HTTPConnection("127.0.0.1", page[0], timeout=300)
+            events.request("GET", page[1] + "/events")
             answer = events.getresponse()
             while not ((shown := next_event(answer)[1]["sample"]) and all(shown["v"])):
                 pass
@@ -218,9 +221,9 @@ def test_a_run_that_is_killed_ends_its_page():
     command = [*RUN, "--to", "web:0"]
     with subprocess.Popen(command, cwd=ROOT, text=True, stderr=subprocess.PIPE) as run:
         assert run.stderr is not None
-        port = port_in(next(line for line in run.stderr if "live page" in line))
-        events = HTTPConnection("127.0.0.1", port, timeout=300)
-        events.request("GET", "/events")
+        page = page_in(next(line for line in run.stderr if "live page" in line))
+        events = HTTPConnection("127.0.0.1", page[0], timeout=300)
+        events.request("GET", page[1] + "/events")
         answer = events.getresponse()
         next_event(answer)
         run.kill()
@@ -268,19 +271,19 @@ def test_a_trial_is_started_marked_and_kept_from_the_page_alone(tmp_path):
     words = cup_pull(tmp_path / "out")
     assert words[1] == REST
     with start(*words, "--to", "web:0", "--trials", "1") as run:
-        port = port_in(wait_for(run, "live page"))
-        events = HTTPConnection("127.0.0.1", port, timeout=300)
-        events.request("GET", "/events")
+        page = page_in(wait_for(run, "live page"))
+        events = HTTPConnection("127.0.0.1", page[0], timeout=300)
+        events.request("GET", page[1] + "/events")
         answer = events.getresponse()
         while (ready := next_event(answer)[1].get("ready")) is None:
             pass
-        ask(port, "/do/start", "POST")
+        ask(page, "/do/start", "POST")
         while not (
             (sample := next_event(answer)[1]["sample"]) and sample["trial_s"] > 0.3
         ):
             pass
-        ask(port, "/do/load", "POST")
-        ask(port, "/do/keep", "POST")
+        ask(page, "/do/load", "POST")
+        ask(page, "/do/keep", "POST")
         _, err = run.communicate(timeout=300)
         events.close()
     assert run.returncode == 0, err
