@@ -552,11 +552,6 @@ def test_the_udev_rules_name_every_bridge():
             )
 
 
-def test_a_bridge_too_slow_for_the_model_is_refused_before_the_first_sample(model):
-    with pytest.raises(RateError, match=r"scans takes .* ms, the model needs 150"):
-        live(model, "virtual://ft232h?bus_hz=20000", 1.0)
-
-
 def test_a_bridge_whose_first_scans_are_slow_is_not_refused(model):
     clock = VirtualClock()
     source = Steady(clock, 50, stalls=dict.fromkeys(range(20), 0.01))
