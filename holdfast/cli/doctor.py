@@ -45,7 +45,6 @@ def run(args: argparse.Namespace) -> int:
     """Print every finding when it is there; 1 where a check of the model failed."""
     if args.completion is not None:
         return _complete(args.completion)
-    # a missing thing on a machine is a result, and no failure
     if args.model is None:
         from holdfast.live.doctor import examine
 
@@ -56,15 +55,17 @@ def run(args: argparse.Namespace) -> int:
         findings = model_checks(args.model)
 
     found = []
+    failed = False
     for one in findings:
-        found.append(one)
+        found.append(asdict(one))
+        # a missing thing on a machine is a result, and no failure
+        failed = failed or (args.model is not None and one.status != "ok")
         if args.json != STDOUT:
             # at once and not at the end: a check that hangs is then the next one
             step = f"  -> {one.next_step}" if one.next_step else ""
             show(f"{one.status:<9}{one.what:<30}{one.found}{step}")
             sys.stdout.flush()
-    failed = args.model is not None and any(one.status != "ok" for one in found)
-    write_found(args, {"ok": not failed, "findings": [asdict(one) for one in found]})
+    write_found(args, {"ok": not failed, "findings": found})
     return int(failed)
 
 
@@ -84,7 +85,7 @@ def whole_parser(
 ) -> argparse.ArgumentParser:
     """All commands in one parser. files: how shtab completes names of files."""
     # here: the rest of the doctor runs where no package is installed
-    from holdfast.cli.settings import add_config_option
+    from holdfast.cli.options import add_config_option
 
     whole = argparse.ArgumentParser(prog="holdfast")
     commands = whole.add_subparsers()
@@ -104,7 +105,7 @@ def whole_parser(
 
 def _settings() -> list[Finding]:
     """Each value of holdfast.toml here, and where it comes from."""
-    from holdfast.cli.settings import DEFAULT, read_settings, settings_file
+    from holdfast.cli.options import DEFAULT, read_settings, settings_file
     from holdfast.live.doctor import Finding
 
     path = settings_file([])

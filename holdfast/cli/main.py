@@ -127,7 +127,7 @@ def _run(verb: str, argv: Sequence[str]) -> int:
     module = import_module(name)
     parser = _parser(verb, argv, about)
     module.add_arguments(parser)
-    code: int = module.run(parser.parse_args([_stdin_url(word) for word in argv]))
+    code: int = module.run(parser.parse_args(list(map(_stdin_url, argv))))
     return code
 
 
@@ -142,7 +142,7 @@ def _parser(verb: str, argv: Sequence[str], about: str) -> Parser:
         return Parser(prog=prog, description=about)
 
     # only these commands read files of settings
-    from holdfast.cli.settings import SettingsParser, read_settings, settings_file
+    from holdfast.cli.options import SettingsParser, read_settings, settings_file
 
     # Before the parser exists, because they become its defaults.
     settings = read_settings(settings_file(argv))

@@ -6,7 +6,7 @@ holdfast run mine.onnx --source usb://ft232h --grip unix:///run/hand/grip
 holdfast run mine.onnx --source usb://ft232h --engine c
 holdfast run --source usb://ft232h --to web:8000 --to today.jsonl
 
-What is of a hand and seldom changes stands in holdfast.toml (cli/settings.py).
+What is of a hand and seldom changes stands in holdfast.toml (cli/options.py).
 """
 
 from __future__ import annotations
@@ -53,9 +53,8 @@ def run(args: argparse.Namespace) -> int:
     """Run until stopped; answers to --to, messages and the summary on stderr."""
     from holdfast.live.run import RunOptions, run
 
-    known = RunOptions.__struct_fields__
-    typed = {
-        name: value for name, value in vars(args).items() if name in known and value
-    }
-    options = RunOptions(**(args.settings | typed))
-    return run(options, args.seconds, set_reader(args.source))
+    values = dict(args.settings)
+    for name, value in vars(args).items():
+        if name in RunOptions.__struct_fields__ and value:
+            values[name] = value
+    return run(RunOptions(**values), args.seconds, set_reader(args.source))

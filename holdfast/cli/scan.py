@@ -33,11 +33,11 @@ def run(args: argparse.Namespace) -> int:
             next_step="holdfast doctor; holdfast scan i2c://1 for the board's own bus",
         )
 
-    buses = [_surveyed(url) for url in urls]
+    buses = list(map(_surveyed, urls))
     lines: list[str] = []
     for bus in buses:
         lines += bus.lines()
-    show_found(args, "\n".join(lines), {"buses": [asdict(bus) for bus in buses]})
+    show_found(args, "\n".join(lines), {"buses": list(map(asdict, buses))})
     return 0
 
 

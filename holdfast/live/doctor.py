@@ -187,7 +187,7 @@ def _native_buses() -> list[Finding]:
         return [Finding("i2c", "missing", "no /dev/i2c-*", step)]
 
     # a bus that is there and not allowed needs another remedy than a missing one
-    names = ", ".join(str(bus) for bus in buses)
+    names = ", ".join(map(str, buses))
     if not all(os.access(bus, os.R_OK | os.W_OK) for bus in buses):
         step = "sudo usermod -aG i2c $USER"
         return [Finding("i2c", "broken", f"not allowed: {names}", step)]

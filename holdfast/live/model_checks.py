@@ -108,10 +108,9 @@ def clock_goes_on(model: Model) -> tuple[bool, str]:
         clock.wait_until(due_ns)
         late_ns.append(clock.now_ns() - due_ns)
 
-    early = sum(one < 0 for one in late_ns)
-    waits = (
-        f"{WAITS} waits, {early} too short, late by {max(late_ns) / 1e3:.0f} us at most"
-    )
+    early = int((np.array(late_ns) < 0).sum())
+    late = f"late by {max(late_ns) / 1e3:.0f} us at most"
+    waits = f"{WAITS} waits, {early} too short, {late}"
     return back + early == 0, f"{CLOCK_READS} readings, {back} back; {waits}"
 
 

@@ -67,7 +67,7 @@ Text = Annotated[str, msgspec.Meta(min_length=1)]
 
 
 class RunOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What may stand in holdfast.toml; what is typed takes its place (holdfast/cli/settings.py).
+    """What may stand in holdfast.toml; what is typed takes its place (holdfast/cli/options.py).
 
     model: a shipped one or a file; hand: the hand card of recordings; library: of the engine c;
     ceiling_n: largest grip of the hand, N of either side; feedback: where cues go; cues: their
@@ -97,7 +97,7 @@ class RunOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def outputs(self) -> list[OutputUrl]:
         """Where answers go, in the order of KINDS; JSON lines where nothing is named."""
-        named = [output_url(url) for url in self.to or ("-",)]
+        named = map(output_url, self.to or ("-",))
         return sorted(named, key=lambda one: KINDS.index(one.kind))
 
     def choice(self) -> ModelChoice:

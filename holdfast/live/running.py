@@ -103,7 +103,7 @@ def stop_signals() -> Iterator[Callable[[], bool]]:
     """
     requested = False
     # only terminals: a file or a pipe is not lost with the connection
-    terminals = [handle for handle in (0, 1, 2) if os.isatty(handle)]
+    terminals = list(filter(os.isatty, (0, 1, 2)))
 
     def stop(number: int, frame: object) -> None:
         nonlocal requested

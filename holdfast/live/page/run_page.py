@@ -90,7 +90,7 @@ def sample_message(
         "n": sample.sequence,
         "t_ns": sample.t_ns,
         "x": sample.values.tolist(),
-        "v": [int(good) for good in sample.valid],
+        "v": sample.valid.astype(int).tolist(),
         "why": measured.why,
         "lost": lost,
         "unsent": unsent,
