@@ -89,10 +89,10 @@ def shear_gain_of(url: str, calibration: str | Path | None) -> float | None:
         return shear_gain()
     if not url.startswith(SIM):
         return None
-    from holdfast.live.scene import trials_of
+    from holdfast.live.scene import trial_of
     from holdfast.simulation.magnet import shear_gain_in
 
-    return shear_gain_in(trials_of(source_url(url))[0].file.effects)
+    return shear_gain_in(trial_of(source_url(url))[0].file.effects)
 
 
 def resting_of(path: str | Path | None, source: Source) -> FloatArray | None:

@@ -1,9 +1,9 @@
 """Scenes behind sim:// and virtual:// URLs, and one that goes on while it is read.
 
-`sim://` is trials of a scene, one after another, as one stream. `virtual://..?scene=..` has the
-field of a trial at emulated chips, recorded, or stepped as it is read: ROWS_HZ times a second of
-its own time, as far as the next sample needs. So the real driver reads, the real file answers, and
-the answer moves the emulated drive from that moment on.
+`sim://` is a trial of a scene as a stream. `virtual://..?scene=..` has the field of a trial at
+emulated chips, recorded, or stepped as it is read: ROWS_HZ times a second of its own time, as far
+as the next sample needs. So the real driver reads, the real file answers, and the answer moves the
+emulated drive from that moment on.
 
 The hand in the scene follows the rules of docs/shared-control.md: where no command comes for
 EXPIRES_MS, it holds its grip. The physics share a core with the loop, and no time passes for them:
@@ -55,40 +55,42 @@ COPIES = 2
 # -- trials of a scene
 
 
+# a run needs one trial, and a long one is large
 @lru_cache(maxsize=1)
-def trials_of(source: SourceUrl) -> tuple[Scene, list[SimulatedTrial]]:
-    """The trials of a sim:// URL. Raises CardError, UsageError."""
-    options = source.options
-    scene = Scene(read_scene_file(source.name, rate_hz=options.rate_hz), options.seed)
+def trial_of(source: SourceUrl) -> tuple[Scene, SimulatedTrial]:
+    """The trial of a sim:// URL, or of a virtual:// one at 1 kHz. Raises CardError, UsageError."""
+    if source.scheme == "virtual":
+        scene, trial = planned_trial(source, FIELD_HZ)
+    else:
+        card = read_scene_file(source.name, rate_hz=source.options.rate_hz)
+        scene = Scene(card, source.options.seed)
+        trial = _chosen(scene, source.options.trial)
+    return scene, scene.run_together([trial])[0]
+
+
+def _chosen(scene: Scene, number: int) -> PlannedTrial:
     trials = scene.trials()
-    chosen = trials[options.trial : options.trial + options.trials]
-    if not 0 < len(chosen) == options.trials:
-        raise UsageError(
-            f"{source.url!r}: no {options.trials} trials from {options.trial} on",
-            next_step=f"choose from 0..{len(trials) - 1}",
-        )
-    return scene, scene.run_together(chosen)
+    if number >= len(trials):
+        what = f"scene {scene.file.name}: no trial {number}"
+        raise UsageError(what, next_step=f"0..{len(trials) - 1}")
+    return trials[number]
 
 
 def simulated_stream(source: SourceUrl) -> Replay:
-    """Trials of a sim:// URL, one after another, as one stream. Raises CardError, UsageError."""
-    scene, trials = trials_of(source)
-    # end to end, with the state of the model going on from one to the next
-    signal, _, _ = scene.join(trials)
+    """The trial of a sim:// URL as a stream. Raises CardError, UsageError."""
+    scene, trial = trial_of(source)
+    signal, _, _ = scene.join([trial])
     t_ns = np.round(signal.t_s * 1e9).astype(np.int64)
     values = signal.values.reshape(len(t_ns), -1)
     return Replay(t_ns, values, signal.valid, scene.file.rate_hz, signal.unit)
 
 
 def truth_of_url(url: str) -> Truth | None:
-    """The truth of the one trial of a scene behind sim:// or virtual://; None for other URLs."""
+    """The truth of the trial behind sim:// or virtual://; None where no scene is."""
     source = source_url(url)
-    if source.scheme == "sim":
-        trials = trials_of(source)[1]
-        return trials[0].truth if len(trials) == 1 else None
-    if source.scheme != "virtual" or not source.options.scene:
+    if source.scheme == "virtual" and not source.options.scene:
         return None
-    return _simulated(source).truth
+    return trial_of(source)[1].truth
 
 
 def field_of(source: SourceUrl, report: Callable[[str], None]) -> Track:
@@ -97,15 +99,8 @@ def field_of(source: SourceUrl, report: Callable[[str], None]) -> Track:
     It takes seconds, so `report` gets a line. Raises CardError, UsageError.
     """
     report(f"simulating scene {source.options.scene}")
-    signal = _simulated(source).signal
+    signal = trial_of(source)[1].signal
     return Track(signal.t_s, signal.values)
-
-
-# a run needs one trial, and a long one is large
-@lru_cache(maxsize=1)
-def _simulated(source: SourceUrl) -> SimulatedTrial:
-    scene, trial = planned_trial(source, FIELD_HZ)
-    return scene.run_together([trial])[0]
 
 
 def planned_trial(
@@ -128,11 +123,7 @@ def planned_trial(
     steps = card.step_s if step_s is None else step_s
     field = replace(card, rate_hz=rate_hz, unit="uT", effects=effects, step_s=steps)
     scene = Scene(field, options.seed)
-    trials = scene.trials()
-    if options.trial >= len(trials):
-        what = f"scene {options.scene}: no trial {options.trial}"
-        raise UsageError(what, next_step=f"0..{len(trials) - 1}")
-    return scene, trials[options.trial]
+    return scene, _chosen(scene, options.trial)
 
 
 # -- a scene that goes on while it is read

@@ -9,7 +9,7 @@
                                               header; of a file, at its own pace
     unix:///PATH                              datagrams of lines to a file with permissions 0600
     serial:///dev/ttyACM0?baud=115200         lines of a serial port (extra `serial`)
-    sim://SCENE?seed=S&trial=N&trials=K       trials of a scene, simulated now, end to end
+    sim://SCENE?seed=S&trial=N                a trial of a scene, simulated now
     replay://PATH, PATH                       a recorded trial, at its own pace
     replay://SET#N, SET#N                     trial N (or its name) of a data set
 
@@ -91,11 +91,10 @@ class VirtualOptions(HandOptions, frozen=True):
 
 
 class SceneOptions(NoOptions, frozen=True):
-    """Of trials of a scene."""
+    """Of a trial of a scene."""
 
     seed: Count = 0
     trial: Count = 0
-    trials: Count = 1
     rate_hz: float | None = None
 
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import hmac
 import socket
-import struct
 from collections.abc import Callable
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -42,8 +41,6 @@ HEADERS = {
     "Cache-Control": "no-store",
     "Connection": "close",
 }
-RESET = struct.pack("ii", 1, 0)
-"""Closing sends no more data."""
 TEXT = "text/plain; charset=utf-8"
 EVENT_STREAM = "text/event-stream"
 REFUSED = "not allowed: open the address that the command printed\n"
@@ -133,12 +130,8 @@ class PageHandler(BaseHTTPRequestHandler):
         self._head(HTTPStatus.OK, EVENT_STREAM)
         # a browser that was disconnected comes back after a second
         self.wfile.write(b"retry: 1000\n\n")
-        try:
-            for block in self.server.stream.frames():
-                self.wfile.write(block)
-        except TimeoutError:
-            # what still waits is thrown away, so that a stalled browser holds no kernel memory
-            self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET)
+        for block in self.server.stream.frames():
+            self.wfile.write(block)
 
     def _plain(self, status: HTTPStatus, text: str) -> None:
         self._answer(status, TEXT, text.encode())
