@@ -33,20 +33,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     option("model", type=path_argument, metavar="MODEL", help="a sealed model file")
-    data = "recordings of the person: eight hand-overs and a minute of holding"
-    option("--data", metavar="FOLDER", help=data)
+    option(
+        "--data",
+        metavar="FOLDER",
+        help="recordings of the person: eight hand-overs and a minute of holding",
+    )
     option("--person", metavar="PSEUDONYM", help="whose recordings in FOLDER")
-    slips = "recordings with slips, of any person (default: simulated trials)"
-    option("--slips", metavar="SET|FOLDER", help=slips)
-    out = "model file to write; its card is written next to it"
-    option("--out", type=path_argument, required=True, metavar="FILE", help=out)
+    option(
+        "--slips",
+        metavar="SET|FOLDER",
+        help="recordings with slips, of any person (default: simulated trials)",
+    )
+    option(
+        "--out",
+        type=path_argument,
+        required=True,
+        metavar="FILE",
+        help="model file to write; its card is written next to it",
+    )
     option(
         "--undo",
         action="store_true",
         help="write the base of an adapted file, byte for byte",
     )
-    force = "replace FILE if it exists, and write it although it is worse than its base"
-    option("--force", action="store_true", help=force)
+    option(
+        "--force",
+        action="store_true",
+        help="replace FILE if it exists, and write it although it is worse than its base",
+    )
     add_json_option(parser)
 
 

@@ -30,8 +30,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="bias to write (JSON)",
     )
-    duration = "duration of the measurement (default 2)"
-    option("--seconds", type=positive, default=2.0, metavar="S", help=duration)
+    option(
+        "--seconds",
+        type=positive,
+        default=2.0,
+        metavar="S",
+        help="duration of the measurement (default 2)",
+    )
     option("--anyway", action="store_true", help="write it even if it is not good")
     add_json_option(parser)
 

@@ -214,9 +214,13 @@ STDOUT = Path("-")
 
 def add_json_option(parser: argparse.ArgumentParser) -> None:
     """--json, which means the same in every command."""
-    text = "what was found as one JSON object, to FILE; without FILE to stdout, instead of words"
     parser.add_argument(
-        "--json", nargs="?", const=STDOUT, type=path_argument, metavar="FILE", help=text
+        "--json",
+        nargs="?",
+        const=STDOUT,
+        type=path_argument,
+        metavar="FILE",
+        help="what was found as one JSON object, to FILE; without FILE to stdout, instead of words",
     )
 
 

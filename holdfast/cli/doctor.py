@@ -32,11 +32,16 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
-    model = "check this model file on this machine, about 5 s (default: the machine)"
-    parser.add_argument("model", nargs="?", metavar="MODEL", help=model)
-    completion = "print what makes a shell complete commands, and stop"
     parser.add_argument(
-        "--completion", choices=("bash", "zsh", "fish"), help=completion
+        "model",
+        nargs="?",
+        metavar="MODEL",
+        help="check this model file on this machine, about 5 s (default: the machine)",
+    )
+    parser.add_argument(
+        "--completion",
+        choices=("bash", "zsh", "fish"),
+        help="print what makes a shell complete commands, and stop",
     )
     add_json_option(parser)
 

@@ -43,11 +43,13 @@ SIDE_MM = (1.0, 200.0)
 
 def add_source_option(parser: argparse.ArgumentParser) -> None:
     """--source."""
-    urls = (
-        "usb://ft232h, i2c://1, virtual://ft232h?scene=.., sim://CARD, lsl://NAME, or lines: "
-        "- (stdin), unix:///PATH, serial:///dev/ttyACM0 (docs/live-sources.md)"
+    parser.add_argument(
+        "--source",
+        required=True,
+        metavar="URL",
+        help="usb://ft232h, i2c://1, virtual://ft232h?scene=.., sim://CARD, lsl://NAME, or lines: "
+        "- (stdin), unix:///PATH, serial:///dev/ttyACM0 (docs/live-sources.md)",
     )
-    parser.add_argument("--source", required=True, metavar="URL", help=urls)
 
 
 def set_reader(source: str) -> SetReader | None:
@@ -62,14 +64,22 @@ def set_reader(source: str) -> SetReader | None:
 
 def add_calibration_option(parser: argparse.ArgumentParser) -> None:
     """--calibration."""
-    made = "map from field to force, made by holdfast calibrate"
-    parser.add_argument("--calibration", type=path_argument, metavar="FILE", help=made)
+    parser.add_argument(
+        "--calibration",
+        type=path_argument,
+        metavar="FILE",
+        help="map from field to force, made by holdfast calibrate",
+    )
 
 
 def add_page_option(parser: argparse.ArgumentParser) -> None:
     """--to, of a verb that shows a page and nothing else."""
-    web = "web[:[HOST:]PORT]: show it on a page in the browser (docs/live-page.md)"
-    parser.add_argument("--to", type=_page, metavar="web[:PORT]", help=web)
+    parser.add_argument(
+        "--to",
+        type=_page,
+        metavar="web[:PORT]",
+        help="web[:[HOST:]PORT]: show it on a page in the browser (docs/live-page.md)",
+    )
 
 
 def _page(word: str) -> str:
@@ -85,15 +95,25 @@ def _page(word: str) -> str:
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
     """The options that `record` and `study` share."""
     option = parser.add_argument
-    rate = f"sampling rate of a hand (default {RATE_HZ:g})"
-    option("--rate", type=positive, default=RATE_HZ, metavar="HZ", help=rate)
-    option("--anyway", action="store_true", help="record even if the bias is not good")
-    seconds = "end and keep a trial after S seconds"
-    option("--seconds", type=positive, metavar="S", help=seconds)
-    card = (
-        "hand card, by name or path (docs/scenes.md#hands); the recordings keep a copy"
+    option(
+        "--rate",
+        type=positive,
+        default=RATE_HZ,
+        metavar="HZ",
+        help=f"sampling rate of a hand (default {RATE_HZ:g})",
     )
-    option("--hand", metavar="CARD", help=card)
+    option("--anyway", action="store_true", help="record even if the bias is not good")
+    option(
+        "--seconds",
+        type=positive,
+        metavar="S",
+        help="end and keep a trial after S seconds",
+    )
+    option(
+        "--hand",
+        metavar="CARD",
+        help="hand card, by name or path (docs/scenes.md#hands); the recordings keep a copy",
+    )
     option("--camera", metavar="oak|FILE", help="film every trial (docs/camera.md)")
     add_camera_options(parser)
     add_wearer_option(parser)
@@ -102,18 +122,28 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
 def add_camera_options(parser: argparse.ArgumentParser) -> None:
     """--tag-mm, --fps and --exposure-ms, which an OAK camera needs."""
     option = parser.add_argument
-    side = "oak: measured side of the printed tags"
-    option("--tag-mm", type=printed_mm, metavar="MM", help=side)
-    fps = "oak: frames a second (default 60)"
-    option("--fps", type=positive, metavar="HZ", help=fps)
-    exposure = "oak: exposure (default 2)"
-    option("--exposure-ms", type=positive, metavar="MS", help=exposure)
+    option(
+        "--tag-mm",
+        type=printed_mm,
+        metavar="MM",
+        help="oak: measured side of the printed tags",
+    )
+    option(
+        "--fps", type=positive, metavar="HZ", help="oak: frames a second (default 60)"
+    )
+    option(
+        "--exposure-ms", type=positive, metavar="MS", help="oak: exposure (default 2)"
+    )
 
 
 def add_apart_option(parser: argparse.ArgumentParser) -> None:
     """--apart-mm."""
-    apart = "distance between the tags' centres at the start, as a check"
-    parser.add_argument("--apart-mm", type=positive, metavar="MM", help=apart)
+    parser.add_argument(
+        "--apart-mm",
+        type=positive,
+        metavar="MM",
+        help="distance between the tags' centres at the start, as a check",
+    )
 
 
 def printed_mm(word: str) -> float:
@@ -130,8 +160,11 @@ def printed_mm(word: str) -> float:
 def add_wearer_option(parser: argparse.ArgumentParser) -> None:
     """--wearer."""
     urls = "unix:///PATH, serial:///dev/ttyX, lsl://NAME, - or replay://FILE"
-    wearer = f"the stream of what the wearer wants: open, close, stop; {urls}"
-    parser.add_argument("--wearer", metavar="URL", help=wearer)
+    parser.add_argument(
+        "--wearer",
+        metavar="URL",
+        help=f"the stream of what the wearer wants: open, close, stop; {urls}",
+    )
 
 
 def add_job_options(parser: argparse.ArgumentParser, processes: int) -> None:
@@ -140,12 +173,18 @@ def add_job_options(parser: argparse.ArgumentParser, processes: int) -> None:
     processes: the default.
     """
     option = parser.add_argument
-    jobs = f"processes (default {processes})"
-    option("--jobs", type=whole(1), default=processes, metavar="N", help=jobs)
-    dask = (
-        "run on a Dask cluster instead: the address of its scheduler (docs/cluster.md)"
+    option(
+        "--jobs",
+        type=whole(1),
+        default=processes,
+        metavar="N",
+        help=f"processes (default {processes})",
     )
-    option("--dask", metavar="ADDRESS", help=dask)
+    option(
+        "--dask",
+        metavar="ADDRESS",
+        help="run on a Dask cluster instead: the address of its scheduler (docs/cluster.md)",
+    )
 
 
 def chosen_workers(args: argparse.Namespace) -> Workers:
@@ -157,15 +196,23 @@ def chosen_workers(args: argparse.Namespace) -> Workers:
 
 def add_engine_option(parser: argparse.ArgumentParser) -> None:
     """--engine."""
-    engine = "what computes a step: onnxruntime (default), or a library by holdfast export --to c"
-    parser.add_argument("--engine", choices=ENGINES, default=ONNXRUNTIME, help=engine)
+    parser.add_argument(
+        "--engine",
+        choices=ENGINES,
+        default=ONNXRUNTIME,
+        help="what computes a step: onnxruntime (default), or a library by holdfast export --to c",
+    )
 
 
 def add_engine_options(parser: argparse.ArgumentParser) -> None:
     """The options that `evaluate` and the studies share."""
     add_engine_option(parser)
-    library = "the library of --engine c (default MODEL-c/libholdfast.so)"
-    parser.add_argument("--library", type=path_argument, metavar="FILE", help=library)
+    parser.add_argument(
+        "--library",
+        type=path_argument,
+        metavar="FILE",
+        help="the library of --engine c (default MODEL-c/libholdfast.so)",
+    )
 
 
 def chosen_model(args: argparse.Namespace) -> ModelChoice:
@@ -230,8 +277,12 @@ def read_settings(path: Path | None) -> dict[str, Any]:
 
 def add_config_option(parser: argparse.ArgumentParser) -> None:
     """--config, which is read before the other options are."""
-    config = "settings of the hand (default: holdfast.toml, if it is here)"
-    parser.add_argument("--config", type=path_argument, metavar="FILE", help=config)
+    parser.add_argument(
+        "--config",
+        type=path_argument,
+        metavar="FILE",
+        help="settings of the hand (default: holdfast.toml, if it is here)",
+    )
 
 
 class SettingsParser(Parser):

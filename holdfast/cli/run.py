@@ -27,26 +27,42 @@ from holdfast.core.schema import DEFAULT_MODEL
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
-    model = f"a sealed holdfast.onnx (default: the shipped {DEFAULT_MODEL})"
-    option("model", nargs="?", default=DEFAULT_MODEL, metavar="MODEL", help=model)
+    option(
+        "model",
+        nargs="?",
+        default=DEFAULT_MODEL,
+        metavar="MODEL",
+        help=f"a sealed holdfast.onnx (default: the shipped {DEFAULT_MODEL})",
+    )
     add_source_option(parser)
-    to = (
-        "where answers go, as often as wanted: - (JSON lines on stdout, the default), "
-        "FILE.jsonl, FILE.csv (samples), view, web[:PORT], lsl://NAME, udp://HOST:PORT, none"
+    option(
+        "--to",
+        action="append",
+        metavar="URL",
+        help="where answers go, as often as wanted: - (JSON lines on stdout, the default), "
+        "FILE.jsonl, FILE.csv (samples), view, web[:PORT], lsl://NAME, udp://HOST:PORT, none",
     )
-    option("--to", action="append", metavar="URL", help=to)
-    grip = (
-        "send a grip command at every sample to unix:///PATH or serial:///dev/ttyX?baud=115200, "
-        "or to the hand in a scene, by the word virtual (--source virtual://..?scene=..)"
+    option(
+        "--grip",
+        metavar="URL",
+        help="send a grip command at every sample to unix:///PATH or serial:///dev/ttyX?baud=115200, "
+        "or to the hand in a scene, by the word virtual (--source virtual://..?scene=..)",
     )
-    option("--grip", metavar="URL", help=grip)
     add_wearer_option(parser)
     add_calibration_option(parser)
-    bias = "file written by holdfast bias (default: from the first samples)"
-    option("--bias", type=path_argument, metavar="FILE", help=bias)
+    option(
+        "--bias",
+        type=path_argument,
+        metavar="FILE",
+        help="file written by holdfast bias (default: from the first samples)",
+    )
     add_engine_option(parser)
-    seconds = "stop after S seconds (default: Ctrl-C)"
-    option("--seconds", type=positive, metavar="S", help=seconds)
+    option(
+        "--seconds",
+        type=positive,
+        metavar="S",
+        help="stop after S seconds (default: Ctrl-C)",
+    )
 
 
 def run(args: argparse.Namespace) -> int:

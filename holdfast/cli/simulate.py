@@ -30,13 +30,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option(
         "--out", type=path_argument, required=True, metavar="DIR", help="a new folder"
     )
-    trials = "number of trials, in the card's proportions (default: all)"
-    option("--trials", type=whole(1), metavar="N", help=trials)
+    option(
+        "--trials",
+        type=whole(1),
+        metavar="N",
+        help="number of trials, in the card's proportions (default: all)",
+    )
     option(
         "--rate", type=float, metavar="HZ", help="sampling rate (default: the card's)"
     )
-    every = "seed of every random choice (default 0)"
-    option("--seed", type=seed, default=0, metavar="S", help=every)
+    option(
+        "--seed",
+        type=seed,
+        default=0,
+        metavar="S",
+        help="seed of every random choice (default 0)",
+    )
     add_json_option(parser)
 
 
