@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option(
         "--grip",
         metavar="URL",
-        help="send a grip command at every sample to unix:///PATH or serial:///dev/ttyX?baud=115200, "
+        help="send a grip command at every sample to unix:///PATH or serial:///dev/ttyX?baud=N, "
         "or to the hand in a scene, by the word virtual (--source virtual://..?scene=..)",
     )
     add_wearer_option(parser)
