@@ -23,15 +23,31 @@ from holdfast.core.writing import require_writable
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
-    layout = "a CSV file Time,X1..Zn,Fx,Fy,Fz"
-    option("path", type=path_argument, metavar="PATH", help=layout)
-    made = "calibration to write"
-    option("--out", type=path_argument, required=True, metavar="FILE", help=made)
-    units = ("N", "mN", "gf")
-    unit = "unit of the loads (default N)"
-    option("--load-unit", choices=units, default="N", help=unit)
-    gain = "shear over normal force, as read over true, where it is known (default: measured)"
-    option("--shear-gain", type=positive, metavar="X", help=gain)
+    option(
+        "path",
+        type=path_argument,
+        metavar="PATH",
+        help="a CSV file Time,X1..Zn,Fx,Fy,Fz",
+    )
+    option(
+        "--out",
+        type=path_argument,
+        required=True,
+        metavar="FILE",
+        help="calibration to write",
+    )
+    option(
+        "--load-unit",
+        choices=("N", "mN", "gf"),
+        default="N",
+        help="unit of the loads (default N)",
+    )
+    option(
+        "--shear-gain",
+        type=positive,
+        metavar="X",
+        help="shear over normal force, as read over true, where it is known (default: measured)",
+    )
     add_json_option(parser)
     today = date.today().isoformat()
     option(

@@ -29,20 +29,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     option("--camera", metavar="oak|FILE", help="oak, or a .frames.npz")
-    home = "the trial's folder"
-    option("--out", type=path_argument, metavar="DIR", help=home)
+    option("--out", type=path_argument, metavar="DIR", help="the trial's folder")
     add_camera_options(parser)
     option("--seconds", type=positive, metavar="S", help="oak: stop after S seconds")
-    onset = (
-        "label a watched folder, with the following options; --tag-mm corrects the tags"
+    option(
+        "--onset",
+        type=path_argument,
+        metavar="TRIAL",
+        help="label a watched folder, with the following options; --tag-mm corrects the tags",
     )
-    option("--onset", type=path_argument, metavar="TRIAL", help=onset)
-    action = "action of the trial (default: the name of its folder)"
-    option("--action", choices=ACTIONS, help=action)
-    gross = f"distance of gross slip, above what the pads give (default {GROSS_MM:g})"
-    option("--gross-mm", type=positive, default=GROSS_MM, metavar="MM", help=gross)
-    until = "search until S seconds, as before the hand opens"
-    option("--until", type=float, dest="until_s", metavar="S", help=until)
+    option(
+        "--action",
+        choices=ACTIONS,
+        help="action of the trial (default: the name of its folder)",
+    )
+    option(
+        "--gross-mm",
+        type=positive,
+        default=GROSS_MM,
+        metavar="MM",
+        help=f"distance of gross slip, above what the pads give (default {GROSS_MM:g})",
+    )
+    option(
+        "--until",
+        type=float,
+        dest="until_s",
+        metavar="S",
+        help="search until S seconds, as before the hand opens",
+    )
     add_json_option(parser)
 
 

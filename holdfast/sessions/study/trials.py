@@ -6,7 +6,8 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from holdfast.live.sources import force_of, open_live
+from holdfast.live.hand_files import force_of
+from holdfast.live.sources import open_live
 from holdfast.sessions.recorder.folder import (
     KEPT,
     RECORDING,
