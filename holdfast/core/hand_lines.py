@@ -21,9 +21,7 @@ import stat
 from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
 from pathlib import Path
-from urllib.parse import SplitResult, parse_qsl, unquote, urlsplit
 
 from holdfast.core.contract import Json
 from holdfast.core.errors import UsageError, visible
@@ -131,36 +129,19 @@ class Skipped:
 # -- where lines go and come from
 
 
-@dataclass(frozen=True)
-class LineUrl:
-    """Where lines go or come from. options: what stands behind the ?."""
-
-    url: str
-    parts: SplitResult
-    options: dict[str, str]
-
-    @property
-    def path(self) -> str:
-        """Of a Unix socket or a serial port."""
-        return unquote(self.parts.path)
+def not_an_address(url: str, link: str, cause: str = "") -> UsageError:
+    """The error for a URL at which no lines for a hand may come."""
+    if url.startswith(("udp://", "tcp://")):
+        cause = "nothing that moves a hand crosses a network"
+    return UsageError(
+        f"{link}: {url[:80]!r} is not an address",
+        cause=cause,
+        next_step=f"unix:///run/holdfast/{link}",
+    )
 
 
-def line_url(url: str) -> LineUrl:
-    """The parts of a URL. Raises ValueError."""
-    parts = urlsplit(url)
-    return LineUrl(url, parts, dict(parse_qsl(parts.query, keep_blank_values=True)))
-
-
-def unix_listener(where: LineUrl, link: str, stack: ExitStack) -> socket.socket:
+def unix_listener(path: Path, link: str, stack: ExitStack) -> socket.socket:
     """A socket that datagrams come to, closed with the stack. Raises UsageError."""
-    if where.parts.scheme != "unix" or where.parts.netloc or not where.path:
-        network = where.parts.scheme in ("udp", "tcp")
-        raise UsageError(
-            f"{link}: {where.url[:80]!r} is not an address",
-            cause="nothing that moves a hand crosses a network" if network else "",
-            next_step=f"unix:///run/holdfast/{link}",
-        )
-    path = Path(where.path)
     try:
         listener = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
         _remove_left_behind(path)
@@ -172,7 +153,7 @@ def unix_listener(where: LineUrl, link: str, stack: ExitStack) -> socket.socket:
     except (OSError, ValueError) as error:
         what = (error.strerror if isinstance(error, OSError) else "") or str(error)
         raise UsageError(
-            f"{link}: cannot listen at {where.url[:80]!r}: {what}",
+            f"{link}: cannot listen at unix://{path}: {what}",
             next_step="choose another path",
         ) from None
     stack.callback(path.unlink, missing_ok=True)

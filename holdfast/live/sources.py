@@ -412,7 +412,6 @@ def open_feed(source: SourceUrl, option: str) -> Feed:
 
     Raises UsageError, DeviceError.
     """
-    from holdfast.core.hand_lines import line_url
     from holdfast.drivers.line_feeds import DatagramFeed, serial_feed, stdin_feed
 
     if source.scheme == "stdin":
@@ -423,7 +422,7 @@ def open_feed(source: SourceUrl, option: str) -> Feed:
             next_step=f"{source.scheme}:///PATH, with three slashes",
         )
     if source.scheme == "unix":
-        return DatagramFeed(line_url(f"unix://{source.name}"))
+        return DatagramFeed(source.name)
     return serial_feed(source.name, source.options.baud)
 
 
