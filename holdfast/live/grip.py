@@ -10,14 +10,14 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
-from holdfast.core.contract import Prediction, Sample
+from holdfast.core.contract import GripCommand, Prediction, Sample
 from holdfast.core.errors import ChannelError
 from holdfast.core.hand_card import hand_or_usual
 from holdfast.core.source import Source
 from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.edge_runtime.grip_control import GripControl
 from holdfast.edge_runtime.model_file import ModelCard
-from holdfast.edge_runtime.supervisor import GripCommand, Limits, last_line, to_line
+from holdfast.edge_runtime.supervisor import Limits, last_line, to_line
 from holdfast.live.hand_link import HandLink, open_hand_link
 from holdfast.live.outputs import STOPPED
 

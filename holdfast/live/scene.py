@@ -24,11 +24,12 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from holdfast.core.contract import GripCommand
 from holdfast.core.errors import UsageError
 from holdfast.core.schema import checked
 from holdfast.drivers.replay import Replay
 from holdfast.drivers.virtual.virtual_hand import Track
-from holdfast.edge_runtime.supervisor import EXPIRES_MS, GripCommand
+from holdfast.edge_runtime.supervisor import EXPIRES_MS
 from holdfast.live.running import RunClock
 from holdfast.live.sources import SourceUrl, source_url
 from holdfast.simulation.drive import Actuator, Drive

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Timer
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,6 +41,8 @@ EXAMPLES = ROOT / "examples"
 
 STRICT = ["-std=c99", "-D_POSIX_C_SOURCE=200809L", "-Wall", "-Wextra", "-Werror"]
 
+LONGEST_S = 20.0
+"""A receiver holds after 0.3 s, and a cue receiver after 3 s."""
 HOLDS = "hold: the grip it has, at most 0 N/s (no command for 300 ms)"
 
 
@@ -77,6 +80,9 @@ def listening(program: list[str]) -> Iterator[Listening]:
         command = [*program, str(path)]
         pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
         with subprocess.Popen(command, text=True, bufsize=1, **pipes) as process:
+            # a receiver that says nothing more ends its lines, and the test fails
+            watchdog = Timer(LONGEST_S, process.kill)
+            watchdog.start()
             try:
                 assert process.stdout is not None
                 assert process.stdin is not None
@@ -85,6 +91,7 @@ def listening(program: list[str]) -> Iterator[Listening]:
                 assert stat.S_IMODE(path.stat().st_mode) == 0o600
                 yield Listening(lines, f"unix://{path}", process.stdin.write)
             finally:
+                watchdog.cancel()
                 process.kill()
 
 

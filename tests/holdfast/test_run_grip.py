@@ -20,7 +20,7 @@ from live_bench import ROOT, RUN, closing_output, run_on
 from msgspec.structs import replace as changed
 from packages import package_of
 
-from holdfast.core.contract import channel_names
+from holdfast.core.contract import GripCommand, channel_names
 from holdfast.core.errors import ChannelError, UsageError
 from holdfast.drivers.calibration import (
     Calibration,
@@ -31,7 +31,6 @@ from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime import grip_control
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.model import Model
-from holdfast.edge_runtime.supervisor import GripCommand
 from holdfast.live.grip import GripOutput, controller_for, grip_to_link, grip_to_scene
 from holdfast.live.hand_files import shear_gain_of
 from holdfast.live.outputs import emit_to
