@@ -39,9 +39,7 @@ class Receiver:
 
     def answer(self, line, word, now_ns):
         """(mode, grip, N/s, reason) at a sample. line: b"" for none; word: of `wearer`."""
-        if (
-            now_ns > self.silent_ns
-        ):  # also while others send; then any sequence may begin
+        if now_ns > self.silent_ns:  # also while others send
             self.newest, self.command = -1, HOLD
         sequence, command = read(line)
         if sequence > self.newest:
