@@ -24,6 +24,8 @@ from holdfast.live.outputs import STOPPED
 if TYPE_CHECKING:
     from holdfast.live.scene import LiveScene
 
+WHO_LETS_GO = "the hand obeys its wearer's opening (rule of the receiver)"
+"""The link is one-way: a run states the rule, and cannot test it."""
 Report = Callable[[str], None]
 
 
@@ -96,6 +98,7 @@ class GripOutput:
 
     def begin(self, source: Source) -> None:
         """The loop begins to read this source."""
+        self._report(WHO_LETS_GO)
         self._begun = True
         if self.scene is not None:
             self.scene.began_ns = getattr(source, "began_ns", 0)
