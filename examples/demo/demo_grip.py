@@ -1,5 +1,5 @@
-"""The end of the demo: the loop is closed. A bottle is caught. A quick hand-over is called a slip, and
-the hand lets go as soon as its wearer opens it, whatever is asked for.
+"""The end of the demo: the loop is closed. A bottle is caught. A quick hand-over is called a slip,
+and the hand lets go as soon as its wearer opens it, whatever is asked for.
 
 Each trial runs twice in one scene: in a hand that does nothing, and in one whose grip is controlled
 by the released model. All of it is simulated.

@@ -29,8 +29,8 @@ from holdfast.simulation.scene_file import read_scene_file
 TEMPLATES = Path(__file__).parent
 LABEL = (
     "Simulated, ten times slower. A bottle slips: without Holdfast it is lost; with Holdfast the "
-    "slip is called, the grip tightens and the bottle is kept. In a quick hand-over a slip is called "
-    "too, and the hand lets go when its wearer opens it."
+    "slip is called, the grip tightens and the bottle is kept. In a quick hand-over a slip is "
+    "called too, and the hand lets go when its wearer opens it."
 )
 BEFORE_S, AFTER_S = 0.2, 0.6
 """What is shown, from the beginning of the action."""

@@ -96,7 +96,10 @@ class LineWords:
             self._report(f"wearer: {error}")
             self._feed = None
             return []
-        return [item for line in lines for item in self._read(line)]
+        items = []
+        for line in lines:
+            items += self._read(line)
+        return items
 
     def _read(self, line: bytes) -> list[Intent]:
         """The item of a line; none where it is skipped."""
