@@ -93,13 +93,11 @@ class GripOutput:
         self._report = report
         self._link = link
         self.scene = scene
-        self._begun = False
         self.newest: GripCommand | None = None
 
     def begin(self, source: Source) -> None:
         """The loop begins to read this source."""
         self._report(WHO_LETS_GO)
-        self._begun = True
         if self.scene is not None:
             self.scene.began_ns = getattr(source, "began_ns", 0)
 
@@ -121,9 +119,9 @@ class GripOutput:
         if self._link is not None:
             self._link.close(reason)
         # only once, and not for a run whose source did not open
-        if self.scene is not None and self._begun:
+        if self.scene is not None and self.newest is not None:
             self._report(self.scene.outcome().line())
-        self._begun = False
+        self.newest = None
 
 
 def grip_to_link(

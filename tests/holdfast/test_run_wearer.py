@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from grip_bench import ROOT
+from hazard_marks import HOLDS_AGAINST_WEARER
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_bench import RUN
@@ -117,6 +118,7 @@ def rows_of(path: Path) -> list[tuple[float, int, str]]:
     return [(float(t_s), int(host_ns), wants) for t_s, host_ns, wants in cells]
 
 
+@HOLDS_AGAINST_WEARER.mark
 @settings(deadline=None, max_examples=15)
 @given(
     st.lists(
@@ -125,7 +127,7 @@ def rows_of(path: Path) -> list[tuple[float, int, str]]:
     ),
     st.integers(1, 40),
 )
-def test_while_the_wearer_opens_no_command_has_a_target_and_then_they_come_back(
+def test_while_the_wearer_opens_no_command_has_a_target(
     said, lasts
 ):
     clock, items = VirtualClock(10**9), list[Intent]()
