@@ -88,7 +88,8 @@ class IntentMonitor:
         self.fresh = self._words()
         # what waited while nothing looked has no known time
         if self._looked_ns is None or now_ns - self._looked_ns > EXPIRES_NS:
-            self.fresh = []
+            while self.fresh:
+                self.fresh = self._words()
         self._looked_ns = now_ns
 
         if self.fresh:

@@ -127,11 +127,10 @@ def rows_of(path: Path) -> list[tuple[float, int, str]]:
     ),
     st.integers(1, 40),
 )
-def test_while_the_wearer_opens_no_command_has_a_target(
-    said, lasts
-):
+def test_while_the_wearer_opens_no_command_has_a_target(said, lasts):
     clock, items = VirtualClock(10**9), list[Intent]()
     intent = IntentMonitor(items.copy, clock.now_ns, lambda line: None)
+    intent.look()
     control = GripControl("holdfast", 150.0)
     forces = np.tile([0.1, 0.0, 1.4], 6)
     for wants, p_risky in [one for one in said for _ in range(lasts)]:
@@ -155,8 +154,9 @@ def test_the_page_of_a_run_gets_the_wearers_own_command():
     sample = Sample(0, np.zeros(18), np.ones(6, dtype=np.bool_), 0)
     reading = SourceReading(0, sample.values, sample.valid)
     page.write(prediction(), sample, reading)
-    page.intent = IntentMonitor(lambda: [Intent(10**9, "close")], lambda: 10**9, print)
-    for _ in range(2):  # what waited before the first look is dropped
+    items: list[list[Intent]] = [[], [Intent(10**9, "close")]]
+    page.intent = IntentMonitor(lambda: items.pop(0), lambda: 10**9, print)
+    for _ in range(2):
         page.intent.look()
     page.write(prediction(), sample, reading)
     assert "intent" not in sent[0]["sample"]
