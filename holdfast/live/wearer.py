@@ -125,16 +125,18 @@ class LineWords:
 
 def replayed_words(path: Path, now_ns: Callable[[], int]) -> Words:
     """The words of a recorded file; its time begins at the first look."""
-    items = read_intent(path)
-    began_ns: list[int] = []
+    waiting = read_intent(path)
+    began_ns: int | None = None
 
     def words() -> list[Intent]:
+        nonlocal began_ns
         now = now_ns()
-        began_ns.append(now)
+        began_ns = now if began_ns is None else began_ns
         due = []
-        while items and began_ns[0] + items[0].t_ns <= now:
-            item = items.pop(0)
-            due.append(item._replace(t_ns=began_ns[0] + item.t_ns))
+        # not at the first look itself, which drops what is there
+        while waiting and began_ns + waiting[0].t_ns < now:
+            item = waiting.pop(0)
+            due.append(item._replace(t_ns=began_ns + item.t_ns))
         return due
 
     return words
@@ -149,11 +151,11 @@ def wearer_monitor(
     Raises UsageError, DeviceError, LibraryMissing, a DataError for a recorded file.
     """
     with ExitStack() as stack:
-        words = _words(url, clock.now_ns, report, stack)
+        words = _words_of(url, clock.now_ns, report, stack)
         yield IntentMonitor(words, clock.now_ns, report)
 
 
-def _words(
+def _words_of(
     url: str, now_ns: Callable[[], int], report: Callable[[str], None], stack: ExitStack
 ) -> Words:
     if url.startswith(REPLAY):

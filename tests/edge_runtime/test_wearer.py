@@ -250,7 +250,14 @@ def test_an_address_that_cannot_be_is_a_usage_error(url: str, says: str) -> None
 
 def test_a_recorded_stream_comes_again_in_its_time(tmp_path: Path) -> None:
     path, clock = tmp_path / "trial_1.intent.csv", VirtualClock(10**9)
-    rows = [INTENT_HEADER, "0.1,7,open", "0.2,8,unknown", "0.3,9,rest", ""]
+    rows = [
+        INTENT_HEADER,
+        "0.0,6,close",
+        "0.1,7,open",
+        "0.2,8,unknown",
+        "0.3,9,rest",
+        "",
+    ]
     path.write_text("\n".join(rows), encoding="utf-8")
     with wearer_monitor(f"replay://{path}", clock, print) as monitor:
         said = []
@@ -258,8 +265,9 @@ def test_a_recorded_stream_comes_again_in_its_time(tmp_path: Path) -> None:
             monitor.look()
             said += [(item.t_ns, item.wants) for item in monitor.fresh]
             clock.spend(PERIOD_NS)
-    assert said[:2] == [(1_100_000_000, "open"), (1_300_000_000, "stop")]
-    assert [wants for _, wants in said[2:]] == ["unknown"]
+    assert said[0] == (1_000_000_000, "close")
+    assert said[1:3] == [(1_100_000_000, "open"), (1_300_000_000, "stop")]
+    assert [wants for _, wants in said[3:]] == ["unknown"]
 
 
 # -- the lab streaming layer
