@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from hazard_marks import BROKEN_LINE, OTHER_SENDER, SILENT_SENDER
@@ -29,7 +30,7 @@ from holdfast.edge_runtime.wearer import (
     intent_row,
     read_intent,
 )
-from holdfast.live.wearer import wearer_monitor
+from holdfast.live.wearer import LineWords, wearer_monitor
 
 PERIOD_NS = 6_666_667
 
@@ -268,6 +269,14 @@ def test_a_recorded_stream_comes_again_in_its_time(tmp_path: Path) -> None:
     assert said[0] == (1_000_000_000, "close")
     assert said[1:3] == [(1_100_000_000, "open"), (1_300_000_000, "stop")]
     assert [wants for _, wants in said[3:]] == ["unknown"]
+
+
+def test_a_port_that_is_unplugged_is_reported_once_and_gives_nothing_more():
+    feed = Mock(pull=Mock(side_effect=DeviceLost("the port is gone")))
+    messages: list[str] = []
+    words = LineWords(feed, lambda: 0, messages.append)
+    assert [words() for _ in range(3)] == [[], [], []]
+    assert len(messages) == 1
 
 
 # -- the lab streaming layer
