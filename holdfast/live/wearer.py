@@ -40,7 +40,7 @@ from holdfast.edge_runtime.wearer import (
     read_intent,
 )
 from holdfast.live.outputs import STOPPED, SampleFile, file_sink
-from holdfast.live.sources import LINES, REPLAY, source_url, stream_name
+from holdfast.live.sources import LINES, REPLAY, open_feed, source_url, stream_name
 
 if TYPE_CHECKING:
     from holdfast.drivers.line_feeds import Feed
@@ -169,8 +169,6 @@ def _words_of(
         return LslIntent(inlet, now_ns, report)
     if url != "-" and not url.startswith(tuple(f"{one}://" for one in LINES)):
         raise not_an_address(url, "wearer")
-
-    from holdfast.live.sources import open_feed
 
     feed = stack.enter_context(closing(open_feed(source_url(url), "--wearer")))
     return stack.enter_context(closing(LineWords(feed, now_ns, report)))
