@@ -270,7 +270,11 @@ class _Run:
         elif kind == "web":
             from holdfast.live.page.run_page import open_run_page
 
-            self._page = open_run_page(place, self._options, card, self.report)
+            source, model = self._options.source, self._options.model
+            with_grip = self._options.grip is not None
+            self._page = open_run_page(
+                place, source, model, card, self.report, with_grip=with_grip
+            )
             return self._page
         elif kind == "lsl":
             from holdfast.drivers.lsl_library import open_answers
