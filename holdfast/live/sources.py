@@ -35,7 +35,7 @@ import numpy as np
 from holdfast.core.contract import FloatArray, Unit
 from holdfast.core.errors import CardError, DataNotFound, UsageError
 from holdfast.core.schema import checked
-from holdfast.core.source import Source
+from holdfast.core.source import Source, SourceUrl
 from holdfast.drivers.bridges import BRIDGES, open_virtual
 from holdfast.drivers.bridges import open_bus as open_bridge
 from holdfast.drivers.replay import PacedReplay, Replay, open_replay
@@ -115,15 +115,6 @@ class SerialOptions(LinesOptions, frozen=True):
     """Of a serial port."""
 
     baud: Count = 115_200
-
-
-class SourceUrl(NamedTuple):
-    """A URL in parts: scheme, name or path, and options of the scheme's Struct."""
-
-    url: str
-    scheme: str
-    name: str
-    options: Any
 
 
 def source_url(url: str) -> SourceUrl:
