@@ -92,8 +92,7 @@ class RunOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def moves_scene(self) -> bool:
         """Whether commands go to the hand in the scene of the source."""
-        # as a word, or as the beginning of a URL, which --source has taught
-        return (self.grip or "").partition("?")[0].rstrip(":/") == "virtual"
+        return (self.grip or "").startswith("virtual")
 
     def outputs(self) -> list[OutputUrl]:
         """Where answers go, in the order of KINDS; JSON lines where nothing is named."""

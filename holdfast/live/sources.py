@@ -160,7 +160,7 @@ def is_standard_input(url: str) -> bool:
 
 def is_hand(url: str) -> bool:
     """Whether a URL is a hand or a stream, which has no end of its own, unlike a recording."""
-    return source_url(url).scheme in (*HANDS, "lsl", *LINES)
+    return source_url(url).scheme not in ("sim", "replay")
 
 
 def stream_name(name: str) -> str:
