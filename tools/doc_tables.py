@@ -41,10 +41,6 @@ SOURCES: dict[str, dict[str, str]] = {
         "here": "build/bench/runtimes.json",
         "arm": "build/bench/arm.json",
     },
-    "docs/distortions.md": {
-        "before": "docs/measured/distortions-d86a7e638b14.json",
-        "distortions": "build/distortions/distortions.json",
-    },
     "docs/evaluation.md": {
         "evaluated": "build/evaluate/figures.json",
         "fifty": "build/evaluate-50hz/figures.json",
@@ -54,6 +50,9 @@ SOURCES: dict[str, dict[str, str]] = {
         "preliminary": "build/preliminary/preliminary.json",
     },
     "docs/features.md": {},
+    "docs/hard-cases.md": {
+        "distortions": "docs/measured/distortions-080828f74eb1.json"
+    },
     "docs/hand.md": {"hand": "build/bench/hand.json"},
     "docs/people.md": {"real": "build/real/metrics.json"},
     "docs/scenes.md": {
