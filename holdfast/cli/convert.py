@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option = parser.add_argument
     source = "a folder of recordings; logs of others come in by holdfast import"
     option("source", type=path_argument, metavar="FOLDER", help=source)
-    formats = "format to write (docs/interop.md); each needs the extra of its name"
+    formats = "format to write (docs/formats.md); each needs the extra of its name"
     option("--to", choices=WRITERS, required=True, help=formats)
     option(
         "--out", type=path_argument, required=True, metavar="DIR", help="a new folder"

@@ -27,7 +27,7 @@ def add_source_option(parser: argparse.ArgumentParser) -> None:
     """--source."""
     urls = (
         "usb://ft232h, i2c://1, virtual://ft232h?scene=.., sim://CARD, lsl://NAME, or lines: "
-        "- (stdin), unix:///PATH, serial:///dev/ttyACM0 (docs/live-sources.md)"
+        "- (stdin), unix:///PATH, serial:///dev/ttyACM0 (docs/on-a-hand.md#samples-from-any-program)"
     )
     parser.add_argument("--source", required=True, metavar="URL", help=urls)
 
@@ -50,7 +50,7 @@ def add_calibration_option(parser: argparse.ArgumentParser) -> None:
 
 def add_page_option(parser: argparse.ArgumentParser) -> None:
     """--to, of a verb that shows a page and nothing else."""
-    web = "web[:[HOST:]PORT]: show it on a page in the browser (docs/live-page.md)"
+    web = "web[:[HOST:]PORT]: show it on a page in the browser (docs/on-a-hand.md#the-live-page)"
     parser.add_argument("--to", type=_page, metavar="web[:PORT]", help=web)
 
 
@@ -125,7 +125,7 @@ def add_job_options(parser: argparse.ArgumentParser, processes: int) -> None:
     jobs = f"processes (default {processes})"
     option("--jobs", type=_process_count, default=processes, metavar="N", help=jobs)
     dask = (
-        "run on a Dask cluster instead: the address of its scheduler (docs/cluster.md)"
+        "run on a Dask cluster instead: the address of its scheduler (docs/formats.md#more-than-one-machine)"
     )
     option("--dask", metavar="ADDRESS", help=dask)
 

@@ -1,6 +1,6 @@
 """`make distortions`: one set of trials, changed in one nuisance at a time.
 
-Writes distortions.json; with --page also the tables and the picture of docs/distortions.md. A row
+Writes distortions.json; with --page also the tables and the picture of docs/hard-cases.md#the-same-trials-with-one-nuisance-at-a-time. A row
 that was measured before is taken from DIR/rows, unless --again says otherwise.
 """
 
@@ -48,7 +48,7 @@ from tools.doc_tables import SOURCES, fill, tables_of
 from tools.harness import write_figures
 
 MODEL = Path("models/holdfast-150hz.onnx")
-PAGE = "docs/distortions.md"
+PAGE = "docs/hard-cases.md#the-same-trials-with-one-nuisance-at-a-time"
 FIGURE = Path("docs/distortions.svg")
 LOCKED_SEED = 7001
 """Of the published figures: nothing is chosen on it (core/locked.toml)."""

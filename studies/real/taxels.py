@@ -16,7 +16,7 @@ from holdfast.training.recording import DataSet, LabelledRows
 
 PAD_COLUMNS = 4
 FIRST_SPREAD_TAXEL = 2
-"""Where the spread begins: any taxel of the upper edge but a corner (docs/wiring.md)."""
+"""Where the spread begins: any taxel of the upper edge but a corner (docs/on-a-hand.md)."""
 SPREAD_TAXELS_CARD = "pinch-pad-spread"
 """The hand card with six taxels that `spread_taxels` gives, whatever they bear."""
 

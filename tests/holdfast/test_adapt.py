@@ -1,4 +1,4 @@
-"""`holdfast adapt`: docs/adapt.md runs as it stands, and what is too little is refused."""
+"""`holdfast adapt`: docs/recording-and-study.md#adapt-the-file-to-a-person runs as it stands, and what is too little is refused."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from holdfast.training.fixture import write_fixture
 
 AREA = "The command line"
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "docs/adapt.md"
+PAGE = ROOT / "docs/recording-and-study.md#adapt-the-file-to-a-person"
 RELEASED = ROOT / "models/holdfast-150hz.onnx"
 Run = Callable[..., tuple[int, str, str]]
 

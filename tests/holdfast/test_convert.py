@@ -36,7 +36,7 @@ from holdfast.core.errors import LibraryMissing
 Run = Callable[..., tuple[int, str, str]]
 CHANNELS = list(channel_names(6))
 VALID = [f"valid{k}" for k in range(1, 7)]
-PAGE = ROOT / "docs/interop.md"
+PAGE = ROOT / "docs/formats.md"
 STEP_NS = round(1e9 / RATE_HZ)
 LIBRARIES = {
     "parquet": {"pyarrow"},

@@ -1,4 +1,4 @@
-"""docs/gripper.md does what it says: logs of another program become a gripper that is commanded."""
+"""docs/your-data.md does what it says: logs of another program become a gripper that is commanded."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from long_steps import long_steps
 from holdfast.training.datasets.eflesh_slip import BLOCK_TRIALS, SIX_MAGNETOMETERS
 from holdfast.training.datasets.public_files import channels_of
 
-PAGE = Path(__file__).resolve().parents[2] / "docs/gripper.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs/your-data.md"
 BLOCK = re.compile(r"```(sh|python)\n(.*?)```", re.DOTALL)
 OURS = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
 

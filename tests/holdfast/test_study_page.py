@@ -1,4 +1,4 @@
-"""docs/study.md does what it says: its card, its commands and what they print."""
+"""docs/recording-and-study.md#a-study-with-people does what it says: its card, its commands and what they print."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from holdfast.sessions.study.console import KEYS
 from holdfast.sessions.study.protocol import KINDS, read_study
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "docs/study.md"
+PAGE = ROOT / "docs/recording-and-study.md#a-study-with-people"
 BLOCK = re.compile(r"```(sh|toml|text)\n(.*?)```", re.DOTALL)
 
 

@@ -175,7 +175,7 @@ def test_the_readme_s_tables_show_every_method_and_what_was_checked(
     evidence: Evidence, tmp_path: Path
 ) -> None:
     figures = json.loads(json.dumps(evidence.figures.to_json()))
-    text = filled("docs/people.md", {"real": figures}, tmp_path)
+    text = filled("docs/results.md#on-people", {"real": figures}, tmp_path)
     assert f"| {OURS_18} | {figures['situations']['macro_f1']:.3f} (" in text
     assert "| timing-only baseline |" in text
     assert f"| {figures['n_trials']}, {figures['n_groups']} |" in text
