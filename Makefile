@@ -13,16 +13,13 @@ RATE   ?= 150
 SIZE   ?= default
 MODEL  ?= models/holdfast-150hz.onnx
 MADE    = build/models/$(RATE)hz-$(SIZE)
-# Tests run in a process a core and one more, a file at a time: what a file sets up is set up once. The order of the
-# files is that of tests/support/longest_first.py. One more, because some tests wait for a process or for real time.
+# Tests run in a process a core and one more (some wait for real time), a file at a time, the longest first.
 ACROSS := -n $(shell expr $$(nproc 2>/dev/null || echo 2) + 1) --dist loadfile --no-loadscope-reorder
 # A process a core: numpy's own threads would only wait for each other.
 test hard-cases safety: export OPENBLAS_NUM_THREADS := 1
 
-
-# Deaf to settings of the machine that could pick another interpreter or environment;
-# and uv trusts the certificates that pip trusts, the machine's own. Compiled modules are kept beside their sources:
-# without them every process compiles numpy, scipy and scikit-learn anew, and the tests start a hundred processes.
+# Deaf to settings of the machine that could pick another interpreter; uv trusts the machine's certificates. Compiled modules
+# are kept: without them each of a hundred processes of the tests compiles numpy, scipy and scikit-learn anew.
 export UV_PYTHON_DOWNLOADS := never
 export UV_NO_CONFIG        := 1
 export UV_SYSTEM_CERTS     := 1
@@ -135,8 +132,7 @@ dist: setup $(DIST)/.stamp  ## the wheel and the source archive, checked, into d
 	$(UV) pip install --quiet --python $(BIN)/python --no-build-isolation --no-deps --editable .
 	@touch $@
 
-# A part of what .stamp installs: enough to simulate, train, export and draw. It adds and removes nothing, so that
-# `make demo` leaves what `make test` has installed, and `make test` after it adds the rest.
+# A part of what .stamp installs: `make demo` leaves what `make test` has installed, and `make test` after it adds the rest.
 .venv/.demo-stamp: .tools/.stamp $(DEMO_LOCKS) pyproject.toml
 	@test -x $(BIN)/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" .venv
 	$(UV) pip install --quiet --python $(BIN)/python --only-binary :all: --no-deps --require-hashes \
@@ -144,22 +140,12 @@ dist: setup $(DIST)/.stamp  ## the wheel and the source archive, checked, into d
 	$(UV) pip install --quiet --python $(BIN)/python --no-build-isolation --no-deps --editable .
 	@touch $@
 
-# Beside .venv, which keeps to what is tested: everything of dev.lock, so that ours and peers run on the same numpy.
-$(PEERS)/.stamp: .tools/.stamp $(LOCKS) requirements/peers.lock
-	@test -x $(PEERS)/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" $(PEERS)
-	$(UV) pip sync --quiet --python $(PEERS)/bin/python --only-binary :all: --require-hashes \
-	    $(LOCKS) requirements/peers.lock
-	@touch $@
-
-$(DIST)/.stamp: .tools/.stamp requirements/dist.lock
-	@test -x $(DIST)/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" $(DIST)
-	$(UV) pip sync --quiet --python $(DIST)/bin/python --only-binary :all: --require-hashes requirements/dist.lock
-	@touch $@
-
-# Everything of dev.lock too: the notebooks are executed, and the API is read from the code.
-$(DOCS)/.stamp: .tools/.stamp $(LOCKS) requirements/docs.lock pyproject.toml
-	@test -x $(DOCS)/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" $(DOCS)
-	$(UV) pip sync --quiet --python $(DOCS)/bin/python --only-binary :all: --require-hashes \
-	    $(LOCKS) requirements/docs.lock
-	$(UV) pip install --quiet --python $(DOCS)/bin/python --no-build-isolation --no-deps --editable .
+# Environments beside .venv, which keeps to what is tested: each has the locks of its line, and of dev.lock where the same
+# numpy or our own code must be there. .venv-peers: MuJoCo. .venv-dist: twine. .venv-docs: the site and its notebooks.
+$(PEERS)/.stamp: MORE := $(LOCKS)
+$(DOCS)/.stamp: MORE := $(LOCKS)
+.venv-%/.stamp: .tools/.stamp $(LOCKS) requirements/%.lock pyproject.toml
+	@test -x .venv-$*/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" .venv-$*
+	$(UV) pip sync --quiet --python .venv-$*/bin/python --only-binary :all: --require-hashes $(MORE) requirements/$*.lock
+	$(if $(MORE),$(UV) pip install --quiet --python .venv-$*/bin/python --no-build-isolation --no-deps --editable .)
 	@touch $@
