@@ -52,7 +52,7 @@ real: setup  ## train, export and evaluate on the public recordings, into build/
 loop: setup  ## what holding on costs: grip controllers in a closed loop, into build/loop and docs/shared-control.md
 	$(BIN)/python -m studies loop --page $(ARGS)
 
-distortions: setup  ## one set of trials with one nuisance at a time, into build/distortions and docs/hard-cases.md#the-same-trials-with-one-nuisance-at-a-time
+distortions: setup  ## one set of trials with one nuisance at a time, into build/distortions
 	$(BIN)/python -m studies distortions --page $(ARGS)
 
 evaluate: setup  ## the default model on unseen simulated sets, with baselines, into build/evaluate

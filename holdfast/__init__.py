@@ -102,7 +102,7 @@ def open_hand(
 def cues_of(answers: Answers) -> TextArray:
     """[T] the vibration cue that the wearer would get at each sample, by the shipped table.
 
-    answers: of `GripMonitor.replay`. "" where none is sent (docs/shared-control.md#cues has the kinds).
+    answers: of `GripMonitor.replay`. "" where none is sent (docs/shared-control.md has the kinds).
     """
     from holdfast.live.cues import Cues, read_cues
 

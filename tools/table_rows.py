@@ -19,8 +19,6 @@ from holdfast.simulation.effect import all_effects
 from holdfast.simulation.magnet import residual_n
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.figures import ABSENT, over
-from studies.distortions.targets import pairs_by_name
-from studies.distortions.targets import target_rows as distortion_targets
 from studies.row_names import shown
 from studies.shared_control.plan import CURVE_SETS, OUR_LEAD_N, UNSEEN
 from studies.shared_control.plan import OURS as OUR_CONTROLLER
@@ -264,7 +262,6 @@ FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "cost_front": cost_front,
     "deployed": DEPLOYED,
     "action_rows": action_rows,
-    "distortion_targets": distortion_targets,
     "effect_rows": effect_rows,
     "exact": exact,
     "feature_groups": feature_groups,
@@ -274,7 +271,6 @@ FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "loop_targets": loop_targets,
     "number": number,
     "our_controller": OUR_CONTROLLER,
-    "pairs_by_name": pairs_by_name,
     "percent": percent,
     "published_learners": LEARNERS,
     "published_percent": ACCURACY_PERCENT,

@@ -4,8 +4,8 @@
     holdfast adapt models/holdfast-150hz.onnx --data trials --person p01 --out p01.onnx
     holdfast adapt p01.onnx --undo --out base.onnx
 
-An adapted file is adapted again from the base in it, so adaptations never add up. docs/recording-and-study.md#adapt-the-file-to-a-person
-says what is fitted, and on what.
+An adapted file is adapted again from the base in it, so adaptations never add up.
+docs/recording-and-study.md says what is fitted, and on what.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ def add_source_option(parser: argparse.ArgumentParser) -> None:
     """--source."""
     urls = (
         "usb://ft232h, i2c://1, virtual://ft232h?scene=.., sim://CARD, lsl://NAME, or lines: "
-        "- (stdin), unix:///PATH, serial:///dev/ttyACM0 (docs/on-a-hand.md#samples-from-any-program)"
+        "- (stdin), unix:///PATH, serial:///dev/ttyACM0 (docs/on-a-hand.md)"
     )
     parser.add_argument("--source", required=True, metavar="URL", help=urls)
 
@@ -50,7 +50,7 @@ def add_calibration_option(parser: argparse.ArgumentParser) -> None:
 
 def add_page_option(parser: argparse.ArgumentParser) -> None:
     """--to, of a verb that shows a page and nothing else."""
-    web = "web[:[HOST:]PORT]: show it on a page in the browser (docs/on-a-hand.md#the-live-page)"
+    web = "web[:[HOST:]PORT]: show it on a page in the browser (docs/on-a-hand.md)"
     parser.add_argument("--to", type=_page, metavar="web[:PORT]", help=web)
 
 
@@ -72,9 +72,7 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     option("--anyway", action="store_true", help="record even if the bias is not good")
     seconds = "end and keep a trial after S seconds"
     option("--seconds", type=positive, metavar="S", help=seconds)
-    card = (
-        "hand card, by name or path (docs/scenes.md#hands); the recordings keep a copy"
-    )
+    card = "hand card, by name or path (docs/scenes.md); the recordings keep a copy"
     option("--hand", metavar="CARD", help=card)
     option("--camera", metavar="oak|FILE", help="film every trial (docs/camera.md)")
     add_camera_options(parser)
@@ -125,7 +123,7 @@ def add_job_options(parser: argparse.ArgumentParser, processes: int) -> None:
     jobs = f"processes (default {processes})"
     option("--jobs", type=_process_count, default=processes, metavar="N", help=jobs)
     dask = (
-        "run on a Dask cluster instead: the address of its scheduler (docs/formats.md#more-than-one-machine)"
+        "run on a Dask cluster instead: the address of its scheduler (docs/formats.md)"
     )
     option("--dask", metavar="ADDRESS", help=dask)
 

@@ -23,7 +23,7 @@ from holdfast.cli.options import (
 )
 from holdfast.core.schema import DEFAULT_MODEL
 
-IN_SETTINGS = "holdfast.toml (docs/on-a-hand.md#a-raspberry-pi-from-a-blank-card)"
+IN_SETTINGS = "holdfast.toml (docs/on-a-hand.md)"
 OLD_OPTIONS = {
     "--out": "--to FILE.jsonl",
     "--samples": "--to FILE.csv",

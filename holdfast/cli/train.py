@@ -130,7 +130,7 @@ def _choose_learner(parser: argparse.ArgumentParser) -> None:
         choices=LEARNERS,
         default="committee",
         metavar="WHAT",
-        help="what answers: forest, network, or committee (both; default; docs/how-it-works.md#votes)",
+        help="what answers: forest, network, or committee (both; default; docs/how-it-works.md)",
     )
     for name, instead in GONE.items():
         parser.add_argument(name, type=_gone(name, instead), help=argparse.SUPPRESS)

@@ -23,7 +23,8 @@ def frames_since_contact(force_n: FloatArray, contact_n: float = CONTACT_N) -> I
 def clock_features(data: DataSet, rows: LabelledRows) -> FloatArray:
     """[M, 2]: frames since contact and normal force z in N, at each window.
 
-    Contact: the last rise of z through 1 N; -1 before any. data: all taxels, because z sums their normals.
+    Contact: the last rise of z through 1 N; -1 before any. data: of all
+    taxels, because z sums their normals.
     """
     features = np.empty((len(rows), 2))
     for trial in np.unique(rows.trial):

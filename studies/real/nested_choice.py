@@ -100,9 +100,7 @@ def learner_votes(
     return {"forest": trees, "network": nets, "committee": trees + nets}, shares
 
 
-def chosen_fold(
-    of: Mapping[str, Considered], split: Split, seed: int
-) -> FoldChoice:
+def chosen_fold(of: Mapping[str, Considered], split: Split, seed: int) -> FoldChoice:
     """Choose on a fold's training people, then answer its test people."""
     scores: dict[tuple[str, str], float] = {}
     for name, one in of.items():

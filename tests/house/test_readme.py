@@ -34,8 +34,8 @@ def test_the_readme_shows_the_real_output_of_the_demo(
 
 
 def test_the_page_of_features_is_written_from_the_groups(tmp_path: Path) -> None:
-    text = (ROOT / "docs" / "features.md").read_text("utf-8")
-    assert filled("docs/how-it-works.md#features", {}, tmp_path) == text
+    text = (ROOT / "docs" / "how-it-works.md").read_text("utf-8")
+    assert filled("docs/how-it-works.md", {}, tmp_path) == text
 
 
 def test_the_readme_is_short_and_begins_with_what_it_is_for() -> None:
