@@ -100,7 +100,7 @@ def test_scenes_are_made_of_the_page_s_own_card(follow: Callable[..., str]) -> N
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_the_page_on_studies_rehearses_its_own_protocol(
+def test_the_page_on_studies_lists_the_steps_of_its_own_protocol(
     follow: Callable[..., str],
 ) -> None:
     """Its part on adapting is run by test_adapt.py."""
@@ -108,8 +108,6 @@ def test_the_page_on_studies_rehearses_its_own_protocol(
     page = (ROOT / "docs/recording-and-study.md").read_text("utf-8")
     (listed,) = re.findall(r"^```text\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
     assert listed in printed
-    assert "\ntry: 2 trials of 1 person" in printed
-    assert Path("try/p01/report.html").is_file()
 
 
 def test_the_api_page_answers_a_trial_and_a_hand(
