@@ -1,4 +1,4 @@
-"""`holdfast adapt`: the commands of its page run as they stand, and what is too little is refused."""
+"""`holdfast adapt`: the commands of its page run as they stand; too little is refused."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """What mkdocs does not do: pages from outside docs/, executed notebooks, equations as MathML.
 
-The README is the first page. Where a compiler is there, it leads to the page of a hand to pull at. A
+The README is the first page. Where a compiler is there, it leads to a hand to pull at. A
 file of the repository that a page links to becomes a page below source/. A link to a file that is
 not there stays as it is, and `mkdocs build --strict` then fails.
 """
