@@ -120,7 +120,6 @@ def test_the_api_page_answers_a_trial_and_a_hand(
     ends = re.findall(rf"^{states} 0\.\d+ (?:True|False)$", printed, re.MULTILINE)
     assert len(ends) == 2
     assert ends[0] == ends[1]
-    assert "cue to act at [" in printed
     assert re.search(rf"^{states} \d+ us$", printed, re.MULTILINE)
     assert "no such model file | export one" in printed
 
