@@ -374,9 +374,10 @@ class GripMonitor:
 
 def _risky_permille(votes: Any) -> int:
     """Risky share of the votes in thousandths (of eight classes, the last two are risky)."""
-    risky = votes[len(votes) * 3 // 4 :].sum()
-    # whole numbers, so that no rounding differs between machines
-    return 1000 * int(risky) // int(votes.sum())
+    # whole numbers, so that no rounding differs between machines; Python adds eight sooner than numpy
+    counts = votes.tolist()
+    risky = sum(counts[len(counts) * 3 // 4 :])
+    return 1000 * int(risky) // int(sum(counts))
 
 
 def _by_name(names: tuple[str, ...], values: Any) -> dict[str, float]:
