@@ -145,10 +145,15 @@ def _process_count(word: str) -> int:
     return int(word)
 
 
-def add_engine_option(parser: argparse.ArgumentParser) -> None:
+def add_engine_option(
+    parser: argparse.ArgumentParser, default: str = ONNXRUNTIME
+) -> None:
     """--engine."""
-    engine = "what computes a step: onnxruntime (default), or a library by holdfast export --to c"
-    parser.add_argument("--engine", choices=ENGINES, default=ONNXRUNTIME, help=engine)
+    engine = (
+        "what computes a step: onnxruntime, c (a library by holdfast export --to c), "
+        f"or auto: c where it is (default {default})"
+    )
+    parser.add_argument("--engine", choices=ENGINES, default=default, help=engine)
 
 
 def add_engine_options(parser: argparse.ArgumentParser) -> None:

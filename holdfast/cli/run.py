@@ -3,7 +3,7 @@
 holdfast run --source usb://ft232h
 holdfast run --source "virtual://ft232h?scene=pull-soft-ball&seed=1" --to view
 holdfast run mine.onnx --source usb://ft232h --grip unix:///run/hand/grip
-holdfast run mine.onnx --source usb://ft232h --engine c
+holdfast run mine.onnx --source usb://ft232h --engine onnxruntime
 holdfast run --source usb://ft232h --to web:8000 --to today.jsonl
 
 What is of a hand and seldom changes stands in holdfast.toml (cli/settings.py).
@@ -22,6 +22,7 @@ from holdfast.cli.options import (
     set_reader,
 )
 from holdfast.core.schema import DEFAULT_MODEL
+from holdfast.edge_runtime.engine import AUTO
 
 IN_SETTINGS = "holdfast.toml (docs/deploy.md)"
 OLD_OPTIONS = {
@@ -64,18 +65,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration_option(parser)
     bias = "file written by holdfast bias (default: from the first samples)"
     option("--bias", type=path_argument, metavar="FILE", help=bias)
-    add_engine_option(parser)
+    add_engine_option(parser, AUTO)
     seconds = "stop after S seconds (default: Ctrl-C)"
     option("--seconds", type=positive, metavar="S", help=seconds)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run until stopped; answers to --to, messages and the summary on stderr."""
-    from holdfast.edge_runtime.engine import ModelChoice
+    from holdfast.edge_runtime.engine import ONNXRUNTIME, ModelChoice
     from holdfast.live.run import RunOptions, run
 
     settings = args.settings
-    library = settings.library if args.engine == "c" else None
+    library = None if args.engine == ONNXRUNTIME else settings.library
     options = RunOptions(
         model=ModelChoice(str(args.model), args.engine, library),
         source=args.source,

@@ -17,7 +17,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import msgspec
 
@@ -34,8 +34,8 @@ Text = Annotated[str, msgspec.Meta(min_length=1)]
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What may stand in the file: values as they would be typed, None where they do not.
 
-    hand: the hand card of recordings; library: of --engine c; ceiling_n: largest grip of the hand,
-    N of either side; feedback: where cues go, and cues: their table.
+    hand: the hand card of recordings; engine: as --engine; library: the C form; ceiling_n: largest
+    grip of the hand, N of either side; feedback: where cues go, and cues: their table.
     """
 
     source: Text | None = None
@@ -46,7 +46,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     hand: Text | None = None
     grip: Text | None = None
     to: tuple[Text, ...] = ()
-    engine: Text | None = None
+    engine: Literal["auto", "onnxruntime", "c"] | None = None
     library: Text | None = None
     controller: Text | None = None
     ceiling_n: Annotated[float, msgspec.Meta(gt=0.0, le=1e4)] | None = None

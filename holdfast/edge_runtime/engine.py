@@ -2,23 +2,44 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from holdfast.core.errors import UsageError
+from holdfast.core.errors import LibraryRefused, UsageError
+from holdfast.core.schema import model_path
 
 if TYPE_CHECKING:
     from holdfast.edge_runtime.graph import Stepper
     from holdfast.edge_runtime.model_file import ModelCard
 
+AUTO = "auto"
 ONNXRUNTIME = "onnxruntime"
 C = "c"
-ENGINES = (ONNXRUNTIME, C)
+ENGINES = (AUTO, ONNXRUNTIME, C)
+LIBRARY = "libholdfast.so"
+
+
+def c_folders(model: str | Path) -> list[Path]:
+    """Where the C form of a model is looked for: beside the file, then in the working folder.
+
+    >>> [folder.as_posix() for folder in c_folders("models/holdfast-150hz.onnx")]
+    ['models/holdfast-150hz-c', 'holdfast-150hz-c']
+    """
+    path = model_path(model)
+    beside = path.with_name(f"{path.stem}-c")
+    return [beside, Path(beside.name)]
 
 
 class OpenedModel(Protocol):
-    """A model file that has passed all checks, with something that steps it."""
+    """A model file that has passed all checks, with something that steps it.
+
+    engine: what steps it, as a line for people; "" where nothing else was there.
+    """
+
+    engine: str
 
     @property
     def card(self) -> ModelCard:
@@ -32,7 +53,10 @@ class OpenedModel(Protocol):
 
 @dataclass(frozen=True)
 class ModelChoice:
-    """A model file and what steps it. library: of the C engine; None: in MODEL-c next to it."""
+    """A model file and what steps it: AUTO takes its C form where one is that fits.
+
+    library: of the C engine; None: in the first of `c_folders`.
+    """
 
     path: str
     engine: str = ONNXRUNTIME
@@ -40,16 +64,48 @@ class ModelChoice:
 
     def open(self) -> OpenedModel:
         """The model, checked. Raises a ModelError, or UsageError."""
-        if self.engine == C:
-            from holdfast.edge_runtime.c_engine import CompiledModel
-
-            return CompiledModel(self.path, self.library)
-
-        if self.library:
+        if self.library and self.engine == ONNXRUNTIME:
             raise UsageError(
                 "--library is for the C engine", next_step="add --engine c"
             )
+        if self.library or self.engine == C:
+            from holdfast.edge_runtime.c_engine import CompiledModel
+
+            return CompiledModel(self.path, self.library)
+        return self._fastest()
+
+    def _fastest(self) -> OpenedModel:
+        """Its C form where AUTO finds one that fits, else onnxruntime with the reason."""
+        found = [] if self.engine == ONNXRUNTIME else c_folders(self.path)
+        why_not = ""
+        for library in [folder / LIBRARY for folder in found]:
+            if library.is_file():
+                try:
+                    return _own_library(self.path, library)
+                except LibraryRefused as error:
+                    why_not = f"{error}; until then onnxruntime computes the step"
 
         from holdfast.edge_runtime.model import Model
 
-        return Model(self.path)
+        opened = Model(self.path)
+        opened.engine = why_not
+        return opened
+
+
+def owner(path: Path) -> int:
+    """The number of the user that a file belongs to."""
+    return path.stat().st_uid
+
+
+def _own_library(model: str, library: Path) -> OpenedModel:
+    """A library that nobody named. Raises LibraryRefused."""
+    # what it does is not known before it runs, and the working folder may be anybody's
+    if owner(library) not in (0, os.getuid()):
+        raise LibraryRefused(
+            "the library belongs to another user",
+            where=library,
+            next_step="name it if you trust it: library = in holdfast.toml",
+        )
+    from holdfast.edge_runtime.c_engine import CompiledModel
+
+    return CompiledModel(model, library)

@@ -44,13 +44,14 @@ LONGEST_REASON = 200
 class Model:
     """A model file that has passed all checks. Raises a ModelError.
 
-    path: a file, or the name of a shipped model.
+    path: a file, or the name of a shipped model. engine: why it is not the C form, for people.
     """
 
     def __init__(self, path: str | Path) -> None:
         # before anything is read: a wrong runtime must not even open the file
         check_runtime()
         self.path = Path(path)
+        self.engine = ""
         self.card, self.session = _checked(path)
         # only now: what was read and compared is let go where it was checked
         _give_back_memory()

@@ -86,6 +86,8 @@ class GripMonitor:
         has_counters: bool = False,
     ) -> None:
         self.card = model.card
+        self.engine = model.engine
+        """What steps the model, as a line for people; "" for onnxruntime without more to say."""
         self._model = model
         outputs = [*ANSWERS, *self.card.heads]
         if self.card.has_weight:
@@ -374,7 +376,7 @@ class GripMonitor:
 
 def _risky_permille(votes: Any) -> int:
     """Risky share of the votes in thousandths (of eight classes, the last two are risky)."""
-    # whole numbers, so that no rounding differs between machines; Python adds eight sooner than numpy
+    # whole numbers, so that no rounding differs; Python adds eight sooner than numpy
     counts = votes.tolist()
     risky = sum(counts[len(counts) * 3 // 4 :])
     return 1000 * int(risky) // int(sum(counts))

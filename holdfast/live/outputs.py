@@ -42,7 +42,8 @@ from holdfast.core.errors import OutputError, UsageError
 from holdfast.core.lines import CLOSING_S, LineWriter, Sink
 from holdfast.core.source import SourceReading
 from holdfast.core.trial_file import TIME_COLUMN
-from holdfast.edge_runtime.model_file import OLDER_FILE, ModelCard
+from holdfast.edge_runtime.engine import OpenedModel
+from holdfast.edge_runtime.model_file import OLDER_FILE
 
 RISKY = SITUATIONS[RISKY_SLIP]
 STOPPED, FAILED = "stopped", "failed"
@@ -140,9 +141,12 @@ def to_json_line(prediction: Prediction, not_learned: Collection[str] = ()) -> s
     return encode(fields).decode()
 
 
-def about_model(card: ModelCard, path: str | Path) -> list[str]:
-    """What is reported of a model when a run begins: its hand, its gaps, its age."""
-    lines = [] if card.hand is None else [card.hand.in_words()]
+def about_model(model: OpenedModel, path: str | Path) -> list[str]:
+    """What is reported of a model when a run begins: its engine, its hand, its gaps, its age."""
+    card = model.card
+    lines = [model.engine] if model.engine else []
+    if card.hand is not None:
+        lines.append(card.hand.in_words())
     lines += not_learned_in_words(card.not_learned)
     if card.is_older:
         lines.append(f"{path}: {OLDER_FILE}")

@@ -208,7 +208,7 @@ class _Run:
                 if self._grip is not None:
                     self._grip.begin(source)
 
-                for line in about_model(self._model.card, options.model.path):
+                for line in about_model(self._model, options.model.path):
                     self.report(line)
                 resting = resting_of(options.bias, source)
                 if resting is None and self._model.card.preparation.bias_rows:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -18,13 +20,14 @@ from loop_bench import card_text, row
 from made_once import made_once
 from small_model import for_the_hand, graph_of, sealed_bytes
 
+import holdfast
 from holdfast.core.contract import Prediction
 from holdfast.core.errors import LibraryRefused
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.c_engine import LIBRARY, CompiledModel
-from holdfast.edge_runtime.engine import OpenedModel
+from holdfast.edge_runtime.engine import OpenedModel, c_folders
 from holdfast.edge_runtime.model import Model
-from holdfast.export.c.exporting import export_c
+from holdfast.export.c.exporting import export_c, folder_for
 from holdfast.export.exporting import model_card, seal
 from holdfast.live.run import answer
 from holdfast.live.sources import open_live
@@ -91,22 +94,71 @@ def test_both_engines_give_the_same_lines_on_a_virtual_hand_that_loses_a_finger(
     assert len({line["state"] for line in reference}) > 2
 
 
-def test_a_run_of_the_c_engine_never_loads_onnxruntime(model):
+def run_of(model: Path, *words: str, cwd: Path = ROOT) -> tuple[str, str]:
+    """stdout (exit code, whether onnxruntime was loaded) and stderr of a short run."""
     program = f"""
 import sys
 from holdfast.cli.main import main
-words = ["run", {str(model)!r}, "--source", "virtual://ft232h", "--engine", "c", "--seconds", "0.2"]
-code = main([*words, "--to", "none"])
+words = ["run", {str(model)!r}, "--source", "virtual://ft232h", "--seconds", "0.2", "--to", "none"]
+code = main([*words, *sys.argv[1:]])
 print(code, "onnxruntime" in sys.modules)
 """
     done = subprocess.run(
-        [sys.executable, "-c", program],
-        cwd=ROOT,
+        [sys.executable, "-c", program, *words],
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         timeout=300,
     )
-    assert done.stdout == "0 False\n", done.stderr
+    return done.stdout, done.stderr
+
+
+def test_a_run_takes_the_c_form_beside_its_model_and_never_loads_onnxruntime(model):
+    stdout, stderr = run_of(model)
+    assert stdout == "0 False\n", stderr
+    assert "the step is compiled C" in stderr
+
+
+def test_a_run_of_onnxruntime_takes_no_c_form(model):
+    stdout, stderr = run_of(model, "--engine", "onnxruntime")
+    assert stdout == "0 True\n", stderr
+    assert "compiled C" not in stderr
+
+
+def test_the_c_form_in_the_working_folder_is_found_second(model, tmp_path):
+    """Where a model's own folder cannot be written, its C form goes to the working folder."""
+    away = tmp_path / "installed" / "small.onnx"
+    away.parent.mkdir()
+    shutil.copy(model, away)
+    shutil.copytree(model.parent / "small-c", tmp_path / "small-c")
+    stdout, stderr = run_of(away, cwd=tmp_path)
+    assert stdout == "0 False\n", stderr
+    assert f"small-c/{LIBRARY}" in stderr
+
+
+def test_a_c_form_that_does_not_fit_is_named_and_onnxruntime_answers(model, tmp_path):
+    other = tmp_path / "small.onnx"
+    other.write_bytes(sealed_bytes())
+    shutil.copytree(model.parent / "small-c", tmp_path / "small-c")
+    monitor = holdfast.load(other, live=False)
+    assert "is of model" in monitor.engine
+    assert "onnxruntime computes the step" in monitor.engine
+
+
+def test_a_library_of_another_user_is_taken_only_by_its_name(model, monkeypatch):
+    assert "compiled C" in holdfast.load(model).engine
+    monkeypatch.setattr("holdfast.edge_runtime.engine.owner", lambda path: 4242)
+    assert "belongs to another user" in holdfast.load(model).engine
+    assert "compiled C" in holdfast.load(model, engine="c").engine
+
+
+def test_an_export_goes_beside_the_model_or_into_the_working_folder(model, monkeypatch):
+    assert folder_for(model) == model.parent / "small-c"
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    assert folder_for(model) == Path("small-c")
+    # a shipped model is looked for where it is, not where one stands
+    assert c_folders("holdfast-150hz")[0].is_absolute()
 
 
 def test_a_library_that_does_not_fit_is_one_clear_error(
@@ -116,8 +168,10 @@ def test_a_library_that_does_not_fit_is_one_clear_error(
     alone.write_bytes(sealed_bytes())
     words = ("run", alone, "--source", "virtual://ft232h", "--engine", "c")
     fails(run, 4, "LibraryRefused", *words, says="no compiled library")
+    torn = tmp_path / LIBRARY
+    torn.write_bytes(b"no library")
     for library, says in (
-        (alone, "is no library of a model"),
+        (torn, "is no library of a model"),
         (model.parent / "small-c" / LIBRARY, "is of model"),
     ):
         settings = tmp_path / "holdfast.toml"

@@ -1,6 +1,6 @@
 """A sealed model file -> a folder of C, written whole or not at all.
 
-With `build`, the machine's C compiler makes a shared library of it, proved by its self-test.
+The machine's C compiler, where there is one, makes a shared library of it, proved by its self-test.
 """
 
 from __future__ import annotations
@@ -10,12 +10,13 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from holdfast.core.errors import CompilerFailed, OutputError
 from holdfast.core.writing import require_writable, whole_folder, write_whole
-from holdfast.edge_runtime.c_engine import LIBRARY
+from holdfast.edge_runtime.engine import LIBRARY, c_folders
 from holdfast.export.c.graph import read_graph
 from holdfast.export.c.source import c_source
 
@@ -26,6 +27,8 @@ C99 is enough for all that is generated. -O3 makes three times the code for equa
 caches must fetch all of it. -ffp-contract=off keeps a compiler from fusing products and sums, which
 round once where two operations round twice: so all compilers give the same bits.
 """
+ON_A_BOARD = f"cc {' '.join(FLAGS)} -shared -fPIC -o {LIBRARY} holdfast.c -lm"
+"""Typed in a copy of the folder, it makes the library on a board that has no exporter."""
 COMPILERS = ("cc", "gcc", "clang")
 """Tried in this order where $CC names none."""
 LONGEST_S = 600.0
@@ -36,7 +39,7 @@ LONGEST_MESSAGE = 200
 
 @dataclass(frozen=True)
 class CExport:
-    """What was written. selftest: what the compiled self-test printed; empty without --build.
+    """What was written. selftest: what the compiled self-test printed; empty without a library.
 
     files: their names. The memory of one hand, in bytes: state, kept from sample to sample; tables,
     constants that all hands of a program share; stack of one step, while it runs.
@@ -50,9 +53,14 @@ class CExport:
 
 
 def export_c(
-    model: Path, folder: Path, *, build: bool = False, force: bool = False
+    model: Path, folder: Path, *, build: bool | None = False, force: bool = False
 ) -> CExport:
-    """Write the C form of a model. Raises a ModelError, CompilerFailed or OutputError."""
+    """Write the C form of a model. Raises a ModelError, CompilerFailed or OutputError.
+
+    build: compile it too; None: where there is a compiler.
+    """
+    if build is None:
+        build = has_compiler()
     source = c_source(read_graph(model))
     names = [*source.files, LIBRARY] if build else [*source.files]
     # before the compiler runs, which takes a while
@@ -115,6 +123,19 @@ def compiled_library(files: Mapping[str, str]) -> tuple[bytes, str]:
         return (folder / LIBRARY).read_bytes(), printed
 
 
+def folder_for(model: Path) -> Path:
+    """Where the C form of a model goes by default: the first place of a search that takes it."""
+    beside, here = c_folders(model)
+    return beside if os.access(beside.parent, os.W_OK) else here
+
+
+def has_compiler() -> bool:
+    """Whether this machine can compile C."""
+    with suppress(CompilerFailed):
+        return bool(find_compiler())
+    return False
+
+
 def find_compiler() -> str:
     """The compiler in $CC, else the first of COMPILERS. Raises CompilerFailed."""
     named = os.environ.get("CC", "")
@@ -129,7 +150,7 @@ def find_compiler() -> str:
     raise CompilerFailed(
         f"no C compiler ({', '.join(names)})",
         cause=missing,
-        next_step="install gcc or clang, or leave --build out and compile elsewhere",
+        next_step="install gcc or clang, or compile elsewhere: --no-build",
     )
 
 

@@ -155,11 +155,11 @@ def outcome_of(
 
 def _figures(home: Path, model: Path) -> tuple[ParticipantFigures | None, str]:
     """The model's figures, or why there are none."""
-    from holdfast.edge_runtime.engine import ModelChoice
+    from holdfast.edge_runtime.engine import AUTO, ModelChoice
     from holdfast.evaluation.outcomes import participant_figures
 
     try:
-        return participant_figures(ModelChoice(str(model)).open(), home), ""
+        return participant_figures(ModelChoice(str(model), AUTO).open(), home), ""
     except (DataError, ModelError) as error:
         # A report without figures is better than none: the adverse events are in it.
         return None, f"{type(error).__name__}: {error}"
