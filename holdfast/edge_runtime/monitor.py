@@ -6,17 +6,18 @@ import time
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.clock import MonotonicClock
 from holdfast.core.contract import (
     CLASSES,
     NOTHING,
     RATE_TOLERANCE,
+    SINCE_BOOT,
     SITUATIONS,
     BoolArray,
     CommandLink,
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
     from holdfast.edge_runtime.engine import OpenedModel
     from holdfast.edge_runtime.recording import Answers
 
-NOW_NS = MonotonicClock().now_ns
+NOW_NS = partial(time.clock_gettime_ns, SINCE_BOOT)
 RECORDED_NS = 60_000_000_000
 """No hand is read a minute late: a sample of that age comes from a recording, or another clock."""
 RECORDED = (
