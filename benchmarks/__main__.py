@@ -156,7 +156,7 @@ def _robust(request: BenchRequest) -> Json:
 
 def _hand(request: BenchRequest) -> Json:
     from benchmarks.hand import fault_table, latency, scan_costs
-    from holdfast.evaluation.bench import memory
+    from holdfast.live.bench import memory
 
     scans = scan_costs()
     live = [latency(MODEL, rate_hz, LIVE_S) for rate_hz in LIVE_HZ]

@@ -27,7 +27,7 @@ from holdfast.edge_runtime.c_engine import LIBRARY, CompiledModel
 from holdfast.edge_runtime.graph import open_session, run_recording
 from holdfast.edge_runtime.model import ANSWERS
 from holdfast.edge_runtime.monitor import Model
-from holdfast.evaluation.bench import (
+from holdfast.live.bench import (
     FLOOR,
     GRIP,
     STEP,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from benchmarks.latency import OWN
 from holdfast.core.contract import Json
-from holdfast.evaluation.bench import FLOOR, GRIP, STEP
+from holdfast.live.bench import FLOOR, GRIP, STEP
 from holdfast.evaluation.style import OURS, QUIET, WARNING, drawing, svg
 
 COLOURS = {STEP: OURS, GRIP: OURS, OWN: OURS, FLOOR: WARNING}

@@ -13,7 +13,7 @@ import numpy as np
 from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.edge_runtime.graph import StepGraph, open_session
 from holdfast.edge_runtime.model import Model
-from holdfast.evaluation.bench import (
+from holdfast.live.bench import (
     CALLS_A_TURN,
     TURNS,
     busy_wait,

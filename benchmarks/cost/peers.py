@@ -25,7 +25,7 @@ from benchmarks.timed_calls import (
 from holdfast.core.contract import CLASSES, Json
 from holdfast.core.errors import LibraryMissing
 from holdfast.edge_runtime.model import Model
-from holdfast.evaluation.bench import CALLS_A_TURN, STEP, TURNS, step_of
+from holdfast.live.bench import CALLS_A_TURN, STEP, TURNS, step_of
 from holdfast.export.learner import Forest, reference_votes
 from holdfast.export.spec import bands_for
 from holdfast.training.crossval import fit_learner

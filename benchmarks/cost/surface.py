@@ -29,7 +29,7 @@ from benchmarks.timed_calls import learner_call, step_call
 from holdfast.cli.options import CORES
 from holdfast.core.contract import FloatArray, Json
 from holdfast.core.writing import write_whole
-from holdfast.evaluation.bench import time_in_turns
+from holdfast.live.bench import time_in_turns
 from holdfast.evaluation.jobs import Job, Workers
 from holdfast.export.verify import cut_learners
 

@@ -1,22 +1,35 @@
-"""`holdfast bench latency`: whether this machine is fast enough: one decision, and its budgets.
+"""`holdfast bench latency [MODEL]`: whether this machine is fast enough, hot and as deployed.
 
-The parts of a decision, what accuracy costs in time, a hand, the simulator: `make bench NAME=..` in
-a checkout.
+holdfast bench latency
+holdfast bench latency holdfast-50hz --source usb://ft232h --calibration hand.calibration.json
+holdfast bench latency mine.onnx --older before.onnx
+
+What accuracy costs in time, a bus, the simulator: `make bench NAME=..` in a checkout.
 """
 
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 from holdfast.cli.command import (
     STDOUT,
     add_json_option,
     path_argument,
+    positive,
     require_json_writable,
     show,
     write_found,
 )
+from holdfast.cli.options import add_calibration_option
+from holdfast.core.errors import HoldfastError
+from holdfast.core.schema import DEFAULT_MODEL, model_path
+
+if TYPE_CHECKING:
+    from holdfast.edge_runtime.engine import OpenedModel
 
 LATENCY = "latency"
 
@@ -24,8 +37,17 @@ LATENCY = "latency"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
-    what = "latency: the time of one decision"
+    what = "latency: the time of one decision, and the way of a sample"
     option("what", choices=[LATENCY], metavar="latency", help=what)
+    model = f"a sealed model file (default: the shipped {DEFAULT_MODEL})"
+    option("model", nargs="?", default=DEFAULT_MODEL, metavar="MODEL", help=model)
+    older = "another file of this rate and hand, its step timed in the same run"
+    option("--older", type=path_argument, metavar="FILE", help=older)
+    source = "the hand whose samples are followed (default virtual://ft232h)"
+    option("--source", default="virtual://ft232h", metavar="URL", help=source)
+    add_calibration_option(parser)
+    seconds = "of each call, and of each live run (default 20)"
+    option("--seconds", type=positive, default=20.0, metavar="S", help=seconds)
     check = "exit 1 if a budget is exceeded"
     option("--check", action="store_true", help=check)
     out = "folder for the results (default build/bench)"
@@ -36,18 +58,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure, write latency.json, print the tables."""
-    from holdfast.core.schema import model_path
     from holdfast.core.writing import require_writable
-    from holdfast.evaluation.bench import KIND, figures_of
+    from holdfast.edge_runtime.model import Model
     from holdfast.evaluation.provenance import table_lines, write_measured
+    from holdfast.live.bench import KIND, BenchRequest, figures_of
     from holdfast.training.progress import stages
 
     require_writable(args.out)
     require_json_writable(args)
-    with stages(1) as begin:
-        begin("latency: time of one decision")
-        # The shipped model: figures of two machines are then of the same file.
-        figures = figures_of(model_path("holdfast-150hz"))
+    path = model_path(args.model)
+    with stages(1) as begin, TemporaryDirectory() as work:
+        begin("latency: time of one decision, and the way of a sample (minutes)")
+        request = BenchRequest(
+            Model(path),
+            compiled=_compiled(path, Path(work)),
+            older=Model(args.older) if args.older else None,
+            source=args.source,
+            calibration=args.calibration,
+            seconds=args.seconds,
+        )
+        figures = figures_of(request)
 
     written = write_measured(args.out, LATENCY, KIND, figures, None)
     if args.json != STDOUT:
@@ -55,3 +85,20 @@ def run(args: argparse.Namespace) -> int:
     write_found(args, {LATENCY: figures})
     # Only with --check: a machine for trying things may be slower than the budgets.
     return int(args.check and bool(figures["broken"]))
+
+
+def _compiled(model: Path, work: Path) -> OpenedModel | None:
+    """The model's C form, that beside it or one made here; None where neither can be."""
+    from holdfast.edge_runtime.engine import AUTO, LIBRARY, C, ModelChoice
+    from holdfast.edge_runtime.model import Model
+
+    opened = ModelChoice(str(model), AUTO).open()
+    if not isinstance(opened, Model):
+        return opened
+    # a board has no compiler, or not the package that reads the graph
+    with suppress(HoldfastError, ImportError):
+        from holdfast.export.c.exporting import export_c
+
+        export_c(model, work, build=True)
+        return ModelChoice(str(model), C, str(work / LIBRARY)).open()
+    return None

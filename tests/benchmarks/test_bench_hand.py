@@ -20,7 +20,7 @@ from benchmarks.hand import (
     scan_costs,
 )
 from holdfast.drivers.bridges import BRIDGES
-from holdfast.evaluation.bench import memory, time_in_turns
+from holdfast.live.bench import memory, time_in_turns
 from holdfast.live.loop import STAGES
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -15,7 +15,7 @@ from benchmarks.latency import BARE, C_FLOOR, C_STEP, OWN, part_ratios
 from holdfast.core.schema import DEFAULT_MODEL, model_path
 from holdfast.edge_runtime.model import Model
 from holdfast.evaluation import bench
-from holdfast.evaluation.bench import (
+from holdfast.live.bench import (
     BUDGET,
     FLOOR,
     GRIP,

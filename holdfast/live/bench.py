@@ -1,0 +1,417 @@
+"""`holdfast bench latency`: whether this machine is fast enough for a model file, as deployed.
+
+Every call is timed twice on the golden sequence of the file, whose faults and values take every
+path. *Hot*: in rows of a hundred. *As deployed*: once each period, asleep in between, as the loop
+of a hand makes it; caches are cold then, and a step takes several times as long. In both, calls
+take turns, so that a busy moment hits all alike. The floor is a busy wait as long as the hot step:
+its spread is the machine's own jitter.
+
+    step in onnxruntime  guard, bank, detectors, features, learner, votes
+    step in C            the same, where a compiler or a C form is
+    grip command         friction margin, controller and supervisor, from the step's answer on
+
+The way of a sample is a live run with each engine, by stage: read, convert, step, decide, emit. Its
+step has the watches of edge_runtime/health.py in it.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from itertools import cycle
+from pathlib import Path
+
+import numpy as np
+
+from holdfast import edge_runtime
+from holdfast.core.clock import MonotonicClock
+from holdfast.core.contract import BoolArray, FloatArray, Json, Sample
+from holdfast.core.lines import LineWriter
+from holdfast.edge_runtime.engine import OpenedModel
+from holdfast.edge_runtime.grip_control import GripControl
+from holdfast.edge_runtime.model import ANSWERS, Model, golden_input
+from holdfast.edge_runtime.monitor import GripMonitor
+from holdfast.live.loop import STAGES
+from holdfast.live.outputs import LineOutput, emit_to
+from holdfast.live.run import answer
+from holdfast.live.running import RunClock, real_time, say, until
+from holdfast.live.sources import force_of, open_live
+
+STEP = "step in onnxruntime"
+C_STEP = "step in C"
+OLDER = "step of the older file"
+GRIP = "grip command"
+FLOOR = "busy-wait reference"
+"""Names of the calls, as latency.json has them."""
+Stream = tuple[FloatArray, BoolArray]
+"""Values [T, C] and valid [T, C/3] of samples that calls take in turn."""
+BUDGET = Path(edge_runtime.__file__).with_name("budget.toml")
+KIND = "time on this machine, samples made by formula"
+"""Stands next to every figure."""
+Calls = dict[str, Callable[[], object]]
+TURNS = 40
+"""Rounds in which every call takes its turn, hot."""
+CALLS_A_TURN = 100
+FIRST = 3
+"""Calls of a second that do not count as deployed: another call had the caches before them."""
+LIVE_TURNS = 4
+"""So often each engine answers the hand."""
+LIBRARIES = (
+    "import os; os.environ['ORT_DISABLE_TELEMETRY'] = '1'; import numpy, onnxruntime"
+)
+LIVE_PATH = """
+import sys
+import numpy as np
+from holdfast.core.contract import Sample
+from holdfast.edge_runtime.monitor import GripMonitor, Model
+monitor = GripMonitor(Model(sys.argv[1]), None)
+card = monitor.card
+monitor.feed(Sample(0, np.zeros(card.n_channels), np.ones(card.n_channels // 3, dtype=np.bool_), 0))
+"""
+MEMORY_KB = """
+status = dict(line.split(":", 1) for line in open("/proc/self/status"))
+print(status["VmRSS"].split()[0], status["RssAnon"].split()[0])
+"""
+
+
+@dataclass(frozen=True)
+class BenchRequest:
+    """What is measured: a model, its C form, an older file beside it, and a hand's URL.
+
+    compiled: None without a C form. seconds: of each call as deployed, and of each live run.
+    """
+
+    model: Model
+    compiled: OpenedModel | None = None
+    older: Model | None = None
+    source: str = "virtual://ft232h"
+    calibration: Path | None = None
+    seconds: float = 20.0
+    turns: int = TURNS
+
+
+@dataclass(frozen=True)
+class CallTimes:
+    """Percentiles of a call's time, us: hot in a row, and as deployed. n: calls as deployed."""
+
+    what: str
+    hot_p50_us: float
+    hot_p99_us: float
+    p50_us: float
+    p99_us: float
+    n: int
+
+
+def figures_of(request: BenchRequest) -> Json:
+    """What latency.json holds: calls, the way of a sample, memory, budgets, and what breaks one."""
+    model, rate_hz = request.model, request.model.card.rate_hz
+    rows = call_times(_calls(request), rate_hz, request.seconds, request.turns)
+    way = way_of_a_sample(request)
+    libraries, live = processes = memory(model.path)
+    found = {
+        **ratios(rows, rate_hz),
+        "around_over_step": around_over_step(way),
+        "model_mib": model.path.stat().st_size / 2**20,
+        # how many pages of libraries are mapped depends on the machine: those are not counted
+        "over_libraries_mb": live.own_mb - libraries.own_mb,
+    }
+    limited = budgets(found)
+    return {
+        "model": model.card.model_id,
+        "rate_hz": rate_hz,
+        "source": request.source,
+        "rows": [asdict(row) for row in rows],
+        "way": [asdict(row) for row in way],
+        "memory": [asdict(row) for row in processes],
+        "budgets": [one.to_json() for one in limited],
+        "broken": [one.line for one in limited if one.is_broken],
+    }
+
+
+def _calls(request: BenchRequest) -> Calls:
+    step = step_of(request.model)
+    calls: Calls = {STEP: step}
+    if request.compiled is not None:
+        calls[C_STEP] = step_of(request.compiled)
+    if request.older is not None:
+        calls[OLDER] = step_of(request.older)
+    # the median: a floor as long as a usual call, not as a disturbed one
+    usual_us = float(np.median(time_in_turns({STEP: step}, turns=5)[STEP]))
+    return {**calls, GRIP: grip_of(request.model), FLOOR: busy_wait(usual_us)}
+
+
+def ratios(rows: Sequence[CallTimes], rate_hz: float) -> dict[str, float]:
+    """Ratios of one run as deployed, by the name of their budget; of C where it was timed."""
+    of = {one.what: one for one in rows}
+    step, grip, floor = of[STEP], of[GRIP], of[FLOOR]
+    found = {
+        # the rest of the time between two samples is left for the bus and for a busy machine
+        "step_and_grip_of_period": 1e-6 * rate_hz * (step.p99_us + grip.p99_us),
+        "grip_over_step": grip.p50_us / step.p50_us,
+        # a tail is compared with that of a wait, which has the machine's jitter alone
+        "tail_over_floor_tail": step.p99_us
+        / step.p50_us
+        / (floor.p99_us / floor.p50_us),
+    }
+    if C_STEP in of:
+        found["c_step_over_step"] = of[C_STEP].p50_us / step.p50_us
+    if OLDER in of:
+        found["step_over_older"] = step.p50_us / of[OLDER].p50_us
+        found["hot_step_over_older"] = step.hot_p50_us / of[OLDER].hot_p50_us
+    return found
+
+
+@dataclass(frozen=True)
+class Budget:
+    """A figure and its largest value in budget.toml, None where it has none."""
+
+    budget: str
+    value: float
+    limit: float | None
+
+    @property
+    def is_broken(self) -> bool:
+        """Whether the figure is beyond the limit."""
+        return self.limit is not None and self.value > self.limit
+
+    @property
+    def line(self) -> str:
+        """For people."""
+        return f"{self.budget}: {self.value:.3g}, at most {self.limit:g}"
+
+    def to_json(self) -> Json:
+        """As it stands in latency.json."""
+        limit = None if self.limit is None else f"at most {self.limit:g}"
+        return {**asdict(self), "limit": limit}
+
+
+def budgets(found: Mapping[str, float]) -> list[Budget]:
+    """Figures by the name of their budget, with their limits."""
+    limits = tomllib.loads(BUDGET.read_text(encoding="utf-8"))["at_most"]
+    return [Budget(name, value, limits.get(name)) for name, value in found.items()]
+
+
+def step_of(model: OpenedModel, stream: Stream | None = None) -> Callable[[], object]:
+    """Step over a stream again and again, by default over the golden sequence with its faults."""
+    values, valid = stream or golden(model)
+    graph = model.stepper(ANSWERS)
+    turn = cycle(range(len(values)))
+
+    def step() -> None:
+        index = next(turn)
+        # Into the buffers of the graph, as the live loop does it: no array is made.
+        graph.sample[0] = values[index]
+        graph.valid[0] = valid[index]
+        graph.step()
+
+    return step
+
+
+def grip_of(model: Model) -> Callable[[], object]:
+    """The grip controller's command for each golden sample, its predictions made before."""
+    card = model.card
+    values, valid = golden(model)
+    monitor = GripMonitor(model, None)
+    period_ns = 1e9 / card.rate_hz
+    predictions = []
+    for k in range(len(values)):
+        # Times at the model's rate: no sample is late, and no state unknown for it.
+        sample = Sample(round(k * period_ns), values[k], valid[k], k)
+        # All before the timing, so that only the controller is timed.
+        predictions.append(monitor.feed(sample))
+
+    fingers = card.n_channels // 3
+    control = GripControl("holdfast", card.rate_hz, unit=card.unit, n_fingers=fingers)
+    turn = cycle(range(len(values)))
+
+    def command() -> None:
+        index = next(turn)
+        control.step(predictions[index], values[index], valid[index])
+
+    return command
+
+
+def golden(model: OpenedModel) -> Stream:
+    """The sequence every file is checked with at load, of this model."""
+    card = model.card
+    return golden_input(card.n_channels, card.unit, card.settle_samples)
+
+
+def call_times(
+    calls: Calls, rate_hz: float, seconds: float, turns: int = TURNS
+) -> list[CallTimes]:
+    """Calls of microseconds, hot and as deployed."""
+    with real_time():
+        hot = time_in_turns(calls, turns)
+    deployed = time_deployed(calls, rate_hz, seconds)
+    rows = []
+    for name, times_us in deployed.items():
+        hot_us = np.percentile(hot[name], (50, 99)).tolist()
+        deployed_us = np.percentile(times_us, (50, 99)).tolist()
+        rows.append(CallTimes(name, *hot_us, *deployed_us, times_us.size))
+    return rows
+
+
+def time_in_turns(
+    calls: Mapping[str, Callable[[], object]],
+    turns: int = TURNS,
+    calls_a_turn: int = CALLS_A_TURN,
+) -> dict[str, FloatArray]:
+    """Wall-clock us of every call, [turns x calls_a_turn] each.
+
+    The first turn is warm-up and left out.
+    """
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    for turn in range(turns + 1):
+        for name, call in calls.items():
+            for _ in range(calls_a_turn):
+                took_us = _time_us(call)
+                # Turn 0 pays for what is allocated and compiled at the first call.
+                if turn:
+                    times[name].append(took_us)
+
+    return {name: np.array(values) for name, values in times.items()}
+
+
+def time_deployed(
+    calls: Mapping[str, Callable[[], object]], rate_hz: float, seconds: float
+) -> dict[str, FloatArray]:
+    """Wall-clock us of calls that come once each period, asleep in between.
+
+    Each call has `seconds` of its own, a second at a time in turn, and without the first few calls
+    of it; as in a run, with real-time priority where the system gives it.
+    """
+    clock = MonotonicClock()
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    with real_time():
+        for _ in range(math.ceil(seconds)):
+            for name, call in calls.items():
+                start_ns = clock.now_ns()
+                for k in range(FIRST + round(rate_hz)):
+                    clock.wait_until(start_ns + round(1e9 * (k + 1) / rate_hz))
+                    took_us = _time_us(call)
+                    if k >= FIRST:
+                        times[name].append(took_us)
+
+    return {name: np.array(values) for name, values in times.items()}
+
+
+def _time_us(call: Callable[[], object]) -> float:
+    # Whole ns around the call alone: what stores the time is not in it.
+    started = time.perf_counter_ns()
+    call()
+    ended = time.perf_counter_ns()
+    return (ended - started) / 1000.0
+
+
+def busy_wait(microseconds: float) -> Callable[[], None]:
+    """A call that does nothing for this time.
+
+    Its tail is the machine's own jitter (the reference).
+    """
+    wait_ns = round(1000 * microseconds)
+
+    # Not a sleep: a process that sleeps is measured by how late the system wakes it.
+    def wait() -> None:
+        until_ns = time.perf_counter_ns() + wait_ns
+        while time.perf_counter_ns() < until_ns:
+            pass
+
+    return wait
+
+
+# -- the way of a sample
+
+
+@dataclass(frozen=True)
+class StageTimes:
+    """Time of a stage of the live loop, us. overruns: samples that this engine's run missed."""
+
+    engine: str
+    stage: str
+    p50_us: float
+    p99_us: float
+    samples: int
+    overruns: int
+
+
+OURS = "convert to emit"
+"""All stages but the bus."""
+
+
+def way_of_a_sample(request: BenchRequest) -> list[StageTimes]:
+    """A live run with each engine in turn: a hand is read, and answers are written as JSON lines.
+
+    Raises the errors of `holdfast run`.
+    """
+    models: dict[str, OpenedModel] = {"onnxruntime": request.model}
+    if request.compiled is not None:
+        models["C"] = request.compiled
+    clock = RunClock()
+    to_force = force_of(request.calibration)
+    lines = LineOutput([LineWriter(os.open(os.devnull, os.O_WRONLY))], say)
+    kept: dict[str, list[FloatArray]] = {name: [] for name in models}
+    overruns = dict.fromkeys(models, 0)
+    source = open_live(request.source, clock=clock, report=say, to_force=to_force)
+    with closing(lines), closing(source), real_time():
+        for _ in range(LIVE_TURNS):
+            for name, model in models.items():
+                end = until(lambda: False, clock, request.seconds / LIVE_TURNS)
+                summary = answer(source, model, clock, emit_to([lines]), end)
+                kept[name].append(summary.stage_us[: summary.samples])
+                overruns[name] += summary.overruns
+
+    rows = []
+    for name, turns in kept.items():
+        stage_us = np.concatenate(turns)
+        columns = dict(zip(STAGES, stage_us.T, strict=True))
+        columns[OURS] = stage_us[:, 1:].sum(axis=1)
+        for stage, times_us in columns.items():
+            p50, p99 = np.percentile(times_us, (50, 99)).tolist()
+            missed = overruns[name]
+            rows.append(StageTimes(name, stage, p50, p99, len(stage_us), missed))
+    return rows
+
+
+def around_over_step(way: Sequence[StageTimes]) -> float:
+    """What convert, decide and emit take together, over the step of onnxruntime."""
+    of = {one.stage: one.p50_us for one in way if one.engine == "onnxruntime"}
+    return (of["convert"] + of["decide"] + of["emit"]) / of["step"]
+
+
+@dataclass(frozen=True)
+class ProcessMemory:
+    """A process: its resident memory, what of it is no file's, and the time of start and end."""
+
+    process: str
+    resident_mb: float
+    own_mb: float
+    start_s: float
+
+
+def memory(model_path: Path) -> list[ProcessMemory]:
+    """Two processes: libraries alone, and the live path with a model."""
+    rows = []
+    for name, program in (
+        ("floor", LIBRARIES),
+        ("live path, default model", LIVE_PATH),
+    ):
+        started = time.perf_counter()
+        # A fresh process each: memory that was once used is rarely given back.
+        command = [sys.executable, "-c", program + MEMORY_KB, str(model_path)]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        # Start and end together: what a user waits for a program that does nothing else.
+        took_s = time.perf_counter() - started
+
+        # The kernel counts in KiB.
+        resident_mb, own_mb = (int(word) / 1024 for word in done.stdout.split())
+        rows.append(ProcessMemory(name, resident_mb, own_mb, took_s))
+
+    return rows
