@@ -27,6 +27,9 @@ from holdfast.edge_runtime.c_engine import LIBRARY, CompiledModel
 from holdfast.edge_runtime.graph import open_session, run_recording
 from holdfast.edge_runtime.model import ANSWERS
 from holdfast.edge_runtime.monitor import Model
+from holdfast.export.c.exporting import export_c
+from holdfast.export.exporting import export_artifact
+from holdfast.export.verify import cut_learners
 from holdfast.live.bench import (
     FLOOR,
     GRIP,
@@ -44,9 +47,6 @@ from holdfast.live.bench import (
     timed,
     with_floor,
 )
-from holdfast.export.c.exporting import export_c
-from holdfast.export.exporting import export_artifact
-from holdfast.export.verify import cut_learners
 from holdfast.training.featurise import FloatRows
 from holdfast.training.fitting import train
 from holdfast.training.plan import RAW_BASELINE

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from benchmarks.latency import OWN
 from holdfast.core.contract import Json
-from holdfast.live.bench import FLOOR, GRIP, STEP
 from holdfast.evaluation.style import OURS, QUIET, WARNING, drawing, svg
+from holdfast.live.bench import FLOOR, GRIP, STEP
 
 COLOURS = {STEP: OURS, GRIP: OURS, OWN: OURS, FLOOR: WARNING}
 """Of calls in the picture; all others are quiet."""

@@ -25,9 +25,9 @@ from benchmarks.timed_calls import (
 from holdfast.core.contract import CLASSES, Json
 from holdfast.core.errors import LibraryMissing
 from holdfast.edge_runtime.model import Model
-from holdfast.live.bench import CALLS_A_TURN, STEP, TURNS, step_of
 from holdfast.export.learner import Forest, reference_votes
 from holdfast.export.spec import bands_for
+from holdfast.live.bench import CALLS_A_TURN, STEP, TURNS, step_of
 from holdfast.training.crossval import fit_learner
 from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.plan import RAW_BASELINE

@@ -29,9 +29,9 @@ from benchmarks.timed_calls import learner_call, step_call
 from holdfast.cli.options import CORES
 from holdfast.core.contract import FloatArray, Json
 from holdfast.core.writing import write_whole
-from holdfast.live.bench import time_in_turns
 from holdfast.evaluation.jobs import Job, Workers
 from holdfast.export.verify import cut_learners
+from holdfast.live.bench import time_in_turns
 
 HERE = Workers(CORES)
 TIMED_ROWS = 200

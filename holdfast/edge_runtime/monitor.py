@@ -34,10 +34,10 @@ from holdfast.edge_runtime.health import (
     RateWatch,
     RepeatWatch,
 )
-from holdfast.edge_runtime.model import ANSWERS, WEIGHS
 from holdfast.edge_runtime.model import (
     Model as Model,  # both from here, as the README does
 )
+from holdfast.edge_runtime.model import answers_of
 from holdfast.edge_runtime.model_file import ModelCard
 
 if TYPE_CHECKING:
@@ -90,11 +90,7 @@ class GripMonitor:
         self.engine = model.engine
         """What steps the model, as a line for people; "" for onnxruntime without more to say."""
         self._model = model
-        outputs = [*ANSWERS, *self.card.heads]
-        if self.card.has_weight:
-            outputs.extend(WEIGHS)
-
-        self._graph = model.stepper(outputs)
+        self._graph = model.stepper(answers_of(self.card))
         self._clock_ns = clock_ns
         self._bias_known = bias_known
         self._has_counters = has_counters

@@ -36,7 +36,7 @@ from holdfast.core.contract import BoolArray, FloatArray, Json, Sample
 from holdfast.core.lines import LineWriter
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.grip_control import GripControl
-from holdfast.edge_runtime.model import ANSWERS, Model, golden_input
+from holdfast.edge_runtime.model import Model, answers_of, golden_input
 from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.live.loop import STAGES
 from holdfast.live.outputs import LineOutput, emit_to
@@ -122,7 +122,7 @@ def figures_of(request: BenchRequest) -> Json:
         # how many pages of libraries are mapped depends on the machine: those are not counted
         "over_libraries_mb": live.own_mb - libraries.own_mb,
     }
-    limited = budgets(found)
+    limited = budget_rows(found)
     return {
         "model": model.card.model_id,
         "rate_hz": rate_hz,
@@ -130,8 +130,8 @@ def figures_of(request: BenchRequest) -> Json:
         "rows": [asdict(row) for row in rows],
         "way": [asdict(row) for row in way],
         "memory": [asdict(row) for row in processes],
-        "budgets": [one.to_json() for one in limited],
-        "broken": [one.line for one in limited if one.is_broken],
+        "budgets": limited,
+        "broken": broken(limited),
     }
 
 
@@ -168,40 +168,29 @@ def ratios(rows: Sequence[CallTimes], rate_hz: float) -> dict[str, float]:
     return found
 
 
-@dataclass(frozen=True)
-class Budget:
-    """A figure and its largest value in budget.toml, None where it has none."""
-
-    budget: str
-    value: float
-    limit: float | None
-
-    @property
-    def is_broken(self) -> bool:
-        """Whether the figure is beyond the limit."""
-        return self.limit is not None and self.value > self.limit
-
-    @property
-    def line(self) -> str:
-        """For people."""
-        return f"{self.budget}: {self.value:.3g}, at most {self.limit:g}"
-
-    def to_json(self) -> Json:
-        """As it stands in latency.json."""
-        limit = None if self.limit is None else f"at most {self.limit:g}"
-        return {**asdict(self), "limit": limit}
-
-
-def budgets(found: Mapping[str, float]) -> list[Budget]:
-    """Figures by the name of their budget, with their limits."""
+def budget_rows(found: Mapping[str, float]) -> list[Json]:
+    """Figures by the name of their budget, and their largest values; None where there is none."""
     limits = tomllib.loads(BUDGET.read_text(encoding="utf-8"))["at_most"]
-    return [Budget(name, value, limits.get(name)) for name, value in found.items()]
+    return [
+        {"budget": name, "value": value, "at_most": limits.get(name)}
+        for name, value in found.items()
+    ]
+
+
+def broken(rows: Sequence[Json]) -> list[str]:
+    """A line for each budget that a figure exceeds."""
+    lines = []
+    for row in rows:
+        most = row["at_most"]
+        if most is not None and row["value"] > most:
+            lines.append(f"{row['budget']}: {row['value']:.3g}, at most {most:g}")
+    return lines
 
 
 def step_of(model: OpenedModel, stream: Stream | None = None) -> Callable[[], object]:
     """Step over a stream again and again, by default over the golden sequence with its faults."""
     values, valid = stream or golden(model)
-    graph = model.stepper(ANSWERS)
+    graph = model.stepper(answers_of(model.card))
     turn = cycle(range(len(values)))
 
     def step() -> None:
@@ -217,25 +206,17 @@ def step_of(model: OpenedModel, stream: Stream | None = None) -> Callable[[], ob
 def grip_of(model: Model) -> Callable[[], object]:
     """The grip controller's command for each golden sample, its predictions made before."""
     card = model.card
-    values, valid = golden(model)
     monitor = GripMonitor(model, None)
-    period_ns = 1e9 / card.rate_hz
-    predictions = []
-    for k in range(len(values)):
+    felt = []
+    for k, (values, valid) in enumerate(zip(*golden(model), strict=True)):
         # Times at the model's rate: no sample is late, and no state unknown for it.
-        sample = Sample(round(k * period_ns), values[k], valid[k], k)
-        # All before the timing, so that only the controller is timed.
-        predictions.append(monitor.feed(sample))
+        sample = Sample(round(k * 1e9 / card.rate_hz), values, valid, k)
+        felt.append((monitor.feed(sample), values, valid))
 
     fingers = card.n_channels // 3
     control = GripControl("holdfast", card.rate_hz, unit=card.unit, n_fingers=fingers)
-    turn = cycle(range(len(values)))
-
-    def command() -> None:
-        index = next(turn)
-        control.step(predictions[index], values[index], valid[index])
-
-    return command
+    turn = cycle(felt)
+    return lambda: control.step(*next(turn))
 
 
 def golden(model: OpenedModel) -> Stream:
