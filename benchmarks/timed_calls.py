@@ -3,7 +3,6 @@ other."""
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Mapping
 from itertools import cycle
 from pathlib import Path
@@ -12,12 +11,8 @@ import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.edge_runtime.graph import StepGraph, open_session
-from holdfast.edge_runtime.model import Model
 from holdfast.live.bench import (
-    CALLS_A_TURN,
-    TURNS,
     busy_wait,
-    step_of,
     time_in_turns,
 )
 from holdfast.simulation.folder import write_set
@@ -90,17 +85,3 @@ def times_beside(
         p50, p99 = np.percentile(values, (50, 99)).tolist()
         found[name] = {"step_us": p50, "p99_us": p99, "over_first": p50 / first_us}
     return found
-
-
-def steps_beside(path: Path, older: Path) -> list[Json]:
-    """A row for each of two files of the same rate and hand: their steps on one simulated stream.
-
-    over_first is over the older file. Both files are read, not changed.
-    """
-    with tempfile.TemporaryDirectory() as work:
-        data = simulated_set(Path(work), Model(path).card.rate_hz)
-    stream = stream_of(data)
-    files = {"the older file": older, "this file": path}
-    steps = {name: step_of(Model(one), stream) for name, one in files.items()}
-    times = times_beside(steps, TURNS, CALLS_A_TURN)
-    return [{"file": name, **of} for name, of in times.items()]

@@ -18,8 +18,6 @@ from __future__ import annotations
 
 import math
 import os
-import subprocess
-import sys
 import time
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
@@ -38,7 +36,6 @@ from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.grip_control import GripControl
 from holdfast.edge_runtime.model import Model, answers_of, golden_input
 from holdfast.edge_runtime.monitor import GripMonitor
-from holdfast.live.loop import STAGES
 from holdfast.live.outputs import LineOutput, emit_to
 from holdfast.live.run import answer
 from holdfast.live.running import RunClock, real_time, say, until
@@ -61,24 +58,6 @@ TURNS = 40
 CALLS_A_TURN = 100
 FIRST = 3
 """Calls of a second that do not count as deployed: another call had the caches before them."""
-LIVE_TURNS = 4
-"""So often each engine answers the hand."""
-LIBRARIES = (
-    "import os; os.environ['ORT_DISABLE_TELEMETRY'] = '1'; import numpy, onnxruntime"
-)
-LIVE_PATH = """
-import sys
-import numpy as np
-from holdfast.core.contract import Sample
-from holdfast.edge_runtime.monitor import GripMonitor, Model
-monitor = GripMonitor(Model(sys.argv[1]), None)
-card = monitor.card
-monitor.feed(Sample(0, np.zeros(card.n_channels), np.ones(card.n_channels // 3, dtype=np.bool_), 0))
-"""
-MEMORY_KB = """
-status = dict(line.split(":", 1) for line in open("/proc/self/status"))
-print(status["VmRSS"].split()[0], status["RssAnon"].split()[0])
-"""
 
 
 @dataclass(frozen=True)
@@ -110,17 +89,14 @@ class CallTimes:
 
 
 def figures_of(request: BenchRequest) -> Json:
-    """What latency.json holds: calls, the way of a sample, memory, budgets, and what breaks one."""
+    """What latency.json holds: calls, the way of a sample, budgets, and what breaks one."""
     model, rate_hz = request.model, request.model.card.rate_hz
     rows = call_times(_calls(request), rate_hz, request.seconds, request.turns)
     way = way_of_a_sample(request)
-    libraries, live = processes = memory(model.path)
     found = {
         **ratios(rows, rate_hz),
         "around_over_step": around_over_step(way),
         "model_mib": model.path.stat().st_size / 2**20,
-        # how many pages of libraries are mapped depends on the machine: those are not counted
-        "over_libraries_mb": live.own_mb - libraries.own_mb,
     }
     limited = budget_rows(found)
     return {
@@ -129,7 +105,6 @@ def figures_of(request: BenchRequest) -> Json:
         "source": request.source,
         "rows": [asdict(row) for row in rows],
         "way": [asdict(row) for row in way],
-        "memory": [asdict(row) for row in processes],
         "budgets": limited,
         "broken": broken(limited),
     }
@@ -234,9 +209,8 @@ def call_times(
     deployed = time_deployed(calls, rate_hz, seconds)
     rows = []
     for name, times_us in deployed.items():
-        hot_us = np.percentile(hot[name], (50, 99)).tolist()
-        deployed_us = np.percentile(times_us, (50, 99)).tolist()
-        rows.append(CallTimes(name, *hot_us, *deployed_us, times_us.size))
+        both = [np.percentile(one, (50, 99)) for one in (hot[name], times_us)]
+        rows.append(CallTimes(name, *np.concatenate(both).tolist(), times_us.size))
     return rows
 
 
@@ -319,16 +293,11 @@ class StageTimes:
     stage: str
     p50_us: float
     p99_us: float
-    samples: int
     overruns: int
 
 
-OURS = "convert to emit"
-"""All stages but the bus."""
-
-
 def way_of_a_sample(request: BenchRequest) -> list[StageTimes]:
-    """A live run with each engine in turn: a hand is read, and answers are written as JSON lines.
+    """A live run with each engine: a hand is read, and answers are written as JSON lines.
 
     Raises the errors of `holdfast run`.
     """
@@ -338,26 +307,15 @@ def way_of_a_sample(request: BenchRequest) -> list[StageTimes]:
     clock = RunClock()
     to_force = force_of(request.calibration)
     lines = LineOutput([LineWriter(os.open(os.devnull, os.O_WRONLY))], say)
-    kept: dict[str, list[FloatArray]] = {name: [] for name in models}
-    overruns = dict.fromkeys(models, 0)
     source = open_live(request.source, clock=clock, report=say, to_force=to_force)
-    with closing(lines), closing(source), real_time():
-        for _ in range(LIVE_TURNS):
-            for name, model in models.items():
-                end = until(lambda: False, clock, request.seconds / LIVE_TURNS)
-                summary = answer(source, model, clock, emit_to([lines]), end)
-                kept[name].append(summary.stage_us[: summary.samples])
-                overruns[name] += summary.overruns
-
     rows = []
-    for name, turns in kept.items():
-        stage_us = np.concatenate(turns)
-        columns = dict(zip(STAGES, stage_us.T, strict=True))
-        columns[OURS] = stage_us[:, 1:].sum(axis=1)
-        for stage, times_us in columns.items():
-            p50, p99 = np.percentile(times_us, (50, 99)).tolist()
-            missed = overruns[name]
-            rows.append(StageTimes(name, stage, p50, p99, len(stage_us), missed))
+    with closing(lines), closing(source), real_time():
+        for name, model in models.items():
+            end = until(lambda: False, clock, request.seconds)
+            done = answer(source, model, clock, emit_to([lines]), end)
+            for stage, us in done.latency_us().items():
+                times_us = us["p50"], us["p99"]
+                rows.append(StageTimes(name, stage, *times_us, done.overruns))
     return rows
 
 
@@ -365,34 +323,3 @@ def around_over_step(way: Sequence[StageTimes]) -> float:
     """What convert, decide and emit take together, over the step of onnxruntime."""
     of = {one.stage: one.p50_us for one in way if one.engine == "onnxruntime"}
     return (of["convert"] + of["decide"] + of["emit"]) / of["step"]
-
-
-@dataclass(frozen=True)
-class ProcessMemory:
-    """A process: its resident memory, what of it is no file's, and the time of start and end."""
-
-    process: str
-    resident_mb: float
-    own_mb: float
-    start_s: float
-
-
-def memory(model_path: Path) -> list[ProcessMemory]:
-    """Two processes: libraries alone, and the live path with a model."""
-    rows = []
-    for name, program in (
-        ("floor", LIBRARIES),
-        ("live path, default model", LIVE_PATH),
-    ):
-        started = time.perf_counter()
-        # A fresh process each: memory that was once used is rarely given back.
-        command = [sys.executable, "-c", program + MEMORY_KB, str(model_path)]
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
-        # Start and end together: what a user waits for a program that does nothing else.
-        took_s = time.perf_counter() - started
-
-        # The kernel counts in KiB.
-        resident_mb, own_mb = (int(word) / 1024 for word in done.stdout.split())
-        rows.append(ProcessMemory(name, resident_mb, own_mb, took_s))
-
-    return rows
