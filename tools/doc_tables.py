@@ -85,7 +85,7 @@ SOURCES: dict[str, dict[str, str]] = {
     "docs/what-accuracy-costs.md": {
         "cost": "build/bench/cost.json",
         "on_hands": "docs/measured/robust-2026-11-25.json",
-        "latency": "build/bench/latency.json",
+        "latency": "docs/measured/latency-150hz.json",
     },
     "docs/wiring.md": {"places": "build/real/places.json"},
 }

@@ -26,7 +26,7 @@ from holdfast.cli.command import (
 )
 from holdfast.cli.options import add_calibration_option
 from holdfast.core.errors import HoldfastError
-from holdfast.core.schema import DEFAULT_MODEL, model_path
+from holdfast.core.schema import DEFAULT_MODEL, LIBRARY, model_path
 
 if TYPE_CHECKING:
     from holdfast.edge_runtime.engine import OpenedModel
@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _compiled(model: Path, work: Path) -> OpenedModel | None:
     """The model's C form, that beside it or one made here; None where neither can be."""
-    from holdfast.edge_runtime.engine import AUTO, LIBRARY, C, ModelChoice
+    from holdfast.edge_runtime.engine import AUTO, C, ModelChoice
     from holdfast.edge_runtime.model import Model
 
     opened = ModelChoice(str(model), AUTO).open()

@@ -18,7 +18,7 @@ import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.core.errors import GoldenMismatch, LibraryRefused
-from holdfast.edge_runtime.engine import LIBRARY, c_folders
+from holdfast.core.schema import LIBRARY, c_folders
 from holdfast.edge_runtime.graph import Outputs, step_recordings
 from holdfast.edge_runtime.model import check_golden, golden_from_json, golden_input
 from holdfast.edge_runtime.model_file import card_of, digest_of, read_sealed

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from holdfast.core.errors import LibraryRefused, UsageError
-from holdfast.core.schema import model_path
+from holdfast.core.schema import LIBRARY, c_folders
 
 if TYPE_CHECKING:
     from holdfast.edge_runtime.graph import Stepper
@@ -19,18 +19,6 @@ AUTO = "auto"
 ONNXRUNTIME = "onnxruntime"
 C = "c"
 ENGINES = (AUTO, ONNXRUNTIME, C)
-LIBRARY = "libholdfast.so"
-
-
-def c_folders(model: str | Path) -> list[Path]:
-    """Where the C form of a model is looked for: beside the file, then in the working folder.
-
-    >>> [folder.as_posix() for folder in c_folders("models/holdfast-150hz.onnx")]
-    ['models/holdfast-150hz-c', 'holdfast-150hz-c']
-    """
-    path = model_path(model)
-    beside = path.with_name(f"{path.stem}-c")
-    return [beside, Path(beside.name)]
 
 
 class OpenedModel(Protocol):

@@ -19,8 +19,8 @@ from small_model import card_of, for_the_hand, graph_of, resealed, sealed_bytes
 
 import holdfast
 from holdfast.core.errors import CompilerFailed, NotCompilable, OutputError
+from holdfast.core.schema import LIBRARY
 from holdfast.core.writing import write_whole
-from holdfast.edge_runtime.c_engine import LIBRARY
 from holdfast.export.c.exporting import find_compiler
 from holdfast.export.c.graph import Node, read_graph
 from holdfast.export.c.source import c_source

@@ -23,9 +23,10 @@ from small_model import for_the_hand, graph_of, sealed_bytes
 import holdfast
 from holdfast.core.contract import Prediction
 from holdfast.core.errors import LibraryRefused
+from holdfast.core.schema import LIBRARY, c_folders
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.c_engine import LIBRARY, CompiledModel
-from holdfast.edge_runtime.engine import OpenedModel, c_folders
+from holdfast.edge_runtime.c_engine import CompiledModel
+from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.model import Model
 from holdfast.export.c.exporting import export_c, folder_for
 from holdfast.export.exporting import model_card, seal

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from holdfast.core.errors import CompilerFailed, OutputError
+from holdfast.core.schema import LIBRARY, c_folders
 from holdfast.core.writing import require_writable, whole_folder, write_whole
-from holdfast.edge_runtime.engine import LIBRARY, c_folders
 from holdfast.export.c.graph import read_graph
 from holdfast.export.c.source import c_source
 
