@@ -18,13 +18,12 @@ from holdfast.cli.command import (
     add_json_option,
     path_argument,
     require_json_writable,
-    run_script,
     write_found,
 )
 from holdfast.cli.options import CORES, add_job_options, chosen_workers
 from holdfast.core.contract import Json
 from holdfast.core.schema import model_path
-from tools.harness import Program, measured_now
+from tools.harness import Program, measured_now, run_script
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

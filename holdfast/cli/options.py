@@ -156,13 +156,6 @@ def add_engine_option(
     parser.add_argument("--engine", choices=ENGINES, default=default, help=engine)
 
 
-def add_engine_options(parser: argparse.ArgumentParser) -> None:
-    """The options that `evaluate` and the studies share."""
-    add_engine_option(parser)
-    library = "the library of --engine c (default MODEL-c/libholdfast.so)"
-    parser.add_argument("--library", type=path_argument, metavar="FILE", help=library)
-
-
 def chosen_model(args: argparse.Namespace) -> ModelChoice:
     """The file of args.model with the engine that the user chose."""
     # Some commands look for the library beside the model alone.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from holdfast.core.errors import LibraryRefused, UsageError
+from holdfast.core.errors import LibraryRefused, ModelError, UsageError
 from holdfast.core.schema import LIBRARY, c_folders
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ class ModelChoice:
             if library.is_file():
                 try:
                     return _own_library(self.path, library)
-                except LibraryRefused as error:
+                except ModelError as error:
                     why_not = f"{error}; until then onnxruntime computes the step"
 
         from holdfast.edge_runtime.model import Model

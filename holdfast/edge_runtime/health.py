@@ -45,22 +45,16 @@ class RepeatWatch:
 
         values: [C]. usable: [S].
         """
-        whole = bool(usable.all())
-        if not whole:
+        if not usable.all():
             values = np.where(np.repeat(usable, 3), values, 0.0)
-
         reading = values.reshape(-1, 3) @ ONE_NUMBER
 
         # -0.0 equals 0.0, and NaN equals nothing
         runs = (self._runs + 1.0) * (self._past == reading)
-        if whole:
-            self._runs = runs
-            self._past[1:] = self._past[:-1]
-            self._past[0] = reading
-        else:
-            self._runs[:, usable] = runs[:, usable]
-            self._past[1:, usable] = self._past[:-1, usable]
-            self._past[0, usable] = reading[usable]
+        # what is known of a sensor that is not usable now waits for it
+        np.copyto(self._runs, runs, where=usable)
+        np.copyto(self._past[1:], self._past[:-1], where=usable)
+        np.copyto(self._past[0], reading, where=usable)
 
         # nearly every sample ends here, and cheaply
         if runs.max() < self._most:

@@ -66,35 +66,25 @@ def _checked(path: str | Path) -> tuple[ModelCard, ort.InferenceSession]:
     try:
         session = open_session(data, arena=False)
         metadata = session.get_modelmeta().custom_metadata_map
-    # onnxruntime raises several unrelated types of its own
-    except Exception as error:
-        reason = f"{error!s:.{LONGEST_REASON}}"
-        raise _refusal(f"onnxruntime cannot open it ({reason})", path) from None
-
-    card = read_card(metadata, path)
-    golden = golden_of(metadata, str(path))
-    try:
+        card = read_card(metadata, path)
+        golden = golden_of(metadata, str(path))
         answers = golden_answers(
             session, card.n_channels, card.unit, card.settle_samples
         )
         _require_fit(answers, card)
-    # also of numpy, where the graph has another number of channels
+    except NotAModel:
+        raise
+    # onnxruntime raises several unrelated types of its own, numpy where channels differ
     except Exception as error:
-        reason = f"{error!s:.{LONGEST_REASON}}"
-        raise _refusal(f"onnxruntime cannot run it ({reason})", path) from None
+        raise NotAModel(
+            f"onnxruntime cannot run it ({error!s:.{LONGEST_REASON}})",
+            where=path,
+            cause="another program made the file, or altered and sealed it again",
+            next_step="export the model again with holdfast export",
+        ) from None
 
     check_golden(golden, answers, str(path))
     return card, session
-
-
-def _refusal(what: str, path: str | Path) -> NotAModel:
-    """The error for what our exporter never writes."""
-    return NotAModel(
-        what,
-        where=path,
-        cause="another program made the file, or altered and sealed it again",
-        next_step="export the model again with holdfast export",
-    )
 
 
 def _give_back_memory() -> None:
@@ -247,8 +237,8 @@ def check_golden(
             raise GoldenMismatch(
                 f"output {name!r} differs from the golden sequence stored in the file",
                 where=where,
-                cause="this onnxruntime computes differently",
-                next_step="install another onnxruntime; holdfast doctor shows the installed one",
+                cause="another onnxruntime, or a compiler that does not follow IEEE 754",
+                next_step="holdfast doctor; of a C form: holdfast export MODEL --to c --force",
             )
 
 

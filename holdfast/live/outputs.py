@@ -132,13 +132,10 @@ def to_json_line(prediction: Prediction, not_learned: Collection[str] = ()) -> s
         return encode(prediction).decode()
 
     # a probability of almost 0 would look like an answer
-    fields = vars(prediction) | {"p_situation": dict(prediction.p_situation)}
-    for name in not_learned:
-        if name in fields["p_situation"]:
-            fields["p_situation"][name] = None
-    if RISKY in not_learned:
-        fields["p_risky"] = None
-    return encode(fields).decode()
+    known: dict[str, float | None] = {**prediction.p_situation}
+    known |= dict.fromkeys(known.keys() & not_learned)
+    altered = {"p_situation": known, "p_risky": known[RISKY]}
+    return encode(vars(prediction) | altered).decode()
 
 
 def about_model(model: OpenedModel, path: str | Path) -> list[str]:

@@ -11,7 +11,6 @@ from pathlib import Path
 
 from holdfast.cli.command import path_argument
 from holdfast.cli.options import (
-    add_engine_options,
     add_job_options,
     chosen_model,
     chosen_workers,
@@ -30,7 +29,7 @@ from studies.shared_control.closed_loop import LoopRuns
 from studies.shared_control.picture import picture
 from studies.shared_control.plan import PARTS, SEED, Row, rows
 from tools.doc_tables import fill, tables_of
-from tools.harness import measured_now, write_figures
+from tools.harness import add_engine_options, measured_now, write_figures
 
 TRIALS = 55
 MODEL = Path("models/holdfast-150hz.onnx")

@@ -22,7 +22,7 @@ from small_model import for_the_hand, graph_of, sealed_bytes
 
 import holdfast
 from holdfast.core.contract import Prediction
-from holdfast.core.errors import LibraryRefused
+from holdfast.core.errors import GoldenMismatch
 from holdfast.core.schema import LIBRARY, c_folders
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.c_engine import CompiledModel
@@ -188,7 +188,7 @@ def test_a_library_that_answers_otherwise_is_refused(model: Path, tmp_path: Path
     (folder / "holdfast.c").write_text(source.replace("] = best;", "] = 3 - best;", 1))
     words = ["gcc", "-std=c99", "-shared", "-fPIC", "-o", LIBRARY, "holdfast.c", "-lm"]
     subprocess.run(words, cwd=folder, check=True)
-    with pytest.raises(LibraryRefused, match="differs from the golden sequence"):
+    with pytest.raises(GoldenMismatch, match="differs from the golden sequence"):
         CompiledModel(model, folder / LIBRARY)
 
 
