@@ -16,9 +16,9 @@ from holdfast.cli.command import show
 from holdfast.core.contract import Json
 from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.model import Model
-from holdfast.evaluation.style import for_any_page
 from studies.doc_pictures.step import picture as step_picture
 from studies.doc_pictures.timing import PICTURES as TIMING
+from tools.harness import for_any_page
 
 MODEL = Path("models/holdfast-150hz.onnx")
 COST = "build/bench/cost.json"

@@ -29,6 +29,7 @@ from holdfast.cli.options import add_engine_option
 from holdfast.core.contract import Json
 from holdfast.core.errors import HoldfastError, UsageError
 from holdfast.core.writing import write_whole
+from holdfast.evaluation.style import dark_rules
 
 AT_ONCE = 2
 
@@ -181,3 +182,9 @@ def add_engine_options(parser: argparse.ArgumentParser) -> None:
     add_engine_option(parser)
     library = "the library of --engine c (default MODEL-c/libholdfast.so)"
     parser.add_argument("--library", type=path_argument, metavar="FILE", help=library)
+
+
+def for_any_page(svg: str) -> str:
+    """A file of its own: with other ink and paper where the reader prefers dark."""
+    end = svg.index(">", svg.index("<svg")) + 1
+    return f"{svg[:end]}<style>{dark_rules()}</style>{svg[end:]}"

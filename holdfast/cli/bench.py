@@ -62,13 +62,13 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.edge_runtime.model import Model
     from holdfast.evaluation.provenance import table_lines, write_measured
     from holdfast.live.bench import KIND, BenchRequest, figures_of
-    from holdfast.training.progress import stages
+    from holdfast.live.running import say
 
     require_writable(args.out)
     require_json_writable(args)
     path = model_path(args.model)
-    with stages(1) as begin, TemporaryDirectory() as work:
-        begin("latency: time of one decision, and the way of a sample (minutes)")
+    say("timing a decision and the way of a sample, which takes minutes")
+    with TemporaryDirectory() as work:
         request = BenchRequest(
             Model(path),
             compiled=_compiled(path, Path(work)),

@@ -104,6 +104,7 @@ def figures_of(request: BenchRequest) -> Json:
         "rate_hz": rate_hz,
         "source": request.source,
         "rows": [asdict(row) for row in rows],
+        "over_older": over_older(rows),
         "way": [asdict(row) for row in way],
         "budgets": limited,
         "broken": broken(limited),
@@ -125,41 +126,49 @@ def _calls(request: BenchRequest) -> Calls:
 def ratios(rows: Sequence[CallTimes], rate_hz: float) -> dict[str, float]:
     """Ratios of one run as deployed, by the name of their budget; of C where it was timed."""
     of = {one.what: one for one in rows}
-    step, grip, floor = of[STEP], of[GRIP], of[FLOOR]
+    step, grip = of[STEP], of[GRIP]
     found = {
         # the rest of the time between two samples is left for the bus and for a busy machine
         "step_and_grip_of_period": 1e-6 * rate_hz * (step.p99_us + grip.p99_us),
         "grip_over_step": grip.p50_us / step.p50_us,
-        # a tail is compared with that of a wait, which has the machine's jitter alone
-        "tail_over_floor_tail": step.p99_us
-        / step.p50_us
-        / (floor.p99_us / floor.p50_us),
     }
     if C_STEP in of:
         found["c_step_over_step"] = of[C_STEP].p50_us / step.p50_us
-    if OLDER in of:
-        found["step_over_older"] = step.p50_us / of[OLDER].p50_us
-        found["hot_step_over_older"] = step.hot_p50_us / of[OLDER].hot_p50_us
     return found
 
 
+def over_older(rows: Sequence[CallTimes]) -> list[Json]:
+    """Medians of every call over those of the older file's step, where there is one."""
+    older = {one.what: one for one in rows}.get(OLDER)
+    if older is None:
+        return []
+    return [
+        {
+            "what": one.what,
+            "as_deployed": one.p50_us / older.p50_us,
+            "hot": one.hot_p50_us / older.hot_p50_us,
+        }
+        for one in rows
+    ]
+
+
 def budget_rows(found: Mapping[str, float]) -> list[Json]:
-    """Figures by the name of their budget, and their largest values; None where there is none."""
+    """Figures by the name of their budget, and their largest values."""
     limits = tomllib.loads(BUDGET.read_text(encoding="utf-8"))["at_most"]
     return [
-        {"budget": name, "value": value, "at_most": limits.get(name)}
-        for name, value in found.items()
+        {"budget": name, "value": found[name], "at_most": most}
+        for name, most in limits.items()
+        if name in found
     ]
 
 
 def broken(rows: Sequence[Json]) -> list[str]:
     """A line for each budget that a figure exceeds."""
-    lines = []
-    for row in rows:
-        most = row["at_most"]
-        if most is not None and row["value"] > most:
-            lines.append(f"{row['budget']}: {row['value']:.3g}, at most {most:g}")
-    return lines
+    return [
+        f"{row['budget']}: {row['value']:.3g}, at most {row['at_most']:g}"
+        for row in rows
+        if row["value"] > row["at_most"]
+    ]
 
 
 def step_of(model: OpenedModel, stream: Stream | None = None) -> Callable[[], object]:

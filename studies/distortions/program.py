@@ -27,7 +27,6 @@ from holdfast.core.errors import UsageError
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.jobs import Workers
-from holdfast.evaluation.style import for_any_page
 from holdfast.simulation.closed_loop import model_of
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.progress import counted
@@ -44,7 +43,7 @@ from studies.distortions.quiet_hand import QuietJob, quiet_rows
 from studies.distortions.table import DISTORTIONS, TRIALS, UNCHANGED, Distortion
 from studies.shared_control.closed_loop import LoopRuns
 from tools.doc_tables import SOURCES, fill, tables_of
-from tools.harness import add_engine_options, write_figures
+from tools.harness import add_engine_options, for_any_page, write_figures
 
 MODEL = Path("models/holdfast-150hz.onnx")
 PAGE = "docs/distortions.md"

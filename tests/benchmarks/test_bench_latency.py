@@ -50,10 +50,8 @@ def test_the_bench_times_a_file_an_older_one_and_the_way_of_a_sample(run, tmp_pa
         (engine, stage) for engine in engines for stage in stages
     ]
     measured = {row["budget"] for row in found["budgets"]}
-    compared = {"step_over_older", "hot_step_over_older"}
-    assert measured - compared == LIMITS.keys() - (
-        set() if in_c else {"c_step_over_step"}
-    )
+    assert {row["what"] for row in found["over_older"]} == timed
+    assert measured == LIMITS.keys() - (set() if in_c else {"c_step_over_step"})
     assert not list(model.parent.glob("*-c"))
 
 
@@ -85,22 +83,17 @@ def timed(name: str, p50_us: float, p99_us: float, hot_us: float = 1.0) -> CallT
     return CallTimes(name, hot_us, hot_us, p50_us, p99_us, 100)
 
 
-def test_ratios_are_of_calls_as_deployed_and_the_tail_of_the_floor_s_tail():
+def test_ratios_are_of_calls_as_deployed():
     calls = [timed(STEP, 10.0, 40.0, 4.0), timed(GRIP, 2.0, 10.0)]
-    calls += [timed(FLOOR, 10.0, 20.0)]
     on_a_board = {
         "step_and_grip_of_period": pytest.approx(0.05),
         "grip_over_step": 0.2,
-        "tail_over_floor_tail": 2.0,
     }
     assert ratios(calls, rate_hz=1000.0) == on_a_board
     calls += [timed(C_STEP, 1.0, 9.0), timed(OLDER, 20.0, 30.0, 16.0)]
-    beside = {
-        "c_step_over_step": 0.1,
-        "step_over_older": 0.5,
-        "hot_step_over_older": 0.25,
-    }
-    assert ratios(calls, rate_hz=1000.0) == {**on_a_board, **beside}
+    assert ratios(calls, rate_hz=1000.0) == {**on_a_board, "c_step_over_step": 0.1}
+    first = bench.over_older(calls)[0]
+    assert first == {"what": STEP, "as_deployed": 0.5, "hot": 0.25}
     way = [
         StageTimes("onnxruntime", stage, us, us, 0)
         for stage, us in zip(STAGES, (2000.0, 1.0, 10.0, 2.0, 3.0), strict=True)
