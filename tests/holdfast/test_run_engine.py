@@ -115,13 +115,10 @@ print(code, "onnxruntime" in sys.modules)
     return done.stdout, done.stderr
 
 
-def test_a_run_takes_the_c_form_beside_its_model_and_never_loads_onnxruntime(model):
+def test_a_run_takes_the_c_form_beside_its_model_unless_it_is_declined(model):
     stdout, stderr = run_of(model)
     assert stdout == "0 False\n", stderr
     assert "the step is compiled C" in stderr
-
-
-def test_a_run_of_onnxruntime_takes_no_c_form(model):
     stdout, stderr = run_of(model, "--engine", "onnxruntime")
     assert stdout == "0 True\n", stderr
     assert "compiled C" not in stderr
@@ -251,29 +248,6 @@ def test_a_closed_loop_ends_the_same_with_either_engine(
         assert figures[-1].pop("engine") == engine
     assert figures[0] == figures[1]
     assert figures[0]["sets"]["two"]["pd-shear"]["trials"] == 2
-
-
-def to_five_places(number: str) -> float:
-    return round(float(number), 5)
-
-
-def test_an_evaluation_gives_the_same_figures_with_either_engine(
-    run: Run, model: Path, tmp_path: Path
-):
-    card, made, figures = tmp_path / "two.toml", tmp_path / "two", []
-    card.write_text(
-        card_text(row("fall", "weak_grip = 0.5\n", "hard-ball"), row("pass"))
-    )
-    assert run("simulate", card, "--out", made)[0] == 0
-    for engine in ("onnxruntime", "c"):
-        out = tmp_path / f"{engine}.json"
-        code, _, err = run(
-            "evaluate", model, "--engine", engine, "--data", made, "--json", out
-        )
-        assert code == 0, err
-        figures.append(json.loads(out.read_text("utf-8"), parse_float=to_five_places))
-    assert figures[0] == figures[1]
-    assert figures[0]["sets"]["two"]["data"]["recordings"] == 2
 
 
 def test_a_choice_of_an_engine_loads_none() -> None:
