@@ -37,19 +37,40 @@ LATENCY = "latency"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
-    what = "latency: the time of one decision, and the way of a sample"
-    option("what", choices=[LATENCY], metavar="latency", help=what)
-    model = f"a sealed model file (default: the shipped {DEFAULT_MODEL})"
-    option("model", nargs="?", default=DEFAULT_MODEL, metavar="MODEL", help=model)
-    older = "another file of this rate and hand, its step timed in the same run"
-    option("--older", type=path_argument, metavar="FILE", help=older)
-    source = "the hand whose samples are followed (default virtual://ft232h)"
-    option("--source", default="virtual://ft232h", metavar="URL", help=source)
+    option(
+        "what",
+        choices=[LATENCY],
+        metavar="latency",
+        help="latency: the time of one decision, and the way of a sample",
+    )
+    option(
+        "model",
+        nargs="?",
+        default=DEFAULT_MODEL,
+        metavar="MODEL",
+        help=f"a sealed model file (default: the shipped {DEFAULT_MODEL})",
+    )
+    option(
+        "--older",
+        type=path_argument,
+        metavar="FILE",
+        help="another file of this rate and hand, its step timed in the same run",
+    )
+    option(
+        "--source",
+        default="virtual://ft232h",
+        metavar="URL",
+        help="the hand whose samples are followed (default virtual://ft232h)",
+    )
     add_calibration_option(parser)
-    seconds = "of each call, and of each live run (default 20)"
-    option("--seconds", type=positive, default=20.0, metavar="S", help=seconds)
-    check = "exit 1 if a budget is exceeded"
-    option("--check", action="store_true", help=check)
+    option(
+        "--seconds",
+        type=positive,
+        default=20.0,
+        metavar="S",
+        help="of each call, and of each live run (default 20)",
+    )
+    option("--check", action="store_true", help="exit 1 if a budget is exceeded")
     out = "folder for the results (default build/bench)"
     default = Path("build/bench")
     option("--out", type=path_argument, default=default, metavar="DIR", help=out)

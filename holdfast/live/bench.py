@@ -36,10 +36,11 @@ from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.grip_control import GripControl
 from holdfast.edge_runtime.model import Model, answers_of, golden_input
 from holdfast.edge_runtime.monitor import GripMonitor
+from holdfast.live.hand_files import force_of
 from holdfast.live.outputs import LineOutput, emit_to
 from holdfast.live.run import answer
 from holdfast.live.running import RunClock, real_time, say, until
-from holdfast.live.sources import force_of, open_live
+from holdfast.live.sources import open_live
 
 STEP = "step in onnxruntime"
 C_STEP = "step in C"
