@@ -26,8 +26,6 @@ FLOOR = "busy-wait reference"
 """A busy wait as long as the first call: its own spread is the machine's."""
 TRIALS = 400
 """Simulated, to train the forest of the thesis on."""
-STREAMED = 10
-"""So many of them make the stream that is timed."""
 
 
 def simulated_set(work: Path, rate_hz: float) -> DataSet:
@@ -35,16 +33,6 @@ def simulated_set(work: Path, rate_hz: float) -> DataSet:
     scene = Scene(read_scene_file("thesis", rate_hz=rate_hz), 0)
     write_set(scene, work / "set", TRIALS)
     return load(work / "set", windows="thesis")
-
-
-def stream_of(data: DataSet) -> tuple[FloatArray, BoolArray]:
-    """Some trials end to end: values [T, C] and valid [T, C/3]."""
-    # Spread over the set, so that every action is in the stream.
-    every = max(1, len(data.recordings) // STREAMED)
-    chosen = data.recordings[::every][:STREAMED]
-    values = np.concatenate([one.samples for one in chosen])
-    valid = np.concatenate([one.valid for one in chosen])
-    return values, valid
 
 
 def learner_call(model: bytes, rows: FloatRows) -> Callable[[], object]:

@@ -31,15 +31,13 @@ from holdfast.core.schema import DEFAULT_MODEL, LIBRARY, model_path
 if TYPE_CHECKING:
     from holdfast.edge_runtime.engine import OpenedModel
 
-LATENCY = "latency"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     option(
         "what",
-        choices=[LATENCY],
+        choices=["latency"],
         metavar="latency",
         help="latency: the time of one decision, and the way of a sample",
     )
@@ -100,10 +98,10 @@ def run(args: argparse.Namespace) -> int:
         )
         figures = figures_of(request)
 
-    written = write_measured(args.out, LATENCY, KIND, figures, None)
+    written = write_measured(args.out, "latency", KIND, figures, None)
     if args.json != STDOUT:
         show("\n".join([*table_lines(figures), *written]))
-    write_found(args, {LATENCY: figures})
+    write_found(args, {"latency": figures})
     # Only with --check: a machine for trying things may be slower than the budgets.
     return int(args.check and bool(figures["broken"]))
 

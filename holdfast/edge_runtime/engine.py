@@ -80,15 +80,10 @@ class ModelChoice:
         return opened
 
 
-def owner(path: Path) -> int:
-    """The number of the user that a file belongs to."""
-    return path.stat().st_uid
-
-
 def _own_library(model: str, library: Path) -> OpenedModel:
     """A library that nobody named. Raises LibraryRefused."""
     # what it does is not known before it runs, and the working folder may be anybody's
-    if owner(library) not in (0, os.getuid()):
+    if library.stat().st_uid not in (0, os.getuid()):
         raise LibraryRefused(
             "the library belongs to another user",
             where=library,

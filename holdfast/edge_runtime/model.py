@@ -36,9 +36,6 @@ from holdfast.edge_runtime.model_file import (
 if TYPE_CHECKING:
     import onnxruntime as ort
 
-LONGEST_REASON = 200
-"""Characters of onnxruntime's message, which may be several pages long."""
-
 
 class Model:
     """A model file that has passed all checks. Raises a ModelError.
@@ -74,10 +71,11 @@ def _checked(path: str | Path) -> tuple[ModelCard, ort.InferenceSession]:
         _require_fit(answers, card)
     except NotAModel:
         raise
-    # onnxruntime raises several unrelated types of its own, numpy where channels differ
+    # onnxruntime raises several unrelated types of its own, with pages of text; numpy raises where
+    # channels differ
     except Exception as error:
         raise NotAModel(
-            f"onnxruntime cannot run it ({error!s:.{LONGEST_REASON}})",
+            f"onnxruntime cannot run it ({error!s:.200})",
             where=path,
             cause="another program made the file, or altered and sealed it again",
             next_step="export the model again with holdfast export",

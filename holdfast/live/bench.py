@@ -16,7 +16,6 @@ step has the watches of edge_runtime/health.py in it.
 
 from __future__ import annotations
 
-import math
 import os
 import time
 import tomllib
@@ -48,8 +47,6 @@ OLDER = "step of the older file"
 GRIP = "grip command"
 FLOOR = "busy-wait reference"
 """Names of the calls, as latency.json has them."""
-Stream = tuple[FloatArray, BoolArray]
-"""Values [T, C] and valid [T, C/3] of samples that calls take in turn."""
 BUDGET = Path(edge_runtime.__file__).with_name("budget.toml")
 KIND = "time on this machine, samples made by formula"
 """Stands next to every figure."""
@@ -74,7 +71,6 @@ class BenchRequest:
     source: str = "virtual://ft232h"
     calibration: Path | None = None
     seconds: float = 20.0
-    turns: int = TURNS
 
 
 @dataclass(frozen=True)
@@ -92,7 +88,7 @@ class CallTimes:
 def figures_of(request: BenchRequest) -> Json:
     """What latency.json holds: calls, the way of a sample, budgets, and what breaks one."""
     model, rate_hz = request.model, request.model.card.rate_hz
-    rows = call_times(_calls(request), rate_hz, request.seconds, request.turns)
+    rows = call_times(_calls(request), rate_hz, request.seconds)
     way = way_of_a_sample(request)
     found = {
         **ratios(rows, rate_hz),
@@ -105,7 +101,6 @@ def figures_of(request: BenchRequest) -> Json:
         "rate_hz": rate_hz,
         "source": request.source,
         "rows": [asdict(row) for row in rows],
-        "over_older": over_older(rows),
         "way": [asdict(row) for row in way],
         "budgets": limited,
         "broken": broken(limited),
@@ -138,21 +133,6 @@ def ratios(rows: Sequence[CallTimes], rate_hz: float) -> dict[str, float]:
     return found
 
 
-def over_older(rows: Sequence[CallTimes]) -> list[Json]:
-    """Medians of every call over those of the older file's step, where there is one."""
-    older = {one.what: one for one in rows}.get(OLDER)
-    if older is None:
-        return []
-    return [
-        {
-            "what": one.what,
-            "as_deployed": one.p50_us / older.p50_us,
-            "hot": one.hot_p50_us / older.hot_p50_us,
-        }
-        for one in rows
-    ]
-
-
 def budget_rows(found: Mapping[str, float]) -> list[Json]:
     """Figures by the name of their budget, and their largest values."""
     limits = tomllib.loads(BUDGET.read_text(encoding="utf-8"))["at_most"]
@@ -172,9 +152,9 @@ def broken(rows: Sequence[Json]) -> list[str]:
     ]
 
 
-def step_of(model: OpenedModel, stream: Stream | None = None) -> Callable[[], object]:
-    """Step over a stream again and again, by default over the golden sequence with its faults."""
-    values, valid = stream or golden(model)
+def step_of(model: OpenedModel) -> Callable[[], object]:
+    """Step over the golden sequence with its faults again and again."""
+    values, valid = golden(model)
     graph = model.stepper(answers_of(model.card))
     turn = cycle(range(len(values)))
 
@@ -204,18 +184,16 @@ def grip_of(model: Model) -> Callable[[], object]:
     return lambda: control.step(*next(turn))
 
 
-def golden(model: OpenedModel) -> Stream:
-    """The sequence every file is checked with at load, of this model."""
+def golden(model: OpenedModel) -> tuple[FloatArray, BoolArray]:
+    """Values [T, C] and valid [T, C/3] of the sequence that this file is checked with at load."""
     card = model.card
     return golden_input(card.n_channels, card.unit, card.settle_samples)
 
 
-def call_times(
-    calls: Calls, rate_hz: float, seconds: float, turns: int = TURNS
-) -> list[CallTimes]:
+def call_times(calls: Calls, rate_hz: float, seconds: float) -> list[CallTimes]:
     """Calls of microseconds, hot and as deployed."""
     with real_time():
-        hot = time_in_turns(calls, turns)
+        hot = time_in_turns(calls)
     deployed = time_deployed(calls, rate_hz, seconds)
     rows = []
     for name, times_us in deployed.items():
@@ -256,7 +234,7 @@ def time_deployed(
     clock = MonotonicClock()
     times: dict[str, list[float]] = {name: [] for name in calls}
     with real_time():
-        for _ in range(math.ceil(seconds)):
+        for _ in range(max(1, round(seconds))):
             for name, call in calls.items():
                 start_ns = clock.now_ns()
                 for k in range(FIRST + round(rate_hz)):

@@ -50,7 +50,6 @@ def test_the_bench_times_a_file_an_older_one_and_the_way_of_a_sample(run, tmp_pa
         (engine, stage) for engine in engines for stage in stages
     ]
     measured = {row["budget"] for row in found["budgets"]}
-    assert {row["what"] for row in found["over_older"]} == timed
     assert measured == LIMITS.keys() - (set() if in_c else {"c_step_over_step"})
     assert not list(model.parent.glob("*-c"))
 
@@ -69,7 +68,7 @@ def test_as_deployed_calls_come_once_a_period_and_take_turns_by_the_second(monke
     monkeypatch.setattr(bench, "MonotonicClock", Schedule)
     came: list[str] = []
     calls = {name: partial(came.append, name) for name in ("one", "other")}
-    times = bench.time_deployed(calls, rate_hz=20.0, seconds=1.5)
+    times = bench.time_deployed(calls, rate_hz=20.0, seconds=2.0)
     a_second = 20 + bench.FIRST
     assert came == (["one"] * a_second + ["other"] * a_second) * 2
     # what the other call left in the caches does not count
@@ -92,8 +91,6 @@ def test_ratios_are_of_calls_as_deployed():
     assert ratios(calls, rate_hz=1000.0) == on_a_board
     calls += [timed(C_STEP, 1.0, 9.0), timed(OLDER, 20.0, 30.0, 16.0)]
     assert ratios(calls, rate_hz=1000.0) == {**on_a_board, "c_step_over_step": 0.1}
-    first = bench.over_older(calls)[0]
-    assert first == {"what": STEP, "as_deployed": 0.5, "hot": 0.25}
     way = [
         StageTimes("onnxruntime", stage, us, us, 0)
         for stage, us in zip(STAGES, (2000.0, 1.0, 10.0, 2.0, 3.0), strict=True)

@@ -18,10 +18,9 @@ from command_line import fails
 from small_model import card_of, for_the_hand, graph_of, resealed, sealed_bytes
 
 import holdfast
-from holdfast.core.errors import CompilerFailed, NotCompilable, OutputError
+from holdfast.core.errors import NotCompilable, OutputError
 from holdfast.core.schema import LIBRARY
 from holdfast.core.writing import write_whole
-from holdfast.export.c.exporting import find_compiler
 from holdfast.export.c.graph import Node, read_graph
 from holdfast.export.c.source import c_source
 from holdfast.export.exporting import model_card, seal
@@ -204,16 +203,14 @@ def test_a_compiler_that_does_not_do_leaves_nothing_behind(
     assert names(model.parent) == ["small.onnx", "strange-cc"]
 
 
+@pytest.mark.parametrize("name", ["CC", "PATH"])
 def test_a_compiler_that_is_missing_is_an_error_that_says_so(
-    monkeypatch: pytest.MonkeyPatch,
+    run: Run, model: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ):
-    monkeypatch.setenv("CC", "no-such-compiler")
-    with pytest.raises(CompilerFailed, match="no C compiler"):
-        find_compiler()
-    monkeypatch.delenv("CC")
-    monkeypatch.setenv("PATH", "")
-    with pytest.raises(CompilerFailed, match="cc, gcc, clang"):
-        find_compiler()
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setenv(name, "no-such-compiler")
+    words = ("export", model, "--to", "c", "--build")
+    fails(run, 5, "CompilerFailed", *words, says="no C compiler")
 
 
 def test_a_state_of_another_size_or_model_gives_a_code_and_no_answer(

@@ -10,7 +10,6 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -60,7 +59,7 @@ def export_c(
     build: compile it too; None: where there is a compiler.
     """
     if build is None:
-        build = has_compiler()
+        build = find_compiler() is not None
     source = c_source(read_graph(model))
     names = [*source.files, LIBRARY] if build else [*source.files]
     # before the compiler runs, which takes a while
@@ -107,6 +106,11 @@ def compiled_library(files: Mapping[str, str]) -> tuple[bytes, str]:
     Raises CompilerFailed.
     """
     compiler = find_compiler()
+    if compiler is None:
+        raise CompilerFailed(
+            f"no C compiler (CC, {', '.join(COMPILERS)})",
+            next_step="install gcc or clang, or compile elsewhere: --no-build",
+        )
     with tempfile.TemporaryDirectory(prefix="holdfast-c-") as name:
         folder = Path(name)
         for file, text in files.items():
@@ -129,29 +133,11 @@ def folder_for(model: Path) -> Path:
     return beside if os.access(beside.parent, os.W_OK) else here
 
 
-def has_compiler() -> bool:
-    """Whether this machine can compile C."""
-    with suppress(CompilerFailed):
-        return bool(find_compiler())
-    return False
-
-
-def find_compiler() -> str:
-    """The compiler in $CC, else the first of COMPILERS. Raises CompilerFailed."""
-    named = os.environ.get("CC", "")
-    names = (named,) if named else COMPILERS
-
-    for name in names:
-        path = shutil.which(name)
-        if path is not None:
-            return path
-
-    missing = "CC names a program that is not there" if named else "none is installed"
-    raise CompilerFailed(
-        f"no C compiler ({', '.join(names)})",
-        cause=missing,
-        next_step="install gcc or clang, or compile elsewhere: --no-build",
-    )
+def find_compiler() -> str | None:
+    """The compiler in $CC, else the first of COMPILERS; None where there is none."""
+    named = os.environ.get("CC")
+    found = map(shutil.which, (named,) if named else COMPILERS)
+    return next(filter(None, found), None)
 
 
 def _compile(compiler: str, folder: Path, *words: str) -> None:
