@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 from holdfast.core.errors import LibraryRefused, ModelError, UsageError
 from holdfast.core.schema import LIBRARY, c_folders
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from holdfast.edge_runtime.graph import Stepper
     from holdfast.edge_runtime.model_file import ModelCard
 
-AUTO = "auto"
-ONNXRUNTIME = "onnxruntime"
-C = "c"
+AUTO: Final = "auto"
+ONNXRUNTIME: Final = "onnxruntime"
+C: Final = "c"
 ENGINES = (AUTO, ONNXRUNTIME, C)
 
 

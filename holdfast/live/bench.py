@@ -197,8 +197,9 @@ def call_times(calls: Calls, rate_hz: float, seconds: float) -> list[CallTimes]:
     deployed = time_deployed(calls, rate_hz, seconds)
     rows = []
     for name, times_us in deployed.items():
-        both = [np.percentile(one, (50, 99)) for one in (hot[name], times_us)]
-        rows.append(CallTimes(name, *np.concatenate(both).tolist(), times_us.size))
+        hot_p50, hot_p99 = np.percentile(hot[name], (50, 99)).tolist()
+        p50, p99 = np.percentile(times_us, (50, 99)).tolist()
+        rows.append(CallTimes(name, hot_p50, hot_p99, p50, p99, times_us.size))
     return rows
 
 
