@@ -22,7 +22,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -70,6 +70,8 @@ a loaded start. late: the answer is late. clock: the sample's stamp lies in the 
 """
 CommandLink = Literal["none", "live", "expired"]
 """The wearer's commands: none has come yet, they come, or their sender went silent."""
+Mode = Literal["idle", "hold", "tighten", "relax", "yield"]
+"""Of a grip command (GripCommand)."""
 
 SINCE_BOOT = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
 """The clock that stamps samples. CLOCK_MONOTONIC stops in a suspended machine.
@@ -185,3 +187,28 @@ class Prediction:
     degraded: bool
     settled: bool
     model_id: str
+
+
+class GripCommand(NamedTuple):
+    """What the hand should do now.
+
+    target_n: what the hand may add while its wearer does not open it: normal force of either side,
+    N. From the very sample on at which the hand's own controller decides to open, the hand ignores
+    it, until it has been empty or the wearer closes. None where the hand keeps the grip it has: in
+    idle and yield the wearer's, in hold the present one. mode: idle (nothing wanted: the wearer's
+    grip), hold (keep target_n), tighten, relax (give back slowly), yield (give back at once).
+    slew_n_s: no faster than this. feedback: strength of the wearer's vibration cue, 0 to 1. mu_hat,
+    margin, needed_n: friction margin (grip_control.py), None while not observed.
+    reason: one word or two, for people.
+    """
+
+    sequence: int
+    t_ns: int
+    mode: Mode
+    target_n: float | None
+    slew_n_s: float
+    feedback: float
+    reason: str
+    mu_hat: float | None = None
+    margin: float | None = None
+    needed_n: float | None = None
