@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.core.writing import require_writable
     from holdfast.edge_runtime.model import Model
     from holdfast.evaluation.provenance import table_lines, write_measured
-    from holdfast.live.bench import KIND, BenchRequest, figures_of
+    from holdfast.live.bench import BenchRequest, figures_of
     from holdfast.live.running import say
 
     require_writable(args.out)
@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
         )
         figures = figures_of(request)
 
-    written = write_measured(args.out, "latency", KIND, figures, None)
+    written = write_measured(args.out, "latency", "time on this machine", figures, None)
     if args.json != STDOUT:
         show("\n".join([*table_lines(figures), *written]))
     write_found(args, {"latency": figures})

@@ -48,8 +48,6 @@ GRIP = "grip command"
 FLOOR = "busy-wait reference"
 """Names of the calls, as latency.json has them."""
 BUDGET = Path(edge_runtime.__file__).with_name("budget.toml")
-KIND = "time on this machine, samples made by formula"
-"""Stands next to every figure."""
 Calls = dict[str, Callable[[], object]]
 TURNS = 40
 """Rounds in which every call takes its turn, hot."""
@@ -75,14 +73,13 @@ class BenchRequest:
 
 @dataclass(frozen=True)
 class CallTimes:
-    """Percentiles of a call's time, us: hot in a row, and as deployed. n: calls as deployed."""
+    """Percentiles of a call's time, us: hot in a row, and as deployed."""
 
     what: str
     hot_p50_us: float
     hot_p99_us: float
     p50_us: float
     p99_us: float
-    n: int
 
 
 def figures_of(request: BenchRequest) -> Json:
@@ -199,7 +196,7 @@ def call_times(calls: Calls, rate_hz: float, seconds: float) -> list[CallTimes]:
     for name, times_us in deployed.items():
         hot_p50, hot_p99 = np.percentile(hot[name], (50, 99)).tolist()
         p50, p99 = np.percentile(times_us, (50, 99)).tolist()
-        rows.append(CallTimes(name, hot_p50, hot_p99, p50, p99, times_us.size))
+        rows.append(CallTimes(name, hot_p50, hot_p99, p50, p99))
     return rows
 
 

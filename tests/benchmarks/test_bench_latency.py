@@ -79,7 +79,7 @@ def test_as_deployed_calls_come_once_a_period_and_take_turns_by_the_second(monke
 
 
 def timed(name: str, p50_us: float, p99_us: float, hot_us: float = 1.0) -> CallTimes:
-    return CallTimes(name, hot_us, hot_us, p50_us, p99_us, 100)
+    return CallTimes(name, hot_us, hot_us, p50_us, p99_us)
 
 
 def test_ratios_are_of_calls_as_deployed():
