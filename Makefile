@@ -28,7 +28,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup hooks demo test lint lock clean dist docs docs-site screenshots hard-cases safety soak real loop distortions evaluate study models bench browser world
+.PHONY: help setup hooks demo test lint lock clean dist docs docs-site screenshots hard-cases safety soak real loop distortions evaluate study models bench latency browser world
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -93,6 +93,13 @@ safety: setup  ## run the tests of the hazards and write their results into docs
 
 bench: setup  ## what accuracy costs in time on this machine; all, or only NAME=cost; into build/bench
 	$(BIN)/python -m benchmarks $(or $(NAME),all) --out build/bench $(ARGS)
+
+latency: setup  ## a step as deployed at 150 and 50 Hz, minutes on a quiet machine, into docs/measured, its tables and picture; OLDER=FILE: beside it
+	$(BIN)/holdfast bench latency holdfast-150hz --out build/bench/150hz $(if $(OLDER),--older $(OLDER)) $(ARGS)
+	$(BIN)/holdfast bench latency holdfast-50hz --out build/bench/50hz $(ARGS)
+	for rate in 150hz 50hz; do cp build/bench/$$rate/latency.json docs/measured/latency-$$rate.json; done
+	$(BIN)/python -m tools.doc_tables
+	$(BIN)/python -m tools.doc_pictures
 
 browser: setup .venv-browser/.stamp  ## a simulated hand to pull at, with the default model, as a page that needs no server, into build/browser
 	$(BIN)/python examples/browser/build.py $(MODEL) build/browser

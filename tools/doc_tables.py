@@ -69,7 +69,7 @@ SOURCES: dict[str, dict[str, str]] = {
     "docs/what-accuracy-costs.md": {
         "cost": "build/bench/cost.json",
         "on_hands": "docs/measured/robust-2026-11-25.json",
-        "latency": "build/bench/latency.json",
+        "latency": "docs/measured/latency-150hz.json",
     },
 }
 """Page -> the files that its template sees."""

@@ -11,9 +11,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from examples.demo.demo_trials import RATE_HZ, TRAIN, TRIALS, UNSEEN
-from holdfast.cli.command import path_argument, run_script
+from holdfast.cli.command import path_argument
 from holdfast.core.errors import HoldfastError
 from holdfast.core.writing import require_writable
+from tools.harness import run_script
 
 RELEASED = "models/holdfast-150hz.onnx"
 """In the checkout."""

@@ -18,7 +18,6 @@ from pathlib import Path
 
 from holdfast.cli.command import path_argument
 from holdfast.cli.options import (
-    add_engine_options,
     add_job_options,
     chosen_model,
     chosen_workers,
@@ -42,7 +41,7 @@ from studies.distortions.open_loop import OpenJob, OpenOutcomes, open_figures
 from studies.distortions.quiet_hand import QuietJob, quiet_rows
 from studies.distortions.table import DISTORTIONS, TRIALS, UNCHANGED, Distortion
 from studies.shared_control.closed_loop import LoopRuns
-from tools.harness import write_figures
+from tools.harness import add_engine_options, write_figures
 
 MODEL = Path("models/holdfast-150hz.onnx")
 LOCKED_SEED = 7001

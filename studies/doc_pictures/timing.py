@@ -15,9 +15,9 @@ from holdfast.evaluation.style import (
     OURS,
     WARNING,
     drawing,
-    for_any_page,
     svg,
 )
+from tools.harness import for_any_page
 
 WIDE_IN = 5.6
 

@@ -26,14 +26,6 @@ BRIEF = '"pull"\nclose_at_s = 0.1\nclosing_s = 0.1\nhold_s = 0.8\nmove_s = 0.2\n
 
 
 SHOWN: dict[str, tuple[dict[str, Any], str]] = {
-    "latency": (
-        {
-            "rows": [
-                {"what": "ours, whole step", "p50": 60.0, "p99": 70.0, "p99.9": 90.0}
-            ]
-        },
-        "ours, whole step",
-    ),
     "effects": (
         {"prices": [{"effect": "tremor", "stage": "physics", "ns_per_sample": 9.0}]},
         "tremor",

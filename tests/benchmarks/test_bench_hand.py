@@ -19,8 +19,9 @@ from benchmarks.hand import (
     latency,
     scan_costs,
 )
+from benchmarks.memory import memory
 from holdfast.drivers.bridges import BRIDGES
-from holdfast.evaluation.bench import memory, time_in_turns
+from holdfast.live.bench import time_in_turns
 from holdfast.live.loop import STAGES
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -103,7 +103,7 @@ def test_a_released_file_acts_in_pulls_of_an_unseen_object_and_in_few_hand_overs
 GROWTH = """
 import sys
 from pathlib import Path
-from holdfast.evaluation.bench import step_of
+from holdfast.live.bench import step_of
 from holdfast.edge_runtime.monitor import Model
 
 def resident_kib():
