@@ -100,6 +100,26 @@ class GraphBuilder:
         """tensor[..., start:stop, ...] along one axis."""
         return self.node("Slice", tensor, [start], [stop], [axis])
 
+    def split(
+        self, tensor: str, sizes: list[int], outs: list[str], axis: int = 1
+    ) -> list[str]:
+        """Parts of so many rows; a Split names several outputs, which are not numbered."""
+        names = [f"{self._prefix}{name}" for name in outs]
+        return self.nodes("Split", tensor, sizes, outs=names, axis=axis)
+
+    def shifted(self, name: str, rows: int, newest: str) -> tuple[str, str]:
+        """The last `rows` values of `newest` [B, 1, C], oldest first, in two parts.
+
+        Each row takes the value of the next newer one. The values differ in rows from their fields,
+        and only the sum of the rows is the same: joined behind each other and split again at the
+        next sample, they have moved on by one row without a copy of their own.
+        """
+        oldest = self.state(f"{name}_oldest", 1)
+        later = self.state(f"{name}_later", rows - 1)
+        self.keep(f"{name}_oldest", later)
+        self.keep(f"{name}_later", newest)
+        return oldest, later
+
     def state(self, name: str, rows: int) -> str:
         """Declare a state field [B, rows, C]; returns its value after the previous sample."""
         self._state_rows[name] = rows

@@ -107,7 +107,9 @@ def _span_means(spec: StepSpec) -> FloatArray:
 
 def _bands(history: History) -> str:
     graph = history.graph
-    by_channel = graph.node("Transpose", history.rectified, perm=[0, 2, 1])
+    outputs = graph.columns(history.rectified, 0, len(history.spec.usable_bands()))
+    sizes = graph.node("Abs", outputs)
+    by_channel = graph.node("Transpose", sizes, perm=[0, 2, 1])
     # every third channel is a normal force
     shear = [channel for channel in range(history.spec.n_channels) if channel % 3 < 2]
     of_shear = graph.node("Gather", by_channel, shear, axis=1)
@@ -282,10 +284,10 @@ def add_step(graph: GraphBuilder, spec: StepSpec) -> tuple[str, str]:
     empty: bool by force, "" where force does not decide "nothing".
     """
     guarded = add_guard(graph, spec)
-    rectified, means = add_bank(graph, spec, guarded)
-    add_detectors(graph, spec, guarded, rectified)
-    empty = add_contact(graph, spec, guarded, means)
-    return add_features(graph, spec, guarded, rectified), empty
+    bank = add_bank(graph, spec, guarded)
+    add_detectors(graph, spec, guarded, bank)
+    empty = add_contact(graph, spec, guarded, bank.means)
+    return add_features(graph, spec, guarded, bank.rectified), empty
 
 
 def add_features_alone(graph: GraphBuilder, spec: StepSpec) -> str:
@@ -298,7 +300,11 @@ def add_features_alone(graph: GraphBuilder, spec: StepSpec) -> str:
     known = [GROUPS[name] for name in spec.groups if name in GROUPS]
     # only the bank's memory never ends
     reads_bank = any(group.memory_s == math.inf for group in known)
-    rectified = add_bank(graph, spec, guarded)[0] if reads_bank else ""
+    rectified = ""
+    if reads_bank:
+        bank = add_bank(graph, spec, guarded)
+        rectified = bank.rectified
+        graph.keep("quiet", bank.quiet[1])
     return add_features(graph, spec, guarded, rectified)
 
 
