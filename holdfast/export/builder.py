@@ -92,9 +92,9 @@ class GraphBuilder:
         """Publish a tensor as another graph does."""
         self._outputs.append(value)
 
-    def reshape(self, tensor: str, *shape: int) -> str:
+    def reshape(self, tensor: str, *shape: int, out: str = "") -> str:
         """Reshape; 0 copies a dimension, -1 is inferred."""
-        return self.node("Reshape", tensor, list(shape))
+        return self.node("Reshape", tensor, list(shape), out=out)
 
     def columns(self, tensor: str, start: int, stop: int, axis: int = 1) -> str:
         """tensor[..., start:stop, ...] along one axis."""
@@ -104,21 +104,8 @@ class GraphBuilder:
         self, tensor: str, sizes: list[int], outs: list[str], axis: int = 1
     ) -> list[str]:
         """Parts of so many rows; a Split names several outputs, which are not numbered."""
-        names = [f"{self._prefix}{name}" for name in outs]
+        names = [f"{self._prefix}part_{name}" for name in outs]
         return self.nodes("Split", tensor, sizes, outs=names, axis=axis)
-
-    def shifted(self, name: str, rows: int, newest: str) -> tuple[str, str]:
-        """The last `rows` values of `newest` [B, 1, C], oldest first, in two parts.
-
-        Each row takes the value of the next newer one. The values differ in rows from their fields,
-        and only the sum of the rows is the same: joined behind each other and split again at the
-        next sample, they have moved on by one row without a copy of their own.
-        """
-        oldest = self.state(f"{name}_oldest", 1)
-        later = self.state(f"{name}_later", rows - 1)
-        self.keep(f"{name}_oldest", later)
-        self.keep(f"{name}_later", newest)
-        return oldest, later
 
     def state(self, name: str, rows: int) -> str:
         """Declare a state field [B, rows, C]; returns its value after the previous sample."""

@@ -195,7 +195,7 @@ def _linear_step(spec: StepSpec) -> tuple[FloatArray, int]:
 
     Inputs: this sample, the one before, S states, quiet samples, and 1.0. Outputs: S states, quiet
     samples, each band and its negative, this sample, and for the contact rule the mean and a step
-    of the zero. The mean, the last state, is a low-pass m += share (x - m).
+    of the zero. The mean, the last state, is a low-pass m += share (x / hysteresis - m).
     """
     bank = step_matrix(spec.rate_hz, spec.usable_bands()).T
     n_states = bank.shape[1] - 1
@@ -212,13 +212,14 @@ def _linear_step(spec: StepSpec) -> tuple[FloatArray, int]:
     if rule is None:
         return np.vstack([of_bank, quiet, bands, -bands, now]), n_states
 
+    hysteresis = rule.on - rule.off
     share = 1.0 - math.exp(-1.0 / (rule.mean_s * spec.rate_hz))
     # a state more, in front of the quiet samples, that does not reach the bank
     parts = [of_bank, quiet, bands, -bands, now]
     parts = [np.insert(part, -2, 0.0, axis=1) for part in parts]
-    mean = share * parts[-1]
+    mean = share / hysteresis * parts[-1]
     mean[0, -3] = 1.0 - share
-    step = mean / (rule.zero_s * spec.rate_hz)
+    step = mean * hysteresis / (rule.zero_s * spec.rate_hz)
     return np.vstack([parts[0], mean, *parts[1:], mean, step]), n_states + 1
 
 

@@ -45,7 +45,7 @@ class GuardOutputs:
     [B, rows, C], oldest first. good: bool, delivered now. begun: 1.0, or 0.0 where the sensor has
     no past. usable: 1.0 or 0.0. weight: 1.0, or LEAST_WEIGHT where the sensor is not usable. still:
     share of a noise floor that no new sample changes, 1.0 where the sensor is not usable. known:
-    [B] bool, enough sensors are usable. zero: what was taken from the sample; "" where force does
+    [B, 1, 1] bool, enough sensors are usable. zero: what was taken from the sample; "" where force does
     not decide.
     """
 
@@ -164,12 +164,12 @@ def _publish(graph: GraphBuilder, spec: StepSpec, flags: str) -> str:
     counts = graph.node("MatMul", flags, np.kron(members, [[1.0], [0.0], [0.0]]))
     least = np.outer([1.0, SETTLED], needed)
     enough = graph.node("GreaterOrEqual", counts, least)
-    both = graph.node("ReduceMin", enough, [2], keepdims=0)
-
-    first, second = (graph.constant(row, np.int64) for row in range(2))
-    known = graph.node("Gather", both, first, axis=1)
-    graph.node("Not", known, out="unknown")
-    graph.node("Gather", both, second, out="settled", axis=1)
+    both = graph.node("ReduceMin", enough, [2], keepdims=1)
+    known = graph.node("Gather", both, [0], axis=1)
+    unknown = graph.node("Not", known)
+    graph.reshape(unknown, -1, out="unknown")
+    # usable sensors are settled: where these are enough, those are too
+    graph.node("ReduceMax", both, [1, 2], out="settled", keepdims=0)
     # no side has more sensors than the hand
     most = graph.node("ReduceMax", counts, [1, 2], keepdims=0)
     graph.node("Cast", most, out="usable_sensors", to=TensorProto.INT32)
@@ -272,20 +272,22 @@ def add_contact(
         return ""
     mean, pull = means
 
-    # A hand that was empty may read more than one that was not. In doubt the hand touches
-    # something: so the zero stands still while the state is unknown, and the first known sample is
-    # compared with `off`.
-    limit = graph.state("limit", 1)
+    # In units of the hysteresis, a hand that was empty may read 1 more than one that was not. A
+    # product and a sum cost less than a choice of two thresholds.
+    was_empty = graph.state("empty", 1)
     length = graph.node("ReduceL2", mean, [2], keepdims=1)
-    below = graph.node("Less", length, limit)
-    known = graph.reshape(guarded.known, 0, 1, 1)
-    empty = graph.node("And", below, known)
-    graph.keep("limit", graph.node("Where", empty, rule.on, rule.off))
+    above_off = graph.node("Sub", length, rule.off / (rule.on - rule.off))
+    below = graph.node("Less", above_off, was_empty)
+    # In doubt the hand touches something: so the zero stands still while the state is unknown, and
+    # the first known sample is compared with `off`.
+    empty = graph.node("And", below, guarded.known)
+    flag = graph.node("Cast", empty, to=TensorProto.DOUBLE)
+    graph.keep("empty", flag)
 
     # Limited in speed: a touch outruns the zero, drift does not.
     most = rule.zero_per_s / spec.rate_hz
     step = graph.node("Clip", pull, -most, most)
-    taken = graph.node("Where", empty, step, 0.0)
+    taken = graph.node("Mul", step, flag)
     graph.keep("zero", graph.node("Add", guarded.zero, taken))
 
     # the flag is the same in all channels

@@ -221,8 +221,8 @@ def _calibrated(graph: GraphBuilder, head: Head, votes: str, out: str = "") -> s
     """[B, K] float32 probabilities; the division of votes into shares is part of the weights."""
     # Votes have the same sum in every row, so a share is a product with a constant.
     weights = head.calibration.weights / votes_in_all(head.learner)
-    product = graph.node("MatMul", votes, np.float32(weights))
-    logits = graph.node("Add", product, np.float32(head.calibration.bias))
+    bias = np.float32(head.calibration.bias)
+    logits = graph.node("Gemm", votes, np.float32(weights), bias)
     return graph.node("Softmax", logits, out=out, axis=1)
 
 

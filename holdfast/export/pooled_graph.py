@@ -84,21 +84,23 @@ class PooledGraph:
             self._add_series()
         numbers = self.graph.node("Concat", *self.tensors, axis=1)
 
+        # each ratio once, whatever features it is in
+        quotients = list(dict.fromkeys(one for all_of in self.features for one in all_of))
+        above = [self.places[dividend] for dividend, _, _ in quotients]
+        below = [self.places[divisor] for _, divisor, _ in quotients]
+        least = np.array([limit for _, _, limit in quotients])
+        dividend = self.graph.node("Gather", numbers, above, axis=1)
+        divisor = self.graph.node("Gather", numbers, below, axis=1)
+        limited = self.graph.node("Max", divisor, least)
+        ratios = self.graph.node("Div", dividend, limited)
+
         # A short set repeats its members, which does not change the largest. Features lie side by
         # side, so that the largest of all of them is taken at once.
-        width = max(len(feature) for feature in self.features)
-        above, below, least = [], [], []
-        for feature in self.features:
-            of_feature = [feature[k % len(feature)] for k in range(width)]
-            above.append([self.places[one] for one, _, _ in of_feature])
-            below.append([self.places[one] for _, one, _ in of_feature])
-            least.append([one for _, _, one in of_feature])
-
-        dividend = self.graph.node("Gather", numbers, np.transpose(above), axis=1)
-        given = self.graph.node("Gather", numbers, np.transpose(below), axis=1)
-        divisor = self.graph.node("Max", given, np.transpose(least))
-        ratios = self.graph.node("Div", dividend, divisor)
-        return self.graph.node("ReduceMax", ratios, [1], keepdims=0)
+        place = {one: place for place, one in enumerate(quotients)}
+        width = max(len(all_of) for all_of in self.features)
+        sets = [np.resize([place[one] for one in all_of], width) for all_of in self.features]
+        members = self.graph.node("Gather", ratios, np.transpose(sets), axis=1)
+        return self.graph.node("ReduceMax", members, [1], keepdims=0)
 
     def _quotients(
         self, feature: PooledFeature
@@ -201,7 +203,7 @@ class PooledGraph:
     def _turned(self, signal: str, samples: str, lengths: str, held: int) -> str:
         """[B, rows, S]: the shear of the rows along the mean of the row `held`, or across it."""
         graph = self.graph
-        direction = graph.columns(samples, held, held + 1)
+        direction = graph.node("Gather", samples, [held], axis=1)
         if signal == ACROSS:
             right_angle = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
             turned = np.kron(np.eye(len(self.sensors)), right_angle)
@@ -220,7 +222,7 @@ class PooledGraph:
         Not a share yet: a whole touch is the difference of the two forces of `_touch`.
         """
         graph = self.graph
-        pressed = graph.columns(normal, recent, recent + 1)
+        pressed = graph.node("Gather", normal, [recent], axis=1)
         none, whole = self._touch()
         touch = graph.node("Sub", graph.node("Clip", pressed, none, whole), none)
 
@@ -237,27 +239,43 @@ class PooledGraph:
     def _add_series(self) -> None:
         """Put the means of both series over each span, and the largest of each.
 
-        A sample of the series is a row of the state, whose columns take turns: one, the other.
+        Both lie in one line, a number of the one, a number of the other, the oldest first.
         """
         graph = self.graph
         now = [self.places[Number(STEPS_OF[one], STEP, "T+O")] for one in SERIES]
-        turns = np.resize(now, (1, self.spec.n_channels))
-        newest = graph.node("Gather", self.tensors[0], turns, axis=1)
+        newest = graph.node("Gather", self.tensors[0], now, axis=1)
+        both, length = self._kept_series(newest)
 
-        length = self.spec.lag(LONGEST_S)
-        older = graph.shifted(f"steps_{self.name}", length - 1, newest)
-        series = graph.node("Concat", *older, newest, axis=1)
         of_series = [one.row for one in self.read if one.signal in SERIES]
         rows = dict.fromkeys(row for row in of_series if row.kind != MOST.kind)
-        time = np.array([row.weights(self.spec)[-length:] for row in rows])
-        means = graph.node("MatMul", time, series)
-        largest = graph.node("ReduceMax", series, [1], keepdims=0)
-        for tensor, kept in ((graph.node("Flatten", means, axis=1), rows), (largest, [MOST])):
-            names: list[Number | None] = []
-            for row in kept:
-                names += [Number(one, row, "T+O") for one in SERIES]
-                names += [None] * (self.spec.n_channels - len(SERIES))
-            self._put(tensor, names)
+        time = np.zeros((length, len(rows)))
+        for column, row in enumerate(rows):
+            weights = row.weights(self.spec)[-length:]
+            time[length - len(weights) :, column] = weights
+        means = graph.node("MatMul", both, np.kron(time, np.eye(len(SERIES))))
+        names = [Number(one, row, "T+O") for row in rows for one in SERIES]
+        self._put(means, names)
+
+        recent = np.arange(2 * length).reshape(length, 2)[-self.spec.lag(MOST.span_s) :]
+        values = graph.node("Gather", both, recent, axis=1)
+        largest = graph.node("ReduceMax", values, [1], keepdims=0)
+        self._put(largest, [Number(one, MOST, "T+O") for one in SERIES])
+
+    def _kept_series(self, newest: str) -> tuple[str, int]:
+        """[B, 2 x length] past and newest samples of both series, and the length.
+
+        The past fills as few rows of the state as hold it: an even number of numbers.
+        """
+        graph, width = self.graph, self.spec.n_channels
+        past = self.spec.lag(LONGEST_S) - 1
+        n_rows = -(-2 * past // width)
+        n_rows += n_rows * width % 2
+        field = f"series_{self.name}"
+        before = graph.node("Flatten", graph.state(field, n_rows), axis=1)
+        both = graph.node("Concat", before, newest, axis=1)
+        moved = graph.columns(both, 2, 2 + n_rows * width)
+        graph.keep(field, graph.reshape(moved, 0, n_rows, width))
+        return both, n_rows * width // 2 + 1
 
 
 def add_pooled(history: History, names: list[str]) -> str:

@@ -18,7 +18,7 @@ from holdfast.export.c.moves import (
     write_softmax,
     write_transpose,
 )
-from holdfast.export.c.products import write_product
+from holdfast.export.c.products import write_gemm, write_product
 from holdfast.export.c.trees import write_trees
 from holdfast.export.c.writer import Writer
 
@@ -28,6 +28,7 @@ EMITTERS: dict[str, Callable[[Node, Writer], list[str]]] = {
     "ArgMax": write_arg_max,
     "Concat": write_concat,
     "Gather": write_gather,
+    "Gemm": write_gemm,
     "MatMul": write_product,
     "ReduceL2": write_reduction,
     "ReduceMax": write_reduction,

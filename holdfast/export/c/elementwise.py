@@ -91,6 +91,8 @@ def _expression(node: Node, operands: list[str], writer: Writer) -> str:
     if op == "Clip" and is_real:
         helper = "hf_clip_f" if element == FLOAT else "hf_clip"
         return f"{helper}({', '.join(operands)})"
+    if op == "Not":
+        return f"!{operands[0]}"
     if op == "Where":
         return f"{operands[0]} ? {operands[1]} : {operands[2]}"
     if op == "Round" and element == FLOAT:

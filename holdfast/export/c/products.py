@@ -37,7 +37,7 @@ def write_product(node: Node, writer: Writer) -> list[str]:
     """MatMul of one constant matrix with a computed tensor."""
     graph = writer.graph
     (out,) = node.outputs
-    left, right = (graph.values(name) for name in node.inputs)
+    left, right = (graph.values(name) for name in node.inputs[:2])
     if (left is None) == (right is None):
         raise refusal(node, "not exactly one of its inputs is constant")
 
@@ -53,6 +53,16 @@ def write_product(node: Node, writer: Writer) -> list[str]:
     if math.prod(shape[:-2]) != 1:
         raise refusal(node, "its second input has more than two dimensions")
     return _constant_left(product, left, shape[-1])
+
+
+def write_gemm(node: Node, writer: Writer) -> list[str]:
+    """Gemm of one row: the product, and then the third input, whose numbers are constant."""
+    c_type = C_TYPES[writer.graph.element(node.outputs[0])]
+    numbers = writer.graph.constant(node.inputs[2], node)
+    table = writer.tables.add(f"hf_{node.inputs[2]}", numbers, c_type)
+    target = f"{writer.name(node.outputs[0])}[{index((1, 'j', numbers.size))}]"
+    added = f"{target} += {table}[{index((1, 'j', numbers.size))}];"
+    return [*write_product(node, writer), *counted("j", numbers.size, [added])]
 
 
 def _constant_left(product: _Product, matrix: Matrix, columns: int) -> list[str]:
