@@ -94,7 +94,6 @@ def _signals_graph(spec: StepSpec) -> bytes:
     # The bank reads the newest sample only; a short past makes the state, and the step, small.
     guarded = add_guard(graph, spec)
     bank = add_bank(graph, spec, guarded)
-    graph.keep("quiet", bank.quiet[1])
     graph.node("Identity", bank.loudest, out="loudest")
     graph.node("Identity", guarded.now, out="now")
     graph.node("Cast", guarded.usable, out="usable", to=TensorProto.BOOL)

@@ -12,8 +12,9 @@ difference of two samples, so that a large offset never enters the filter::
     u[t] = (K w_l d[t] - (w_l - K) u[t-1]) / (K + w_l),   K = 2 fs,   d[t] = x[t] - x[t-1]
 
 Each resonator is prewarped to its nominal frequency. The bank of a signal has one shared state and
-four for each band. One product steps all that is linear in the past of a channel: the bank, the
-mean that contact is judged by (guard.py), and the count of quiet samples.
+four for each band. One product steps all that is linear in the past of a channel: the bank, and the
+mean that contact is judged by (guard.py). A sensor that returns after a long loss goes on with the
+bank that it had; what still rings has died away when it is settled.
 
 The detectors are computed at every sample. (The critical points of training, which may look ahead,
 are in training/critical_points.py.) band_pass: the largest |output| over the bands of any shear
@@ -145,14 +146,13 @@ class BankOutputs:
 
     Each [B, 1, C], and 0 where the sensor is not usable: loudest, the largest of the rectified
     ones; now, the sample; means, for the contact rule, the mean and a step of the zero, none
-    without it. quiet: samples since a detector fired, before this one and with it.
+    without it.
     """
 
     rectified: str
     loudest: str
     now: str
     means: list[str]
-    quiet: tuple[str, str]
 
 
 def add_bank(
@@ -165,62 +165,57 @@ def add_bank(
     bands = len(spec.usable_bands())
     matrix, n_states = _linear_step(spec)
     before = graph.state("bank", n_states)
-    quiet = graph.state("quiet", 1)
-    inputs = [guarded.now, guarded.last, before, quiet, guarded.begun]
+    inputs = [guarded.now, guarded.last, before, guarded.moved]
     joined = graph.node("Concat", *inputs, axis=1)
 
     # The matrix stands on the left: its product runs along the channels, so a batch multiplies
     # each recording by the same matrix in the same order as a recording alone.
     product = graph.node("MatMul", matrix, joined)
-    # a sensor without a past has no difference yet
-    stepped = graph.node("Mul", product, guarded.begun)
+    # A lost sample holds the state: the last good value would read as a step of 0. A sensor without
+    # a past has no difference yet.
+    stepped = graph.node("Mul", product, guarded.moved)
     n_means = 0 if spec.contact is None else 2
-    sizes = [n_states, 1, 2 * bands + 1 + n_means]
-    advanced, longer, heard = graph.split(stepped, sizes, ["next", "longer", "heard"])
-
-    # a lost sample holds the state: the last good value would read as a step of 0
-    following = graph.node("Where", guarded.good, advanced, before)
-    graph.keep("bank", following)
+    sizes = [n_states, 2 * bands + 1 + n_means]
+    change, heard = graph.split(stepped, sizes, ["change", "heard"])
+    graph.keep("bank", graph.node("Add", before, change))
 
     counted = graph.node("Mul", heard, guarded.usable)
     sizes = [2 * bands, *[1] * (1 + n_means)]
     names = ["bands", "usable_now", "mean", "zero_step"][: len(sizes)]
     swings, now, *means = graph.split(counted, sizes, names)
     loudest = graph.node("ReduceMax", swings, [1], keepdims=1)
-    return BankOutputs(heard, loudest, now, means, (quiet, longer))
+    return BankOutputs(heard, loudest, now, means)
 
 
 def _linear_step(spec: StepSpec) -> tuple[FloatArray, int]:
     """The matrix [outputs, inputs] of a step, and the number S of its states.
 
-    Inputs: this sample, the one before, S states, quiet samples, and 1.0. Outputs: S states, quiet
-    samples, each band and its negative, this sample, and for the contact rule the mean and a step
-    of the zero. The mean, the last state, is a low-pass m += share (x / hysteresis - m).
+    Inputs: this sample, the one before, S states, and 1.0. Outputs: the change of S states, each
+    band and its negative, this sample, and for the contact rule the mean and a step of the zero.
+    The mean, the last state, is a low-pass m += share (x / hysteresis - m).
     """
     bank = step_matrix(spec.rate_hz, spec.usable_bands()).T
     n_states = bank.shape[1] - 1
     difference, of_states = bank[:, :1], bank[:, 1:]
-    none = np.zeros_like(difference)
-    columns = [difference, -difference, of_states, none, GRAIN * difference]
-    bank = np.hstack(columns)
-    of_bank, bands = bank[:n_states], bank[n_states:]
-
-    now, quiet, one = (np.zeros((1, bank.shape[1])) for _ in range(3))
-    now[0, 0] = 1.0
-    quiet[0, -2:] = 1.0
+    bank = np.hstack([difference, -difference, of_states, GRAIN * difference])
+    now = np.eye(1, bank.shape[1])
     rule = spec.contact
+    if rule is not None:
+        # a state more, in front of the 1.0, that does not reach the bank
+        bank, now = (np.insert(part, -1, 0.0, axis=1) for part in (bank, now))
+    of_bank, bands = bank[:n_states], bank[n_states:]
+    change = of_bank - np.eye(n_states, bank.shape[1], k=2)
     if rule is None:
-        return np.vstack([of_bank, quiet, bands, -bands, now]), n_states
+        return np.vstack([change, bands, -bands, now]), n_states
 
     hysteresis = rule.on - rule.off
     share = 1.0 - math.exp(-1.0 / (rule.mean_s * spec.rate_hz))
-    # a state more, in front of the quiet samples, that does not reach the bank
-    parts = [of_bank, quiet, bands, -bands, now]
-    parts = [np.insert(part, -2, 0.0, axis=1) for part in parts]
-    mean = share / hysteresis * parts[-1]
-    mean[0, -3] = 1.0 - share
+    mean = share / hysteresis * now
+    mean[0, -2] = 1.0 - share
     step = mean * hysteresis / (rule.zero_s * spec.rate_hz)
-    return np.vstack([parts[0], mean, *parts[1:], mean, step]), n_states + 1
+    mean_change = mean - np.eye(1, bank.shape[1], k=2 + n_states)
+    rows = [change, mean_change, bands, -bands, now, mean, step]
+    return np.vstack(rows), n_states + 1
 
 
 def detector_names(spec: StepSpec) -> tuple[str, ...]:
@@ -236,7 +231,7 @@ def add_detectors(
 ) -> None:
     """Publish `detectors` [B, D] bool, in any channel, in the order of `detector_names`."""
     firing = _band_pass(graph, spec, guarded, bank.loudest)
-    point = _band_pass_point(graph, spec, firing, bank.quiet)
+    point = _band_pass_point(graph, spec, firing)
     rows = [firing, point]
     if spec.unit == "N":
         rows.append(_friction_cone(graph, spec, bank.now))
@@ -278,20 +273,19 @@ def _band_pass(
     return above
 
 
-def _band_pass_point(
-    graph: GraphBuilder, spec: StepSpec, firing: str, quiet: tuple[str, str]
-) -> str:
+def _band_pass_point(graph: GraphBuilder, spec: StepSpec, firing: str) -> str:
     """[B, 1, C]: an excursion begins, at least `quiet_s` after the last one in any channel.
 
     The count of quiet samples is not limited: a float64 is exact for longer than a hand lasts.
     """
-    before, longer = quiet
+    quiet = graph.state("quiet", 1)
     fired = graph.node("ReduceMax", firing, [2], keepdims=1)
+    longer = graph.node("Add", quiet, 1.0)
     graph.keep("quiet", graph.node("Where", fired, 0.0, longer))
 
     # the count before this sample: an excursion that begins now has not ended the quiet yet
     needed = spec.detectors.quiet_s * spec.rate_hz
-    enough = graph.node("GreaterOrEqual", before, needed)
+    enough = graph.node("GreaterOrEqual", quiet, needed)
     return graph.node("And", firing, enough)
 
 

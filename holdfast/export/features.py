@@ -302,9 +302,7 @@ def add_features_alone(graph: GraphBuilder, spec: StepSpec) -> str:
     reads_bank = any(group.memory_s == math.inf for group in known)
     rectified = ""
     if reads_bank:
-        bank = add_bank(graph, spec, guarded)
-        rectified = bank.rectified
-        graph.keep("quiet", bank.quiet[1])
+        rectified = add_bank(graph, spec, guarded).rectified
     return add_features(graph, spec, guarded, rectified)
 
 

@@ -42,8 +42,8 @@ class GuardOutputs:
     """Names of the guarded tensors, each [B, 1, C] but the past.
 
     now, last: this and the previous good sample. past: all samples before this one, in parts
-    [B, rows, C], oldest first. good: bool, delivered now. begun: 1.0, or 0.0 where the sensor has
-    no past. usable: 1.0 or 0.0. weight: 1.0, or LEAST_WEIGHT where the sensor is not usable. still:
+    [B, rows, C], oldest first. moved: 1.0, or 0.0 where the sensor has delivered nothing now, or has
+    no past to move on from. usable: 1.0 or 0.0. weight: 1.0, or LEAST_WEIGHT where the sensor is not usable. still:
     share of a noise floor that no new sample changes, 1.0 where the sensor is not usable. known:
     [B, 1, 1] bool, enough sensors are usable. zero: what was taken from the sample; "" where force does
     not decide.
@@ -52,8 +52,7 @@ class GuardOutputs:
     now: str
     last: str
     past: tuple[str, ...]
-    good: str
-    begun: str
+    moved: str
     usable: str
     weight: str
     still: str
@@ -101,16 +100,14 @@ def add_guard(graph: GraphBuilder, spec: StepSpec) -> GuardOutputs:
     entry = graph.node("Add", even_or_odd, behind_each_other)
     whole = graph.node("Cast", entry, to=TensorProto.INT64)
     found = graph.node("Gather", tables.ravel(), whole)
-    outs = ["next_place", "begun", "weight", "still", "usable", "flags"]
+    outs = ["next_place", "moved", "weight", "still", "usable", "flags"]
     sizes = [1, 1, 1, 1, 1, 2]
-    following, begun, weight, still, usable, flags = graph.split(found, sizes, outs)
+    following, moved, weight, still, usable, flags = graph.split(found, sizes, outs)
     graph.keep("place", following)
 
     known = _publish(graph, spec, flags)
     past = (oldest, older, last)
-    return GuardOutputs(
-        now, last, past, good, begun, usable, weight, still, known, zero
-    )
+    return GuardOutputs(now, last, past, moved, usable, weight, still, known, zero)
 
 
 def _share_of_good(graph: GraphBuilder, spec: StepSpec) -> str:
@@ -131,7 +128,7 @@ def _tables(spec: StepSpec) -> FloatArray:
     """[7, last place + 2]: what a sensor is next, by its place: an entry if this sample is bad, the
     entry behind it if it is good, so a place is an even number.
 
-    Next place; begun; weight; still; usable; usable and settled once more, as they are counted.
+    Next place; moved; weight; still; usable; usable and settled once more, as they are counted.
     """
     bridged = spec.gap_samples + 1
     number = np.arange(1 + bridged * spec.settle_samples)
@@ -146,10 +143,10 @@ def _tables(spec: StepSpec) -> FloatArray:
 
     usable = (after == number[-1]).astype(np.float64)
     settled = (after > number[-1] - bridged).astype(np.float64)
-    begun = np.repeat(number > 0, 2).astype(np.float64)
+    moved = np.stack([0.0 * number, number > 0], axis=1).ravel()
     weight = usable + LEAST_WEIGHT
     still = 1.0 - spec.floor_share * usable
-    rows = [2.0 * after, begun, weight, still, usable, usable, settled * SETTLED]
+    rows = [2.0 * after, moved, weight, still, usable, usable, settled * SETTLED]
     return np.stack(rows)
 
 
@@ -235,15 +232,14 @@ def reference_contact(
     share = 1.0 - math.exp(-1.0 / (rule.mean_s * spec.rate_hz))
     most = rule.zero_per_s / spec.rate_hz
     last, mean, zero = np.zeros((3, spec.n_channels))
-    # a sensor that was lost for too long begins again one sample after its return
+    # a sensor that was lost for too long moves on one sample after its return
     begun = np.zeros(spec.n_channels, np.bool_)
     empty = False
     empties, zeros = [], []
     for t, now in enumerate(values):
         last = np.where(np.repeat(good[t], 3), now - zero, last)
-        held = np.where(begun, mean, 0.0)
-        moved = held + share * (np.where(begun, last, 0.0) - held)
-        mean = np.where(np.repeat(good[t], 3), moved, mean)
+        moved = begun & np.repeat(good[t], 3)
+        mean = np.where(moved, mean + share * (last - mean), mean)
         begun = np.repeat(delivered[t] > 0, 3)
 
         # in doubt the hand touches something

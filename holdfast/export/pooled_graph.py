@@ -226,14 +226,12 @@ class PooledGraph:
         none, whole = self._touch()
         touch = graph.node("Sub", graph.node("Clip", pressed, none, whole), none)
 
-        # its own weight, and the usable share of the sensors of its side
+        # its own weight, over the usable share of the sensors of its side
         sides = side_matrix(self.spec)
         same = (sides @ sides.T > 0.0).astype(np.float64)
-        both = np.hstack([np.eye(len(same)), same / same.sum(axis=0)])
-        of_sensor = np.kron(both, [[1.0], [0.0], [0.0]])
-        weights = graph.node("MatMul", self.history.weight, of_sensor)
-        outs = [f"{self.name}_own", f"{self.name}_share"]
-        own, share = graph.split(weights, [len(same)] * 2, outs, axis=2)
+        first_of_sensor = [3 * sensor for sensor in self.sensors]
+        own = graph.node("Gather", self.history.weight, first_of_sensor, axis=2)
+        share = graph.node("MatMul", own, same / same.sum(axis=0))
         return graph.node("Mul", touch, graph.node("Div", own, share))
 
     def _add_series(self) -> None:
