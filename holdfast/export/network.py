@@ -178,9 +178,16 @@ def _layer(layer: Layer, values: Float32Array) -> Float32Array:
 
 
 def add_network(
-    graph: GraphBuilder, network: Network, features: str, out: str = ""
+    graph: GraphBuilder,
+    network: Network,
+    features: str,
+    moved: Float32Array | None = None,
+    out: str = "",
 ) -> str:
-    """Add the network; returns votes [B, K] float32 that hold exact integers."""
+    """Add the network; returns votes [B, K] float32 that hold exact integers.
+
+    moved: whole numbers [K, K] that the votes are multiplied by.
+    """
     k = network.n_classes
     shares = add_shares(graph, network, features)
     of_votes = graph.node("Mul", shares, np.float32(network.shared_votes))
@@ -188,9 +195,11 @@ def add_network(
 
     # one product and one sum, both exact, give the last class the rest of the votes:
     # all votes, minus what the others got
-    last = np.eye(k)[-1] * network.votes_in_all
+    last = np.eye(k, dtype=np.float32)[-1] * np.float32(network.votes_in_all)
     rest = _rest_to_the_last(k)
-    return graph.node("Gemm", votes, rest, np.float32(last), out=out)
+    if moved is not None:
+        last, rest = last @ moved, rest @ moved
+    return graph.node("Gemm", votes, rest, last, out=out)
 
 
 def add_shares(graph: GraphBuilder, network: Network, features: str) -> str:

@@ -56,13 +56,17 @@ def write_product(node: Node, writer: Writer) -> list[str]:
 
 
 def write_gemm(node: Node, writer: Writer) -> list[str]:
-    """Gemm of one row: the product, and then the third input, whose numbers are constant."""
-    c_type = C_TYPES[writer.graph.element(node.outputs[0])]
-    numbers = writer.graph.constant(node.inputs[2], node)
-    table = writer.tables.add(f"hf_{node.inputs[2]}", numbers, c_type)
-    target = f"{writer.name(node.outputs[0])}[{index((1, 'j', numbers.size))}]"
-    added = f"{target} += {table}[{index((1, 'j', numbers.size))}];"
-    return [*write_product(node, writer), *counted("j", numbers.size, [added])]
+    """Gemm of one row: the product, and then the third input."""
+    (out,), added = node.outputs, node.inputs[2]
+    n = writer.graph.shape(out)[1]
+    at = index((1, "j", n))
+    numbers = writer.graph.values(added)
+    term = writer.read(added, at)
+    if numbers is not None:
+        c_type = C_TYPES[writer.graph.element(out)]
+        term = f"{writer.tables.add(f'hf_{added}', numbers, c_type)}[{at}]"
+    lines = write_product(node, writer)
+    return [*lines, *counted("j", n, [f"{writer.read(out, at)} += {term};"])]
 
 
 def _constant_left(product: _Product, matrix: Matrix, columns: int) -> list[str]:
