@@ -92,9 +92,9 @@ class GraphBuilder:
         """Publish a tensor as another graph does."""
         self._outputs.append(value)
 
-    def reshape(self, tensor: str, *shape: int, out: str = "") -> str:
+    def reshape(self, tensor: str, *shape: int) -> str:
         """Reshape; 0 copies a dimension, -1 is inferred."""
-        return self.node("Reshape", tensor, list(shape), out=out)
+        return self.node("Reshape", tensor, list(shape))
 
     def columns(self, tensor: str, start: int, stop: int, axis: int = 1) -> str:
         """tensor[..., start:stop, ...] along one axis."""

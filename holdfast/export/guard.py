@@ -163,8 +163,7 @@ def _publish(graph: GraphBuilder, spec: StepSpec, flags: str) -> str:
     enough = graph.node("GreaterOrEqual", counts, least)
     both = graph.node("ReduceMin", enough, [2], keepdims=1)
     known = graph.node("Gather", both, [0], axis=1)
-    unknown = graph.node("Not", known)
-    graph.reshape(unknown, -1, out="unknown")
+    graph.node("Not", graph.reshape(known, -1), out="unknown")
     # usable sensors are settled: where these are enough, those are too
     graph.node("ReduceMax", both, [1, 2], out="settled", keepdims=0)
     # no side has more sensors than the hand

@@ -17,8 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from onnx import TensorProto
-
 from holdfast.export.builder import GraphBuilder
 
 Float32Array = npt.NDArray[np.float32]
@@ -237,11 +235,17 @@ def _add_raised(graph: GraphBuilder, logits: str) -> str:
     """exp of the logits behind the first, by a table, as shares of their sum."""
     first = graph.node("ReduceMax", logits, [1], keepdims=1)
     behind = graph.node("Sub", first, logits)
-    nearest = graph.node("Min", behind, np.float32(TABLE_LENGTH - 1))
 
     # a table, because the exponential of a runtime differs between processors
-    place = graph.node("Cast", nearest, to=TensorProto.INT64)
-    raised = graph.node("Gather", np.float32(EXPONENTIALS), place, axis=0)
+    steps = np.flatnonzero(EXPONENTIALS)
+    raised = graph.node(
+        "LabelEncoder",
+        behind,
+        domain="ai.onnx.ml",
+        keys_floats=steps.astype(float).tolist(),
+        values_floats=EXPONENTIALS[steps].tolist(),
+        default_float=0.0,
+    )
 
     # whole numbers up to 2^16 each, so a sum over the classes is exact in any order
     total = graph.node("ReduceSum", raised, [1], keepdims=1)

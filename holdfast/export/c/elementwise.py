@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from holdfast.export.c.graph import BOOL, DOUBLE, FLOAT, INT64, Node, refusal
 from holdfast.export.c.literals import C_TYPES, number
 from holdfast.export.c.memory import strides
@@ -43,6 +45,17 @@ def write_look_up(node: Node, writer: Writer) -> list[str]:
     # a corrupted state must not reach beyond the table
     value = f"{name}[hf_within({at}, {len(values) - 1})]"
     return nested(writer.graph.shape(out), node, [f"{target} = {value};"])
+
+
+def write_encoder(node: Node, writer: Writer) -> list[str]:
+    """Numbers of a table whose keys are 0, 1, 2 ..; another number in place of a key is 0."""
+    values = np.array(node.attributes["values_floats"])
+    name = writer.tables.add(f"hf_{node.outputs[0]}_values", values, "float")
+    x = _operand(node.inputs[0], node, writer)
+    target = writer.read(node.outputs[0], _index(node.outputs[0], node, writer))
+    known = f"{x} >= 0.0f && {x} < {number(len(values), 'float')}"
+    value = f"{known} ? {name}[(int32_t){x}] : 0.0f"
+    return nested(writer.graph.shape(node.outputs[0]), node, [f"{target} = {value};"])
 
 
 def _operand(tensor: str, node: Node, writer: Writer) -> str:
