@@ -13,8 +13,7 @@ difference of two samples, so that a large offset never enters the filter::
 
 Each resonator is prewarped to its nominal frequency. The bank of a signal has one shared state and
 four for each band. One product steps all that is linear in the past of a channel: the bank, and the
-mean that contact is judged by (guard.py). A sensor that returns after a long loss goes on with the
-bank that it had; what still rings has died away when it is settled.
+mean that contact is judged by (guard.py).
 
 The detectors are computed at every sample. (The critical points of training, which may look ahead,
 are in training/critical_points.py.) band_pass: the largest |output| over the bands of any shear
@@ -43,9 +42,9 @@ LOW_PASS_HZ = 75.0
 """Corner frequency of the low-pass that stands behind the differentiator (w_l)."""
 STATES_PER_BAND = 4
 """Two resonators of second order, in transposed direct form II."""
-GRAIN = 1e-30
+GRAIN = 1e-100
 """The difference of two samples is this much more than it is: silence must not become subnormal
-numbers, which are slow. It drowns in the rounding of any force that a sensor can tell."""
+numbers, which are slow. float32 and the rounding of any reading know nothing so small."""
 
 
 def sections(rate_hz: float, band_hz: float) -> FloatArray:
@@ -142,7 +141,8 @@ def noise_gain(
 
 @dataclass(frozen=True)
 class BankOutputs:
-    """Names of what the product gives. rectified: [B, 2 bands, C] every output and its negative.
+    """Names of what the product gives. rectified: [B, rows, C], every output, then every negative,
+    and rows more.
 
     Each [B, 1, C], and 0 where the sensor is not usable: loudest, the largest of the rectified
     ones; now, the sample; means, for the contact rule, the mean and a step of the zero, none
@@ -165,7 +165,8 @@ def add_bank(
     bands = len(spec.usable_bands())
     matrix, n_states = _linear_step(spec)
     before = graph.state("bank", n_states)
-    inputs = [guarded.now, guarded.last, before, guarded.moved]
+    difference = graph.node("Sub", guarded.now, guarded.last)
+    inputs = [difference, before, guarded.now, guarded.moved]
     joined = graph.node("Concat", *inputs, axis=1)
 
     # The matrix stands on the left: its product runs along the channels, so a batch multiplies
@@ -177,7 +178,9 @@ def add_bank(
     n_means = 0 if spec.contact is None else 2
     sizes = [n_states, 2 * bands + 1 + n_means]
     change, heard = graph.split(stepped, sizes, ["change", "heard"])
-    graph.keep("bank", graph.node("Add", before, change))
+    # not chosen: a product and a sum cost less
+    following = graph.node("Add", before, change)
+    graph.keep("bank", graph.node("Mul", following, guarded.alive))
 
     counted = graph.node("Mul", heard, guarded.usable)
     sizes = [2 * bands, *[1] * (1 + n_means)]
@@ -190,31 +193,29 @@ def add_bank(
 def _linear_step(spec: StepSpec) -> tuple[FloatArray, int]:
     """The matrix [outputs, inputs] of a step, and the number S of its states.
 
-    Inputs: this sample, the one before, S states, and 1.0. Outputs: the change of S states, each
-    band and its negative, this sample, and for the contact rule the mean and a step of the zero.
-    The mean, the last state, is a low-pass m += share (x / hysteresis - m).
+    Inputs: the difference of two samples, S states, the sample, and 1.0. Outputs: the change of S
+    states, each band and its negative, the sample, and for the contact rule the mean and a step of
+    the zero. The mean, the last state, is a low-pass m += share (x / hysteresis - m).
     """
+    rule = spec.contact
     bank = step_matrix(spec.rate_hz, spec.usable_bands()).T
     n_states = bank.shape[1] - 1
-    difference, of_states = bank[:, :1], bank[:, 1:]
-    bank = np.hstack([difference, -difference, of_states, GRAIN * difference])
-    now = np.eye(1, bank.shape[1])
-    rule = spec.contact
-    if rule is not None:
-        # a state more, in front of the 1.0, that does not reach the bank
-        bank, now = (np.insert(part, -1, 0.0, axis=1) for part in (bank, now))
+    # behind the bank's inputs: the mean, where there is one, the sample, and 1.0
+    more = 2 if rule is None else 3
+    bank = np.pad(bank, ((0, 0), (0, more)))
+    bank[:, -1] = GRAIN * bank[:, 0]
     of_bank, bands = bank[:n_states], bank[n_states:]
-    change = of_bank - np.eye(n_states, bank.shape[1], k=2)
+    change = of_bank - np.eye(n_states, bank.shape[1], k=1)
+    now = np.eye(1, bank.shape[1], k=bank.shape[1] - 2)
     if rule is None:
         return np.vstack([change, bands, -bands, now]), n_states
 
     hysteresis = rule.on - rule.off
     share = 1.0 - math.exp(-1.0 / (rule.mean_s * spec.rate_hz))
-    mean = share / hysteresis * now
-    mean[0, -2] = 1.0 - share
+    before = np.eye(1, bank.shape[1], k=1 + n_states)
+    mean = share / hysteresis * now + (1.0 - share) * before
     step = mean * hysteresis / (rule.zero_s * spec.rate_hz)
-    mean_change = mean - np.eye(1, bank.shape[1], k=2 + n_states)
-    rows = [change, mean_change, bands, -bands, now, mean, step]
+    rows = [change, mean - before, bands, -bands, now, mean, step]
     return np.vstack(rows), n_states + 1
 
 

@@ -43,7 +43,7 @@ class GuardOutputs:
 
     now, last: this and the previous good sample. past: all samples before this one, in parts
     [B, rows, C], oldest first. moved: 1.0, or 0.0 where the sensor has delivered nothing now, or has
-    no past to move on from. usable: 1.0 or 0.0. weight: 1.0, or LEAST_WEIGHT where the sensor is not usable. still:
+    no past to move on from. alive: 1.0, or 0.0 where a loss has ended its past. usable: 1.0 or 0.0. weight: 1.0, or LEAST_WEIGHT where the sensor is not usable. still:
     share of a noise floor that no new sample changes, 1.0 where the sensor is not usable. known:
     [B, 1, 1] bool, enough sensors are usable. zero: what was taken from the sample; "" where force does
     not decide.
@@ -53,6 +53,7 @@ class GuardOutputs:
     last: str
     past: tuple[str, ...]
     moved: str
+    alive: str
     usable: str
     weight: str
     still: str
@@ -100,14 +101,14 @@ def add_guard(graph: GraphBuilder, spec: StepSpec) -> GuardOutputs:
     entry = graph.node("Add", even_or_odd, behind_each_other)
     whole = graph.node("Cast", entry, to=TensorProto.INT64)
     found = graph.node("Gather", tables.ravel(), whole)
-    outs = ["next_place", "moved", "weight", "still", "usable", "flags"]
-    sizes = [1, 1, 1, 1, 1, 2]
-    following, moved, weight, still, usable, flags = graph.split(found, sizes, outs)
+    outs = ["next_place", "moved", "alive", "usable", "weight", "still", "flags"]
+    sizes = [1, 1, 1, 1, 1, 1, 2]
+    following, *of_sensor, flags = graph.split(found, sizes, outs)
     graph.keep("place", following)
 
     known = _publish(graph, spec, flags)
     past = (oldest, older, last)
-    return GuardOutputs(now, last, past, moved, usable, weight, still, known, zero)
+    return GuardOutputs(now, last, past, *of_sensor, known, zero)
 
 
 def _share_of_good(graph: GraphBuilder, spec: StepSpec) -> str:
@@ -125,10 +126,10 @@ def _share_of_good(graph: GraphBuilder, spec: StepSpec) -> str:
 
 
 def _tables(spec: StepSpec) -> FloatArray:
-    """[7, last place + 2]: what a sensor is next, by its place: an entry if this sample is bad, the
+    """[8, last place + 2]: what a sensor is next, by its place: an entry if this sample is bad, the
     entry behind it if it is good, so a place is an even number.
 
-    Next place; moved; weight; still; usable; usable and settled once more, as they are counted.
+    Next place; moved; alive; usable; weight; still; usable and settled once more, as they are counted.
     """
     bridged = spec.gap_samples + 1
     number = np.arange(1 + bridged * spec.settle_samples)
@@ -146,8 +147,9 @@ def _tables(spec: StepSpec) -> FloatArray:
     moved = np.stack([0.0 * number, number > 0], axis=1).ravel()
     weight = usable + LEAST_WEIGHT
     still = 1.0 - spec.floor_share * usable
-    rows = [2.0 * after, moved, weight, still, usable, usable, settled * SETTLED]
-    return np.stack(rows)
+    alive = (after > 0).astype(np.float64)
+    of_sensor = [moved, alive, usable, weight, still]
+    return np.stack([2.0 * after, *of_sensor, usable, settled * SETTLED])
 
 
 def _publish(graph: GraphBuilder, spec: StepSpec, flags: str) -> str:
@@ -231,14 +233,15 @@ def reference_contact(
     share = 1.0 - math.exp(-1.0 / (rule.mean_s * spec.rate_hz))
     most = rule.zero_per_s / spec.rate_hz
     last, mean, zero = np.zeros((3, spec.n_channels))
-    # a sensor that was lost for too long moves on one sample after its return
+    # a sensor that was lost for too long begins again one sample after its return
     begun = np.zeros(spec.n_channels, np.bool_)
     empty = False
     empties, zeros = [], []
     for t, now in enumerate(values):
         last = np.where(np.repeat(good[t], 3), now - zero, last)
-        moved = begun & np.repeat(good[t], 3)
-        mean = np.where(moved, mean + share * (last - mean), mean)
+        held = np.where(begun, mean, 0.0)
+        moved = held + share * (np.where(begun, last, 0.0) - held)
+        mean = np.where(np.repeat(good[t], 3), moved, mean)
         begun = np.repeat(delivered[t] > 0, 3)
 
         # in doubt the hand touches something

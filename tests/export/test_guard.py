@@ -58,8 +58,9 @@ def bank_session(spec: StepSpec) -> ort.InferenceSession:
     graph = GraphBuilder(spec.n_sensors)
     # without the contact rule, whose zero is set behind the bank
     spec = msgspec.structs.replace(spec, force_decides=False)
-    rectified, _ = add_bank(graph, spec, add_guard(graph, spec))
-    graph.node("Identity", rectified, out="rectified")
+    bank = add_bank(graph, spec, add_guard(graph, spec))
+    outputs = graph.columns(bank.rectified, 0, len(spec.usable_bands()))
+    graph.node("Abs", outputs, out="rectified")
     graph.output(
         "rectified", TensorProto.DOUBLE, len(spec.usable_bands()), spec.n_channels
     )
