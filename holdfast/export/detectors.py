@@ -155,9 +155,7 @@ class BankOutputs:
     means: list[str]
 
 
-def add_bank(
-    graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs
-) -> BankOutputs:
+def add_bank(graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs) -> BankOutputs:
     """Step all that is linear in the past of a channel, by one product.
 
     The normal has a bank too: separating its channels costs more than stepping it.

@@ -244,10 +244,12 @@ def _publish_extra(graph: GraphBuilder, head: Head, votes: str) -> None:
     graph.output(head.name, TensorProto.FLOAT)
 
 
-def _publish_label(graph: GraphBuilder, head: Head, votes: str) -> None:
-    """votes [B, 4]; a column more where it can never be the largest."""
+def _publish_label(
+    graph: GraphBuilder, head: Head, votes: str, more: tuple[float, ...] = ()
+) -> None:
+    """votes [B, 4], and columns more that are never the largest. more: 1.0 for each of these."""
     if head.label_weights is not None:
-        weights = np.float32([*head.label_weights, 1.0])[: head_columns(head)]
+        weights = np.float32([*head.label_weights, *more])
         votes = graph.node("Mul", votes, weights)
 
     # Of equal votes the last counts, which is the riskier situation.
@@ -255,11 +257,6 @@ def _publish_label(graph: GraphBuilder, head: Head, votes: str) -> None:
         "ArgMax", votes, out="situation", axis=1, keepdims=0, select_last_index=1
     )
     graph.output("situation", TensorProto.INT64)
-
-
-def head_columns(head: Head) -> int:
-    """Columns of what a label is chosen from: situations, and for eight classes the weight."""
-    return len(SITUATIONS) + (head.classes == CLASSES)
 
 
 def _publish_classes(graph: GraphBuilder, head: Head, votes: str) -> None:
@@ -276,7 +273,7 @@ def _publish_classes(graph: GraphBuilder, head: Head, votes: str) -> None:
     heavier = np.array([0, 0] + [-1, 1] * 3) - 1.0
     columns = np.column_stack([pairs, heavier])
     counts = graph.node("MatMul", votes, np.float32(columns))
-    _publish_label(graph, head, counts)
+    _publish_label(graph, head, counts, more=(1.0,))
     last = graph.constant(len(SITUATIONS), np.int64)
     difference = graph.node("Gather", counts, last, axis=1)
     even = np.float32(-votes_in_all(head.learner))

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+
 from holdfast.export.builder import GraphBuilder
 
 Float32Array = npt.NDArray[np.float32]

@@ -45,7 +45,9 @@ from holdfast.export.pooled import (
 if TYPE_CHECKING:
     from holdfast.export.history import History
 
-STEPS_OF = {series: signal for series, signal in zip(SERIES, (SHEAR, PRESS), strict=True)}
+STEPS_OF = {
+    series: signal for series, signal in zip(SERIES, (SHEAR, PRESS), strict=True)
+}
 """Series -> the signal whose steps it keeps."""
 
 
@@ -71,7 +73,9 @@ class PooledGraph:
         self.features = [self._quotients(feature) for feature in features]
 
         # what the features read, in their order; each once
-        read = [one for feature in self.features for both in feature for one in both[:2]]
+        read = [
+            one for feature in self.features for both in feature for one in both[:2]
+        ]
         self.read = list(dict.fromkeys(read))
         self.tensors: list[str] = []
         self.places: dict[Number, int] = {}
@@ -85,7 +89,9 @@ class PooledGraph:
         numbers = self.graph.node("Concat", *self.tensors, axis=1)
 
         # each ratio once, whatever features it is in
-        quotients = list(dict.fromkeys(one for all_of in self.features for one in all_of))
+        quotients = list(
+            dict.fromkeys(one for all_of in self.features for one in all_of)
+        )
         above = [self.places[dividend] for dividend, _, _ in quotients]
         below = [self.places[divisor] for _, divisor, _ in quotients]
         least = np.array([limit for _, _, limit in quotients])
@@ -98,13 +104,13 @@ class PooledGraph:
         # side, so that the largest of all of them is taken at once.
         place = {one: place for place, one in enumerate(quotients)}
         width = max(len(all_of) for all_of in self.features)
-        sets = [np.resize([place[one] for one in all_of], width) for all_of in self.features]
+        sets = [
+            np.resize([place[one] for one in all_of], width) for all_of in self.features
+        ]
         members = self.graph.node("Gather", ratios, np.transpose(sets), axis=1)
         return self.graph.node("ReduceMax", members, [1], keepdims=0)
 
-    def _quotients(
-        self, feature: PooledFeature
-    ) -> list[tuple[Number, Number, float]]:
+    def _quotients(self, feature: PooledFeature) -> list[tuple[Number, Number, float]]:
         """All that a feature is the largest of: dividend, divisor, and the least divisor."""
         found = []
         for ratio in feature.ratios:
@@ -148,7 +154,9 @@ class PooledGraph:
         """Put every signal of every row: of each sensor and of each pool, with its weight."""
         graph = self.graph
         of_samples = [one for one in self.read if one.signal not in (*SERIES, TOUCHING)]
-        rows = dict.fromkeys([NOW, RECENT, HELD, STEP, *(one.row for one in of_samples)])
+        rows = dict.fromkeys(
+            [NOW, RECENT, HELD, STEP, *(one.row for one in of_samples)]
+        )
         table, signals, normal = self._signals(list(rows), of_samples)
         weight = self._weight(normal, list(rows).index(RECENT))
         weighted = graph.node("Mul", table, weight)

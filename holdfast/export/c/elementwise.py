@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 
 from holdfast.export.c.graph import BOOL, DOUBLE, FLOAT, INT64, Node, refusal
 from holdfast.export.c.literals import C_TYPES, number
@@ -36,26 +39,28 @@ def write_loop(node: Node, writer: Writer) -> list[str]:
 def write_look_up(node: Node, writer: Writer) -> list[str]:
     """Numbers of a constant table of one row, at computed places."""
     table, places = node.inputs
-    (out,) = node.outputs
-    values = writer.graph.constant(table, node)
-    c_type = C_TYPES[writer.graph.element(table)]
-    name = writer.tables.add(f"hf_{table}", values, c_type)
     at = _operand(places, node, writer)
+    return _looked_up(node, writer, writer.graph.constant(table, node), at)
+
+
+def write_encoder(node: Node, writer: Writer) -> list[str]:
+    """Numbers of a table whose keys are 0, 1, 2 ..; behind the last one, 0."""
+    values = np.append(node.attributes["values_floats"], 0.0)
+    at = f"hf_whole({_operand(node.inputs[0], node, writer)})"
+    return _looked_up(node, writer, values, at)
+
+
+def _looked_up(
+    node: Node, writer: Writer, values: npt.NDArray[Any], at: str
+) -> list[str]:
+    """The numbers of a table at the places of a C expression."""
+    (out,) = node.outputs
+    c_type = C_TYPES[writer.graph.element(out)]
+    name = writer.tables.add(f"hf_{out}_values", values, c_type)
     target = writer.read(out, _index(out, node, writer))
     # a corrupted state must not reach beyond the table
     value = f"{name}[hf_within({at}, {len(values) - 1})]"
     return nested(writer.graph.shape(out), node, [f"{target} = {value};"])
-
-
-def write_encoder(node: Node, writer: Writer) -> list[str]:
-    """Numbers of a table whose keys are 0, 1, 2 ..; another number in place of a key is 0."""
-    values = np.array(node.attributes["values_floats"])
-    name = writer.tables.add(f"hf_{node.outputs[0]}_values", values, "float")
-    x = _operand(node.inputs[0], node, writer)
-    target = writer.read(node.outputs[0], _index(node.outputs[0], node, writer))
-    known = f"{x} >= 0.0f && {x} < {number(len(values), 'float')}"
-    value = f"{known} ? {name}[(int32_t){x}] : 0.0f"
-    return nested(writer.graph.shape(node.outputs[0]), node, [f"{target} = {value};"])
 
 
 def _operand(tensor: str, node: Node, writer: Writer) -> str:

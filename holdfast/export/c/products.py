@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from holdfast.export.c.elementwise import write_loop
 from holdfast.export.c.graph import Node, refusal
 from holdfast.export.c.literals import C_TYPES, number
 from holdfast.export.c.writer import Writer, block, counted, index
@@ -57,16 +58,9 @@ def write_product(node: Node, writer: Writer) -> list[str]:
 
 def write_gemm(node: Node, writer: Writer) -> list[str]:
     """Gemm of one row: the product, and then the third input."""
-    (out,), added = node.outputs, node.inputs[2]
-    n = writer.graph.shape(out)[1]
-    at = index((1, "j", n))
-    numbers = writer.graph.values(added)
-    term = writer.read(added, at)
-    if numbers is not None:
-        c_type = C_TYPES[writer.graph.element(out)]
-        term = f"{writer.tables.add(f'hf_{added}', numbers, c_type)}[{at}]"
-    lines = write_product(node, writer)
-    return [*lines, *counted("j", n, [f"{writer.read(out, at)} += {term};"])]
+    (out,) = node.outputs
+    added = Node("Add", (out, node.inputs[2]), (out,), {})
+    return [*write_product(node, writer), *write_loop(added, writer)]
 
 
 def _constant_left(product: _Product, matrix: Matrix, columns: int) -> list[str]:
