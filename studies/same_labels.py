@@ -1,4 +1,4 @@
-"""`python -m studies same-labels --older FILE`: two model files of one training on the same samples.
+"""`python -m studies same-labels --older FILE`: two files of one training on the same samples.
 
 A step that is built anew keeps the learners. The sets are simulated for development, by seeds that
 no locked set has; no figure of a file's quality is made of them.

@@ -42,11 +42,11 @@ class GuardOutputs:
     """Names of the guarded tensors, each [B, 1, C] but the past.
 
     now, last: this and the previous good sample. past: all samples before this one, in parts
-    [B, rows, C], oldest first. moved: 1.0, or 0.0 where the sensor has delivered nothing now, or has
-    no past to move on from. alive: 1.0, or 0.0 where a loss has ended its past. usable: 1.0 or 0.0. weight: 1.0, or LEAST_WEIGHT where the sensor is not usable. still:
-    share of a noise floor that no new sample changes, 1.0 where the sensor is not usable. known:
-    [B, 1, 1] bool, enough sensors are usable. zero: what was taken from the sample; "" where force does
-    not decide.
+    [B, rows, C], oldest first. moved: 1.0, or 0.0 where the sensor has delivered nothing now, or
+    has no past to move on from. alive: 1.0, or 0.0 where a loss has ended its past. usable: 1.0 or
+    0.0. weight: 1.0, or LEAST_WEIGHT where the sensor is not usable. still: share of a noise floor
+    that no new sample changes, 1.0 where the sensor is not usable. known: [B, 1, 1] bool, enough
+    sensors are usable. zero: what was taken from the sample; "" where force does not decide.
     """
 
     now: str
@@ -129,7 +129,7 @@ def _tables(spec: StepSpec) -> FloatArray:
     """[8, last place + 2]: what a sensor is next, by its place: an entry if this sample is bad, the
     entry behind it if it is good, so a place is an even number.
 
-    Next place; moved; alive; usable; weight; still; usable and settled once more, as they are counted.
+    Next place; moved; alive; usable; weight; still; and as they are counted, usable and settled.
     """
     bridged = spec.gap_samples + 1
     number = np.arange(1 + bridged * spec.settle_samples)

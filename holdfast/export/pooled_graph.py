@@ -9,7 +9,8 @@ constant matrix, pools another.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+from itertools import product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -45,22 +46,29 @@ from holdfast.export.pooled import (
 if TYPE_CHECKING:
     from holdfast.export.history import History
 
-STEPS_OF = {
-    series: signal for series, signal in zip(SERIES, (SHEAR, PRESS), strict=True)
-}
-"""Series -> the signal whose steps it keeps."""
-
 
 class Number(NamedTuple):
     """A number of the table. member: a sensor by its place, or a pool by its name."""
 
-    signal: str
     row: Row
+    signal: str
     member: int | str
 
 
+class Quotient(NamedTuple):
+    """above / max(below, least)."""
+
+    above: Number
+    below: Number
+    least: float
+
+
 class PooledGraph:
-    """Adds the features of some families to a graph; name: of the first, for the state."""
+    """Adds the features of some families to a graph; name: of the first, for the state.
+
+    quotients: each with its place, once, whatever features it is in. sets: of every feature, the
+    places of those that it is the largest of. places: of the numbers in the table.
+    """
 
     def __init__(
         self, history: History, features: list[PooledFeature], name: str
@@ -70,63 +78,66 @@ class PooledGraph:
         self.spec = history.spec
         self.name = name
         self.sensors = range(history.spec.n_sensors)
-        self.features = [self._quotients(feature) for feature in features]
+        self.quotients: dict[Quotient, int] = {}
+        self.sets: list[list[int]] = []
+        for feature in features:
+            self.sets.append(self._places_of(feature))
 
-        # what the features read, in their order; each once
-        read = [
-            one for feature in self.features for both in feature for one in both[:2]
-        ]
-        self.read = list(dict.fromkeys(read))
+        self.signals: set[str] = set()
+        rows, series_rows = [NOW, RECENT, HELD, STEP], []
+        for quotient in self.quotients:
+            for number in (quotient.above, quotient.below):
+                self.signals.add(number.signal)
+                if number.signal not in (*SERIES, TOUCHING):
+                    rows.append(number.row)
+                elif number.signal in SERIES and number.row != MOST:
+                    series_rows.append(number.row)
+        self.rows = list(dict.fromkeys(rows))
+        self.series_rows = list(dict.fromkeys(series_rows))
         self.tensors: list[str] = []
         self.places: dict[Number, int] = {}
-        self.length = 0
 
     def add(self) -> str:
         """[B, features] float64."""
+        graph = self.graph
         self._add_signals()
-        if any(one.signal in SERIES for one in self.read):
+        if self.signals.intersection(SERIES):
             self._add_series()
-        numbers = self.graph.node("Concat", *self.tensors, axis=1)
+        numbers = graph.node("Concat", *self.tensors, axis=1)
 
-        # each ratio once, whatever features it is in
-        quotients = list(
-            dict.fromkeys(one for all_of in self.features for one in all_of)
-        )
-        above = [self.places[dividend] for dividend, _, _ in quotients]
-        below = [self.places[divisor] for _, divisor, _ in quotients]
-        least = np.array([limit for _, _, limit in quotients])
-        dividend = self.graph.node("Gather", numbers, above, axis=1)
-        divisor = self.graph.node("Gather", numbers, below, axis=1)
-        limited = self.graph.node("Max", divisor, least)
-        ratios = self.graph.node("Div", dividend, limited)
+        above, below, least = zip(*self.quotients, strict=True)
+        dividend = graph.node("Gather", numbers, self._at(above), axis=1)
+        divisor = graph.node("Gather", numbers, self._at(below), axis=1)
+        limited = graph.node("Max", divisor, np.array(least))
+        ratios = graph.node("Div", dividend, limited)
 
         # A short set repeats its members, which does not change the largest. Features lie side by
         # side, so that the largest of all of them is taken at once.
-        place = {one: place for place, one in enumerate(quotients)}
-        width = max(len(all_of) for all_of in self.features)
-        sets = [
-            np.resize([place[one] for one in all_of], width) for all_of in self.features
-        ]
-        members = self.graph.node("Gather", ratios, np.transpose(sets), axis=1)
-        return self.graph.node("ReduceMax", members, [1], keepdims=0)
+        width = max(map(len, self.sets))
+        sets = np.array([np.resize(one, width) for one in self.sets])
+        members = graph.node("Gather", ratios, sets.T, axis=1)
+        return graph.node("ReduceMax", members, [1], keepdims=0)
 
-    def _quotients(self, feature: PooledFeature) -> list[tuple[Number, Number, float]]:
-        """All that a feature is the largest of: dividend, divisor, and the least divisor."""
+    def _places_of(self, feature: PooledFeature) -> list[int]:
+        """The places of all quotients that a feature is the largest of; new ones are added."""
         found = []
         for ratio in feature.ratios:
-            of_fingers = ratio.pool == FINGERS
-            for member in self.sensors if of_fingers else [ratio.pool]:
-                above = Number(ratio.signal, ratio.row, member)
-                found.append((above, self._divisor(ratio, member), self._least(ratio)))
+            members = self.sensors if ratio.pool == FINGERS else [ratio.pool]
+            for member in members:
+                above = Number(ratio.row, ratio.signal, member)
+                below = self._divisor(ratio, member)
+                one = Quotient(above, below, self._least(ratio))
+                found.append(self.quotients.setdefault(one, len(self.quotients)))
         return found
 
     def _divisor(self, ratio: Ratio, member: int | str) -> Number:
         """The number that a ratio of this member divides by; of the pool "0", it is 0."""
         if ratio.over == STEPS:
-            return Number(ratio.signal, Row("mean", ratio.row.span_s), member)
+            return Number(Row("mean", ratio.row.span_s), ratio.signal, member)
         if ratio.other is not None:
-            return Number(*ratio.other, member)
-        return Number(NORMAL, NOW, member if ratio.over == FINGERS else ratio.over)
+            signal, row = ratio.other
+            return Number(row, signal, member)
+        return Number(NOW, NORMAL, member if ratio.over == FINGERS else ratio.over)
 
     def _least(self, ratio: Ratio) -> float:
         """The least that a ratio divides by; without a divisor, max(0, 1) = 1."""
@@ -142,50 +153,37 @@ class PooledGraph:
         floor = NORMAL_FLOOR[self.spec.unit]
         return TOUCH[0] * floor, TOUCH[1] * floor
 
-    def _put(self, tensor: str, names: Sequence[Number | None]) -> None:
-        """Put [B, numbers] into the table. names: of each; None for what no feature reads."""
+    def _at(self, numbers: Iterable[Number]) -> list[int]:
+        """Their places in the table."""
+        return [self.places[one] for one in numbers]
+
+    def _put(self, tensor: str, *of: Iterable[Row | str | int]) -> None:
+        """Put [B, numbers] into the table. of: rows, signals and members, all with each other."""
         self.tensors.append(tensor)
-        for place, name in enumerate(names, start=self.length):
-            if name is not None:
-                self.places[name] = place
-        self.length += len(names)
+        for number in product(*of):
+            self.places[Number._make(number)] = len(self.places)
 
     def _add_signals(self) -> None:
         """Put every signal of every row: of each sensor and of each pool, with its weight."""
         graph = self.graph
-        of_samples = [one for one in self.read if one.signal not in (*SERIES, TOUCHING)]
-        rows = dict.fromkeys(
-            [NOW, RECENT, HELD, STEP, *(one.row for one in of_samples)]
-        )
-        table, signals, normal = self._signals(list(rows), of_samples)
-        weight = self._weight(normal, list(rows).index(RECENT))
+        table, signals, normal = self._signals()
+        weight = self._weight(normal)
         weighted = graph.node("Mul", table, weight)
 
         none, whole = self._touch()
-        factors = np.array(list(POOLS.values()))
-        sums = side_matrix(self.spec) @ factors.T
+        sums = side_matrix(self.spec) @ np.array(list(POOLS.values())).T
         pools = np.hstack([np.eye(len(self.sensors)), sums]) / (whole - none)
         pooled = graph.node("MatMul", weighted, pools)
-
-        members: list[int | str] = [*self.sensors, *POOLS]
-        names = [
-            Number(signal, row, member)
-            for row in rows
-            for signal in signals
-            for member in members
-        ]
-        self._put(graph.node("Flatten", pooled, axis=1), names)
-        if any(one.signal == TOUCHING for one in self.read):
+        flat = graph.node("Flatten", pooled, axis=1)
+        self._put(flat, self.rows, signals, [*self.sensors, *POOLS])
+        if TOUCHING in self.signals:
             touching = graph.node("ReduceSum", weight, [2], keepdims=0)
-            self._put(touching, [Number(TOUCHING, NOW, "T+O")])
+            self._put(touching, [NOW], [TOUCHING], ["T+O"])
 
-    def _signals(
-        self, rows: list[Row], read: Iterable[Number]
-    ) -> tuple[str, list[str], str]:
+    def _signals(self) -> tuple[str, list[str], str]:
         """[B, rows x signals, S] by sensor; the signals; and the normal forces [B, rows, S]."""
         graph = self.graph
-        time = np.array([row.weights(self.spec) for row in rows])
-        samples = graph.node("MatMul", time, self.history.samples)
+        samples = graph.node("MatMul", self._time(self.rows), self.history.samples)
 
         # length of the shear and size of the normal force, of each sensor
         squares = graph.node("Mul", samples, samples)
@@ -193,24 +191,26 @@ class PooledGraph:
         lengths = graph.node("Sqrt", graph.node("MatMul", squares, both))
         normal = graph.node("MatMul", samples, self._sums(0.0, 0.0, 1.0))
         parts, signals = [lengths, normal], [SHEAR, PRESS, NORMAL]
-
-        used = {one.signal for one in read}
-        held = rows.index(HELD)
         for signal in (ALONG, ACROSS):
-            if signal in used:
-                parts.append(self._turned(signal, samples, lengths, held))
+            if signal in self.signals:
+                parts.append(self._turned(signal, samples, lengths))
                 signals.append(signal)
         table = graph.node("Concat", *parts, axis=2)
-        shape = (0, len(rows) * len(signals), len(self.sensors))
+        shape = (0, len(self.rows) * len(signals), len(self.sensors))
         return graph.reshape(table, *shape), signals, normal
+
+    def _time(self, rows: list[Row]) -> FloatArray:
+        """[rows, L] weights of the history's samples."""
+        return np.array([row.weights(self.spec) for row in rows])
 
     def _sums(self, *axes: float) -> FloatArray:
         """[C, S]: adds the channels of a sensor, each times a factor."""
         return np.kron(np.eye(len(self.sensors)), np.array(axes)[:, None])
 
-    def _turned(self, signal: str, samples: str, lengths: str, held: int) -> str:
-        """[B, rows, S]: the shear of the rows along the mean of the row `held`, or across it."""
+    def _turned(self, signal: str, samples: str, lengths: str) -> str:
+        """[B, rows, S]: the shear of the rows along the mean of the row HELD, or across it."""
         graph = self.graph
+        held = self.rows.index(HELD)
         direction = graph.node("Gather", samples, [held], axis=1)
         if signal == ACROSS:
             right_angle = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
@@ -224,20 +224,21 @@ class PooledGraph:
         small = SMALL_MEAN * NORMAL_FLOOR[self.spec.unit]
         return graph.node("Div", projected, graph.node("Add", length, small))
 
-    def _weight(self, normal: str, recent: int) -> str:
+    def _weight(self, normal: str) -> str:
         """[B, 1, S]: how far a sensor touches, times all sensors of its side over its usable ones.
 
         Not a share yet: a whole touch is the difference of the two forces of `_touch`.
         """
         graph = self.graph
-        pressed = graph.node("Gather", normal, [recent], axis=1)
+        recent = [self.rows.index(RECENT)]
+        pressed = graph.node("Gather", normal, recent, axis=1)
         none, whole = self._touch()
         touch = graph.node("Sub", graph.node("Clip", pressed, none, whole), none)
 
         # its own weight, over the usable share of the sensors of its side
         sides = side_matrix(self.spec)
         same = (sides @ sides.T > 0.0).astype(np.float64)
-        first_of_sensor = [3 * sensor for sensor in self.sensors]
+        first_of_sensor = np.arange(0, self.spec.n_channels, 3)
         own = graph.node("Gather", self.history.weight, first_of_sensor, axis=2)
         share = graph.node("MatMul", own, same / same.sum(axis=0))
         return graph.node("Mul", touch, graph.node("Div", own, share))
@@ -248,24 +249,21 @@ class PooledGraph:
         Both lie in one line, a number of the one, a number of the other, the oldest first.
         """
         graph = self.graph
-        now = [self.places[Number(STEPS_OF[one], STEP, "T+O")] for one in SERIES]
+        now = self._at([Number(STEP, SHEAR, "T+O"), Number(STEP, PRESS, "T+O")])
         newest = graph.node("Gather", self.tensors[0], now, axis=1)
         both, length = self._kept_series(newest)
 
-        of_series = [one.row for one in self.read if one.signal in SERIES]
-        rows = dict.fromkeys(row for row in of_series if row.kind != MOST.kind)
-        time = np.zeros((length, len(rows)))
-        for column, row in enumerate(rows):
-            weights = row.weights(self.spec)[-length:]
-            time[length - len(weights) :, column] = weights
-        means = graph.node("MatMul", both, np.kron(time, np.eye(len(SERIES))))
-        names = [Number(one, row, "T+O") for row in rows for one in SERIES]
-        self._put(means, names)
+        # the history is as long as the series, or one of them is filled up in front
+        time = self._time(self.series_rows)[:, -length:]
+        time = np.pad(time, ((0, 0), (length - time.shape[1], 0)))
+        means = graph.node("MatMul", both, np.kron(time.T, np.eye(2)))
+        self._put(means, self.series_rows, SERIES, ["T+O"])
 
-        recent = np.arange(2 * length).reshape(length, 2)[-self.spec.lag(MOST.span_s) :]
+        span = self.spec.lag(MOST.span_s)
+        recent = np.arange(2 * (length - span), 2 * length).reshape(span, 2)
         values = graph.node("Gather", both, recent, axis=1)
         largest = graph.node("ReduceMax", values, [1], keepdims=0)
-        self._put(largest, [Number(one, MOST, "T+O") for one in SERIES])
+        self._put(largest, [MOST], SERIES, ["T+O"])
 
     def _kept_series(self, newest: str) -> tuple[str, int]:
         """[B, 2 x length] past and newest samples of both series, and the length.
