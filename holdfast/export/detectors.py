@@ -292,12 +292,13 @@ def _friction_cone(graph: GraphBuilder, spec: StepSpec, now: str) -> str:
     """[B, 1, C] in the normal's column: |shear| > mu x normal at a usable, pressed finger."""
     rules = spec.detectors
 
-    # Squares, and a difference instead of a ratio: no root, no division by a small force. One
-    # product puts shear^2 - (mu x normal)^2 into the column of z.
+    # Squares: no root, no division by a small force. One product puts the sum of those of x and y
+    # into the column of z.
     squares = graph.node("Mul", now, now)
-    to_normal = [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, -(rules.friction**2)]]
-    beyond = graph.node("MatMul", squares, np.kron(np.eye(spec.n_sensors), to_normal))
-    outside = graph.node("Greater", beyond, 0.0)
+    to_normal = [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]
+    shear = graph.node("MatMul", squares, np.kron(np.eye(spec.n_sensors), to_normal))
+    most = graph.node("Mul", squares, rules.friction**2)
+    outside = graph.node("Greater", shear, most)
 
     # in the columns of shear, no force is enough
     least = np.tile([np.inf, np.inf, rules.min_normal_n], spec.n_sensors)
