@@ -176,7 +176,6 @@ def add_bank(graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs) -> Bank
     n_means = 0 if spec.contact is None else 2
     sizes = [n_states, 2 * bands + 1 + n_means]
     change, heard = graph.split(stepped, sizes, ["change", "heard"])
-    # not chosen: a product and a sum cost less
     following = graph.node("Add", before, change)
     graph.keep("bank", graph.node("Mul", following, guarded.alive))
 

@@ -253,7 +253,6 @@ def add_features(
     history = History(graph, spec, guarded, rectified)
     parts = _parts(history, spec.groups)
 
-    # one part needs no node that joins it
     joined = parts[0] if len(parts) == 1 else graph.node("Concat", *parts, axis=1)
     # float64 up to here: float32 is what the learners were trained on
     graph.node("Cast", joined, out="features", to=TensorProto.FLOAT)
@@ -297,12 +296,8 @@ def add_features_alone(graph: GraphBuilder, spec: StepSpec) -> str:
     """
     spec = msgspec.structs.replace(spec, force_decides=False)
     guarded = add_guard(graph, spec)
-    known = [GROUPS[name] for name in spec.groups if name in GROUPS]
-    # only the bank's memory never ends
-    reads_bank = any(group.memory_s == math.inf for group in known)
-    rectified = ""
-    if reads_bank:
-        rectified = add_bank(graph, spec, guarded).rectified
+    reads_bank = "bands" in spec.groups
+    rectified = add_bank(graph, spec, guarded).rectified if reads_bank else ""
     return add_features(graph, spec, guarded, rectified)
 
 

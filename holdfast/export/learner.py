@@ -215,10 +215,9 @@ def add_learner(
         if moved is None:
             return graph.node("Add", trees, network, out=out)
         return graph.node("Gemm", trees, moved, network, out=out)
-    if moved is None:
-        return add_forest(graph, learner, features, n_classes, out)
-    trees = add_forest(graph, learner, features, n_classes, "")
-    return graph.node("MatMul", trees, moved, out=out)
+    name = out if moved is None else ""
+    trees = add_forest(graph, learner, features, n_classes, name)
+    return trees if moved is None else graph.node("MatMul", trees, moved, out=out)
 
 
 def add_forest(
