@@ -103,12 +103,12 @@ def add_guard(graph: GraphBuilder, spec: StepSpec) -> GuardOutputs:
     found = graph.node("Gather", tables.ravel(), whole)
     outs = ["next_place", "moved", "alive", "usable", "weight", "still", "flags"]
     sizes = [1, 1, 1, 1, 1, 1, 2]
-    following, *of_sensor, flags = graph.split(found, sizes, outs)
-    graph.keep("place", following)
+    parts = dict(zip(outs, graph.split(found, sizes, outs), strict=True))
+    graph.keep("place", parts.pop("next_place"))
 
-    known = _publish(graph, spec, flags)
+    known = _publish(graph, spec, parts.pop("flags"))
     past = (oldest, older, last)
-    return GuardOutputs(now, last, past, *of_sensor, known, zero)
+    return GuardOutputs(now=now, last=last, past=past, known=known, zero=zero, **parts)
 
 
 def _share_of_good(graph: GraphBuilder, spec: StepSpec) -> str:
