@@ -141,8 +141,7 @@ def noise_gain(
 
 @dataclass(frozen=True)
 class BankOutputs:
-    """Names of what the product gives. rectified: [B, rows, C], every output, then every negative,
-    and rows more.
+    """Names of what the product gives. rectified: [B, rows, C], outputs, negatives, and rows more.
 
     Each [B, 1, C], and 0 where the sensor is not usable: loudest, the largest of the rectified
     ones; now, the sample; means, for the contact rule, the mean and a step of the zero, none

@@ -93,7 +93,8 @@ def add_heads(
         n_classes = len(head.classes)
         out = head.votes_name
         rule = ByForce.of(head)
-        moved = np.float32(rule.nothing_to_grasp()) if empty and rule.is_main else None
+        moves = empty and rule.is_main
+        moved = rule.nothing_to_grasp().astype(np.float32) if moves else None
         learned = learned_name(out) if empty else out
         votes = add_learner(graph, head.learner, features, n_classes, learned, moved)
         if empty:
@@ -249,7 +250,7 @@ def _publish_label(
 ) -> None:
     """votes [B, 4], and columns more that are never the largest. more: 1.0 for each of these."""
     if head.label_weights is not None:
-        weights = np.float32([*head.label_weights, *more])
+        weights = np.asarray([*head.label_weights, *more], np.float32)
         votes = graph.node("Mul", votes, weights)
 
     # Of equal votes the last counts, which is the riskier situation.
