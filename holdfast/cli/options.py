@@ -48,7 +48,7 @@ def add_source_option(parser: argparse.ArgumentParser) -> None:
         required=True,
         metavar="URL",
         help="usb://ft232h, i2c://1, virtual://ft232h?scene=.., sim://CARD, lsl://NAME, or lines: "
-        "- (stdin), unix:///PATH, serial:///dev/ttyACM0 (docs/live-sources.md)",
+        "- (stdin), unix:///PATH, serial:///dev/ttyACM0 (docs/on-a-hand.md)",
     )
 
 
@@ -153,7 +153,7 @@ def add_job_options(parser: argparse.ArgumentParser, processes: int) -> None:
     option(
         "--dask",
         metavar="ADDRESS",
-        help="run on a Dask cluster instead: the address of its scheduler (docs/cluster.md)",
+        help="run on a Dask cluster instead: the address of its scheduler (docs/formats.md)",
     )
 
 

@@ -1,4 +1,4 @@
-"""Two pictures of docs/evaluation.md, late or in time and hand-overs called: `make docs`."""
+"""Two pictures of docs/results.md, late or in time and hand-overs called: `make docs`."""
 
 from __future__ import annotations
 

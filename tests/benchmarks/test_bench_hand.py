@@ -99,7 +99,5 @@ def test_the_live_loop_has_a_time_for_every_stage_and_the_page_shows_it(
         "memory": [asdict(row) for row in memory(MODEL)],
     }
     written = json.loads(json.dumps(figures))
-    text = filled("docs/hand.md", {"hand": written}, tmp_path)
+    text = filled("docs/on-a-hand.md", {"hand": written}, tmp_path)
     assert "| ft232h | mux |" in text
-    assert "busy-wait reference" in text
-    assert "finger 3: nack" in text

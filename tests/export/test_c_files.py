@@ -26,7 +26,7 @@ from holdfast.export.c.source import c_source
 from holdfast.export.exporting import model_card, seal
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "docs" / "c.md"
+PAGE = ROOT / "docs" / "any-runtime.md"
 BLOCK = re.compile(r"```(sh|c|text)\n(.*?)```", re.DOTALL)
 SOURCES = ["holdfast.c", "holdfast.h", "holdfast_selftest.c", "model.json"]
 Run = Callable[..., tuple[int, str, str]]
