@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
         where=args.trial,
     )
     # Without a clock: an answer of a replay is never late.
-    monitor = GripMonitor(model, None)
+    monitor = GripMonitor(model, None, bias_known=source.zero == "measured")
     not_learned = card.not_learned
     for line in not_learned_in_words(not_learned):
         sys.stderr.write(f"{line}\n")

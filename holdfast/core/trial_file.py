@@ -1,8 +1,9 @@
 """One trial as a CSV file: `Time` in seconds first, then X1,Y1,Z1 .. Xn,Yn,Zn.
 
-The recorder adds columns of its own (host_ns, device_us, sequence, valid1 .. validn). Any other
-column is an error, because it may be a mistake. If there is a column `sequence`, the samples that
-it skips were lost; they become invalid rows instead of a gap.
+The recorder adds columns of its own (host_ns, device_us, sequence, valid1 .. validn). A run adds
+prepared_N (or another unit): sign and zero are removed, the zero being that of the first samples
+(1) or a measured one (2). Any other column is an error, because it may be a mistake. If there is a
+column `sequence`, the samples that it skips were lost; they become invalid rows instead of a gap.
 """
 
 from __future__ import annotations
@@ -12,14 +13,21 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TextIO
+from typing import Literal, TextIO
 
 import numpy as np
-import numpy.typing as npt
 
-from holdfast.core.contract import BoolArray, FloatArray, channel_names, is_rate
+from holdfast.core.contract import (
+    UNITS,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Unit,
+    channel_names,
+    is_rate,
+)
 from holdfast.core.errors import (
     ColumnError,
     DataNotFound,
@@ -32,7 +40,12 @@ from holdfast.core.errors import (
 
 TIME_COLUMN = "Time"
 _CHANNEL = re.compile("[XYZ][0-9]{1,3}")
-RECORDER_COLUMNS = ("host_ns", "device_us", "sequence")
+Zero = Literal["first samples", "measured"]
+PREPARED: dict[str, Unit] = {f"prepared_{unit}": unit for unit in UNITS}
+"""The column of a file whose values have lost sign and zero -> their unit."""
+RECORDER_COLUMNS = ("host_ns", "device_us", "sequence", *PREPARED)
+ZEROS: tuple[Zero, ...] = ("first samples", "measured")
+"""What the zero of such a file is, by the number in that column, from 1."""
 MIN_ROWS = 2
 GAP_STEPS = 5.0
 """A step of more than this many median steps is a gap that splits the trial.
@@ -54,17 +67,23 @@ UNITS_OF_TIME_S = {
 """What a time that should be in seconds may be in."""
 MOST_LOST = 2
 """A trial is refused if more than one sample in this many is lost."""
-IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial file as read: t_s [T] from zero, raw [T, C] in the file's unit, valid [T, C/3]."""
+    """A trial file as read: t_s [T] from zero, raw [T, C] in the file's unit, valid [T, C/3].
+
+    rows: which of them stand in the file, the others were lost; None for all. zero: what was
+    removed from raw, None for nothing. unit: where the file itself names it.
+    """
 
     path: Path
     t_s: FloatArray
     raw: FloatArray
     valid: BoolArray
+    rows: IntArray | None = None
+    zero: Zero | None = None
+    unit: Unit | None = None
 
     @property
     def rate_hz(self) -> float:
@@ -133,6 +152,9 @@ def trial_of(
     t_s = _check_time(table[:, 0], path, row_name, gaps_counted=is_counted)
     raw = table[:, 1 : 1 + 3 * n_sensors]
     trial = Trial(path, t_s, raw, _valid(table, header, n_sensors))
+    for column in PREPARED.keys() & set(header):
+        zero = ZEROS[int(table[0, header.index(column)]) > 1]
+        trial = replace(trial, zero=zero, unit=PREPARED[column])
     if counted is None:
         return _with_lost_rows(trial, places_by_time(t_s))
     return _with_lost_rows(trial, _places_by_sequence(counted, path))
@@ -178,7 +200,8 @@ def _with_lost_rows(trial: Trial, place: IntArray) -> Trial:
     valid = np.zeros((len(rows), trial.valid.shape[1]), dtype=np.bool_)
     # rows that never came stay nan and invalid
     raw[place], valid[place] = trial.raw, trial.valid
-    return Trial(trial.path, np.interp(rows, place, trial.t_s), raw, valid)
+    t_s = np.interp(rows, place, trial.t_s)
+    return replace(trial, t_s=t_s, raw=raw, valid=valid, rows=place)
 
 
 def _header(path: Path) -> list[str]:

@@ -12,11 +12,11 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from holdfast.core.contract import BoolArray, FloatArray, Sample, Unit
+from holdfast.core.contract import BoolArray, FloatArray, IntArray, Sample, Unit
 from holdfast.core.errors import DataNotFound, UnitError
 from holdfast.core.schema import read
 from holdfast.core.source import SourceReading
-from holdfast.core.trial_file import read_trial
+from holdfast.core.trial_file import Zero, read_trial
 from holdfast.core.trial_layout import TACTILE
 from holdfast.edge_runtime.preparation import Preparation
 
@@ -28,21 +28,17 @@ META_LEVELS = 3
 
 
 class TrialMeta(msgspec.Struct, frozen=True):
-    """What a replay takes of a meta.json.
-
-    bias_removed: in a trial's own, true where its values were prepared when they were read, as in
-    what the live page saves; such a stream may begin in a grasp.
-    """
+    """What a replay takes of a meta.json."""
 
     unit: Unit | None = None
-    bias_removed: bool = False
 
 
 @dataclass(frozen=True)
 class Replay:
     """A recorded stream: t_ns [T] from zero, values [T, C], valid [T, C/3], one rate, one unit.
 
-    bias_removed: its values are prepared already.
+    zero: what was removed from its values already, None for nothing. rows: which rows are samples;
+    the others were lost, None for all.
     """
 
     t_ns: np.ndarray[tuple[int], np.dtype[np.int64]]
@@ -50,20 +46,21 @@ class Replay:
     valid: BoolArray
     rate_hz: float
     unit: Unit
-    bias_removed: bool = False
+    zero: Zero | None = None
+    rows: IntArray | None = None
 
     def prepared(self, preparation: Preparation) -> Replay:
         """The same stream with its bias removed, as the model's card says."""
-        if self.bias_removed:
+        if self.zero is not None:
             return self
-        return replace(self, values=preparation.apply(self.values), bias_removed=True)
+        values = preparation.apply(self.values, self.valid)
+        return replace(self, values=values, zero="first samples")
 
     def __iter__(self) -> Iterator[Sample]:
         """Every sample in turn, without waiting."""
-        for index in range(len(self.values)):
-            yield Sample(
-                int(self.t_ns[index]), self.values[index], self.valid[index], index
-            )
+        rows = range(len(self.values)) if self.rows is None else self.rows.tolist()
+        for row in rows:
+            yield Sample(int(self.t_ns[row]), self.values[row], self.valid[row], row)
 
 
 def open_replay(path: str | Path) -> Replay:
@@ -79,13 +76,18 @@ def open_replay(path: str | Path) -> Replay:
     trial = read_trial(file)
     # whole nanoseconds, as a live source has them
     t_ns = np.round(trial.t_s * 1e9).astype(np.int64)
-    own, nearest = _meta(file.with_name(META)), TrialMeta()
+    unit = trial.unit
     for folder in list(file.resolve().parents)[: META_LEVELS + 1]:
-        nearest = _meta(folder / META)
-        if nearest.unit is not None:
-            break
-    unit = nearest.unit or DEFAULT_UNIT
-    return Replay(t_ns, trial.raw, trial.valid, trial.rate_hz, unit, own.bias_removed)
+        unit = unit or _meta(folder / META).unit
+    return Replay(
+        t_ns,
+        trial.raw,
+        trial.valid,
+        trial.rate_hz,
+        unit or DEFAULT_UNIT,
+        trial.zero,
+        trial.rows,
+    )
 
 
 def _meta(path: Path) -> TrialMeta:
@@ -106,6 +108,7 @@ class PacedReplay:
         self.unit: Unit = replay.unit
         self.n_channels = replay.values.shape[1]
         self.rate_hz: float | None = replay.rate_hz
+        self.zero = replay.zero
 
     def read(self) -> SourceReading | None:
         """The row whose time has come; None after the last."""

@@ -17,11 +17,13 @@ from holdfast.core.contract import FloatArray
 from holdfast.core.errors import OutputError, RateError, UsageError, visible
 from holdfast.core.lines import Sink, stream_sink
 from holdfast.core.source import Source
+from holdfast.core.trial_file import Zero
 from holdfast.drivers.hand import LiveHand
+from holdfast.drivers.replay import PacedReplay
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
-from holdfast.edge_runtime.preparation import Tare
+from holdfast.edge_runtime.preparation import Preparation, Tare
 from holdfast.edge_runtime.wearer import Command
 from holdfast.live.loop import Emit, Summary, report_summary, run_live
 from holdfast.live.outputs import (
@@ -211,7 +213,8 @@ class _Run:
                 for line in about_model(self._model.card, options.model.path):
                     self.report(line)
                 resting = resting_of(options.bias, source)
-                if resting is None and self._model.card.preparation.bias_rows:
+                bare = resting is None and zero_of(source) is None
+                if bare and self._model.card.preparation.bias_rows:
                     outputs.append(ZeroWatch(self._model.card, self.report))
                 if self._shear_gain is None:
                     self.report(NO_SHEAR_GAIN)
@@ -271,7 +274,9 @@ class _Run:
         self.lines.add_lines(udp_sink(place))
 
     def _open_samples(self, place: str) -> SampleFile:
-        self._samples = SampleFile(Path(place), self._model.card.n_channels)
+        card = self._model.card
+        zero: Zero = "measured" if self._options.bias else "first samples"
+        self._samples = SampleFile(Path(place), card.n_channels, card.unit, zero)
         self.lines.add(self._samples.sink)
         return self._samples
 
@@ -409,19 +414,27 @@ def answer(
         where="source",
     )
 
+    zero = zero_of(source)
     monitor = GripMonitor(
         model,
         clock.now_ns,
-        bias_known=resting is not None,
+        bias_known=resting is not None or zero == "measured",
         has_counters=isinstance(source, LiveHand),
     )
-    tare = Tare(card.preparation, card.n_channels, resting)
+    # the samples of another run have lost sign and zero already
+    preparation = card.preparation if zero is None else Preparation()
+    tare = Tare(preparation, card.n_channels, resting)
     # after the tare is ready and before the schedule: reads that are too slow would all be
     # overruns
     require_pace(source, model, clock)
     return run_live(
         source, monitor, tare, clock, emit, stopped=stopped, command=command
     )
+
+
+def zero_of(source: Source) -> Zero | None:
+    """What was removed from the samples of a source already: a run's own, replayed."""
+    return source.zero if isinstance(source, PacedReplay) else None
 
 
 def require_pace(source: Source, model: OpenedModel, clock: Any) -> None:

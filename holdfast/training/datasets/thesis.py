@@ -312,10 +312,13 @@ def timed(
 
 def prepared(trial: Trial, unit: Unit, trial_id: str) -> Recording:
     """A trial's samples as a model sees them; every trial is a group until people are known."""
+    samples = trial.raw
+    if trial.zero is None:
+        samples = preparation(unit).apply(trial.raw, trial.valid)
     return Recording(
         trial_id=trial_id,
         group=trial_id,
-        samples=preparation(unit).apply(trial.raw),
+        samples=samples,
         valid=trial.valid & finite_sensors(trial.raw),
         rate_hz=trial.rate_hz,
         unit=unit,
