@@ -42,13 +42,16 @@ def run(args: argparse.Namespace) -> int:
         return _write_example(Path(args.folder))
     if args.repair:
         return _repair(args)
-    from holdfast.training.check import examine, report_lines
+    from holdfast.cli.settings import read_settings
+    from holdfast.training.check import examine
+    from holdfast.training.check_lines import report_lines
     from holdfast.training.datasets import find
     from holdfast.training.progress import stages
 
     with stages(1) as begin:
         begin(f"reading {args.folder}")
-        report = examine(find(args.folder), begin.part)
+        most_n = read_settings([]).settings.ceiling_n
+        report = examine(find(args.folder), begin.part, most_n)
 
     show_found(args, "\n".join(report_lines(report)), report.to_json())
     return 0 if report.readable else DataError.exit_code

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import csv
 import re
+import shlex
 import warnings
 from collections import Counter
 from collections.abc import Callable
@@ -37,6 +38,7 @@ from holdfast.core.errors import (
     count_of,
     listed,
 )
+from holdfast.core.trial_layout import TACTILE
 
 TIME_COLUMN = "Time"
 _CHANNEL = re.compile("[XYZ][0-9]{1,3}")
@@ -311,7 +313,7 @@ def _bad_table(said: str, header: list[str], path: Path) -> NotANumber | ColumnE
             f"{text:.42} is not a number",
             where=path,
             cause="text or an empty cell in the data",
-            next_step="write nan for a value that was lost",
+            next_step=_repair(path, "write nan for a value that was lost"),
         )
     if count := re.search(r"columns changed from \d+ to (\d+) at row (\d+)", said):
         # numpy counts these rows from 1
@@ -327,8 +329,17 @@ def _other_count(what: str, header: list[str], path: Path) -> ColumnError:
         f"{what}, the header has {len(header)}",
         where=path,
         cause="the line was cut off while it was written",
-        next_step="remove that line",
+        next_step=_repair(path, "remove that line"),
     )
+
+
+def _repair(path: Path, otherwise: str) -> str:
+    """What to do about a bad line: where the last line is torn, a recording can be repaired."""
+    if path.is_file() and not path.read_bytes().endswith(b"\n"):
+        if path.name == TACTILE:
+            return f"holdfast check {shlex.quote(str(path.parent))} --repair"
+        return "remove the last line, which was cut off"
+    return otherwise
 
 
 def _check_time(

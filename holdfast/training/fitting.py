@@ -15,7 +15,8 @@ import numpy as np
 
 from holdfast.core.contract import CANNOT_TELL, Json, not_learned_of
 from holdfast.core.errors import DataError
-from holdfast.core.trial_layout import read_json
+from holdfast.core.hand_card import hand_or_usual
+from holdfast.core.trial_layout import HAND_FILE, read_json
 from holdfast.core.writing import require_writable
 from holdfast.export.artifact import (
     INDEX,
@@ -33,6 +34,7 @@ from holdfast.training.crossval import (
     with_even_classes,
 )
 from holdfast.training.datasets import find, join, load
+from holdfast.training.doubts import DoubtfulData
 from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.figures import PLURAL, HeadFigures
 from holdfast.training.fixture import KIND, write_fixture
@@ -299,6 +301,13 @@ def train(
 
     spec = spec_for(data, plan.groups)
     spec.warn_of_lost_bands()
+    if plan.copies and hand_or_usual(data.hand, data.n_sensors) is None:
+        warnings.warn(
+            f"{data.name}: {data.n_sensors} sensors and no hand card, so each is taken to be on "
+            f"the side of the fingers; next: write {HAND_FILE} (holdfast check)",
+            DoubtfulData,
+            stacklevel=2,
+        )
 
     if plan.copies:
         # only a plan of pooled features has copies

@@ -297,6 +297,11 @@ def read_truth(path: Path, t_s: FloatArray) -> Phases:
     return tuple(phase for phase in phases if phase.first < phase.stop)
 
 
+def labels_end_s(path: Path) -> float:
+    """When the last phase of a truth file ends, s from the first sample; 0 without any."""
+    return max((phase.t1_s for phase in _truth(path).phases or []), default=0.0)
+
+
 def read_events(path: Path) -> RiskyEvents:
     """The risky phases of a truth, each with the first gross slip that falls into it."""
     truth = _truth(path)

@@ -151,7 +151,10 @@ def _timed(place: TrialPlace, meta: Json, root: Path) -> TimedTrial:
     """A kept trial, read and labelled by its truth."""
     folder = place.path.parent
 
-    timed = thesis.timed(place, root, thesis.SetMeta(unit=meta["unit"]), phased)
+    quality = meta.get("quality")
+    recorded = quality.get("samples") if isinstance(quality, dict) else None
+    about = thesis.SetMeta(unit=meta["unit"])
+    timed = thesis.timed(place, root, about, phased, recorded)
     trial_id = folder.name if folder == root else folder.relative_to(root).as_posix()
     # The object is the one in meta.json; the folder may be called otherwise.
     name = object_name(str(meta.get("object"))) if place.object_folder else None

@@ -56,6 +56,7 @@ from holdfast.training.datasets.trials import (
     read_all,
     refuse,
 )
+from holdfast.training.doubts import require_possible, require_whole, warn_of
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import (
     DataSet,
@@ -189,7 +190,9 @@ def assembled(
     n_channels = 3 * recordings[0].n_sensors
     if channels not in (None, n_channels):
         raise ChannelsNotOffered(meta.name, channels, [n_channels])
-    return of_trials(trials, meta, rate_hz, windows, seed)
+    data = of_trials(trials, meta, rate_hz, windows, seed)
+    warn_of(trials)
+    return data
 
 
 def of_trials(
@@ -280,12 +283,19 @@ def timed(
     root: Path,
     meta: SetMeta,
     phased: Callable[[Trial], tuple[Phases, RiskyEvents]] | None = None,
+    recorded: int | None = None,
 ) -> TimedTrial:
-    """Read and prepare a trial. phased: gives its phases; default: its truth, else the script."""
+    """Read and prepare a trial. phased: gives its phases; default: its truth, else the script.
+
+    recorded: how many samples the recorder counted, None where that is not known.
+    """
     trial, folder = read_trial(place.path), place.object_folder
 
     trial_id = place.path.relative_to(root).with_suffix("").as_posix()
+    truth = truth_path(trial.path)
+    require_whole(trial, truth, recorded)
     recording = prepared(trial, meta.unit, trial_id)
+    require_possible(recording, trial.path)
     recording = replace(
         recording,
         object_name=object_name(folder.name) if folder else None,
@@ -297,7 +307,6 @@ def timed(
         phases, events = _phased(trial, recording, meta.action_at_s)
     else:
         phases, events = phased(trial)
-    truth = truth_path(trial.path)
     mass = mass_of(folder, meta.masses_g) if folder else None
     return TimedTrial(
         replace(recording, phases=phases, events=events),
