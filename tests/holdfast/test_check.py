@@ -330,7 +330,7 @@ def test_every_trial_that_cannot_be_read_is_named_and_a_torn_one_can_be_repaired
         path.write_text(path.read_text()[:-30])
     out = run("check", own)[1]
     for person in ("p01", "p02"):
-        assert str(own / person / PULL) in out
+        assert f"{person}/{PULL}" in out
     assert "-> remove the last line, which was cut off" in out
     torn = tmp_path / "trial 1/tactile.csv"
     torn.parent.mkdir()
