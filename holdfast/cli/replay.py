@@ -28,6 +28,7 @@ def run(args: argparse.Namespace) -> int:
         args.trial,
         channels=card.n_channels,
         preparation=card.preparation,
+        rate_hz=card.rate_hz,
         read_set=set_reader(args.trial),
     )
     # Before the first answer, so that stdout holds either answers of this trial or nothing.

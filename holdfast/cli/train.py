@@ -17,6 +17,7 @@ from holdfast.cli.command import (
     STDOUT,
     add_json_option,
     path_argument,
+    positive,
     require_json_writable,
     seed,
     show,
@@ -90,6 +91,13 @@ def _choose_recordings(parser: argparse.ArgumentParser) -> None:
     """The options of which recordings are read, and how they are held out."""
     parser.add_argument(
         "--groups", type=int, metavar="K", help="use K people (or blocks) only"
+    )
+    parser.add_argument(
+        "--rate",
+        type=positive,
+        metavar="HZ",
+        help="samples a second to learn at: recordings at 2 to 20 times this are averaged down "
+        "(default: as recorded)",
     )
     parser.add_argument(
         "--hold-out",
@@ -215,6 +223,7 @@ def _request(args: argparse.Namespace) -> TrainingRequest:
         replace_fixture=args.out == DEFAULT_OUT,
         groups=args.groups,
         hold_out=args.hold_out,
+        rate_hz=args.rate,
         windows=args.windows,
         features=args.features,
         size=args.size,

@@ -38,9 +38,13 @@ from holdfast.core.errors import (
     count_of,
     listed,
 )
+from holdfast.core.source import block_means
 from holdfast.core.trial_layout import TACTILE
 
 TIME_COLUMN = "Time"
+TIME_COLUMNS = {TIME_COLUMN: "s", "t_s": "s", "t_ms": "ms", "t_us": "us", "t_ns": "ns"}
+"""The name of a column of time -> its unit."""
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _CHANNEL = re.compile("[XYZ][0-9]{1,3}")
 Zero = Literal["first samples", "measured"]
 PREPARED: dict[str, Unit] = {f"prepared_{unit}": unit for unit in UNITS}
@@ -49,12 +53,6 @@ RECORDER_COLUMNS = ("host_ns", "device_us", "sequence", *PREPARED)
 ZEROS: tuple[Zero, ...] = ("first samples", "measured")
 """What the zero of such a file is, by the number in that column, from 1."""
 MIN_ROWS = 2
-GAP_STEPS = 5.0
-"""A step of more than this many median steps is a gap that splits the trial.
-
-Rows lost in a shorter step are filled in as invalid, so that no later stage takes the rows around
-them for neighbours in time.
-"""
 LONGEST_S, LATEST_S = 1e6, 1e12
 LONGEST_TRIAL_S = 3600.0
 SLOWEST_HZ, FASTEST_HZ = 5.0, 5000.0
@@ -67,8 +65,8 @@ UNITS_OF_TIME_S = {
     "days": 86400.0,
 }
 """What a time that should be in seconds may be in."""
-MOST_LOST = 2
-"""A trial is refused if more than one sample in this many is lost."""
+MOST_ROWS = 2_000_000
+"""A gap that makes more of them is no loss of samples."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +94,12 @@ class Trial:
         # over a tenth of the trial, rounding and jitter of single steps average out
         lag = 1 + len(self.t_s) // 10
         return lag / float(np.median(self.t_s[lag:] - self.t_s[:-lag]))
+
+    def averaged(self, n: int) -> Trial:
+        """The same trial with the mean of every n samples, at the time of the last of them."""
+        raw, valid = block_means(self.raw, self.valid, n)
+        t_s = self.t_s[n - 1 :: n][: len(raw)]
+        return replace(self, t_s=t_s, raw=raw, valid=valid, rows=None)
 
 
 def line_of_row(row: int) -> str:
@@ -150,8 +154,8 @@ def trial_of(
     require_rows(table, path)
     # the counter of the recorder knows exactly what was lost; time alone only guesses
     counted = table[:, header.index("sequence")] if "sequence" in header else None
-    is_counted = counted is not None
-    t_s = _check_time(table[:, 0], path, row_name, gaps_counted=is_counted)
+    seconds = SECONDS[TIME_COLUMNS[header[0]]]
+    t_s = _check_time(seconds * table[:, 0], path, row_name)
     raw = table[:, 1 : 1 + 3 * n_sensors]
     trial = Trial(path, t_s, raw, _valid(table, header, n_sensors))
     for column in PREPARED.keys() & set(header):
@@ -182,21 +186,24 @@ def _places_by_sequence(counted: FloatArray, path: Path) -> IntArray:
             next_step="record again",
         )
     place: IntArray = (counted - counted[0]).astype(np.int64)
-    total = place[-1] + 1
-    if total > MOST_LOST * len(place):
-        raise TimeError(
-            f"{total - len(place)} of {total} samples were lost",
-            where=path,
-            cause="the machine is too slow for this rate, or it was suspended",
-            next_step="record again, at a lower rate",
-        )
     return place
 
 
 def _with_lost_rows(trial: Trial, place: IntArray) -> Trial:
-    """The trial with a row of nan, marked invalid, for every sample that never came."""
+    """The trial with a row of nan, marked invalid, for every sample that never came.
+
+    No later stage then takes the rows around a gap for neighbours in time. Raises TimeError.
+    """
     if place[-1] == len(place) - 1:
         return trial
+    if place[-1] >= MOST_ROWS:
+        at = int(np.argmax(np.diff(place)))
+        raise TimeError(
+            f"a gap of {trial.t_s[at + 1] - trial.t_s[at]:.6g} s after {at + 1} rows",
+            where=trial.path,
+            cause="the file holds two recordings, or the clock was set",
+            next_step="split the file there",
+        )
     rows = np.arange(place[-1] + 1)
     raw = np.full((len(rows), trial.raw.shape[1]), np.nan)
     valid = np.zeros((len(rows), trial.valid.shape[1]), dtype=np.bool_)
@@ -244,7 +251,7 @@ def check_columns(header: list[str], path: Path) -> int:
             n_sensors = max(n_sensors, int(name[1:]))
     expected = channel_names(n_sensors)
     valid = [f"valid{k}" for k in range(1, n_sensors + 1)]
-    known = {TIME_COLUMN, *expected, *RECORDER_COLUMNS, *valid}
+    known = {header[0], *expected, *RECORDER_COLUMNS, *valid}
     # a set: a header may have a hundred thousand names
     there = set(header)
     missing = [
@@ -253,7 +260,7 @@ def check_columns(header: list[str], path: Path) -> int:
     doubled = sorted(name for name, count in Counter(header).items() if count > 1)
     unknown = [name for name in header if name not in known]
     fix = "the layout is Time,X1,Y1,Z1,X2,.. with three columns a sensor"
-    if header[0] != TIME_COLUMN:
+    if header[0] not in TIME_COLUMNS:
         what = f"the first column is {header[0]!r:.40}, not {TIME_COLUMN!r}"
     elif doubled:
         what = f"columns occur twice: {listed(doubled)}"
@@ -343,11 +350,7 @@ def _repair(path: Path, otherwise: str) -> str:
 
 
 def _check_time(
-    time_s: FloatArray,
-    path: Path,
-    row_name: Callable[[int], str],
-    *,
-    gaps_counted: bool = False,
+    time_s: FloatArray, path: Path, row_name: Callable[[int], str]
 ) -> FloatArray:
     """Time from zero, or a TimeError that names the row."""
     impossible = np.flatnonzero(~(np.abs(time_s) < LATEST_S))
@@ -369,14 +372,6 @@ def _check_time(
             next_step="split the file there",
         )
     median = float(np.median(steps))
-    at = int(np.argmax(steps))
-    if steps[at] > GAP_STEPS * median and not gaps_counted:
-        raise TimeError(
-            f"{row_name(at + 1)}: a gap of {steps[at]:.6g} s where {median:.6g} s is usual",
-            where=path,
-            cause="samples were lost",
-            next_step="split the file there, or fill lost rows with nan at the usual step",
-        )
     from_zero: FloatArray = time_s - time_s[0]
     if not is_rate(1.0 / median) or from_zero[-1] > LONGEST_S:
         raise TimeError(

@@ -12,10 +12,18 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from holdfast.core.contract import BoolArray, FloatArray, IntArray, Sample, Unit
+from holdfast.core.contract import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Sample,
+    Unit,
+    averaged_by,
+    averaged_in_words,
+)
 from holdfast.core.errors import DataNotFound, UnitError
 from holdfast.core.schema import read
-from holdfast.core.source import SourceReading
+from holdfast.core.source import SourceReading, block_means
 from holdfast.core.trial_file import Zero, read_trial
 from holdfast.core.trial_layout import TACTILE
 from holdfast.edge_runtime.preparation import Preparation
@@ -55,6 +63,26 @@ class Replay:
             return self
         values = preparation.apply(self.values, self.valid)
         return replace(self, values=values, zero="first samples")
+
+    def at_rate(self, rate_hz: float, report: Callable[[str], object]) -> Replay:
+        """The same stream, averaged where a whole number of its samples makes one of a rate.
+
+        report: receives what was done.
+        """
+        n = averaged_by(self.rate_hz, rate_hz)
+        if n < 2:
+            return self
+        report(averaged_in_words(self.rate_hz, n))
+        values, valid = block_means(self.values, self.valid, n)
+        t_ns = self.t_ns[n - 1 :: n][: len(values)]
+        return replace(
+            self,
+            t_ns=t_ns,
+            values=values,
+            valid=valid,
+            rate_hz=self.rate_hz / n,
+            rows=None,
+        )
 
     def __iter__(self) -> Iterator[Sample]:
         """Every sample in turn, without waiting."""
@@ -102,8 +130,8 @@ class PacedReplay:
     """A stream [T] as a live source. A late reader gets the newest row, as it would on a hand."""
 
     def __init__(self, replay: Replay, now_ns: Callable[[], int]) -> None:
-        self._replay = replay
-        self._now_ns = now_ns
+        self.replay = replay
+        self.now_ns = now_ns
         self._start_ns: int | None = None
         self.unit: Unit = replay.unit
         self.n_channels = replay.values.shape[1]
@@ -112,14 +140,14 @@ class PacedReplay:
 
     def read(self) -> SourceReading | None:
         """The row whose time has come; None after the last."""
-        now_ns = self._now_ns()
+        now_ns = self.now_ns()
         if self._start_ns is None:
             self._start_ns = now_ns
         # by its own rate: recorded stamps jitter, and the reader expects steady rows
-        row = round((now_ns - self._start_ns) * 1e-9 * self._replay.rate_hz)
-        if row >= len(self._replay.values):
+        row = round((now_ns - self._start_ns) * 1e-9 * self.replay.rate_hz)
+        if row >= len(self.replay.values):
             return None
-        return SourceReading(now_ns, self._replay.values[row], self._replay.valid[row])
+        return SourceReading(now_ns, self.replay.values[row], self.replay.valid[row])
 
     def begin_anew(self) -> None:
         """The next reading is the first row again."""

@@ -52,7 +52,8 @@ class Preparation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Each sensor is learned from its own first `bias_rows` rows that are valid [T, C/3] and
         finite, as a Tare does; one without such a row keeps sign 1 and bias 0.
         """
-        usable = np.isfinite(raw).reshape(len(raw), -1, 3).all(axis=2)
+        finite = np.isfinite(raw).reshape(len(raw), -1, 3)
+        usable: BoolArray = np.logical_and.reduce(finite, axis=2)
         if valid is not None:
             usable &= valid
         sign = np.ones(raw.shape[1])

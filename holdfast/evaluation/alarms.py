@@ -177,8 +177,8 @@ def match_alarms(
         last_before = min(last_before, len(requests) - 1)
         already_on = last_before >= 0 and bool(requests[last_before])
         alarm_s = None
-        # The first alarm is the one that the hand acts on.
-        if within.any() and not already_on:
+        # The first alarm is the one that the hand acts on; one after lost samples is chance.
+        if within.any() and not already_on and not event.lost:
             alarm_s = float(alarms_s[within][0])
 
         outcomes.append(AlarmOutcome(event, alarm_s, already_on))

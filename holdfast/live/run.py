@@ -49,7 +49,7 @@ from holdfast.live.running import (
 )
 from holdfast.live.scene_source import shear_gain_of
 from holdfast.live.source_url import is_standard_input
-from holdfast.live.sources import SetReader, force_of, open_live, resting_of
+from holdfast.live.sources import SetReader, at_rate, force_of, open_live, resting_of
 from holdfast.live.zero import ZeroWatch
 
 if TYPE_CHECKING:
@@ -200,6 +200,7 @@ class _Run:
                 read_set=read_set,
             )
 
+            source = at_rate(source, self._model.card.rate_hz, self.report)
             # after all threads and processes have started: they must not have this priority
             stack.enter_context(first_in_line(self.report))
             # the last commands leave before the source is closed, which may take long

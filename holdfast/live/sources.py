@@ -10,9 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from holdfast.core.contract import FloatArray, Unit
+from holdfast.core.contract import (
+    FloatArray,
+    Unit,
+    averaged_by,
+    averaged_in_words,
+)
 from holdfast.core.errors import CardError, DataNotFound, UnitError, UsageError
-from holdfast.core.source import Source
+from holdfast.core.source import AveragedSource, SelfPaced, Source
 from holdfast.drivers.bridges import open_bus as open_bridge
 from holdfast.drivers.bridges import open_virtual
 from holdfast.drivers.replay import PacedReplay, Replay, open_replay
@@ -83,10 +88,13 @@ def open_source(
     *,
     channels: int | None = None,
     preparation: Preparation | None = None,
+    rate_hz: float | None = None,
+    report: Report = say,
     read_set: SetReader | None = None,
 ) -> Replay:
     """A recording or trials of a scene, without its bias as in `preparation`.
 
+    rate_hz: of a model; a stream at a whole multiple of it is averaged, which report is told.
     read_set: reads SET#N, prepared, with so many channels. Raises a DataError or UsageError.
     """
     source = source_url(url)
@@ -98,7 +106,7 @@ def open_source(
         )
     # a folder may have a number sign in its name
     elif read_set and "#" in source.name and not Path(source.name).exists():
-        return read_set(source.name, channels)
+        stream = read_set(source.name, channels)
     elif not Path(source.name).exists():
         raise DataNotFound(
             "no such file, and a URL begins with its scheme",
@@ -107,7 +115,23 @@ def open_source(
         )
     else:
         stream = open_replay(source.name)
+    if rate_hz is not None:
+        stream = stream.at_rate(rate_hz, report)
     return stream if preparation is None else stream.prepared(preparation)
+
+
+def at_rate(source: Source, rate_hz: float, report: Report) -> Source:
+    """A source, averaged where a whole number of its samples makes one of a model's rate."""
+    if source.rate_hz is None:
+        return source
+    if isinstance(source, PacedReplay):
+        averaged = source.replay.at_rate(rate_hz, report)
+        return PacedReplay(averaged, source.now_ns)
+    n = averaged_by(source.rate_hz, rate_hz)
+    if n < 2 or not isinstance(source, SelfPaced):
+        return source
+    report(averaged_in_words(source.rate_hz, n))
+    return AveragedSource(source, n)
 
 
 def _recording(source: SourceUrl, opening: _Opening) -> Source:

@@ -176,7 +176,14 @@ def _write(path: Path, data: bytes) -> None:
 def _read(name: str, model: Model, part: Part) -> DataSet:
     """The recordings of a set or folder. Raises SetLocked for a set that is kept for tests."""
     require_open(find(name), "a correction", styles=False)
-    return load(name, channels=model.card.n_channels, windows="none", part=part)
+    card = model.card
+    return load(
+        name,
+        channels=card.n_channels,
+        rate_hz=card.rate_hz,
+        windows="none",
+        part=part,
+    )
 
 
 def _slips(slips: str | None, model: Model, begin: Stages) -> DataSet:

@@ -46,7 +46,7 @@ from holdfast.training.doubts import Missing, doubts_of
 from holdfast.training.judging import strictest_hold_out
 from holdfast.training.plan import TrainingPlan
 from holdfast.training.progress import Part, ignored
-from holdfast.training.recording import DataSet
+from holdfast.training.recording import DataSet, lost_spans
 from holdfast.training.windows import TimedTrial, classes_of
 
 LAYOUT = "<person>/<object>/<action>/trial_1.csv"
@@ -344,6 +344,19 @@ def _advice(
             folder = root / Path(trial.recording.trial_id).parent.parent
             what = f"no mass given for object {name!r}: {NO_WEIGHT}"
             yield Missing("advice", str(folder), what, weigh_it(folder))
+
+    for trial in trials:
+        recording = trial.recording
+        lost = [stop - first for first, stop in lost_spans(recording.valid)]
+        if lost:
+            gaps = (
+                f"{count_of(len(lost), 'gap')} of {sum(lost) / recording.rate_hz:.2f} s"
+            )
+            what = (
+                f"{gaps} together, the longest of {max(lost) / recording.rate_hz:.2f} s"
+            )
+            step = "nothing: they are lost samples, and the answer is unknown over them"
+            yield Missing("advice", recording.trial_id, what, step)
 
     if all_read:
         yield from _missing_situations(report.classes, root, trials)

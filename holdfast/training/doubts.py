@@ -20,11 +20,13 @@ from holdfast.core.contract import (
     NORMAL_FLOOR,
     NOTHING,
     RISKY_SLIP,
+    BoolArray,
     FloatArray,
 )
 from holdfast.core.errors import EmptyRecording, LabelError, UnitError, count_of
 from holdfast.core.trial_file import Trial
-from holdfast.training.recording import Recording
+from holdfast.export.spec import HISTORY_S
+from holdfast.training.recording import Recording, whole_history
 from holdfast.training.timeline import labels_end_s
 from holdfast.training.windows import TimedTrial
 
@@ -109,6 +111,21 @@ def _load(recording: Recording) -> FloatArray:
     normal = np.abs(recording.samples[:, NORMAL_AXIS::3])
     load: FloatArray = np.where(recording.valid, normal, 0.0).sum(axis=1)
     return load
+
+
+def require_history(recording: Recording, path: Path) -> BoolArray:
+    """[T] where the history of samples is whole. Raises EmptyRecording where nothing is left."""
+    whole = whole_history(recording)
+    # the first rows of a trial are no history either
+    settled = round(HISTORY_S * recording.rate_hz)
+    if not whole.all() and not whole[settled:].any():
+        raise EmptyRecording(
+            f"nothing is left: no {HISTORY_S:g} s without lost samples",
+            where=path,
+            cause="the machine is too slow for this rate, or it was suspended",
+            next_step="record again, at a lower rate",
+        )
+    return whole
 
 
 # -- what is doubtful

@@ -13,8 +13,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from holdfast.core.contract import CANNOT_TELL, Json, not_learned_of
-from holdfast.core.errors import DataError
+from holdfast.core.contract import (
+    CANNOT_TELL,
+    MOST_AVERAGED,
+    Json,
+    averaged_by,
+    not_learned_of,
+)
+from holdfast.core.errors import DataError, RateError
 from holdfast.core.hand_card import hand_or_usual
 from holdfast.core.trial_layout import HAND_FILE, read_json
 from holdfast.core.writing import require_writable
@@ -88,8 +94,9 @@ class TrainingRequest:
     data: sets by name or folder; none for the generated fixture. replace: an artifact in `out` may
     be replaced; replace_fixture: one of the fixture may be, by one of the fixture. groups,
     hold_out, windows: as `datasets.load` takes them; hold_out: None for the strictest that
-    the data allow. features, size, learner: of the plan. seed: of every random choice,
-    so that the same request gives the same model. judge: compute the learning curve too.
+    the data allow. rate_hz: to learn at, None for that of the data. features, size, learner: of the
+    plan. seed: of every random choice, so that the same request gives the same model. judge:
+    compute the learning curve too.
     """
 
     data: tuple[str, ...]
@@ -98,6 +105,7 @@ class TrainingRequest:
     replace_fixture: bool = False
     groups: int | None = None
     hold_out: HoldOut | None = None
+    rate_hz: float | None = None
     windows: Choice = "balanced"
     features: str = "fixed"
     size: str = "default"
@@ -154,8 +162,15 @@ def train_on_sets(
             seed=request.seed,
             windows=request.windows,
             hold_out=request.hold_out,
+            rate_hz=request.rate_hz,
             part=progress.part,
         )
+        if request.rate_hz and averaged_by(data.rate_hz, request.rate_hz) != 1:
+            raise RateError(
+                f"{data.rate_hz:.4g} Hz is no whole multiple of --rate {request.rate_hz:g}",
+                where=data.name,
+                next_step=f"--rate {data.rate_hz:.4g}, or that divided by 2 to {MOST_AVERAGED}",
+            )
         count = f"{len(data.recordings)} recordings at {data.rate_hz:.4g} Hz"
         describe(f"{data.name}: {data.kind}; {count}\n{_counts(data)}")
         sets.append(data)

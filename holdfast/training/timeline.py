@@ -79,12 +79,14 @@ class RiskyEvent:
 
     onset_s: the start of the risky phase. gross_s: when the slip becomes gross. end_s: the end of
     the phase. timed: False where it lies somewhere between the two, so that no delay is known.
+    lost: it begins while samples are lost, or while the history is not whole after that.
     """
 
     onset_s: float
     gross_s: float | None
     end_s: float
     timed: bool = True
+    lost: bool = False
 
 
 Phases = tuple[Phase, ...]
