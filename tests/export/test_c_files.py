@@ -286,6 +286,8 @@ def test_the_page_does_what_it_says_with_a_small_model_too(
     require_compiler()
     monkeypatch.chdir(tmp_path)
     made = for_the_hand()
+    # as the shipped file, which answers with four of its six fingers
+    made = replace(made, spec=replace(made.spec, min_valid_sensors=4))
     Path("models").mkdir()
     Path("models/holdfast-150hz.onnx").write_bytes(
         seal(graph_of(made), model_card(made), made.spec)

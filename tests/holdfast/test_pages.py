@@ -117,6 +117,17 @@ def test_the_api_page_answers_a_trial_and_a_hand(
     assert "no such model file | export one" in printed
 
 
+def test_the_file_runs_by_plain_onnxruntime_as_its_page_shows(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(ROOT)
+    page = Path("docs/any-runtime.md").read_text("utf-8")
+    ((_, block),) = BLOCK.findall(page)
+    assert "holdfast" not in block.replace("models/holdfast-150hz.onnx", "")
+    exec(block, {})
+    assert f"```text\n{capsys.readouterr().out}```" in page
+
+
 def test_live_sources_runs_a_recording(follow: Callable[..., str], capsys) -> None:
     follow("live-sources.md")
     assert "its lines ended after 60 samples" in capsys.readouterr().out
