@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from holdfast.core.trial_file import read_trial as read_trial
     from holdfast.edge_runtime.monitor import GripMonitor
     from holdfast.edge_runtime.recording import Answers as Answers
-    from holdfast.edge_runtime.recording import TextArray
     from holdfast.edge_runtime.supervisor import GripCommand as GripCommand
     from holdfast.live.open_hand import OpenHand
 
@@ -55,7 +54,6 @@ __all__ = [
     "Prediction",
     "Sample",
     "UsageError",
-    "cues_of",
     "errors",
     "load",
     "open_hand",
@@ -97,16 +95,6 @@ def open_hand(
     from holdfast.live.open_hand import OpenHand
 
     return OpenHand(url, calibration, bias)
-
-
-def cues_of(answers: Answers) -> TextArray:
-    """[T] the vibration cue that the wearer would get at each sample, by the shipped table.
-
-    answers: of `GripMonitor.replay`. "" where none is sent (docs/feedback.md has the kinds).
-    """
-    from holdfast.live.cues import Cues, read_cues
-
-    return Cues(read_cues()).of_recording(answers)
 
 
 def __getattr__(name: str) -> Any:

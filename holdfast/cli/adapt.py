@@ -33,20 +33,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     option("model", type=path_argument, metavar="MODEL", help="a sealed model file")
-    data = "recordings of the person: eight hand-overs and a minute of holding"
-    option("--data", metavar="FOLDER", help=data)
+    option(
+        "--data",
+        metavar="FOLDER",
+        help="recordings of the person: eight hand-overs and a minute of holding",
+    )
     option("--person", metavar="PSEUDONYM", help="whose recordings in FOLDER")
-    slips = "recordings with slips, of any person (default: simulated trials)"
-    option("--slips", metavar="SET|FOLDER", help=slips)
-    out = "model file to write; its card is written next to it"
-    option("--out", type=path_argument, required=True, metavar="FILE", help=out)
+    option(
+        "--slips",
+        metavar="SET|FOLDER",
+        help="recordings with slips, of any person (default: simulated trials)",
+    )
+    option(
+        "--out",
+        type=path_argument,
+        required=True,
+        metavar="FILE",
+        help="model file to write; its card is written next to it",
+    )
     option(
         "--undo",
         action="store_true",
         help="write the base of an adapted file, byte for byte",
     )
-    force = "replace FILE if it exists, and write it although it is worse than its base"
-    option("--force", action="store_true", help=force)
+    option(
+        "--force",
+        action="store_true",
+        help="replace FILE if it exists, and write it although it is worse than its base",
+    )
     add_json_option(parser)
 
 
@@ -61,21 +75,12 @@ def run(args: argparse.Namespace) -> int:
 
 def _require_options(args: argparse.Namespace) -> None:
     """Raise UsageError or OutputError before anything long begins."""
-    from holdfast.edge_runtime.model_file import CARD_SUFFIX
-
     given = (args.data, args.person, args.slips)
     is_adapting = bool(args.data and args.person)
     if any(given) if args.undo else not is_adapting:
         raise UsageError(
             "--data and --person are needed, or --undo alone",
             next_step="holdfast adapt MODEL --data FOLDER --person p01 --out FILE",
-        )
-
-    # The card would overwrite the model that it describes.
-    if args.out.suffix == CARD_SUFFIX:
-        raise UsageError(
-            f"--out {args.out}: the model's card is written there",
-            next_step=f"write --out {args.out.with_suffix('.onnx')}",
         )
 
     # Resolved: the same file under another name is found out too.

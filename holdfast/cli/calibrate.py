@@ -25,14 +25,30 @@ from holdfast.core.writing import require_writable
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
-    layout = "a CSV file Time,X1..Zn,Fx,Fy,Fz, or a folder like eflesh_calibration"
-    option("path", type=path_argument, metavar="PATH", help=layout)
-    made = "calibration to write"
-    option("--out", type=path_argument, required=True, metavar="FILE", help=made)
-    unit = "unit of the loads (default N; needed for a folder)"
-    option("--load-unit", choices=("N", "mN", "gf"), help=unit)
-    gain = "shear over normal force, as read over true, where it is known (default: measured)"
-    option("--shear-gain", type=positive, metavar="X", help=gain)
+    option(
+        "path",
+        type=path_argument,
+        metavar="PATH",
+        help="a CSV file Time,X1..Zn,Fx,Fy,Fz, or a folder like eflesh_calibration",
+    )
+    option(
+        "--out",
+        type=path_argument,
+        required=True,
+        metavar="FILE",
+        help="calibration to write",
+    )
+    option(
+        "--load-unit",
+        choices=("N", "mN", "gf"),
+        help="unit of the loads (default N; needed for a folder)",
+    )
+    option(
+        "--shear-gain",
+        type=positive,
+        metavar="X",
+        help="shear over normal force, as read over true, where it is known (default: measured)",
+    )
     add_json_option(parser)
     today = date.today().isoformat()
     option(

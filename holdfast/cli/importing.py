@@ -32,13 +32,21 @@ MAP_SUFFIX = "-map.toml"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
-    formats = "CSV, xlsx, MCAP, Parquet, XDF, a rosbag2 or LeRobot folder, or a folder of them"
-    option("source", type=path_argument, metavar="SOURCE", help=formats)
+    option(
+        "source",
+        type=path_argument,
+        metavar="SOURCE",
+        help="CSV, xlsx, MCAP, Parquet, XDF, a rosbag2 or LeRobot folder, or a folder of them",
+    )
     option(
         "--out", type=path_argument, required=True, metavar="DIR", help="a new folder"
     )
-    named = "column map (docs/your-data.md); without it one is proposed"
-    option("--map", type=path_argument, metavar="MAP.toml", help=named)
+    option(
+        "--map",
+        type=path_argument,
+        metavar="MAP.toml",
+        help="column map (docs/your-data.md); without it one is proposed",
+    )
     option("--yes", action="store_true", help="take the proposed map without asking")
     add_json_option(parser)
 

@@ -21,37 +21,60 @@ from holdfast.sessions.study.protocol import shipped_protocols
 MODEL = Path("holdfast-150hz")
 
 
-OLD_OPTIONS = {"--intent": "--wearer URL"}
-"""An option of earlier versions -> what to write instead."""
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     shipped = ", ".join(shipped_protocols())
-    protocol = f"study protocol: a TOML file, or one of {shipped}"
-    option("protocol", metavar="PROTOCOL", help=protocol)
-    steps = "print the steps with their minutes, and stop"
-    option("--list", action="store_true", help=steps)
-    urls = "a hand as in holdfast record, or a virtual participant such as sim://p1"
-    option("--source", metavar="URL", help=urls)
+    option(
+        "protocol",
+        metavar="PROTOCOL",
+        help=f"study protocol: a TOML file, or one of {shipped}",
+    )
+    option(
+        "--list",
+        action="store_true",
+        help="print the steps with their minutes, and stop",
+    )
+    option(
+        "--source",
+        metavar="URL",
+        help="a hand as in holdfast record, or a virtual participant such as sim://p1",
+    )
     add_calibration_option(parser)
-    out = "folder of all people of the study"
-    option("--out", type=path_argument, metavar="DIR", help=out)
-    person = "letters, digits, dashes; never a real name"
-    option("--person", metavar="PSEUDONYM", help=person)
+    option(
+        "--out",
+        type=path_argument,
+        metavar="DIR",
+        help="folder of all people of the study",
+    )
+    option(
+        "--person",
+        metavar="PSEUDONYM",
+        help="letters, digits, dashes; never a real name",
+    )
     add_recording_options(parser)
-    model = "model file for the report (default: the shipped one)"
-    option("--model", type=path_argument, default=MODEL, metavar="MODEL", help=model)
-    rehearse = "virtual participant, no operator: every step passes at once"
-    option("--rehearse", action="store_true", help=rehearse)
+    option(
+        "--model",
+        type=path_argument,
+        default=MODEL,
+        metavar="MODEL",
+        help="model file for the report (default: the shipped one)",
+    )
+    option(
+        "--rehearse",
+        action="store_true",
+        help="virtual participant, no operator: every step passes at once",
+    )
     option(
         "--report",
         action="store_true",
         help="write the report of this person, and stop",
     )
-    gone = "delete everything of this person, after a confirmation, and stop"
-    option("--withdraw", action="store_true", help=gone)
+    option(
+        "--withdraw",
+        action="store_true",
+        help="delete everything of this person, after a confirmation, and stop",
+    )
 
 
 def run(args: argparse.Namespace) -> int:

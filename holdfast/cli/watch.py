@@ -29,25 +29,41 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     option("--camera", metavar="oak|FILE", help="oak, or a .frames.npz")
-    home = "the trial's folder"
-    option("--out", type=path_argument, metavar="DIR", help=home)
+    option("--out", type=path_argument, metavar="DIR", help="the trial's folder")
     add_camera_options(parser)
     add_apart_option(parser)
     option("--seconds", type=positive, metavar="S", help="oak: stop after S seconds")
-    onset = (
-        "label a watched folder, with the following options; --tag-mm corrects the tags"
+    option(
+        "--onset",
+        type=path_argument,
+        metavar="TRIAL",
+        help="label a watched folder, with the following options; --tag-mm corrects the tags",
     )
-    option("--onset", type=path_argument, metavar="TRIAL", help=onset)
-    action = "action of the trial (default: the name of its folder)"
-    option("--action", choices=ACTIONS, help=action)
-    held = (
-        "trials that were loaded and held: gross slip begins above their elastic shear"
+    option(
+        "--action",
+        choices=ACTIONS,
+        help="action of the trial (default: the name of its folder)",
     )
-    option("--no-slip", type=path_argument, nargs="+", metavar="TRIAL", help=held)
-    gross = "distance of gross slip (default 2)"
-    option("--gross-mm", type=positive, metavar="MM", help=gross)
-    until = "search until S seconds"
-    option("--until", type=float, dest="until_s", metavar="S", help=until)
+    option(
+        "--no-slip",
+        type=path_argument,
+        nargs="+",
+        metavar="TRIAL",
+        help="trials that were loaded and held: gross slip begins above their elastic shear",
+    )
+    option(
+        "--gross-mm",
+        type=positive,
+        metavar="MM",
+        help="distance of gross slip (default 2)",
+    )
+    option(
+        "--until",
+        type=float,
+        dest="until_s",
+        metavar="S",
+        help="search until S seconds",
+    )
     add_json_option(parser)
 
 

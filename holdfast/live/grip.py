@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from holdfast.core.contract import Prediction, Sample
@@ -25,7 +24,6 @@ from holdfast.live.outputs import STOPPED
 if TYPE_CHECKING:
     from holdfast.live.scene import LiveScene
 
-DEFAULT_CONTROLLER = "holdfast"
 Report = Callable[[str], None]
 
 
@@ -129,7 +127,7 @@ def grip_to_link(
     url: str, controller: GripControl, rate_hz: float, clock: Any, report: Report
 ) -> GripOutput:
     """Commands to unix:// or serial://. Raises UsageError, DeviceError."""
-    link = open_hand_link(url, "--grip", last_line, report, clock.now_ns)
+    link = open_hand_link(url, "grip", last_line, report, clock.now_ns)
 
     # reported at the start, since otherwise the dropped lines would look like a fault
     if link.most_hz < rate_hz:
@@ -155,11 +153,7 @@ def grip_to_scene(
     """
     from holdfast.live.scene import SceneClock, drive_of, live_scene
 
-    drive = drive_of(url)
-    if ceiling_n is not None:
-        # the stricter of both limits counts
-        drive = replace(drive, ceiling_n=min(drive.ceiling_n, ceiling_n))
-
+    drive = drive_of(url, ceiling_n)
     # a virtual clock stands still by itself: computing takes no time on it
     still = clock.still if isinstance(clock, SceneClock) else nullcontext
     scene = live_scene(source, drive, still)

@@ -39,7 +39,7 @@ from holdfast.edge_runtime.wearer import (
     read_intent,
 )
 from holdfast.live.outputs import STOPPED, SampleFile, file_sink
-from holdfast.live.source_url import LINES, source_url, stream_name
+from holdfast.live.sources import LINES, source_url, stream_name
 
 if TYPE_CHECKING:
     from holdfast.drivers.line_feeds import Feed

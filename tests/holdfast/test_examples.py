@@ -26,7 +26,7 @@ from hypothesis import strategies as st
 
 from holdfast.core.hand_lines import RisingRule
 from holdfast.edge_runtime.supervisor import to_line
-from holdfast.live.cues import QUIET, SILENCE, Pattern, cue_line
+from holdfast.live.cues import QUIET, SILENCE, CueRule, cue_line
 
 EXAMPLES = ROOT / "examples"
 
@@ -240,7 +240,7 @@ def test_the_page_shows_the_receivers_as_they_are():
 
 def cue(sequence: int, **changed: Any) -> bytes:
     """An urgent cue as it is sent."""
-    act = cue_line(sequence, 1, "act", Pattern(3, 60, 40, 1.0))
+    act = cue_line(sequence, 1, "act", CueRule(3, 60, 40, 1.0))
     return json.dumps(json.loads(act) | changed).encode()
 
 

@@ -34,7 +34,7 @@ def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
 
 def opened(tab: Tab, page: Served, width: int = 1280, **how: Any) -> None:
     tab.problems.clear()
-    tab.open(f"http://127.0.0.1:{page.port}/", width, 844, **how)
+    tab.open(page.url, width, 844, **how)
     tab.wait_until(f"{STATE} !== 'no connection'")
 
 
@@ -148,15 +148,15 @@ def test_the_end_says_why(tab):
     assert "the source has ended; samples: 1" in tab.value(f"{DETAIL}.textContent")
 
 
-def test_mark_and_pause_are_buttons(tab):
+def test_redo_and_pause_are_buttons(tab):
     with served() as page:
         opened(tab, page)
         page.frame(sample(0))
-        tab.wait_until(PRESS.format("Mark"))
+        tab.wait_until(PRESS.format("Redo"))
         tab.wait_until(
-            "document.getElementById('note').textContent === 'Mark: passed on'"
+            "document.getElementById('note').textContent === 'Redo: passed on'"
         )
-        assert page.acted == [b"m"]
+        assert page.acted == [b"r"]
         tab.wait_until(PRESS.format("Pause"))
         page.frame(sample(1, x=[9.0] * 18))
         tab.wait_until(

@@ -183,7 +183,7 @@ def test_a_stuck_or_forged_stream_takes_back_our_answer_and_nothing_of_the_weare
 def test_the_page_of_a_run_gets_the_wearers_own_command():
     sent: list[dict[str, Any]] = []
     link: Any = SimpleNamespace(send=sent.append, action=lambda: None, unsent=0)
-    page = RunPage(link, Model(ROOT / "models" / "holdfast-150hz.onnx").card, print)
+    page = RunPage(link, Model(ROOT / "models" / "holdfast-150hz.onnx").card)
     sample = Sample(0, np.zeros(18), np.ones(6, dtype=np.bool_), 0)
     reading = SourceReading(0, sample.values, sample.valid)
     page.write(prediction(), sample, reading)

@@ -128,7 +128,7 @@ def command(sequence: int, mode: Any = "tighten") -> GripCommand:
 
 @contextmanager
 def opened(url: str, report: Callable[[str], object] = print) -> Iterator[HandLink]:
-    link = open_hand_link(url, "--grip", last_line, report, time.monotonic_ns)
+    link = open_hand_link(url, "grip", last_line, report, time.monotonic_ns)
     reason = "failed"
     try:
         yield link

@@ -8,7 +8,7 @@ from typing import Any
 
 from holdfast.core.errors import UsageError
 from holdfast.core.trial_layout import checked_name
-from holdfast.live.source_url import is_hand
+from holdfast.live.sources import is_hand
 from holdfast.sessions.camera import CameraOptions
 from holdfast.sessions.recorder.folder import done
 from holdfast.sessions.recorder.keys import Keys

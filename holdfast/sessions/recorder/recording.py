@@ -19,9 +19,9 @@ from holdfast.core.trial_layout import checked_name, mass_g
 from holdfast.drivers.calibration import read_calibration
 from holdfast.drivers.hand import LiveHand
 from holdfast.edge_runtime.wearer import IntentMonitor
+from holdfast.live.hand_files import force_of
 from holdfast.live.running import first_in_line
-from holdfast.live.source_url import LINES, STANDARD_INPUT
-from holdfast.live.sources import force_of, open_live
+from holdfast.live.sources import LINES, STANDARD_INPUT, open_live
 from holdfast.live.wearer import wearer_monitor
 from holdfast.sessions.bias import MeasuredBias, measure_bias, require_good
 from holdfast.sessions.recorder.folder import (

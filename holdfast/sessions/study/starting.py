@@ -15,7 +15,7 @@ from holdfast.core.trial_layout import checked_name
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.live.running import RunClock, say, stop_signals
-from holdfast.live.source_url import is_hand, is_standard_input
+from holdfast.live.sources import is_hand, is_standard_input
 from holdfast.sessions.recorder.display import StatusLine, columns_of
 from holdfast.sessions.recorder.folder import alone, require_ours, reserved
 from holdfast.sessions.recorder.keys import Keys, listening

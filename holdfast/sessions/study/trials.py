@@ -13,7 +13,8 @@ from urllib.parse import parse_qsl, urlsplit
 
 from holdfast.core.errors import UsageError
 from holdfast.core.trial_layout import DISCARDED
-from holdfast.live.sources import force_of, open_live
+from holdfast.live.hand_files import force_of
+from holdfast.live.sources import open_live
 from holdfast.sessions.recorder.folder import (
     KEPT,
     RECORDING,
