@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
         return _write_example(Path(args.folder))
     if args.repair:
         return _repair(args)
-    from holdfast.cli.settings import read_settings
+    from holdfast.cli.options import read_settings, settings_file
     from holdfast.training.check import examine
     from holdfast.training.check_lines import report_lines
     from holdfast.training.datasets import find
@@ -54,7 +54,8 @@ def run(args: argparse.Namespace) -> int:
 
     with stages(1) as begin:
         begin(f"reading {args.folder}")
-        most_n = read_settings([]).settings.ceiling_n
+        settings = read_settings(settings_file([]))
+        most_n = settings.get("ceiling_n")
         report = examine(find(args.folder), begin.part, most_n)
 
     show_found(args, "\n".join(report_lines(report)), report.to_json())

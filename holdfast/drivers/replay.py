@@ -23,7 +23,13 @@ from holdfast.core.contract import (
 )
 from holdfast.core.errors import DataNotFound, UnitError
 from holdfast.core.schema import read
-from holdfast.core.source import SourceReading, block_means
+from holdfast.core.source import (
+    AveragedSource,
+    SelfPaced,
+    Source,
+    SourceReading,
+    block_means,
+)
 from holdfast.core.trial_file import Zero, read_trial
 from holdfast.core.trial_layout import TACTILE
 from holdfast.edge_runtime.preparation import Preparation
@@ -155,3 +161,22 @@ class PacedReplay:
 
     def close(self) -> None:
         """Nothing is open."""
+
+
+def at_rate(source: Source, rate_hz: float, report: Callable[[str], object]) -> Source:
+    """A source, averaged where a whole number of its samples makes one of a model's rate."""
+    if source.rate_hz is None:
+        return source
+    if isinstance(source, PacedReplay):
+        averaged = source.replay.at_rate(rate_hz, report)
+        return PacedReplay(averaged, source.now_ns)
+    n = averaged_by(source.rate_hz, rate_hz)
+    if n < 2 or not isinstance(source, SelfPaced):
+        return source
+    report(averaged_in_words(source.rate_hz, n))
+    return AveragedSource(source, n)
+
+
+def zero_of(source: Source) -> Zero | None:
+    """What was removed from the samples of a source already: a run's own, replayed."""
+    return source.zero if isinstance(source, PacedReplay) else None

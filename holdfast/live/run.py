@@ -21,6 +21,7 @@ from holdfast.core.schema import DEFAULT_MODEL
 from holdfast.core.source import Source
 from holdfast.core.trial_file import Zero
 from holdfast.drivers.hand import LiveHand
+from holdfast.drivers.replay import at_rate, zero_of
 from holdfast.edge_runtime.engine import ONNXRUNTIME, C, ModelChoice, OpenedModel
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
@@ -49,13 +50,7 @@ from holdfast.live.running import (
     stop_signals,
     until,
 )
-from holdfast.live.sources import (
-    SetReader,
-    at_rate,
-    is_standard_input,
-    open_live,
-    zero_of,
-)
+from holdfast.live.sources import SetReader, is_standard_input, open_live
 
 if TYPE_CHECKING:
     from holdfast.live.grip import GripOutput

@@ -32,20 +32,13 @@ from urllib.parse import parse_qs, unquote, urlsplit
 import msgspec
 import numpy as np
 
-from holdfast.core.contract import (
-    FloatArray,
-    Unit,
-    averaged_by,
-    averaged_in_words,
-)
+from holdfast.core.contract import FloatArray, Unit
 from holdfast.core.errors import CardError, DataNotFound, UsageError
 from holdfast.core.schema import checked
-from holdfast.core.source import AveragedSource, SelfPaced, Source
-from holdfast.core.trial_file import Zero
+from holdfast.core.source import Source
 from holdfast.drivers.bridges import BRIDGES, open_virtual
 from holdfast.drivers.bridges import open_bus as open_bridge
 from holdfast.drivers.replay import PacedReplay, Replay, open_replay
-from holdfast.edge_runtime.preparation import Preparation
 from holdfast.live.running import say
 
 if TYPE_CHECKING:
@@ -227,14 +220,10 @@ def open_source(
     url: str,
     *,
     channels: int | None = None,
-    preparation: Preparation | None = None,
-    rate_hz: float | None = None,
-    report: Report = say,
     read_set: SetReader | None = None,
 ) -> Replay:
-    """A recording or trials of a scene, without its bias as in `preparation`.
+    """A recording or trials of a scene.
 
-    rate_hz: of a model; a stream at a whole multiple of it is averaged, which report is told.
     read_set: reads SET#N, prepared, with so many channels. Raises a DataError or UsageError.
     """
     source = source_url(url)
@@ -248,7 +237,7 @@ def open_source(
         )
     # a folder may have a number sign in its name
     elif read_set and "#" in source.name and not Path(source.name).exists():
-        stream = read_set(source.name, channels)
+        return read_set(source.name, channels)
     elif not Path(source.name).exists():
         raise DataNotFound(
             "no such file, and a URL begins with its scheme",
@@ -257,28 +246,7 @@ def open_source(
         )
     else:
         stream = open_replay(source.name)
-    if rate_hz is not None:
-        stream = stream.at_rate(rate_hz, report)
-    return stream if preparation is None else stream.prepared(preparation)
-
-
-def at_rate(source: Source, rate_hz: float, report: Report) -> Source:
-    """A source, averaged where a whole number of its samples makes one of a model's rate."""
-    if source.rate_hz is None:
-        return source
-    if isinstance(source, PacedReplay):
-        averaged = source.replay.at_rate(rate_hz, report)
-        return PacedReplay(averaged, source.now_ns)
-    n = averaged_by(source.rate_hz, rate_hz)
-    if n < 2 or not isinstance(source, SelfPaced):
-        return source
-    report(averaged_in_words(source.rate_hz, n))
-    return AveragedSource(source, n)
-
-
-def zero_of(source: Source) -> Zero | None:
-    """What was removed from the samples of a source already: a run's own, replayed."""
-    return source.zero if isinstance(source, PacedReplay) else None
+    return stream
 
 
 def _recording(source: SourceUrl, opening: _Opening) -> Source:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ from holdfast.drivers.sample_lines import SampleReader
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.preparation import Preparation, Tare
-from holdfast.live.outputs import SampleFile
+from holdfast.live.outputs import SampleFile, emit_to
 from holdfast.live.run import answer
 from holdfast.live.sources import open_live, open_source
 
@@ -102,8 +103,8 @@ def lines(clock: Any, card: Path, rows: FloatArray, losses: Losses) -> Source:
 def lsl(clock: Any, card: Path, rows: FloatArray, losses: Losses) -> Source:
     def row(k: int) -> FloatArray:
         values = rows[min(k, len(rows) - 1)].copy()
-        for sensor in lost(losses, k) - {None}:
-            values[3 * sensor - 1] = np.nan
+        for sensor in lost(losses, k):
+            values[3 * (sensor or 1) - 1] = np.nan
         return values
 
     inlet = ScriptedInlet(clock, rows=row)
@@ -149,6 +150,7 @@ def kept_run(
     source = open_hand(clock, *hand, losses)
     resting = RESTING if open_hand is not usb else np.zeros(18)
     answers: list[Prediction] = []
+    kept = SimpleNamespace(write=lambda one, *_: answers.append(one))
     with closing_output(
         SampleFile(path, 18, "N", "measured" if with_bias else "first samples")
     ) as file:
@@ -156,10 +158,7 @@ def kept_run(
             source,
             model,
             clock,
-            lambda prediction, sample, reading: (
-                answers.append(prediction),
-                file.write(prediction, sample, reading),
-            ),
+            emit_to([kept, file]),
             lambda: len(answers) == ROWS,
             resting=resting if with_bias else None,
         )
