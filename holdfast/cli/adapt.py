@@ -20,7 +20,7 @@ from holdfast.cli.command import (
     require_json_writable,
     show_found,
 )
-from holdfast.core.errors import OutputError, UsageError
+from holdfast.core.errors import OutputError, UsageError, command
 from holdfast.core.writing import require_writable
 
 if TYPE_CHECKING:
@@ -131,7 +131,8 @@ def _adapt(args: argparse.Namespace) -> int:
         f"the base on these: {_in_words(made.base)}\n"
         f"{made.verified.rows} rows checked, 0 labels differ from the reference; "
         f"{made.verified.changed} labels differ from the base\n"
-        f"model: {args.out}; back: holdfast adapt {args.out} --undo --out BASE.onnx"
+        f"model: {args.out}; back: "
+        + command("adapt", args.out, "--undo", "--out", "BASE.onnx")
     )
     found = {
         "model": args.out,

@@ -137,6 +137,7 @@ def _choose_learner(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Train; prints the windows and the held-out figures, and the stages on stderr."""
     from holdfast.core.contract import CANNOT_TELL, not_learned_in_words
+    from holdfast.core.errors import command
     from holdfast.training.figures import situation_lines, with_interval
     from holdfast.training.progress import stages
 
@@ -174,7 +175,7 @@ def run(args: argparse.Namespace) -> int:
 
     lines += trained.not_held_out
     lines += not_learned_in_words(not_learned)
-    lines += [data.caveat, f"artifact: {args.out}; next: holdfast export {args.out}"]
+    lines += [data.caveat, f"artifact: {args.out}; next: {command('export', args.out)}"]
 
     found = {
         "artifact": args.out,

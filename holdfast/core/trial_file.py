@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import csv
 import re
-import shlex
 import warnings
 from collections import Counter
 from collections.abc import Callable
@@ -35,6 +34,7 @@ from holdfast.core.errors import (
     EmptyRecording,
     NotANumber,
     TimeError,
+    command,
     count_of,
     listed,
 )
@@ -344,7 +344,7 @@ def _repair(path: Path, otherwise: str) -> str:
     """What to do about a bad line: where the last line is torn, a recording can be repaired."""
     if path.is_file() and not path.read_bytes().endswith(b"\n"):
         if path.name == TACTILE:
-            return f"holdfast check {shlex.quote(str(path.parent))} --repair"
+            return command("check", path.parent, "--repair")
         return "remove the last line, which was cut off"
     return otherwise
 

@@ -27,7 +27,13 @@ from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
 from holdfast.edge_runtime.preparation import Preparation, Tare
 from holdfast.edge_runtime.wearer import Command
-from holdfast.live.hand_files import ZeroWatch, force_of, resting_of, shear_gain_of
+from holdfast.live.hand_files import (
+    AnswerWatch,
+    ZeroWatch,
+    force_of,
+    resting_of,
+    shear_gain_of,
+)
 from holdfast.live.loop import Emit, Summary, report_summary, run_live
 from holdfast.live.outputs import (
     KINDS,
@@ -45,6 +51,7 @@ from holdfast.live.outputs import (
 from holdfast.live.running import (
     RunClock,
     ServiceWatchdog,
+    StopRequest,
     first_in_line,
     output_from_the_background,
     stop_signals,
@@ -55,6 +62,7 @@ from holdfast.live.sources import SetReader, is_standard_input, open_live
 if TYPE_CHECKING:
     from holdfast.live.grip import GripOutput
     from holdfast.live.page.run_page import RunPage
+    from holdfast.live.scene import LiveScene
     from holdfast.live.view import View
 
 NO_SHEAR_GAIN = (
@@ -143,7 +151,7 @@ def run(
         if name not in (STDOUT, STDERR) or error.errno not in READER_GONE:
             return OutputError.exit_code
 
-    return 0
+    return live.stopped.exit_code
 
 
 class _Run:
@@ -163,6 +171,8 @@ class _Run:
         self._view: View | None = None
         self._page: RunPage | None = None
         self._grip: GripOutput | None = None
+        self._answers = AnswerWatch(model.card, self.report)
+        self.stopped = StopRequest()
         # read over true; None where never measured
         self._shear_gain: float | None = 1.0
 
@@ -183,7 +193,7 @@ class _Run:
         options = self._options
         with ExitStack() as stack:
             # first, so that Ctrl-C while outputs are opened ends the run in order
-            stopped = stack.enter_context(stop_signals())
+            stopped = self.stopped = stack.enter_context(stop_signals())
             self._shear_gain = known_shear_gain(options, self._card)
             outputs = self._open_outputs(stack)
             command = self._open_wearer(stack, outputs)
@@ -208,23 +218,37 @@ class _Run:
                 if self._grip is not None:
                     self._grip.begin(source)
                 resting = self._begin(source, outputs)
+                scene = None if self._grip is None else self._grip.scene
                 summary = answer(
                     source,
                     self._model,
                     self._clock,
                     # the hand and the wearer come first: their lines must not wait for the others
                     emit_to([*moving, *outputs]),
-                    until(stopped, self._clock, seconds),
+                    until(stopped, self._clock, seconds, scene),
                     resting=resting,
                     command=command,
                 )
-                if summary.source_ended:
-                    self.report(f"the source has ended; samples: {summary.samples}")
+                self._report_end(summary, scene)
 
         # exact only now: while sinks are open, waiting lines count as dropped
         summary.dropped = self.lines.dropped
         summary.lost_sinks = self.lines.lost()
         return summary
+
+    def _report_end(self, summary: Summary, scene: LiveScene | None) -> None:
+        """Why the loop has ended, for the terminal and the page."""
+        why = "it was stopped" if self.stopped() else "its time is over"
+        if summary.source_ended or (scene is not None and scene.ended):
+            why = (
+                "the source has ended"
+                if summary.source_ended
+                else "the scene has ended"
+            )
+            self.report(f"{why}; samples: {summary.samples}")
+        if self._page:
+            self._page.why_ended = why
+        summary.silent = self._answers.silent()
 
     def _begin(self, source: Source, outputs: list[Output]) -> FloatArray | None:
         """Report what the run begins with; returns the measured bias, if there is one."""
@@ -236,6 +260,7 @@ class _Run:
         bare = resting is None and zero_of(source) is None
         if bare and self._card.preparation.bias_rows:
             outputs.append(ZeroWatch(self._card, self.report))
+        outputs.append(self._answers)
         return resting
 
     def _open_outputs(self, stack: ExitStack) -> list[Output]:

@@ -24,6 +24,7 @@ from holdfast.core.errors import (
     RateError,
     UnitError,
     UsageError,
+    command,
 )
 from holdfast.core.trial_layout import (
     HAND_FILE,
@@ -87,7 +88,7 @@ def load(
     root = find(name_or_path)
     layout = layout_of(root)
     if layout is None:
-        next_step = f"holdfast check {root}"
+        next_step = command("check", root)
         if has_logs(root):
             next_step = f"logs of another program: {import_command(root)}"
         raise DataNotFound(
