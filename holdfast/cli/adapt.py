@@ -1,11 +1,11 @@
-"""`holdfast adapt MODEL --data FOLDER --person p01 --out FILE`: a model file for one person.
+"""`holdfast adapt MODEL --data FOLDER --person p01 --slips FOLDER --out FILE`: for one person.
 
     holdfast record --source URL --out trials --person p01 --protocol simulation/cards/adapt.toml
-    holdfast adapt models/holdfast-150hz.onnx --data trials --person p01 --out p01.onnx
-    holdfast adapt p01.onnx --undo --out base.onnx
+    holdfast simulate thesis --trials 300 --seed 1 --out slips
+    holdfast adapt models/holdfast-150hz.onnx --data trials --person p01 --slips slips --out p.onnx
+    holdfast adapt p.onnx --undo --out base.onnx
 
-An adapted file is adapted again from the base in it, so adaptations never add up. docs/adapt.md
-says what is fitted, and on what.
+docs/adapt.md says what is fitted, and on what.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from holdfast.core.errors import OutputError, UsageError, command
 from holdfast.core.writing import require_writable
 
 if TYPE_CHECKING:
-    from holdfast.sessions.adapt_point import HeldOutFigures
+    from holdfast.sessions.adapt import HeldOutFigures
 
 STAGES = 7
 
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option(
         "--slips",
         metavar="SET|FOLDER",
-        help="recordings with slips, of any person (default: simulated trials)",
+        help="recordings with slips, of any person, such as simulated ones",
     )
     option(
         "--out",
@@ -76,11 +76,10 @@ def run(args: argparse.Namespace) -> int:
 def _require_options(args: argparse.Namespace) -> None:
     """Raise UsageError or OutputError before anything long begins."""
     given = (args.data, args.person, args.slips)
-    is_adapting = bool(args.data and args.person)
-    if any(given) if args.undo else not is_adapting:
+    if any(given) if args.undo else not all(given):
         raise UsageError(
-            "--data and --person are needed, or --undo alone",
-            next_step="holdfast adapt MODEL --data FOLDER --person p01 --out FILE",
+            "--data, --person and --slips are needed, or --undo alone",
+            next_step="holdfast adapt MODEL --data FOLDER --person p01 --slips FOLDER --out FILE",
         )
 
     # Resolved: the same file under another name is found out too.
@@ -141,7 +140,6 @@ def _adapt(args: argparse.Namespace) -> int:
         "held_out": asdict(reached),
         "base_held_out": asdict(made.base),
         "worse_than_base": reached.worse_than(made.base),
-        "labels_contradicted": made.contradicted,
         "verified": asdict(made.verified),
     }
     show_found(args, words, found)

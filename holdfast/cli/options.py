@@ -72,26 +72,6 @@ def add_calibration_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_page_option(parser: argparse.ArgumentParser) -> None:
-    """--to, of a verb that shows a page and nothing else."""
-    parser.add_argument(
-        "--to",
-        type=_page,
-        metavar="web[:PORT]",
-        help="web[:[HOST:]PORT]: show it on a page in the browser (docs/live-page.md)",
-    )
-
-
-def _page(word: str) -> str:
-    """[HOST:]PORT of web[:[HOST:]PORT]."""
-    from holdfast.live.outputs import output_url
-
-    output = output_url(word)
-    if output.kind != "web":
-        raise argparse.ArgumentTypeError(f"{word!r} is not web or web:PORT")
-    return output.place
-
-
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
     """The options that `record` and `study` share."""
     option = parser.add_argument
@@ -133,16 +113,6 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
     )
     option(
         "--exposure-ms", type=positive, metavar="MS", help="oak: exposure (default 2)"
-    )
-
-
-def add_apart_option(parser: argparse.ArgumentParser) -> None:
-    """--apart-mm."""
-    parser.add_argument(
-        "--apart-mm",
-        type=positive,
-        metavar="MM",
-        help="distance between the tags' centres at the start, as a check",
     )
 
 

@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING
 from holdfast.cli.command import add_json_option, path_argument, seed, show_found
 from holdfast.cli.options import (
     add_calibration_option,
-    add_page_option,
     add_recording_options,
     add_source_option,
 )
@@ -79,7 +78,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="begin every trial without waiting for a key",
     )
     add_recording_options(parser)
-    add_page_option(parser)
     add_json_option(parser)
 
 
@@ -88,14 +86,14 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.core.lines import stream_sink
     from holdfast.live.running import RunClock, stop_signals
     from holdfast.live.sources import is_standard_input
-    from holdfast.sessions.recorder.display import StatusLine, columns_of, record_page
+    from holdfast.sessions.recorder.display import StatusLine, columns_of
     from holdfast.sessions.recorder.keys import Keys, listening
     from holdfast.sessions.recorder.recording import record
-    from holdfast.sessions.recorder.session import Display, RunContext
+    from holdfast.sessions.recorder.session import RunContext
 
     options = options_of(args)
     # A sink: a terminal that stops reading must not stop the recording.
-    display: Display = StatusLine(
+    display = StatusLine(
         stream_sink(sys.stderr), lambda: columns_of(sys.stderr), args.seconds
     )
     with ExitStack() as stack:
@@ -104,10 +102,6 @@ def run(args: argparse.Namespace) -> int:
         # Samples are no keys.
         if not any(map(is_standard_input, (args.source, args.wearer or ""))):
             keys = stack.enter_context(listening(sys.stdin.fileno()))
-        # The page is one more display and one more source of keys.
-        if args.to:
-            page = record_page(args.to, options, keys, display)
-            display = stack.enter_context(page)
         kept = record(options, RunContext(RunClock(), keys, display, stopped))
 
     next_step = f"next: {command('evaluate', 'MODEL', '--data', args.out)}"

@@ -52,9 +52,8 @@ def _surveyed(url: str) -> ScannedBus:
     bus = open_bus(url, clock)
     try:
         # The addresses of the fingers in the URL's layout.
-        named: set[int] = set()
-        for finger in read_layout(source_url(url).options.layout):
-            named.update((finger.address, finger.read_at))
-        return survey(url, bus, frozenset(named), lambda s: clock.spend(round(1e9 * s)))
+        layout = read_layout(source_url(url).options.layout)
+        named = frozenset(finger.address for finger in layout)
+        return survey(url, bus, named, lambda s: clock.spend(round(1e9 * s)))
     finally:
         bus.close()

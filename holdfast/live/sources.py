@@ -13,10 +13,9 @@
     replay://PATH, PATH                       a recorded trial, at its own pace
     replay://SET#N, SET#N                     trial N (or its name) of a data set
 
-A hand also has layout=mux (drivers/layout.py), averages=32 and together=1 (a trigger makes all
-fingers convert at one moment). Lines also have map=FILE (a column map), unit=N (without a map),
-rate_hz=150 (else measured). What comes over a network is piped:
-nc -l 9000 | holdfast run --source -
+A hand also has layout=mux (drivers/layout.py), averages=32. Lines also have map=FILE
+(a column map), unit=N (without a map), rate_hz=150 (else measured). What comes over a network is
+piped: nc -l 9000 | holdfast run --source -
 """
 
 from __future__ import annotations
@@ -75,7 +74,6 @@ class HandOptions(NoOptions, frozen=True):
     layout: str = "mux"
     # the chip averages 2^0 to 2^5 conversions, and its register has no other values
     averages: Literal[1, 2, 4, 8, 16, 32] = 32
-    together: bool = False
     bus_hz: Count = 400_000
     number: Count = 0
 
@@ -308,7 +306,7 @@ def _started(
         read_layout(options.layout),
         now_ns=opening.clock.now_ns,
         say=opening.report,
-        setup=Setup(options.averages, together=options.together),
+        setup=Setup(options.averages),
         pause=lambda seconds: opening.clock.spend(round(1e9 * seconds)),
     )
     hand.start()
@@ -412,7 +410,6 @@ def open_feed(source: SourceUrl, option: str) -> Feed:
 
     Raises UsageError, DeviceError.
     """
-    from holdfast.core.hand_lines import line_url
     from holdfast.drivers.line_feeds import DatagramFeed, serial_feed, stdin_feed
 
     if source.scheme == "stdin":
@@ -423,7 +420,7 @@ def open_feed(source: SourceUrl, option: str) -> Feed:
             next_step=f"{source.scheme}:///PATH, with three slashes",
         )
     if source.scheme == "unix":
-        return DatagramFeed(line_url(f"unix://{source.name}"))
+        return DatagramFeed(source.name)
     return serial_feed(source.name, source.options.baud)
 
 

@@ -164,7 +164,7 @@ def _locked_on(seed: int) -> str | None:
     sets = locked_sets()
     for locked in sets.seeds:
         if locked.first <= seed <= locked.last:
-            return sets.locked_on
+            return str(sets.locked_on)
     return None
 
 

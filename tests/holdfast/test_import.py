@@ -357,7 +357,7 @@ def by_map(
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ('unit = "ms"\n', "", "looks like milliseconds (100 Hz for 5.0 s)"),
+        ('unit = "ms"\n', "", "looks like milliseconds (100 Hz)"),
         ('z = "s2_z"', 'z = "s2_zz"', "no column s2_zz (line 14)"),
         ("a_{action}", "b_{action}", "lab.toml, line 28: path"),
         (

@@ -14,7 +14,6 @@ from page_bench import Served, sample, served
 
 from holdfast.core.hand_card import read_hand_card, shipped_hands
 from holdfast.live.page.run_page import drawn_hand
-from holdfast.sessions.recorder.display import ACTIONS
 
 pytestmark = needs_chromium
 STATE, DETAIL = (
@@ -165,28 +164,6 @@ def test_redo_and_pause_are_buttons(tab):
         assert "0.67 N" in text_of(tab, "sensors")
         tab.wait_until(PRESS.format("Resume"))
         assert "9.00 N" in text_of(tab, "sensors")
-
-
-def test_while_recording_only_what_can_be_done_can_be_pressed(tab):
-    enabled = "[...document.querySelectorAll('#buttons button:enabled')].map((b) => b.textContent)"
-    with served(answers=False, actions=ACTIONS, unit="") as page:
-        opened(tab, page, 390)
-        page.frame({"ready": {"task": "cup, pull", "left": 2}})
-        tab.wait_until(f"{STATE} === 'ready'")
-        assert tab.value(enabled) == ["Start", "Redo", "Stop recording", "Pause"]
-        assert "cup, pull (2 left)" in tab.value(f"{DETAIL}.textContent")
-        trial = sample(0, task="cup, pull", trial_s=0.5)
-        del trial["sample"]["answer"], trial["sample"]["grip"]
-        page.frame({"about": {"unit": "N"}}, trial)
-        tab.wait_until(f"{STATE} === 'recording'")
-        assert "Keep" in tab.value(enabled)
-        assert "Start" not in tab.value(enabled)
-        tab.wait_until(PRESS.format("Keep"))
-        tab.wait_until(
-            "document.getElementById('note').textContent === 'Keep: passed on'"
-        )
-        assert page.acted == [b"k"]
-        assert tab.problems == []
 
 
 def test_what_a_message_says_is_text_and_never_markup(tab, tmp_path: Path):

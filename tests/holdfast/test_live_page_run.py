@@ -17,17 +17,6 @@ import pytest
 from hazard_marks import PAGE_DELAYS, STALE_PAGE
 from live_bench import ROOT, RUN, Steady
 from page_bench import ABOUT, next_event
-from recorder_bench import (
-    PULL,
-    REST,
-    Hand,
-    cup_pull,
-    meta_of,
-    said,
-    session,
-    start,
-    wait_for,
-)
 
 from holdfast.core.contract import Sample
 from holdfast.core.errors import OutputError
@@ -40,7 +29,6 @@ from holdfast.live.page.link import PageLink, open_page
 from holdfast.live.page.process import follow
 from holdfast.live.page.run_page import RunPage
 from holdfast.live.page.stream import LiveStream
-from holdfast.sessions.recorder.keys import Keys
 
 VALID = np.ones(6, dtype=np.bool_)
 READING = SourceReading(0, np.zeros(18), VALID, ("",) * 6)
@@ -243,52 +231,3 @@ def test_a_port_that_is_taken_is_an_error_before_a_source_is_opened():
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert line.startswith(f"error: UsageError: web:{port}: address already in use")
-
-
-# -- recording
-
-
-def test_keys_of_the_page_count_beside_those_of_the_terminal_and_after_its_end(
-    tmp_path,
-):
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    keys = Keys(None)
-    assert keys.closed
-    keys.listen_to(ours.fileno())
-    press = theirs.send
-    hand = Hand(120, says={60: lambda: press(b"l"), 110: lambda: press(b"k")})
-    press(b" ")
-    kept, messages = session(tmp_path, hand, [PULL], keys, at_once=False)
-    assert kept == 1
-    assert said(messages, "load onset at 0.600 s")
-    assert not keys.ended()
-    theirs.close()
-    assert keys.ended()
-    ours.close()
-
-
-def test_a_trial_is_started_marked_and_kept_from_the_page_alone(tmp_path):
-    words = cup_pull(tmp_path / "out")
-    assert words[1] == REST
-    with start(*words, "--to", "web:0", "--trials", "1") as run:
-        page = page_in(wait_for(run, "live page"))
-        events = HTTPConnection("127.0.0.1", page[0], timeout=300)
-        events.request("GET", page[1] + "/events")
-        answer = events.getresponse()
-        while (ready := next_event(answer)[1].get("ready")) is None:
-            pass
-        ask(page, "/do/start", "POST")
-        while not (
-            (sample := next_event(answer)[1]["sample"]) and sample["trial_s"] > 0.3
-        ):
-            pass
-        ask(page, "/do/load", "POST")
-        ask(page, "/do/keep", "POST")
-        _, err = run.communicate(timeout=300)
-        events.close()
-    assert run.returncode == 0, err
-    assert ready == {"task": "cup, pull", "left": 1}
-    assert sample["task"] == "cup, pull"
-    folder = tmp_path / "out/p01/cup/pull/trial_1"
-    assert meta_of(folder)["state"] == "kept"
-    assert '"mark": "load_onset"' in (folder / "events.jsonl").read_text()

@@ -13,9 +13,16 @@ from typing import Any
 from holdfast.live.page.run_page import drawn_hand
 from holdfast.live.page.server import PageServer
 from holdfast.live.page.stream import LiveStream
-from holdfast.sessions.recorder.display import ACTIONS
 
 TOKEN = "a-token-of-the-test"
+ACTIONS = [
+    {"do": "start", "label": "Start", "key": " ", "when": "ready"},
+    {"do": "load", "label": "Load onset", "key": "l", "when": "trial"},
+    {"do": "released", "label": "Released", "key": "e", "when": "trial"},
+    {"do": "keep", "label": "Keep", "key": "k", "when": "trial"},
+    {"do": "redo", "label": "Redo", "key": "r", "when": "always"},
+    {"do": "stop", "label": "Stop recording", "key": "q", "when": "always"},
+]
 ABOUT = {
     "verb": "run",
     "unit": "N",
