@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option(
         "--force",
         action="store_true",
-        help="replace FILE if it exists, and write it although it is worse than its base",
+        help="replace FILE if it exists, and write it although it is no better than its base",
     )
     add_json_option(parser)
 
@@ -139,7 +139,7 @@ def _adapt(args: argparse.Namespace) -> int:
         "rules": rules.to_json(),
         "held_out": asdict(reached),
         "base_held_out": asdict(made.base),
-        "worse_than_base": reached.worse_than(made.base),
+        "worse_than_base": reached.no_better_than(made.base),
         "verified": asdict(made.verified),
     }
     show_found(args, words, found)
