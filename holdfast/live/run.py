@@ -325,7 +325,7 @@ class _Run:
             if shown is not None:
                 shown.intent = wearer
         if self._samples is not None:
-            log = IntentLog(self._samples.path, wearer, clock.now_ns, self._samples)
+            log = IntentLog(wearer, clock.now_ns, self._samples)
             self.lines.add(log.sink)
             # after the file of samples, whose first sample sets the time axis of both
             outputs.insert(outputs.index(self._samples) + 1, log)

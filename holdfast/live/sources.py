@@ -2,7 +2,7 @@
 
     usb://ft232h?number=0                     a bridge on USB
     i2c://1                                   the board's own bus, /dev/i2c-1
-    virtual://ft232h?scene=pull-soft-ball     the same driver on an emulated bridge; also seed,
+    virtual://ft232h?scene=falling-bottle     the same driver on an emulated bridge; also seed,
               &fault=nack:3@1.5%2B0.2         trial, and faults (drivers/virtual/virtual_hand.py)
     lsl://NAME?unit=N                         a stream of the lab streaming layer (extra `lsl`)
     -, stdin://                               lines of any program: JSON objects, or CSV below a

@@ -20,7 +20,7 @@ from live_bench import ROOT, RUN, closing_output, run_on
 from msgspec.structs import replace as changed
 from packages import package_of
 
-from holdfast.core.contract import channel_names
+from holdfast.core.contract import GripCommand, channel_names
 from holdfast.core.errors import ChannelError, UsageError
 from holdfast.drivers.calibration import (
     Calibration,
@@ -31,8 +31,13 @@ from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime import grip_control
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.model import Model
-from holdfast.edge_runtime.supervisor import GripCommand
-from holdfast.live.grip import GripOutput, controller_for, grip_to_link, grip_to_scene
+from holdfast.live.grip import (
+    WHO_LETS_GO,
+    GripOutput,
+    controller_for,
+    grip_to_link,
+    grip_to_scene,
+)
 from holdfast.live.hand_files import shear_gain_of
 from holdfast.live.outputs import emit_to
 from holdfast.live.run import (
@@ -172,19 +177,19 @@ count = 5
 
 
 @pytest.mark.parametrize(("controller", "kept"), [("holdfast", True), ("none", False)])
-def test_an_object_that_would_fall_stays_in_the_hand_by_the_commands(
-    model, tmp_path, controller, kept
+def test_what_is_seen_first_is_a_fall_that_the_commands_prevent(
+    model, controller, kept
 ):
-    (tmp_path / "fall.toml").write_text(FALL, encoding="utf-8")
-    url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed=1"
+    url = "virtual://ft232h"
     messages: list[str] = []
     clock = VirtualClock()
     control = controller_for(controller, model.card, print)
     grip = grip_to_scene(
         "virtual?lag_ms=50", url, control, None, clock, messages.append
     )
-    run_on(grip, model, url, 5.0, clock)
+    run_on(grip, model, url, 4.0, clock)
     grip.close()
+    assert messages[0] == WHO_LETS_GO
     assert grip.scene is not None
     outcome = grip.scene.outcome()
     assert outcome.kept == kept
@@ -312,11 +317,11 @@ WRONG_OPTIONS = {
     "--to file.txt": "FILE.jsonl",
     "--to udp://9000": "HOST:PORT",
     "--wearer - --source -": "cannot be both",
-    "--grip virtual": "has no scene",
+    "--grip virtual --source sim://apple": "has no scene",
     "--grip virtual?colour=red": "allowed: lag_ms",
     "--grip virtual?lag_ms=-1": "from 0",
     "--grip virtual?ceiling_n=0": "above 0",
-    "--wearer 9003": "is no stream",
+    "--wearer 9003": "is not an address",
     "--grip udp://127.0.0.1:9000": "nothing that moves a hand crosses a network",
 }
 """What is typed, and what the error names."""
