@@ -37,7 +37,6 @@ from holdfast.core.errors import (
     count_of,
     listed,
 )
-from holdfast.core.source import block_means
 from holdfast.core.trial_layout import TACTILE
 
 TIME_COLUMN = "Time"
@@ -66,6 +65,24 @@ UNITS_OF_TIME_S = {
 """What a time that should be in seconds may be in."""
 MOST_ROWS = 2_000_000
 """A gap that makes more of them is no loss of samples."""
+
+
+def block_means(
+    values: FloatArray, valid: BoolArray, n: int
+) -> tuple[FloatArray, BoolArray]:
+    """values [T, C] and valid [T, S] of every n samples as one; what is left over is dropped.
+
+    A mean of whole blocks, so that little folds back. A sensor is valid where more than half of its
+    samples are, and its mean is of these.
+    """
+    blocks = len(values) // n
+    by_sensor = values[: blocks * n].reshape(blocks, n, -1, 3)
+    usable = np.isfinite(by_sensor).all(axis=3)
+    usable &= valid[: blocks * n].reshape(blocks, n, -1)
+    count = usable.sum(axis=1)
+    total = np.where(usable[..., None], by_sensor, 0.0).sum(axis=1)
+    means = total / np.maximum(count, 1)[..., None]
+    return means.reshape(blocks, -1), 2 * count > n
 
 
 @dataclass(frozen=True)

@@ -23,14 +23,8 @@ from holdfast.core.contract import (
 )
 from holdfast.core.errors import DataNotFound, UnitError
 from holdfast.core.schema import read
-from holdfast.core.source import (
-    AveragedSource,
-    SelfPaced,
-    Source,
-    SourceReading,
-    block_means,
-)
-from holdfast.core.trial_file import Zero, read_trial
+from holdfast.core.source import SelfPaced, Source, SourceReading
+from holdfast.core.trial_file import Zero, block_means, read_trial
 from holdfast.core.trial_layout import TACTILE
 from holdfast.edge_runtime.preparation import Preparation
 
@@ -161,6 +155,36 @@ class PacedReplay:
 
     def close(self) -> None:
         """Nothing is open."""
+
+
+class AveragedSource(SelfPaced):
+    """Every n samples of a source that paces itself, as one at the time of the last."""
+
+    def __init__(self, source: Source, n: int) -> None:
+        self._source = source
+        self._n = n
+        self.unit = source.unit
+        self.n_channels = source.n_channels
+        rate_hz = source.rate_hz
+        self.rate_hz: float | None = None if rate_hz is None else rate_hz / n
+
+    def read(self) -> SourceReading | None:
+        """The mean of the next samples; None where the source has ended."""
+        readings = []
+        for _ in range(self._n):
+            reading = self._source.read()
+            if reading is None:
+                return None
+            readings.append(reading)
+        values = np.stack([one.values for one in readings])
+        valid = np.stack([one.valid for one in readings])
+        mean, usable = block_means(values, valid, self._n)
+        why = next((one.why for one in readings if not one.valid.all()), ())
+        return SourceReading(readings[-1].t_ns, mean[0], usable[0], why)
+
+    def close(self) -> None:
+        """Close the source."""
+        self._source.close()
 
 
 def at_rate(source: Source, rate_hz: float, report: Callable[[str], object]) -> Source:

@@ -41,8 +41,13 @@ from holdfast.training.datasets import (
     thesis,
     with_hand,
 )
-from holdfast.training.datasets.trials import FOLDERS, TrialReader, read_all
-from holdfast.training.doubts import Missing, doubts_of
+from holdfast.training.datasets.trials import (
+    FOLDERS,
+    Missing,
+    TrialReader,
+    doubts_of,
+    read_all,
+)
 from holdfast.training.judging import strictest_hold_out
 from holdfast.training.plan import TrainingPlan
 from holdfast.training.progress import Part, ignored

@@ -40,7 +40,7 @@ from holdfast.training.crossval import (
     with_even_classes,
 )
 from holdfast.training.datasets import find, join, load
-from holdfast.training.doubts import DoubtfulData
+from holdfast.training.datasets.trials import DoubtfulData
 from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.figures import PLURAL, HeadFigures
 from holdfast.training.fixture import KIND, write_fixture

@@ -271,27 +271,6 @@ def test_rows_are_times_to_the_end_of_a_long_trial_though_its_stamps_are_rounded
 
 
 @pytest.mark.parametrize(
-    ("rate_hz", "lasts_s", "looks"),
-    [
-        (100.0, 3600.0, ""),
-        (5.0, 0.0, ""),
-        (0.1, 5000.0, "looks like milliseconds (100 Hz)"),
-        (1e-4, 5e6, "looks like microseconds (100 Hz"),
-        (6000.0, 1.0, "looks like minutes (100 Hz)"),
-        (100.0, 3601.0, "no longer than an hour"),
-        (4.0, 10.0, "looks like milliseconds (4000 Hz)"),
-        (1e-9, 0.0, "no time in seconds"),
-    ],
-)
-def test_a_rate_that_no_hand_has_is_said_to_look_like_its_unit(
-    rate_hz: float, lasts_s: float, looks: str
-) -> None:
-    said = implausible_rate(rate_hz, lasts_s)
-    assert looks in said
-    assert bool(said) == bool(looks)
-
-
-@pytest.mark.parametrize(
     ("rate_hz", "lasts_s", "says"),
     [
         (5.0, 3600.0, ""),

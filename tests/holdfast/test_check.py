@@ -19,7 +19,7 @@ from holdfast.core.trial_file import read_trial
 from holdfast.core.trial_layout import intent_path, truth_path
 from holdfast.edge_runtime.wearer import INTENT_HEADER
 from holdfast.training.datasets import load
-from holdfast.training.doubts import DoubtfulData
+from holdfast.training.datasets.trials import DoubtfulData
 
 PULL, FALL = "soft-ball/pull/trial_1.csv", "hard-ball/fall/trial_1.csv"
 

@@ -14,9 +14,10 @@ from live_bench import DEFAULT
 
 from holdfast.core.contract import GRASP
 from holdfast.core.errors import EmptyRecording
-from holdfast.core.source import AveragedSource, SelfPaced, SourceReading, block_means
-from holdfast.core.trial_file import read_trial
+from holdfast.core.source import SelfPaced, SourceReading
+from holdfast.core.trial_file import block_means
 from holdfast.core.trial_layout import truth_path
+from holdfast.drivers.replay import AveragedSource
 from holdfast.evaluation.alarms import event_scores, match_alarms
 from holdfast.training.datasets import load
 from holdfast.training.fixture import write_fixture
@@ -195,16 +196,6 @@ def test_a_live_source_is_averaged_as_a_recording_is() -> None:
     assert np.array_equal(np.stack([one.values for one in live]), means)
     assert np.array_equal(np.stack([one.valid for one in live]), valid)
     assert means[:, 0].tolist() == [1.0, 4.5, 7.0, 9.5]
-
-
-def test_a_sensor_of_a_mean_is_valid_where_most_of_its_samples_are(
-    made: Path,
-) -> None:
-    trial = read_trial(made / PULL)
-    trial.valid[[0, 3, 4]] = False
-    once = trial.averaged(3)
-    assert once.valid[:3, 0].tolist() == [True, False, True]
-    np.testing.assert_allclose(once.raw[0], trial.raw[1:3].mean(axis=0))
 
 
 def test_a_pull_that_ends_before_the_script_acts_is_labelled_by_its_folder(

@@ -114,7 +114,11 @@ def test_labels_stay_at_their_time_where_rows_were_lost(
 @pytest.mark.parametrize(
     ("spoil", "error", "says"),
     [
-        (lambda frame: frame.drop(columns="Time"), ColumnError, "columns missing: Time"),
+        (
+            lambda frame: frame.drop(columns="Time"),
+            ColumnError,
+            "columns missing: Time",
+        ),
         (lambda frame: frame.assign(X1="far"), NotANumber, PULL),
         (lambda frame: frame.assign(label="hovering"), LabelError, "'hovering'"),
     ],

@@ -60,8 +60,6 @@ from holdfast.training.datasets.trials import (
     places,
     read_all,
     refuse,
-)
-from holdfast.training.doubts import (
     require_history,
     require_possible,
     require_whole,
