@@ -27,7 +27,6 @@ from holdfast.drivers.lsl import LslSource
 from holdfast.drivers.sample_lines import SampleReader
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.model import Model
-from holdfast.edge_runtime.preparation import Preparation, Tare
 from holdfast.live.outputs import SampleFile, emit_to
 from holdfast.live.run import answer
 from holdfast.live.sources import open_live, open_source
@@ -188,22 +187,3 @@ def test_a_run_of_a_run_removes_no_second_zero(
     source = open_live(f"replay://{path}", clock=clock, report=print)
     answer(source, model, clock, lambda one, *_: again.append(one), lambda: False)
     assert [one.state for one in again] == [one.state for one in ran]
-
-
-INVALID_FIRST = np.vstack([np.full((3, 6), -150.0), np.full((9, 6), 2.0)])
-
-
-@pytest.mark.parametrize("statistic", ["mean", "median"])
-def test_sign_and_zero_are_learnt_from_valid_rows_alone(statistic: Any) -> None:
-    preparation = Preparation(5, statistic, True, 0.3, "sensor")
-    valid = np.ones((12, 2), dtype=np.bool_)
-    valid[:3] = False
-    prepared = preparation.apply(INVALID_FIRST, valid)
-    assert not prepared[3:].any()
-    tare = Tare(preparation, 6)
-    rows = [tare.prepare(*row) for row in zip(INVALID_FIRST, valid, strict=True)]
-    for values, flags in rows[7:]:
-        assert flags.all()
-        assert not values.any()
-    # a sensor that is never read has no sign and no zero
-    assert preparation.learn(INVALID_FIRST, ~valid & valid)[1].tolist() == [0.0] * 6
