@@ -265,7 +265,7 @@ def _sides_unknown(
     if hand_or_usual(hand, n_sensors) is None:
         what = f"{count_of(n_sensors, 'sensor')} and no hand card: pooled features take each to be "
         what += "on the side of the fingers"
-        step = "write which are on the thumb's side (docs/train.md, hand card)"
+        step = "write which are on the thumb's side (docs/scenes.md, hands)"
         yield Missing("doubt", str(root / HAND_FILE), what, step)
 
 
