@@ -6,15 +6,16 @@ This module alone imports rosbags.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import fields as fields_of
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from holdfast.core.contract import Json
-from holdfast.core.errors import ColumnError, NotANumber, needs_extra
-from holdfast.core.schema import json_of
-from holdfast.interop.logs.log import ForeignLog, Stream, columns_of
+from holdfast.core.errors import NotANumber, needs_extra
+from holdfast.interop.streams import ForeignLog, streams_of
 
 with needs_extra("ros2"):
     from rosbags.highlevel import AnyReader
@@ -28,7 +29,6 @@ UNIT_OF_MESSAGE = {
     "sensor_msgs/msg/MagneticField": "T",
 }
 """What the standard messages of a finger are in (REP 103)."""
-ABOUT = "/holdfast/about"
 MOST_LIST = 256
 """Numbers of a list that become columns; an image or a point cloud has more, and is left out."""
 
@@ -55,9 +55,8 @@ def read_log(folder: Path, name: str) -> ForeignLog:
             next_step="ros2 bag reindex, or ros2 bag convert to MCAP with its types",
         ) from None
 
-    about = _about(messages.pop(ABOUT, []))
-    about |= unit_of_messages(kinds.values())
-    return ForeignLog(folder, name, streams_of(messages, stamps, folder), about)
+    about = unit_of_messages(kinds.values())
+    return ForeignLog(folder, name, streams_of(messages, stamps), about)
 
 
 def unit_of_messages(kinds: Iterable[str]) -> Json:
@@ -66,25 +65,10 @@ def unit_of_messages(kinds: Iterable[str]) -> Json:
     return {"unit": units.pop()} if len(units) == 1 else {}
 
 
-def streams_of(
-    messages: dict[str, list[Any]], stamps: dict[str, list[int]], path: Path
-) -> tuple[Stream, ...]:
-    """A stream for each topic whose messages are small enough to be columns."""
-    streams = []
-    for topic, rows in messages.items():
-        try:
-            columns = columns_of(rows, topic)
-        except ColumnError:
-            continue  # an image, or the like
-        if columns:
-            streams.append(Stream(columns, np.array(stamps[topic], dtype=np.int64)))
-    return tuple(streams)
-
-
 def plain_message(message: Any) -> Any:
     """A message as dictionaries, lists, numbers and texts; a time as ns."""
-    if hasattr(message, "__msgtype__") or hasattr(message, "__dataclass_fields__"):
-        fields = [key for key in message.__dataclass_fields__ if key != "__msgtype__"]
+    if is_dataclass(message):
+        fields = [one.name for one in fields_of(message) if one.name != "__msgtype__"]
         value = {key: plain_message(getattr(message, key)) for key in fields}
         if value.keys() == {"sec", "nanosec"}:
             return value["sec"] * NS + value["nanosec"]
@@ -115,12 +99,3 @@ def cdr_reader(name: str, definition: str) -> Callable[[bytes], Any]:
             next_step="record the bag with the definitions of its types",
         ) from None
     return lambda data: plain_message(store.deserialize_cdr(data, kind))
-
-
-def _about(messages: list[Any]) -> Json:
-    """What `holdfast convert` says of the trial, as it wrote it."""
-    try:
-        about = json_of(messages[0]["data"]) if messages else {}
-    except (KeyError, TypeError, ValueError):
-        return {}
-    return about if isinstance(about, dict) else {}

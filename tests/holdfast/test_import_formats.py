@@ -16,7 +16,7 @@ from xdf_file import markers, samples, stream_header, xdf_bytes
 
 from holdfast.core.trial_file import read_trial
 from holdfast.interop.mcap_file import Writer as McapWriter
-from holdfast.interop.tables import pa, pq
+from holdfast.interop.parquet import pa, pq
 from holdfast.training.datasets import load
 
 ONLY = "p0?/soft-ball/*"
