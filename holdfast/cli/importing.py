@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
             if not reading.faults:
                 reading.finish(found.plans[0][0], beside)
             lines = [*found.lines, *reading.tally.lines()]
-            _require_wanted(args, reading, lines)
+            _require_wanted(args, found, reading, lines)
     except _NotTaken as reason:
         return reason.code
     return _finish(args, reading, lines)
@@ -155,7 +155,10 @@ def _write_map(args: argparse.Namespace, found: Understood) -> list[str]:
 
 
 def _require_wanted(
-    args: argparse.Namespace, reading: TrialImport, lines: list[str]
+    args: argparse.Namespace,
+    found: Understood,
+    reading: TrialImport,
+    lines: list[str],
 ) -> None:
     """Show what was found. Raises _NotTaken where it has faults, or is not wanted."""
     if reading.faults:
@@ -171,7 +174,8 @@ def _require_wanted(
             return
         raise _NotTaken(UsageError.exit_code)
     next_step = f"{_command(args)} --yes"
-    text = "\n".join([*lines, "", f"nothing is written yet; next: {next_step}"])
+    last = [*_write_map(args, found), f"no trial is written yet; next: {next_step}"]
+    text = "\n".join([*lines, "", *last])
     show_found(args, text, {"out": None, "understood": lines, "next": next_step})
     raise _NotTaken(UsageError.exit_code)
 

@@ -282,13 +282,15 @@ def _leading(change: FloatArray) -> tuple[int, float]:
 class Touch:
     """rest [C]: before the touch. pressed [C]: the usual change while touched, signed.
 
-    onset [C]: its size as the touch begins. rows [T]: where something is touched.
+    onset [C]: its size as the touch begins. rows [T]: where something is touched. returns: whether
+    the readings end near their rest.
     """
 
     rest: FloatArray
     pressed: FloatArray
     onset: FloatArray
     rows: np.ndarray
+    returns: bool = False
 
 
 def touch(values: FloatArray) -> Touch:
@@ -304,7 +306,8 @@ def touch(values: FloatArray) -> Touch:
     begins = int(where[0]) if len(where) else 0
     onset = values[begins + ONSET_ROWS // 4 : begins + ONSET_ROWS]
     pressed = values[where[:: max(1, len(where) // 5000)]]
-    return Touch(rest, _middle(pressed) - rest, np.abs(_middle(onset) - rest), rows)
+    returns = not rows[-FIRST_ROWS:].any()
+    return Touch(rest, _middle(pressed) - rest, np.abs(_middle(onset) - rest), rows, returns)
 
 
 def _middle(values: FloatArray) -> FloatArray:
@@ -335,14 +338,19 @@ def oriented(sensors: Sequence[SensorColumns], found: Touch, unit: str) -> list[
     is_far = np.abs(rest) > NORMAL_FLOOR[ours]
     touched = np.abs(pressed) > TOUCHED * np.abs(pressed).max()
     wrong = touched & (np.where(is_turned_later, -pressed, pressed) < 0.0)
+    # a press raises a field whatever its sign; counts above 0 hide the sign
+    is_hidden = ours == "count" and bool((rest >= 0).all()) and found.returns
+    wrong &= (np.abs(rest) < np.abs(pressed)) | is_hidden
     turned = []
     for k, sensor in enumerate(sensors):
         axes = list(sensor.axes)
         if wrong[k] and not is_turned_later[k]:
             which = (NORMAL_AXIS,) if wrong.all() else range(3)
             axes = [f"-{name}" if n in which else name for n, name in enumerate(axes)]
-        zero = 2.0 * rest[k] / size if wrong[k] and is_far[k] else 0.0
-        turned.append(SensorColumns(*axes, z_zero=float(f"{zero:.4g}")))
+        turned.append(SensorColumns(*axes))
+        if wrong[k] and is_far[k]:
+            zero = float(f"{2.0 * rest[k] / size:.4g}")
+            turned[k] = SensorColumns(*axes, z_zero=zero)
     return turned
 
 

@@ -183,7 +183,7 @@ def _by_content(
     touched = np.concatenate([log.touched for log in logs])
     shares = {value: float(touched[cells == value].mean()) for value in values}
     rows = {value: int(np.count_nonzero(touched & (cells == value))) for value in values}
-    first = Counter(held(log.cells)[0] for log in logs).most_common(1)[0][0]
+    first = Counter(next(filter(None, log.cells), "") for log in logs).most_common(1)[0][0]
     grasp = max(rows, key=lambda value: rows[value])
     if first == grasp or shares.get(first, 1.0) > 0.5 or shares[grasp] < 0.5:
         return None
@@ -207,8 +207,7 @@ def _shown(labels: Mapping[str, str]) -> str:
 
 def held(cells: Sequence[str]) -> list[str]:
     """Cells in which an empty one repeats the one before."""
-    last = next((cell for cell in cells if cell), "")
-    kept = []
+    last, kept = "", []
     for cell in cells:
         last = cell or last
         kept.append(last)

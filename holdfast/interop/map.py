@@ -193,7 +193,7 @@ def read_import_map(path: Path) -> ImportMap:
 
 def map_text(plan: ColumnMap) -> str:
     """A map as TOML, with a mark of its content in its first line."""
-    body = "\n".join(_lines(msgspec.to_builtins(plan), "")) + "\n"
+    body = "\n".join(_lines(msgspec.json.decode(msgspec.json.encode(plan)), "")) + "\n"
     digest = sha256(body.encode()).hexdigest()[:16]
     return f"# Written by holdfast import, {digest}: a changed file is not written over.\n{body}"
 
@@ -213,6 +213,8 @@ def _lines(table: Mapping[str, Any], name: str) -> list[str]:
         key = key if re.fullmatch("[A-Za-z0-9_-]+", key) else _text(key)
         whole = f"{name}.{key}" if name else key
         is_list = isinstance(value, list) and value and isinstance(value[0], dict)
+        if value == {}:
+            continue
         if isinstance(value, dict):
             within += ["", f"[{whole}]", *_lines(value, whole)]
         elif is_list:

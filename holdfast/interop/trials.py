@@ -518,7 +518,9 @@ def _events_of(
     """The events of a trial, ns on the clock of its rows."""
     if rules.column in rows.cells:
         cells = rows.cells[rules.column].tolist()
-        return events_of_cells(held(cells) if rules.hold else cells, rows.stamps)
+        if rules.hold:
+            cells = held([cell if cell in rules.labels else "" for cell in cells])
+        return events_of_cells(cells, rows.stamps)
     if rules.column:
         return _events_of_stream(log, rows, plan, rules)
     keys = {place.name, place.path.name, place.path.stem, Path(place.name).name, *_numbers(place)}

@@ -302,6 +302,15 @@ def _add_plan(
         found.add("time", first.time.why)
     found.add("sensors", f"{len(first.sensors)}, {first.why}: {_ends(first.sensors)}")
     touches = _touches(samples)
+    trials = _trial_rules(samples, answers, fingers)
+    known = {
+        word: SITUATION_OF_ACTION.get(action_of(action) or "", "")
+        for word, action in answers.actions.items()
+    }
+    events = _events(found, source, samples, tables, touches, known, all_places)
+    if _begins_held(samples, events):
+        # what a touch changes is not seen
+        touches = [replace(one, pressed=0.0 * one.pressed, onset=0.0 * one.onset) for one in touches]
     sensors, axis = _with_normal(first.sensors, touches, answers)
     if axis != NORMAL_AXIS:
         what = f"a touch moves {AXES[axis]} most, the names say z: which axis is the normal one?"
@@ -315,12 +324,6 @@ def _add_plan(
     else:
         what = f"what unit have the readings ({why})? nothing says it"
         found.questions.append(Question("--unit", f"{what}: {', '.join(UNIT_OF)}"))
-    trials = _trial_rules(samples, answers, fingers)
-    known = {
-        word: SITUATION_OF_ACTION.get(action_of(action) or "", "")
-        for word, action in answers.actions.items()
-    }
-    events = _events(found, source, samples, tables, touches, known, all_places)
     path, actions = _path(found, [one.place for one in samples], answers, has_events=bool(events))
     rules, events = _with_action(found, events, answers, path, trials)
     facts = Facts(
@@ -335,6 +338,9 @@ def _add_plan(
     not_used = _not_used(samples, events, trials)
     if not_used:
         found.add("not used", listed(not_used, most=12))
+    for sample in samples if trials.action else ():
+        for word in dict.fromkeys(text_cells(sample.columns[trials.action])):
+            actions[word] = action_of_word(word) or word
     words = {**actions, **answers.actions}
     if first.time is not None and unit:
         plan = ImportMap(
@@ -380,6 +386,15 @@ def _touches(samples: Sequence[_Sample]) -> list[Touch]:
     return [touch(channels(one.columns, one.sensors)) for one in chosen]
 
 
+def _begins_held(samples: Sequence[_Sample], events: FoundLabels | None) -> bool:
+    """Whether labels say that the hand is closed in the first rows."""
+    if events is None or events.rules.column not in samples[0].columns:
+        return False
+    cells = [text_cells(one.columns[events.rules.column][:1])[0] for one in samples if one.columns]
+    first = Counter(cells).most_common(1)[0][0]
+    return events.rules.labels.get(first, "") not in ("", "nothing")
+
+
 def _with_normal(
     sensors: list[SensorColumns], touches: Sequence[Touch], answers: Answers
 ) -> tuple[list[SensorColumns], int]:
@@ -400,7 +415,8 @@ def _turned_touch(
     order = [first.form.index(name) for sensor in sensors for name in sensor.axes]
     pressed = np.median([one.pressed for one in touches], axis=0)
     rest = np.median([one.rest for one in touches], axis=0)
-    return Touch(rest[order], pressed[order], touches[0].onset[order], touches[0].rows)
+    returns = all(one.returns for one in touches)
+    return replace(touches[0], rest=rest[order], pressed=pressed[order], returns=returns)
 
 
 def _unit(first: _Sample, found: Touch, answers: Answers) -> tuple[str, str]:
@@ -435,7 +451,9 @@ def _trial_rules(
         if getattr(answers, key):
             found.pop(key, None)
     gap_s = 0.0 if "column" in found else max(map(_gap_s, samples[:JUDGED_LOGS]))
-    return TrialRules(fingers=fingers, gap_s=gap_s, **found)
+    if gap_s:
+        return TrialRules(fingers=fingers, gap_s=gap_s, **found)
+    return TrialRules(fingers=fingers, **found)
 
 
 def _gap_s(sample: _Sample) -> float:
