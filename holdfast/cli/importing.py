@@ -49,13 +49,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     named = "column map (docs/your-data.md); without it one is found"
     option("--map", type=path_argument, metavar="MAP.toml", help=named)
     option("--yes", action="store_true", help="take what was understood without asking")
-    action = "what happens in the trials: slip, hold, pull, ..; or WORD=ACTION,WORD=ACTION"
+    action = (
+        "what happens in the trials: slip, hold, pull, ..; or WORD=ACTION,WORD=ACTION"
+    )
     option("--action", default="", metavar="ACTION", help=action)
     person = "who holds, or those names in the paths that are people"
     option("--person", default="", metavar="NAME", help=person)
     option("--object", default="", metavar="NAME", help="what is held, in the same way")
     option("--unit", default="", metavar="UNIT", help="of the readings: N, mN, uT, ..")
-    option("--rate", type=positive, metavar="HZ", help="rows a second, where no column says it")
+    option(
+        "--rate",
+        type=positive,
+        metavar="HZ",
+        help="rows a second, where no column says it",
+    )
     option("--normal", default="", choices=("x", "y", "z"), help="the axis of a press")
     add_json_option(parser)
 
@@ -129,7 +136,8 @@ def _answered(answers: Answers, found: Understood) -> Answers:
     """The answers with that to the first question, typed."""
     question = found.questions[0]
     key = question.option.removeprefix("--")
-    typed: Any = input(f"{question.text} ").strip()
+    show(question.text)
+    typed: Any = input("> ").strip()
     if not hasattr(answers, key) and key != "rate":
         raise UsageError(question.text, next_step="see docs/your-data.md")
     if key == "rate":

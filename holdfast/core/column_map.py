@@ -32,7 +32,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from holdfast.core.contract import AXES, UNIT_OF, FloatArray, IntArray, Unit
+from holdfast.core.contract import UNIT_OF, FloatArray, IntArray, Unit
 from holdfast.core.errors import CardError, ColumnError, NotANumber, listed
 from holdfast.core.hand_card import HandCard, read_hand_card
 from holdfast.core.schema import read

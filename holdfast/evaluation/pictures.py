@@ -169,7 +169,9 @@ def recording(of: Recording, kind: str) -> str:
     forces = np.nan_to_num(of.samples).reshape(len(of.samples), -1, 3)
     t_s = np.arange(len(forces)) * step_s
     with labelled(kind, 7.4, 4.2) as figure:
-        grip, load, labels = figure.subplots(3, 1, sharex=True, height_ratios=(2, 1, 0.3))
+        grip, load, labels = figure.subplots(
+            3, 1, sharex=True, height_ratios=(2, 1, 0.3)
+        )
         for sensor in range(forces.shape[1]):
             normal = forces[:, sensor, NORMAL_AXIS]
             grip.plot(t_s, normal, linewidth=0.9, label=f"sensor {sensor + 1}")

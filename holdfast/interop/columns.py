@@ -46,7 +46,17 @@ NO_SENSOR = {
     "marker", "transform", "action", "state",
 }  # fmt: skip
 """Words of three axes that are no reading of a fingertip."""
-TOUCH_WORDS = {"tactile", "force", "touch", "taxel", "finger", "pressure", "hall", "ft", "sensor"}
+TOUCH_WORDS = {
+    "tactile",
+    "force",
+    "touch",
+    "taxel",
+    "finger",
+    "pressure",
+    "hall",
+    "ft",
+    "sensor",
+}
 AXIS_FORMS = (
     re.compile(r"(?i)(?<![a-z])[fb]?([xyz])(?![a-z])"),
     re.compile(r"(?<=[a-z0-9])([XYZ])(?![a-zA-Z])"),
@@ -136,7 +146,9 @@ def _time_of(name: str, column: Column) -> tuple[tuple[float, ...], FoundTime] |
 
 def unit_of_time(name: str) -> str | None:
     """The unit that a name of time has."""
-    return next((unit for unit, words in UNIT_WORDS.items() if words_of(name) & words), None)
+    return next(
+        (unit for unit, words in UNIT_WORDS.items() if words_of(name) & words), None
+    )
 
 
 def _fits(step: float, unit: str) -> bool:
@@ -159,9 +171,13 @@ def usual_step(values: FloatArray) -> float:
 # -- sensors
 
 
-def find_sensors(columns: Columns, taken: Collection[str]) -> tuple[list[SensorColumns], str]:
+def find_sensors(
+    columns: Columns, taken: Collection[str]
+) -> tuple[list[SensorColumns], str]:
     """(the sensors of a table, why), in the order in which people count; none for another table."""
-    names = [name for name in columns if name not in taken and not is_text(columns[name])]
+    names = [
+        name for name in columns if name not in taken and not is_text(columns[name])
+    ]
     names = [name for name in names if name != LOG_TIME]
     sensors = _by_axes(names) or _by_shear(names)
     if sensors:
@@ -172,7 +188,11 @@ def find_sensors(columns: Columns, taken: Collection[str]) -> tuple[list[SensorC
     values = np.stack([columns[name].astype(np.float64) for name in rest], axis=1)
     order = _order(values)
     found = [SensorColumns(*(rest[k] for k in row)) for row in order.tolist()]
-    by = "three columns each" if (order.ravel() == np.arange(len(rest))).all() else "by the touch"
+    by = (
+        "three columns each"
+        if (order.ravel() == np.arange(len(rest))).all()
+        else "by the touch"
+    )
     return found, f"no axes in the names: x, y, z {by}, {rest[0]} to {rest[-1]}"
 
 
@@ -190,10 +210,13 @@ def _by_axes(names: Sequence[str]) -> list[SensorColumns]:
                 groups.setdefault(key, {}).setdefault(at[1].lower(), name)
         whole = {key: one for key, one in groups.items() if set(one) == set(AXES)}
         # an IMU beside the fingers has axes too
-        groups = {key: one for key, one in whole.items() if not words_of(key) & NO_SENSOR}
+        groups = {
+            key: one for key, one in whole.items() if not words_of(key) & NO_SENSOR
+        }
         if len(groups) > len(best):
             best = [
-                SensorColumns(*(groups[key][axis] for axis in AXES)) for key in _as_counted(groups)
+                SensorColumns(*(groups[key][axis] for axis in AXES))
+                for key in _as_counted(groups)
             ]
     return best
 
@@ -301,13 +324,19 @@ def touch(values: FloatArray) -> Touch:
     load = np.zeros(len(values))
     for channel in range(values.shape[1]):
         load += np.abs(np.nan_to_num(values[:, channel] - rest[channel]))
-    rows = load > TOUCHED * np.quantile(load, 0.95) if load.any() else np.zeros(len(load), bool)
+    rows = (
+        load > TOUCHED * np.quantile(load, 0.95)
+        if load.any()
+        else np.zeros(len(load), bool)
+    )
     where = np.flatnonzero(rows)
     begins = int(where[0]) if len(where) else 0
     onset = values[begins + ONSET_ROWS // 4 : begins + ONSET_ROWS]
     pressed = values[where[:: max(1, len(where) // 5000)]]
     returns = not rows[-FIRST_ROWS:].any()
-    return Touch(rest, _middle(pressed) - rest, np.abs(_middle(onset) - rest), rows, returns)
+    return Touch(
+        rest, _middle(pressed) - rest, np.abs(_middle(onset) - rest), rows, returns
+    )
 
 
 def _middle(values: FloatArray) -> FloatArray:
@@ -325,7 +354,9 @@ def normal_axis(found: Touch) -> int:
     return axis if share >= 0.8 else NORMAL_AXIS
 
 
-def oriented(sensors: Sequence[SensorColumns], found: Touch, unit: str) -> list[SensorColumns]:
+def oriented(
+    sensors: Sequence[SensorColumns], found: Touch, unit: str
+) -> list[SensorColumns]:
     """The sensors with signs and zeros such that a press raises their prepared normal.
 
     Preparation turns a sensor round whose normal rests below 0. Where all must be turned, the log
@@ -359,7 +390,9 @@ def oriented(sensors: Sequence[SensorColumns], found: Touch, unit: str) -> list[
 
 def unit_of_names(names: Sequence[str]) -> str | None:
     """The unit in the names of channels, such as `thumb_x [mN]`, or behind the axis."""
-    brackets = [_words(" ".join(re.findall(r"[\[(](.*?)[\])]", name))) for name in names]
+    brackets = [
+        _words(" ".join(re.findall(r"[\[(](.*?)[\])]", name))) for name in names
+    ]
     tails = [_words(re.split(r"(?i)[xyz](?![a-z])", name)[-1]) for name in names]
     for unit, words in SIGNAL_UNITS.items():
         for said in (brackets, tails):
@@ -372,7 +405,9 @@ def _words(text: str) -> set[str]:
     return {word.lower() for word in re.findall(r"[^\W\d_]+", text)}
 
 
-def unit_of_sizes(names: Sequence[str], values: FloatArray, found: Touch) -> tuple[str, str]:
+def unit_of_sizes(
+    names: Sequence[str], values: FloatArray, found: Touch
+) -> tuple[str, str]:
     """(unit, why) of channels [T, C] by their sizes; "" where several are as likely."""
     rest = float(np.median(np.abs(found.rest[NORMAL_AXIS::3])))
     change = float(np.nanquantile(np.abs(values[::7] - found.rest), 0.99))
@@ -392,7 +427,9 @@ def unit_of_sizes(names: Sequence[str], values: FloatArray, found: Touch) -> tup
     return "", f"{sizes}: mN, uT or counts"
 
 
-def channels(columns: Mapping[str, Column], sensors: Sequence[SensorColumns]) -> FloatArray:
+def channels(
+    columns: Mapping[str, Column], sensors: Sequence[SensorColumns]
+) -> FloatArray:
     """[T, C] the readings of the sensors, without signs."""
     names = [name.removeprefix("-") for sensor in sensors for name in sensor.axes]
     return np.stack([columns[name].astype(np.float64) for name in names], axis=1)

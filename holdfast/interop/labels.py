@@ -31,13 +31,44 @@ LABEL_WORDS = {
     "annotation", "class", "slip", "slipping", "status", "trigger", "contact", "what",
 }  # fmt: skip
 START_WORDS = {"start", "begin", "from", "onset", "t0", "time", "at"}
-END_WORDS = {"end", "stop", "to", "until", "offset", "finish", "duration", "length", "t1"}
+END_WORDS = {
+    "end",
+    "stop",
+    "to",
+    "until",
+    "offset",
+    "finish",
+    "duration",
+    "length",
+    "t1",
+}
 SITUATION_STEMS = (
     ("", ("unlabel", "unknown", "none", "ignore")),
-    ("nothing", ("nothing", "no contact", "open", "empty", "idle", "rest", "free", "no touch")),
-    ("grasp", ("no slip", "noslip", "non slip", "not slip", "stable", "still", "static", "steady")),
-    ("safe_slip", ("safe", "release", "handover", "hand over", "hand-over", "put down", "place")),
-    ("risky_slip", ("slip", "slid", "drop", "fall", "fell", "fail", "lost", "tug", "pull", "torn")),
+    (
+        "nothing",
+        ("nothing", "no contact", "open", "empty", "idle", "rest", "free", "no touch"),
+    ),
+    (
+        "grasp",
+        (
+            "no slip",
+            "noslip",
+            "non slip",
+            "not slip",
+            "stable",
+            "still",
+            "static",
+            "steady",
+        ),
+    ),
+    (
+        "safe_slip",
+        ("safe", "release", "handover", "hand over", "hand-over", "put down", "place"),
+    ),
+    (
+        "risky_slip",
+        ("slip", "slid", "drop", "fall", "fell", "fail", "lost", "tug", "pull", "torn"),
+    ),
     ("grasp", ("grasp", "hold", "held", "grip", "contact", "lift", "carry", "touch")),
 )
 """Beginnings of words in labels, the first that fits counts."""
@@ -166,7 +197,9 @@ def _binary(
         return None
     if covers > 0.8 and not is_slip:
         labels = {on: "grasp", **({off: "nothing"} if off else {})}
-        return FoundLabels(_rules(name, labels), f"column {name}, {on!r} marks the contact")
+        return FoundLabels(
+            _rules(name, labels), f"column {name}, {on!r} marks the contact"
+        )
     begins = np.count_nonzero(np.diff(marked.astype(np.int8), prepend=0) == 1)
     is_moment = bool(marked.any() and marked.sum() <= 2 * begins)
     labels = {on: "risky_slip", **({off: ""} if off and not is_moment else {})}
@@ -179,11 +212,17 @@ def _by_content(
     name: str, logs: Sequence[LabelledRows], values: Sequence[str], *, hold: bool
 ) -> FoundLabels | None:
     """Words or numbers that say nothing, by when they stand."""
-    cells = np.array([cell for log in logs for cell in (held(log.cells) if hold else log.cells)])
+    cells = np.array(
+        [cell for log in logs for cell in (held(log.cells) if hold else log.cells)]
+    )
     touched = np.concatenate([log.touched for log in logs])
     shares = {value: float(touched[cells == value].mean()) for value in values}
-    rows = {value: int(np.count_nonzero(touched & (cells == value))) for value in values}
-    first = Counter(next(filter(None, log.cells), "") for log in logs).most_common(1)[0][0]
+    rows = {
+        value: int(np.count_nonzero(touched & (cells == value))) for value in values
+    }
+    first = Counter(next(filter(None, log.cells), "") for log in logs).most_common(1)[
+        0
+    ][0]
     grasp = max(rows, key=lambda value: rows[value])
     if first == grasp or shares.get(first, 1.0) > 0.5 or shares[grasp] < 0.5:
         return None
@@ -195,12 +234,19 @@ def _by_content(
 
 
 def _rules(name: str, labels: dict[str, str], *, hold: bool = False) -> EventRules:
-    rest = "" if {"grasp", "nothing"} <= set(labels.values()) else "grasp"
-    return EventRules(column=name, hold=hold, rest=rest, labels=labels)  # type: ignore[arg-type]
+    return EventRules(column=name, hold=hold, rest=_rest(labels), labels=labels)  # type: ignore[arg-type]
+
+
+def _rest(labels: Mapping[str, str]) -> str:
+    """What a closed hand does where no label says it; "" where the labels say it all."""
+    situations = set(labels.values())
+    return "" if "grasp" in situations and "" not in situations else "grasp"
 
 
 def _shown(labels: Mapping[str, str]) -> str:
-    pairs = [f"{label} = {one}" for label, one in labels.items() if one and label != one]
+    pairs = [
+        f"{label} = {one}" for label, one in labels.items() if one and label != one
+    ]
     plain = [label for label, one in labels.items() if label == one]
     return listed([*plain, *pairs], most=8)
 
@@ -228,11 +274,19 @@ def rules_of_table(
     trial = ""
     for name, column in columns.items():
         cells = {cell.casefold() for cell in text_cells(column) if cell}
-        is_named = bool(words_of(name) & {"trial", "file", "log", "run", "recording", "episode"})
+        is_named = bool(
+            words_of(name) & {"trial", "file", "log", "run", "recording", "episode"}
+        )
         fits = len(cells & plain) > len(cells) / 2
-        if cells and not trial and (fits if is_text(column) else is_named and cells <= plain):
+        if (
+            cells
+            and not trial
+            and (fits if is_text(column) else is_named and cells <= plain)
+        ):
             trial = name
-    numbers = [name for name, one in columns.items() if not is_text(one) and name != trial]
+    numbers = [
+        name for name, one in columns.items() if not is_text(one) and name != trial
+    ]
     texts = [name for name, one in columns.items() if is_text(one) and name != trial]
     start = _named(numbers, START_WORDS | ROW_WORDS) or next(iter(numbers), None)
     if start is None:
@@ -250,9 +304,10 @@ def rules_of_table(
         for cell in dict.fromkeys(text_cells(columns[label])):
             labels[cell] = known.get(cell, situation_of_word(cell)) or ""
     labels.pop("", None)
-    if len(labels) > MOST_LABELS or (label and not situation and not any(labels.values())):
+    if len(labels) > MOST_LABELS or (
+        label and not situation and not any(labels.values())
+    ):
         return None
-    rest = "" if {"grasp", "nothing"} <= set(labels.values()) else "grasp"
     return EventRules(
         file=about,
         trial=trial,
@@ -260,7 +315,7 @@ def rules_of_table(
         end=end,
         label=label,
         situation="" if label else situation,  # type: ignore[arg-type]
-        rest=rest,  # type: ignore[arg-type]
+        rest=_rest(labels),  # type: ignore[arg-type]
         labels=labels,  # type: ignore[arg-type]
     )
 
@@ -313,7 +368,9 @@ def events_of_table(columns: Columns, rules: EventRules, path: Path) -> list[Eve
     labels = text_cells(columns[rules.label]) if rules.label else blank
     trials = text_cells(columns[rules.trial]) if rules.trial else blank
     found = []
-    for start, end, label, trial in zip(starts.tolist(), ends.tolist(), labels, trials, strict=True):
+    for start, end, label, trial in zip(
+        starts.tolist(), ends.tolist(), labels, trials, strict=True
+    ):
         if end < start or (rules.unit == ROW and start < 0):
             raise LabelError(
                 f"the event {label!r:.60} from {start:g} to {end:g} {rules.unit} is impossible",

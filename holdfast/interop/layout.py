@@ -30,7 +30,9 @@ MISSING = (
 )  # fmt: skip
 """What stands in a column of numbers where a sample is missing."""
 CLOCK = r"(?:\d{4}[-/.]\d\d?[-/.]\d\d?[T ])?\d{1,2}:\d\d:\d\d(?:[.,:]\d+)?"
-ARRIVAL = re.compile(rf"^\s*\[?({CLOCK})\]?\s*(?:->|=>|>|\||:|-)?\s+(?=[-+\d.\[(A-Za-z])")
+ARRIVAL = re.compile(
+    rf"^\s*\[?({CLOCK})\]?\s*(?:->|=>|>|\||:|-)?\s+(?=[-+\d.\[(A-Za-z])"
+)
 STAMP = re.compile(
     rf"{CLOCK}\s*(?:Z|[AP]M|[+-]\d\d:?\d\d)?|\d\d?[./]\d\d?[./]\d{{4}}[T ]{CLOCK}|\d\d?:\d\d[.,]\d+"
 )
@@ -56,9 +58,7 @@ class Form:
         """The cells of a line."""
         mark = " " if self.separator == SPACES else self.separator
         line = ARRIVAL.sub(rf"\1{mark}", line)
-        line = VECTOR.sub(
-            lambda found: mark.join(re.split(r"[\s,;]+", found[1])), line
-        )
+        line = VECTOR.sub(lambda found: mark.join(re.split(r"[\s,;]+", found[1])), line)
         if self.separator == SPACES:
             return re.sub(r"(\d) (?=\d\d?:\d\d:)", r"\1T", line).split()
         try:
@@ -71,7 +71,10 @@ class Form:
         """The same without the names of `name:value`."""
         cells = self.cells(line)
         named = [NAMED.fullmatch(cell) for cell in cells]
-        return [found[2] if found else cell for cell, found in zip(cells, named, strict=True)]
+        return [
+            found[2] if found else cell
+            for cell, found in zip(cells, named, strict=True)
+        ]
 
 
 @dataclass(frozen=True)
@@ -98,7 +101,9 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
         for decimal in ".,":
             form = Form(separator, decimal)
             rows = [form.plain_cells(line) for line in bare]
-            body = [row for row, is_data in zip(rows, data, strict=True) if is_data and row]
+            body = [
+                row for row, is_data in zip(rows, data, strict=True) if is_data and row
+            ]
             body = body[-JUDGED_ROWS:]
             wide = usual_width(body)
             judged = [row for row in body if len(row) == wide]
@@ -136,7 +141,11 @@ def first_of_data(
     wide = usual_width([row for row in rows if row][-JUDGED_ROWS:])
     for k, row in enumerate(rows):
         is_data = data is None or data[k]
-        if is_data and len(row) == wide and any(is_number(cell, decimal) for cell in row):
+        if (
+            is_data
+            and len(row) == wide
+            and any(is_number(cell, decimal) for cell in row)
+        ):
             return k
     raise ColumnError("no row of numbers", next_step="give a table with numbers")
 
@@ -228,7 +237,11 @@ def is_number(cell: Any, decimal: str) -> bool:
         float(text.replace(",", ".") if decimal == "," else text)
     except ValueError:
         return False
-    return "_" not in text and text.lower().lstrip("+-") not in ("nan", "inf", "infinity")
+    return "_" not in text and text.lower().lstrip("+-") not in (
+        "nan",
+        "inf",
+        "infinity",
+    )
 
 
 def usual_width(rows: Sequence[Cells]) -> int:
@@ -260,7 +273,11 @@ def _share_of_numbers(rows: Sequence[Cells], decimal: str) -> float:
 def _is_odd(lines: Sequence[str], form: Form) -> bool:
     """Whether the lines are plain cells only after `plain_cells`."""
     for line in lines[:20]:
-        if ARRIVAL.match(line) or VECTOR.search(line) or NAMED.search(line.split(";")[0]):
+        if (
+            ARRIVAL.match(line)
+            or VECTOR.search(line)
+            or NAMED.search(line.split(";")[0])
+        ):
             cells = form.plain_cells(line)
             mark = " " if form.separator == SPACES else form.separator
             if cells != [cell.strip() for cell in line.split(mark)]:

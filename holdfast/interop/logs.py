@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.errors import DataError, DataNotFound, EmptyRecording
+from holdfast.core.errors import DataNotFound, EmptyRecording
 from holdfast.core.trial_layout import LOG_MARKS, LOG_SUFFIXES
 from holdfast.interop.streams import (
     LOG_TIME,
@@ -28,10 +28,44 @@ BAG, LEROBOT = LOG_MARKS
 TEXT, SHEET = (".csv", ".tsv"), (".xlsx", ".xlsm")
 PROSE = (".txt", ".dat", ".log", "")
 """Endings that other files have too: such a file in a folder is a log if it is a table."""
-NO_LOGS = (
-    ".md .py .json .toml .yaml .yml .html .pdf .png .jpg .jpeg .svg .gif .mp4 .avi .mov .zip .gz "
-    ".npz .npy .pkl .pt .onnx .docx .doc .pptx .ino .c .h .cpp .m .ipynb .xml .url .db3 .jsonl"
-).split()
+NO_LOGS = [
+    ".md",
+    ".py",
+    ".json",
+    ".toml",
+    ".yaml",
+    ".yml",
+    ".html",
+    ".pdf",
+    ".png",
+    ".jpg",
+    ".jpeg",
+    ".svg",
+    ".gif",
+    ".mp4",
+    ".avi",
+    ".mov",
+    ".zip",
+    ".gz",
+    ".npz",
+    ".npy",
+    ".pkl",
+    ".pt",
+    ".onnx",
+    ".docx",
+    ".doc",
+    ".pptx",
+    ".ino",
+    ".c",
+    ".h",
+    ".cpp",
+    ".m",
+    ".ipynb",
+    ".xml",
+    ".url",
+    ".db3",
+    ".jsonl",
+]
 MODULES = {
     ".parquet": "holdfast.interop.parquet",
     ".mcap": "holdfast.interop.mcap_file",
@@ -146,7 +180,11 @@ def _once(streams: Sequence[Stream]) -> list[Stream]:
     """Each stream once: one that was recorded twice, or that began anew, is one stream."""
     kept: list[Stream] = []
     for stream in streams:
-        same = [k for k, one in enumerate(kept) if one.columns.keys() == stream.columns.keys()]
+        same = [
+            k
+            for k, one in enumerate(kept)
+            if one.columns.keys() == stream.columns.keys()
+        ]
         if not same or stream.t_ns is None or kept[same[0]].t_ns is None:
             kept.append(stream)
             continue
@@ -164,7 +202,8 @@ def _once(streams: Sequence[Stream]) -> list[Stream]:
 
 def _in_turn(first: Stream, later: Stream) -> Stream:
     columns = {
-        name: np.concatenate([first.columns[name], later.columns[name]]) for name in first.columns
+        name: np.concatenate([first.columns[name], later.columns[name]])
+        for name in first.columns
     }
     assert first.t_ns is not None
     assert later.t_ns is not None
@@ -196,7 +235,9 @@ def joined(streams: Sequence[Stream]) -> Columns:
 
     steps = [step_ns(one) for one in streams]
     slowest = max(steps)
-    slow = [one for one, step in zip(streams, steps, strict=True) if step > 0.9 * slowest]
+    slow = [
+        one for one, step in zip(streams, steps, strict=True) if step > 0.9 * slowest
+    ]
     stamps = [one.t_ns for one in slow if one.t_ns is not None]
     grid = np.unique(np.concatenate(stamps))
     # stamps that all streams share are one clock; others are as many clocks as streams
@@ -216,7 +257,9 @@ def joined(streams: Sequence[Stream]) -> Columns:
         for name, column in stream.columns.items():
             cells = near[name]
             columns[name] = (
-                cells.fillna("").to_numpy(object) if is_text(column) else cells.to_numpy(np.float64)
+                cells.fillna("").to_numpy(object)
+                if is_text(column)
+                else cells.to_numpy(np.float64)
             )
     return columns
 

@@ -1,32 +1,32 @@
 """The column map of an import: the tables that say how logs become trials.
 
-    [trials]
-    path = "{person}/{object}_{action}_{trial}"   # what the paths of the logs say; * is any text
-    fingers = ["thumb", "index"]     # words of the files of one trial, a file for each finger
-    column = "run"                   # a trial for each of its values
-    gap_s = 0.5                      # a trial ends where no row comes for so long
-    person = "subject"               # columns that hold names; also object, action
-    skip = ["pilot/*"]
+[trials]
+path = "{person}/{object}_{action}_{trial}"   # what the paths of the logs say; * is any text
+fingers = ["thumb", "index"]     # words of the files of one trial, a file for each finger
+column = "run"                   # a trial for each of its values
+gap_s = 0.5                      # a trial ends where no row comes for so long
+person = "subject"               # columns that hold names; also object, action
+skip = ["pilot/*"]
 
-    [facts]                          # what is the same in all trials; further keys go to meta.json
-    person = "p01"
+[facts]                          # what is the same in all trials; further keys go to meta.json
+person = "p01"
 
-    [actions]                        # words of the logs -> actions
-    "torn away" = "pull"
+[actions]                        # words of the logs -> actions
+"torn away" = "pull"
 
-    [masses_g]
-    mug = 198
+[masses_g]
+mug = 198
 
-    [events]                         # when it slips: a column of the log, or a table of events
-    column = "state"
-    hold = true                      # a label holds until the next one; an empty cell says nothing
-    rest = "grasp"                   # what a closed hand does where no label says it
-    # instead of column: file = "events.xlsx" (or "{name}_events.csv"), its columns trial, start,
-    # end and label, unit = "s" (or ms, us, ns, row) and zero = "log" (the log's first row, "trial"
-    # or "clock")
+[events]                         # when it slips: a column of the log, or a table of events
+column = "state"
+hold = true                      # a label holds until the next one; an empty cell says nothing
+rest = "grasp"                   # what a closed hand does where no label says it
+# instead of column: file = "events.xlsx" (or "{name}_events.csv"), its columns trial, start,
+# end and label, unit = "s" (or ms, us, ns, row) and zero = "log" (the log's first row, "trial"
+# or "clock")
 
-    [events.labels]                  # labels -> situations, "" for none
-    "slipping" = "risky_slip"
+[events.labels]                  # labels -> situations, "" for none
+"slipping" = "risky_slip"
 """
 
 from __future__ import annotations
@@ -55,7 +55,9 @@ Mass = Annotated[float, Meta(gt=0.0, le=1e6)]
 PATH_FIELDS = re.compile(r"\{([^}]*)\}")
 
 
-class TrialRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class TrialRules(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True
+):
     """[trials]: which rows of which files are a trial, and what it is called."""
 
     path: Name = ""
@@ -119,7 +121,9 @@ class Facts(
             raise ValueError(f"action = {self.action!r}; allowed: {', '.join(FOLDERS)}")
 
 
-class EventRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class EventRules(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True
+):
     """[events]: where the labels of a trial come from."""
 
     column: Name = ""
@@ -229,5 +233,3 @@ def _text(value: Any) -> str:
     """A text, a number, true, false or a list of such, as TOML writes it."""
     # JSON's escapes are TOML's, but for DEL, which JSON leaves as it is
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-

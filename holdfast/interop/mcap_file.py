@@ -187,7 +187,9 @@ def read_log(path: Path, name: str) -> ForeignLog:
                 next_step="mcap recover FILE writes what is left",
             ) from None
         found.notes = ("cut off: read as far as it goes",)
-    kinds = {schema.name for schema in found.schemas.values() if schema.encoding == "ros2msg"}
+    kinds = {
+        schema.name for schema in found.schemas.values() if schema.encoding == "ros2msg"
+    }
     if kinds:
         from holdfast.interop.ros2 import unit_of_messages
 

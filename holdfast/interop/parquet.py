@@ -19,8 +19,8 @@ from holdfast.core.contract import Json, channel_names
 from holdfast.core.errors import NotANumber, needs_extra
 from holdfast.core.schema import json_of
 from holdfast.core.trial_file import TIME_COLUMN
-from holdfast.interop.streams import Columns, ForeignLog, Stream, text_column
 from holdfast.interop.payload import NO_LABEL, TrialPayload
+from holdfast.interop.streams import Columns, ForeignLog, Stream, text_column
 
 with needs_extra("parquet"):
     import pyarrow as pa

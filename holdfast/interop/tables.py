@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.core.errors import (
-    ColumnError,
     DataError,
     EmptyRecording,
     NotANumber,
@@ -254,7 +253,9 @@ def _times_of_day(cells: Column) -> Column:
     parts = pd.Series(cells).str.extract(pattern)
     hours, minutes, seconds = (pd.to_numeric(parts[k]).fillna(0.0) for k in range(3))
     fraction_ns = pd.to_numeric(parts[3].fillna("0").str.ljust(9, "0").str[:9])
-    noon = np.where(parts[4] == "PM", 12, 0) - np.where((hours == 12) & parts[4].notna(), 12, 0)
+    noon = np.where(parts[4] == "PM", 12, 0) - np.where(
+        (hours == 12) & parts[4].notna(), 12, 0
+    )
     whole_s = ((hours + noon) * 60.0 + minutes) * 60.0 + seconds
     ns: Column = np.array(whole_s * SECOND_NS + fraction_ns, dtype=np.float64)
     ns[parts[2].isna().to_numpy()] = np.nan

@@ -119,7 +119,9 @@ class Tally:
         for names, count in self.trials.items():
             by_action[names[-1]] += count
         actions = [f"{count} {action}" for action, count in by_action.items()]
-        lines.append(f"trials     {count_of(self.trials.total(), 'trial')}: {listed(actions)}")
+        lines.append(
+            f"trials     {count_of(self.trials.total(), 'trial')}: {listed(actions)}"
+        )
         people = [names[0] for names in self.trials if names[0]]
         if people:
             lines.append(f"people     {listed(list(dict.fromkeys(people)), most=12)}")
@@ -151,11 +153,17 @@ class TrialImport:
         self._numbers: Counter[str] = Counter()
 
     def take(
-        self, source: Path, plan: ImportMap, places: Sequence[LogPlace], part: Part = ignored
+        self,
+        source: Path,
+        plan: ImportMap,
+        places: Sequence[LogPlace],
+        part: Part = ignored,
     ) -> None:
         """The logs of one map. part: receives the share that is read."""
         chosen = [
-            one for one in places if not any(fnmatch(one.name, skip) for skip in plan.trials.skip)
+            one
+            for one in places
+            if not any(fnmatch(one.name, skip) for skip in plan.trials.skip)
         ]
         used: Counter[Path] = Counter()
         files = by_trial(chosen, plan.trials.fingers)
@@ -180,14 +188,18 @@ class TrialImport:
         where = error.where or str(path)
         self.faults.append(ImportFault(where, error.what + cause, error.next_step))
 
-    def _read(self, log: ForeignLog, plan: ImportMap, place: LogPlace, events: _Events) -> None:
+    def _read(
+        self, log: ForeignLog, plan: ImportMap, place: LogPlace, events: _Events
+    ) -> None:
         rows = rows_of(log, plan, self.tally)
         cuts = list(cuts_of(rows, plan, self.tally, place.name))
         if not cuts:
             raise EmptyRecording("no trial in it", where=place.path)
         for number, cut in enumerate(cuts, 1):
             source = place.name if len(cuts) == 1 else f"{place.name} (trial {number})"
-            where = place.path if len(cuts) == 1 else Path(f"{place.path}, trial {number}")
+            where = (
+                place.path if len(cuts) == 1 else Path(f"{place.path}, trial {number}")
+            )
             try:
                 self._trial(log, cut, plan, place, events, source, where)
             except DataError as error:
@@ -255,7 +267,9 @@ class TrialImport:
         write_whole(self.folder / MAP_FILE, map_text(plan))
 
 
-def by_trial(places: Sequence[LogPlace], fingers: Sequence[str]) -> dict[str, list[LogPlace]]:
+def by_trial(
+    places: Sequence[LogPlace], fingers: Sequence[str]
+) -> dict[str, list[LogPlace]]:
     """Name of a trial -> its files: one, or one for each finger in the order of `fingers`."""
     files: dict[str, list[LogPlace]] = {}
     for place in places:
@@ -276,7 +290,9 @@ def without_finger(name: str, fingers: Sequence[str]) -> tuple[str, int]:
     return name, len(fingers)
 
 
-def read_joined(places: Sequence[LogPlace], fingers: Sequence[str], name: str) -> ForeignLog:
+def read_joined(
+    places: Sequence[LogPlace], fingers: Sequence[str], name: str
+) -> ForeignLog:
     """One log of one file, or of a file for each finger: then its columns are `finger.column`."""
     from holdfast.interop.columns import find_time
     from holdfast.interop.streams import Stream
@@ -306,14 +322,21 @@ def rows_of(log: ForeignLog, plan: ImportMap, tally: Tally) -> _Rows:
     columns = table_of(log, plan.channels)
     plan.require_columns(columns, log.path)
     values = plan.values_of(columns, log.path)
-    further = [plan.trials.column, plan.trials.person, plan.trials.object, plan.trials.action]
+    further = [
+        plan.trials.column,
+        plan.trials.person,
+        plan.trials.object,
+        plan.trials.action,
+    ]
     if plan.events is not None and plan.events.column in columns:
         further.append(plan.events.column)
     cells = {}
     for name in filter(None, further):
         if name not in columns:
             raise ColumnError(
-                f"no column {name} (trials)", where=log.path, next_step="correct the column map"
+                f"no column {name} (trials)",
+                where=log.path,
+                next_step="correct the column map",
             )
         cells[name] = np.array(text_cells(columns[name]), dtype=object)
     tally.rows += len(values)
@@ -324,9 +347,13 @@ def rows_of(log: ForeignLog, plan: ImportMap, tally: Tally) -> _Rows:
     time = columns.get(plan.time.column, np.zeros(len(values), dtype=np.int64))
     there = np.isfinite(time)
     if not there.all():
-        tally.notes.append(f"{log.path.name}: {count_of(int((~there).sum()), 'row')} without a time left out")
+        tally.notes.append(
+            f"{log.path.name}: {count_of(int((~there).sum()), 'row')} without a time left out"
+        )
         columns = {plan.time.column: time[there]}
-        rows = _Rows(np.zeros(len(time), np.int64), values, cells).part(np.flatnonzero(there))
+        rows = _Rows(np.zeros(len(time), np.int64), values, cells).part(
+            np.flatnonzero(there)
+        )
         values, cells = rows.values, rows.cells
     stamps = plan.stamps_ns(columns, len(values), log.path)
     return _Rows(unwrapped(stamps, plan.time.unit_ns), values, cells)
@@ -366,12 +393,16 @@ def cuts_of(rows: _Rows, plan: ImportMap, tally: Tally, name: str) -> Iterator[_
         if column and not cells[first]:
             continue
         if stop - first < 10:
-            tally.notes.append(f"{name}: {count_of(stop - first, 'row')} between trials left out")
+            tally.notes.append(
+                f"{name}: {count_of(stop - first, 'row')} between trials left out"
+            )
             continue
         order = np.argsort(part.stamps, kind="stable")
         moved = int(np.count_nonzero(order != np.arange(len(order))))
         if moved:
-            tally.notes.append(f"{name}: {count_of(moved, 'row')} put in the order of their stamps")
+            tally.notes.append(
+                f"{name}: {count_of(moved, 'row')} put in the order of their stamps"
+            )
             part = part.part(order)
         yield replace(part, stamps=evened(part.stamps, step))
 
@@ -405,10 +436,14 @@ def trial_of_rows(rows: _Rows, plan: ImportMap, where: Path, tally: Tally) -> Tr
     values = np.where(np.isfinite(rows.values), rows.values, np.nan)
     first = _first_whole(values)
     if first:
-        tally.notes.append(f"{where.name}: {count_of(first, 'row')} before all sensors sent left out")
+        tally.notes.append(
+            f"{where.name}: {count_of(first, 'row')} before all sensors sent left out"
+        )
     t_s = 1e-9 * (rows.stamps[first:] - rows.stamps[first])
     step_s = float(np.median(np.diff(t_s)))
-    wrong = implausible_rate(1.0 / step_s) if step_s > 0 else "has no usual step of time"
+    wrong = (
+        implausible_rate(1.0 / step_s) if step_s > 0 else "has no usual step of time"
+    )
     place = places_by_time(t_s) if step_s > 0 else np.arange(len(t_s))
     if wrong or place[-1] > MOST_FILLED * len(place):
         raise TimeError(
@@ -448,7 +483,9 @@ class _Events:
         stem = place.path.with_suffix("") if place.path.is_file() else place.path
         name = self.rules.file.replace("{name}", stem.name)
         beside = place.path.parent / name
-        self.path = beside if "{name}" in self.rules.file and beside.is_file() else root / name
+        self.path = (
+            beside if "{name}" in self.rules.file and beside.is_file() else root / name
+        )
         if "{name}" in self.rules.file and not self.path.is_file():
             self.path = Path()
             return
@@ -494,7 +531,7 @@ def labels_of_rows(
                 "[events.labels] of the map",
             )
         if situation and stop > first:
-            table.n_used += 1
+            table.n_used += event.start >= begin - 1e6
             labels[first:stop] = SITUATIONS.index(situation)
     if rules.rest:
         samples = prepared(trial, plan.unit_of_values, "").samples
@@ -502,7 +539,11 @@ def labels_of_rows(
         held_rows = np.zeros(len(labels), dtype=np.bool_)
         held_rows[first:stop] = True
         labels[held_rows & (labels == NO_LABEL)] = SITUATIONS.index(rules.rest)
-        if rules.hold and rules.rest == SITUATIONS[GRASP] and "nothing" not in rules.labels.values():
+        if (
+            rules.hold
+            and rules.rest == SITUATIONS[GRASP]
+            and "nothing" not in rules.labels.values()
+        ):
             labels[~held_rows] = NO_LABEL
     return labels
 
@@ -523,11 +564,19 @@ def _events_of(
         return events_of_cells(cells, rows.stamps)
     if rules.column:
         return _events_of_stream(log, rows, plan, rules)
-    keys = {place.name, place.path.name, place.path.stem, Path(place.name).name, *_numbers(place)}
+    keys = {
+        place.name,
+        place.path.name,
+        place.path.stem,
+        Path(place.name).name,
+        *_numbers(place),
+    }
     if plan.trials.column:
         keys = {*rows.cells[plan.trials.column], *keys}
     plain = {key.casefold() for key in keys}
-    events = [one for one in table.events if not one.trial or one.trial.casefold() in plain]
+    events = [
+        one for one in table.events if not one.trial or one.trial.casefold() in plain
+    ]
     zero_ns = 0 if rules.zero == "clock" else int(rows.stamps[0])
     return [in_ns(event, rules, rows.stamps, zero_ns) for event in events]
 
@@ -550,7 +599,9 @@ def _events_of_stream(
     if plan.time.column != LOG_TIME and LOG_TIME in columns:
         # the samples have stamps of their sender
         own = plan.stamps_ns(columns, len(columns[LOG_TIME]), log.path)
-        times = times + np.interp(times, columns[LOG_TIME], own - columns[LOG_TIME]).astype(np.int64)
+        times = times + np.interp(
+            times, columns[LOG_TIME], own - columns[LOG_TIME]
+        ).astype(np.int64)
     return events_of_cells(text_cells(stream.columns[rules.column]), times)
 
 
@@ -569,7 +620,9 @@ def _names(
 ) -> dict[str, str]:
     """Person, object and action of a trial: by the path, by columns, by what is always so."""
     rules = plan.trials
-    names = {key: str(getattr(plan.facts, key) or log.about.get(key) or "") for key in NAMES}
+    names = {
+        key: str(getattr(plan.facts, key) or log.about.get(key) or "") for key in NAMES
+    }
     names |= rules.names_of(place.name, place.path)
     for key in NAMES:
         column = getattr(rules, key)
@@ -600,7 +653,9 @@ def safe_name(text: str) -> str:
     >>> safe_name("Soft ball #2")
     'Soft-ball-2'
     """
-    plain = "".join(c if c.isascii() and (c.isalnum() or c in "_-") else " " for c in text)
+    plain = "".join(
+        c if c.isascii() and (c.isalnum() or c in "_-") else " " for c in text
+    )
     return "-".join(plain.split()).strip("-_")[:60]
 
 
@@ -609,7 +664,9 @@ def safe_name(text: str) -> str:
 
 def write_csv(path: Path, trial: Trial) -> None:
     """The samples as the layout has them; a lost value is nan."""
-    table = pd.DataFrame(trial.raw.round(9), columns=list(channel_names(trial.raw.shape[1] // 3)))
+    table = pd.DataFrame(
+        trial.raw.round(9), columns=list(channel_names(trial.raw.shape[1] // 3))
+    )
     table.insert(0, TIME_COLUMN, trial.t_s.round(9))
     table.to_csv(path, index=False, na_rep="nan")
 
@@ -648,9 +705,15 @@ def hand_card_text(plan: ImportMap, folder: Path) -> str:
         'about = "Proposed by holdfast import: correct sides and places"',
     ]
     for k, sensor in enumerate(plan.sensors):
-        side, of_side = ("thumb", n_thumb) if k < n_thumb else ("opposing", n_sensors - n_thumb)
+        side, of_side = (
+            ("thumb", n_thumb) if k < n_thumb else ("opposing", n_sensors - n_thumb)
+        )
         place = k if k < n_thumb else k - n_thumb
-        along_mm = FINGERS_AT_MM[0] * (1.0 - 2.0 * place / (of_side - 1)) if of_side > 1 else 0.0
+        along_mm = (
+            FINGERS_AT_MM[0] * (1.0 - 2.0 * place / (of_side - 1))
+            if of_side > 1
+            else 0.0
+        )
         heads = f"[[sensors]]  # {', '.join(sensor.axes)}".replace("\n", " ")
         lines += ["", heads, f'name = "sensor-{k + 1}"', f'side = "{side}"']
         lines.append(f"along_mm = {along_mm:.1f}")

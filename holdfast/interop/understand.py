@@ -19,7 +19,6 @@ from holdfast.core.contract import AXES, NORMAL_AXIS, UNIT_OF
 from holdfast.core.errors import (
     DataError,
     EmptyRecording,
-    count_of,
     listed,
 )
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
@@ -150,7 +149,9 @@ class _Sample:
     def stamps_s(self) -> np.ndarray:
         """[T] on the log's clock; rows where they are counted."""
         if self.time is None:
-            return np.arange(len(next(iter(self.columns.values()), ())), dtype=np.float64)
+            return np.arange(
+                len(next(iter(self.columns.values()), ())), dtype=np.float64
+            )
         time = self.time.time
         rows = self.columns.get(time.column)
         if rows is None:
@@ -194,29 +195,48 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
     for sample in samples:
         forms.setdefault(sample.form, []).append(sample)
     for of_form in forms.values():
-        _add_plan(found, source, of_form, tables, fingers, answers, [one.place for one in samples])
+        _add_plan(
+            found,
+            source,
+            of_form,
+            tables,
+            fingers,
+            answers,
+            [one.place for one in samples],
+        )
     hands = {(plan.unit_of_values, len(plan.sensors)) for plan, _ in found.plans}
     if len(hands) > 1:
         words = " and ".join(f"{n} sensors in {unit}" for unit, n in sorted(hands))
-        found.questions.append(Question("SOURCE", f"logs of {words}: import each hand on its own"))
+        found.questions.append(
+            Question("SOURCE", f"logs of {words}: import each hand on its own")
+        )
     return found
 
 
 def _sample(place: LogPlace, log: ForeignLog, answers: Answers) -> _Sample:
     """A log with its time and its sensors, by names over all streams, else by count in one."""
-    merged = {name: column for one in log.streams for name, column in one.columns.items()}
-    sensors, why = find_sensors(merged, _marks(merged)) if len(log.streams) > 1 else ([], "")
+    merged = {
+        name: column for one in log.streams for name, column in one.columns.items()
+    }
+    sensors, why = (
+        find_sensors(merged, _marks(merged)) if len(log.streams) > 1 else ([], "")
+    )
     if not why.startswith("by"):
         longest = max(log.streams, key=lambda one: one.rows)
         time = find_time(table_of(log, longest.columns), answers.rate_hz)
         taken = {*_marks(longest.columns), time.time.column if time else ""}
         sensors, why = find_sensors(longest.columns, taken)
-        is_list = any(is_text(column) for column in longest.columns.values()) or longest.rows < 100
+        is_list = (
+            any(is_text(column) for column in longest.columns.values())
+            or longest.rows < 100
+        )
         if why.startswith("no axes") and time is None and is_list:
             sensors = []
     names = [name for sensor in sensors for name in sensor.axes] or list(merged)
     columns = {name: one[:JUDGED_ROWS] for name, one in table_of(log, names).items()}
-    return _Sample(place, log, columns, find_time(columns, answers.rate_hz), sensors, why)
+    return _Sample(
+        place, log, columns, find_time(columns, answers.rate_hz), sensors, why
+    )
 
 
 def _marks(columns: Columns) -> set[str]:
@@ -252,7 +272,9 @@ def _fingers(samples: Sequence[_Sample]) -> tuple[str, ...]:
 
 
 def _finger_order(word: str) -> tuple[int, list[tuple[int, int, str]]]:
-    at = next((k for k, finger in enumerate(FINGERS) if finger in word.lower()), len(FINGERS))
+    at = next(
+        (k for k, finger in enumerate(FINGERS) if finger in word.lower()), len(FINGERS)
+    )
     return at, counted(word)
 
 
@@ -310,7 +332,10 @@ def _add_plan(
     events = _events(found, source, samples, tables, touches, known, all_places)
     if _begins_held(samples, events):
         # what a touch changes is not seen
-        touches = [replace(one, pressed=0.0 * one.pressed, onset=0.0 * one.onset) for one in touches]
+        touches = [
+            replace(one, pressed=0.0 * one.pressed, onset=0.0 * one.onset)
+            for one in touches
+        ]
     sensors, axis = _with_normal(first.sensors, touches, answers)
     if axis != NORMAL_AXIS:
         what = f"a touch moves {AXES[axis]} most, the names say z: which axis is the normal one?"
@@ -324,7 +349,9 @@ def _add_plan(
     else:
         what = f"what unit have the readings ({why})? nothing says it"
         found.questions.append(Question("--unit", f"{what}: {', '.join(UNIT_OF)}"))
-    path, actions = _path(found, [one.place for one in samples], answers, has_events=bool(events))
+    path, actions = _path(
+        found, [one.place for one in samples], answers, has_events=bool(events)
+    )
     rules, events = _with_action(found, events, answers, path, trials)
     facts = Facts(
         person="" if "{person}" in path else answers.person,
@@ -390,7 +417,11 @@ def _begins_held(samples: Sequence[_Sample], events: FoundLabels | None) -> bool
     """Whether labels say that the hand is closed in the first rows."""
     if events is None or events.rules.column not in samples[0].columns:
         return False
-    cells = [text_cells(one.columns[events.rules.column][:1])[0] for one in samples if one.columns]
+    cells = [
+        text_cells(one.columns[events.rules.column][:1])[0]
+        for one in samples
+        if one.columns
+    ]
     first = Counter(cells).most_common(1)[0][0]
     return events.rules.labels.get(first, "") not in ("", "nothing")
 
@@ -416,7 +447,9 @@ def _turned_touch(
     pressed = np.median([one.pressed for one in touches], axis=0)
     rest = np.median([one.rest for one in touches], axis=0)
     returns = all(one.returns for one in touches)
-    return replace(touches[0], rest=rest[order], pressed=pressed[order], returns=returns)
+    return replace(
+        touches[0], rest=rest[order], pressed=pressed[order], returns=returns
+    )
 
 
 def _unit(first: _Sample, found: Touch, answers: Answers) -> tuple[str, str]:
@@ -445,7 +478,12 @@ def _trial_rules(
             kinds = set(text_cells(column[::7]))
             is_said = bool(words_of(name) & words) and name not in samples[0].taken
             means = key != "action" or all(map(action_of_word, kinds))
-            if is_said and is_name and means and len(kinds) <= max(1, len(column) // 20):
+            if (
+                is_said
+                and is_name
+                and means
+                and len(kinds) <= max(1, len(column) // 20)
+            ):
                 found.setdefault(key, name)
     for key in NAMES:
         if getattr(answers, key):
@@ -490,7 +528,11 @@ def _events(
         return of_table
     best: list[FoundLabels] = []
     first = samples[0]
-    streams = {name: one for stream in first.log.streams for name, one in stream.columns.items()}
+    streams = {
+        name: one
+        for stream in first.log.streams
+        for name, one in stream.columns.items()
+    }
     for name, column in {**streams, **first.columns}.items():
         if name in first.taken or not is_mark(name, column) or _is_name(name):
             continue
@@ -519,7 +561,11 @@ def _labelled(sample: _Sample, name: str, found: Touch) -> LabelledRows | None:
     if name in sample.columns:
         return LabelledRows(tuple(text_cells(sample.columns[name])), found.rows)
     for stream in sample.log.streams:
-        if name in stream.columns and stream.t_ns is not None and LOG_TIME in sample.columns:
+        if (
+            name in stream.columns
+            and stream.t_ns is not None
+            and LOG_TIME in sample.columns
+        ):
             at = np.searchsorted(sample.columns[LOG_TIME], stream.t_ns)
             at = np.clip(at, 0, len(found.rows) - 1)
             cells = text_cells(stream.columns[name])
@@ -547,8 +593,14 @@ def _from_tables(
     places: Sequence[LogPlace],
 ) -> FoundLabels | None:
     root = source if source.is_dir() else source.parent
-    keys = {key for place in places for key in (place.name, place.path.name, place.path.stem)}
-    keys |= {digits for place in places for digits in re.findall(r"(\d+)\D*$", place.name)}
+    keys = {
+        key
+        for place in places
+        for key in (place.name, place.path.name, place.path.stem)
+    }
+    keys |= {
+        digits for place in places for digits in re.findall(r"(\d+)\D*$", place.name)
+    }
     first = samples[0]
     if samples[0].columns:
         for name in first.columns:
@@ -570,16 +622,24 @@ def _from_tables(
                 found.add("not used", f"{path.name} (columns {names})")
             continue
         stamps = first.stamps_s
-        unit, zero = unit_and_zero(rules, stream.columns, float(stamps[0]), float(stamps[-1]))
+        unit, zero = unit_and_zero(
+            rules, stream.columns, float(stamps[0]), float(stamps[-1])
+        )
         if rules.trial and zero == "log" and _is_cut(first):
             zero = "trial"
         stem = first.place.path.stem
         named = about
         if stem in path.name:
             named = path.name.replace(stem, "{name}")
-        rules = EventRules(**{**_fields(rules), "unit": unit, "zero": zero, "file": named})
-        what = [one for one in (rules.start, rules.end, rules.label, rules.trial) if one]
-        found.add("labels", f"{path.name}: {listed(what)}, in {unit} from the {zero}'s begin")
+        rules = EventRules(
+            **{**_fields(rules), "unit": unit, "zero": zero, "file": named}
+        )
+        what = [
+            one for one in (rules.start, rules.end, rules.label, rules.trial) if one
+        ]
+        found.add(
+            "labels", f"{path.name}: {listed(what)}, in {unit} from the {zero}'s begin"
+        )
         chosen = FoundLabels(rules, "")
     return chosen
 
@@ -664,7 +724,10 @@ def _fields_of_tokens(
         given = {key: set(getattr(answers, key).split(",")) for key in NAMES}
         said = [key for key in NAMES if set(values) <= given[key]]
         words = [action_of_word(word, has_events=has_events) for word in values]
-        words = [answers.actions.get(word, was) for word, was in zip(values, words, strict=True)]
+        words = [
+            answers.actions.get(word, was)
+            for word, was in zip(values, words, strict=True)
+        ]
         if said:
             fields[k] = said[0]
         elif all(words) and (is_free("action") or answers.actions):
@@ -676,7 +739,9 @@ def _fields_of_tokens(
     if {"action", "person"} & set(fields.values()) and is_free("object"):
         # what is left beside a person or an action is what was held
         left = [k for k, values in enumerate(tokens) if k not in fields and values[0]]
-        named = [k for k in left if not all(NUMBERED.fullmatch(word) for word in tokens[k])]
+        named = [
+            k for k in left if not all(NUMBERED.fullmatch(word) for word in tokens[k])
+        ]
         fields |= dict.fromkeys(named[:1], "object")
     return fields
 
@@ -705,6 +770,9 @@ def of_map(source: Path, plan: ImportMap) -> Understood:
         places = [
             one
             for one in places
-            if not (one.path.name.startswith(Path(begin).name) and one.path.name.endswith(end))
+            if not (
+                one.path.name.startswith(Path(begin).name)
+                and one.path.name.endswith(end)
+            )
         ]
     return Understood(plans=[(plan, places)])

@@ -62,7 +62,9 @@ def _blocks(rows: Rows) -> Iterator[Rows]:
         for top, bottom in _runs(filled):
             below = part[top:bottom]
             has_names = not any(isinstance(cell, int | float) for cell in below[0])
-            if has_names and any(isinstance(c, int | float) for row in block for c in row):
+            if has_names and any(
+                isinstance(c, int | float) for row in block for c in row
+            ):
                 yield block
                 block = []
             block += below

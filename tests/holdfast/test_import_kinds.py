@@ -46,7 +46,10 @@ def serial_plotter(logs: Path, trials: Trials) -> None:
     names = ["t_ms", *axes(5)]
     for name, one in zip(names_of(len(trials)), trials, strict=True):
         rows = np.column_stack([1e3 * one.t_s, one.values]).tolist()
-        cells = [" ".join(f"{n}:{x:.10g}" for n, x in zip(names, row, strict=True)) for row in rows]
+        cells = [
+            " ".join(f"{n}:{x:.10g}" for n, x in zip(names, row, strict=True))
+            for row in rows
+        ]
         (logs / name).write_text("\n".join(cells))
 
 
@@ -88,7 +91,9 @@ def units_below_the_names(logs: Path, trials: Trials) -> None:
     for name, one in zip(names_of(len(trials)), trials, strict=True):
         rows = np.column_stack([1e9 * one.t_s, one.values])
         units = ["ns", *["N"] * 15]
-        write_text(logs / f"{name}.tsv", units, rows, separator="\t", head="\t".join(names))
+        write_text(
+            logs / f"{name}.tsv", units, rows, separator="\t", head="\t".join(names)
+        )
 
 
 def over_midnight(logs: Path, trials: Trials) -> None:
@@ -99,7 +104,14 @@ def over_midnight(logs: Path, trials: Trials) -> None:
 
 
 def shear_and_normal(logs: Path, trials: Trials) -> None:
-    names = ["t", *(f"pad{k}_{part}" for k in range(1, 6) for part in ("shear1", "shear2", "normal"))]
+    names = [
+        "t",
+        *(
+            f"pad{k}_{part}"
+            for k in range(1, 6)
+            for part in ("shear1", "shear2", "normal")
+        ),
+    ]
     for name, one in zip(names_of(len(trials)), trials, strict=True):
         write_text(logs / f"{name}.csv", names, np.column_stack([one.t_s, one.values]))
 
@@ -125,7 +137,9 @@ def bursts(logs: Path, trials: Trials) -> None:
     for name, one in zip(names_of(len(trials)), trials, strict=True):
         k = np.arange(len(one.t_s))
         t_ms = 80.0 * (k // 8) + 1.0 * (k % 8)
-        write_text(logs / f"{name}.csv", ["ms", *axes(5)], np.column_stack([t_ms, one.values]))
+        write_text(
+            logs / f"{name}.csv", ["ms", *axes(5)], np.column_stack([t_ms, one.values])
+        )
 
 
 def whole_seconds(logs: Path, trials: Trials) -> None:
@@ -145,7 +159,10 @@ def a_file_for_each_finger(logs: Path, trials: Trials) -> None:
 
 def two_tables_on_a_sheet(logs: Path, trials: Trials) -> None:
     for name, one in zip(names_of(len(trials)), trials, strict=True):
-        merged = ["t (s)", *(cell for k in range(1, 6) for cell in (f"Pad {k}", None, None))]
+        merged = [
+            "t (s)",
+            *(cell for k in range(1, 6) for cell in (f"Pad {k}", None, None)),
+        ]
         rows: list[list[object]] = [["Lab 7"], [], merged, [None, *"xyz" * 5]]
         for t_s, row in zip(one.t_s.tolist(), one.values.tolist(), strict=True):
             beside = [None, "mug", 198] if len(rows) == 6 else []
@@ -190,7 +207,9 @@ def test_readings_of_any_form_are_the_same_trials_and_the_action_is_asked(
 # -- what marks the slip
 
 
-def labelled(logs: Path, trials: Trials, words: Callable[[Made], list[str]], name: str) -> None:
+def labelled(
+    logs: Path, trials: Trials, words: Callable[[Made], list[str]], name: str
+) -> None:
     """A column of labels beside the readings."""
     for k, one in enumerate(trials, 1):
         rows = np.column_stack([one.t_s, one.values])
@@ -202,7 +221,9 @@ def sparse(one: Made, *words: str) -> list[str]:
     """A word only in the row where it begins."""
     cells = one.words(*words)
     before = ["", *cells[:-1]]
-    return [cell if cell != was else "" for cell, was in zip(cells, before, strict=True)]
+    return [
+        cell if cell != was else "" for cell, was in zip(cells, before, strict=True)
+    ]
 
 
 def moment(one: Made) -> list[str]:
@@ -218,16 +239,23 @@ COLUMNS: dict[str, tuple[str, Callable[[Made], list[str]]]] = {
     "a point and an S": ("event", lambda one: one.words(".", ".", "S")),
     "words": ("phase", lambda one: one.words("open hand", "held", "SLIDING")),
     "camel case": ("state", lambda one: one.words("Idle", "GraspStable", "GrossSlip")),
-    "sparse markers": ("marker", lambda one: sparse(one, "start_rest", "startGrasp", "start_slip")),
+    "sparse markers": (
+        "marker",
+        lambda one: sparse(one, "start_rest", "startGrasp", "start_slip"),
+    ),
     "true and false": ("label", lambda one: one.words("False", "False", "True")),
 }
 
 
 @pytest.mark.parametrize("form", COLUMNS)
-def test_a_column_of_labels_says_when_it_slips(run: Run, tmp_path: Path, form: str) -> None:
+def test_a_column_of_labels_says_when_it_slips(
+    run: Run, tmp_path: Path, form: str
+) -> None:
     name, words = COLUMNS[form]
     labelled(tmp_path / "logs", [made(1), made(2)], words, name)
-    code, out, err = run("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
+    code, out, err = run(
+        "import", tmp_path / "logs", "--out", tmp_path / "set", "--yes"
+    )
     assert code == 0, out + err
     assert "2 trials: 2 slip" in out
     for k in (1, 2):
@@ -248,13 +276,17 @@ def test_trials_without_the_mark_of_a_slip_are_held(run: Run, tmp_path: Path) ->
     one = made(2)
     rows = np.column_stack([one.t_s, one.values])
     texts = ["0"] * len(rows)
-    write_text(tmp_path / "logs/log2.csv", ["time_s", *axes(5), "slip"], rows, texts=texts)
+    write_text(
+        tmp_path / "logs/log2.csv", ["time_s", *axes(5), "slip"], rows, texts=texts
+    )
     code, out, _ = run("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
     assert code == 0
     assert "2 trials: 1 slip, 1 hold" in out
 
 
-def test_a_mark_in_one_row_lasts_to_the_end_of_the_touch(run: Run, tmp_path: Path) -> None:
+def test_a_mark_in_one_row_lasts_to_the_end_of_the_touch(
+    run: Run, tmp_path: Path
+) -> None:
     labelled(tmp_path / "logs", [made(1)], moment, "slip_onset")
     code, out, _ = run("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
     assert code == 0
@@ -267,23 +299,35 @@ def test_a_mark_in_one_row_lasts_to_the_end_of_the_touch(run: Run, tmp_path: Pat
 def test_what_only_the_action_explains_is_asked_once(
     run: Run, tmp_path: Path, words: tuple[str, str, str]
 ) -> None:
-    labelled(tmp_path / "logs", [made(1), made(2)], lambda one: one.words(*words), "zustand")
+    labelled(
+        tmp_path / "logs", [made(1), made(2)], lambda one: one.words(*words), "zustand"
+    )
     command = ("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
     code, out, _ = run(*command)
     assert code == 2
     assert f"what is '{words[2]}' in column zustand?" in out
     for answer in ("slip", f"{words[2]}=slip"):
         out_dir = tmp_path / answer
-        code, out, err = run(*command[:2], "--out", out_dir, "--yes", "--action", answer)
+        code, out, err = run(
+            *command[:2], "--out", out_dir, "--yes", "--action", answer
+        )
         assert code == 0, out + err
-        slips = [p for p in phases_of(out_dir / "object/slip/trial_1.csv") if "risky" in p[2]]
+        slips = [
+            p for p in phases_of(out_dir / "object/slip/trial_1.csv") if "risky" in p[2]
+        ]
         assert slips == [(3.0, 3.5, "risky_slip")]
 
 
 SHEETS = {
-    "one for all, names of files": ("events.csv", "file;start;end;label\n{a};3.0;3.5;slip\n"),
+    "one for all, names of files": (
+        "events.csv",
+        "file;start;end;label\n{a};3.0;3.5;slip\n",
+    ),
     "other words": ("ereignisse.csv", "datei;von;bis;was\n{a};3.0;3.5;slip\n"),
-    "numbers of trials": ("events.csv", "trial;start_ms;end_ms;label\n{n};3000;3500;slip\n"),
+    "numbers of trials": (
+        "events.csv",
+        "trial;start_ms;end_ms;label\n{n};3000;3500;slip\n",
+    ),
     "one beside each log": ("{a}_events.csv", "start,end,label\n3.0,3.5,slip\n"),
     "rows": ("notes.csv", "log,first row,last row,what\n{a},300,350,slips\n"),
     "durations": ("events.csv", "file,onset,duration,event\n{a},3,0.5,slip\n"),
@@ -293,7 +337,9 @@ SHEETS = {
 
 
 @pytest.mark.parametrize("form", SHEETS)
-def test_a_table_of_events_says_when_it_slips(run: Run, tmp_path: Path, form: str) -> None:
+def test_a_table_of_events_says_when_it_slips(
+    run: Run, tmp_path: Path, form: str
+) -> None:
     names = ["mug_1", "mug_2"]
     for k, name in enumerate(names, 1):
         one = made(k)
@@ -306,7 +352,9 @@ def test_a_table_of_events_says_when_it_slips(run: Run, tmp_path: Path, form: st
         before = here.read_text() if here.exists() else head
         body = "".join(lines).format(a=name, n=name[-1])
         here.write_text(before + body)
-    code, out, err = run("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
+    code, out, err = run(
+        "import", tmp_path / "logs", "--out", tmp_path / "set", "--yes"
+    )
     assert code == 0, out + err
     assert "2 trials: 2 slip" in out
     (first, second) = sorted((tmp_path / "set").rglob("trial_?.csv"))
@@ -318,13 +366,17 @@ def test_a_table_of_events_says_when_it_slips(run: Run, tmp_path: Path, form: st
 # -- trials and names
 
 
-def in_one_file(logs: Path, trials: Trials, begins_s: list[float], **columns: list[str]) -> None:
+def in_one_file(
+    logs: Path, trials: Trials, begins_s: list[float], **columns: list[str]
+) -> None:
     rows, texts = [], []
     for k, one in enumerate(trials):
         rows.append(np.column_stack([begins_s[k] + one.t_s, one.values]))
         texts += [",".join(cells[k] for cells in columns.values())] * len(one.t_s)
     names = ["time_s", *axes(5), *columns]
-    write_text(logs / "all.csv", names, np.concatenate(rows), texts=texts if columns else None)
+    write_text(
+        logs / "all.csv", names, np.concatenate(rows), texts=texts if columns else None
+    )
 
 
 MANY: dict[str, tuple[list[float], dict[str, list[str]]]] = {
@@ -340,7 +392,15 @@ def test_one_file_is_cut_into_its_trials(run: Run, tmp_path: Path, form: str) ->
     trials = [made(k) for k in (1, 2, 3)]
     begins_s, columns = MANY[form]
     in_one_file(tmp_path / "logs", trials, begins_s, **columns)
-    words = ("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes", "--action", "slip")
+    words = (
+        "import",
+        tmp_path / "logs",
+        "--out",
+        tmp_path / "set",
+        "--yes",
+        "--action",
+        "slip",
+    )
     code, out, err = run(*words)
     assert code == 0, out + err
     assert "3 trials: 3 slip" in out
@@ -351,7 +411,11 @@ def test_one_file_is_cut_into_its_trials(run: Run, tmp_path: Path, form: str) ->
 
 def test_columns_name_who_does_what(run: Run, tmp_path: Path) -> None:
     trials = [made(k) for k in (1, 2)]
-    columns = {"run": ["1", "2"], "subject": ["anna", "ben"], "condition": ["slip", "no slip"]}
+    columns = {
+        "run": ["1", "2"],
+        "subject": ["anna", "ben"],
+        "condition": ["slip", "no slip"],
+    }
     in_one_file(tmp_path / "logs", trials, [0.0, 5.0], **columns)
     code, out, _ = run("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
     assert code == 0
@@ -364,7 +428,10 @@ PATHS = {
     "sub-02/pull/run-4": ((), "sub-02/object/pull"),
     "handover 7": ((), "object/pass"),
     "subject3/cup/dropped/01": ((), "subject3/cup/slip"),
-    "anna_mug_rutschen": (("--person", "anna", "--action", "rutschen=slip"), "anna/mug/slip"),
+    "anna_mug_rutschen": (
+        ("--person", "anna", "--action", "rutschen=slip"),
+        "anna/mug/slip",
+    ),
     "mug": (("--person", "p07", "--object", "mug", "--action", "hold"), "p07/mug/hold"),
 }
 
@@ -387,12 +454,22 @@ def test_paths_and_answers_name_person_object_and_action(
 
 
 def ask(run: Run, tmp_path: Path, *answer: object) -> tuple[int, str]:
-    words = ("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes", "--action", "slip")
+    words = (
+        "import",
+        tmp_path / "logs",
+        "--out",
+        tmp_path / "set",
+        "--yes",
+        "--action",
+        "slip",
+    )
     code, out, err = run(*words, *answer)
     return code, out + err
 
 
-def test_the_rate_is_asked_and_a_counter_is_a_clock_with_it(run: Run, tmp_path: Path) -> None:
+def test_the_rate_is_asked_and_a_counter_is_a_clock_with_it(
+    run: Run, tmp_path: Path
+) -> None:
     one = made(1)
     count = np.arange(len(one.t_s))
     there = (count < 150) | (count >= 170)
@@ -422,7 +499,9 @@ def test_a_unit_that_sizes_do_not_tell_is_asked(run: Run, tmp_path: Path) -> Non
 def test_an_axis_that_contradicts_the_names_is_asked(run: Run, tmp_path: Path) -> None:
     one = made(1)
     turned = np.roll(one.values.reshape(-1, 5, 3), 1, axis=2).reshape(-1, 15)
-    write_text(tmp_path / "logs/a.csv", ["t", *axes(5)], np.column_stack([one.t_s, turned]))
+    write_text(
+        tmp_path / "logs/a.csv", ["t", *axes(5)], np.column_stack([one.t_s, turned])
+    )
     code, out = ask(run, tmp_path)
     assert code == 2
     assert "a touch moves x most, the names say z" in out
@@ -433,7 +512,11 @@ def test_an_axis_that_contradicts_the_names_is_asked(run: Run, tmp_path: Path) -
 
 
 POLARITY = np.array([1.0, -1.0, 1.0, -1.0, -1.0])
-SIGNS = {"tared": 0.0 * POLARITY, "counts above 0": 2048.0 + 0 * POLARITY, "magnets": 2048 * POLARITY}
+SIGNS = {
+    "tared": 0.0 * POLARITY,
+    "counts above 0": 2048.0 + 0 * POLARITY,
+    "magnets": 2048 * POLARITY,
+}
 
 
 @pytest.mark.parametrize("rest", SIGNS)
@@ -454,7 +537,9 @@ def test_a_press_raises_every_normal_whatever_the_polarity(
     np.testing.assert_allclose(pressed, 900.0, rtol=0.05)
 
 
-def test_missing_cells_are_counted_and_gaps_become_lost_samples(run: Run, tmp_path: Path) -> None:
+def test_missing_cells_are_counted_and_gaps_become_lost_samples(
+    run: Run, tmp_path: Path
+) -> None:
     one = made(1)
     rows = np.column_stack([one.t_s, one.values])
     path = write_text(tmp_path / "logs/a.csv", ["t", *axes(5)], rows)
@@ -468,7 +553,10 @@ def test_missing_cells_are_counted_and_gaps_become_lost_samples(run: Run, tmp_pa
     assert "missing    samples of s2_x: 5" in out
     assert "gaps       1 of 0.21 to 0.21 s: lost samples" in out
     trial = read_trial(tmp_path / "set/object/slip/trial_1.csv")
-    assert np.flatnonzero(np.isnan(trial.raw[:, 3])).tolist() == [*range(39, 44), *range(199, 219)]
+    assert np.flatnonzero(np.isnan(trial.raw[:, 3])).tolist() == [
+        *range(39, 44),
+        *range(199, 219),
+    ]
     assert len(trial.t_s) == len(one.t_s)
 
 
@@ -488,7 +576,9 @@ def test_a_changed_map_stays_and_one_that_nobody_changed_is_written_over(
     run: Run, tmp_path: Path
 ) -> None:
     one = made(1)
-    write_text(tmp_path / "logs/a.csv", ["t", *axes(5)], np.column_stack([one.t_s, one.values]))
+    write_text(
+        tmp_path / "logs/a.csv", ["t", *axes(5)], np.column_stack([one.t_s, one.values])
+    )
     words = ("import", tmp_path / "logs", "--out", tmp_path / "set")
     path = tmp_path / "set-map.toml"
     for _ in range(2):
@@ -506,7 +596,9 @@ def test_a_changed_map_stays_and_one_that_nobody_changed_is_written_over(
                tmp_path / "set/import.toml")[0] == 0  # fmt: skip
 
 
-def test_an_import_ends_with_a_picture_and_the_words_of_check(run: Run, tmp_path: Path) -> None:
+def test_an_import_ends_with_a_picture_and_the_words_of_check(
+    run: Run, tmp_path: Path
+) -> None:
     labelled(tmp_path / "logs", [made(1)], lambda one: one.words("0", "0", "1"), "slip")
     out = run("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")[1]
     picture = (tmp_path / "set/first-trial.svg").read_text("utf-8")

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 from command_line import fails
+from holdfast.interop.import_map import ACTIONS, import_map_of_text
 
 from holdfast.core.column_map import IMPORT_TABLES
 from holdfast.core.hand_card import HANDS
-from holdfast.interop.import_map import ACTIONS, import_map_of_text
 from holdfast.training.fixture import write_example
 
 ROOT = Path(__file__).resolve().parents[2]
