@@ -25,12 +25,11 @@ from holdfast.core.errors import (
     LibraryMissing,
     OutputError,
     UsageError,
-    one_line,
 )
 from holdfast.core.writing import whole_folder, write_whole
 
 if TYPE_CHECKING:
-    from holdfast.interop.trials import ImportFault, TrialImport
+    from holdfast.interop.trials import TrialImport
     from holdfast.interop.understand import Answers, Understood
 
 MAP_SUFFIX = "-map.toml"
@@ -77,19 +76,19 @@ def run(args: argparse.Namespace) -> int:
     if found is None:
         return UsageError.exit_code
     from holdfast.interop.trials import TrialImport
+    from holdfast.interop.writing import write_beside
     from holdfast.training.progress import stages
 
     try:
         with whole_folder(args.out) as folder, stages(1) as begin:
             begin(f"reading {args.source}")
             reading = TrialImport(folder)
-            for plan, places in found.plans:
-                reading.take(args.source, plan, places, begin.part)
-            beside = args.map.parent if args.map else args.out.parent
-            if not reading.faults:
-                reading.finish(found.plans[0][0], beside)
-            lines = [*found.lines, *reading.tally.lines()]
-            _require_wanted(args, found, reading, lines)
+            for plan, files in found.plans:
+                reading.take(args.source, plan, files, begin.part)
+            maps = args.map.parent if args.map else args.out.parent
+            write_beside(folder, found.plans[0][0], maps, reading.written)
+            lines = [*found.lines, *reading.lines()]
+            _require_wanted(args, found, lines)
     except _NotTaken as reason:
         return reason.code
     return _finish(args, reading, lines)
@@ -138,11 +137,9 @@ def _answered(answers: Answers, found: Understood) -> Answers:
     key = question.option.removeprefix("--")
     show(question.text)
     typed: Any = input("> ").strip()
-    if not hasattr(answers, key) and key != "rate":
+    if not hasattr(answers, key):
         raise UsageError(question.text, next_step="see docs/your-data.md")
-    if key == "rate":
-        key, typed = "rate_hz", float(typed)
-    return replace(answers, **{key: typed})
+    return replace(answers, **{key: float(typed) if key == "rate" else typed})
 
 
 def _command(args: argparse.Namespace) -> str:
@@ -165,15 +162,9 @@ def _write_map(args: argparse.Namespace, found: Understood) -> list[str]:
 def _require_wanted(
     args: argparse.Namespace,
     found: Understood,
-    reading: TrialImport,
     lines: list[str],
 ) -> None:
-    """Show what was found. Raises _NotTaken where it has faults, or is not wanted."""
-    if reading.faults:
-        faults = [vars(fault) for fault in reading.faults]
-        text = "\n".join([*lines, "", *_fault_lines(reading.faults)])
-        show_found(args, text, {"out": None, "understood": lines, "faults": faults})
-        raise _NotTaken(DataError.exit_code)
+    """Show what was found. Raises _NotTaken where it is not wanted."""
     if args.yes or args.map is not None:
         return
     if _on_terminal():
@@ -188,20 +179,6 @@ def _require_wanted(
     raise _NotTaken(UsageError.exit_code)
 
 
-def _fault_lines(faults: list[ImportFault]) -> list[str]:
-    """All faults, those that differ in place and numbers alone in one."""
-    from holdfast.training.check import alike
-
-    lines = []
-    for first, more in alike(faults, lambda fault: fault.what):
-        lines += [f"ERROR {one_line(first.where)}: {one_line(first.what)}"]
-        if first.next_step:
-            lines.append(f"  -> {one_line(first.next_step)}")
-        if more:
-            lines.append(f"  {more} more like it")
-    return [*lines, "nothing was written: correct each ERROR, then import again"]
-
-
 def _finish(args: argparse.Namespace, reading: TrialImport, lines: list[str]) -> int:
     """A picture of the first trial, and what `check` says of the set."""
     from holdfast.training.check import examine, report_lines
@@ -213,8 +190,7 @@ def _finish(args: argparse.Namespace, reading: TrialImport, lines: list[str]) ->
         "out": str(args.out),
         "understood": lines,
         "trials": reading.written,
-        "faults": [],
-        "notes": reading.tally.notes,
+        "notes": reading.notes,
     }
     show_found(args, "\n".join(shown), found)
     return 0

@@ -313,22 +313,22 @@ class Touch:
     pressed: FloatArray
     onset: FloatArray
     rows: np.ndarray
-    returns: bool = False
+    returns: bool
+
+    def ordered(self, axes: Sequence[int]) -> Touch:
+        """The same with the axes of each sensor in another order."""
+        order = np.arange(len(self.rest)).reshape(-1, 3)[:, axes].ravel()
+        parts = [one[order] for one in (self.rest, self.pressed, self.onset)]
+        return Touch(*parts, self.rows, self.returns)
 
 
 def touch(values: FloatArray) -> Touch:
     """What a hand that begins open reads while it touches something; values [T, C]."""
-    first = np.nan_to_num(values[:FIRST_ROWS])
-    there = np.isfinite(values[:FIRST_ROWS])
-    rest = np.median(first, axis=0) if there.all() else _middle(values[:FIRST_ROWS])
+    rest = _middle(values[:FIRST_ROWS])
     load = np.zeros(len(values))
-    for channel in range(values.shape[1]):
-        load += np.abs(np.nan_to_num(values[:, channel] - rest[channel]))
-    rows = (
-        load > TOUCHED * np.quantile(load, 0.95)
-        if load.any()
-        else np.zeros(len(load), bool)
-    )
+    for channel, at_rest in zip(values.T, rest, strict=True):
+        load += np.abs(np.nan_to_num(channel - at_rest))
+    rows = load > TOUCHED * max(np.quantile(load, 0.95), 1e-300)
     where = np.flatnonzero(rows)
     begins = int(where[0]) if len(where) else 0
     onset = values[begins + ONSET_ROWS // 4 : begins + ONSET_ROWS]
@@ -341,11 +341,19 @@ def touch(values: FloatArray) -> Touch:
 
 def _middle(values: FloatArray) -> FloatArray:
     """[C] medians over the rows with a value; 0 without one."""
-    middles = np.zeros(values.shape[1])
-    for channel in range(values.shape[1]):
-        finite = values[np.isfinite(values[:, channel]), channel]
-        middles[channel] = np.median(finite) if len(finite) else 0.0
+    middles: FloatArray = np.ma.median(np.ma.masked_invalid(values), axis=0).filled(0.0)
     return middles
+
+
+def together(found: Sequence[Touch]) -> Touch:
+    """What touches do in all logs."""
+    return Touch(
+        np.median([one.rest for one in found], axis=0),
+        np.median([one.pressed for one in found], axis=0),
+        np.median([one.onset for one in found], axis=0),
+        found[0].rows,
+        all(one.returns for one in found),
+    )
 
 
 def normal_axis(found: Touch) -> int:

@@ -10,16 +10,17 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from holdfast.core.column_map import NS_OF
-from holdfast.core.contract import SITUATIONS, FloatArray, IntArray
-from holdfast.core.errors import ColumnError, LabelError, NotANumber, listed
+from holdfast.core.contract import SITUATIONS, IntArray
+from holdfast.core.errors import ColumnError, LabelError, listed
 from holdfast.core.trial_layout import LABELLED_ACTIONS, UNSCRIPTED
 from holdfast.interop.columns import unit_of_time, words_of
+from holdfast.interop.logs import LogPlace, read_log
 from holdfast.interop.map import EventRules
 from holdfast.interop.streams import Column, Columns, is_text, text_cells
 from holdfast.training.datasets.trials import action_of
@@ -30,6 +31,7 @@ LABEL_WORDS = {
     "label", "labels", "event", "events", "phase", "state", "situation", "marker", "markers",
     "annotation", "class", "slip", "slipping", "status", "trigger", "contact", "what",
 }  # fmt: skip
+TRIAL_WORDS = {"trial", "file", "log", "run", "recording", "episode", "name"}
 START_WORDS = {"start", "begin", "from", "onset", "t0", "time", "at"}
 END_WORDS = {
     "end",
@@ -125,14 +127,6 @@ def action_of_word(word: str, *, has_events: bool = False) -> str | None:
 
 
 @dataclass(frozen=True)
-class LabelledRows:
-    """Cells [T] of a column in one log, and where something is touched [T]."""
-
-    cells: tuple[str, ...]
-    touched: np.ndarray
-
-
-@dataclass(frozen=True)
 class FoundLabels:
     """Rules, what was understood in words, and labels whose situation nothing says."""
 
@@ -147,108 +141,101 @@ def is_mark(name: str, column: Column) -> bool:
         return len(set(column.tolist())) <= MOST_LABELS
     cells = column[np.isfinite(column)]
     kinds = np.unique(cells)
-    changes = np.count_nonzero(np.diff(cells))
-    is_few = len(kinds) <= 8 and bool((kinds == np.round(kinds)).all())
+    is_few = len(kinds) <= 8 and bool((kinds % 1 == 0).all())
     is_named = bool(words_of(name) & LABEL_WORDS)
-    return is_few and changes < 0.1 * len(cells) and (len(kinds) > 1 or is_named)
+    seldom = np.count_nonzero(np.diff(cells)) < 0.1 * len(cells)
+    return is_few and bool(seldom) and (len(kinds) > 1 or is_named)
 
 
 def labels_of(
-    name: str, logs: Sequence[LabelledRows], known: Mapping[str, str]
+    name: str, cells: np.ndarray, touched: np.ndarray, known: Mapping[str, str]
 ) -> FoundLabels | None:
     """What a column of labels means; None for one that marks nothing.
 
-    known: label -> situation, as given.
+    cells, touched [T]: of all logs, one after the other; touched: whether the hand touches
+    something. known: label -> situation, as given.
     """
-    cells = [cell for log in logs for cell in log.cells]
-    counts = Counter(cells)
-    values = [value for value in counts if value]
-    is_named = bool(words_of(name) & LABEL_WORDS)
-    if not values or len(values) > MOST_LABELS:
-        return None
+    values = [value for value in dict.fromkeys(cells.tolist()) if value]
     by_word = {value: known.get(value, situation_of_word(value)) for value in values}
-    if len(counts) <= 2 and not all(by_word.values()):
-        return _binary(name, logs, counts, is_named=is_named)
-    hold = bool(counts[""] > 0.5 * len(cells))
-    n_known = sum(value is not None for value in by_word.values())
-    if n_known:
+    n_kinds = len(set(cells.tolist()))
+    if not values or n_kinds > MOST_LABELS:
+        return None
+    if n_kinds <= 2 and not all(by_word.values()):
+        return _binary(name, cells, touched)
+    hold = bool(np.mean(cells == "") > 0.5)
+    if any(one is not None for one in by_word.values()):
         labels = {value: situation or "" for value, situation in by_word.items()}
         lost = [value for value, situation in by_word.items() if situation is None]
-        why = f"column {name}, {_shown(labels)}"
-        why += f"; without a meaning: {listed(lost, most=6)}" if lost else ""
-        return FoundLabels(_rules(name, labels, hold=hold), why)
-    if not (is_named or len(values) <= 8) or len(values) < 2:
-        return None
-    return _by_content(name, logs, values, hold=hold)
+        no_meaning = f"; without a meaning: {listed(lost, most=6)}" if lost else ""
+        return _found(name, labels, no_meaning, hold=hold)
+    held_cells = np.array(held(cells.tolist()) if hold else cells)
+    return _by_content(name, held_cells, touched, values, hold=hold)
 
 
-def _binary(
-    name: str, logs: Sequence[LabelledRows], counts: Counter[str], *, is_named: bool
-) -> FoundLabels | None:
-    """Two values: the one in which trials begin, and the one that marks the slip."""
-    off = Counter(log.cells[0] for log in logs).most_common(1)[0][0]
-    on = next((value for value in counts if value != off), "1")
-    marked = np.concatenate([np.array(log.cells) == on for log in logs])
-    touched = np.concatenate([log.touched for log in logs])
-    inside = float(touched[marked].mean()) if marked.any() else 1.0
-    covers = float(marked[touched].mean()) if touched.any() else 0.0
+def _binary(name: str, cells: np.ndarray, touched: np.ndarray) -> FoundLabels | None:
+    """Two values: the one in which logs begin, and the one that marks the slip."""
+    off = cells[0]
+    on = next((value for value in cells.tolist() if value != off), "1")
+    marked = cells == on
     is_slip = bool(re.search("(?i)slip", name))
-    if not (is_named or inside > 0.9) or (not marked.any() and not is_slip):
-        return None
-    if covers > 0.8 and not is_slip:
-        labels = {on: "grasp", **({off: "nothing"} if off else {})}
-        return FoundLabels(
-            _rules(name, labels), f"column {name}, {on!r} marks the contact"
+    begins = np.count_nonzero(np.diff(marked.astype(np.int8)) == 1)
+    if not is_slip:
+        inside = marked.any() and touched[marked].mean() > 0.9
+        if not (inside or (words_of(name) & LABEL_WORDS and marked.any())):
+            return None
+        if marked[touched].mean() > 0.8:
+            return _found(name, {on: "grasp", off: "nothing"}, ": the contact")
+    if marked.any() and marked.sum() <= 2 * begins:
+        ends = ": the slip, from there to the end of the contact"
+        rules = EventRules(
+            column=name, hold=True, rest="grasp", labels={on: "risky_slip"}
         )
-    begins = np.count_nonzero(np.diff(marked.astype(np.int8), prepend=0) == 1)
-    is_moment = bool(marked.any() and marked.sum() <= 2 * begins)
-    labels = {on: "risky_slip", **({off: ""} if off and not is_moment else {})}
-    rules = EventRules(column=name, hold=is_moment, rest="grasp", labels=labels)
-    ends = ", from there to the end of the contact" if is_moment else ""
-    return FoundLabels(rules, f"column {name}, {on!r} marks the slip{ends}")
+        return FoundLabels(rules, f"column {name}, {on!r} marks{ends}")
+    return _found(name, {on: "risky_slip", off: ""}, f": {on!r} marks the slip")
 
 
 def _by_content(
-    name: str, logs: Sequence[LabelledRows], values: Sequence[str], *, hold: bool
+    name: str,
+    cells: np.ndarray,
+    touched: np.ndarray,
+    values: Sequence[str],
+    *,
+    hold: bool,
 ) -> FoundLabels | None:
     """Words or numbers that say nothing, by when they stand."""
-    cells = np.array(
-        [cell for log in logs for cell in (held(log.cells) if hold else log.cells)]
-    )
-    touched = np.concatenate([log.touched for log in logs])
     shares = {value: float(touched[cells == value].mean()) for value in values}
-    rows = {
-        value: int(np.count_nonzero(touched & (cells == value))) for value in values
-    }
-    first = Counter(next(filter(None, log.cells), "") for log in logs).most_common(1)[
-        0
-    ][0]
-    grasp = max(rows, key=lambda value: rows[value])
-    if first == grasp or shares.get(first, 1.0) > 0.5 or shares[grasp] < 0.5:
-        return None
+    counts = Counter(cells[touched].tolist())
+    grasp = max(values, key=lambda value: counts[value])
     empty = [value for value in values if shares[value] < 0.3]
+    if values[0] not in empty or shares[grasp] < 0.5 or len(values) > 8:
+        return None
     labels = {**dict.fromkeys(empty, "nothing"), grasp: "grasp"}
     unknown = tuple(value for value in values if value not in labels)
-    why = f"column {name}, {_shown(labels)}, by when they stand"
-    return FoundLabels(_rules(name, labels, hold=hold), why, unknown)
+    return _found(name, labels, ", by when they stand", unknown, hold=hold)
 
 
-def _rules(name: str, labels: dict[str, str], *, hold: bool = False) -> EventRules:
-    return EventRules(column=name, hold=hold, rest=_rest(labels), labels=labels)  # type: ignore[arg-type]
+def _found(
+    name: str,
+    labels: dict[str, str],
+    why: str,
+    unknown: tuple[str, ...] = (),
+    *,
+    hold: bool = False,
+) -> FoundLabels:
+    labels = {label: situation for label, situation in labels.items() if label}
+    shown = [
+        label if label == one else f"{label} = {one}"
+        for label, one in labels.items()
+        if one
+    ]
+    rules = EventRules(column=name, hold=hold, rest=rest_of(labels), labels=labels)  # type: ignore[arg-type]
+    return FoundLabels(rules, f"column {name}, {listed(shown, most=8)}{why}", unknown)
 
 
-def _rest(labels: Mapping[str, str]) -> str:
+def rest_of(labels: Mapping[str, str]) -> str:
     """What a closed hand does where no label says it; "" where the labels say it all."""
     situations = set(labels.values())
     return "" if "grasp" in situations and "" not in situations else "grasp"
-
-
-def _shown(labels: Mapping[str, str]) -> str:
-    pairs = [
-        f"{label} = {one}" for label, one in labels.items() if one and label != one
-    ]
-    plain = [label for label, one in labels.items() if label == one]
-    return listed([*plain, *pairs], most=8)
 
 
 def held(cells: Sequence[str]) -> list[str]:
@@ -260,82 +247,65 @@ def held(cells: Sequence[str]) -> list[str]:
     return kept
 
 
+def runs_of(cells: Sequence[str], stamps: IntArray) -> list[Event]:
+    """Runs of equal cells [T] as events, ns."""
+    starts = [k for k, cell in enumerate(cells) if not k or cell != cells[k - 1]]
+    return with_ends([Event(float(stamps[k]), np.nan, cells[k]) for k in starts])
+
+
 # -- tables of events
 
 
 def rules_of_table(
-    columns: Columns, keys: Collection[str], about: str, known: Mapping[str, str]
+    columns: Columns, keys: Collection[str], file: str, known: Mapping[str, str]
 ) -> EventRules | None:
     """What the columns of a table of events are; None where it has no start or no label.
 
-    keys: what logs are called. about: the name of the file. Its unit and zero come later.
+    keys: what logs are called, in small letters. Unit and zero come later.
     """
-    plain = {key.casefold() for key in keys}
     trial = ""
     for name, column in columns.items():
         cells = {cell.casefold() for cell in text_cells(column) if cell}
-        is_named = bool(
-            words_of(name) & {"trial", "file", "log", "run", "recording", "episode"}
-        )
-        fits = len(cells & plain) > len(cells) / 2
-        if (
-            cells
-            and not trial
-            and (fits if is_text(column) else is_named and cells <= plain)
+        is_named = bool(words_of(name) & TRIAL_WORDS)
+        if cells and (
+            cells <= keys if is_named else is_text(column) and len(cells & keys) > 1
         ):
-            trial = name
+            trial = trial or name
     numbers = [
         name for name, one in columns.items() if not is_text(one) and name != trial
     ]
     texts = [name for name, one in columns.items() if is_text(one) and name != trial]
-    start = _named(numbers, START_WORDS | ROW_WORDS) or next(iter(numbers), None)
-    if start is None:
+    start = _named(numbers, START_WORDS | ROW_WORDS) or next(iter(numbers), "")
+    label = _named(texts, LABEL_WORDS) or next(iter(texts), "")
+    if not (start and label):
         return None
     later = [name for name in numbers if name != start]
-    end = _named(later, END_WORDS) or next(
-        (name for name in later if _is_after(columns[name], columns[start])), ""
-    )
-    label = _named(texts, LABEL_WORDS) or next(iter(texts), "")
-    situation = situation_of_word(about) or situation_of_word(start) or ""
-    if not label and not situation:
-        return None
-    labels = {}
-    if label:
-        for cell in dict.fromkeys(text_cells(columns[label])):
-            labels[cell] = known.get(cell, situation_of_word(cell)) or ""
-    labels.pop("", None)
-    if len(labels) > MOST_LABELS or (
-        label and not situation and not any(labels.values())
-    ):
+    after = [name for name in later if (columns[name] >= columns[start]).all()]
+    words = [cell for cell in dict.fromkeys(text_cells(columns[label])) if cell]
+    labels = {cell: known.get(cell, situation_of_word(cell)) or "" for cell in words}
+    if len(labels) > MOST_LABELS or not any(labels.values()):
         return None
     return EventRules(
-        file=about,
+        file=file,
         trial=trial,
         start=start,
-        end=end,
+        end=_named(later, END_WORDS) or next(iter(after), ""),
         label=label,
-        situation="" if label else situation,  # type: ignore[arg-type]
-        rest=_rest(labels),  # type: ignore[arg-type]
+        rest=rest_of(labels),  # type: ignore[arg-type]
         labels=labels,  # type: ignore[arg-type]
     )
 
 
-def _named(names: Sequence[str], words: set[str]) -> str | None:
-    return next((name for name in names if words_of(name) & words), None)
-
-
-def _is_after(end: Column, start: Column) -> bool:
-    both = np.isfinite(end) & np.isfinite(start)
-    return bool(both.any() and (end[both] >= start[both]).all())
+def _named(names: Sequence[str], words: set[str]) -> str:
+    return next((name for name in names if words_of(name) & words), "")
 
 
 def unit_and_zero(
-    rules: EventRules, columns: Columns, first_s: float, last_s: float
+    rules: EventRules, latest: float, first_s: float, last_s: float
 ) -> tuple[str, str]:
     """The unit of a table's times, and whether they count from a log's begin or on its clock."""
     if words_of(rules.start) & ROW_WORDS:
         return ROW, "log"
-    latest = float(np.nanmax(columns[rules.start].astype(np.float64)))
     lasts_s = last_s - first_s
     named = unit_of_time(rules.start)
     for unit in (named,) if named else NS_OF:
@@ -347,63 +317,70 @@ def unit_and_zero(
     return named or "s", "log"
 
 
-def events_of_table(columns: Columns, rules: EventRules, path: Path) -> list[Event]:
-    """The events of a table by its rules, in its unit. Raises ColumnError, NotANumber, LabelError."""
-    names = [rules.start, rules.end, rules.label, rules.trial]
-    missing = [name for name in names if name and name not in columns]
-    if missing:
+def read_events(
+    source: Path, rules: EventRules | None, log: Path
+) -> tuple[Path, list[Event]]:
+    """(the file of a log's events, they, in the unit of the rules); none without such a file.
+
+    Raises ColumnError, NotANumber or LabelError.
+    """
+    if rules is None or not rules.file:
+        return Path(), []
+    root = source if source.is_dir() else source.parent
+    path = root / rules.file
+    if "{name}" in rules.file:
+        path = log.parent / rules.file.replace("{name}", log.stem)
+        if not path.is_file():
+            return Path(), []
+    streams = read_log(LogPlace(path, path.stem, path.suffix.lower())).streams
+    with_start = [one for one in streams if rules.start in one.columns]
+    columns = (with_start or streams)[0].columns
+    missing = [
+        name for name in (rules.start, rules.end, rules.label, rules.trial) if name
+    ]
+    missing = [name for name in missing if name not in columns]
+    if missing or is_text(columns[rules.start]):
         raise ColumnError(
-            f"no column {listed(missing)} (events)",
+            f"no column {listed(missing or [rules.start])} of the events",
             where=path,
             cause=f"its columns are {listed(list(columns), most=40)}",
             next_step="correct [events] of the column map",
         )
-    starts = _times(columns, rules.start, path)
-    ends = np.full(len(starts), np.nan)
-    if rules.end:
-        ends = _times(columns, rules.end, path)
-        if words_of(rules.end) & {"duration", "length"}:
-            ends = starts + ends
-    blank = [""] * len(starts)
-    labels = text_cells(columns[rules.label]) if rules.label else blank
-    trials = text_cells(columns[rules.trial]) if rules.trial else blank
-    found = []
-    for start, end, label, trial in zip(
-        starts.tolist(), ends.tolist(), labels, trials, strict=True
-    ):
-        if end < start or (rules.unit == ROW and start < 0):
+    return path, _events(columns, rules, path)
+
+
+def _events(columns: Columns, rules: EventRules, path: Path) -> list[Event]:
+    starts = columns[rules.start].astype(np.float64)
+    ends = (
+        columns[rules.end].astype(np.float64)
+        if rules.end
+        else np.full(len(starts), np.nan)
+    )
+    if words_of(rules.end) & {"duration", "length"}:
+        ends = starts + ends
+    labels = text_cells(columns[rules.label])
+    trials = text_cells(columns[rules.trial]) if rules.trial else [""] * len(starts)
+    rows = zip(starts.tolist(), ends.tolist(), labels, trials, strict=True)
+    # a trial without an event has an empty row
+    found = [Event(*row) for row in rows if np.isfinite(row[0])]
+    for event in found:
+        if event.end < event.start:
             raise LabelError(
-                f"the event {label!r:.60} from {start:g} to {end:g} {rules.unit} is impossible",
+                f"{event.label!r:.60} from {event.start:g} to {event.end:g} {rules.unit} "
+                "is impossible",
                 where=path,
-                next_step="correct that line, or events.unit of the column map",
+                next_step="correct that line",
             )
-        # a trial without an event has an empty row
-        if start == start:
-            found.append(Event(start, end, label, trial))
     return with_ends(sorted(found, key=lambda event: (event.trial, event.start)))
-
-
-def _times(columns: Columns, name: str, path: Path) -> FloatArray:
-    if is_text(columns[name]):
-        raise NotANumber(
-            f"column {name} holds no times",
-            where=path,
-            next_step="write numbers, in events.unit of the column map",
-        )
-    return columns[name].astype(np.float64)
 
 
 def with_ends(events: Sequence[Event]) -> list[Event]:
     """Each event without an end lasts to the next one of its trial."""
     whole: list[Event] = []
-    later: Event | None = None
     for event in reversed(events):
-        end = event.end
-        if np.isnan(end):
-            follows = later is not None and later.trial == event.trial
-            end = later.start if later and follows else FOR_EVER
-        whole.append(Event(event.start, end, event.label, event.trial))
-        later = event
+        follows = whole and whole[-1].trial == event.trial
+        end = whole[-1].start if follows else FOR_EVER
+        whole.append(replace(event, end=end) if np.isnan(event.end) else event)
     return whole[::-1]
 
 
@@ -414,15 +391,8 @@ def in_ns(event: Event, rules: EventRules, stamps: IntArray, zero_ns: int) -> Ev
         if time >= FOR_EVER:
             times.append(FOR_EVER)
         elif rules.unit == ROW:
-            row = int(time)
-            times.append(float(stamps[row] if row < len(stamps) else stamps[-1] + 1))
+            row = min(max(int(time), 0), len(stamps) - 1)
+            times.append(float(stamps[row]))
         else:
             times.append(zero_ns + time * NS_OF[rules.unit])
-    return Event(times[0], times[1], event.label, event.trial)
-
-
-def events_of_cells(cells: Sequence[str], stamps: IntArray) -> list[Event]:
-    """Runs of equal cells [T] as events, ns."""
-    starts = [k for k, cell in enumerate(cells) if not k or cell != cells[k - 1]]
-    events = [Event(float(stamps[k]), np.nan, cells[k]) for k in starts]
-    return with_ends(events)
+    return replace(event, start=times[0], end=times[1])

@@ -4,8 +4,8 @@ Taken from the first lines. Names stand in the lines before the numbers that hav
 of them may hold units, and a merged heading stands for the cells to its right. Such a line may be a
 comment, as numpy writes it. A table without names has `column1`, `column2`, ..
 
-A line may begin with the time of its arrival (`14:02:11.000 -> 1,2,3`), hold vectors in brackets,
-or name each number (`Fx:1.5 Fy:2`): `Form.cells` makes plain cells of it.
+A line may begin with the time of its arrival (`14:02:11.000 -> 1,2,3`), or hold vectors in brackets:
+`Form.cells` makes plain cells of it.
 """
 
 from __future__ import annotations
@@ -42,7 +42,6 @@ UNITS = {
     "counts", "raw", "V", "mV", "-", "1", "µs", "µT", "μs", "μT", "sec", "1/s", "°C", "C",
 }  # fmt: skip
 """What a row of units below the names holds."""
-NAMED = re.compile(r"([A-Za-z_][\w .\[\]/-]*?)\s*[:=]\s*([-+]?[\d.]\S*)")
 Cells = list[Any]
 
 
@@ -66,15 +65,6 @@ class Form:
         except csv.Error:
             return []
         return [cell.strip() for cell in cells]
-
-    def plain_cells(self, line: str) -> Cells:
-        """The same without the names of `name:value`."""
-        cells = self.cells(line)
-        named = [NAMED.fullmatch(cell) for cell in cells]
-        return [
-            found[2] if found else cell
-            for cell, found in zip(cells, named, strict=True)
-        ]
 
 
 @dataclass(frozen=True)
@@ -100,7 +90,7 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
     for separator in SEPARATORS:
         for decimal in ".,":
             form = Form(separator, decimal)
-            rows = [form.plain_cells(line) for line in bare]
+            rows = [form.cells(line) for line in bare]
             body = [
                 row for row, is_data in zip(rows, data, strict=True) if is_data and row
             ]
@@ -123,7 +113,7 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
     first = first_of_data(rows, form.decimal, data)
     above = [_named_cells(line, bare[first], form) for line in bare[:first]]
     names, first = heading([*above, form.cells(bare[first])])
-    form = replace(form, is_odd=_is_odd(bare[first:], form))
+    form = replace(form, is_odd=_is_odd(bare[first:]))
     body = [row for row in rows[first:] if len(row) == len(names)]
     numeric = [
         name
@@ -153,9 +143,6 @@ def first_of_data(
 def heading(rows: Sequence[Cells]) -> tuple[tuple[str, ...], int]:
     """(names of the columns, index of the first row of data) by the rows up to the first data."""
     first, wide = len(rows) - 1, len(rows[-1])
-    named = [NAMED.fullmatch(str(cell)) for cell in rows[first]]
-    if sum(map(bool, named)) > 1:
-        return unique_names([found[1] if found else "" for found in named]), first
     if _counts_columns(rows[first]):
         return unique_names(rows[first]), first + 1
     above: list[list[str]] = []
@@ -270,19 +257,9 @@ def _share_of_numbers(rows: Sequence[Cells], decimal: str) -> float:
     return numbers / len(cells) if cells else 0.0
 
 
-def _is_odd(lines: Sequence[str], form: Form) -> bool:
-    """Whether the lines are plain cells only after `plain_cells`."""
-    for line in lines[:20]:
-        if (
-            ARRIVAL.match(line)
-            or VECTOR.search(line)
-            or NAMED.search(line.split(";")[0])
-        ):
-            cells = form.plain_cells(line)
-            mark = " " if form.separator == SPACES else form.separator
-            if cells != [cell.strip() for cell in line.split(mark)]:
-                return True
-    return False
+def _is_odd(lines: Sequence[str]) -> bool:
+    """Whether lines are plain cells only after `Form.cells`."""
+    return any(ARRIVAL.match(line) or VECTOR.search(line) for line in lines[:20])
 
 
 def _counts_columns(cells: Cells) -> bool:

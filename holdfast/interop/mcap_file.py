@@ -4,7 +4,6 @@
 | --- | --- | --- |
 | /tactile/fingers | holdfast.Fingers | a sample; a lost value is null |
 | /situation | holdfast.Situation | each change of the label |
-| /log | foxglove.Log | marks, changes of the label, fingers lost and back |
 
 All messages are JSON. This module alone imports mcap and mcap_protobuf. `read_log` reads any file
 whose messages are JSON, protobuf or those of ROS 2: each number is a column `topic.field`.
@@ -23,7 +22,7 @@ import numpy as np
 from holdfast.core.contract import AXES, Json
 from holdfast.core.errors import NotANumber, needs_extra
 from holdfast.core.schema import json_of
-from holdfast.interop.payload import TrialPayload, log_lines
+from holdfast.interop.payload import TrialPayload
 from holdfast.interop.streams import ForeignLog, streams_of
 
 with needs_extra("mcap"):
@@ -33,8 +32,6 @@ with needs_extra("mcap"):
     from mcap.writer import Writer
     from mcap_protobuf.decoder import DecoderFactory
 
-INFO, WARNING = 2, 3
-"""Levels of foxglove.Log."""
 TEXT, NUMBER = {"type": "string"}, {"type": "number"}
 NUMBER_OR_NULL = {"type": ["number", "null"]}
 FINGER = {
@@ -44,7 +41,6 @@ FINGER = {
         "valid": {"type": "boolean"},
     },
 }
-STAMP = {"type": "object", "properties": {"sec": NUMBER, "nsec": NUMBER}}
 TOPICS: dict[str, tuple[str, Json]] = {
     "/tactile/fingers": (
         "holdfast.Fingers",
@@ -53,10 +49,6 @@ TOPICS: dict[str, tuple[str, Json]] = {
     "/situation": (
         "holdfast.Situation",
         {"situation": TEXT, "by": TEXT, "t0_s": NUMBER, "t1_s": NUMBER},
-    ),
-    "/log": (
-        "foxglove.Log",
-        {"timestamp": STAMP, "level": NUMBER, "message": TEXT, "name": TEXT},
     ),
 }
 """Topic -> name of its schema, and the fields of a message."""
@@ -92,18 +84,8 @@ def _channel(writer: Writer, topic: str) -> int:
 
 
 def _messages(trial: TrialPayload) -> Iterable[tuple[str, int, Json]]:
-    """(topic, ns since 1970, message): the log, situations, then sample by sample."""
+    """(topic, ns since 1970, message): situations, then sample by sample."""
     stamps = trial.t_ns.tolist()
-    for line in log_lines(trial):
-        seconds, nanos = divmod(line.t_ns, 1_000_000_000)
-        message = {
-            "timestamp": {"sec": seconds, "nsec": nanos},
-            "level": WARNING if line.is_loss else INFO,
-            "message": line.text,
-            "name": "holdfast",
-        }
-        yield "/log", line.t_ns, message
-
     for first, stop, name in trial.phases():
         situation = {
             "situation": name,
@@ -187,13 +169,10 @@ def read_log(path: Path, name: str) -> ForeignLog:
                 next_step="mcap recover FILE writes what is left",
             ) from None
         found.notes = ("cut off: read as far as it goes",)
-    kinds = {
-        schema.name for schema in found.schemas.values() if schema.encoding == "ros2msg"
-    }
-    if kinds:
-        from holdfast.interop.ros2 import unit_of_messages
+    if any(schema.encoding == "ros2msg" for schema in found.schemas.values()):
+        from holdfast.interop.ros2 import read_log as read_bag
 
-        found.about |= unit_of_messages(kinds)
+        return read_bag(path, name)
     streams = streams_of(found.messages, found.stamps, found.notes)
     return ForeignLog(path, name, streams, found.about)
 
@@ -211,8 +190,4 @@ def _decoder(encoding: str, schema: Schema | None) -> Decode | None:
             preserving_proto_field_name=True,
             always_print_fields_with_no_presence=True,
         )
-    if encoding == "cdr" and schema is not None and schema.encoding == "ros2msg":
-        from holdfast.interop.ros2 import cdr_reader
-
-        return cdr_reader(schema.name, schema.data.decode())
     return None

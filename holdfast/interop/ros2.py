@@ -5,7 +5,7 @@ This module alone imports rosbags.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import fields as fields_of
 from dataclasses import is_dataclass
 from pathlib import Path
@@ -19,7 +19,7 @@ from holdfast.interop.streams import ForeignLog, streams_of
 
 with needs_extra("ros2"):
     from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+    from rosbags.typesys import Stores, get_typestore
 
 NS = 1_000_000_000
 """Nanoseconds in a second."""
@@ -34,7 +34,7 @@ MOST_LIST = 256
 
 
 def read_log(folder: Path, name: str) -> ForeignLog:
-    """A bag of ROS 2 as a log: a stream a topic. Raises NotANumber."""
+    """A bag of ROS 2, or its MCAP file, as a log: a stream a topic. Raises NotANumber."""
     messages: dict[str, list[Any]] = {}
     stamps: dict[str, list[int]] = {}
     kinds = {}
@@ -80,22 +80,3 @@ def plain_message(message: Any) -> Any:
     if isinstance(message, bytes):
         return None
     return message
-
-
-def cdr_reader(name: str, definition: str) -> Callable[[bytes], Any]:
-    """Reads messages of a type whose definition a file holds, such as an MCAP file of ROS 2.
-
-    Raises NotANumber.
-    """
-    try:
-        store = get_typestore(Stores.ROS2_HUMBLE)
-        kind = name if "/msg/" in name else name.replace("/", "/msg/", 1)
-        for other, types in get_types_from_msg(definition, kind).items():
-            if other not in store.types:
-                store.register({other: types})
-    except Exception as error:  # the parser of definitions raises errors of its own
-        raise NotANumber(
-            f"the type {name:.60} cannot be read ({type(error).__name__})",
-            next_step="record the bag with the definitions of its types",
-        ) from None
-    return lambda data: plain_message(store.deserialize_cdr(data, kind))

@@ -52,6 +52,11 @@ class ForeignLog:
     about: Json = field(default_factory=dict)
 
 
+def first_stream(log: ForeignLog) -> Stream:
+    """The longest stream of a log."""
+    return max(log.streams, key=lambda one: one.rows)
+
+
 def columns_of(messages: Sequence[Any], prefix: str) -> Columns:
     """Columns of messages: nested objects flattened, one name for each number or text.
 

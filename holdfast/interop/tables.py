@@ -64,16 +64,13 @@ def read_text_table(path: Path) -> Stream:
 
 
 def is_table(path: Path) -> bool:
-    """Whether a file begins like a table of numbers, and is no prose."""
+    """Whether a file is a table of numbers, and no prose."""
     try:
-        with path.open("rb") as file:
-            head = file.read(HEAD_BYTES)
-        lines = _lines(head, encoding_of(head))
-        layout = layout_of(lines)
-    except (DataError, OSError, UnicodeError):
+        columns = list(read_text_table(path).columns.values())
+    except DataError:
         return False
-    rows = len(lines) - layout.first_row
-    return rows >= FEWEST_ROWS and 2 * len(layout.numeric) >= len(layout.names)
+    n_numbers = sum(not is_text(column) for column in columns)
+    return len(columns[0]) >= FEWEST_ROWS and 2 * n_numbers >= len(columns)
 
 
 def encoding_of(head: bytes) -> str:
@@ -157,7 +154,7 @@ def _plain(
     n_torn = 0
     for line in text.splitlines()[layout.first_row :]:
         is_comment = bool(layout.comment) and line.startswith(layout.comment)
-        cells = layout.form.plain_cells(line)
+        cells = layout.form.cells(line)
         is_whole = len(cells) == len(layout.names)
         if is_whole and not is_comment:
             kept.append(mark.join(f'"{cell}"' for cell in cells))
@@ -233,32 +230,24 @@ def _typed(column: pd.Series, decimal: str, name: str, notes: list[str]) -> Colu
 def stamps_of(cells: Column) -> Column:
     """[T] dates, or times of day over midnight, as ns; nan where a cell is none."""
     first = next(cell for cell in cells if cell)
-    if re.match(r"\d{4}-", first):
-        texts = pd.Series(cells).str.replace(",", ".", regex=False)
-        dates = pd.to_datetime(texts, format="ISO8601", utc=True, errors="coerce")
-    elif re.match(r"\d+[./-]\d+[./-]\d+", first):
-        texts = pd.Series(cells).str.replace(",", ".", regex=False)
-        is_year_first = bool(re.match(r"\d{4}", first))
-        dates = pd.to_datetime(
-            texts, dayfirst=not is_year_first, errors="coerce", format="mixed"
-        )
-    else:
+    if not re.match(r"\d+[./-]\d+[./-]\d+", first):
         return _times_of_day(cells)
+    form = "ISO8601" if re.match(r"\d{4}-", first) else "mixed"
+    texts = pd.Series(cells).str.replace(",", ".", regex=False)
+    dates = pd.to_datetime(
+        texts, format=form, dayfirst=form == "mixed", utc=True, errors="coerce"
+    )
     ns: Column = dates.to_numpy(dtype="datetime64[ns]").astype(np.int64)
     return np.where(ns == NO_STAMP, np.nan, ns) if (ns == NO_STAMP).any() else ns
 
 
 def _times_of_day(cells: Column) -> Column:
-    pattern = r"(?:(\d+):)?(\d+):(\d\d)(?:[.,:](\d+))?\s*([AP]M)?"
-    parts = pd.Series(cells).str.extract(pattern)
+    parts = pd.Series(cells).str.extract(r"(?:(\d+):)?(\d+):(\d\d)(?:[.,:](\d+))?")
     hours, minutes, seconds = (pd.to_numeric(parts[k]).fillna(0.0) for k in range(3))
     fraction_ns = pd.to_numeric(parts[3].fillna("0").str.ljust(9, "0").str[:9])
-    noon = np.where(parts[4] == "PM", 12, 0) - np.where(
-        (hours == 12) & parts[4].notna(), 12, 0
-    )
-    whole_s = ((hours + noon) * 60.0 + minutes) * 60.0 + seconds
+    whole_s = (hours * 60.0 + minutes) * 60.0 + seconds
     ns: Column = np.array(whole_s * SECOND_NS + fraction_ns, dtype=np.float64)
     ns[parts[2].isna().to_numpy()] = np.nan
     # a step of nearly a day back is midnight
-    steps = np.diff(ns, prepend=ns[:1])
-    return ns + DAY_NS * np.cumsum(np.nan_to_num(steps) < -DAY_NS / 2)
+    steps = np.nan_to_num(np.diff(ns, prepend=ns[:1]))
+    return ns + DAY_NS * np.cumsum(steps < -DAY_NS / 2)

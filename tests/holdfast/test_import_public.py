@@ -132,7 +132,7 @@ def test_proactive_slip_from_one_long_table_with_a_column_of_labels(
     own = tmp_path / "set"
     code, out, err = run("import", path, "--out", own, "--yes")
     assert code == 0, out + err
-    assert "count, by size" in out
+    assert "unit       count" in out
     trials = sorted(own.rglob("trial_?.csv"))
     assert len(trials) == 7
     np.testing.assert_allclose(read_trial(trials[0]).raw, tables[0][:, 2:])
