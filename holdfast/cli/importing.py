@@ -29,8 +29,8 @@ from holdfast.core.errors import (
 from holdfast.core.writing import whole_folder, write_whole
 
 if TYPE_CHECKING:
+    from holdfast.interop.forms import Answers, Understood
     from holdfast.interop.trials import TrialImport
-    from holdfast.interop.understand import Answers, Understood
 
 MAP_SUFFIX = "-map.toml"
 """Of a map, beside the set that it is for."""
@@ -41,7 +41,7 @@ PICTURE = "first-trial.svg"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
-    formats = "text tables, xlsx, MCAP, Parquet, XDF, a rosbag2 or LeRobot folder, or a folder of them"
+    formats = "a text table, xlsx, MCAP, Parquet, XDF, rosbag2 or LeRobot, or a folder of them"
     option("source", type=path_argument, metavar="SOURCE", help=formats)
     new = "a new folder"
     option("--out", type=path_argument, required=True, metavar="DIR", help=new)
@@ -103,8 +103,9 @@ class _NotTaken(Exception):
 
 def _understood(args: argparse.Namespace) -> Understood | None:
     """What the logs are, with every question answered; None where one is left."""
+    from holdfast.interop.forms import Answers
     from holdfast.interop.map import read_import_map
-    from holdfast.interop.understand import Answers, of_map, understand
+    from holdfast.interop.understand import of_map, understand
 
     if args.map is not None:
         return of_map(args.source, read_import_map(args.map))

@@ -64,7 +64,12 @@ AXIS_FORMS = (
     re.compile(r"(?i)(?<![a-z])[fb]?([xyz])"),
 )
 """An axis in a name: a letter on its own, behind a small one, at the end of a word, before it."""
-SHEAR, NORMAL = re.compile(r"(?i)shear|tangential|lateral"), re.compile(r"(?i)normal")
+AXIS_WORDS = (
+    (re.compile(r"(?i)normal"), " z "),
+    (re.compile(r"(?i)(shear|tangential|lateral)[_ .]?[2yb](?![0-9])"), " y "),
+    (re.compile(r"(?i)(shear|tangential|lateral)[_ .]?[1xa]?(?![0-9])"), " x "),
+)
+"""Words for axes."""
 TOUCHED = 0.2
 """A hand touches something while its readings are so far from rest, of their 95 % quantile."""
 FIRST_ROWS, ONSET_ROWS = 10, 60
@@ -179,7 +184,7 @@ def find_sensors(
         name for name in columns if name not in taken and not is_text(columns[name])
     ]
     names = [name for name in names if name != LOG_TIME]
-    sensors = _by_axes(names) or _by_shear(names)
+    sensors = _by_axes(names)
     if sensors:
         return sensors, "by the axes in their names"
     rest = _by_count(names, columns)
@@ -202,22 +207,20 @@ def _by_axes(names: Sequence[str]) -> list[SensorColumns]:
         groups: dict[str, dict[str, str]] = {}
         for name in names:
             # what stands in brackets is a unit
-            bare = re.sub(r"[\[(].*?[\])]", lambda found: " " * len(found[0]), name)
+            bare = re.sub(r"[\[(].*?[\])]", "", name)
+            for word, axis in AXIS_WORDS:
+                bare = word.sub(axis, bare)
             match = list(form.finditer(bare))
-            if match:
+            # an IMU beside the fingers has axes too
+            if match and not words_of(name) & NO_SENSOR:
                 at = match[-1]
-                key = f"{name[: at.start()]}*{name[at.end() :]}"
+                key = f"{bare[: at.start()]}*{bare[at.end() :]}"
                 groups.setdefault(key, {}).setdefault(at[1].lower(), name)
-        whole = {key: one for key, one in groups.items() if set(one) == set(AXES)}
-        # an IMU beside the fingers has axes too
-        groups = {
-            key: one for key, one in whole.items() if not words_of(key) & NO_SENSOR
-        }
-        if len(groups) > len(best):
-            best = [
-                SensorColumns(*(groups[key][axis] for axis in AXES))
-                for key in _as_counted(groups)
-            ]
+        sensors = []
+        for key in _as_counted(groups):
+            if set(groups[key]) == set(AXES):
+                sensors.append(SensorColumns(**groups[key]))
+        best = max(best, sensors, key=len)
     return best
 
 
@@ -232,49 +235,33 @@ def _as_counted(keys: Collection[str]) -> list[str]:
     return sorted(keys, key=place)
 
 
-def _by_shear(names: Sequence[str]) -> list[SensorColumns]:
-    """Shear, shear and normal of each sensor, in one order."""
-    named = [name for name in names if SHEAR.search(name) or NORMAL.search(name)]
-    sensors = []
-    for k in range(0, len(named) - len(named) % 3, 3):
-        three = named[k : k + 3]
-        normal = [name for name in three if NORMAL.search(name)]
-        if len(normal) != 1:
-            return []
-        shear = [name for name in three if name not in normal]
-        sensors.append(SensorColumns(*shear, *normal))
-    return sensors if len(named) % 3 == 0 else []
-
-
 def _by_count(names: Sequence[str], columns: Columns) -> list[str]:
-    """The columns of readings, 3 n of them: all, those that change, or the longest series."""
-    moving = [name for name in names if _is_moving(columns[name])]
+    """The columns of readings, 3 n of them: the longest series, all, or those that change."""
     series: dict[str, list[str]] = {}
     for name in names:
         series.setdefault(re.sub(r"\d+", "#", name), []).append(name)
-
-    def rank(of_one: list[str]) -> tuple[bool, int]:
-        return bool(words_of(of_one[0]) & TOUCH_WORDS), len(of_one)
-
-    longest = sorted(series.values(), key=rank, reverse=True)
-    for chosen in (*longest[:2], names, moving):
+    longest = sorted(max(series.values(), key=_rank, default=[]), key=counted)
+    moving = []
+    for name in names:
+        steps = np.diff(columns[name].astype(np.float64))
+        if len(np.unique(steps[np.isfinite(steps)])) > 1:
+            moving.append(name)
+    for chosen in (longest, names, moving):
         if len(chosen) >= 3 and len(chosen) % 3 == 0:
-            return sorted(chosen, key=counted) if chosen in longest else list(chosen)
+            return list(chosen)
     return []
 
 
-def _is_moving(column: Column) -> bool:
-    """Whether a column is no constant and no count."""
-    steps = np.diff(column.astype(np.float64))
-    steps = steps[np.isfinite(steps)]
-    return bool(len(steps) and steps.any() and not (steps == steps[0]).all())
+def _rank(series: Sequence[str]) -> tuple[bool, int]:
+    """Of columns that differ in a number: those of touch first, then the most."""
+    return bool(words_of(series[0]) & TOUCH_WORDS), len(series)
 
 
 def _order(values: FloatArray) -> np.ndarray:
     """[S, 3] places of x, y and z of columns without names [T, 3 S], by what a touch moves."""
     by_sensor = np.arange(values.shape[1]).reshape(-1, 3)
     by_axis = by_sensor.reshape(3, -1).T
-    change = touch(values).onset
+    change = touch(values).effects[2]
     best = (0.0, by_sensor)
     for order in (by_sensor, by_axis):
         axis, share = _leading(change[order])
@@ -303,23 +290,14 @@ def _leading(change: FloatArray) -> tuple[int, float]:
 
 @dataclass(frozen=True)
 class Touch:
-    """rest [C]: before the touch. pressed [C]: the usual change while touched, signed.
+    """effects [3, C]: the readings at rest; their usual change while touched; its size at first.
 
-    onset [C]: its size as the touch begins. rows [T]: where something is touched. returns: whether
-    the readings end near their rest.
+    rows [T]: where something is touched. returns: whether the readings end near their rest.
     """
 
-    rest: FloatArray
-    pressed: FloatArray
-    onset: FloatArray
+    effects: FloatArray
     rows: np.ndarray
     returns: bool
-
-    def ordered(self, axes: Sequence[int]) -> Touch:
-        """The same with the axes of each sensor in another order."""
-        order = np.arange(len(self.rest)).reshape(-1, 3)[:, axes].ravel()
-        parts = [one[order] for one in (self.rest, self.pressed, self.onset)]
-        return Touch(*parts, self.rows, self.returns)
 
 
 def touch(values: FloatArray) -> Touch:
@@ -331,12 +309,10 @@ def touch(values: FloatArray) -> Touch:
     rows = load > TOUCHED * max(np.quantile(load, 0.95), 1e-300)
     where = np.flatnonzero(rows)
     begins = int(where[0]) if len(where) else 0
-    onset = values[begins + ONSET_ROWS // 4 : begins + ONSET_ROWS]
-    pressed = values[where[:: max(1, len(where) // 5000)]]
-    returns = not rows[-FIRST_ROWS:].any()
-    return Touch(
-        rest, _middle(pressed) - rest, np.abs(_middle(onset) - rest), rows, returns
-    )
+    onset = _middle(values[begins + ONSET_ROWS // 4 : begins + ONSET_ROWS])
+    pressed = _middle(values[where[:: max(1, len(where) // 5000)]])
+    effects = np.stack([rest, pressed - rest, np.abs(onset - rest)])
+    return Touch(effects, rows, not rows[-FIRST_ROWS:].any())
 
 
 def _middle(values: FloatArray) -> FloatArray:
@@ -345,20 +321,9 @@ def _middle(values: FloatArray) -> FloatArray:
     return middles
 
 
-def together(found: Sequence[Touch]) -> Touch:
-    """What touches do in all logs."""
-    return Touch(
-        np.median([one.rest for one in found], axis=0),
-        np.median([one.pressed for one in found], axis=0),
-        np.median([one.onset for one in found], axis=0),
-        found[0].rows,
-        all(one.returns for one in found),
-    )
-
-
 def normal_axis(found: Touch) -> int:
     """The axis that most sensors clearly change along when they are touched; 2 where none is."""
-    axis, share = _leading(found.onset.reshape(-1, 3))
+    axis, share = _leading(found.effects[2].reshape(-1, 3))
     return axis if share >= 0.8 else NORMAL_AXIS
 
 
@@ -371,8 +336,7 @@ def oriented(
     has its z the other way; where some must be, their magnets are upside down.
     """
     ours, size = UNIT_OF[unit]
-    pressed = size * found.pressed[NORMAL_AXIS::3]
-    rest = size * found.rest[NORMAL_AXIS::3]
+    rest, pressed, _ = size * found.effects[:, NORMAL_AXIS::3]
     is_turned_later = rest < -NORMAL_FLOOR[ours]
     is_far = np.abs(rest) > NORMAL_FLOOR[ours]
     touched = np.abs(pressed) > TOUCHED * np.abs(pressed).max()
@@ -398,41 +362,33 @@ def oriented(
 
 def unit_of_names(names: Sequence[str]) -> str | None:
     """The unit in the names of channels, such as `thumb_x [mN]`, or behind the axis."""
-    brackets = [
-        _words(" ".join(re.findall(r"[\[(](.*?)[\])]", name))) for name in names
-    ]
-    tails = [_words(re.split(r"(?i)[xyz](?![a-z])", name)[-1]) for name in names]
     for unit, words in SIGNAL_UNITS.items():
-        for said in (brackets, tails):
-            if said and all(one & words for one in said):
+        in_brackets = [re.findall(r"[\[(](.*?)[\])]", name) for name in names]
+        behind = [re.split(r"(?i)[xyz](?![a-z])", name)[-1:] for name in names]
+        for parts in (in_brackets, behind):
+            if all(
+                words & {*re.findall(r"[^\W\d_]+", " ".join(one).lower())}
+                for one in parts
+            ):
                 return unit
     return None
-
-
-def _words(text: str) -> set[str]:
-    return {word.lower() for word in re.findall(r"[^\W\d_]+", text)}
 
 
 def unit_of_sizes(
     names: Sequence[str], values: FloatArray, found: Touch
 ) -> tuple[str, str]:
     """(unit, why) of channels [T, C] by their sizes; "" where several are as likely."""
-    rest = float(np.median(np.abs(found.rest[NORMAL_AXIS::3])))
-    change = float(np.nanquantile(np.abs(values[::7] - found.rest), 0.99))
+    at_rest = found.effects[0]
+    rest = float(np.median(np.abs(at_rest[NORMAL_AXIS::3])))
+    change = float(np.nanquantile(np.abs(values[::7] - at_rest), 0.99))
     sizes = f"at rest {rest:.3g}, changes of {change:.3g}"
-    finite = values[np.isfinite(values)]
-    is_whole = bool((finite == np.round(finite)).all())
-    is_field = all(re.search(r"(?i)(?<![a-z])(b[xyz]|mag)", name) for name in names)
-    if is_field:
-        if rest >= 1500.0:
-            return "uT", f"a field, {sizes}"
-        return "", f"a field, {sizes}: mT, G or uT"
-    if change < 200.0 and rest < 100.0 and not is_whole:
-        return "N", sizes
-    is_count = is_whole and finite.min() >= 0 and rest > change
-    if is_count:
-        return "count", f"{sizes}, whole numbers above 0"
-    return "", f"{sizes}: mN, uT or counts"
+    is_whole = bool((np.nan_to_num(values) % 1 == 0).all())
+    if re.search(r"(?i)(?<![a-z])(b[xyz](?![a-z])|mag)", names[0]):
+        return ("uT" if rest >= 1500.0 else ""), f"a field, {sizes}"
+    if is_whole and np.nanmin(values) >= 0 and rest > change:
+        return "count", f"by size: {sizes}, whole numbers above 0"
+    is_force = change < 200.0 and rest < 100.0 and not is_whole
+    return ("N" if is_force else ""), f"by size: {sizes}"
 
 
 def channels(

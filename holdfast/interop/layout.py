@@ -4,8 +4,8 @@ Taken from the first lines. Names stand in the lines before the numbers that hav
 of them may hold units, and a merged heading stands for the cells to its right. Such a line may be a
 comment, as numpy writes it. A table without names has `column1`, `column2`, ..
 
-A line may begin with the time of its arrival (`14:02:11.000 -> 1,2,3`), or hold vectors in brackets:
-`Form.cells` makes plain cells of it.
+A line may begin with the time of its arrival (`14:02:11.000 -> 1,2,3`), or hold vectors in
+brackets: `Form.cells` makes plain cells of it.
 """
 
 from __future__ import annotations

@@ -150,8 +150,8 @@ class ImportMap(ColumnMap, frozen=True, forbid_unknown_fields=True, omit_default
 
     trials: TrialRules = TrialRules()
     facts: Facts = Facts()
-    actions: dict[str, str] = {}
-    masses_g: dict[str, Mass] = {}
+    actions: dict[str, str] = msgspec.field(default_factory=dict)
+    masses_g: dict[str, Mass] = msgspec.field(default_factory=dict)
     events: EventRules | None = None
 
     def __post_init__(self) -> None:

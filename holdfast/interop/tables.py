@@ -140,7 +140,7 @@ def _parsed(
             encoding=encoding,
             skipinitialspace=True,
             keep_default_na=False,
-            na_values=dict.fromkeys(layout.numeric, list(MISSING)),
+            na_values={name: list(MISSING) for name in layout.numeric},
         )
 
 

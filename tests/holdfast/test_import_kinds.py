@@ -406,7 +406,7 @@ def test_columns_name_who_does_what(run: Run, tmp_path: Path) -> None:
         "condition": ["slip", "no slip"],
     }
     in_one_file(tmp_path / "logs", trials, [0.0, 5.0], **columns)
-    code, out, _ = run("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
+    code, _, _ = run("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
     assert code == 0
     assert (tmp_path / "set/anna/object/slip/trial_1.csv").is_file()
     assert (tmp_path / "set/ben/object/hold/trial_1.csv").is_file()
