@@ -169,7 +169,10 @@ class Form:
         for sample in self.samples if rules.action else ():
             for word in set(text_cells(sample.columns[rules.action])):
                 actions[word] = action_of_word(word) or word
-        rules = changed(rules, path=path, gap_s=0.0 if rules.column else self._gap_s())
+        rules = changed(rules, path=path)
+        gap_s = self._gap_s()
+        if gap_s and not rules.column:
+            rules = changed(rules, gap_s=gap_s)
         about = all(one.log.about.get("action") for one in self.samples)
         if not (
             events or answers.action or about or rules.action or "{action}" in path
