@@ -49,8 +49,8 @@ print(Path(f"lab/logs/{log}").read_text()[:140])
 # %% [markdown]
 # ## Import: a column map says what is what
 #
-# Without a map, `holdfast import` finds one from what the columns hold, says what it understood, and
-# asks what nothing tells. Here it is written out.
+# Without a map, `holdfast import` finds one from what the columns hold, says what it understood,
+# and asks what nothing tells. Here it is written out.
 
 # %%
 sensors = "\n".join(

@@ -11,7 +11,7 @@ import argparse
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from holdfast.cli.command import (
     add_json_option,
@@ -29,8 +29,7 @@ from holdfast.core.errors import (
 from holdfast.core.writing import whole_folder, write_whole
 
 if TYPE_CHECKING:
-    from holdfast.interop.forms import Answers, Understood
-    from holdfast.interop.trials import TrialImport
+    from holdfast.interop.forms import Understood
 
 MAP_SUFFIX = "-map.toml"
 """Of a map, beside the set that it is for."""
@@ -73,36 +72,33 @@ def run(args: argparse.Namespace) -> int:
             "exists and is not empty", where=args.out, next_step="name a new folder"
         )
     found = _understood(args)
-    if found is None:
-        return UsageError.exit_code
     from holdfast.interop.trials import TrialImport
     from holdfast.interop.writing import write_beside
     from holdfast.training.progress import stages
 
-    try:
-        with whole_folder(args.out) as folder, stages(1) as begin:
+    with whole_folder(args.out) as folder:
+        with stages(1) as begin:
             begin(f"reading {args.source}")
             reading = TrialImport(folder)
             for plan, files in found.plans:
                 reading.take(args.source, plan, files, begin.part)
-            maps = args.map.parent if args.map else args.out.parent
-            write_beside(folder, found.plans[0][0], maps, reading.written)
-            lines = [*found.lines, *reading.lines()]
-            _require_wanted(args, found, lines)
-    except _NotTaken as reason:
-        return reason.code
-    return _finish(args, reading, lines)
+        maps = args.map.parent if args.map else args.out.parent
+        write_beside(folder, found.plans[0][0], maps, reading.written)
+        lines = [*found.lines, *reading.lines()]
+        # nothing is kept where the block is left by an error
+        _require_wanted(args, found, lines)
+    from holdfast.training.check import examine, report_lines
+
+    first, *_, verdict = report_lines(examine(args.out))
+    shown = [*lines, "", *_picture(args.out), first, verdict]
+    shown.append(f"next: holdfast check {args.out}")
+    words = {"understood": lines, "trials": reading.written, "notes": reading.notes}
+    show_found(args, "\n".join(shown), {"out": str(args.out), **words})
+    return 0
 
 
-class _NotTaken(Exception):
-    """The set is not kept. code: how the program ends."""
-
-    def __init__(self, code: int) -> None:
-        self.code = code
-
-
-def _understood(args: argparse.Namespace) -> Understood | None:
-    """What the logs are, with every question answered; None where one is left."""
+def _understood(args: argparse.Namespace) -> Understood:
+    """What the logs are, with every question answered. Raises UsageError where one is left."""
     from holdfast.interop.forms import Answers
     from holdfast.interop.map import read_import_map
     from holdfast.interop.understand import of_map, understand
@@ -113,102 +109,64 @@ def _understood(args: argparse.Namespace) -> Understood | None:
         args.action, args.person, args.object, args.unit, args.rate, args.normal
     )
     found = understand(args.source, answers)
-    while found.questions and not args.yes and _on_terminal():
+    while found.questions:
+        question = found.questions[0]
         show("\n".join(found.lines))
-        answers = _answered(answers, found)
+        key = question.option.removeprefix("--")
+        if args.yes or not _on_terminal() or not hasattr(answers, key):
+            _write_map(args, found)
+            next_step = f"{_command(args)} {question.option} .."
+            raise UsageError(question.text, next_step=next_step)
+        show(question.text)
+        typed = input("> ").strip()
+        answer = float(typed) if key == "rate" else typed
+        answers = replace(answers, **{key: answer})
         found = understand(args.source, answers)
-    if not found.questions:
-        return found
-    question = found.questions[0]
-    path = _write_map(args, found)
-    words = {"out": None, "understood": found.lines, "question": vars(question)}
-    lines = [*found.lines, "", f"question: {question.text}"]
-    lines.append(f"answer: {_command(args)} {question.option} ..")
-    show_found(args, "\n".join(lines + path), words)
-    return None
+    return found
 
 
 def _on_terminal() -> bool:
     return sys.stdin.isatty() and sys.stdout.isatty()
 
 
-def _answered(answers: Answers, found: Understood) -> Answers:
-    """The answers with that to the first question, typed."""
-    question = found.questions[0]
-    key = question.option.removeprefix("--")
-    show(question.text)
-    typed: Any = input("> ").strip()
-    if not hasattr(answers, key):
-        raise UsageError(question.text, next_step="see docs/your-data.md")
-    return replace(answers, **{key: float(typed) if key == "rate" else typed})
-
-
 def _command(args: argparse.Namespace) -> str:
     return f"holdfast import {args.source} --out {args.out}"
 
 
-def _write_map(args: argparse.Namespace, found: Understood) -> list[str]:
-    """Write the map for the next time, unless it was changed by hand; in words."""
+def _write_map(args: argparse.Namespace, found: Understood) -> None:
+    """Write the map for the next time, unless it was changed by hand; and say so."""
     from holdfast.interop.map import is_changed, map_text
 
     path = args.out.with_name(args.out.name + MAP_SUFFIX)
-    if not found.plans:
-        return []
-    if is_changed(path):
-        return [f"{path}: was changed by hand, and stays; use it: --map {path}"]
-    write_whole(path, map_text(found.plans[0][0]))
-    return [f"{path}: what is known so far, as a map"]
+    if found.plans and is_changed(path):
+        show(f"{path}: was changed by hand, and stays; use it: --map {path}")
+    elif found.plans:
+        write_whole(path, map_text(found.plans[0][0]))
+        show(f"{path}: what is known so far, as a map")
 
 
 def _require_wanted(
-    args: argparse.Namespace,
-    found: Understood,
-    lines: list[str],
+    args: argparse.Namespace, found: Understood, lines: list[str]
 ) -> None:
-    """Show what was found. Raises _NotTaken where it is not wanted."""
+    """Show what was found. Raises UsageError where it is not wanted."""
     if args.yes or args.map is not None:
         return
-    if _on_terminal():
-        show("\n".join(lines))
-        if input("import this? [y/N] ").strip().lower() in ("y", "yes"):
-            return
-        raise _NotTaken(UsageError.exit_code)
-    next_step = f"{_command(args)} --yes"
-    last = [*_write_map(args, found), f"no trial is written yet; next: {next_step}"]
-    text = "\n".join([*lines, "", *last])
-    show_found(args, text, {"out": None, "understood": lines, "next": next_step})
-    raise _NotTaken(UsageError.exit_code)
-
-
-def _finish(args: argparse.Namespace, reading: TrialImport, lines: list[str]) -> int:
-    """A picture of the first trial, and what `check` says of the set."""
-    from holdfast.training.check import examine, report_lines
-
-    first, *_, verdict = report_lines(examine(args.out))
-    shown = [*lines, "", *_picture(args.out), first, verdict]
-    shown.append(f"next: holdfast check {args.out}")
-    found = {
-        "out": str(args.out),
-        "understood": lines,
-        "trials": reading.written,
-        "notes": reading.notes,
-    }
-    show_found(args, "\n".join(shown), found)
-    return 0
+    show("\n".join(lines))
+    if _on_terminal() and input("import this? [y/N] ").strip().lower() in ("y", "yes"):
+        return
+    _write_map(args, found)
+    raise UsageError("no trial is written yet", next_step=f"{_command(args)} --yes")
 
 
 def _picture(out: Path) -> list[str]:
-    """Draw the first trial, where matplotlib is there; in words."""
+    """Draw the first trial, where matplotlib is there and a trial can be read; in words."""
     from holdfast.training.datasets.thesis import readers
 
     try:
         from holdfast.evaluation.pictures import recording
-    except LibraryMissing:
-        return []
-    try:
+
         first = readers(out)[0].read().recording
-    except DataError:
-        # check says why
+    except (LibraryMissing, DataError):
         return []
     write_whole(out / PICTURE, recording(first, "imported"))
     return [f"picture of {first.trial_id}: {out / PICTURE}"]

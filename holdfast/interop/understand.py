@@ -7,6 +7,7 @@ answer on the command line, is asked.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -51,7 +52,7 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
     places, others = find_logs(source)
     samples = []
     for number, place in enumerate(places, 1):
-        samples.append(_sample([place], read_log(place), answers))
+        samples.append(_sample([place], _begin_of(read_log(place)), answers))
         part(number / len(places))
     tables = [one for one in samples if not one.sensors]
     samples = [one for one in samples if one.sensors]
@@ -96,7 +97,10 @@ def of_map(source: Path, plan: ImportMap) -> Understood:
             for one, is_table in zip(places, are_events, strict=True)
             if not is_table
         ]
-    return Understood(plans=[(plan, files_of(places, plan.trials.fingers))])
+    found = Understood(plans=[(plan, files_of(places, plan.trials.fingers))])
+    found.add("sensors", f"{len(plan.sensors)}, by the map")
+    found.add("unit", f"{plan.unit}, by the map")
+    return found
 
 
 def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample:
@@ -118,8 +122,20 @@ def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample:
         ):
             sensors = []
     names = [name for sensor in sensors for name in sensor.axes] or list(merged)
-    columns = {name: one[:JUDGED_ROWS] for name, one in table_of(log, names).items()}
+    columns = table_of(log, names)
     return Sample(files, log, columns, find_time(columns, answers.rate), sensors, why)
+
+
+def _begin_of(log: ForeignLog) -> ForeignLog:
+    """The first rows of a log, so that a long one does not stay in the memory."""
+    streams = []
+    for one in log.streams:
+        columns = {
+            name: cells[:JUDGED_ROWS].copy() for name, cells in one.columns.items()
+        }
+        t_ns = None if one.t_ns is None else one.t_ns[:JUDGED_ROWS].copy()
+        streams.append(replace(one, columns=columns, t_ns=t_ns))
+    return replace(log, streams=tuple(streams))
 
 
 def _marks(columns: Columns) -> set[str]:

@@ -59,7 +59,8 @@ def test_the_page_runs_from_logs_of_another_program_to_a_gripper_that_holds(
 
     # The first import only proposes a map.
     assert codes == [0, 2, 0, 0, 0, 0]
-    assert "32 trials, 2 sensors, in N" in found["import"]
+    assert "sensors    2, by the map" in found["import"]
+    assert "32 trials: 16 hold, 16 slip" in found["import"]
     assert "held out by object: 4 objects" in found["check"]
     assert "held out by object: macro F1" in found["train"]
     headline = "<h1>Held out by object: macro F1"
@@ -108,7 +109,8 @@ def test_real_logs_of_two_pads_become_a_judged_model_and_a_live_run(
     proposed.write_text(card + proposed.read_text("utf-8"), "utf-8")
     code, out, err = run("import", "logs", "--out", "set", "--map", proposed)
     assert code == 0, out + err
-    assert "6 sensors, in uT" in out
+    assert "sensors    6, by the map" in out
+    assert "unit       uT, by the map" in out
     assert run("check", "set")[0] == 0
     words = "train --data set --out model --report r.html --size tiny --learner forest"
     code, out, err = run(*words.split())

@@ -178,9 +178,9 @@ def test_readings_of_any_form_are_the_same_trials_and_the_action_is_asked(
     (tmp_path / "logs").mkdir()
     READINGS[form](tmp_path / "logs", trials)
     words = ("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
-    code, out, _ = run(*words)
-    assert code == 2, out
-    assert "question: what happens in these trials?" in out
+    code, _, err = run(*words)
+    assert code == 2
+    assert "what happens in these trials?" in err
     assert not (tmp_path / "set").exists()
     code, out, err = run(*words, "--action", "slip")
     assert code == 0, out + err
@@ -292,9 +292,9 @@ def test_what_only_the_action_explains_is_asked_once(
         tmp_path / "logs", [made(1), made(2)], lambda one: one.words(*words), "zustand"
     )
     command = ("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
-    code, out, _ = run(*command)
+    code, _, err = run(*command)
     assert code == 2
-    assert f"what is '{words[2]}' in column zustand?" in out
+    assert f"what is '{words[2]}' in column zustand?" in err
     for answer in ("slip", f"{words[2]}=slip"):
         out_dir = tmp_path / answer
         code, out, err = run(
@@ -467,7 +467,7 @@ def test_the_rate_is_asked_and_a_counter_is_a_clock_with_it(
     write_text(tmp_path / "logs/a.csv", ["seq", *axes(5)], rows)
     code, out = ask(run, tmp_path)
     assert code == 2
-    assert "question: how many rows a second" in out
+    assert "how many rows a second" in out
     code, out = ask(run, tmp_path, "--rate", 100)
     assert code == 0, out
     trial = read_trial(tmp_path / "set/object/slip/trial_1.csv")
@@ -482,7 +482,7 @@ def test_a_unit_that_sizes_do_not_tell_is_asked(run: Run, tmp_path: Path) -> Non
     write_text(tmp_path / "logs/a.csv", ["t", *axes(5)], rows)
     code, out = ask(run, tmp_path)
     assert code == 2
-    assert "question: what unit have the readings" in out
+    assert "what unit have the readings" in out
     assert ask(run, tmp_path, "--unit", "mN")[0] == 0
 
 

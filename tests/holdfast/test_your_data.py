@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 from command_line import fails
+
 from holdfast.core.column_map import IMPORT_TABLES
+from holdfast.core.hand_card import HANDS
 from holdfast.interop.map import read_import_map
 from holdfast.training.datasets.trials import FOLDERS
-
-from holdfast.core.hand_card import HANDS
 from holdfast.training.fixture import write_example
 
 ROOT = Path(__file__).resolve().parents[2]
