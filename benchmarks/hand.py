@@ -179,7 +179,7 @@ def scan_costs() -> list[ScanCost]:
     """One row for each bridge, clock and layout."""
     ways = [(bridge, "mux", 400_000) for bridge in (*BRIDGES, NATIVE)]
     ways += [("ft232h", "mux", 1_000_000)]
-    ways += [("ft232h", layout, 400_000) for layout in ("mux6", "moved")]
+    ways += [("ft232h", "mux6", 400_000)]
     return [_scan_cost(*way) for way in ways]
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from holdfast.core import errors as errors
+    from holdfast.core.contract import GripCommand as GripCommand
     from holdfast.core.contract import Prediction as Prediction
     from holdfast.core.contract import Sample as Sample
     from holdfast.core.errors import DataError as DataError
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
     from holdfast.core.trial_file import read_trial as read_trial
     from holdfast.edge_runtime.monitor import GripMonitor
     from holdfast.edge_runtime.recording import Answers as Answers
-    from holdfast.edge_runtime.recording import TextArray
-    from holdfast.edge_runtime.supervisor import GripCommand as GripCommand
     from holdfast.live.open_hand import OpenHand
 
 # onnxruntime from 1.31 on collects and sends usage data unless this turns it off before its import
@@ -41,7 +40,7 @@ _HOMES = {
     "UsageError": "core.errors",
     "read_trial": "core.trial_file",
     "Answers": "edge_runtime.recording",
-    "GripCommand": "edge_runtime.supervisor",
+    "GripCommand": "core.contract",
 }
 """Public name -> the module that has it."""
 
@@ -55,7 +54,6 @@ __all__ = [
     "Prediction",
     "Sample",
     "UsageError",
-    "cues_of",
     "errors",
     "load",
     "open_hand",
@@ -97,16 +95,6 @@ def open_hand(
     from holdfast.live.open_hand import OpenHand
 
     return OpenHand(url, calibration, bias)
-
-
-def cues_of(answers: Answers) -> TextArray:
-    """[T] the vibration cue that the wearer would get at each sample, by the shipped table.
-
-    answers: of `GripMonitor.replay`. "" where none is sent (docs/feedback.md has the kinds).
-    """
-    from holdfast.live.cues import Cues, read_cues
-
-    return Cues(read_cues()).of_recording(answers)
 
 
 def __getattr__(name: str) -> Any:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from holdfast.core.hand_card import hand_of_counts
 from holdfast.simulation.body import Body
 from holdfast.simulation.contacts import pressure
 from holdfast.simulation.drive import Actuator, Drive
-from holdfast.simulation.objects import OBJECTS
+from holdfast.simulation.objects import OBJECTS, hand_of_counts
 from holdfast.simulation.protocol import PlannedTrial, TrialsRow, draw_trial
 from holdfast.simulation.script import body_of
 

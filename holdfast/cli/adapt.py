@@ -1,11 +1,11 @@
-"""`holdfast adapt MODEL --data FOLDER --person p01 --out FILE`: a model file for one person.
+"""`holdfast adapt MODEL --data FOLDER --person p01 --slips FOLDER --out FILE`: for one person.
 
     holdfast record --source URL --out trials --person p01 --protocol simulation/cards/adapt.toml
-    holdfast adapt models/holdfast-150hz.onnx --data trials --person p01 --out p01.onnx
-    holdfast adapt p01.onnx --undo --out base.onnx
+    holdfast simulate thesis --trials 300 --seed 1 --out slips
+    holdfast adapt models/holdfast-150hz.onnx --data trials --person p01 --slips slips --out p.onnx
+    holdfast adapt p.onnx --undo --out base.onnx
 
-An adapted file is adapted again from the base in it, so adaptations never add up. docs/adapt.md
-says what is fitted, and on what.
+docs/adapt.md says what is fitted, and on what.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from holdfast.core.errors import OutputError, UsageError
 from holdfast.core.writing import require_writable
 
 if TYPE_CHECKING:
-    from holdfast.sessions.adapt_point import HeldOutFigures
+    from holdfast.sessions.adapt import HeldOutFigures
 
 STAGES = 7
 
@@ -33,20 +33,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     option("model", type=path_argument, metavar="MODEL", help="a sealed model file")
-    data = "recordings of the person: eight hand-overs and a minute of holding"
-    option("--data", metavar="FOLDER", help=data)
+    option(
+        "--data",
+        metavar="FOLDER",
+        help="recordings of the person: eight hand-overs and a minute of holding",
+    )
     option("--person", metavar="PSEUDONYM", help="whose recordings in FOLDER")
-    slips = "recordings with slips, of any person (default: simulated trials)"
-    option("--slips", metavar="SET|FOLDER", help=slips)
-    out = "model file to write; its card is written next to it"
-    option("--out", type=path_argument, required=True, metavar="FILE", help=out)
+    option(
+        "--slips",
+        metavar="SET|FOLDER",
+        help="recordings with slips, of any person, such as simulated ones",
+    )
+    option(
+        "--out",
+        type=path_argument,
+        required=True,
+        metavar="FILE",
+        help="model file to write; its card is written next to it",
+    )
     option(
         "--undo",
         action="store_true",
         help="write the base of an adapted file, byte for byte",
     )
-    force = "replace FILE if it exists, and write it although it is worse than its base"
-    option("--force", action="store_true", help=force)
+    option(
+        "--force",
+        action="store_true",
+        help="replace FILE if it exists, and write it although it is worse than its base",
+    )
     add_json_option(parser)
 
 
@@ -61,21 +75,11 @@ def run(args: argparse.Namespace) -> int:
 
 def _require_options(args: argparse.Namespace) -> None:
     """Raise UsageError or OutputError before anything long begins."""
-    from holdfast.edge_runtime.model_file import CARD_SUFFIX
-
     given = (args.data, args.person, args.slips)
-    is_adapting = bool(args.data and args.person)
-    if any(given) if args.undo else not is_adapting:
+    if any(given) if args.undo else not all(given):
         raise UsageError(
-            "--data and --person are needed, or --undo alone",
-            next_step="holdfast adapt MODEL --data FOLDER --person p01 --out FILE",
-        )
-
-    # The card would overwrite the model that it describes.
-    if args.out.suffix == CARD_SUFFIX:
-        raise UsageError(
-            f"--out {args.out}: the model's card is written there",
-            next_step=f"write --out {args.out.with_suffix('.onnx')}",
+            "--data, --person and --slips are needed, or --undo alone",
+            next_step="holdfast adapt MODEL --data FOLDER --person p01 --slips FOLDER --out FILE",
         )
 
     # Resolved: the same file under another name is found out too.
@@ -135,7 +139,6 @@ def _adapt(args: argparse.Namespace) -> int:
         "held_out": asdict(reached),
         "base_held_out": asdict(made.base),
         "worse_than_base": reached.worse_than(made.base),
-        "labels_contradicted": made.contradicted,
         "verified": asdict(made.verified),
     }
     show_found(args, words, found)

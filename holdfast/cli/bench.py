@@ -24,10 +24,13 @@ LATENCY = "latency"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
-    what = "latency: the time of one decision"
-    option("what", choices=[LATENCY], metavar="latency", help=what)
-    check = "exit 1 if a budget is exceeded"
-    option("--check", action="store_true", help=check)
+    option(
+        "what",
+        choices=[LATENCY],
+        metavar="latency",
+        help="latency: the time of one decision",
+    )
+    option("--check", action="store_true", help="exit 1 if a budget is exceeded")
     out = "folder for the results (default build/bench)"
     default = Path("build/bench")
     option("--out", type=path_argument, default=default, metavar="DIR", help=out)

@@ -30,8 +30,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="bias to write (JSON)",
     )
-    duration = "duration of the measurement (default 2)"
-    option("--seconds", type=positive, default=2.0, metavar="S", help=duration)
+    option(
+        "--seconds",
+        type=positive,
+        default=2.0,
+        metavar="S",
+        help="duration of the measurement (default 2)",
+    )
     option("--anyway", action="store_true", help="write it even if it is not good")
     add_json_option(parser)
 
@@ -40,8 +45,9 @@ def run(args: argparse.Namespace) -> int:
     """Measure, judge, write."""
     from holdfast.core.writing import require_writable
     from holdfast.drivers.calibration import write_bias
+    from holdfast.live.hand_files import force_of
     from holdfast.live.running import RunClock, say
-    from holdfast.live.sources import force_of, open_live
+    from holdfast.live.sources import open_live
     from holdfast.sessions.bias import measure_bias, require_good
 
     require_writable(args.out.parent)

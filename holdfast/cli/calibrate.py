@@ -1,9 +1,7 @@
 """`holdfast calibrate PATH --out FILE`: a map from field to force, from known loads.
 
 PATH is a CSV file with the columns Time, X1..Zn (uT) and Fx, Fy, Fz (N), in which every fingertip
-is pressed at least twice; or a folder in the layout of eflesh_calibration (normal_force/ and
-shear_force/, with one folder a probing), whose load has a --load-unit. The errors that it prints
-are on probings left out.
+is pressed at least twice. The errors that it prints are on probings left out.
 """
 
 from __future__ import annotations
@@ -25,14 +23,31 @@ from holdfast.core.writing import require_writable
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
-    layout = "a CSV file Time,X1..Zn,Fx,Fy,Fz, or a folder like eflesh_calibration"
-    option("path", type=path_argument, metavar="PATH", help=layout)
-    made = "calibration to write"
-    option("--out", type=path_argument, required=True, metavar="FILE", help=made)
-    unit = "unit of the loads (default N; needed for a folder)"
-    option("--load-unit", choices=("N", "mN", "gf"), help=unit)
-    gain = "shear over normal force, as read over true, where it is known (default: measured)"
-    option("--shear-gain", type=positive, metavar="X", help=gain)
+    option(
+        "path",
+        type=path_argument,
+        metavar="PATH",
+        help="a CSV file Time,X1..Zn,Fx,Fy,Fz",
+    )
+    option(
+        "--out",
+        type=path_argument,
+        required=True,
+        metavar="FILE",
+        help="calibration to write",
+    )
+    option(
+        "--load-unit",
+        choices=("N", "mN", "gf"),
+        default="N",
+        help="unit of the loads (default N)",
+    )
+    option(
+        "--shear-gain",
+        type=positive,
+        metavar="X",
+        help="shear over normal force, as read over true, where it is known (default: measured)",
+    )
     add_json_option(parser)
     today = date.today().isoformat()
     option(
@@ -44,25 +59,18 @@ def run(args: argparse.Namespace) -> int:
     """Fit, judge on probings left out, print, write."""
     from holdfast.drivers.calibration import write_calibration
     from holdfast.sessions.calibrate import as_json, calibrate, in_words
-    from holdfast.sessions.known_loads import read_load_sets
+    from holdfast.sessions.known_loads import read_loads
 
     # Before the fit, whose result would otherwise be lost.
     require_writable(args.out.parent)
     require_json_writable(args)
-    figures = []
-    lines = []
-    for k, loads in enumerate(read_load_sets(args.path, args.load_unit)):
-        fit = calibrate(loads, args.path.name, args.date)
-        if args.shear_gain is not None:
-            known = replace(fit.calibration, shear_gain=args.shear_gain)
-            fit = replace(fit, calibration=known)
-        # A folder may hold normal and shear probings: each set gets a file of its own.
-        out = (
-            args.out if k == 0 else args.out.with_stem(f"{args.out.stem}.{loads.name}")
-        )
-        write_calibration(out, fit.calibration)
-        figures.append(as_json(loads, fit))
-        lines += [*in_words(loads, fit), f"  written: {out}", ""]
-
-    show_found(args, "\n".join(lines), {"studies": figures})
+    loads = read_loads(args.path, args.load_unit)
+    fit = calibrate(loads, args.path.name, args.date)
+    if args.shear_gain is not None:
+        known = replace(fit.calibration, shear_gain=args.shear_gain)
+        fit = replace(fit, calibration=known)
+    write_calibration(args.out, fit.calibration)
+    found = as_json(loads, fit)
+    words = "\n".join([*in_words(found), f"  written: {args.out}"])
+    show_found(args, words, found | {"written": args.out})
     return 0

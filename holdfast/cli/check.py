@@ -27,12 +27,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a folder of recordings, or a public set by name",
     )
     add_json_option(parser)
-    repair = "repair trials that a kill or a power cut interrupted, and stop"
-    option("--repair", action="store_true", help=repair)
-    example = (
-        "write the files of docs/your-data.md into FOLDER, which must be new, and stop"
+    option(
+        "--repair",
+        action="store_true",
+        help="repair trials that a kill or a power cut interrupted, and stop",
     )
-    option("--example", action="store_true", help=example)
+    option(
+        "--example",
+        action="store_true",
+        help="write the files of docs/your-data.md into FOLDER, which must be new, and stop",
+    )
 
 
 def run(args: argparse.Namespace) -> int:

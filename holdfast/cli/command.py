@@ -39,44 +39,23 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(message, next_step=f"{self.prog} --help")
 
 
-class _FormerOption(argparse.Action):
-    """An option that is gone. const: what to write instead."""
+def whole(least: int, most: int = 2**32 - 1) -> Callable[[str], int]:
+    """What reads a whole number from the command line, within bounds."""
 
-    def __call__(
-        self,
-        parser: argparse.ArgumentParser,
-        namespace: argparse.Namespace,
-        values: object,
-        option_string: str | None = None,
-    ) -> None:
-        """Raise UsageError."""
-        what = f"{option_string} is no option any more"
-        raise UsageError(what, next_step=self.const)
+    def read(word: str) -> int:
+        # isdecimal refuses signs, points and spaces, which int() would take
+        number = int(word) if word.isdecimal() else -1
+        if not least <= number <= most:
+            raise argparse.ArgumentTypeError(
+                f"{word!r} is not a whole number from {least} to {most}"
+            )
+        return number
 
-
-def add_former_options(
-    parser: argparse.ArgumentParser, instead: Mapping[str, str]
-) -> None:
-    """Options that are gone, in no help: each answers with what to write instead."""
-    for name, next_step in instead.items():
-        parser.add_argument(
-            name,
-            nargs="*",
-            action=_FormerOption,
-            const=next_step,
-            help=argparse.SUPPRESS,
-        )
+    return read
 
 
-def seed(word: str) -> int:
-    """A seed from the command line: 0 .. 2^32 - 1, the range that all generators take."""
-    # isdecimal refuses signs, points and spaces, which int() would take
-    number = int(word) if word.isdecimal() else -1
-    if not 0 <= number < 2**32:
-        raise argparse.ArgumentTypeError(
-            f"{word!r} is not a whole number from 0 to {2**32 - 1}"
-        )
-    return number
+seed = whole(0)
+"""A seed: all that generators take."""
 
 
 def path_argument(word: str) -> Path:
@@ -206,25 +185,9 @@ def _forget_what_cannot_be_written(stream: TextIO) -> None:
         os.close(nothing)
 
 
-EXTRA_OF = {
-    "distributed": "dask",
-    "depthai": "camera",
-    "jinja2": "viz",
-    "matplotlib": "viz",
-    "mcap": "mcap",
-    "openpyxl": "xlsx",
-    "pyarrow": "parquet",
-    "pylsl": "lsl",
-    "pyxdf": "xdf",
-    "rosbags": "ros2",
-    "shtab": "completion",
-}
-"""Package -> the extra that brings it; all others come with training and its pictures."""
-
-
 def _not_installed(error: ModuleNotFoundError) -> UsageError:
-    package = (error.name or "").partition(".")[0]
-    extra = EXTRA_OF.get(package, "train,viz")
+    # the modules of other extras name these themselves (core/errors.py: needs_extra)
+    extra = "dask" if error.name == "distributed" else "train,viz"
     return UsageError(
         f"this needs the package {error.name}",
         cause="only an extra installs it",
@@ -251,9 +214,13 @@ STDOUT = Path("-")
 
 def add_json_option(parser: argparse.ArgumentParser) -> None:
     """--json, which means the same in every command."""
-    text = "what was found as one JSON object, to FILE; without FILE to stdout, instead of words"
     parser.add_argument(
-        "--json", nargs="?", const=STDOUT, type=path_argument, metavar="FILE", help=text
+        "--json",
+        nargs="?",
+        const=STDOUT,
+        type=path_argument,
+        metavar="FILE",
+        help="what was found as one JSON object, to FILE; without FILE to stdout, instead of words",
     )
 
 

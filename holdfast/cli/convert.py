@@ -24,10 +24,18 @@ WRITERS = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
-    source = "a folder of recordings; logs of others come in by holdfast import"
-    option("source", type=path_argument, metavar="FOLDER", help=source)
-    formats = "format to write (docs/interop.md); each needs the extra of its name"
-    option("--to", choices=WRITERS, required=True, help=formats)
+    option(
+        "source",
+        type=path_argument,
+        metavar="FOLDER",
+        help="a folder of recordings; logs of others come in by holdfast import",
+    )
+    option(
+        "--to",
+        choices=WRITERS,
+        required=True,
+        help="format to write (docs/interop.md); each needs the extra of its name",
+    )
     option(
         "--out", type=path_argument, required=True, metavar="DIR", help="a new folder"
     )
@@ -37,8 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="GLOB",
         help="trials whose names match, such as 'p01/*'",
     )
-    raw = "values as recorded, not without bias"
-    option("--raw", action="store_true", help=raw)
+    option("--raw", action="store_true", help="values as recorded, not without bias")
     add_json_option(parser)
 
 

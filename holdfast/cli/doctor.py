@@ -24,7 +24,7 @@ from holdfast.cli.command import (
     show,
     write_found,
 )
-from holdfast.core.errors import UsageError
+from holdfast.core.errors import needs_extra
 
 if TYPE_CHECKING:
     from holdfast.live.doctor import Finding
@@ -32,11 +32,16 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
-    model = "check this model file on this machine, about 5 s (default: the machine)"
-    parser.add_argument("model", nargs="?", metavar="MODEL", help=model)
-    completion = "print what makes a shell complete commands, and stop"
     parser.add_argument(
-        "--completion", choices=("bash", "zsh", "fish"), help=completion
+        "model",
+        nargs="?",
+        metavar="MODEL",
+        help="check this model file on this machine, about 5 s (default: the machine)",
+    )
+    parser.add_argument(
+        "--completion",
+        choices=("bash", "zsh", "fish"),
+        help="print what makes a shell complete commands, and stop",
     )
     add_json_option(parser)
 
@@ -45,26 +50,27 @@ def run(args: argparse.Namespace) -> int:
     """Print every finding when it is there; 1 where a check of the model failed."""
     if args.completion is not None:
         return _complete(args.completion)
-    # a missing thing on a machine is a result, and no failure
     if args.model is None:
         from holdfast.live.doctor import examine
 
-        findings = examine(_data_sets, _settings)
+        findings = examine(_settings)
     else:
         from holdfast.live.model_checks import model_checks
 
         findings = model_checks(args.model)
 
     found = []
+    failed = False
     for one in findings:
-        found.append(one)
+        found.append(asdict(one))
+        # a missing thing on a machine is a result, and no failure
+        failed = failed or (args.model is not None and one.status != "ok")
         if args.json != STDOUT:
             # at once and not at the end: a check that hangs is then the next one
             step = f"  -> {one.next_step}" if one.next_step else ""
             show(f"{one.status:<9}{one.what:<30}{one.found}{step}")
             sys.stdout.flush()
-    failed = args.model is not None and any(one.status != "ok" for one in found)
-    write_found(args, {"ok": not failed, "findings": [asdict(one) for one in found]})
+    write_found(args, {"ok": not failed, "findings": found})
     return int(failed)
 
 
@@ -72,14 +78,8 @@ def _complete(shell: str) -> int:
     """Print the script that a shell reads."""
     from holdfast.cli.main import VERBS
 
-    try:
+    with needs_extra("completion"):
         import shtab
-    except ImportError as error:
-        raise UsageError(
-            f"completion needs the package {error.name}",
-            cause="only the extra `completion` installs it",
-            next_step="pip install 'holdfast[completion]'",
-        ) from None
 
     print(shtab.complete(whole_parser(VERBS, shtab.FILE), shell))
     return 0
@@ -90,7 +90,7 @@ def whole_parser(
 ) -> argparse.ArgumentParser:
     """All commands in one parser. files: how shtab completes names of files."""
     # here: the rest of the doctor runs where no package is installed
-    from holdfast.cli.settings import add_config_option
+    from holdfast.cli.options import add_config_option
 
     whole = argparse.ArgumentParser(prog="holdfast")
     commands = whole.add_subparsers()
@@ -108,39 +108,16 @@ def whole_parser(
     return whole
 
 
-def _data_sets() -> list[Finding]:
-    """The public sets, where training is installed: nothing else reads them."""
-    from holdfast.live.doctor import Finding, missing_of
-    from holdfast.training.datasets import PUBLIC_SETS, data_folder
-
-    if missing_of("train"):
-        return []
-    folder = data_folder()
-    there = [name for name in PUBLIC_SETS if (folder / name).is_dir()]
-    missing = ", ".join(name for name in PUBLIC_SETS if name not in there)
-    findings = [Finding(name, "ok", f"in {folder}") for name in there]
-    if missing:
-        step = "only for figures on public recordings: HOLDFAST_DATA names their folder"
-        found = f"not in {folder}: {missing}"
-        findings.append(Finding("public data sets", "ok", found, step))
-    return findings
-
-
 def _settings() -> list[Finding]:
     """Each value of holdfast.toml here, and where it comes from."""
-    from holdfast.cli.settings import DEFAULT, read_settings
-    from holdfast.core.errors import HoldfastError
+    from holdfast.cli.options import DEFAULT, read_settings, settings_file
     from holdfast.live.doctor import Finding
 
-    try:
-        path, settings = read_settings([])
-    # a file of settings with a mistake is a finding like any other
-    except HoldfastError as error:
-        return [Finding("settings", "broken", str(error), error.next_step)]
+    path = settings_file([])
     if path is None:
         found = f"no {DEFAULT} here: options come from the command line"
         return [Finding("settings", "ok", found)]
     return [
         Finding(f"setting {name}", "ok", f"{value} (from {path})")
-        for name, value in settings.given().items()
+        for name, value in read_settings(path).items()
     ]

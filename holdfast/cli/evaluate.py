@@ -6,7 +6,6 @@ import argparse
 from typing import TYPE_CHECKING
 
 from holdfast.cli.command import (
-    add_former_options,
     add_json_option,
     path_argument,
     positive,
@@ -28,41 +27,53 @@ if TYPE_CHECKING:
     from holdfast.evaluation.scored_set import Evaluation
     from holdfast.training.progress import Stages
 
-FORMER_OPTIONS = {
-    "--real": "make evaluate, in a checkout: it writes real.html beside its report",
-    "--groups": "give --data a folder with the recordings of these people alone",
-    "--library": "put the library to MODEL-c/libholdfast.so beside the model",
-}
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     option("model", metavar="MODEL", help="a sealed holdfast.onnx")
     add_engine_option(parser)
-    sets = "labelled sets, by name or path"
-    option("--data", required=True, nargs="+", metavar="SET|FOLDER", help=sets)
-    choose = (
-        "other sets, to choose the threshold of p(risky) on (default: the deployed one)"
+    option(
+        "--data",
+        required=True,
+        nargs="+",
+        metavar="SET|FOLDER",
+        help="labelled sets, by name or path",
     )
-    option("--choose", nargs="+", default=(), metavar="SET|FOLDER", help=choose)
-    most = f"false alarms a minute allowed on --choose (default {MOST_FALSE_PER_MIN})"
+    option(
+        "--choose",
+        nargs="+",
+        default=(),
+        metavar="SET|FOLDER",
+        help="other sets, to choose the threshold of p(risky) on (default: the deployed one)",
+    )
     option(
         "--false-per-min",
         type=positive,
         default=MOST_FALSE_PER_MIN,
         metavar="N",
-        help=most,
+        help=f"false alarms a minute allowed on --choose (default {MOST_FALSE_PER_MIN})",
     )
-    train = "training set for the thesis' forest, which is then a baseline"
-    option("--train", metavar="FOLDER", help=train)
+    option(
+        "--train",
+        metavar="FOLDER",
+        help="training set for the thesis' forest, which is then a baseline",
+    )
     add_job_options(parser, 1)
-    seeds = "seed of the intervals (default 0)"
-    option("--seed", type=seed, default=0, metavar="S", help=seeds)
+    option(
+        "--seed",
+        type=seed,
+        default=0,
+        metavar="S",
+        help="seed of the intervals (default 0)",
+    )
     add_json_option(parser)
-    report = "write a report with pictures to this file (HTML)"
-    option("--report", type=path_argument, metavar="OUT", help=report)
-    add_former_options(parser, FORMER_OPTIONS)
+    option(
+        "--report",
+        type=path_argument,
+        metavar="OUT",
+        help="write a report with pictures to this file (HTML)",
+    )
 
 
 def run(args: argparse.Namespace) -> int:

@@ -40,20 +40,37 @@ PICTURE = "first-trial.svg"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
-    formats = "a text table, xlsx, MCAP, Parquet, XDF, rosbag2 or LeRobot, or a folder of them"
-    option("source", type=path_argument, metavar="SOURCE", help=formats)
-    new = "a new folder"
-    option("--out", type=path_argument, required=True, metavar="DIR", help=new)
-    named = "column map (docs/your-data.md); without it one is found"
-    option("--map", type=path_argument, metavar="MAP.toml", help=named)
-    option("--yes", action="store_true", help="take what was understood without asking")
-    action = (
-        "what happens in the trials: slip, hold, pull, ..; or WORD=ACTION,WORD=ACTION"
+    option(
+        "source",
+        type=path_argument,
+        metavar="SOURCE",
+        help="a text table, xlsx, MCAP, Parquet, XDF, rosbag2 or LeRobot, or a folder of them",
     )
-    option("--action", default="", metavar="ACTION", help=action)
-    person = "who holds, or those names in the paths that are people"
-    option("--person", default="", metavar="NAME", help=person)
-    option("--object", default="", metavar="NAME", help="what is held, in the same way")
+    option(
+        "--out", type=path_argument, required=True, metavar="DIR", help="a new folder"
+    )
+    option(
+        "--map",
+        type=path_argument,
+        metavar="MAP.toml",
+        help="column map (docs/your-data.md); without it one is found",
+    )
+    option("--yes", action="store_true", help="take what was understood without asking")
+    option(
+        "--action",
+        default="",
+        metavar="ACTION",
+        help="what happens in the trials: slip, hold, pull, ..; or WORD=ACTION,WORD=ACTION",
+    )
+    option(
+        "--person",
+        default="",
+        metavar="NAME",
+        help="who holds, or which names in the paths are people",
+    )
+    option(
+        "--object", default="", metavar="NAME", help="what is held, in the same way"
+    )
     option("--unit", default="", metavar="UNIT", help="of the readings: N, mN, uT, ..")
     option(
         "--rate",
@@ -61,7 +78,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="HZ",
         help="rows a second, where no column says it",
     )
-    option("--normal", default="", choices=("x", "y", "z"), help="the axis of a press")
+    option(
+        "--normal", default="", choices=("x", "y", "z"), help="the axis of a press"
+    )
     add_json_option(parser)
 
 

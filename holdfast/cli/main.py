@@ -6,7 +6,7 @@ Exit codes: 0 done, 1 failed, 2 usage, 3 data, 4 model, 5 output, 6 device, 130 
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import version
 
@@ -125,20 +125,10 @@ def _run(verb: str, argv: Sequence[str]) -> int:
     name, about = VERBS[verb]
     # Only the verb's module: `holdfast run` must start without the packages of training.
     module = import_module(name)
-    _refuse_old(verb, argv, getattr(module, "OLD_OPTIONS", {}))
     parser = _parser(verb, argv, about)
     module.add_arguments(parser)
-    code: int = module.run(parser.parse_args([_stdin_url(word) for word in argv]))
+    code: int = module.run(parser.parse_args(list(map(_stdin_url, argv))))
     return code
-
-
-def _refuse_old(verb: str, argv: Sequence[str], old: Mapping[str, str]) -> None:
-    """Raise UsageError for an option of earlier versions. old: each, and what to write instead."""
-    for word in argv:
-        name = word.partition("=")[0]
-        if name in old:
-            what = f"{name} is no option of holdfast {verb} any more"
-            raise UsageError(what, next_step=f"write {old[name]}")
 
 
 def _stdin_url(word: str) -> str:
@@ -152,8 +142,8 @@ def _parser(verb: str, argv: Sequence[str], about: str) -> Parser:
         return Parser(prog=prog, description=about)
 
     # only these commands read files of settings
-    from holdfast.cli.settings import SettingsParser, read_settings
+    from holdfast.cli.options import SettingsParser, read_settings, settings_file
 
     # Before the parser exists, because they become its defaults.
-    settings = read_settings(argv).settings
+    settings = read_settings(settings_file(argv))
     return SettingsParser(settings=settings, prog=prog, description=about)

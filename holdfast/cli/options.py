@@ -1,15 +1,33 @@
 """Options that several verbs share: each is declared here once.
 
 What their values mean stands below, in the packages that use them; here words become values.
+
+Settings of a hand may stand in a file, holdfast.toml, so that they need not be typed again:
+
+    source = "usb://ft232h"
+    calibration = "hand.calibration.json"
+    bias = "hand.bias.json"
+    model = "holdfast-150hz"          # a shipped one, or a file
+
+    grip = "unix:///run/hand/grip"    # from here on of holdfast run alone
+    ceiling_n = 40.0
+    to = ["udp://127.0.0.1:9000"]
+
+live/run.py has all keys. Files are looked for next to the settings. A value on the command line
+wins.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from holdfast.cli.command import path_argument, positive
+from holdfast.cli.command import Parser, path_argument, positive, whole
+from holdfast.core.errors import DataNotFound
+from holdfast.core.schema import read, shipped
 from holdfast.edge_runtime.engine import ENGINES, ONNXRUNTIME, ModelChoice
 
 if TYPE_CHECKING:
@@ -25,11 +43,13 @@ SIDE_MM = (1.0, 200.0)
 
 def add_source_option(parser: argparse.ArgumentParser) -> None:
     """--source."""
-    urls = (
-        "usb://ft232h, i2c://1, virtual://ft232h?scene=.., sim://CARD, lsl://NAME, or lines: "
-        "- (stdin), unix:///PATH, serial:///dev/ttyACM0 (docs/live-sources.md)"
+    parser.add_argument(
+        "--source",
+        required=True,
+        metavar="URL",
+        help="usb://ft232h, i2c://1, virtual://ft232h?scene=.., sim://CARD, lsl://NAME, or lines: "
+        "- (stdin), unix:///PATH, serial:///dev/ttyACM0 (docs/live-sources.md)",
     )
-    parser.add_argument("--source", required=True, metavar="URL", help=urls)
 
 
 def set_reader(source: str) -> SetReader | None:
@@ -44,38 +64,36 @@ def set_reader(source: str) -> SetReader | None:
 
 def add_calibration_option(parser: argparse.ArgumentParser) -> None:
     """--calibration."""
-    made = "map from field to force, made by holdfast calibrate"
-    parser.add_argument("--calibration", type=path_argument, metavar="FILE", help=made)
-
-
-def add_page_option(parser: argparse.ArgumentParser) -> None:
-    """--to, of a verb that shows a page and nothing else."""
-    web = "web[:[HOST:]PORT]: show it on a page in the browser (docs/live-page.md)"
-    parser.add_argument("--to", type=_page, metavar="web[:PORT]", help=web)
-
-
-def _page(word: str) -> str:
-    """[HOST:]PORT of web[:[HOST:]PORT]."""
-    from holdfast.live.outputs import output_url
-
-    output = output_url(word)
-    if output.kind != "web":
-        raise argparse.ArgumentTypeError(f"{word!r} is not web or web:PORT")
-    return output.place
+    parser.add_argument(
+        "--calibration",
+        type=path_argument,
+        metavar="FILE",
+        help="map from field to force, made by holdfast calibrate",
+    )
 
 
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
     """The options that `record` and `study` share."""
     option = parser.add_argument
-    rate = f"sampling rate of a hand (default {RATE_HZ:g})"
-    option("--rate", type=positive, default=RATE_HZ, metavar="HZ", help=rate)
-    option("--anyway", action="store_true", help="record even if the bias is not good")
-    seconds = "end and keep a trial after S seconds"
-    option("--seconds", type=positive, metavar="S", help=seconds)
-    card = (
-        "hand card, by name or path (docs/scenes.md#hands); the recordings keep a copy"
+    option(
+        "--rate",
+        type=positive,
+        default=RATE_HZ,
+        metavar="HZ",
+        help=f"sampling rate of a hand (default {RATE_HZ:g})",
     )
-    option("--hand", metavar="CARD", help=card)
+    option("--anyway", action="store_true", help="record even if the bias is not good")
+    option(
+        "--seconds",
+        type=positive,
+        metavar="S",
+        help="end and keep a trial after S seconds",
+    )
+    option(
+        "--hand",
+        metavar="CARD",
+        help="hand card, by name or path (docs/scenes.md#hands); the recordings keep a copy",
+    )
     option("--camera", metavar="oak|FILE", help="film every trial (docs/camera.md)")
     add_camera_options(parser)
     add_wearer_option(parser)
@@ -84,18 +102,18 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
 def add_camera_options(parser: argparse.ArgumentParser) -> None:
     """--tag-mm, --fps and --exposure-ms, which an OAK camera needs."""
     option = parser.add_argument
-    side = "oak: measured side of the printed tags"
-    option("--tag-mm", type=printed_mm, metavar="MM", help=side)
-    fps = "oak: frames a second (default 60)"
-    option("--fps", type=positive, metavar="HZ", help=fps)
-    exposure = "oak: exposure (default 2)"
-    option("--exposure-ms", type=positive, metavar="MS", help=exposure)
-
-
-def add_apart_option(parser: argparse.ArgumentParser) -> None:
-    """--apart-mm."""
-    apart = "distance between the tags' centres at the start, as a check"
-    parser.add_argument("--apart-mm", type=positive, metavar="MM", help=apart)
+    option(
+        "--tag-mm",
+        type=printed_mm,
+        metavar="MM",
+        help="oak: measured side of the printed tags",
+    )
+    option(
+        "--fps", type=positive, metavar="HZ", help="oak: frames a second (default 60)"
+    )
+    option(
+        "--exposure-ms", type=positive, metavar="MS", help="oak: exposure (default 2)"
+    )
 
 
 def printed_mm(word: str) -> float:
@@ -112,8 +130,11 @@ def printed_mm(word: str) -> float:
 def add_wearer_option(parser: argparse.ArgumentParser) -> None:
     """--wearer."""
     urls = "unix:///PATH, serial:///dev/ttyX, lsl://NAME, - or replay://FILE"
-    wearer = f"the stream of what the wearer wants: open, close, stop; {urls}"
-    parser.add_argument("--wearer", metavar="URL", help=wearer)
+    parser.add_argument(
+        "--wearer",
+        metavar="URL",
+        help=f"the stream of what the wearer wants: open, close, stop; {urls}",
+    )
 
 
 def add_job_options(parser: argparse.ArgumentParser, processes: int) -> None:
@@ -122,12 +143,18 @@ def add_job_options(parser: argparse.ArgumentParser, processes: int) -> None:
     processes: the default.
     """
     option = parser.add_argument
-    jobs = f"processes (default {processes})"
-    option("--jobs", type=_process_count, default=processes, metavar="N", help=jobs)
-    dask = (
-        "run on a Dask cluster instead: the address of its scheduler (docs/cluster.md)"
+    option(
+        "--jobs",
+        type=whole(1),
+        default=processes,
+        metavar="N",
+        help=f"processes (default {processes})",
     )
-    option("--dask", metavar="ADDRESS", help=dask)
+    option(
+        "--dask",
+        metavar="ADDRESS",
+        help="run on a Dask cluster instead: the address of its scheduler (docs/cluster.md)",
+    )
 
 
 def chosen_workers(args: argparse.Namespace) -> Workers:
@@ -137,25 +164,25 @@ def chosen_workers(args: argparse.Namespace) -> Workers:
     return Workers(args.jobs, args.dask)
 
 
-def _process_count(word: str) -> int:
-    if not word.isdecimal() or int(word) < 1:
-        raise argparse.ArgumentTypeError(
-            f"{word!r} is not a number of processes from 1 on"
-        )
-    return int(word)
-
-
 def add_engine_option(parser: argparse.ArgumentParser) -> None:
     """--engine."""
-    engine = "what computes a step: onnxruntime (default), or a library by holdfast export --to c"
-    parser.add_argument("--engine", choices=ENGINES, default=ONNXRUNTIME, help=engine)
+    parser.add_argument(
+        "--engine",
+        choices=ENGINES,
+        default=ONNXRUNTIME,
+        help="what computes a step: onnxruntime (default), or a library by holdfast export --to c",
+    )
 
 
 def add_engine_options(parser: argparse.ArgumentParser) -> None:
     """The options that `evaluate` and the studies share."""
     add_engine_option(parser)
-    library = "the library of --engine c (default MODEL-c/libholdfast.so)"
-    parser.add_argument("--library", type=path_argument, metavar="FILE", help=library)
+    parser.add_argument(
+        "--library",
+        type=path_argument,
+        metavar="FILE",
+        help="the library of --engine c (default MODEL-c/libholdfast.so)",
+    )
 
 
 def chosen_model(args: argparse.Namespace) -> ModelChoice:
@@ -165,3 +192,93 @@ def chosen_model(args: argparse.Namespace) -> ModelChoice:
     # As text: the choice is sent to other processes and written into results.
     library = None if given is None else str(given)
     return ModelChoice(str(args.model), args.engine, library)
+
+
+# -- settings of a hand
+
+DEFAULT = Path("holdfast.toml")
+FILES = ("calibration", "bias", "model", "library", "cues")
+"""Whose values are names of files."""
+
+
+def settings_file(argv: Sequence[str]) -> Path | None:
+    """The file that --config names, or holdfast.toml if it is here, or None."""
+    # A parser of its own: --config must be known before the command's parser is made.
+    finder = argparse.ArgumentParser(
+        add_help=False, allow_abbrev=False, exit_on_error=False
+    )
+    add_config_option(finder)
+    try:
+        named: Path | None = finder.parse_known_args(list(argv))[0].config
+    except argparse.ArgumentError:
+        named = None  # the command's parser reports what is wrong
+    return named or (DEFAULT if DEFAULT.is_file() else None)
+
+
+def read_settings(path: Path | None) -> dict[str, Any]:
+    """The values in a file of settings, by name; none without one.
+
+    Raises DataNotFound, CardError.
+    """
+    if path is None:
+        return {}
+    # only where there is a file: a run loads more than other commands need
+    from holdfast.live.run import RunOptions
+
+    try:
+        settings = read(path, RunOptions)
+    except FileNotFoundError:
+        raise DataNotFound(
+            "no such file of settings",
+            where=path,
+            next_step="check the path after --config",
+        ) from None
+
+    given = {}
+    for name in RunOptions.__struct_fields__:
+        value = getattr(settings, name)
+        # a shipped model is found by its name, in any folder
+        if name in FILES and value and value not in shipped():
+            value = str(path.parent / value)
+        if value != getattr(RunOptions(), name):
+            given[name] = value
+    return given
+
+
+def add_config_option(parser: argparse.ArgumentParser) -> None:
+    """--config, which is read before the other options are."""
+    parser.add_argument(
+        "--config",
+        type=path_argument,
+        metavar="FILE",
+        help="settings of the hand (default: holdfast.toml, if it is here)",
+    )
+
+
+class SettingsParser(Parser):
+    """A parser whose options have their defaults from settings; all of them are args.settings.
+
+    An option, or an argument such as MODEL, that settings give is no longer required.
+    """
+
+    def __init__(self, *, settings: Mapping[str, Any], **options: Any) -> None:
+        self._given = dict(settings)
+        # an option that may be repeated would add to its default
+        self._given.pop("to", None)
+        super().__init__(**options)
+        add_config_option(self)
+        self.set_defaults(settings=settings)
+
+    def add_argument(self, *names: Any, **options: Any) -> argparse.Action:
+        """As argparse's, with the default from the settings."""
+        name = names[-1].lstrip("-")
+        if name in self._given:
+            options["default"] = self._given[name]
+            # An option with a default must not be required; a positional argument becomes
+            # optional.
+            if names[0].startswith("-"):
+                options.pop("required", None)
+            else:
+                options["nargs"] = "?"
+
+        return super().add_argument(*names, **options)

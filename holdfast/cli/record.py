@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING
 from holdfast.cli.command import add_json_option, path_argument, seed, show_found
 from holdfast.cli.options import (
     add_calibration_option,
-    add_page_option,
     add_recording_options,
     add_source_option,
 )
@@ -31,35 +30,54 @@ if TYPE_CHECKING:
     from holdfast.sessions.recorder.plan import RecordOptions
 
 
-OLD_OPTIONS = {"--web": "--to web[:[HOST:]PORT]", "--intent": "--wearer URL"}
-"""An option of earlier versions -> what to write instead."""
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     add_source_option(parser)
     add_calibration_option(parser)
-    out = "folder of recordings, new or of an earlier run"
-    option("--out", type=path_argument, required=True, metavar="DIR", help=out)
-    person = "letters, digits, dashes; never a real name"
-    option("--person", required=True, metavar="PSEUDONYM", help=person)
-    protocol = "recording protocol (TOML): which trials, in which number"
-    option("--protocol", type=path_argument, metavar="PROTOCOL", help=protocol)
-    name = "without a protocol: the object, such as soft-ball"
-    option("--object", metavar="NAME", help=name)
+    option(
+        "--out",
+        type=path_argument,
+        required=True,
+        metavar="DIR",
+        help="folder of recordings, new or of an earlier run",
+    )
+    option(
+        "--person",
+        required=True,
+        metavar="PSEUDONYM",
+        help="letters, digits, dashes; never a real name",
+    )
+    option(
+        "--protocol",
+        type=path_argument,
+        metavar="PROTOCOL",
+        help="recording protocol (TOML): which trials, in which number",
+    )
+    option(
+        "--object",
+        metavar="NAME",
+        help="without a protocol: the object, such as soft-ball",
+    )
     option(
         "--action",
         choices=tuple(SITUATION_OF_ACTION),
         help="without a protocol: the action",
     )
-    order = "seed of the order of the protocol's trials (default 0)"
-    option("--seed", type=seed, default=0, metavar="S", help=order)
+    option(
+        "--seed",
+        type=seed,
+        default=0,
+        metavar="S",
+        help="seed of the order of the protocol's trials (default 0)",
+    )
     option("--trials", type=int, metavar="N", help="stop after N trials")
-    at_once = "begin every trial without waiting for a key"
-    option("--at-once", action="store_true", help=at_once)
+    option(
+        "--at-once",
+        action="store_true",
+        help="begin every trial without waiting for a key",
+    )
     add_recording_options(parser)
-    add_page_option(parser)
     add_json_option(parser)
 
 
@@ -67,15 +85,15 @@ def run(args: argparse.Namespace) -> int:
     """Record until the plan is done, the operator stops it, or an error ends it."""
     from holdfast.core.lines import stream_sink
     from holdfast.live.running import RunClock, stop_signals
-    from holdfast.live.source_url import is_standard_input
-    from holdfast.sessions.recorder.display import StatusLine, columns_of, record_page
+    from holdfast.live.sources import is_standard_input
+    from holdfast.sessions.recorder.display import StatusLine, columns_of
     from holdfast.sessions.recorder.keys import Keys, listening
     from holdfast.sessions.recorder.recording import record
-    from holdfast.sessions.recorder.session import Display, RunContext
+    from holdfast.sessions.recorder.session import RunContext
 
     options = options_of(args)
     # A sink: a terminal that stops reading must not stop the recording.
-    display: Display = StatusLine(
+    display = StatusLine(
         stream_sink(sys.stderr), lambda: columns_of(sys.stderr), args.seconds
     )
     with ExitStack() as stack:
@@ -84,10 +102,6 @@ def run(args: argparse.Namespace) -> int:
         # Samples are no keys.
         if not any(map(is_standard_input, (args.source, args.wearer or ""))):
             keys = stack.enter_context(listening(sys.stdin.fileno()))
-        # The page is one more display and one more source of keys.
-        if args.to:
-            page = record_page(args.to, options, keys, display)
-            display = stack.enter_context(page)
         kept = record(options, RunContext(RunClock(), keys, display, stopped))
 
     next_step = f"next: holdfast evaluate MODEL --data {args.out}"

@@ -11,8 +11,11 @@ from holdfast.cli.options import set_reader
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     parser.add_argument("model", metavar="MODEL", help="a sealed holdfast.onnx")
-    trial = "a trial's CSV or folder, SET#N, or sim://CARD?trial=N"
-    parser.add_argument("trial", metavar="TRIAL", help=trial)
+    parser.add_argument(
+        "trial",
+        metavar="TRIAL",
+        help="a trial's CSV or folder, SET#N, or sim://CARD?trial=N",
+    )
 
 
 def run(args: argparse.Namespace) -> int:

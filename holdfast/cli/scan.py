@@ -33,25 +33,27 @@ def run(args: argparse.Namespace) -> int:
             next_step="holdfast doctor; holdfast scan i2c://1 for the board's own bus",
         )
 
-    buses = [_surveyed(url) for url in urls]
+    buses = list(map(_surveyed, urls))
     lines: list[str] = []
     for bus in buses:
         lines += bus.lines()
-    show_found(args, "\n".join(lines), {"buses": [asdict(bus) for bus in buses]})
+    show_found(args, "\n".join(lines), {"buses": list(map(asdict, buses))})
     return 0
 
 
 def _surveyed(url: str) -> ScannedBus:
+    from holdfast.drivers.layout import read_layout
     from holdfast.drivers.scan import survey
     from holdfast.live.running import RunClock
-    from holdfast.live.sources import named_addresses, open_bus
+    from holdfast.live.sources import open_bus, source_url
 
     clock = RunClock()
     # The sensors are not started: a scan shall leave everything as it is.
     bus = open_bus(url, clock)
     try:
-        return survey(
-            url, bus, named_addresses(url), lambda s: clock.spend(round(1e9 * s))
-        )
+        # The addresses of the fingers in the URL's layout.
+        layout = read_layout(source_url(url).options.layout)
+        named = frozenset(finger.address for finger in layout)
+        return survey(url, bus, named, lambda s: clock.spend(round(1e9 * s)))
     finally:
         bus.close()

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import argparse
 import signal
-import sys
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
 from holdfast.cli.command import (
@@ -16,8 +13,9 @@ from holdfast.cli.command import (
     require_json_writable,
     seed,
     show_found,
+    whole,
 )
-from holdfast.core.errors import count_of, visible
+from holdfast.core.errors import count_of
 from holdfast.simulation import shipped_scenes
 
 
@@ -32,13 +30,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option(
         "--out", type=path_argument, required=True, metavar="DIR", help="a new folder"
     )
-    trials = "number of trials, in the card's proportions (default: all)"
-    option("--trials", type=trial_count, metavar="N", help=trials)
+    option(
+        "--trials",
+        type=whole(1),
+        metavar="N",
+        help="number of trials, in the card's proportions (default: all)",
+    )
     option(
         "--rate", type=float, metavar="HZ", help="sampling rate (default: the card's)"
     )
-    every = "seed of every random choice (default 0)"
-    option("--seed", type=seed, default=0, metavar="S", help=every)
+    option(
+        "--seed",
+        type=seed,
+        default=0,
+        metavar="S",
+        help="seed of every random choice (default 0)",
+    )
     add_json_option(parser)
 
 
@@ -61,8 +68,11 @@ def run(args: argparse.Namespace) -> int:
     total = len(scene.trials(args.trials))
     card = scene.file
     announced = f"simulating {count_of(total, 'trial')} of {card.name}"
-    # The handlers are set first, so that no signal falls between.
-    with _nothing_left_of(args.out), counted(announced, total) as done:
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        # As Ctrl-C, which removes the unfinished folder; under nohup SIGHUP stays ignored.
+        if signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, signal.default_int_handler)
+    with counted(announced, total) as done:
         files = write_set(scene, args.out, args.trials, done)
 
     found = {
@@ -85,37 +95,3 @@ def _in_words(found: Mapping[str, Any]) -> str:
     if found["locked"]:
         next_step = f"for a last test, not to train or choose on: {found['locked']}"
     return f"{found['title']}\n{rate}, simulated, seed {found['seed']}; {next_step}"
-
-
-@contextmanager
-def _nothing_left_of(out: Path) -> Iterator[None]:
-    """SIGTERM and SIGHUP end the block as Ctrl-C does, so that it removes its unfinished folder."""
-
-    def interrupt(number: int, frame: object) -> None:
-        # As Ctrl-C: the block that writes the folder removes it, whatever ends the run.
-        raise KeyboardInterrupt
-
-    before: dict[signal.Signals, Any] = {}
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        # a signal that nohup or a service manager ignores stays ignored
-        if signal.getsignal(number) != signal.SIG_IGN:
-            before[number] = signal.signal(number, interrupt)
-
-    try:
-        yield
-    except KeyboardInterrupt:
-        sys.stderr.write(
-            f"{visible(str(out))} is not written: the unfinished folder is removed\n"
-        )
-        raise
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def trial_count(word: str) -> int:
-    """A number of trials, from a word of the command line."""
-    number = int(word) if word.isdecimal() else 0
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"{word!r} is not a whole number from 1")
-    return number

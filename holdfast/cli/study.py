@@ -2,7 +2,7 @@
 
     holdfast study thesis --list
     holdfast study thesis --source usb://ft232h --calibration hand.json --out study --person p01
-    holdfast study thesis --source sim://p1 --out try --person p01 --rehearse
+    holdfast study thesis --source sim://p1 --out try --person p01
 
 The same command goes on after a pause, a quit or a crash. docs/study.md has the keys and the files.
 """
@@ -11,54 +11,67 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
 from holdfast.cli.command import path_argument, show
 from holdfast.cli.options import add_calibration_option, add_recording_options
 from holdfast.core.errors import UsageError
 from holdfast.sessions.study.protocol import shipped_protocols
 
-MODEL = Path("holdfast-150hz")
-
-
-OLD_OPTIONS = {"--intent": "--wearer URL"}
-"""An option of earlier versions -> what to write instead."""
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     shipped = ", ".join(shipped_protocols())
-    protocol = f"study protocol: a TOML file, or one of {shipped}"
-    option("protocol", metavar="PROTOCOL", help=protocol)
-    steps = "print the steps with their minutes, and stop"
-    option("--list", action="store_true", help=steps)
-    urls = "a hand as in holdfast record, or a virtual participant such as sim://p1"
-    option("--source", metavar="URL", help=urls)
+    option(
+        "protocol",
+        metavar="PROTOCOL",
+        help=f"study protocol: a TOML file, or one of {shipped}",
+    )
+    option(
+        "--list",
+        action="store_true",
+        help="print the steps with their minutes, and stop",
+    )
+    option(
+        "--source",
+        metavar="URL",
+        help="a hand as in holdfast record, or a virtual participant such as sim://p1",
+    )
     add_calibration_option(parser)
-    out = "folder of all people of the study"
-    option("--out", type=path_argument, metavar="DIR", help=out)
-    person = "letters, digits, dashes; never a real name"
-    option("--person", metavar="PSEUDONYM", help=person)
+    option(
+        "--out",
+        type=path_argument,
+        metavar="DIR",
+        help="folder of all people of the study",
+    )
+    option(
+        "--person",
+        metavar="PSEUDONYM",
+        help="letters, digits, dashes; never a real name",
+    )
     add_recording_options(parser)
-    model = "model file for the report (default: the shipped one)"
-    option("--model", type=path_argument, default=MODEL, metavar="MODEL", help=model)
-    rehearse = "virtual participant, no operator: every step passes at once"
-    option("--rehearse", action="store_true", help=rehearse)
     option(
         "--report",
         action="store_true",
         help="write the report of this person, and stop",
     )
-    gone = "delete everything of this person, after a confirmation, and stop"
-    option("--withdraw", action="store_true", help=gone)
+    option(
+        "--withdraw",
+        action="store_true",
+        help="delete everything of this person, after a confirmation, and stop",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
     """List the protocol, run the study, write its report, or delete a person."""
-    from holdfast.sessions.study import starting
+    from holdfast.sessions.recorder.plan import RecordOptions
     from holdfast.sessions.study.protocol import read_study
-    from holdfast.sessions.study.runner import Ending
+    from holdfast.sessions.study.run import (
+        Ending,
+        run_study,
+        withdraw_person,
+        write_participant_report,
+    )
 
     protocol = read_study(args.protocol)
     # The listing needs no hand, no person and no folder.
@@ -68,18 +81,16 @@ def run(args: argparse.Namespace) -> int:
 
     require_options(args)
     if args.withdraw:
-        done = starting.withdraw_person(args.out, args.person, sys.stdin)
+        done = withdraw_person(args.out, args.person, sys.stdin)
         return 0 if done else 1
 
     if not args.report:
-        ending = starting.run_study(starting.StudyOptions.of(args), protocol, sys.stdin)
+        ending = run_study(RecordOptions.of(args), protocol, sys.stdin)
         # A study that goes on later has no report yet.
         if ending != Ending.FINISHED:
             return 0
 
-    lines = starting.write_participant_report(
-        args.out, args.person, protocol, args.model
-    )
+    lines = write_participant_report(args.out, args.person, protocol)
     show("\n".join(lines))
     return 0
 
@@ -94,7 +105,3 @@ def require_options(args: argparse.Namespace) -> None:
         if value is None:
             step = "holdfast study --help shows all"
             raise UsageError(f"{option} is missing", next_step=step)
-
-    # A rehearsal answers every question by itself, and would confirm the deletion.
-    if args.rehearse and args.withdraw:
-        raise UsageError("--withdraw asks first", next_step="leave out --rehearse")

@@ -8,7 +8,6 @@ again: an artifact of the fixture there is replaced. Every other artifact is rep
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,7 +21,6 @@ from holdfast.cli.command import (
     show,
     show_found,
 )
-from holdfast.core.errors import UsageError
 from holdfast.core.writing import require_writable
 
 if TYPE_CHECKING:
@@ -35,12 +33,6 @@ MODEL_SIZES = ("tiny", "default")
 LEARNERS = ("forest", "network", "committee")
 HELD_OUT_BY = ("person", "object", "session", "trial")
 DEFAULT_OUT = Path("build/default")
-GONE = {
-    "--channels": "leave it out: a set is read with its usual channels; in Python "
-    "holdfast.training.datasets.load(SET, channels=C)",
-    "--inner-folds": "leave it out: label weights are not chosen any more",
-}
-"""Options of older versions, and what to do instead."""
 OTHER_STAGES = 9
 """Stages besides one for each set: libraries, features, six folds, final forests."""
 REPORT_STAGES = 4
@@ -132,17 +124,6 @@ def _choose_learner(parser: argparse.ArgumentParser) -> None:
         metavar="WHAT",
         help="what answers: forest, network, or committee (both; default; docs/learners.md)",
     )
-    for name, instead in GONE.items():
-        parser.add_argument(name, type=_gone(name, instead), help=argparse.SUPPRESS)
-
-
-def _gone(name: str, instead: str) -> Callable[[str], None]:
-    """What refuses an option of an older version, and says what to write."""
-
-    def refuse(word: str) -> None:
-        raise UsageError(f"{name} is gone", next_step=instead)
-
-    return refuse
 
 
 def run(args: argparse.Namespace) -> int:

@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from holdfast.cli.command import add_json_option, path_argument, positive, show_found
-from holdfast.cli.options import add_apart_option, add_camera_options
+from holdfast.cli.options import add_camera_options
 from holdfast.core.errors import TagError, UsageError
-from holdfast.sessions.onset import ACTIONS, doubt, read_motion, write_label
+from holdfast.sessions.onset import ACTIONS, GROSS_MM, doubt, read_motion, write_label
 
 if TYPE_CHECKING:
     from holdfast.drivers.camera.sources import FrameSource
@@ -29,25 +29,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     option("--camera", metavar="oak|FILE", help="oak, or a .frames.npz")
-    home = "the trial's folder"
-    option("--out", type=path_argument, metavar="DIR", help=home)
+    option("--out", type=path_argument, metavar="DIR", help="the trial's folder")
     add_camera_options(parser)
-    add_apart_option(parser)
     option("--seconds", type=positive, metavar="S", help="oak: stop after S seconds")
-    onset = (
-        "label a watched folder, with the following options; --tag-mm corrects the tags"
+    option(
+        "--onset",
+        type=path_argument,
+        metavar="TRIAL",
+        help="label a watched folder, with the following options; --tag-mm corrects the tags",
     )
-    option("--onset", type=path_argument, metavar="TRIAL", help=onset)
-    action = "action of the trial (default: the name of its folder)"
-    option("--action", choices=ACTIONS, help=action)
-    held = (
-        "trials that were loaded and held: gross slip begins above their elastic shear"
+    option(
+        "--action",
+        choices=ACTIONS,
+        help="action of the trial (default: the name of its folder)",
     )
-    option("--no-slip", type=path_argument, nargs="+", metavar="TRIAL", help=held)
-    gross = "distance of gross slip (default 2)"
-    option("--gross-mm", type=positive, metavar="MM", help=gross)
-    until = "search until S seconds"
-    option("--until", type=float, dest="until_s", metavar="S", help=until)
+    option(
+        "--gross-mm",
+        type=positive,
+        default=GROSS_MM,
+        metavar="MM",
+        help=f"distance of gross slip, above what the pads give (default {GROSS_MM:g})",
+    )
+    option(
+        "--until",
+        type=float,
+        dest="until_s",
+        metavar="S",
+        help="search until S seconds, as before the hand opens",
+    )
     add_json_option(parser)
 
 
@@ -99,39 +108,19 @@ def _source(args: argparse.Namespace) -> FrameSource:
     from holdfast.sessions.camera import CameraOptions
 
     options = CameraOptions(args.camera, args.tag_mm, args.fps, args.exposure_ms)
-    # Options that do not fit the camera are refused before it is opened.
-    options.require_complete(args.seconds)
+    options.require_usable()
     if args.camera == OAK:
-        lens = Lens(**options.shooting(), clock="monotonic", apart_mm=args.apart_mm)
+        lens = Lens(**options.shooting(), clock="monotonic")
         return Oak(lens, args.seconds)
 
-    return read_frames(Path(args.camera), args.apart_mm)
+    return read_frames(Path(args.camera))
 
 
 def _label(args: argparse.Namespace) -> int:
     """Find the onset, write it next to the trial, print it."""
-    from holdfast.drivers.camera.onset import (
-        GROSS_MM,
-        gross_distance_mm,
-        largest_move_mm,
-    )
-
-    # Pads shear elastically under load, which a camera cannot tell from a slip by itself.
-    held = [read_motion(path, args.tag_mm).moved for path in args.no_slip or []]
-    gross_mm = args.gross_mm or (gross_distance_mm(held) if held else GROSS_MM)
-    # Within the elastic shear every held object would seem to slip.
-    shear_mm = max((largest_move_mm(moved) for moved in held), default=0.0)
-    if gross_mm <= shear_mm:
-        raise UsageError(
-            f"--gross-mm {gross_mm:g} is within the elastic shear",
-            cause=f"the held trials move by {shear_mm:.2f} mm",
-            next_step="omit --gross-mm, or give more",
-        )
-
-    trial = read_motion(args.onset, args.tag_mm, args.apart_mm)
+    trial = read_motion(args.onset, args.tag_mm)
     if args.until_s is not None:
-        until_s = args.until_s + trial.starts_s
-        trial = replace(trial, moved=trial.moved.between(float("-inf"), until_s))
-    words, found = write_label(trial, args.action, gross_mm, shear_known=bool(held))
+        trial = replace(trial, moved=trial.moved.until(args.until_s + trial.starts_s))
+    words, found = write_label(trial, args.action, args.gross_mm)
     show_found(args, words, found)
     return 0

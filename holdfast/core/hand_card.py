@@ -27,6 +27,7 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -38,7 +39,7 @@ from msgspec import Meta
 
 from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.core.errors import CardError
-from holdfast.core.schema import checked, read, text_of
+from holdfast.core.schema import read, text_of
 
 Side = Literal["thumb", "opposing"]
 SIDES: tuple[Side, ...] = ("thumb", "opposing")
@@ -56,8 +57,6 @@ Stiffness = Annotated[float, Meta(ge=0.01, le=100.0)]
 
 USUAL_HAND = "six-fingertips"
 """Of a set or a model that has its number of sensors and no hand card."""
-THUMB_MM, FINGER_MM = 48.0, 22.0
-"""Widths along the object's axis, contacts of a hand without a card spread evenly over each."""
 FINGERS_AT_MM = (33.0, 11.0, -11.0, -33.0)
 """Middles of index, middle, ring, little."""
 
@@ -67,7 +66,7 @@ class HandContact(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     along_mm, across_mm  place along the object's axis and across it
     pad                  contacts with the same name lie in one soft pad; empty: on its own
-    stiffness            over that of one fingertip
+    stiffness            over that of one fingertip; 0: an equal part of it, until the card is read
     sensed               False for a contact without a sensor
     """
 
@@ -76,7 +75,7 @@ class HandContact(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     along_mm: Place
     across_mm: Place = 0.0
     pad: Name = ""
-    stiffness: Stiffness = 1.0
+    stiffness: Stiffness = 0.0
     sensed: bool = True
 
 
@@ -180,8 +179,7 @@ class HandCard:
     def in_words(self) -> str:
         """One line for people: the card and its sensors, side by side."""
         sides = self.sensor_sides
-        thumb, opposing = sides.count("thumb"), sides.count("opposing")
-        against = f"{thumb} against {opposing}"
+        against = f"{sides.count('thumb')} against {sides.count('opposing')}"
         return f"hand: {self.name}, {len(sides)} sensors ({against})"
 
     def to_json(self) -> Json:
@@ -199,72 +197,6 @@ def hand_from_json(value: Any) -> HandCard:
     return hand
 
 
-def hand_of_counts(thumb: int = 2, finger: int = 1) -> HandCard:
-    """A hand by its numbers of contacts on thumb and each finger; default: the thesis' hand.
-
-    Each contact has an equal part of its finger's stiffness, the thumb's being that of two.
-    """
-    contacts = []
-    for k, place_mm in enumerate(_spread(THUMB_MM, thumb), 1):
-        contacts.append(
-            HandContact(f"thumb-{k}", "thumb", place_mm, stiffness=2.0 / thumb)
-        )
-    for number, middle_mm in enumerate(FINGERS_AT_MM, 1):
-        for k, place_mm in enumerate(_spread(FINGER_MM, finger), 1):
-            contacts.append(
-                HandContact(
-                    f"finger-{number}-{k}",
-                    "opposing",
-                    place_mm + middle_mm,
-                    stiffness=1.0 / finger,
-                )
-            )
-    return HandCard(f"{thumb} and {finger} contacts", tuple(contacts))
-
-
-def _spread(width_mm: float, count: int) -> list[float]:
-    """Middles of equal parts of a width, centred on 0, the uppermost first."""
-    places: list[float] = (width_mm * (0.5 - (np.arange(count) + 0.5) / count)).tolist()
-    return places
-
-
-def pad_pressure(
-    hand: HandCard, pad: list[int], patch_m: float, off_m: FloatArray
-) -> FloatArray:
-    """Pressure on each taxel of a soft pad, over that in the middle of the contact.
-
-    p ~ sqrt(1 - (r / a)^2), r the distance from the middle of contact and a its radius patch_m
-    (Hertz; Johnson, "Contact mechanics", 1985, 3.57). off_m [2]: that middle across and along, from
-    the middle of the pad. Where no taxel lies in the contact, the nearest bears all.
-    """
-    places_m = np.stack([hand.across_m[pad], hand.along_m[pad]])
-    from_middle_m = places_m - places_m.mean(axis=1, keepdims=True) - off_m[:, None]
-    distance_m = np.hypot(from_middle_m[0], from_middle_m[1])
-
-    inside = 1.0 - (distance_m / patch_m) ** 2
-    pressure: FloatArray = np.sqrt(np.maximum(inside, 0.0))
-    if not pressure.any():
-        pressure[distance_m.argmin()] = 1.0
-    return pressure
-
-
-def open_contacts(hand: HandCard, touching: int, rng: np.random.Generator) -> list[int]:
-    """The contacts of the pads that stay open, chosen at random; one pad a side touches."""
-    pads = hand.pads
-    touched_sides = set()
-    others = []
-    for k in rng.permutation(len(pads)):
-        is_thumb = pads[k][0] < hand.thumb
-        if is_thumb in touched_sides:
-            others.append(pads[k])
-        touched_sides.add(is_thumb)
-
-    still_open: list[int] = []
-    for pad in others[max(0, touching - 2) :]:
-        still_open += pad
-    return still_open
-
-
 def shipped_hands() -> list[str]:
     """Names of the hand cards that are installed with Holdfast, sorted."""
     return sorted(path.stem for path in HANDS.glob("*.toml"))
@@ -276,11 +208,10 @@ def find_hand_card(name: str, folder: Path | None = None) -> Path:
         return HANDS / f"{name}.toml"
 
     for path in ((folder or Path()) / name, Path(name)):
-        try:
+        # a name that no file can have is no file
+        with suppress(OSError, ValueError):
             if path.is_file():
                 return path
-        except (OSError, ValueError):
-            continue  # a name that no file can have
 
     raise CardError(
         f"no hand card {name!r:.80}",
@@ -292,27 +223,17 @@ def find_hand_card(name: str, folder: Path | None = None) -> Path:
 def read_hand_card(name: str | Path, folder: Path | None = None) -> HandCard:
     """Read and check a hand card by name or path. Raises CardError."""
     path = find_hand_card(str(name), folder)
-    raw = read(path, dict[str, Any])
-    _share_pads(raw.get("sensors"))
-    card = checked(raw, _Tables, path)
+    tables = read(path, _Tables)
+    # Where the card says no stiffness, the taxels of a pad have equal parts of a fingertip's.
+    taxels = Counter(one.pad for one in tables.sensors)
+    contacts = []
+    for one in tables.sensors:
+        of_pad = 1.0 / taxels[one.pad] if one.pad else 1.0
+        stiffness = one.stiffness or of_pad
+        contacts.append(msgspec.structs.replace(one, stiffness=stiffness))
     text = text_of(path)
     digest = hashlib.sha256(text.encode()).hexdigest()
-    return HandCard(card.name or path.stem, card.sensors, text, digest)
-
-
-def _share_pads(rows: Any) -> None:
-    """Where the card says no stiffness, the taxels of a pad have equal parts of a fingertip's."""
-    if not isinstance(rows, list):
-        return  # the schema names what is wrong
-    tables = []
-    taxels: Counter[str] = Counter()
-    for row in rows:
-        if isinstance(row, dict):
-            tables.append(row)
-            taxels[str(row.get("pad", ""))] += 1
-    for table in tables:
-        pad = str(table.get("pad", ""))
-        table.setdefault("stiffness", 1.0 / taxels[pad] if pad else 1.0)
+    return HandCard(tables.name or path.stem, tuple(contacts), text, digest)
 
 
 def _require_hand(contacts: Sequence[HandContact]) -> None:
@@ -330,16 +251,10 @@ def _require_hand(contacts: Sequence[HandContact]) -> None:
         allowed = "the contacts of the thumb's side before all others"
         raise ValueError(f"sides in mixed order; allowed: {allowed}")
 
-    names: set[str] = set()
     side_of_pad: dict[str, str] = {}
     for contact in contacts:
-        if contact.name in names:
-            raise ValueError(
-                f"name = {contact.name!r} twice; allowed: a name of its own"
-            )
-        names.add(contact.name)
-        side = side_of_pad.setdefault(contact.pad or contact.name, contact.side)
-        if side != contact.side:
+        side = side_of_pad.setdefault(contact.pad, contact.side)
+        if contact.pad and side != contact.side:
             raise ValueError(
                 f"pad = {contact.pad!r}; allowed: all its contacts on one side"
             )
@@ -364,4 +279,4 @@ def sensor_names(card: HandCard | None, n_sensors: int) -> tuple[str, ...]:
     hand = hand_or_usual(card, n_sensors)
     if hand is not None:
         return hand.sensor_names
-    return tuple(f"sensor {k}" for k in range(1, n_sensors + 1))
+    return tuple(map("sensor {}".format, range(1, n_sensors + 1)))

@@ -21,12 +21,10 @@ import stat
 from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
 from pathlib import Path
-from urllib.parse import SplitResult, parse_qs, unquote, urlsplit
 
 from holdfast.core.contract import Json
-from holdfast.core.errors import UsageError
+from holdfast.core.errors import UsageError, visible
 from holdfast.core.schema import json_of
 
 SILENCE_NS = 300_000_000
@@ -68,9 +66,8 @@ def sequence_of(value: object) -> int | None:
 
 
 def printable(line: bytes) -> str:
-    """The beginning of a line as text without control characters."""
-    text = line[: 4 * LONGEST_SHOWN].decode(errors="replace")[:LONGEST_SHOWN]
-    return "".join(letter if letter.isprintable() else "?" for letter in text)
+    """The beginning of a line as text, with escapes for what does not print."""
+    return visible(line[:LONGEST_SHOWN].decode(errors="replace"))
 
 
 class RisingRule:
@@ -112,51 +109,24 @@ class Skipped:
         self._name = name
         self._report = report
         self._now_ns = now_ns
-        self._said_ns: int | None = None
-        self._unsaid = 0
+        self._said_ns = -SECOND_NS
         self.total: Counter[str] = Counter()
 
     def count(self, kind: str, shown: str, n: int = 1) -> None:
         """`n` more. kind: one of a few words; shown: these, for the report."""
         self.total[kind] += n
         now_ns = self._now_ns()
-        if self._said_ns is not None and now_ns - self._said_ns < SECOND_NS:
-            self._unsaid += n
-            return
-        before = f" ({self._unsaid:,} more before)" if self._unsaid else ""
-        self._report(f"{self._name}: {shown}{before}")
-        self._said_ns = now_ns
-        self._unsaid = 0
+        if now_ns - self._said_ns >= SECOND_NS:
+            self._report(f"{self._name}: {shown}")
+            self._said_ns = now_ns
 
     def close(self) -> None:
-        """Report what was not said yet."""
-        if self._unsaid:
-            self._report(f"{self._name}: {self._unsaid:,} more are skipped")
-        self._unsaid = 0
+        """Report how many there were in all."""
+        if self.total:
+            self._report(f"{self._name}: {self.total.total():,} skipped in all")
 
 
 # -- where lines go and come from
-
-
-@dataclass(frozen=True)
-class LineUrl:
-    """Where lines go or come from. options: what stands behind the ?."""
-
-    url: str
-    parts: SplitResult
-    options: dict[str, str]
-
-    @property
-    def path(self) -> str:
-        """Of a Unix socket or a serial port."""
-        return unquote(self.parts.path)
-
-
-def line_url(url: str) -> LineUrl:
-    """The parts of a URL. Raises ValueError."""
-    parts = urlsplit(url)
-    found = parse_qs(parts.query, keep_blank_values=True)
-    return LineUrl(url, parts, {name: values[-1] for name, values in found.items()})
 
 
 def not_an_address(url: str, link: str, cause: str = "") -> UsageError:
@@ -170,11 +140,8 @@ def not_an_address(url: str, link: str, cause: str = "") -> UsageError:
     )
 
 
-def unix_listener(where: LineUrl, link: str, stack: ExitStack) -> socket.socket:
+def unix_listener(path: Path, link: str, stack: ExitStack) -> socket.socket:
     """A socket that datagrams come to, closed with the stack. Raises UsageError."""
-    if where.parts.scheme != "unix" or where.parts.netloc or not where.path:
-        raise not_an_address(where.url, link)
-    path = Path(where.path)
     try:
         listener = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
         _remove_left_behind(path)
@@ -186,7 +153,7 @@ def unix_listener(where: LineUrl, link: str, stack: ExitStack) -> socket.socket:
     except (OSError, ValueError) as error:
         what = (error.strerror if isinstance(error, OSError) else "") or str(error)
         raise UsageError(
-            f"{link}: cannot listen at {where.url[:80]!r}: {what}",
+            f"{link}: cannot listen at unix://{path}: {what}",
             next_step="choose another path",
         ) from None
     stack.callback(path.unlink, missing_ok=True)

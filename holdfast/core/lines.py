@@ -125,29 +125,14 @@ class LineWriter:
             self._waiting.put(None)
 
     def close(self, wait_s: float = CLOSING_S) -> None:
-        """`end`, and wait for the last line while lines are written, at most wait_s.
-
-        Drop the others.
-        """
+        """`end`, and wait at most wait_s for the last line; drop the others."""
         atexit.unregister(self.close)
         self.end()
         if self.failure is not None or self._given_up:
             return
-        end_s = time.monotonic() + wait_s
-        while self._goes_on(end_s):
-            pass
+        self._thread.join(wait_s)
         if self._thread.is_alive():
             self._give_up()
-
-    def _goes_on(self, end_s: float) -> bool:
-        """Wait a little.
-
-        Whether the thread wrote lines meanwhile and has more to write before end_s.
-        """
-        before = self.written
-        self._thread.join(max(0.0, min(STUCK_S, end_s - time.monotonic())))
-        progresses = self._thread.is_alive() and self.written > before
-        return progresses and time.monotonic() < end_s
 
     def _give_up(self) -> None:
         """Leave the thread in the write that it waits for; nothing follows that write."""

@@ -6,22 +6,23 @@ one asks `require_open` first. Scoring a locked set is what it is there for, and
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from datetime import date
 from functools import cache
 from pathlib import Path
 
+import msgspec
+
 from holdfast.core.contract import Json
 from holdfast.core.errors import SetLocked
+from holdfast.core.schema import read
 from holdfast.core.trial_layout import META, read_json
 
 FILE = Path(__file__).with_name("locked.toml")
 TRUTHS = "*.truth.json"
 
 
-@dataclass(frozen=True)
-class Seeds:
+class Seeds(msgspec.Struct, frozen=True):
     """Seeds from first to last, both included, and what they are for."""
 
     first: int
@@ -29,19 +30,25 @@ class Seeds:
     about: str
 
 
-@dataclass(frozen=True)
-class LockedSets:
+class Style(msgspec.Struct, frozen=True):
+    """A scene, and the SHA-256 of its file."""
+
+    scene: str
+    sha256: str
+
+
+class LockedSets(msgspec.Struct, frozen=True):
     """What locked.toml says.
 
-    locked_on    the day, as ISO 8601
+    locked_on    the day
     seeds        locked for every scene
-    styles       SHA-256 of a scene -> its name: locked at every seed
+    styles       locked at every seed
     development  seeds for choices
     """
 
-    locked_on: str
+    locked_on: date
     seeds: tuple[Seeds, ...]
-    styles: dict[str, str]
+    styles: tuple[Style, ...]
     development: Seeds
 
     def reason(self, origin: Json, *, styles: bool = True) -> str:
@@ -61,24 +68,18 @@ class LockedSets:
         if not styles:
             return ""
 
-        # By its name too: another version of the scene is still that style.
         name = origin.get("name") or origin.get("card")
-        if name in self.styles.values():
-            return f"the style {name} is locked at every seed"
-        if sha256 in self.styles:
-            return f"the style {self.styles[sha256]} is locked at every seed"
+        for style in self.styles:
+            # By its name too: another version of the scene is still that style.
+            if style.scene == name or style.sha256 == sha256:
+                return f"the style {style.scene} is locked at every seed"
         return ""
 
 
 @cache
 def locked_sets() -> LockedSets:
     """The sets of locked.toml."""
-    content = tomllib.loads(FILE.read_text(encoding="utf-8"))
-    seeds = [Seeds(**one) for one in content["seeds"]]
-    styles = {one["sha256"]: one["scene"] for one in content["styles"]}
-    first, last = content["development"]["seeds"]
-    development = Seeds(first, last, content["development"]["about"])
-    return LockedSets(str(content["locked_on"]), tuple(seeds), styles, development)
+    return read(FILE, LockedSets)
 
 
 def lock_of(folder: Path, *, styles: bool = True) -> str:

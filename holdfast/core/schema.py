@@ -17,6 +17,7 @@ import json
 import math
 import re
 import tomllib
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from types import UnionType
@@ -46,6 +47,15 @@ NAMES = {
     dict: "a table",
 }
 """A type, as an error calls it."""
+BOUNDS = {
+    "ge": "from",
+    "gt": "above",
+    "min_length": "from",
+    "le": "to",
+    "lt": "below",
+    "max_length": "to",
+}
+"""A bound of a number or of a length, as an error calls it."""
 
 
 def shipped() -> list[str]:
@@ -73,24 +83,30 @@ def text_of(path: Path) -> str:
     return path.read_bytes().decode("utf-8")
 
 
-def json_of(text: str | bytes) -> Any:
-    """The value of a JSON text. Raises ValueError, also for numbers that are not finite."""
+def json_of(text: str | bytes, number: Callable[[str], float] | None = None) -> Any:
+    """The value of a JSON text. Raises ValueError, also for nan and infinity.
+
+    number: what reads a number with a point or an exponent, if not C.
+    """
     try:
-        return json.loads(text, parse_constant=_no_number)
+        return json.loads(text, parse_constant=_finite, parse_float=number)
     except RecursionError:
         raise ValueError("it nests too deep") from None
 
 
 def toml_of(text: str) -> dict[str, Any]:
-    """The tables of a TOML text. Raises ValueError."""
+    """The tables of a TOML text. Raises ValueError, also for nan and infinity."""
     try:
-        return tomllib.loads(text)
+        return tomllib.loads(text, parse_float=_finite)
     except RecursionError:
         raise ValueError("it nests too deep") from None
 
 
-def _no_number(word: str) -> None:
-    raise ValueError(f"{word} is not a finite number")
+def _finite(word: str) -> float:
+    number = float(word)
+    if not math.isfinite(number):
+        raise ValueError(f"{word} is not a finite number")
+    return number
 
 
 def read(path: Path, kind: type[T], error: type[DataError] = CardError) -> T:
@@ -100,7 +116,7 @@ def read(path: Path, kind: type[T], error: type[DataError] = CardError) -> T:
     """
     try:
         text = text_of(path)
-        raw = toml_of(text) if path.suffix == ".toml" else json_of(text)
+        raw = toml_of(text) if path.suffix == ".toml" else json_of(text, _finite)
     except FileNotFoundError:
         raise
     except OSError as reason:
@@ -130,9 +146,6 @@ def checked(
     strict: false where numbers stand as text, as in a URL.
     A Struct whose __post_init__ raises ValueError("what; allowed: what is") is heard too.
     """
-    if key := _not_finite(raw):
-        allowed = "allowed: a finite number"
-        raise error(f"{key}, not a finite number", where=where, next_step=allowed)
     try:
         return msgspec.convert(raw, kind, strict=strict)
     except msgspec.ValidationError as reason:
@@ -142,18 +155,6 @@ def checked(
 
 
 # -- what msgspec leaves out: the key of a dictionary, the value, the fields that are known
-
-
-def _not_finite(value: Any, key: str = "") -> str:
-    """Key and value of the first number that is nan or infinite, which no bound refuses; or ""."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return f"{key} = {value}"
-    found = []
-    if isinstance(value, dict):
-        found = [_not_finite(one, _joined(key, name)) for name, one in value.items()]
-    elif isinstance(value, list):
-        found = [_not_finite(one, f"{key}[{k}]") for k, one in enumerate(value)]
-    return next(filter(None, found), "")
 
 
 def _explained(raw: Any, kind: Any, message: str) -> tuple[str, str]:
@@ -221,25 +222,13 @@ def _allowed(kind: Any) -> str:
     """A kind and its bounds in words; empty for a kind that has none here."""
     bare = _bare(kind)
     if get_origin(bare) is Literal:
-        return " or ".join(str(one) for one in get_args(bare))
+        return " or ".join(map(str, get_args(bare)))
     words = [NAMES.get(get_origin(bare) or bare, "")]
-    for part in get_args(kind):
-        for meta in [part, *getattr(part, "__metadata__", [])]:
-            if isinstance(meta, msgspec.Meta):
-                words += _bounds(meta)
+    info = msgspec.inspect.type_info(kind)
+    # A kind or None is a union, of which None has no bounds.
+    for one in getattr(info, "types", [info]):
+        for bound, word in BOUNDS.items():
+            end = getattr(one, bound, None)
+            if end is not None:
+                words.append(f"{word} {end:g}")
     return " ".join(filter(None, words))
-
-
-def _bounds(meta: msgspec.Meta) -> list[str]:
-    """The bounds of a number or a length in words."""
-    if meta.ge is not None and meta.le is not None:
-        return [f"from {meta.ge:g} to {meta.le:g}"]
-    ends = {
-        "at least": (meta.ge, meta.min_length),
-        "above": (meta.gt,),
-        "at most": (meta.le, meta.max_length),
-        "below": (meta.lt,),
-    }
-    return [
-        f"{word} {end:g}" for word, of in ends.items() for end in of if end is not None
-    ]

@@ -51,15 +51,10 @@ def repair_lines(path: Path, is_whole: Callable[[bytes], bool]) -> RepairResult:
     text = data.rstrip(b"\0")
     begin = text.rfind(b"\n") + 1
     kept_bytes = len(text) if is_whole(text[begin:]) else begin
-    rows = _count_lines(text[:kept_bytes])
+    rows = len(text[:kept_bytes].splitlines())
     return RepairResult(
         rows, len(data) - kept_bytes, move_aside(path, data, kept_bytes)
     )
-
-
-def _count_lines(data: bytes) -> int:
-    """Lines with something in them."""
-    return sum(1 for line in data.split(b"\n") if line.strip())
 
 
 def move_aside(path: Path, data: bytes, kept_bytes: int) -> Path | None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import csv
 import re
 import warnings
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -90,18 +89,17 @@ def implausible_rate(rate_hz: float, lasts_s: float = 0.0) -> str:
     >>> implausible_rate(0.1)
     'runs at 0.1 Hz: looks like milliseconds (100 Hz)'
     """
-    if SLOWEST_HZ <= rate_hz <= FASTEST_HZ and lasts_s <= LONGEST_TRIAL_S:
+    if SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
+        if lasts_s > LONGEST_TRIAL_S:
+            minutes = lasts_s / 60.0
+            return f"lasts {minutes:.1f} min: one trial is no longer than an hour"
         return ""
-    over = f" for {lasts_s / 60.0:.1f} min" if lasts_s else ""
+    runs = f"runs at {rate_hz:.4g} Hz"
     for unit, seconds in UNITS_OF_TIME_S.items():
         truly_hz = rate_hz / seconds
         if SLOWEST_HZ <= truly_hz <= FASTEST_HZ:
-            then = f" for {lasts_s * seconds:.1f} s" if lasts_s else ""
-            looks = f"looks like {unit} ({truly_hz:.4g} Hz{then})"
-            return f"runs at {rate_hz:.4g} Hz{over}: {looks}"
-    if SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
-        return f"lasts {lasts_s / 60.0:.1f} min: one trial is no longer than an hour"
-    return f"runs at {rate_hz:.4g} Hz{over}: no time in seconds"
+            return f"{runs}: looks like {unit} ({truly_hz:.4g} Hz)"
+    return f"{runs}: no time in seconds"
 
 
 def read_trial(path: str | Path) -> Trial:
@@ -190,10 +188,6 @@ def _header(path: Path) -> list[str]:
         raise DataNotFound(
             "no such file", where=path, next_step="check the path"
         ) from None
-    except PermissionError:
-        raise DataNotFound(
-            "no permission to read it", where=path, next_step="change its permissions"
-        ) from None
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise NotANumber(
             f"cannot be read as a CSV text file ({type(error).__name__})",
@@ -213,33 +207,22 @@ def _header(path: Path) -> list[str]:
 
 def check_columns(header: list[str], path: Path) -> int:
     """Number of sensors, or a ColumnError that names the columns."""
-    n_sensors = 0
-    for name in header:
-        if _CHANNEL.fullmatch(name):
-            n_sensors = max(n_sensors, int(name[1:]))
-    expected = channel_names(n_sensors)
-    valid = [f"valid{k}" for k in range(1, n_sensors + 1)]
-    known = {TIME_COLUMN, *expected, *RECORDER_COLUMNS, *valid}
-    # a set: a header may have a hundred thousand names
-    there = set(header)
-    missing = [
-        name for name in expected or ("X1", "Y1", "Z1", "..") if name not in there
-    ]
-    doubled = sorted(name for name, count in Counter(header).items() if count > 1)
+    numbers = [int(name[1:]) for name in header if _CHANNEL.fullmatch(name)]
+    n_sensors = max(numbers, default=1)
+    expected = [TIME_COLUMN, *channel_names(n_sensors)]
+    known = {*expected, *RECORDER_COLUMNS}
+    known.update(f"valid{k}" for k in range(1, n_sensors + 1))
+    missing = [name for name in expected if name not in header]
     unknown = [name for name in header if name not in known]
-    fix = "the layout is Time,X1,Y1,Z1,X2,.. with three columns a sensor"
-    if header[0] != TIME_COLUMN:
-        what = f"the first column is {header[0]!r:.40}, not {TIME_COLUMN!r}"
-    elif doubled:
-        what = f"columns occur twice: {listed(doubled)}"
-    elif missing:
+    if missing:
         what = f"columns missing: {listed(missing)}"
     elif unknown:
-        what, fix = f"unknown columns: {listed(unknown)}", f"remove them; {fix}"
-    elif tuple(header[1 : 1 + len(expected)]) != expected:
-        what = "channels are out of order"
+        what = f"unknown columns: {listed(unknown)}"
+    elif header[: len(expected)] != expected or len(set(header)) < len(header):
+        what = "columns are out of order, or one occurs twice"
     else:
         return n_sensors
+    fix = "the layout is Time,X1,Y1,Z1,X2,.. with three columns a sensor, and no others"
     raise ColumnError(what, where=path, next_step=fix)
 
 
@@ -278,24 +261,24 @@ def require_rows(table: FloatArray, path: Path) -> None:
 
 def _bad_table(said: str, header: list[str], path: Path) -> NotANumber | ColumnError:
     """The error for a table that numpy does not read; said: numpy's own message."""
-    if cell := re.match(
-        "could not convert string (.+) to float.* row (.+), col.* (.+)\\.", said
-    ):
-        text, row, column = cell.groups()
-        names = dict(enumerate(header, start=1))
-        return NotANumber(
-            f"{line_of_row(int(row))}, column {names.get(int(column), column)}: "
-            f"{text:.42} is not a number",
-            where=path,
-            cause="text or an empty cell in the data",
-            next_step="write nan for a value that was lost",
-        )
-    if count := re.search(r"columns changed from \d+ to (\d+) at row (\d+)", said):
+    found = re.search(
+        r"(?:string (.+) to float\d+|to (\d+)) at row (\d+)(?:, column (\d+))?", said
+    )
+    if found is None:
+        what = "the table cannot be read"
+    elif found[2]:
         # numpy counts these rows from 1
-        line = line_of_row(int(count[2]) - 1)
-        return _other_count(f"{line} has {count[1]} cells", header, path)
+        line = line_of_row(int(found[3]) - 1)
+        return _other_count(f"{line} has {found[2]} cells", header, path)
+    else:
+        column = dict(enumerate(header, 1)).get(int(found[4]), found[4])
+        line = line_of_row(int(found[3]))
+        what = f"{line}, column {column}: {found[1]:.42} is not a number"
     return NotANumber(
-        "the table cannot be read", where=path, next_step="write plain decimal numbers"
+        what,
+        where=path,
+        cause="text or an empty cell in the data",
+        next_step="write plain decimal numbers, and nan for a value that was lost",
     )
 
 
@@ -356,9 +339,8 @@ def _check_time(
 def _valid(table: FloatArray, header: list[str], n_sensors: int) -> BoolArray:
     """[T, S] from the columns valid1 .. validn; a sensor without one is valid."""
     valid = np.ones((len(table), n_sensors), dtype=np.bool_)
-    column = {name: index for index, name in enumerate(header)}
     for k in range(n_sensors):
-        index = column.get(f"valid{k + 1}")
-        if index is not None:
-            valid[:, k] = table[:, index] != 0.0
+        name = f"valid{k + 1}"
+        if name in header:
+            valid[:, k] = table[:, header.index(name)] != 0.0
     return valid

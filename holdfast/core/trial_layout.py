@@ -16,9 +16,10 @@ guess would put wrong labels on all windows of the object.
 
 from __future__ import annotations
 
+import math
 import re
-import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -108,12 +109,12 @@ def intent_path(trial: Path) -> Path:
 
 def has_logs(path: Path) -> bool:
     """Whether a file or folder may be, or hold, logs of other programs."""
-    if path.is_file():
-        return path.suffix.lower() in LOG_SUFFIXES
-    inside = (path, *(one for one in path.rglob("*") if one.is_dir()))
-    if any((one / mark).is_file() for one in inside for mark in LOG_MARKS):
-        return True
-    return any(one.suffix.lower() in LOG_SUFFIXES for one in path.rglob("*.*"))
+    inside = (path, *path.rglob("*"))
+    names = {mark.rpartition("/")[2] for mark in LOG_MARKS}
+    return any(
+        one.is_file() and (one.suffix.lower() in LOG_SUFFIXES or one.name in names)
+        for one in inside
+    )
 
 
 def import_command(path: Path) -> str:
@@ -131,9 +132,10 @@ def read_events(path: Path) -> list[Json]:
             return []
         # a kill leaves a part of the last line; every other line must be whole
         *lines, last = text_of(path).split("\n")
-        if _is_json(last):
-            lines.append(last)
         events = [json_of(line) for line in lines if line.strip()]
+        # no part of a JSON object is a JSON object itself
+        with suppress(ValueError):
+            events.append(json_of(last))
         if not all(isinstance(event, dict) for event in events):
             raise ValueError("not an object")
         return events
@@ -143,15 +145,6 @@ def read_events(path: Path) -> list[Json]:
             where=path,
             next_step="correct it",
         ) from None
-
-
-def _is_json(line: str) -> bool:
-    """Whether a last line is whole: no part of a JSON object is a JSON object itself."""
-    try:
-        json_of(line)
-    except ValueError:
-        return False
-    return True
 
 
 def read_json(path: Path) -> Json:
@@ -271,11 +264,8 @@ def named_mass(name: str, masses_g: Mapping[str, Any] | None = None) -> Mass | N
 
 def _checked(mass: Any, source: str, name: str) -> Mass:
     """A mass that is a positive number; source: the file that gives it."""
-    if (
-        isinstance(mass, bool)
-        or not isinstance(mass, int | float)
-        or not 0.0 < mass <= sys.float_info.max
-    ):
+    is_number = isinstance(mass, int | float) and not isinstance(mass, bool)
+    if not is_number or not 0.0 < mass < math.inf:
         raise LabelError(
             f"the mass of {name!r} is {mass!r}",
             where=source,

@@ -9,12 +9,10 @@ from __future__ import annotations
 import os
 import secrets
 import shutil
-import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
 
 from holdfast.core.errors import OutputError
 
@@ -32,7 +30,8 @@ def write_whole(path: str | Path, data: bytes | str) -> Path:
         try:
             # in the same folder, so that the rename cannot cross a file system
             with temporary.open("xb") as file:
-                _keep_permissions(path, file)
+                if path.exists():
+                    shutil.copymode(path, temporary)
                 file.write(content)
             os.replace(temporary, path)
         # KeyboardInterrupt too: no half-written file stays
@@ -42,17 +41,6 @@ def write_whole(path: str | Path, data: bytes | str) -> Path:
     except OSError as error:
         raise _unwritable(path, error) from None
     return path
-
-
-def _keep_permissions(path: Path, file: BinaryIO) -> None:
-    """Give a new, still empty file the permissions of the file that it will replace, if any."""
-    if path.exists():
-        before, now = (
-            stat.S_IMODE(one.st_mode) for one in (path.stat(), os.fstat(file.fileno()))
-        )
-        # only where it must: not every file system can change permissions
-        if before != now:
-            os.fchmod(file.fileno(), before)
 
 
 @contextmanager
@@ -134,5 +122,5 @@ def _unwritable(path: Path, error: OSError) -> OutputError:
         f"cannot write ({error.strerror})",
         where=path,
         cause="no permission, a full disk, or a file in place of a folder",
-        next_step="choose another place to write to",
+        next_step="make room, or choose another place to write to",
     )

@@ -37,6 +37,7 @@ from holdfast.core.schema import read
 from holdfast.core.writing import write_whole
 
 File = TypeVar("File", "CalibrationFile", "BiasFile")
+TINY = np.finfo(np.float64).tiny
 MIN_BIAS_ROWS = 30
 LOST_SHARE = 0.05
 """Of the rows of a channel, more lost than this is a finger's wires; less is a moment's bus."""
@@ -153,8 +154,8 @@ class CalibrationOrigin:
     """Where a calibration comes from.
 
     source: of the loads. date: as the caller gave it. load_unit: the unit in which the loads were
-    read. n: rows fitted. residual_n: [S, 3] RMSE over the fitted rows, nan where an axis was never
-    loaded; sensors under one load share the residual of that load.
+    read. n: rows fitted. residual_n: [S, 3] RMSE over the fitted rows; sensors under one load share
+    the residual of that load.
     """
 
     source: str
@@ -166,16 +167,16 @@ class CalibrationOrigin:
 
 @dataclass(frozen=True)
 class Calibration:
-    """matrix [S, 3, 3] N/uT; rest_ut [S, 3] the resting field, None where fields come tared.
+    """matrix [S, 3, 3] N/uT; rest_ut [S, 3] the resting field.
 
-    reversed [S]: whose magnet is upside down. A row of zeros in a matrix is an axis that was never
-    loaded. The matrix is that of an upright magnet. A reversed magnet has the field of the other
-    sign on all three axes, and `apply` turns it. shear_gain: ratio of shear and normal force as it
-    is read at a light touch, over the true one; None where no load has shown it.
+    reversed [S]: whose magnet is upside down. The matrix is that of an upright magnet. A reversed
+    magnet has the field of the other sign on all three axes, and `apply` turns it. shear_gain:
+    ratio of shear and normal force as it is read at a light touch, over the true one; None where no
+    load has shown it.
     """
 
     matrix: FloatArray
-    rest_ut: FloatArray | None
+    rest_ut: FloatArray
     reversed: BoolArray
     meta: CalibrationOrigin
     shear_gain: float | None = None
@@ -188,28 +189,14 @@ class Calibration:
                 cause="the calibration is of another hand",
                 next_step=f"use fields [.., {len(self.matrix)}, 3], or calibrate this hand",
             )
-        moved = field_ut if self.rest_ut is None else field_ut - self.rest_ut
-        force: FloatArray = np.einsum(
-            "sij,...sj->...si", self.matrix, turn(self.reversed) * moved
-        )
+        moved = turn(self.reversed) * (field_ut - self.rest_ut)
+        force: FloatArray = np.einsum("sij,...sj->...si", self.matrix, moved)
         return force
 
 
 def turn(reversed_: BoolArray) -> FloatArray:
     """[S, 1] the sign that turns a reversed magnet's field."""
     return np.where(reversed_, -1.0, 1.0)[:, None]
-
-
-def rmse_normal(error_n: FloatArray) -> float:
-    """Root mean square of [.., 3] errors along the normal."""
-    return float(np.sqrt(np.mean(error_n[..., NORMAL_AXIS] ** 2)))
-
-
-def rmse_shear(error_n: FloatArray) -> float:
-    """Root mean square of [.., 3] errors over the loaded shear axes (not nan); nan without any."""
-    shear = np.delete(error_n, NORMAL_AXIS, axis=-1)
-    known = shear[np.isfinite(shear)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
 # -- files
@@ -220,14 +207,14 @@ Vector = tuple[float, float, float]
 class CalibrationFile(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 ):
-    """A calibration as its file has it; a residual is null where an axis was never loaded."""
+    """A calibration as its file has it."""
 
     format: Literal[1]
     kind: Literal["calibration"]
     matrix_n_per_ut: Annotated[
         list[tuple[Vector, Vector, Vector]], msgspec.Meta(min_length=1)
     ]
-    rest_ut: list[Vector] | None
+    rest_ut: list[Vector]
     reversed: list[bool]
     # one beyond these bounds is a mistake, not a sensor
     shear_gain: Annotated[float, msgspec.Meta(ge=0.1, le=10.0)] | None = None
@@ -235,14 +222,14 @@ class CalibrationFile(
     date: str
     load_unit: str
     n: Annotated[int, msgspec.Meta(ge=0)]
-    residual_n: list[tuple[float | None, float | None, float | None]]
+    residual_n: list[Vector]
 
     def __post_init__(self) -> None:
         """Raise ValueError where sensors differ in number or a matrix is singular."""
         n_sensors = len(self.matrix_n_per_ut)
         for name in ("rest_ut", "reversed", "residual_n"):
             rows = getattr(self, name)
-            if rows is not None and len(rows) != n_sensors:
+            if len(rows) != n_sensors:
                 raise ValueError(f"{name} has {len(rows)}; allowed: {n_sensors} rows")
         for number, matrix in enumerate(self.matrix_n_per_ut, 1):
             if _is_singular(np.array(matrix)):
@@ -253,36 +240,27 @@ class CalibrationFile(
 
 
 def _is_singular(matrix: FloatArray) -> bool:
-    """Whether the rows of the loaded axes (not all zero) do not span as many directions.
-
-    Two loaded axes would then become one, or no field would be a force: the finger would always
-    read zero.
-    """
+    """Whether two loaded axes would become one, or no field would be a force."""
     # scaled row by row: a calibration in small numbers is not singular
-    largest = np.abs(matrix).max(axis=1)
-    rows = matrix[largest != 0.0] / largest[largest != 0.0, None]
-    return not len(rows) or int(np.linalg.matrix_rank(rows)) < len(rows)
+    largest = np.maximum(np.abs(matrix).max(axis=1, keepdims=True), TINY)
+    return int(np.linalg.matrix_rank(matrix / largest)) < 3
 
 
 def write_calibration(path: str | Path, calibration: Calibration) -> Path:
     """As JSON with all digits; OutputError where that cannot be done."""
     meta = calibration.meta
-    rest = calibration.rest_ut
-    # JSON has no nan
-    residual = meta.residual_n.astype(object)
-    residual[np.isnan(meta.residual_n)] = None
     content = {
         "format": 1,
         "kind": "calibration",
         "matrix_n_per_ut": calibration.matrix.tolist(),
-        "rest_ut": None if rest is None else rest.tolist(),
+        "rest_ut": calibration.rest_ut.tolist(),
         "reversed": calibration.reversed.tolist(),
         "shear_gain": calibration.shear_gain,
         "source": meta.source,
         "date": meta.date,
         "load_unit": meta.load_unit,
         "n": meta.n,
-        "residual_n": residual.tolist(),
+        "residual_n": meta.residual_n.tolist(),
     }
     return _write(path, content)
 
@@ -290,9 +268,8 @@ def write_calibration(path: str | Path, calibration: Calibration) -> Path:
 def read_calibration(path: str | Path) -> Calibration:
     """Read and check a calibration. Raises DataNotFound, DataError."""
     file = _read(Path(path), CalibrationFile, "write one with holdfast calibrate")
-    rest = None if file.rest_ut is None else np.array(file.rest_ut)
-    # None becomes nan
-    residual = np.array(file.residual_n, dtype=np.float64)
+    rest = np.array(file.rest_ut)
+    residual = np.array(file.residual_n)
     meta = CalibrationOrigin(file.source, file.date, file.load_unit, file.n, residual)
     matrix = np.array(file.matrix_n_per_ut)
     return Calibration(matrix, rest, np.array(file.reversed), meta, file.shear_gain)
@@ -319,18 +296,20 @@ class BiasFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             )
 
 
-def write_bias(path: str | Path, bias: Bias) -> Path:
-    """As JSON with all digits; OutputError where that cannot be done."""
-    content = {
-        "format": 1,
-        "kind": "bias",
+def bias_json(bias: Bias) -> Json:
+    """A bias with all digits."""
+    return {
         "values": bias.values.tolist(),
         "spread": bias.spread.tolist(),
         "n": bias.n,
         "unit": bias.unit,
         "reversed": bias.reversed.tolist(),
     }
-    return _write(path, content)
+
+
+def write_bias(path: str | Path, bias: Bias) -> Path:
+    """As JSON; OutputError where that cannot be done."""
+    return _write(path, {"format": 1, "kind": "bias", **bias_json(bias)})
 
 
 def read_bias(path: str | Path) -> Bias:

@@ -1,6 +1,6 @@
 """One finger: its chip is brought up, and each reading is judged.
 
-Bring-up: wake, identify, give the chip its own address, configure, read back. Nothing is written to
+Bring-up: wake, identify, configure, read back. Nothing is written to
 an address before a TMAG5273 has identified itself there. A register read is a read, although it
 sends the register's number: that number only sets a pointer in every chip that has registers.
 """
@@ -40,10 +40,8 @@ def bring_up(bus: Bus, finger: Finger, setup: Setup, pause: Pause) -> int:
     Raises DeviceNotFound where nothing answers, WrongDevice for another chip or one that does not
     keep its configuration, and what the bridge raises.
     """
-    address = finger.read_at
+    address = finger.address
     registers = dict(setup.registers())
-    if finger.moved is not None:
-        _move(bus, finger.address, finger.moved, pause)
     version = identify(bus, address, pause)
     _configure(bus, address, registers)
     return version
@@ -96,16 +94,6 @@ def _version(identity: bytes) -> int | None:
     return version if maker == MANUFACTURER_ID and version in RANGES_MT else None
 
 
-def _move(bus: Bus, factory: int, moved: int, pause: Pause) -> None:
-    """Give a chip its own address, unless it still has it. Raises what identify raises."""
-    try:
-        identify(bus, moved, pause)
-    except DeviceNotFound:
-        # it lost its power and answers at its factory address again
-        identify(bus, factory, pause)
-        bus.scan([Transfer(factory, bytes([IDENTITY, moved << 1 | 1]))])
-
-
 def _configure(bus: Bus, address: int, registers: dict[int, int]) -> None:
     """Write the registers that differ, read them back, and only then clear POR.
 
@@ -147,7 +135,7 @@ class FingerState:
 
     def __init__(self, finger: Finger) -> None:
         self.finger = finger
-        self.transfer = Transfer(finger.read_at, bytes([RESULTS]), PACKET_BYTES)
+        self.transfer = Transfer(finger.address, bytes([RESULTS]), PACKET_BYTES)
         """The transfer that reads the finger."""
         self.ready = False
         self.version = 1

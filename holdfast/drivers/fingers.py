@@ -29,11 +29,10 @@ from holdfast.drivers.finger import (
 )
 from holdfast.drivers.layout import Finger, ScanPlan, ScanPlanner, is_mux, plain_read
 from holdfast.drivers.tmag5273 import (
-    GENERAL_CALL,
-    TRIGGER,
     Setup,
     conversion_s,
     field_ut,
+    range_mt,
 )
 
 TRIES_AT_START = 3
@@ -85,7 +84,7 @@ class Fingers:
         self._states = [FingerState(finger) for finger in fingers]
         self._planner = ScanPlanner(fingers)
         self._doubtful_until_ns = 0
-        self._range_mt = np.array([setup.range_mt(one.version) for one in self._states])
+        self._range_mt = np.array([range_mt(one.version) for one in self._states])
 
     def about(self) -> list[dict[str, object]]:
         """What is known of each finger: its place, its chip's variant and whether it is ready.
@@ -102,7 +101,7 @@ class Fingers:
                     "channel": finger.channel,
                     "mux": None if finger.channel is None else f"0x{finger.mux:02x}",
                     "ready": state.ready,
-                    "range_mt": self._setup.range_mt(state.version).tolist(),
+                    "range_mt": range_mt(state.version).tolist(),
                     "version": state.version,
                     "serial": None,
                 }
@@ -199,7 +198,7 @@ class Fingers:
         except (DeviceNotFound, WrongDevice) as failure:
             return failure
 
-        self._range_mt[k] = self._setup.range_mt(version)
+        self._range_mt[k] = range_mt(version)
         state.brought_up(version, self._now_ns())
         return None
 
@@ -223,8 +222,6 @@ class Fingers:
 
     def scan(self, bus: Bus) -> ScanReplies:
         """Read each finger that is ready. Raises a DeviceError where bridge or bus fails."""
-        if self._setup.together:
-            self._convert(bus)
         reads = [state.transfer if state.ready else None for state in self._states]
         doubtful = self._now_ns() < self._doubtful_until_ns
         plan = self._planner.plan(reads, doubtful=doubtful)
@@ -249,13 +246,6 @@ class Fingers:
                 replies[k] = answers[place]
 
         return ScanReplies(replies, unswitched)
-
-    def _convert(self, bus: Bus) -> None:
-        """Start one conversion of every chip at one moment, and wait for it."""
-        # the general call reaches every enabled chip at the same bit
-        trigger = Transfer(GENERAL_CALL, bytes([TRIGGER]))
-        bus.scan([*self._planner.select_all(), trigger])
-        self._pause(conversion_s(self._setup.averages))
 
     def judge(self, t_ns: int, scanned: ScanReplies) -> Reading:
         """What the replies to a scan that began at t_ns say."""

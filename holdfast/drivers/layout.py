@@ -1,15 +1,12 @@
 """Where the six fingertips answer, the muxes in front of them, and the transfers of one scan.
 
-The sensor has four addresses only, so mux channels share them. Alternatively, the driver gives each
-finger its own address at bring-up, behind its channel. Then all channels are enabled at once, and a
-scan never switches. A chip loses such an address with its power, and the driver gives it again.
+The sensor has four addresses only, so mux channels share them.
 
 A layout in a URL is a name (`mux`, or `mux@71` for a mux at 0x71), or a place for each finger:
 
     35              0x35, directly on the bus
     1:35            0x35 on channel 1 of the mux at 0x70
     71/1:35         0x35 on channel 1 of the mux at 0x71
-    1:35>50         the same on 0x70, given the address 0x50 at start
 
 A TCA9548A mux has one register and no register numbers: the byte after its address is the mask of
 its enabled channels. A chip with registers takes the same byte as a register number. So a mux
@@ -37,21 +34,14 @@ Channel = tuple[int, int]
 
 @dataclass(frozen=True)
 class Finger:
-    """Where a fingertip answers: its factory address, behind a mux channel or directly on the bus.
+    """Where a fingertip answers: its address, behind a mux channel or directly on the bus.
 
-    moved: the address that it is given at bring-up and read at from then on. mux: the address of
-    its mux.
+    mux: the address of its mux.
     """
 
     address: int
     channel: int | None = None
-    moved: int | None = None
     mux: int = MUX_ADDRESS
-
-    @property
-    def read_at(self) -> int:
-        """The address it is read at."""
-        return self.address if self.moved is None else self.moved
 
     @property
     def behind(self) -> frozenset[Channel]:
@@ -72,18 +62,17 @@ SHARED = (
 LAYOUTS: dict[str, tuple[Finger, ...]] = {
     "mux": SHARED,
     "mux6": tuple(Finger(0x35, channel) for channel in range(6)),
-    "moved": tuple(replace(one, moved=0x50 + k) for k, one in enumerate(SHARED)),
 }
-""""mux": four fingers on one channel, two on another. "mux6": one a channel. "moved": see above."""
+""""mux": four fingers on one channel, two on another. "mux6": one a channel."""
 
 
 def read_layout(text: str) -> tuple[Finger, ...]:
     """A layout by name, or a place for each finger (see above). Raises UsageError.
 
-    >>> read_layout("1:35,22,72/0:35>50")[2]
-    Finger(address=53, channel=0, moved=80, mux=114)
+    >>> read_layout("1:35,22,72/0:35")[2]
+    Finger(address=53, channel=0, mux=114)
     >>> read_layout("mux@71")[5]
-    Finger(address=34, channel=1, moved=None, mux=113)
+    Finger(address=34, channel=1, mux=113)
     """
     name, at, mux = text.partition("@")
     try:
@@ -106,12 +95,9 @@ def read_layout(text: str) -> tuple[Finger, ...]:
 
 def _require_distinct(text: str, fingers: Sequence[Finger]) -> None:
     places = {(one.behind, one.address) for one in fingers}
-    moved = [one.moved for one in fingers if one.moved]
-    factory = {one.address for one in fingers}
-    # a moved chip would meet a chip that still has that address from the factory, and a mux
-    # answers at its address whatever its mask is
-    met = factory.intersection(moved) | factory.union(moved) & muxes_of(fingers)
-    if met or len(places) < len(fingers) or len(set(moved)) < len(moved):
+    # a mux answers at its address whatever its mask is
+    met = muxes_of(fingers).intersection(one.address for one in fingers)
+    if met or len(places) < len(fingers):
         raise UsageError(
             f"{text!r}: two fingers, or a finger and a mux, at one place",
             next_step="give each its own address or channel",
@@ -122,13 +108,11 @@ def _finger(text: str) -> Finger:
     """One place of a layout. Raises ValueError."""
     where, _, place = text.rpartition(":")
     mux, _, channel = where.rpartition("/")
-    address, _, moved = place.partition(">")
     if (channel and int(channel) not in CHANNELS) or (mux and not channel):
         raise ValueError(where)
     return Finger(
-        _hex_within(address, ADDRESSES),
+        _hex_within(place, ADDRESSES),
         int(channel) if channel else None,
-        _hex_within(moved, ADDRESSES) if moved else None,
         _hex_within(mux, MUX_ADDRESSES) if mux else MUX_ADDRESS,
     )
 
@@ -245,10 +229,7 @@ class ScanPlanner:
     def __init__(self, fingers: Sequence[Finger]) -> None:
         self.muxes = muxes_of(fingers)
         self.masks: dict[int, int] = {}
-        self._channels = [read_behind(fingers, finger) for finger in fingers]
-        self._all_channels = frozenset[Channel]().union(
-            *(one.behind for one in fingers)
-        )
+        self._channels = [finger.behind for finger in fingers]
         self._plans: dict[object, ScanPlan] = {}
 
     def forget_masks(self) -> None:
@@ -279,10 +260,6 @@ class ScanPlanner:
         self.masks = self.masks | wanted
         return writes
 
-    def select_all(self) -> list[Transfer]:
-        """Mux writes that enable the channels of all fingers at once."""
-        return self.select(self._all_channels)
-
     def _new_plan(self, reads: Sequence[Transfer | None], doubtful: bool) -> ScanPlan:
         transfers: list[Transfer] = []
         groups: list[Group] = []
@@ -310,14 +287,3 @@ def _read_back(transfers: list[Transfer], group: Group) -> None:
     for mux, mask in group.masks.items():
         group.read_backs[len(transfers)] = mask
         transfers.append(Transfer(mux, b"", 1))
-
-
-def read_behind(fingers: Sequence[Finger], finger: Finger) -> frozenset[Channel]:
-    """Channels enabled while a finger is read: its own, or those of all fingers with a new address.
-
-    A chip that lost its power answers at its factory address again. No finger is read there in such
-    a layout, so the two do not collide.
-    """
-    if finger.moved is None:
-        return finger.behind
-    return frozenset().union(*(one.behind for one in fingers if one.moved is not None))

@@ -8,13 +8,13 @@ import os
 import select
 from collections.abc import Callable
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Protocol
 
 from holdfast.core.errors import DeviceLost
 from holdfast.core.hand_lines import (
     LONGEST_LINE,
     MOST_A_CALL,
-    LineUrl,
     unix_listener,
 )
 
@@ -99,10 +99,10 @@ class DatagramFeed:
 
     ended = False
 
-    def __init__(self, where: LineUrl) -> None:
-        self.name = f"unix://{where.path}"
+    def __init__(self, path: str) -> None:
+        self.name = f"unix://{path}"
         with ExitStack() as stack:
-            self._listener = unix_listener(where, "samples", stack)
+            self._listener = unix_listener(Path(path), "samples", stack)
             self._stack = stack.pop_all()
 
     def pull(self, timeout_s: float) -> list[bytes]:

@@ -1,9 +1,6 @@
-"""Lines of any program as a live source: stamps, silence, and what comes too fast.
+"""Lines of any program as a live source: silence, and what comes too fast.
 
-Stamps are those of arrival, or of the sender. Without a common clock only the changes of a delay
-are known: a sender's stamps are put on this machine's clock by the smallest delay so far. That one
-may grow by DRIFT, because the sender's clock may be slow. A sample that comes later than so is old,
-and its answer is `late`.
+The time of a sample is that of its arrival: a sender's clock is another one.
 
 The source waits for the next sample, so the sender paces the loop. While none comes, the last
 reading is given again, invalid, and the state is unknown. Of more than MOST_WAITING samples all but
@@ -18,7 +15,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -41,14 +38,11 @@ WAIT_PERIODS = 2.0
 MOST_WAITING = 2
 PAUSE_PERIODS = 3.0
 """Where nothing was read for longer, what waits has no known time of arrival."""
-DRIFT = 2e-4
-"""A sender's clock may be so much slower: four times what a poor crystal is."""
 SLOWER_RATES = 1.5
 MOST_DROPPED = 4096
 """Pulls after which a sender that never pauses is not waited for."""
 LOST, SKIPPED = "no sample came", "samples were dropped"
 NOT_VALID = "not valid"
-Stamps = Literal["arrival", "sender"]
 ToForce = Callable[[FloatArray], FloatArray]
 
 
@@ -56,31 +50,8 @@ ToForce = Callable[[FloatArray], FloatArray]
 class LineOptions:
     """How lines are read. rate_hz: None where it is measured. paced: a recording."""
 
-    stamps: Stamps = "arrival"
     rate_hz: float | None = None
     paced: bool = False
-
-
-class SenderClock:
-    """Puts a sender's stamps on this machine's clock."""
-
-    def __init__(self) -> None:
-        self._delay_ns: int | None = None
-        self._arrived_ns = 0
-
-    def local_ns(self, stamp_ns: int, arrived_ns: int) -> int:
-        """The stamp on this machine's clock, never after its arrival."""
-        delay_ns = arrived_ns - stamp_ns
-        if self._delay_ns is not None:
-            drift_ns = round(DRIFT * (arrived_ns - self._arrived_ns))
-            delay_ns = min(delay_ns, self._delay_ns + drift_ns)
-        self._delay_ns = delay_ns
-        self._arrived_ns = arrived_ns
-        return stamp_ns + delay_ns
-
-    def forget(self) -> None:
-        """Another sender, or one that began anew."""
-        self._delay_ns = None
 
 
 class LineSource(SelfPaced):
@@ -106,7 +77,6 @@ class LineSource(SelfPaced):
         self._options = options
         self._to_force = to_force
         self._skipped = Skipped(feed.name, report, clock.now_ns)
-        self._sender = SenderClock()
         self._waiting: deque[tuple[SampleLine, int]] = deque()
         self._is_silent = False
         self._given = 0
@@ -122,9 +92,9 @@ class LineSource(SelfPaced):
         assert reader.map is not None
         self.unit: Unit = reader.map.unit_of_values if to_force is None else "N"
         self.n_channels = len(reader.map.channels)
-        self._last = self._reading(*first[-1])
+        self._last = self._valued(*first[-1])
         self._looked_ns = clock.now_ns()
-        stamps = "the recording" if options.paced else options.stamps
+        stamps = "the recording" if options.paced else "arrival"
         report(
             f"{feed.name}: {self.n_channels // 3} sensors in {self.unit} at "
             f"{self.rate_hz:.4g} Hz, stamps of {stamps}"
@@ -227,12 +197,12 @@ class LineSource(SelfPaced):
         if len(self._waiting) > MOST_WAITING:
             # the newest is kept: an old sample would delay every later one
             newest = self._waiting.pop()
-            self._last = self._reading(*self._waiting[-1])
+            self._last = self._valued(*self._waiting[-1])
             self._count_dropped(len(self._waiting), "more came than are read")
             self._waiting = deque([newest])
             return self._last.without_values(SKIPPED)
         self._given += 1
-        return self._reading(*self._waiting.popleft())
+        return self._valued(*self._waiting.popleft())
 
     def _next_row(self) -> SourceReading | None:
         """The next row of a recording at its time; None while that is not near."""
@@ -283,17 +253,9 @@ class LineSource(SelfPaced):
                 shown = f"{printable(text)} is skipped: {error}"
                 self._skipped.count(error.kind, shown)
                 continue
-            if line is None:
-                continue
-            if line.begins:
-                self._sender.forget()
-            self._waiting.append((line, arrived_ns))
+            if line is not None:
+                self._waiting.append((line, arrived_ns))
         return bool(lines)
-
-    def _reading(self, line: SampleLine, arrived_ns: int) -> SourceReading:
-        if self._options.stamps == "arrival" or line.stamp_ns is None:
-            return self._valued(line, arrived_ns)
-        return self._valued(line, self._sender.local_ns(line.stamp_ns, arrived_ns))
 
     def _valued(self, line: SampleLine, t_ns: int) -> SourceReading:
         values = line.values

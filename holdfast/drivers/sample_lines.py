@@ -60,14 +60,12 @@ NOT_VALID = (0, "0", "false")
 class SampleLine:
     """One line: values [C] in the map's unit, valid [S].
 
-    stamp_ns: on the sender's clock, None without a column of time. begins: whether it is the
-    first, or the first after a silence.
+    stamp_ns: on the sender's clock, None without a column of time.
     """
 
     stamp_ns: int | None
     values: FloatArray
     valid: BoolArray
-    begins: bool
 
 
 NAME_A_MAP = (
@@ -168,11 +166,10 @@ class SampleReader:
         sequence = _sequence(columns)
         values = column_map.values_of(columns)
         valid = _valid(values, columns)
-        begins = not self._rule.lives(now_ns)
         if not self._rule.obeys(now_ns, sequence, stamp_ns):
             raise LineRefused(NOT_RISING)
         self.map = column_map
-        return SampleLine(stamp_ns, values, valid, begins)
+        return SampleLine(stamp_ns, values, valid)
 
 
 def _is_number(cell: str) -> bool:

@@ -21,7 +21,6 @@ from holdfast.drivers.finger import identify
 from holdfast.drivers.layout import (
     ADDRESSES,
     CHANNELS,
-    LAYOUTS,
     MUX_ADDRESS,
     MUX_ADDRESSES,
     ScanPlanner,
@@ -40,9 +39,7 @@ from holdfast.drivers.tmag5273 import (
 )
 
 LETTERS = dict(zip(FACTORY_ADDRESSES, "ABCD", strict=True))
-SENSOR_ADDRESSES = frozenset(FACTORY_ADDRESSES).union(
-    *({one.read_at for one in layout} for layout in LAYOUTS.values())
-)
+SENSOR_ADDRESSES = frozenset(FACTORY_ADDRESSES)
 NOT_IDENTIFIED = (
     "answers every read with one byte, so it may have no registers; "
     "not identified for its safety"
@@ -138,7 +135,6 @@ def _identified(bus: Bus, address: int, pause: Callable[[float], None]) -> BusDe
     except (DeviceNotFound, WrongDevice) as error:
         return _unknown(address, error.what)
     narrow, wide = RANGES_MT[version]
-    # the letter stands for the factory address, which a moved chip does not show
     letter = LETTERS.get(address, "?")
     what = f"TMAG5273 {letter}{version} ({narrow:g}/{wide:g} mT)"
     trouble = _health(bus, address)
@@ -156,10 +152,6 @@ def _health(bus: Bus, address: int) -> str:
         if one.read(reply.data[0], name):
             troubles.append(name)
 
-    if address not in FACTORY_ADDRESSES:
-        troubles.append(
-            "not a factory address: it was given at run time and is lost with its power"
-        )
     return ", ".join(troubles)
 
 

@@ -17,14 +17,11 @@ import numpy.typing as npt
 from holdfast.core.contract import FloatArray
 
 FACTORY_ADDRESSES = (0x35, 0x22, 0x78, 0x44)
-GENERAL_CALL = 0x00
 MANUFACTURER_ID = 0x5449
 RANGES_MT = {1: (40.0, 80.0), 2: (133.0, 266.0)}
 """DEVICE_ID.VER -> full scale with the range bit clear and set, mT."""
 SHORTEST_WAKE_S = 50e-6
 """From the read that wakes a sleeping chip (which it does not acknowledge) until it answers."""
-TRIGGER = 0x80
-"""Added to the register's address: start one conversion (standby mode, TRIGGER_MODE 0)."""
 
 
 @dataclass(frozen=True)
@@ -191,15 +188,12 @@ def field_ut(raw: npt.ArrayLike, range_mt: float | FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Setup:
-    """How a chip is configured. averages: 1 to 32. wide_xy, wide_z: the wide range of these axes.
+    """How a chip is configured: it converts all the time, z in its wide range.
 
-    together: all chips convert at one moment, at a general call; otherwise each at its own times.
+    averages: 1 to 32.
     """
 
     averages: int = 32
-    wide_xy: bool = False
-    wide_z: bool = True
-    together: bool = False
 
     def registers(self) -> list[tuple[int, int]]:
         """(address, byte) in the order to write: the operating mode last."""
@@ -207,11 +201,7 @@ class Setup:
         config = one["DEVICE_CONFIG_1"].value(
             MAG_TEMPCO=1, CONV_AVG=self.averages.bit_length() - 1
         )
-        # a triggered chip waits; otherwise it converts without being asked
-        mode = STANDBY if self.together else CONTINUOUS
-        ranges = one["SENSOR_CONFIG_2"].value(
-            X_Y_RANGE=int(self.wide_xy), Z_RANGE=int(self.wide_z)
-        )
+        ranges = one["SENSOR_CONFIG_2"].value(Z_RANGE=1)
         return [
             (one["INT_CONFIG_1"].address, one["INT_CONFIG_1"].value(MASK_INTB=1)),
             (
@@ -223,15 +213,15 @@ class Setup:
             (one["DEVICE_CONFIG_1"].address, config),
             (
                 one["DEVICE_CONFIG_2"].address,
-                one["DEVICE_CONFIG_2"].value(LP_LN=1, OPERATING_MODE=mode),
+                one["DEVICE_CONFIG_2"].value(LP_LN=1, OPERATING_MODE=CONTINUOUS),
             ),
         ]
 
-    def range_mt(self, version: int) -> FloatArray:
-        """[3] full scale of x, y, z."""
-        narrow, wide = RANGES_MT[version]
-        xy = wide if self.wide_xy else narrow
-        return np.array([xy, xy, wide if self.wide_z else narrow])
+
+def range_mt(version: int) -> FloatArray:
+    """[3] full scale of x, y, z, as Setup sets it."""
+    narrow, wide = RANGES_MT[version]
+    return np.array([narrow, narrow, wide])
 
 
 @dataclass(frozen=True)

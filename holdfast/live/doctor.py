@@ -10,9 +10,9 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import platform
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -34,8 +34,6 @@ EXTRAS = {
     "xdf": ("pyxdf",),
     "xlsx": ("openpyxl",),
 }
-BOARD = Path("/proc/device-tree/model")
-"""What a single-board computer calls itself; other machines have no such file."""
 RULES = "holdfast board udev | sudo tee /etc/udev/rules.d/70-holdfast.rules"
 Status = Literal["ok", "missing", "broken"]
 
@@ -53,31 +51,28 @@ class Finding:
 Check = Callable[[], list[Finding]]
 
 
-def examine(data_sets: Check, settings: Check) -> Iterator[Finding]:
+def examine(settings: Check) -> Iterator[Finding]:
     """All findings; a check that raises becomes a finding too.
 
-    data_sets, settings: the checks of packages above this one.
+    settings: a check of the package above this one.
     """
     # from what everything needs to what only a live hand needs
     checks: dict[str, Check] = {
         "machine": _machine,
         "packages": _packages,
         "onnxruntime": _runtime,
-        "data sets": data_sets,
-        "model": _models,
+        "models": _models,
         "settings": settings,
-        "libusb": _libusb,
         "bridges": _bridges,
         "i2c": _native_buses,
-        "udev": _udev,
-        "governor": _governor,
         "priority": _priority,
     }
     for name, check in checks.items():
-        yield from _safely(name, check)
+        yield from findings_of(name, check)
 
 
-def _safely(name: str, check: Check) -> list[Finding]:
+def findings_of(name: str, check: Check) -> list[Finding]:
+    """What a check finds; its error is a finding of that name."""
     try:
         return check()
     # the live path is installed without the packages of training
@@ -86,17 +81,14 @@ def _safely(name: str, check: Check) -> list[Finding]:
         return [Finding(name, "missing", f"needs {error.name}", step)]
     except Exception as error:  # doctor must report, whatever fails
         found = f"{type(error).__name__}: {error}"
-        return [Finding(name, "broken", found, "report this line")]
+        step = getattr(error, "next_step", "") or "report this line"
+        return [Finding(name, "broken", found, step)]
 
 
 def _machine() -> list[Finding]:
     system = f"{platform.system()} {platform.machine()}, {os.cpu_count()} CPUs"
     found = f"Python {platform.python_version()}, {system}"
-    # the doctor also runs where the program was unpacked and not installed
-    enough = sys.version_info >= (3, 11)
-    if enough:
-        return [Finding("machine", "ok", found)]
-    return [Finding("machine", "broken", found, "install Python 3.11 or newer")]
+    return [Finding("machine", "ok", found)]
 
 
 def missing_of(extra: str) -> list[str]:
@@ -111,74 +103,53 @@ def missing_of(extra: str) -> list[str]:
 
 
 def _packages() -> list[Finding]:
-    """The live path, each extra that is there, and the other extras in one line."""
-    findings = []
-    absent = []
-    for extra, names in EXTRAS.items():
-        missing = missing_of(extra)
-        there = [name for name in names if name not in missing]
-        if not missing:
-            version = importlib.metadata.version
-            found = ", ".join(f"{name} {version(name)}" for name in there)
-            findings.append(Finding(extra, "ok", found))
-        elif extra == LIVE_PATH:
-            found = f"not installed: {', '.join(missing)}"
-            findings.append(Finding(extra, "missing", found, "pip install holdfast"))
-        else:
-            absent.append(extra)
+    """The live path with its versions, and all extras in one line."""
+    missing = missing_of(LIVE_PATH)
+    live = Finding(
+        LIVE_PATH,
+        "missing",
+        f"not installed: {', '.join(missing)}",
+        "pip install holdfast",
+    )
+    if not missing:
+        versions = [
+            f"{one} {importlib.metadata.version(one)}" for one in EXTRAS[LIVE_PATH]
+        ]
+        live = Finding(LIVE_PATH, "ok", ", ".join(versions))
 
-    if absent:
-        found = f"not installed, or in part: {', '.join(absent)}"
-        step = "pip install 'holdfast[NAME]' for one that you want"
-        findings.append(Finding("extras", "ok", found, step))
-    return findings
+    absent = [extra for extra in EXTRAS if extra != LIVE_PATH and missing_of(extra)]
+    if not absent:
+        return [live, Finding("extras", "ok", "all are installed")]
+    found = f"not installed, or in part: {', '.join(absent)}"
+    step = "pip install 'holdfast[NAME]' for one that you want"
+    return [live, Finding("extras", "ok", found, step)]
 
 
 def _runtime() -> list[Finding]:
-    from holdfast.core.errors import RuntimeRefused
     from holdfast.edge_runtime.model_file import check_runtime
 
-    try:
-        check_runtime()
-    except RuntimeRefused as error:
-        return [Finding("onnxruntime", "broken", error.what, error.next_step)]
+    check_runtime()
     return [Finding("onnxruntime", "ok", "not one of the versions known to be wrong")]
 
 
 def _models() -> list[Finding]:
     """The shipped models, and the one that `holdfast export` without options wrote here."""
-    from holdfast.core.errors import HoldfastError
     from holdfast.core.schema import shipped
-    from holdfast.edge_runtime.monitor import Model
 
     # only where it was built: most machines have the shipped models alone
-    built = Path("build/default/holdfast.onnx")
+    words = [*shipped(), *map(str, Path().glob("build/default/holdfast.onnx"))]
     findings = []
-    words = shipped()
-    if built.exists():
-        words.append(str(built))
-
     for word in words:
-        what = f"model {word}"
-        try:
-            # a model that opens has answered its golden sequences as it did at its export
-            model_id = Model(word).card.model_id
-            found = f"id {model_id}, golden sequences reproduced"
-            findings.append(Finding(what, "ok", found))
-        except HoldfastError as error:
-            findings.append(Finding(what, "broken", str(error), error.next_step))
-
+        findings += findings_of(f"model {word}", partial(_model, word))
     return findings
 
 
-def _libusb() -> list[Finding]:
-    from holdfast.core.errors import LibraryMissing
-    from holdfast.drivers.usb import real_backend
+def _model(word: str) -> list[Finding]:
+    from holdfast.edge_runtime.monitor import Model
 
-    try:
-        return [Finding("libusb", "ok", str(real_backend().lib._name))]
-    except LibraryMissing as error:
-        return [Finding("libusb", "missing", str(error), "apt install libusb-1.0-0")]
+    # a model that opens has answered its golden sequences as it did at its export
+    found = f"id {Model(word).card.model_id}, golden sequences reproduced"
+    return [Finding(f"model {word}", "ok", found)]
 
 
 def _bridges() -> list[Finding]:
@@ -188,70 +159,35 @@ def _bridges() -> list[Finding]:
     from holdfast.drivers.usb import UsbPort, find_usb, real_backend
 
     findings = []
+    backend = real_backend()
     for name in BRIDGES:
-        what = f"bridge {name}"
         ids = ids_of(name)
         # several bridges of one kind are told apart by their number
-        plugged_in = len(find_usb(ids, real_backend()))
-        for number in range(plugged_in):
+        for number in range(len(find_usb(ids, backend))):
             # only opening it shows whether this user may
             try:
-                UsbPort(name, ids, real_backend(), number=number).close()
-                findings.append(Finding(what, "ok", "can be opened"))
+                UsbPort(name, ids, backend, number=number).close()
+                findings.append(Finding(f"bridge {name}", "ok", "can be opened"))
             except DeviceError as error:
                 step = f"{RULES}, then plug it in again"
-                findings.append(Finding(what, "broken", str(error), step))
+                found = Finding(f"bridge {name}", "broken", str(error), step)
+                findings.append(found)
 
-    if findings:
-        return findings
-    return [Finding("bridges", "ok", "none on USB", "virtual://ft232h needs none")]
+    return findings or [Finding("bridges", "ok", "none on USB")]
 
 
 def _native_buses() -> list[Finding]:
     buses = sorted(Path("/dev").glob("i2c-*"))
     if not buses:
-        if not BOARD.exists():
-            return []
         step = "on a Raspberry Pi: dtparam=i2c_arm=on in config.txt"
-        return [Finding("i2c", "missing", "no /dev/i2c-*", step)]
+        return [Finding("i2c", "ok", "no /dev/i2c-*", step)]
 
     # a bus that is there and not allowed needs another remedy than a missing one
-    names = ", ".join(str(bus) for bus in buses)
+    names = ", ".join(map(str, buses))
     if not all(os.access(bus, os.R_OK | os.W_OK) for bus in buses):
         step = "sudo usermod -aG i2c $USER"
         return [Finding("i2c", "broken", f"not allowed: {names}", step)]
     return [Finding("i2c", "ok", names)]
-
-
-def _udev() -> list[Finding]:
-    from holdfast.drivers.bridges import bridges_on_usb
-
-    # rules decide which users may open a bridge, so they matter where there is one
-    if not bridges_on_usb():
-        return []
-    # 6014 is the product number of an FT232H, which every version of our rules names
-    rules = [
-        str(rule)
-        for rule in Path("/etc/udev/rules.d").glob("*.rules")
-        if "6014" in rule.read_text(encoding="utf-8", errors="replace")
-    ]
-    if rules:
-        return [Finding("udev", "ok", ", ".join(rules))]
-    return [Finding("udev", "missing", "no rule for the bridges", RULES)]
-
-
-def _governor() -> list[Finding]:
-    # a governor that slows idle cores down delays the first step after a wait
-    cores = Path("/sys/devices/system/cpu")
-    files = cores.glob("cpu[0-9]*/cpufreq/scaling_governor")
-    names = sorted({file.read_text(encoding="utf-8").strip() for file in files})
-
-    if not names:
-        return [Finding("governor", "ok", "the kernel does not change the clock rate")]
-    if names == ["performance"]:
-        return [Finding("governor", "ok", "performance")]
-    step = "cpupower frequency-set -g performance, for a steady latency"
-    return [Finding("governor", "missing", ", ".join(names), step)]
 
 
 def _priority() -> list[Finding]:

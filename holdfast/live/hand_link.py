@@ -15,7 +15,6 @@ A serial port carries few lines: 115200 baud about 55 a second. It is the one th
 
 from __future__ import annotations
 
-import errno
 import math
 import select
 import socket
@@ -26,10 +25,11 @@ from contextlib import suppress
 from threading import Condition, Thread
 from typing import Any
 
-from holdfast.core.errors import DeviceError, UsageError
-from holdfast.core.hand_lines import LineUrl, line_url
-from holdfast.drivers.serial_port import DEFAULT_BAUD, open_port
+from holdfast.core.errors import DeviceError
+from holdfast.core.hand_lines import not_an_address
+from holdfast.drivers.serial_port import open_port
 from holdfast.edge_runtime.supervisor import EXPIRES_MS
+from holdfast.live.sources import source_url
 
 MOST_UNSENT = 96
 """A serial port that still has more bytes to send has no room for a line."""
@@ -49,7 +49,7 @@ END_S = 0.5
 """The end of a run waits this long for the thread."""
 LOST = "link was lost"
 HOLDS = "the hand holds its grip"
-ADDRESSES = "unix:///run/hand/grip or serial:///dev/ttyUSB0?baud=115200"
+STALLED = "its reader is stalled"
 FAILURES = (OSError, DeviceError, termios.error)
 """Of a port: a socket's, pyserial's and the system's."""
 LastLine = Callable[[int, int, str], str]
@@ -60,55 +60,42 @@ Report = Callable[[str], object]
 class UnixPort:
     """A datagram socket to a receiver's socket file, which may come later, or anew.
 
-    most_hz: commands a second that it carries.
-
+    most_hz: commands a second that it carries. begins: what ends a line that was cut off.
     Who may write to the file may command its receiver: it should have permissions 0600.
     """
 
     most_hz = math.inf
+    begins = b""
 
     def __init__(self, path: str) -> None:
         self._path = path
-        self._sender: socket.socket | None = None
+        self._sender = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
 
     def open(self) -> None:
         """Find the receiver. Raises OSError."""
-        self.close()
-        sender = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        sender.setblocking(False)
-        try:
-            sender.connect(self._path)
-        except OSError:
-            sender.close()
-            raise
-        self._sender = sender
+        self._sender.close()
+        self._sender = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._sender.setblocking(False)
+        self._sender.connect(self._path)
 
     def wait_for_room(self, wait_s: float) -> None:
         """Wait for room in the receiver's queue. Raises OSError."""
-        if self._sender is None:
-            raise FileNotFoundError(errno.ENOENT, "there is no receiver")
         if not select.select([], [self._sender], [], wait_s)[1]:
-            raise _stalled()
+            raise TimeoutError(STALLED)
 
     def write(self, line: bytes) -> None:
         """Send one datagram. Raises OSError."""
-        assert self._sender is not None
         self._sender.send(line)
-
-    def finish(self, line: bytes) -> None:
-        """Send the last line. Raises OSError."""
-        self.wait_for_room(LAST_LINE_S)
-        self.write(line)
 
     def close(self) -> None:
         """Close the socket."""
-        if self._sender is not None:
-            self._sender.close()
-            self._sender = None
+        self._sender.close()
 
 
 class SerialPort:
     """A serial port that may be unplugged and comes back."""
+
+    begins = b"\n"
 
     def __init__(self, path: str, baud: int) -> None:
         self.most_hz = baud / BITS_A_COMMAND
@@ -119,48 +106,38 @@ class SerialPort:
     def open(self) -> None:
         """Open the port. Raises UsageError, DeviceError."""
         # an unplugged adapter gets another name as long as a process holds the old one
-        self._lose()
+        if self._port is not None:
+            with suppress(*FAILURES):
+                # what is unsent must not be waited for
+                self._port.reset_output_buffer()
+            self.close()
         self._port = open_port(self._path, self._baud)
         self._port.write_timeout = PATIENCE_S
         # the modem lines stay as they are when it is closed: some boards reset on them
         flags = termios.tcgetattr(self._port.fd)
         flags[CONTROL_FLAGS] &= ~termios.HUPCL
         termios.tcsetattr(self._port.fd, termios.TCSANOW, flags)
-        # ends a line that was cut off, so that the reader skips it
-        self._port.write(b"\n")
+        self._port.write(self.begins)
 
     def wait_for_room(self, wait_s: float) -> None:
         """Wait until few bytes are unsent: a line behind many would arrive old."""
         end_s = time.monotonic() + wait_s
         while self._port.out_waiting > MOST_UNSENT:
             if time.monotonic() >= end_s:
-                raise _stalled()
+                raise TimeoutError(STALLED)
             time.sleep(LOOK_AGAIN_S)
 
     def write(self, line: bytes) -> None:
         """Write one line. Raises OSError where the port does not take it within PATIENCE_S."""
         self._port.write(line + b"\n")
 
-    def finish(self, line: bytes) -> None:
-        """Write the last line. It is worth more than what is unsent, which makes way for it."""
-        try:
-            self.wait_for_room(LAST_LINE_S)
-        except TimeoutError:
-            self._port.reset_output_buffer()
-        self._port.write_timeout = LAST_LINE_S
-        self.write(b"\n" + line)
-
     def close(self) -> None:
-        """Close the port; what was written still leaves."""
+        """Close the port."""
         with suppress(*FAILURES):
             self._port.close()
 
-    def _lose(self) -> None:
-        """Close a port that failed, without waiting for what is unsent."""
-        if self._port is not None and self._port.is_open:
-            with suppress(*FAILURES):
-                self._port.reset_output_buffer()
-            self.close()
+
+Port = UnixPort | SerialPort
 
 
 class HandLink:
@@ -171,7 +148,7 @@ class HandLink:
 
     def __init__(
         self,
-        port: UnixPort | SerialPort,
+        port: Port,
         name: str,
         last: LastLine,
         report: Report,
@@ -231,7 +208,14 @@ class HandLink:
                 self._port.write(self._newest().encode())
             except FAILURES as error:
                 self._recover(error)
-        self._finish()
+
+        line = self._last(self._sequence + 1, self._now_ns(), self._ended)
+        with suppress(*FAILURES):
+            if not self.works:
+                self._port.open()
+            self._port.wait_for_room(LAST_LINE_S)
+            self._port.write(self._port.begins + line.encode())
+        self._port.close()
 
     def _wait_for_line(self) -> bool:
         """Wait for a line; False where the run ends and none waits."""
@@ -242,7 +226,7 @@ class HandLink:
     def _newest(self) -> str:
         with self._changed:
             line, self._line = self._line, None
-            return line or self._hold(LOST)
+            return line or self._hold()
 
     def _recover(self, error: Exception) -> None:
         """Open the port again until a hold line leaves, or the run ends."""
@@ -261,7 +245,7 @@ class HandLink:
             with suppress(*FAILURES):
                 self._port.open()
                 # a hold line: a command from before the failure would be old
-                self._port.write(self._hold(LOST).encode())
+                self._port.write(self._hold().encode())
                 self.works = True
                 after_s = time.monotonic() - began_s
                 self._report(f"{self.name}: lines arrive again, after {after_s:.1f} s")
@@ -271,70 +255,40 @@ class HandLink:
         with self._changed:
             return bool(self._changed.wait_for(lambda: self._ended, wait_s))
 
-    def _hold(self, reason: str) -> str:
+    def _hold(self) -> str:
         # the number of a line that did not leave, above that of every line that did
-        return self._last(self._sequence, self._now_ns(), reason)
-
-    def _finish(self) -> None:
-        line = self._last(self._sequence + 1, self._now_ns(), self._ended)
-        with suppress(*FAILURES):
-            if not self.works:
-                self._port.open()
-            self._port.finish(line.encode())
-        self._port.close()
-
-
-def _stalled() -> TimeoutError:
-    return TimeoutError("its reader is stalled")
+        return self._last(self._sequence, self._now_ns(), LOST)
 
 
 def open_hand_link(
     url: str,
-    option: str,
+    name: str,
     last: LastLine,
     report: Report,
     now_ns: Callable[[], int],
     effect: str = HOLDS,
 ) -> HandLink:
-    """An open link, which ends with its last line when it is closed. option: its name for people.
+    """An open link, which ends with its last line when it is closed. name: for people.
 
     Raises UsageError, DeviceError.
     """
-    try:
-        port = _port_of(line_url(url))
-    except ValueError as error:
-        cause = str(error)
-        if url.startswith("udp://"):
-            cause = "nothing that moves a hand crosses a network"
-        raise UsageError(
-            f"{option} {url[:80]!r} is not an address",
-            cause=cause,
-            next_step=ADDRESSES,
-        ) from None
-    return HandLink(port, f"{option} {url}", last, report, now_ns, effect)
+    return HandLink(_port_of(url, name), f"{name} {url}", last, report, now_ns, effect)
 
 
-def _port_of(where: LineUrl) -> UnixPort | SerialPort:
-    """Raises ValueError where a URL is no address, UsageError and DeviceError."""
-    if where.parts.scheme not in ("unix", "serial"):
-        raise ValueError("")
+def _port_of(url: str, name: str) -> Port:
+    """Raises UsageError, DeviceError."""
     # serial://dev/ttyX, with two slashes, would lose the first part of the path
-    if where.parts.netloc or not where.path.strip("/"):
-        raise ValueError("a path from / on, with three slashes")
-    allowed = {"baud"} if where.parts.scheme == "serial" else set()
-    if unknown := set(where.options) - allowed:
-        raise ValueError(f"{min(unknown)[:40]!r} is no option of it")
-    if where.parts.scheme == "unix":
-        receiver = UnixPort(where.path)
+    if not url.startswith(("unix:///", "serial:///")):
+        raise not_an_address(url, name, "unix:///PATH or serial:///DEVICE")
+    where = source_url(url)
+    if where.scheme == "unix":
+        receiver = UnixPort(where.name)
         # one that starts later is found then; until then its absence is reported
         with suppress(OSError):
             receiver.open()
         return receiver
 
-    baud = where.options.get("baud", str(DEFAULT_BAUD))
-    if not baud.isdecimal() or len(baud) > 9:
-        raise ValueError(f"baud={baud[:40]!r} is not a whole number")
-    port = SerialPort(where.path, int(baud))
+    port = SerialPort(where.name, where.options.baud)
     # a port that is not there is a mistake now, and a fault later
     port.open()
     return port

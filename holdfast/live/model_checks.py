@@ -1,40 +1,33 @@
 """`holdfast doctor MODEL`: short checks of a model file on the machine that will run it.
 
 Each check is a law that must hold, with a figure: golden rows, one recording against a batch,
-reset, unknown, and the clock. The input is the golden input of model.py, which is made by formula
+reset, and the clock. The input is the golden input of model.py, which is made by formula
 and never from a recording. All together take some thousand steps, a second on a small board.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 
 from holdfast.core.clock import MonotonicClock
-from holdfast.core.contract import BoolArray, FloatArray, Sample
+from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.errors import HoldfastError
-from holdfast.edge_runtime.graph import (
-    StepGraph,
-    run_recording,
-    run_recordings,
-)
-from holdfast.edge_runtime.model import (
-    AMPLITUDE,
-    Model,
-    golden_input,
-    golden_of,
-)
-from holdfast.edge_runtime.monitor import GripMonitor
-from holdfast.live.doctor import Finding
+from holdfast.edge_runtime.graph import StepGraph, run_recording, run_recordings
+from holdfast.edge_runtime.model import Model, golden_input, golden_of
+from holdfast.live.doctor import Finding, findings_of
 
 BATCH = (1.0, 0.5, 2.0, -1.0)
 """Factors: each recording of the batch is the golden input times one of these."""
 CLOCK_READS = 20_000
 WAITS, WAIT_NS = 20, 1_000_000
 GOLDEN = "golden rows"
+ModelCheck = Callable[[Model], tuple[bool, str]]
+"""Whether a law holds for a model, and a figure."""
 DO_NOT_USE = "do not use this file here; export it again, or report this line"
 
 
@@ -47,21 +40,18 @@ def model_checks(path: str | Path) -> Iterator[Finding]:
         model = Model(path)
     except HoldfastError as error:
         reason = f"{type(error).__name__}: {error}"
-        yield _finding(GOLDEN, False, reason)
+        yield Finding(GOLDEN, "broken", reason, DO_NOT_USE)
         return
 
     for what, check in CHECKS.items():
-        try:
-            yield _finding(what, *check(model))
-        # a check that raises has failed, and the others still run
-        except Exception as error:
-            yield _finding(what, False, f"{type(error).__name__}: {error}")
+        yield from findings_of(what, partial(_judged, what, check, model))
 
 
-def _finding(what: str, holds: bool, figure: str) -> Finding:
+def _judged(what: str, check: ModelCheck, model: Model) -> list[Finding]:
+    holds, figure = check(model)
     if holds:
-        return Finding(what, "ok", figure)
-    return Finding(what, "broken", figure, DO_NOT_USE)
+        return [Finding(what, "ok", figure)]
+    return [Finding(what, "broken", figure, DO_NOT_USE)]
 
 
 def golden_rows(model: Model) -> tuple[bool, str]:
@@ -79,9 +69,9 @@ def one_against_many(model: Model) -> tuple[bool, str]:
 
     # different recordings, so that one that leaks into another shows
     scaled = [values * factor for factor in BATCH]
-    flags = [valid] * len(BATCH)
-    rows = [np.arange(len(values))] * len(BATCH)
-    together = run_recordings(model.session, scaled, flags, names, rows)
+    count = len(BATCH)
+    rows = [np.arange(len(values))] * count
+    together = run_recordings(model.session, scaled, [valid] * count, names, rows)
     different = set()
     for recording, of_batch in zip(scaled, together, strict=True):
         alone = run_recording(model.session, recording, valid, names)
@@ -89,9 +79,8 @@ def one_against_many(model: Model) -> tuple[bool, str]:
             if alone[name].tobytes() != of_batch[name].tobytes():
                 different.add(name)
 
-    figure = f"{len(values)} rows, {len(BATCH)} together: "
-    figure += f"{', '.join(sorted(different)) or 'none'} differ"
-    return not different, figure
+    differ = ", ".join(sorted(different)) or "none"
+    return not different, f"{len(values)} rows, {count} together: {differ} differ"
 
 
 def reset_forgets(model: Model) -> tuple[bool, str]:
@@ -106,32 +95,6 @@ def reset_forgets(model: Model) -> tuple[bool, str]:
     return same, f"{len(values)} rows again: the same bits: {same}"
 
 
-def unknown_in_time(model: Model) -> tuple[bool, str]:
-    """The state must be unknown until settled, and again after too many sensors are lost."""
-    card = model.card
-    monitor = GripMonitor(model, None)
-    period_ns = round(1e9 / card.rate_hz)
-    sensors = card.n_channels // 3
-    too_few = np.arange(sensors) < max(card.min_valid_sensors, 1) - 1
-
-    # long enough to settle, to lose sight of the hand, and to settle again
-    settle = card.settle_samples
-    lost_from = settle + 5
-    back_from = lost_from + card.gap_samples + 5
-    ends = back_from + settle + 5
-    wrong = 0
-    for k in range(ends):
-        lost = lost_from <= k < back_from
-        valid = too_few if lost else np.ones(sensors, dtype=np.bool_)
-        # the values are good, so only the flags can make the state unknown
-        moving = np.full(card.n_channels, AMPLITUDE[card.unit] * k / 1024)
-        answer = monitor.feed(Sample(k * period_ns, moving, valid, k))
-        # the sample that completes the history is the first that is answered
-        settling = k < settle - 1 or lost_from <= k < back_from + settle - 1
-        wrong += (answer.state == "unknown") != settling
-    return wrong == 0, f"{ends} samples, {wrong} wrong"
-
-
 def clock_goes_on(model: Model) -> tuple[bool, str]:
     """The schedule's clock never steps back, and a wait never ends too early."""
     clock = MonotonicClock()
@@ -139,19 +102,16 @@ def clock_goes_on(model: Model) -> tuple[bool, str]:
     steps = np.diff([clock.now_ns() for _ in range(CLOCK_READS)])
     back = int((steps < 0).sum())
 
-    early = latest_ns = 0
+    late_ns = []
     for _ in range(WAITS):
         due_ns = clock.now_ns() + WAIT_NS
         clock.wait_until(due_ns)
-        late_ns = clock.now_ns() - due_ns
-        early += late_ns < 0
-        latest_ns = max(latest_ns, late_ns)
+        late_ns.append(clock.now_ns() - due_ns)
 
-    figure = (
-        f"{CLOCK_READS} readings, {back} back; {WAITS} waits, {early} too short, "
-        f"late by {latest_ns / 1e3:.0f} us at most"
-    )
-    return back + early == 0, figure
+    early = int((np.array(late_ns) < 0).sum())
+    late = f"late by {max(late_ns) / 1e3:.0f} us at most"
+    waits = f"{WAITS} waits, {early} too short, {late}"
+    return back + early == 0, f"{CLOCK_READS} readings, {back} back; {waits}"
 
 
 def _clean_input(model: Model) -> tuple[FloatArray, BoolArray]:
@@ -173,10 +133,9 @@ def _bits(graph: StepGraph, values: FloatArray, valid: BoolArray) -> str:
     return digest.hexdigest()
 
 
-CHECKS: dict[str, Callable[[Model], tuple[bool, str]]] = {
+CHECKS: dict[str, ModelCheck] = {
     GOLDEN: golden_rows,
     "one sample against a batch": one_against_many,
     "reset forgets": reset_forgets,
-    "unknown when it must be": unknown_in_time,
     "clock": clock_goes_on,
 }

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
 
 from holdfast.core.contract import Sample
 from holdfast.core.source import SelfPaced
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
 from holdfast.edge_runtime.preparation import Tare
+from holdfast.live.hand_files import force_of, resting_of
 from holdfast.live.running import RunClock, say
-from holdfast.live.sources import force_of, open_live, resting_of
+from holdfast.live.sources import open_live
 
 
-class OpenHand:
+class OpenHand(ExitStack):
     """A source that is read now; close it, or use it in a `with` block.
 
     url, calibration, bias: as for `holdfast run`. Raises UsageError, DeviceError or DataError.
@@ -27,15 +27,15 @@ class OpenHand:
         calibration: str | Path | None = None,
         bias: str | Path | None = None,
     ) -> None:
+        super().__init__()
         self.url = url
         self._clock = RunClock()
-        to_force = force_of(None if calibration is None else Path(calibration))
+        to_force = force_of(calibration)
         self._source = open_live(url, clock=self._clock, report=say, to_force=to_force)
+        self.callback(self._source.close)
         with ExitStack() as on_error:
-            on_error.callback(self._source.close)
-            self._resting = resting_of(
-                None if bias is None else Path(bias), self._source
-            )
+            on_error.callback(self.close)
+            self._resting = resting_of(bias, self._source)
             on_error.pop_all()
 
     def samples(
@@ -72,18 +72,3 @@ class OpenHand:
             values, valid = tare.prepare(reading.values, reading.valid)
             yield Sample(reading.t_ns, values, valid, sequence)
             sequence += 1
-
-    def close(self) -> None:
-        """Release the device or file."""
-        self._source.close()
-
-    def __enter__(self) -> OpenHand:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

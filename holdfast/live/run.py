@@ -9,20 +9,23 @@ import errno
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import msgspec
 
 from holdfast.core.contract import FloatArray
-from holdfast.core.errors import OutputError, RateError, UsageError, visible
+from holdfast.core.errors import OutputError, UsageError, visible
 from holdfast.core.lines import Sink, stream_sink
+from holdfast.core.schema import DEFAULT_MODEL
 from holdfast.core.source import Source
 from holdfast.drivers.hand import LiveHand
-from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
+from holdfast.edge_runtime.engine import ONNXRUNTIME, C, ModelChoice, OpenedModel
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.edge_runtime.wearer import Command
+from holdfast.live.hand_files import ZeroWatch, force_of, resting_of, shear_gain_of
 from holdfast.live.loop import Emit, Summary, report_summary, run_live
 from holdfast.live.outputs import (
     KINDS,
@@ -45,19 +48,13 @@ from holdfast.live.running import (
     stop_signals,
     until,
 )
-from holdfast.live.scene_source import shear_gain_of
-from holdfast.live.source_url import is_standard_input
-from holdfast.live.sources import SetReader, force_of, open_live, resting_of
-from holdfast.live.zero import ZeroWatch
+from holdfast.live.sources import SetReader, is_standard_input, open_live
 
 if TYPE_CHECKING:
-    from holdfast.live.cues import CueOutput
     from holdfast.live.grip import GripOutput
     from holdfast.live.page.run_page import RunPage
     from holdfast.live.view import View
 
-PACE_READS = 30
-"""So many scans may be too slow before a hand is: the first ones are, and so is a busy machine."""
 NO_SHEAR_GAIN = (
     "the shear gain of these sensors is not known, so the friction estimate takes 1; "
     "holdfast calibrate measures it from loads with shear"
@@ -66,84 +63,85 @@ STDOUT = "stdout"
 STDERR = "stderr"
 READER_GONE = (errno.EPIPE, errno.EIO, errno.EBADF)
 """Errors of a standard stream that its reader closed on purpose: `| head`, a closed terminal."""
+Text = Annotated[str, msgspec.Meta(min_length=1)]
 
 
-@dataclass(frozen=True)
-class RunOptions:
-    """What `holdfast run` was asked for, on the command line and in holdfast.toml."""
+class RunOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What may stand in holdfast.toml; what is typed takes its place (holdfast/cli/options.py).
 
-    model: ModelChoice
-    source: str
-    to: tuple[str, ...] = ()
-    grip: str | None = None
-    wearer: str | None = None
-    calibration: Path | None = None
-    bias: Path | None = None
-    seconds: float | None = None
-    controller: str | None = None
-    ceiling_n: float | None = None
-    feedback: str | None = None
-    cues: Path | None = None
+    model: a shipped one or a file; hand: the hand card of recordings; library: of the engine c;
+    ceiling_n: largest grip of the hand, N of either side; feedback: where cues go; cues: their
+    table.
+    """
+
+    source: Text = ""
+    model: Text = DEFAULT_MODEL
+    calibration: Text | None = None
+    bias: Text | None = None
+    wearer: Text | None = None
+    hand: Text | None = None
+    grip: Text | None = None
+    to: tuple[Text, ...] = ()
+    engine: Text = ONNXRUNTIME
+    library: Text | None = None
+    controller: Text = "holdfast"
+    ceiling_n: Annotated[float, msgspec.Meta(gt=0.0, le=1e4)] | None = None
+    feedback: Text | None = None
+    cues: Text | None = None
 
     @property
     def moves_scene(self) -> bool:
         """Whether commands go to the hand in the scene of the source."""
         # as a word, or as the beginning of a URL, which --source has taught
-        name = "" if self.grip is None else self.grip.partition("?")[0]
-        return name.rstrip(":/") == "virtual"
+        return (self.grip or "").partition("?")[0].rstrip(":/") == "virtual"
 
     def outputs(self) -> list[OutputUrl]:
         """Where answers go, in the order of KINDS; JSON lines where nothing is named."""
-        named = [output_url(url) for url in self.to] or [OutputUrl("-", "")]
+        named = map(output_url, self.to or ("-",))
         return sorted(named, key=lambda one: KINDS.index(one.kind))
 
-    @property
-    def has_page(self) -> bool:
-        """Whether a page shows the run."""
-        return any(one.kind == "web" for one in self.outputs())
-
-    def require_consistent(self) -> None:
-        """Raise UsageError for what contradicts itself, before the hand is opened."""
-        self.outputs()
-        if (
-            self.wearer
-            and is_standard_input(self.wearer)
-            and is_standard_input(self.source)
-        ):
-            what = "--wearer - and --source -: standard input cannot be both"
-            raise UsageError(what, next_step="--wearer unix:///run/holdfast/wearer")
+    def choice(self) -> ModelChoice:
+        """The model and its engine."""
+        library = self.library if self.engine == C else None
+        return ModelChoice(str(self.model), self.engine, library)
 
 
-def run(options: RunOptions, read_set: SetReader | None = None) -> int:
-    """Run until stopped; returns the exit code. read_set: reads SET#N as a source."""
-    options.require_consistent()
+def run(
+    options: RunOptions,
+    seconds: float | None = None,
+    read_set: SetReader | None = None,
+) -> int:
+    """Run until stopped, or for some seconds; returns the exit code.
+
+    read_set: reads SET#N as a source. Raises what the hand, the model and the outputs raise.
+    """
+    # what contradicts itself is refused before anything is opened
+    options.outputs()
+    if all(map(is_standard_input, (options.wearer or "", options.source))):
+        what = "--wearer - and --source -: standard input cannot be both"
+        raise UsageError(what, next_step="--wearer unix:///run/holdfast/wearer")
     clock = RunClock()
     if options.moves_scene:
         from holdfast.live.scene import SceneClock
 
         clock = SceneClock()
 
-    model = options.model.open()
+    model = options.choice().open()
     # stderr is a sink as well: a terminal that stops reading must not stop the loop
     with (
         output_from_the_background(),
         closing(stream_sink(sys.stderr, STDERR)) as stderr,
     ):
         live = _Run(options, model, clock, stderr)
-        summary = live.until_stopped(read_set)
+        summary = live.until_stopped(seconds, read_set)
         report_summary(summary, stderr)
 
     for name, error in live.lines.failures.items():
         # a reader that went away on purpose leaves no incomplete file
-        if not _closed_by_reader(name, error):
+        if name not in (STDOUT, STDERR) or error.errno not in READER_GONE:
             return OutputError.exit_code
 
     return 0
-
-
-def _closed_by_reader(name: str, error: OSError) -> bool:
-    """Whether the reader of a standard stream closed it: then nothing is missing."""
-    return name in (STDOUT, STDERR) and error.errno in READER_GONE
 
 
 class _Run:
@@ -154,15 +152,17 @@ class _Run:
     ) -> None:
         self._options = options
         self._model = model
+        self._card = model.card
         self._clock = clock
         self._stderr = stderr
+        # one output for all lines, so that each answer is written as text only once
+        self.lines = LineOutput([], self.report, [stderr], model.card.not_learned)
         self._samples: SampleFile | None = None
         self._view: View | None = None
         self._page: RunPage | None = None
         self._grip: GripOutput | None = None
         # read over true; None where never measured
         self._shear_gain: float | None = 1.0
-        self._cues: CueOutput | None = None
 
     def report(self, text: str) -> None:
         """A message: above the picture while it is drawn, else on stderr."""
@@ -174,24 +174,21 @@ class _Run:
         if self._page:
             self._page.report(line)
 
-    def until_stopped(self, read_set: SetReader | None) -> Summary:
+    def until_stopped(
+        self, seconds: float | None, read_set: SetReader | None
+    ) -> Summary:
         """Open everything, run the loop, close everything."""
         options = self._options
-        clock = self._clock
         with ExitStack() as stack:
             # first, so that Ctrl-C while outputs are opened ends the run in order
             stopped = stack.enter_context(stop_signals())
-            self._shear_gain = known_shear_gain(options, self._model.card)
+            self._shear_gain = known_shear_gain(options, self._card)
             outputs = self._open_outputs(stack)
             command = self._open_wearer(stack, outputs)
-            self._open_grip(stack)
-            self._open_cues(stack)
-
-            # the hand and the wearer come first: their lines must not wait for the others
-            moving = [one for one in (self._grip, self._cues) if one is not None]
+            moving = self._open_moving(stack)
             source = open_live(
                 options.source,
-                clock=clock,
+                clock=self._clock,
                 report=self.report,
                 to_force=force_of(options.calibration),
                 field=None if self._grip is None else self._grip.scene,
@@ -207,20 +204,14 @@ class _Run:
                 # only an open source knows when it began, which the commands count from
                 if self._grip is not None:
                     self._grip.begin(source)
-
-                for line in about_model(self._model.card, options.model.path):
-                    self.report(line)
-                resting = resting_of(options.bias, source)
-                if resting is None and self._model.card.preparation.bias_rows:
-                    outputs.append(ZeroWatch(self._model.card, self.report))
-                if self._shear_gain is None:
-                    self.report(NO_SHEAR_GAIN)
+                resting = self._begin(source, outputs)
                 summary = answer(
                     source,
                     self._model,
-                    clock,
+                    self._clock,
+                    # the hand and the wearer come first: their lines must not wait for the others
                     emit_to([*moving, *outputs]),
-                    until(stopped, clock, options.seconds),
+                    until(stopped, self._clock, seconds),
                     resting=resting,
                     command=command,
                 )
@@ -232,25 +223,23 @@ class _Run:
         summary.lost_sinks = self.lines.lost()
         return summary
 
+    def _begin(self, source: Source, outputs: list[Output]) -> FloatArray | None:
+        """Report what the run begins with; returns the measured bias, if there is one."""
+        for line in about_model(self._card, self._options.model):
+            self.report(line)
+        if self._shear_gain is None:
+            self.report(NO_SHEAR_GAIN)
+        resting = resting_of(self._options.bias, source)
+        if resting is None and self._card.preparation.bias_rows:
+            outputs.append(ZeroWatch(self._card, self.report))
+        return resting
+
     def _open_outputs(self, stack: ExitStack) -> list[Output]:
         """Those that only show or keep answers, in the order in which they get one."""
-        open_one = {
-            "view": self._open_view,
-            "-": self._open_stdout,
-            "jsonl": self._open_file,
-            "udp": self._open_udp,
-            "csv": self._open_samples,
-            "web": self._open_page,
-            "lsl": self._open_streams,
-        }
-        # one output for all lines, so that each answer is written as text only once
-        self.lines = LineOutput(
-            [], self.report, [self._stderr], self._model.card.not_learned
-        )
-        close_at_end(stack, self.lines)
         outputs: list[Output] = [self.lines]
+        close_at_end(stack, self.lines)
         for kind, place in self._options.outputs():
-            output = open_one[kind](place) if kind in open_one else None
+            output = self._opened(kind, place)
             if output is not None:
                 close_at_end(stack, output)
                 outputs.append(output)
@@ -258,59 +247,38 @@ class _Run:
         # last: a sign of life says that every other output has got the answer
         watchdog = ServiceWatchdog()
         close_at_end(stack, watchdog)
-        outputs.append(watchdog)
-        return outputs
+        return [*outputs, watchdog]
 
-    def _open_stdout(self, place: str) -> None:
-        self.lines.add_lines(stream_sink(sys.stdout, STDOUT))
+    def _opened(self, kind: str, place: str) -> Output | None:
+        """One output of its own; None for lines, which one output writes, and for none."""
+        card = self._card
+        if kind == "-":
+            self.lines.add_lines(stream_sink(sys.stdout, STDOUT))
+        elif kind == "jsonl":
+            self.lines.add_lines(file_sink(Path(place)))
+        elif kind == "udp":
+            self.lines.add_lines(udp_sink(place))
+        elif kind == "csv":
+            self._samples = SampleFile(Path(place), card.n_channels)
+            self.lines.add(self._samples.sink)
+            return self._samples
+        elif kind == "view":
+            from holdfast.live.view import open_view
 
-    def _open_file(self, place: str) -> None:
-        self.lines.add_lines(file_sink(Path(place)))
+            self._view = open_view(card)
+            return self._view
+        elif kind == "web":
+            from holdfast.live.page.run_page import open_run_page
 
-    def _open_udp(self, place: str) -> None:
-        self.lines.add_lines(udp_sink(place))
+            self._page = open_run_page(place, self._options, card, self.report)
+            return self._page
+        elif kind == "lsl":
+            from holdfast.drivers.lsl_library import open_answers
 
-    def _open_samples(self, place: str) -> SampleFile:
-        self._samples = SampleFile(Path(place), self._model.card.n_channels)
-        self.lines.add(self._samples.sink)
-        return self._samples
-
-    def _open_view(self, place: str) -> View:
-        from holdfast.core.hand_card import sensor_names
-        from holdfast.live.view import open_view
-
-        card = self._model.card
-        names = sensor_names(card.hand, card.n_channels // 3)
-        self._view = open_view(card.unit, not_learned=card.not_learned, names=names)
-        return self._view
-
-    def _open_page(self, place: str) -> RunPage:
-        from holdfast.live.page.run_page import open_run_page
-
-        card = self._model.card
-        self._page = open_run_page(
-            place,
-            source=self._options.source,
-            card=card,
-            model_name=f"{Path(self._options.model.path).name} ({card.model_id})",
-            with_grip=self._options.grip is not None,
-            shear_gain=self._shear_gain or 1.0,
-            report=self.report,
-        )
-        return self._page
-
-    def _open_streams(self, place: str) -> Output:
-        from holdfast.drivers.lsl_library import open_answers
-
-        card = self._model.card
-        return open_answers(
-            place,
-            card.n_channels // 3,
-            card.unit,
-            card.rate_hz,
-            self._clock.now_ns,
-            card.not_learned,
-        )
+            sensors = card.n_channels // 3
+            now_ns, gaps = self._clock.now_ns, card.not_learned
+            return open_answers(place, sensors, card.unit, card.rate_hz, now_ns, gaps)
+        return None
 
     def _open_wearer(
         self, stack: ExitStack, outputs: list[Output]
@@ -327,62 +295,56 @@ class _Run:
             if shown is not None:
                 shown.intent = wearer
         if self._samples is not None:
-            log = IntentLog(self._samples.path, wearer, clock.now_ns, self._samples)
+            log = IntentLog(wearer, clock.now_ns, self._samples)
             self.lines.add(log.sink)
             # after the file of samples, whose first sample sets the time axis of both
             outputs.insert(outputs.index(self._samples) + 1, log)
         return wearer.command
 
-    def _open_grip(self, stack: ExitStack) -> None:
+    def _open_moving(self, stack: ExitStack) -> list[Output]:
+        """The grip and the wearer's cues."""
         options = self._options
-        card = self._model.card
-        if not options.grip:
-            return
+        moving: list[Output] = []
+        if options.grip:
+            self._grip = self._open_grip(options.grip)
+            moving.append(self._grip)
+        if self._page:
+            self._page.grip = self._grip
+        if options.feedback:
+            from holdfast.live.cues import open_cues
+
+            table = None if options.cues is None else Path(options.cues)
+            now_ns = self._clock.now_ns
+            moving.append(open_cues(options.feedback, table, now_ns, self.report))
+        for output in moving:
+            close_at_end(stack, output)
+        return moving
+
+    def _open_grip(self, url: str) -> GripOutput:
         from holdfast.live import grip
 
+        options, card, clock = self._options, self._card, self._clock
         controller = grip.controller_for(
-            options.controller or grip.DEFAULT_CONTROLLER,
+            options.controller,
             card,
             self.report,
             ceiling_n=options.ceiling_n,
             shear_gain=self._shear_gain or 1.0,
         )
+        if not options.moves_scene:
+            return grip.grip_to_link(url, controller, card.rate_hz, clock, self.report)
         # the scene's hand is part of the source, so its commands go through no wire
-        if options.moves_scene:
-            self._grip = grip.grip_to_scene(
-                options.grip,
-                options.source,
-                controller,
-                options.ceiling_n,
-                self._clock,
-                self.report,
-            )
-        else:
-            self._grip = grip.grip_to_link(
-                options.grip, controller, card.rate_hz, self._clock, self.report
-            )
-
-        close_at_end(stack, self._grip)
-        if self._page:
-            self._page.grip = self._grip
-
-    def _open_cues(self, stack: ExitStack) -> None:
-        options = self._options
-        if not options.feedback:
-            return
-        from holdfast.live.cues import open_cues
-
-        self._cues = open_cues(
-            options.feedback, options.cues, self._clock.now_ns, self.report
+        source, ceiling_n = options.source, options.ceiling_n
+        return grip.grip_to_scene(
+            url, source, controller, ceiling_n, clock, self.report
         )
-        close_at_end(stack, self._cues)
 
 
 def known_shear_gain(options: RunOptions, card: ModelCard) -> float | None:
     """Of the calibration or the scene; None where it was never measured."""
     # A calibration file may be older than its gain, and a bare hand has no calibration at all.
-    # only these two show friction, and raw fields have no newtons to correct
-    if not (options.grip or options.has_page) or card.unit != "N":
+    # only the grip needs friction, and raw fields have no newtons to correct
+    if not options.grip or card.unit != "N":
         return 1.0
     return shear_gain_of(options.source, options.calibration)
 
@@ -416,35 +378,6 @@ def answer(
         has_counters=isinstance(source, LiveHand),
     )
     tare = Tare(card.preparation, card.n_channels, resting)
-    # after the tare is ready and before the schedule: reads that are too slow would all be
-    # overruns
-    require_pace(source, model, clock)
     return run_live(
         source, monitor, tare, clock, emit, stopped=stopped, command=command
-    )
-
-
-def require_pace(source: Source, model: OpenedModel, clock: Any) -> None:
-    """Read until one scan is as fast as the model's rate.
-
-    Raises RateError where none of PACE_READS scans is.
-    """
-    # a source with a rate of its own is paced by it: only a polled bridge can be too slow
-    if source.rate_hz is not None:
-        return
-    rate_hz = model.card.rate_hz
-    fastest_s = float("inf")
-    # one fast scan is enough: what a bridge can do once it can do again
-    for _ in range(PACE_READS):
-        before_ns = clock.now_ns()
-        source.read()
-        fastest_s = min(fastest_s, 1e-9 * (clock.now_ns() - before_ns))
-        if fastest_s * rate_hz <= 1.0:
-            return
-
-    raise RateError(
-        f"the fastest of {PACE_READS} scans takes {1e3 * fastest_s:.1f} ms, "
-        f"the model needs {rate_hz:g} a second",
-        cause="a bridge too slow for this model",
-        next_step="holdfast scan shows the rate that it serves",
     )

@@ -14,7 +14,6 @@ import signal
 import socket
 import sys
 import termios
-import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
@@ -33,8 +32,6 @@ NO_PRIORITY = (
 )
 SIGN_OF_LIFE_NS = 100_000_000
 """Between two signs of life; WatchdogSec in holdfast.service is ten times as long."""
-PROGRESS_EVERY_S = 2.0
-"""Between two reports of progress."""
 
 
 class RunClock(MonotonicClock):
@@ -106,7 +103,7 @@ def stop_signals() -> Iterator[Callable[[], bool]]:
     """
     requested = False
     # only terminals: a file or a pipe is not lost with the connection
-    terminals = [handle for handle in (0, 1, 2) if os.isatty(handle)]
+    terminals = list(filter(os.isatty, (0, 1, 2)))
 
     def stop(number: int, frame: object) -> None:
         nonlocal requested
@@ -199,33 +196,3 @@ class ServiceWatchdog:
 def say(line: str) -> None:
     """Write a message to stderr."""
     sys.stderr.write(visible_lines(line) + "\n")
-
-
-def progress_of(
-    what: str,
-    report: Callable[[str], None],
-    now_s: Callable[[], float] = time.monotonic,
-) -> Callable[[float], None]:
-    """A function that takes the share done and now and then reports it, with the time left.
-
-    >>> times = iter([0.0, 1.0, 3.0])
-    >>> show = progress_of("simulating", print, lambda: next(times))
-    >>> show(0.1)
-    >>> show(0.25)
-    simulating: 25 % done, about 9 s left
-    """
-    started_s = last_s = now_s()
-
-    def show(share: float) -> None:
-        nonlocal last_s
-        at_s = now_s()
-        # a line for each step would fill the terminal, and the log of a service
-        if at_s - last_s < PROGRESS_EVERY_S or not 0.0 < share < 1.0:
-            return
-
-        last_s = at_s
-        # as if the rest went on at the mean pace so far
-        left_s = (at_s - started_s) * (1.0 - share) / share
-        report(f"{what}: {100 * share:.0f} % done, about {left_s:.0f} s left")
-
-    return show

@@ -1,8 +1,9 @@
-"""A scene that goes on while it is read: the hand in it follows the commands that it gets.
+"""Scenes behind sim:// and virtual:// URLs, and one that goes on while it is read.
 
-The scene behind virtual://..?scene=.. is stepped ROWS_HZ times a second of its own time, as far as
-the next sample needs, and its field goes to the emulated chips. So the real driver reads, the real
-file answers, and the answer moves the emulated drive from that moment on.
+`sim://` is a trial of a scene as a stream. `virtual://..?scene=..` has the field of a trial at
+emulated chips, recorded, or stepped as it is read: ROWS_HZ times a second of its own time, as far
+as the next sample needs. So the real driver reads, the real file answers, and the answer moves the
+emulated drive from that moment on.
 
 The hand in the scene follows the rules of docs/shared-control.md: where no command comes for
 EXPIRES_MS, it holds its grip. The physics share a core with the loop, and no time passes for them:
@@ -14,34 +15,121 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
 from urllib.parse import parse_qs
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from holdfast.core.contract import GripCommand
 from holdfast.core.errors import UsageError
-from holdfast.edge_runtime.supervisor import EXPIRES_MS, GripCommand
+from holdfast.core.schema import checked
+from holdfast.drivers.replay import Replay
+from holdfast.drivers.virtual.virtual_hand import Track
+from holdfast.edge_runtime.supervisor import EXPIRES_MS
 from holdfast.live.running import RunClock
-from holdfast.live.scene_source import planned_scene
+from holdfast.live.sources import SourceUrl, source_url
 from holdfast.simulation.drive import Actuator, Drive
+from holdfast.simulation.effect import EFFECT_MODULES
 from holdfast.simulation.loop_people import Habits
 from holdfast.simulation.loop_physics import HandsAndObjects, Spans
 from holdfast.simulation.loop_sensing import LoopSensors
 from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.scene import Scene
+from holdfast.simulation.scene import Scene, SimulatedTrial
+from holdfast.simulation.scene_file import read_scene_file
 from holdfast.simulation.script_times import grid_of
-from holdfast.simulation.stepper import TrialMotion
 from holdfast.simulation.truth import Truth, truth_of
 
+FIELD_HZ = 1000.0
+"""Rate of a recorded field for the virtual chips, each of which converts it at its time."""
 ROWS_HZ = 300.0
 STEP_S = 1.0 / ROWS_HZ
 """One step a row: coarser than a recorded scene's, so that a small machine keeps up."""
 Still = Callable[[], AbstractContextManager[None]]
 COPIES = 2
 """The trial twice: numpy sums a batch of one in another order than a larger one."""
-LARGEST = 1e4
-"""Of a figure of the virtual drive."""
+USUAL_SCENE = "falling-bottle"
+"""Where the source names none: what is seen first is an object that is kept."""
+
+
+# -- trials of a scene
+
+
+# a run needs one trial, and a long one is large
+@lru_cache(maxsize=1)
+def trial_of(source: SourceUrl) -> tuple[Scene, SimulatedTrial]:
+    """The trial of a sim:// URL, or of a virtual:// one at 1 kHz. Raises CardError, UsageError."""
+    if source.scheme == "virtual":
+        scene, trial = planned_trial(source, FIELD_HZ)
+    else:
+        card = read_scene_file(source.name, rate_hz=source.options.rate_hz)
+        scene = Scene(card, source.options.seed)
+        trial = _chosen(scene, source.options.trial)
+    return scene, scene.run_together([trial])[0]
+
+
+def _chosen(scene: Scene, number: int) -> PlannedTrial:
+    trials = scene.trials()
+    if number >= len(trials):
+        what = f"scene {scene.file.name}: no trial {number}"
+        raise UsageError(what, next_step=f"0..{len(trials) - 1}")
+    return trials[number]
+
+
+def simulated_stream(source: SourceUrl) -> Replay:
+    """The trial of a sim:// URL as a stream. Raises CardError, UsageError."""
+    scene, trial = trial_of(source)
+    signal, _, _ = scene.join([trial])
+    t_ns = np.round(signal.t_s * 1e9).astype(np.int64)
+    values = signal.values.reshape(len(t_ns), -1)
+    return Replay(t_ns, values, signal.valid, scene.file.rate_hz, signal.unit)
+
+
+def truth_of_url(url: str) -> Truth | None:
+    """The truth of the trial behind sim:// or virtual://; None where no scene is."""
+    source = source_url(url)
+    if source.scheme == "virtual" and not source.options.scene:
+        return None
+    return trial_of(source)[1].truth
+
+
+def field_of(source: SourceUrl, report: Callable[[str], None]) -> Track:
+    """The field of a scene's trial at the chips of a virtual hand.
+
+    It takes seconds, so `report` gets a line. Raises CardError, UsageError.
+    """
+    report(f"simulating scene {source.options.scene}")
+    signal = trial_of(source)[1].signal
+    return Track(signal.t_s, signal.values)
+
+
+def planned_trial(
+    source: SourceUrl, rate_hz: float, step_s: float | None = None
+) -> tuple[Scene, PlannedTrial]:
+    """The trial of a virtual:// URL, in uT and without the effects of chip and bus.
+
+    rate_hz: of its field. Raises CardError, UsageError.
+    """
+    options = source.options
+    file_rate_hz = rate_hz if Path(options.scene).is_file() else None
+    card = read_scene_file(options.scene, rate_hz=file_rate_hz)
+
+    # the virtual chip adds its own noise and quantisation, which must not count twice
+    effects: dict[str, dict[str, float]] = {"dipole": {}}
+    for effect, values in card.effects.items():
+        if EFFECT_MODULES[effect] != "chip":
+            effects[effect] = values
+
+    steps = card.step_s if step_s is None else step_s
+    field = replace(card, rate_hz=rate_hz, unit="uT", effects=effects, step_s=steps)
+    scene = Scene(field, options.seed)
+    return scene, _chosen(scene, options.trial)
+
+
+# -- a scene that goes on while it is read
 
 
 class SceneClock(RunClock):
@@ -118,6 +206,7 @@ class LiveScene:
         trials = [trial] * COPIES
         self.trial = trial
         self._still = still
+        self.began_ns = 0
 
         grid = grid_of(trial, ROWS_HZ, STEP_S)
         rows = grid.n_samples
@@ -128,38 +217,29 @@ class LiveScene:
         self._drive = Actuator(drive, trials)
         # commands may slow the drive down, and never make it faster than it is
         self._fastest_n_s = self._drive.fastest_n_s
-        _require_strength(drive, trial)
-
         settings = scene.step_settings_of(trials)
         self._world = HandsAndObjects(trials, settings, spans, self._drive, Habits())
         self._sensors = LoopSensors(scene, trials, spans.counts)
         self._periods = spans.periods
         self._row = 0
-        self.began_ns = 0
 
-        contacts = self._world.forces_n.shape[1]
         self.n_sensors = trial.hand.n_sensors
         # the whole field is reserved at once, and each row filled when it is reached
         self._field_ut = np.zeros((rows, self.n_sensors, 3))
-        self._t_s = np.arange(rows) / ROWS_HZ
-        self._forces_n = np.zeros((rows, contacts, 3))
+        self._track = Track(np.arange(rows) / ROWS_HZ, self._field_ut)
+        self._forces_n = np.zeros((rows, *self._world.forces_n.shape[1:]))
         self._position_m = np.zeros((rows, 3))
 
-        self._wearers_n = trial.grip_n
         self._command: GripCommand | None = None
-        self._strongest_n = 0.0
         self._commanded_s = -math.inf
+        self._strongest_n = 0.0
         # the first reading needs a field before the first step
         self._keep_row()
 
     def at(self, now_s: float, sensor: int) -> list[float]:
         """x, y, z of one sensor (0 .. S - 1) in uT, now_s after the scene began."""
         self.advance(now_s)
-        # the rows around this time alone: the field grows while it is read
-        first = max(int(now_s * ROWS_HZ) - 1, 0)
-        near = slice(min(first, len(self._t_s) - 1), first + 4)
-        field_ut = self._field_ut[near, sensor]
-        return [float(np.interp(now_s, self._t_s[near], one)) for one in field_ut.T]
+        return self._track.at(now_s, sensor)
 
     def obey(self, command: GripCommand, now_ns: int) -> None:
         """Take a command, which acts from now on."""
@@ -174,33 +254,28 @@ class LiveScene:
     def advance(self, until_s: float) -> None:
         """Step the scene to the first row at or after until_s, or to its end."""
         last = min(math.ceil(until_s * ROWS_HZ), self._periods)
-        if self._row < last:
-            with self._still():
-                self._step_to(last)
-
-    def _step_to(self, last: int) -> None:
-        while self._row < last:
-            self._world.advance(self._row, np.full(COPIES, self._next_target_n()))
-            self._row += 1
-            self._keep_row()
+        if self._row >= last:
+            return
+        with self._still():
+            while self._row < last:
+                targets_n = np.full(COPIES, self._next_target_n())
+                self._world.advance(self._row, targets_n)
+                self._row += 1
+                self._keep_row()
             # a reading after the end of the scene finds its last field
-            if self._row == self._periods:
-                self._field_ut[self._row :] = self._field_ut[self._row]
+            if last == self._periods:
+                self._field_ut[last:] = self._field_ut[last]
 
     def outcome(self) -> SceneOutcome:
         """What has become of the object so far."""
         # only rows that were stepped: the rest of the scene has not happened
         n = self._row + 1
-        forces_n = self._forces_n[:n]
-        position_m = self._position_m[:n]
-        motion: TrialMotion = self._world.motion(0, forces_n, position_m)
-        # a run that is stopped at once has no motion yet
-        kept = bool(motion.gripped[-1]) if len(motion.gripped) else False
-
+        motion = self._world.motion(0, self._forces_n[:n], self._position_m[:n])
         return SceneOutcome(
-            kept=kept,
+            # a run that is stopped at once has no motion yet
+            kept=bool(motion.gripped[-1:].any()),
             until_s=self._row / ROWS_HZ,
-            wearers_n=self._wearers_n,
+            wearers_n=self.trial.grip_n,
             strongest_n=self._strongest_n,
             truth=truth_of(self.trial, motion),
         )
@@ -218,11 +293,11 @@ class LiveScene:
     def _next_target_n(self) -> float:
         """The target of the drive at this row, N a side; 0 for none: the grip is the wearer's."""
         command = self._command
-        row_s = self._row / ROWS_HZ
         if command is None:
             return 0.0
         # on the scene's clock, as the deadline of a real hand runs on its own
-        expired = row_s - self._commanded_s > 1e-3 * EXPIRES_MS
+        silent_s = self._row / ROWS_HZ - self._commanded_s
+        expired = silent_s > 1e-3 * EXPIRES_MS
         # a live command to idle or yield gives the grip back to the wearer
         if not expired and command.mode in ("idle", "yield"):
             return 0.0
@@ -238,53 +313,32 @@ def _for_all(value: int) -> npt.NDArray[np.int64]:
 
 
 def live_scene(url: str, drive: Drive, still: Still = nullcontext) -> LiveScene:
-    """The scene of a virtual:// URL. Raises UsageError where it has none, CardError."""
-    planned = planned_scene(url, ROWS_HZ, STEP_S)
-    if planned is None:
+    """The scene of a virtual:// URL, or the usual one. Raises UsageError, CardError."""
+    source = source_url(url)
+    if source.scheme != "virtual":
         raise UsageError(
             f"--grip virtual: the source {url!r} has no scene whose hand could be moved",
-            next_step="--source 'virtual://ft232h?scene=pull-soft-ball&seed=1'",
+            next_step="--source virtual://ft232h",
         )
-    return LiveScene(*planned, drive, still)
-
-
-def _require_strength(drive: Drive, trial: PlannedTrial) -> None:
+    usual = source.options.scene or USUAL_SCENE
+    options = msgspec.structs.replace(source.options, scene=usual)
+    scene, trial = planned_trial(source._replace(options=options), ROWS_HZ, STEP_S)
     if drive.ceiling_n < trial.grip_n:
         raise UsageError(
             f"--grip virtual: a ceiling of {drive.ceiling_n:g} N is below the {trial.grip_n:.1f} N "
             "with which the scene's hand holds the object",
             next_step=f"ceiling_n={math.ceil(trial.grip_n)} or more",
         )
+    return LiveScene(scene, trial, drive, still)
 
 
-def drive_of(url: str) -> Drive:
-    """The drive of virtual?lag_ms=..&ceiling_n=... Raises UsageError."""
-    known = [one.name for one in fields(Drive)]
-    figures = {}
-    query = url.partition("?")[2]
-    for key, values in parse_qs(query, keep_blank_values=True).items():
-        if key not in known:
-            raise UsageError(
-                f"--grip virtual: {key[:40]!r} is not known",
-                next_step=f"allowed: {', '.join(known)}",
-            )
-        # a drive without lag or play is an ideal one; one without force or speed is none
-        may_be_zero = key in ("lag_ms", "backlash_mm")
-        figures[key] = _figure(key, values[-1], may_be_zero=may_be_zero)
+def drive_of(url: str, ceiling_n: float | None = None) -> Drive:
+    """The drive of virtual?lag_ms=..&ceiling_n=... Raises UsageError.
 
-    return Drive(**figures)
-
-
-def _figure(key: str, text: str, *, may_be_zero: bool) -> float:
-    try:
-        figure = float(text)
-    except ValueError:
-        # refused below, like every number outside its range
-        figure = -1.0
-
-    if not 0.0 <= figure <= LARGEST or (not figure and not may_be_zero):
-        bound = "from 0" if may_be_zero else "above 0"
-        what = f"--grip virtual: {key}={text[:40]!r} is not a number {bound} to {LARGEST:g}"
-        raise UsageError(what, next_step=f"{key}=50")
-
-    return figure
+    ceiling_n: of the hand; the stricter of both limits counts.
+    """
+    query = parse_qs(url.partition("?")[2], keep_blank_values=True)
+    raw = {key: values[-1] for key, values in query.items()}
+    drive = checked(raw, Drive, "--grip virtual", UsageError, strict=False)
+    limit_n = min(drive.ceiling_n, ceiling_n or math.inf)
+    return msgspec.structs.replace(drive, ceiling_n=limit_n)

@@ -1,34 +1,45 @@
-"""What opens a source of samples: one table, scheme by scheme (source_url.py has the URLs)."""
+"""Where samples come from: one table of URLs, the same for every command, and what opens each.
+
+    usb://ft232h?number=0                     a bridge on USB
+    i2c://1                                   the board's own bus, /dev/i2c-1
+    virtual://ft232h?scene=falling-bottle     the same driver on an emulated bridge; also seed,
+              &fault=nack:3@1.5%2B0.2         trial, and faults (drivers/virtual/virtual_hand.py)
+    lsl://NAME?unit=N                         a stream of the lab streaming layer (extra `lsl`)
+    -, stdin://                               lines of any program: JSON objects, or CSV below a
+                                              header; of a file, at its own pace
+    unix:///PATH                              datagrams of lines to a file with permissions 0600
+    serial:///dev/ttyACM0?baud=115200         lines of a serial port (extra `serial`)
+    sim://SCENE?seed=S&trial=N                a trial of a scene, simulated now
+    replay://PATH, PATH                       a recorded trial, at its own pace
+    replay://SET#N, SET#N                     trial N (or its name) of a data set
+
+A hand also has layout=mux (drivers/layout.py), averages=32. Lines also have map=FILE
+(a column map), unit=N (without a map), rate_hz=150 (else measured). What comes over a network is
+piped: nc -l 9000 | holdfast run --source -
+"""
 
 from __future__ import annotations
 
 import os
 import stat
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+from urllib.parse import parse_qs, unquote, urlsplit
+
+import msgspec
+import numpy as np
 
 from holdfast.core.contract import FloatArray, Unit
-from holdfast.core.errors import CardError, DataNotFound, UnitError, UsageError
+from holdfast.core.errors import CardError, DataNotFound, UsageError
+from holdfast.core.schema import checked
 from holdfast.core.source import Source
+from holdfast.drivers.bridges import BRIDGES, open_virtual
 from holdfast.drivers.bridges import open_bus as open_bridge
-from holdfast.drivers.bridges import open_virtual
 from holdfast.drivers.replay import PacedReplay, Replay, open_replay
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.live.running import say
-from holdfast.live.scene_source import field_of, scene_force, simulated_stream
-from holdfast.live.source_url import (
-    HANDS,
-    REPLAY,
-    SIM,
-    LineOptions,
-    SourceUrl,
-    StdinOptions,
-    source_url,
-    stream_name,
-)
 
 if TYPE_CHECKING:
     from holdfast.core.column_map import ColumnMap
@@ -42,6 +53,132 @@ ToForce = Callable[[FloatArray], FloatArray]
 """Field [sensors, 3] -> force [sensors, 3]."""
 SetReader = Callable[[str, int | None], Replay]
 """(SET#N, channels) -> trial N of a labelled set, prepared. Sets are read by packages above."""
+STANDARD_INPUT = "-"
+"""The same as stdin://."""
+REPLAY, SIM = "replay://", "sim://"
+HANDS = ("usb", "i2c", "virtual")
+LINES = ("stdin", "unix", "serial")
+Count = Annotated[int, msgspec.Meta(ge=0)]
+RateHz = Annotated[float, msgspec.Meta(ge=1.0, le=10_000.0)]
+
+
+# -- the URLs
+
+
+class NoOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """None."""
+
+
+class HandOptions(NoOptions, frozen=True):
+    """Of a hand on a bus."""
+
+    layout: str = "mux"
+    # the chip averages 2^0 to 2^5 conversions, and its register has no other values
+    averages: Literal[1, 2, 4, 8, 16, 32] = 32
+    bus_hz: Count = 400_000
+    number: Count = 0
+
+
+class VirtualOptions(HandOptions, frozen=True):
+    """Of an emulated hand, and the scene that it is in."""
+
+    scene: str = ""
+    trial: Count = 0
+    seed: Count = 0
+    fault: tuple[str, ...] = ()
+
+
+class SceneOptions(NoOptions, frozen=True):
+    """Of a trial of a scene."""
+
+    seed: Count = 0
+    trial: Count = 0
+    rate_hz: float | None = None
+
+
+class StreamOptions(NoOptions, frozen=True):
+    """Of a stream; None where it says them itself."""
+
+    unit: Unit | None = None
+    rate_hz: RateHz | None = None
+
+
+class LinesOptions(StreamOptions, frozen=True):
+    """Of lines. map: the file of a column map."""
+
+    map: str | None = None
+
+
+class SerialOptions(LinesOptions, frozen=True):
+    """Of a serial port."""
+
+    baud: Count = 115_200
+
+
+class SourceUrl(NamedTuple):
+    """A URL in parts: scheme, name or path, and options of the scheme's Struct."""
+
+    url: str
+    scheme: str
+    name: str
+    options: Any
+
+
+def source_url(url: str) -> SourceUrl:
+    """The parts of a source's URL. Raises UsageError."""
+    if url == STANDARD_INPUT:
+        url = "stdin://"
+    # a path, and that of a replay, may have any letter in it
+    if "://" not in url or url.startswith(REPLAY):
+        return SourceUrl(url, "replay", url.removeprefix(REPLAY), NoOptions())
+
+    try:
+        parts = urlsplit(url)
+    except ValueError as error:
+        raise UsageError(
+            f"{url[:80]!r} is not a URL ({error})",
+            next_step="write SCHEME://NAME?key=value",
+        ) from None
+    if parts.scheme not in SCHEMES:
+        raise UsageError(
+            f"{url[:80]!r}: no such source", next_step=f"one of {_known()}"
+        )
+
+    name = unquote(parts.netloc + parts.path)
+    if parts.scheme in ("usb", "virtual") and name not in BRIDGES:
+        step = f"one of {', '.join(BRIDGES)}"
+        raise UsageError(f"{url!r}: no bridge {name!r}", next_step=step)
+    # an option that is given twice counts by its last value, but for faults
+    raw: dict[str, Any] = parse_qs(parts.query, keep_blank_values=True)
+    raw = {key: raw[key] if key == "fault" else raw[key][-1] for key in raw}
+    kind = SCHEMES[parts.scheme].options
+    options = checked(raw, kind, f"{parts.scheme}://", UsageError, strict=False)
+    return SourceUrl(url, parts.scheme, name, options)
+
+
+def _known() -> str:
+    return ", ".join(f"{scheme}://" for scheme in SCHEMES)
+
+
+def is_standard_input(url: str) -> bool:
+    """Whether a source is what is piped into the program, so that no key can be read from there."""
+    return url == STANDARD_INPUT or url.startswith("stdin:")
+
+
+def is_hand(url: str) -> bool:
+    """Whether a URL is a hand or a stream, which has no end of its own, unlike a recording."""
+    return source_url(url).scheme in (*HANDS, "lsl", *LINES)
+
+
+def stream_name(name: str) -> str:
+    """A name of an LSL stream. Raises UsageError."""
+    # liblsl finds a stream by a query in which the name stands between quotes
+    if not name or "'" in name:
+        raise UsageError(f"{name[:40]!r} is no stream", next_step="lsl://NAME")
+    return name
+
+
+# -- what opens them
 
 
 @dataclass(frozen=True)
@@ -75,7 +212,7 @@ def open_live(
     """
     source = source_url(url)
     opening = _Opening(clock, report, to_force, field, read_set)
-    return OPENERS[source.scheme](source, opening)
+    return SCHEMES[source.scheme].open(source, opening)
 
 
 def open_source(
@@ -91,6 +228,8 @@ def open_source(
     """
     source = source_url(url)
     if source.scheme == "sim":
+        from holdfast.live.scene import simulated_stream
+
         stream = simulated_stream(source)
     elif source.scheme != "replay":
         raise UsageError(
@@ -103,7 +242,7 @@ def open_source(
         raise DataNotFound(
             "no such file, and a URL begins with its scheme",
             where=url[:80],
-            next_step=f"one of {', '.join(f'{scheme}://' for scheme in OPENERS)}",
+            next_step=f"one of {_known()}",
         )
     else:
         stream = open_replay(source.name)
@@ -122,19 +261,8 @@ def open_bus(url: str, clock: Any, report: Report = say) -> Bus:
         hand = _virtual_hand(source, _Opening(clock, report))
         return open_virtual(source.name, hand, source.options.bus_hz)()
     if source.scheme not in HANDS:
-        step = f"{'://.., '.join(HANDS)}://.."
-        raise UsageError(f"{url!r} is not a hand", next_step=step)
+        raise UsageError(f"{url!r} is not a hand", next_step="holdfast help scan")
     return _bridge(source)()
-
-
-def named_addresses(url: str) -> frozenset[int]:
-    """The addresses of the fingers in a URL's layout. Raises UsageError."""
-    from holdfast.drivers.layout import read_layout
-
-    addresses: set[int] = set()
-    for finger in read_layout(source_url(url).options.layout):
-        addresses.update((finger.address, finger.read_at))
-    return frozenset(addresses)
 
 
 def _bridge(source: SourceUrl) -> Callable[[], Bus]:
@@ -150,9 +278,15 @@ def _hand(source: SourceUrl, opening: _Opening) -> Source:
 
 
 def _virtual(source: SourceUrl, opening: _Opening) -> Source:
+    from holdfast.drivers.virtual.virtual_hand import FORCE_N_PER_UT
+
+    def scene_force(field_ut: FloatArray) -> FloatArray:
+        """The calibration of the scenes' sensors."""
+        return np.einsum("ij,sj->si", FORCE_N_PER_UT, field_ut)
+
     hand = _virtual_hand(source, opening)
     bridge = open_virtual(source.name, hand, source.options.bus_hz)
-    live = _started(bridge, source, opening, opening.to_force or scene_force())
+    live = _started(bridge, source, opening, opening.to_force or scene_force)
     # truth and camera of a scene count from its start, which is not that of the first sample
     live.began_ns = hand.born_ns
     return live
@@ -168,19 +302,14 @@ def _started(
     from holdfast.drivers.layout import read_layout
     from holdfast.drivers.tmag5273 import Setup
 
-    clock = opening.clock
     options = source.options
-
-    def pause(seconds: float) -> None:
-        clock.wait_until(clock.now_ns() + round(1e9 * seconds))
-
     hand = Hand(
         open_bus,
         read_layout(options.layout),
-        now_ns=clock.now_ns,
+        now_ns=opening.clock.now_ns,
         say=opening.report,
-        setup=Setup(options.averages, together=options.together),
-        pause=pause,
+        setup=Setup(options.averages),
+        pause=lambda seconds: opening.clock.spend(round(1e9 * seconds)),
     )
     hand.start()
     return LiveHand(hand, to_force)
@@ -201,15 +330,18 @@ def _virtual_hand(source: SourceUrl, opening: _Opening) -> VirtualHand:
             what = f"fault={fault.kind}:{fault.sensor}: the layout has {len(places)} sensors"
             raise UsageError(what, next_step=f"name a sensor from 1 to {len(places)}")
 
-    track = opening.field or field_of(source, opening.report)
+    track = opening.field
+    if track is None and options.scene:
+        from holdfast.live.scene import field_of
+
+        track = field_of(source, opening.report)
     if track is not None and track.n_sensors != len(places):
         raise UsageError(
             f"the layout has {len(places)} sensors, the scene's hand {track.n_sensors} sensors",
             next_step="name a place for each sensor, such as layout=0:35,0:22 for two",
         )
-    hand = VirtualHand(
-        opening.clock, track=track, wiring=wiring, seed=options.seed, faults=faults
-    )
+    clock, seed = opening.clock, options.seed
+    hand = VirtualHand(clock, track=track, wiring=wiring, seed=seed, faults=faults)
     # the emulated multiplexer answers where the URL's layout looks for it
     hand.mux.address = places[0].mux
     return hand
@@ -226,13 +358,12 @@ def _stream(source: SourceUrl, opening: _Opening) -> Source:
         )
     options = source.options
     inlet = LslInlet(stream_name(source.name))
-    return LslSource(
-        inlet, opening.clock.now_ns, opening.report, options.unit, options.rate_hz
-    )
+    now_ns, report = opening.clock.now_ns, opening.report
+    return LslSource(inlet, now_ns, report, options.unit, options.rate_hz)
 
 
 def _lines(source: SourceUrl, opening: _Opening) -> Source:
-    from holdfast.drivers import line_source
+    from holdfast.drivers.line_source import LineOptions, LineSource
     from holdfast.drivers.sample_lines import SampleReader
 
     options = source.options
@@ -246,22 +377,21 @@ def _lines(source: SourceUrl, opening: _Opening) -> Source:
         )
 
     rate_hz = options.rate_hz or (column_map.time.rate_hz if column_map else None)
-    paced = source.scheme == "stdin" and _is_paced(options)
-    how = line_source.LineOptions(options.stamps, rate_hz, paced)
+    # a file is there as a whole, and a pipe is written as time goes by
+    paced = source.scheme == "stdin" and stat.S_ISREG(os.fstat(0).st_mode)
+    how = LineOptions(rate_hz, paced)
     reader = SampleReader(column_map, own_unit)
-    with ExitStack() as on_error:
-        feed = open_feed(source, "--source")
-        on_error.callback(feed.close)
-        opening.report(f"{feed.name}: waiting for the first samples")
-        clock = opening.clock
-        lines = line_source.LineSource(
-            feed, reader, clock, opening.report, how, opening.to_force
-        )
-        on_error.pop_all()
-    return lines
+    feed = open_feed(source, "--source")
+    opening.report(f"{feed.name}: waiting for the first samples")
+    clock, report = opening.clock, opening.report
+    try:
+        return LineSource(feed, reader, clock, report, how, opening.to_force)
+    except BaseException:
+        feed.close()
+        raise
 
 
-def _column_map(options: LineOptions) -> ColumnMap | None:
+def _column_map(options: LinesOptions) -> ColumnMap | None:
     if options.map is None:
         return None
     if options.unit is not None:
@@ -277,18 +407,11 @@ def _column_map(options: LineOptions) -> ColumnMap | None:
     return column_map
 
 
-def _is_paced(options: StdinOptions) -> bool:
-    # a file is there as a whole, and a pipe is written as time goes by
-    is_file = stat.S_ISREG(os.fstat(0).st_mode)
-    return is_file if options.paced is None else options.paced
-
-
 def open_feed(source: SourceUrl, option: str) -> Feed:
     """What reads the lines of a stdin, unix or serial URL. option: its name for people.
 
     Raises UsageError, DeviceError.
     """
-    from holdfast.core.hand_lines import line_url
     from holdfast.drivers.line_feeds import DatagramFeed, serial_feed, stdin_feed
 
     if source.scheme == "stdin":
@@ -299,51 +422,25 @@ def open_feed(source: SourceUrl, option: str) -> Feed:
             next_step=f"{source.scheme}:///PATH, with three slashes",
         )
     if source.scheme == "unix":
-        return DatagramFeed(line_url(f"unix://{source.name}"))
+        return DatagramFeed(source.name)
     return serial_feed(source.name, source.options.baud)
 
 
-OPENERS: dict[str, Callable[[SourceUrl, _Opening], Source]] = {
-    "usb": _hand,
-    "i2c": _hand,
-    "virtual": _virtual,
-    "lsl": _stream,
-    "stdin": _lines,
-    "unix": _lines,
-    "serial": _lines,
-    "sim": _recording,
-    "replay": _recording,
+class Scheme(NamedTuple):
+    """What may stand behind the ? of its URLs, and what opens one."""
+
+    options: type[NoOptions]
+    open: Callable[[SourceUrl, _Opening], Source]
+
+
+SCHEMES = {
+    "usb": Scheme(HandOptions, _hand),
+    "i2c": Scheme(HandOptions, _hand),
+    "virtual": Scheme(VirtualOptions, _virtual),
+    "lsl": Scheme(StreamOptions, _stream),
+    "stdin": Scheme(LinesOptions, _lines),
+    "unix": Scheme(LinesOptions, _lines),
+    "serial": Scheme(SerialOptions, _lines),
+    "sim": Scheme(SceneOptions, _recording),
+    "replay": Scheme(NoOptions, _recording),
 }
-"""Scheme -> what opens it."""
-
-
-# -- the files of a hand
-
-
-def force_of(path: Path | None) -> ToForce | None:
-    """The map from field to force in a calibration file, or None. Raises a DataError."""
-    if path is None:
-        return None
-    from holdfast.drivers.calibration import read_calibration
-
-    return read_calibration(path).apply
-
-
-def resting_of(path: Path | None, source: Source) -> FloatArray | None:
-    """A bias file [C] that fits the source, or None. Raises a DataError."""
-    if path is None:
-        return None
-    from holdfast.drivers.calibration import read_bias
-
-    bias = read_bias(path)
-    # a bias in another unit would be subtracted without any error
-    if bias.unit != source.unit or len(bias.values) != source.n_channels:
-        raise UnitError(
-            f"{len(bias.values)} channels in {bias.unit}, "
-            f"the source has {source.n_channels} in {source.unit}",
-            where=path,
-            cause="measured with another calibration or hand",
-            next_step="run holdfast bias again",
-        )
-
-    return bias.values

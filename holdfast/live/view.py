@@ -10,12 +10,14 @@ import os
 import sys
 from collections import deque
 from collections.abc import Collection, Sequence
+from contextlib import suppress
 from threading import Event, Thread
 from typing import TYPE_CHECKING, NamedTuple, TextIO
 
 import numpy as np
 
 from holdfast.core.contract import NORMAL_AXIS, SITUATIONS, Prediction, Sample
+from holdfast.core.hand_card import sensor_names
 from holdfast.core.lines import STREAM_LINES, STUCK_S, write_whole_line
 from holdfast.core.source import SourceReading
 from holdfast.live.outputs import STOPPED
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
+    from holdfast.edge_runtime.model_file import ModelCard
     from holdfast.edge_runtime.wearer import Intent, IntentMonitor
 
 REFRESH_S, PLAIN_S = 0.125, 1.0
@@ -61,20 +64,16 @@ class Shown(NamedTuple):
 
 
 class View:
-    """The newest sample as a picture that is redrawn in place, with messages above it."""
+    """The newest sample as a picture that is redrawn in place, with messages above it.
 
-    def __init__(
-        self,
-        unit: str,
-        terminal: TextIO,
-        not_learned: Collection[str] = (),
-        names: Sequence[str] = (),
-    ) -> None:
-        self._unit = unit
-        self._not_learned = not_learned
-        self._names = names
+    card: of the model. intent: the wearer's stream, where there is one.
+    """
+
+    def __init__(self, card: ModelCard, terminal: TextIO) -> None:
+        self._card = card
+        self._names = sensor_names(card.hand, card.n_channels // 3)
         self._terminal = terminal
-        self._newest: tuple[Prediction, Sample, SourceReading] | None = None
+        self._newest: Shown | None = None
         self._messages: deque[str] = deque(maxlen=STREAM_LINES)
         self.intent: IntentMonitor | None = None
         self._done = Event()
@@ -84,8 +83,18 @@ class View:
         self, prediction: Prediction, sample: Sample, reading: SourceReading
     ) -> None:
         """Set what the next picture shows."""
+        card = self._card
+        intent = None if self.intent is None else self.intent.newest
         # one assignment: the drawing thread sees all of one sample, or all of the last
-        self._newest = (prediction, sample, reading)
+        self._newest = Shown(
+            prediction,
+            sample,
+            reading,
+            card.unit,
+            self._names,
+            card.not_learned,
+            intent,
+        )
 
     def report(self, line: str) -> None:
         """Put a message above the picture."""
@@ -110,14 +119,13 @@ class View:
     # -- in the thread
 
     def _draw_until_done(self) -> None:
-        try:
+        # a terminal that is gone: the sink of stderr notices it too, and reports it
+        with suppress(OSError):
             try:
                 self._draw_pictures()
             except ModuleNotFoundError:
                 self._messages.append(NO_RICH)
                 self._write_lines()
-        except OSError:
-            return  # the terminal is gone: the sink of stderr notices it too, and reports it
 
     def _draw_pictures(self) -> None:
         from rich.console import Console
@@ -125,16 +133,15 @@ class View:
 
         file = _Whole(self._terminal.fileno())
         console = Console(file=file, force_terminal=True, highlight=False)  # type: ignore[arg-type]
-        live = Live(console=console, auto_refresh=False, transient=True)
-        with live:
-            # waiting on the event ends the picture at once when the run ends
-            while not self._done.wait(REFRESH_S):
+        ended = False
+        with Live(console=console, auto_refresh=False, transient=True) as live:
+            while not ended:
+                # waiting on the event ends the picture at once when the run ends
+                ended = self._done.wait(REFRESH_S)
                 for message in self._waiting():
                     console.print(message, markup=False)
-                shown = self._shown()
+                shown = self._newest
                 live.update(picture(shown) if shown else "waiting", refresh=True)
-            for message in self._waiting():
-                console.print(message, markup=False)
 
     def _write_lines(self) -> None:
         file = _Whole(self._terminal.fileno())
@@ -143,20 +150,13 @@ class View:
             ended = self._done.wait(PLAIN_S)
             for message in self._waiting():
                 file.write(f"{message}\n")
-            shown = self._shown()
-            if shown and not ended:
-                risky = shown.prediction.p_risky
-                file.write(f"{shown.state}, p(risky slip) {risky:.2f}\n")
+            if self._newest and not ended:
+                risky = self._newest.prediction.p_risky
+                file.write(f"{self._newest.state}, p(risky slip) {risky:.2f}\n")
 
     def _waiting(self) -> list[str]:
         # only those that wait now: the loop may add more meanwhile
         return [self._messages.popleft() for _ in range(len(self._messages))]
-
-    def _shown(self) -> Shown | None:
-        if self._newest is None:
-            return None
-        intent = None if self.intent is None else self.intent.newest
-        return Shown(*self._newest, self._unit, self._names, self._not_learned, intent)
 
 
 class _Whole:
@@ -175,19 +175,10 @@ class _Whole:
         return self._handle
 
 
-def open_view(
-    unit: str,
-    *,
-    terminal: TextIO | None = None,
-    not_learned: Collection[str] = (),
-    names: Sequence[str] = (),
-) -> View:
-    """A view that draws in its thread until it is closed; without a terminal it draws nothing.
-
-    not_learned: what the model cannot tell. names: of the sensors, by their hand card.
-    """
+def open_view(card: ModelCard, terminal: TextIO | None = None) -> View:
+    """A view that draws in its thread until it is closed; without a terminal it draws nothing."""
     terminal = terminal or sys.stderr
-    view = View(unit, terminal, not_learned, names)
+    view = View(card, terminal)
     # codes for the cursor would only litter a file or a pipe
     if terminal.isatty() and os.environ.get("TERM", "dumb") != "dumb":
         view.start()
@@ -201,22 +192,23 @@ def picture(shown: Shown) -> RenderableType:
 
     answer = shown.prediction
     age = f"{1e-3 * answer.latency_us:.1f} ms after it was taken"
-    parts: list[RenderableType] = [
+    wearer = Text()
+    if shown.intent is not None:
+        style = COLOURS["unknown"] if shown.intent.wants == "unknown" else ""
+        wearer = Text.assemble("wearer  ", (shown.intent.wants, style))
+    return Group(
         Text(shown.state, style=f"bold {COLOURS[answer.state]}"),
         Text(f"sample {answer.sequence}, {age}"),
         _situations(shown),
         _sensors(shown),
-    ]
-    if shown.intent is not None:
-        style = COLOURS["unknown"] if shown.intent.wants == "unknown" else ""
-        parts.append(Text.assemble("wearer  ", (shown.intent.wants, style)))
-    return Group(*parts)
+        wearer,
+    )
 
 
 def _situations(shown: Shown) -> Table:
     """The probability of each as a bar."""
+    from rich.progress_bar import ProgressBar
     from rich.table import Table
-    from rich.text import Text
 
     table = Table.grid(padding=(0, 1))
     for name in SITUATIONS:
@@ -224,8 +216,7 @@ def _situations(shown: Shown) -> Table:
             table.add_row(_words(name), "cannot tell")
             continue
         share = shown.prediction.p_situation[name]
-        bar = Text("█" * round(BAR * share), style=COLOURS[name])
-        bar.pad_right(BAR - len(bar))
+        bar = ProgressBar(1.0, share, BAR, complete_style=COLOURS[name])
         table.add_row(_words(name), bar, f"{share:.2f}")
     return table
 

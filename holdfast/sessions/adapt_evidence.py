@@ -22,10 +22,10 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import LogisticRegression
 
 from holdfast.core.contract import GRASP, RISKY_SLIP, BoolArray, FloatArray
-from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
+from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.graph import Outputs
 from holdfast.edge_runtime.model import Model
-from holdfast.evaluation.alarms import COLLAR_S, Answers, act_requests, match_alarms
+from holdfast.evaluation.alarms import COLLAR_S, Answers
 from holdfast.evaluation.model_outputs import (
     everywhere,
     require_model_fits,
@@ -79,10 +79,6 @@ MOST_NATS = 10.0
 """How far `moved` may move a logit, and still add exactly."""
 LabelWeights = tuple[float, ...] | None
 """Of each situation's votes for the label; None where all count the same."""
-
-
-class ContradictedLabels(UserWarning):
-    """The base calls a slip where the labels have none, or none where they have one."""
 
 
 @dataclass(frozen=True)
@@ -160,34 +156,6 @@ def stream_of(recording: Recording, outputs: Outputs) -> Stream:
     answers = Answers(without_samples(recording), situation, permille)
     features = outputs["features"][row]
     return Stream(answers, row, features, votes[row], event)
-
-
-def contradicted(streams: Sequence[Stream], rules: DecisionRules) -> list[str]:
-    """Trials whose labels a base contradicts; warns (ContradictedLabels) of them.
-
-    It acts in a trial without a slip, or in none of a trial's slips.
-    """
-    permille = (rules.min_risky_permille,)
-    requests = act_requests([one.answers for one in streams], rules, permille)
-    names = []
-    for stream, on in zip(streams, requests, strict=True):
-        one = stream.recording
-        outcomes = match_alarms(one, on[:, 0]).outcomes
-        found = any(outcome.alarm_s is not None for outcome in outcomes)
-        agrees = found if one.events else not on.any()
-        if not agrees:
-            names.append(one.trial_id)
-
-    if names:
-        warnings.warn(
-            f"the base contradicts the labels of {len(names)} of {len(streams)} trials: "
-            f"{', '.join(names)}; likely cause: it does not know this person yet, or "
-            "a pull or a fall was labelled as a pass; next: look at these trials before you trust "
-            "the adapted file",
-            ContradictedLabels,
-            stacklevel=2,
-        )
-    return names
 
 
 def corrected(

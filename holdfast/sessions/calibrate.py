@@ -6,21 +6,18 @@ of one press are too alike to judge a model that has seen some of them.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import asdict, dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from holdfast.core.contract import NORMAL_AXIS, BoolArray, FloatArray, Json
-from holdfast.core.errors import DataError
+from holdfast.core.contract import NORMAL_AXIS, FloatArray, Json
+from holdfast.core.errors import DataError, count_of
 from holdfast.drivers.calibration import (
     Calibration,
     CalibrationOrigin,
-    rmse_normal,
-    rmse_shear,
     turn,
 )
+from holdfast.sessions.known_loads import LoadSet
 
 MIN_GAIN_ROWS = 10
 """Rows of light touches with shear: fewer show no shear gain."""
@@ -30,27 +27,6 @@ TOUCHED_N = 0.3
 """And above this one, below which a ratio is mostly noise."""
 SHEAR_SHARE = 0.1
 """The load's shear over its normal force, at least."""
-
-
-@dataclass(frozen=True)
-class LoadSet:
-    """Rows of several probings, two at least, of one piece of hardware.
-
-    blocks [M]: the number of a row's probing among their names. field_ut [M, S, 3]: less its rest.
-    force_n [M, 3]: nan for an axis that was not measured. load_unit: in which the loads were read.
-    rest_ut: [S, 3], or None where fields come tared. reversed_: [S] magnets that are upside down.
-    note: what the reader left out or found.
-    """
-
-    name: str
-    probings: list[str]
-    blocks: npt.NDArray[Any]
-    field_ut: FloatArray
-    force_n: FloatArray
-    load_unit: str
-    rest_ut: FloatArray | None
-    reversed_: BoolArray
-    note: str
 
 
 @dataclass(frozen=True)
@@ -69,15 +45,17 @@ class Fit:
     held_out_n: FloatArray
 
     def errors(self) -> dict[str, AxisError]:
-        """For normal and shear, where every probing was loaded on that axis."""
+        """For normal and shear."""
         errors = {}
-        for axis, rmse_of in (("normal", rmse_normal), ("shear", rmse_shear)):
-            # Shear has two axes, so its error is that of a vector.
-            each = [rmse_of(row) for row in self.held_out_n]
-            # An axis that one probing did not load has no error over all of them.
-            if np.isfinite(each).all():
-                rmse_n = float(np.sqrt(np.mean(np.square(each))))
-                errors[axis] = AxisError(rmse_n, each)
+        # Shear has two axes, so its error is that of a vector.
+        shear = np.delete(self.held_out_n, NORMAL_AXIS, axis=1)
+        each = {
+            "normal": self.held_out_n[:, NORMAL_AXIS],
+            "shear": np.sqrt(np.mean(shear**2, axis=1)),
+        }
+        for axis, rmse_n in each.items():
+            whole = float(np.sqrt(np.mean(rmse_n**2)))
+            errors[axis] = AxisError(whole, rmse_n.tolist())
         return errors
 
 
@@ -87,14 +65,13 @@ def calibrate(loads: LoadSet, source: str, date: str) -> Fit:
     Raises DataError where the loads do not move the field in as many directions as they have.
     """
     force = loads.force_n
-    blocks = loads.blocks
     # The fields are less their rest: no load means no force, whatever the rows say.
     moved = turn(loads.reversed_) * loads.field_ut
     matrix = _solve(moved, force)
 
     held_out = []
-    for block in np.unique(blocks):
-        out = blocks == block
+    for block in np.unique(loads.blocks):
+        out = loads.blocks == block
         others = _solve(moved[~out], force[~out])
         held_out.append(_rmse(moved[out], force[out], others))
 
@@ -103,52 +80,41 @@ def calibrate(loads: LoadSet, source: str, date: str) -> Fit:
     origin = CalibrationOrigin(
         f"{source}/{loads.name}", date, loads.load_unit, len(force), residual
     )
-    tared = Calibration(matrix, None, loads.reversed_, origin)
-    gain = measured_shear_gain(loads, tared)
-    # A hand's fields are not less their rest, so its calibration has it.
-    fitted = replace(tared, rest_ut=loads.rest_ut, shear_gain=gain)
+    gain = measured_shear_gain(loads.force_n, np.einsum("sij,tsj->ti", matrix, moved))
+    fitted = Calibration(matrix, loads.rest_ut, loads.reversed_, origin, gain)
     return Fit(fitted, np.array(held_out))
 
 
 def _solve(moved: FloatArray, force: FloatArray) -> FloatArray:
-    """[S, 3, 3] by least squares; zeros for axes that were not measured."""
-    n_sensors = moved.shape[1]
-    loaded = ~np.isnan(force).all(axis=0)
+    """[S, 3, 3] by least squares."""
     flat = moved.reshape(len(moved), -1)
     # One matrix for all sensors at once: only their sum was measured.
-    solution, _, rank, _ = np.linalg.lstsq(flat, force[:, loaded], rcond=None)
-    if rank < loaded.sum():
+    solution, _, rank, _ = np.linalg.lstsq(flat, force, rcond=None)
+    if rank < 3:
         raise DataError(
-            f"loads along {loaded.sum()} axes move the field in {rank} directions only",
+            f"loads along 3 axes move the field in {rank} directions only",
             cause="a lost magnet, or a probe that was pressed in one direction only",
             next_step="check the fields, then press and shear to every side",
         )
-
-    matrix = np.zeros((n_sensors, 3, 3))
     # lstsq gives [S * 3 fields, forces]; a sensor's matrix is [forces, 3 fields].
-    by_sensor = solution.T.reshape(-1, n_sensors, 3)
-    matrix[:, loaded, :] = by_sensor.transpose(1, 0, 2)
-    return matrix
+    return np.array(solution.T.reshape(3, -1, 3).transpose(1, 0, 2))
 
 
 def _rmse(moved: FloatArray, force: FloatArray, matrix: FloatArray) -> FloatArray:
-    """[3] root mean square error of the sum of the shares, nan where an axis was not measured."""
+    """[3] root mean square error of the sum of the shares."""
     error = np.einsum("sij,tsj->ti", matrix, moved) - force
     root: FloatArray = np.sqrt(np.mean(error**2, axis=0))
     return root
 
 
-def measured_shear_gain(loads: LoadSet, fitted: Calibration) -> float | None:
+def measured_shear_gain(true_n: FloatArray, read_n: FloatArray) -> float | None:
     """Ratio of shear and normal force as read, over that of the load: the median of light touches.
 
-    None where fewer than MIN_GAIN_ROWS rows have both. The map is one for all loads, and silicone
-    stiffens, so a light touch reads another ratio than it has.
+    true_n, read_n: [M, 3]. None where fewer than MIN_GAIN_ROWS rows have both. The map is one for
+    all loads, and silicone stiffens, so a light touch reads another ratio than it has.
     """
-    true_n = loads.force_n
-    read_n = fitted.apply(loads.field_ut).sum(axis=1)
     true_ratio = _shear_over_normal(true_n)
     normal_n = true_n[:, NORMAL_AXIS]
-    # An axis that was not measured is nan, and compares as false.
     light = (normal_n > TOUCHED_N) & (normal_n < LIGHT_N) & (true_ratio > SHEAR_SHARE)
     light &= read_n[:, NORMAL_AXIS] > 0.0
     if light.sum() < MIN_GAIN_ROWS:
@@ -165,19 +131,21 @@ def _shear_over_normal(force_n: FloatArray) -> FloatArray:
     return ratio
 
 
-def in_words(loads: LoadSet, fit: Fit) -> list[str]:
-    """Lines for people: the data, the errors on probings left out, the shear gain."""
-    rows, n_sensors = loads.field_ut.shape[:2]
-    probings = f"{len(loads.probings)} probings"
-    lines = [f"{loads.name}: {probings}, {rows} rows, {n_sensors} sensors"]
-    lines.append(f"  {loads.note}; loads in {loads.load_unit}")
-    for axis, error in fit.errors().items():
-        each = ", ".join(f"{value:.2f}" for value in error.each_probing_n)
-        lines.append(
-            f"  {axis}: RMSE {error.rmse_n:.2f} N on probings left out ({each})"
-        )
+def in_words(found: Json) -> list[str]:
+    """The JSON object of `as_json` as lines for people."""
+    turned = ", ".join(map(str, found["reversed"])) or "none"
+    lines = [
+        f"{found['loads']}: {found['probings']} probings, {found['rows']} rows, "
+        f"{found['sensors']} sensors, loads in {found['load_unit']}",
+        f"  {count_of(found['rows_lost'], 'row')} with a lost value left out; "
+        f"sensors with a reversed magnet: {turned}",
+    ]
+    for axis, error in found["errors"].items():
+        each = ", ".join(f"{value:.2f}" for value in error["each_probing_n"])
+        rmse_n = error["rmse_n"]
+        lines.append(f"  {axis}: RMSE {rmse_n:.2f} N on probings left out ({each})")
 
-    gain = fit.calibration.shear_gain
+    gain = found["shear_gain"]
     if gain is None:
         lines.append(
             "  shear gain: not measured, because no load has shear at a light touch; the friction "
@@ -191,14 +159,15 @@ def in_words(loads: LoadSet, fit: Fit) -> list[str]:
 
 
 def as_json(loads: LoadSet, fit: Fit) -> Json:
-    """The same as a JSON object."""
+    """The data, the errors on probings left out and the shear gain."""
     return {
-        "study": loads.name,
-        "probings": loads.probings,
+        "loads": loads.name,
+        "probings": len(fit.held_out_n),
         "rows": len(loads.blocks),
+        "rows_lost": loads.n_lost,
         "sensors": loads.field_ut.shape[1],
+        "reversed": [int(k) + 1 for k in np.flatnonzero(loads.reversed_)],
         "load_unit": loads.load_unit,
-        "note": loads.note,
         "errors": {axis: asdict(error) for axis, error in fit.errors().items()},
         "shear_gain": fit.calibration.shear_gain,
     }

@@ -55,38 +55,14 @@ class CameraOptions:
     fps: float | None = None
     exposure_ms: float | None = None
 
-    def require_complete(self, seconds: float | None = None) -> None:
-        """Raise UsageError for an OAK without the side of its tags, and for ignored options.
-
-        seconds: a further option that only an OAK uses.
-        """
-        if self.camera == OAK:
-            if self.tag_mm is None:
-                raise UsageError(
-                    "--tag-mm is missing",
-                    cause="millimetres are derived from the printed side",
-                    next_step="measure a tag's black square with a calliper and give --tag-mm 9.96",
-                )
-            return
-
-        ignored = {
-            "--tag-mm": self.tag_mm,
-            "--fps": self.fps,
-            "--exposure-ms": self.exposure_ms,
-            "--seconds": seconds,
-        }
-        given = [option for option, value in ignored.items() if value is not None]
-        if given:
-            corrects = "; holdfast watch --onset --tag-mm corrects the side"
-            raise UsageError(
-                f"{', '.join(given)} would be ignored",
-                cause=f"only --camera {OAK} uses it; other frames bring their own",
-                next_step=f"omit it{corrects if '--tag-mm' in given else ''}",
-            )
-
     def require_usable(self) -> None:
         """Raise UsageError for a camera that cannot film, before the trials begin."""
-        self.require_complete()
+        if self.camera == OAK and self.tag_mm is None:
+            raise UsageError(
+                "--tag-mm is missing",
+                cause="millimetres are derived from the printed side",
+                next_step="measure a tag's black square with a calliper and give --tag-mm 9.96",
+            )
         if self.camera not in (None, OAK) and not Path(self.camera).exists():
             raise UsageError(
                 f"--camera {self.camera!r}: no such file",
@@ -112,12 +88,10 @@ class CameraProcess:
         self._options = options
         self._folder = Path()
         self._process: subprocess.Popen[bytes] | None = None
-        self._reported = False
 
     def start(self, folder: Path) -> None:
         """Film into a trial's folder; returns when frames arrive. Raises CameraUnavailable."""
         self._folder = folder
-        self._reported = False
         if self._options.camera is None:
             return
         about = {"camera": self._options.camera, "out": str(folder)}
@@ -143,14 +117,6 @@ class CameraProcess:
                 )
             time.sleep(FIRST_FRAME_POLL_S)
 
-    def lost(self) -> str:
-        """Why the process failed, once; empty while it runs or after a normal end."""
-        process = self._process
-        if self._reported or process is None or process.poll() in (None, 0):
-            return ""
-        self._reported = True
-        return self._last_error() or f"its process ended with {process.returncode}"
-
     def stop(self) -> Json:
         """End it; returns {"void": reason or None, "frames", "lost", "doubt": reason or None}.
 
@@ -168,16 +134,15 @@ class CameraProcess:
             process.kill()
             process.wait()
 
-        failed = process.returncode != 0
+        # The process knows best why its film is void; its log knows if it died.
+        last_error = self._last_error()
         try:
             about = read_about(self._folder)
         except DataError as error:
-            return {"void": self._last_error() or str(error)}
-
-        # The process knows best why its film is void; its log knows if it died.
+            return {"void": last_error or str(error)}
         void = about.void
-        if failed and not void:
-            void = self._last_error() or "its process failed"
+        if process.returncode and not void:
+            void = last_error or "its process failed"
         # Checked while the operator can still film again.
         wrong = None if void else doubt(self._folder)
 

@@ -46,6 +46,8 @@ RISKY = (*RISKY_ACTIONS, *HELD_ACTIONS)
 """In a hold the object must not move at all, so any slip is risky."""
 ACTIONS = (*RISKY, *VOLUNTARY_ACTIONS)
 PROVENANCE = "camera"
+GROSS_MM = 2.0
+"""Distance of gross slip, where no other is given."""
 
 
 @dataclass(frozen=True)
@@ -60,9 +62,7 @@ class WatchedTrial:
     starts_s: float
 
 
-def read_motion(
-    folder: Path, tag_mm: float | None = None, apart_mm: float | None = None
-) -> WatchedTrial:
+def read_motion(folder: Path, tag_mm: float | None = None) -> WatchedTrial:
     """The object's motion in the hand, from a watched folder. Raises a DataError."""
     from holdfast.drivers.camera.motion import motion
     from holdfast.drivers.camera.recording import TAGS, read_about, read_tracks
@@ -98,7 +98,6 @@ def read_motion(
             tracks.of(OBJECT_TAG),
             tracks.of(HAND_TAG),
             tag_mm or about.tag_mm,
-            apart_mm or about.apart_mm,
         )
     starts_s = 0.0 if about.clock == "trial" else _starts_s(folder, moved)
     return WatchedTrial(folder, moved, starts_s)
@@ -153,50 +152,42 @@ def _starts_s(folder: Path, moved: Motion) -> float:
 
 
 def write_label(
-    trial: WatchedTrial, action: str | None, gross_mm: float, *, shear_known: bool
+    trial: WatchedTrial, action: str | None, gross_mm: float
 ) -> tuple[str, Json]:
     """Find the slip and write its label beside the trial; returns (a sentence, what was found).
 
-    action: None for the name of the trial's folder. shear_known: the shear of the pads was
-    measured. Raises LabelError, UsageError, OutputError.
+    action: None for the name of the trial's folder. gross_mm: above what the pads give. Raises
+    LabelError, UsageError, OutputError.
     """
     from holdfast.drivers.camera.onset import HiddenMotion, find_slip
 
     moved = trial.moved
     with _placed(trial.path):
-        found = find_slip(moved, gross_mm)
+        slip = find_slip(moved, gross_mm)
+    basis: Json = {"gross_mm": gross_mm, "hidden": None}
     words = f"no onset: the object moved by less than {gross_mm:.2f} mm"
-    basis: Json = {
-        "gross_mm": gross_mm,
-        "pad_shear": "measured" if shear_known else "not measured",
-        "hidden": None,
-        "threshold_mm": round(moved.threshold_mm, 4),
-        "sigma_mm": round(moved.sigma_mm, 5),
-        "mm_per_px": round(moved.mm_per_px, 5),
-        "frames": len(moved.t_s),
-        "frames_seen": moved.seen,
-    }
     phases: list[Json] = []
-    if isinstance(found, HiddenMotion):
+    if isinstance(slip, HiddenMotion):
         # The object moved while a tag was hidden: no time of its start can be given.
-        from_s = round(found.from_s - trial.starts_s, 6)
-        to_s = round(found.to_s - trial.starts_s, 6)
-        basis["hidden"] = {"from_s": from_s, "to_s": to_s}
-        span = f"{from_s:.3f} to {to_s:.3f} s"
+        hidden = [round(at_s - trial.starts_s, 6) for at_s in (slip.from_s, slip.to_s)]
+        basis["hidden"] = hidden
+        span = f"{hidden[0]:.3f} to {hidden[1]:.3f} s"
         words = f"no onset: a tag was hidden from {span} while the object moved"
-    elif found is not None:
-        phases = [_phase(found, _label(action, trial.path), trial.starts_s) | basis]
+    elif slip is not None:
+        label = _label(action, trial.path)
+        phases = [_phase(slip, label, trial.starts_s) | basis]
         words = _sentence(phases[0])
 
     where = _write_events(trial.path, phases)
-    return f"{words}; {where}", {"written": str(where), "phases": phases, **basis}
+    found = {"written": str(where), "phases": phases, **basis}
+    frames = {"frames": len(moved.t_s), "frames_seen": moved.seen}
+    return f"{words}; {where}", found | frames
 
 
 def _phase(slip: Slip, label: str, starts_s: float) -> Json:
     """A phase, s from the first sample, to microseconds.
 
-    seen_s: first frame beyond the noise. gross_s: the gross distance. start_sd_s, uncertainty_s: of
-    the start. frame_s: time between two frames.
+    seen_s: first frame beyond the noise. gross_s: the gross distance. uncertainty_s: of the start.
     """
     times = {
         "t0_s": slip.start_s,
@@ -205,18 +196,10 @@ def _phase(slip: Slip, label: str, starts_s: float) -> Json:
         "seen_s": slip.seen_s,
         "gross_s": slip.gross_s,
     }
-    lengths = {
-        "duration_s": slip.end_s - slip.start_s,
-        "start_sd_s": slip.start_sd_s,
-        "frame_s": slip.frame_s,
-        "uncertainty_s": slip.uncertainty_s,
-    }
     phase: Json = {"label": label, "provenance": PROVENANCE, "by": "holdfast watch"}
     for name, at_s in times.items():
         phase[name] = round(at_s - starts_s, 6)
-    for name, seconds in lengths.items():
-        phase[name] = round(seconds, 6)
-    return phase
+    return phase | {"uncertainty_s": round(slip.uncertainty_s, 6)}
 
 
 def _label(action: str | None, path: Path) -> str:
@@ -246,9 +229,7 @@ def _write_events(folder: Path, phases: list[Json]) -> Path:
 
 
 def _sentence(phase: Json) -> str:
-    seen_ms = 1e3 * (phase["seen_s"] - phase["t0_s"])
     gross_ms = 1e3 * (phase["gross_s"] - phase["t0_s"])
-    return (
-        f"{phase['label']} from {phase['t0_s']:.4f} s (sd {1e3 * phase['uncertainty_s']:.1f} ms); "
-        f"beyond noise {seen_ms:.0f} ms later, gross {gross_ms:.0f} ms later"
-    )
+    sd_ms = 1e3 * phase["uncertainty_s"]
+    start = f"{phase['label']} from {phase['t0_s']:.4f} s (sd {sd_ms:.1f} ms)"
+    return f"{start}; gross {gross_ms:.0f} ms later"

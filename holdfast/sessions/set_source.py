@@ -18,17 +18,19 @@ def read_set_trial(name: str, channels: int | None) -> Replay:
     folder, _, chosen = name.rpartition("#")
     data = load(folder, channels=channels, windows="none")
     names = [recording.trial_id for recording in data.recordings]
-    numbers = [str(k) for k in range(len(names))]
+    numbers = list(map(str, range(len(names))))
     # A name comes before a number.
-    places = dict(zip([*numbers, *names], [*data.recordings] * 2, strict=True))
-    if chosen not in places:
+    place = next(
+        (all_.index(chosen) for all_ in (names, numbers) if chosen in all_), None
+    )
+    if place is None:
         raise DataNotFound(
             f"no trial {chosen!r} among {len(names)}",
             where=folder,
             next_step=f"give 0..{len(names) - 1} or {names[0]!r}",
         )
 
-    recording = places[chosen]
+    recording = data.recordings[place]
     t_s = np.arange(len(recording.samples)) / recording.rate_hz
     t_ns = np.round(t_s * 1e9).astype(np.int64)
     return Replay(

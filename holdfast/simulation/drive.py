@@ -19,8 +19,9 @@ Source: Michelangelo hand, 120 mm in 0.37 s and 70 N (thesis, 5.1.1; Front. Syst
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
+import msgspec
 import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray
@@ -32,8 +33,11 @@ FELT_N = 0.05
 """Speed and distance of a grip whose change cannot be felt."""
 
 
-@dataclass(frozen=True)
-class Drive:
+NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e4)]
+Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e4)]
+
+
+class Drive(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Figures of a hand's drive; their sources are in the docstring of this module.
 
     lag_ms       time constant with which the speed follows the target
@@ -43,11 +47,12 @@ class Drive:
     backlash_mm  of the fingers' opening, at a change of direction
     """
 
-    lag_ms: float = 50.0
-    ceiling_n: float = 70.0
-    closing_s: float = 0.37
-    stroke_mm: float = 120.0
-    backlash_mm: float = 0.3
+    # a drive without lag or play is an ideal one; one without force or speed is none
+    lag_ms: NotNegative = 50.0
+    ceiling_n: Positive = 70.0
+    closing_s: Positive = 0.37
+    stroke_mm: Positive = 120.0
+    backlash_mm: NotNegative = 0.3
 
 
 class Actuator:

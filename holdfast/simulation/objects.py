@@ -30,10 +30,12 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.core.hand_card import HandCard, open_contacts, pad_pressure
+from holdfast.core.hand_card import FINGERS_AT_MM, HandCard, HandContact
 from holdfast.core.trial_layout import MASSES_G
 from holdfast.simulation.effect import Parameter
 
+THUMB_MM, FINGER_MM = 48.0, 22.0
+"""Widths along the object's axis, contacts of a hand without a card spread evenly over each."""
 OBJECT_KEYS = {
     "mass_g": Parameter(100.0, "g", 0.1, 5000.0, "mass"),
     "radius_mm": Parameter(
@@ -183,3 +185,69 @@ def load_factors(
     if "touching" in drawn:
         factors[open_contacts(hand, round(drawn["touching"]), rng)] = 0.0
     return factors
+
+
+def pad_pressure(
+    hand: HandCard, pad: list[int], patch_m: float, off_m: FloatArray
+) -> FloatArray:
+    """Pressure on each taxel of a soft pad, over that in the middle of the contact.
+
+    p ~ sqrt(1 - (r / a)^2), r the distance from the middle of contact and a its radius patch_m
+    (Hertz; Johnson, "Contact mechanics", 1985, 3.57). off_m [2]: that middle across and along, from
+    the middle of the pad. Where no taxel lies in the contact, the nearest bears all.
+    """
+    places_m = np.stack([hand.across_m[pad], hand.along_m[pad]])
+    from_middle_m = places_m - places_m.mean(axis=1, keepdims=True) - off_m[:, None]
+    distance_m = np.hypot(from_middle_m[0], from_middle_m[1])
+
+    inside = 1.0 - (distance_m / patch_m) ** 2
+    pressure: FloatArray = np.sqrt(np.maximum(inside, 0.0))
+    if not pressure.any():
+        pressure[distance_m.argmin()] = 1.0
+    return pressure
+
+
+def open_contacts(hand: HandCard, touching: int, rng: np.random.Generator) -> list[int]:
+    """The contacts of the pads that stay open, chosen at random; one pad a side touches."""
+    pads = hand.pads
+    touched_sides = set()
+    others = []
+    for k in rng.permutation(len(pads)):
+        is_thumb = pads[k][0] < hand.thumb
+        if is_thumb in touched_sides:
+            others.append(pads[k])
+        touched_sides.add(is_thumb)
+
+    still_open: list[int] = []
+    for pad in others[max(0, touching - 2) :]:
+        still_open += pad
+    return still_open
+
+
+def hand_of_counts(thumb: int = 2, finger: int = 1) -> HandCard:
+    """A hand by its numbers of contacts on thumb and each finger; default: the thesis' hand.
+
+    Each contact has an equal part of its finger's stiffness, the thumb's being that of two.
+    """
+    contacts = []
+    for k, place_mm in enumerate(_spread(THUMB_MM, thumb), 1):
+        contacts.append(
+            HandContact(f"thumb-{k}", "thumb", place_mm, stiffness=2.0 / thumb)
+        )
+    for number, middle_mm in enumerate(FINGERS_AT_MM, 1):
+        for k, place_mm in enumerate(_spread(FINGER_MM, finger), 1):
+            contacts.append(
+                HandContact(
+                    f"finger-{number}-{k}",
+                    "opposing",
+                    place_mm + middle_mm,
+                    stiffness=1.0 / finger,
+                )
+            )
+    return HandCard(f"{thumb} and {finger} contacts", tuple(contacts))
+
+
+def _spread(width_mm: float, count: int) -> list[float]:
+    """Middles of equal parts of a width, centred on 0, the uppermost first."""
+    places: list[float] = (width_mm * (0.5 - (np.arange(count) + 0.5) / count)).tolist()
+    return places

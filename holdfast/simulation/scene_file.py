@@ -43,7 +43,7 @@ from msgspec import Meta
 
 from holdfast.core.contract import Json, Unit
 from holdfast.core.errors import CardError, UsageError
-from holdfast.core.hand_card import HandCard, hand_of_counts, read_hand_card
+from holdfast.core.hand_card import HandCard, read_hand_card
 from holdfast.core.schema import read, text_of
 from holdfast.simulation import STYLES, find_scene_file
 from holdfast.simulation.actions import ACTION_MODULES, EMPTY_HANDED, parameters_of
@@ -60,6 +60,7 @@ from holdfast.simulation.objects import (
     OBJECTS,
     TOUCH,
     HeldObject,
+    hand_of_counts,
     held_object,
 )
 from holdfast.simulation.protocol import HOLD_KEYS, TrialsRow, least_grip_n

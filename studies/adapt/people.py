@@ -19,8 +19,8 @@ from holdfast.evaluation.alarms import Answers
 from holdfast.export.heads import riskier_argmax
 from holdfast.export.learner import Learner, reference_votes, votes_in_all
 from holdfast.export.spec import StepSpec
+from holdfast.sessions.adapt import Evidence
 from holdfast.sessions.adapt_evidence import Stream, corrected, stream_of
-from holdfast.sessions.adapt_point import Evidence
 from holdfast.training.crossval import fit_learner
 from holdfast.training.datasets import find
 from holdfast.training.datasets.human_slip_uskin import load

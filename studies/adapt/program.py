@@ -20,14 +20,13 @@ from holdfast.core.contract import Json
 from holdfast.core.writing import require_writable
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import votes_in_all
-from holdfast.sessions.adapt import SEED, TRIALS, simulated_slips
+from holdfast.sessions.adapt import Evidence
 from holdfast.sessions.adapt_evidence import (
     Stream,
     corrected,
     label_weights,
     streams_of,
 )
-from holdfast.sessions.adapt_point import Evidence
 from holdfast.simulation import SCENES
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
@@ -45,6 +44,9 @@ PERSONS = 3
 TEST_SEED = 1003
 PERSON_SEED = 5000
 TEST_TRIALS = 200
+SLIPS_SEED = 1
+"""Models are trained on seed 0."""
+SLIPS_TRIALS = 300
 OWN_ROW = re.compile(r'action = "pass"\ncount = \d+\n(.*?)\n\n', re.DOTALL)
 
 
@@ -90,17 +92,18 @@ def _adapted(
 
 def study_styles(model: Model) -> Json:
     """Figures of every style, and what they were simulated from."""
-    others = streams_of(model, simulated_slips(model.card))
     with tempfile.TemporaryDirectory() as folder:
+        slips = _simulated("thesis", Path(folder) / "slips", SLIPS_SEED, SLIPS_TRIALS)
+        others = streams_of(model, slips)
         styles = {
             style: study_style(model, style, others, Path(folder)) for style in STYLES
         }
     return {
         "kind": "simulated",
         "styles": styles,
-        "seeds": {"test": TEST_SEED, "persons": PERSON_SEED, "slips": SEED},
+        "seeds": {"test": TEST_SEED, "persons": PERSON_SEED, "slips": SLIPS_SEED},
         "persons": PERSONS,
-        "slip_trials": TRIALS,
+        "slip_trials": SLIPS_TRIALS,
     }
 
 

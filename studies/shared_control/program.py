@@ -9,14 +9,13 @@ import argparse
 import sys
 from pathlib import Path
 
-from holdfast.cli.command import path_argument
+from holdfast.cli.command import path_argument, whole
 from holdfast.cli.options import (
     add_engine_options,
     add_job_options,
     chosen_model,
     chosen_workers,
 )
-from holdfast.cli.simulate import trial_count
 from holdfast.core.contract import Json
 from holdfast.core.errors import UsageError
 from holdfast.core.locked import locked_sets
@@ -66,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_engine_options(parser)
     option(
         "--trials",
-        type=trial_count,
+        type=whole(1),
         metavar="N",
         help=f"trials of a set (default {TRIALS}; of a scene: all)",
     )
@@ -165,7 +164,7 @@ def _locked_on(seed: int) -> str | None:
     sets = locked_sets()
     for locked in sets.seeds:
         if locked.first <= seed <= locked.last:
-            return sets.locked_on
+            return str(sets.locked_on)
     return None
 
 

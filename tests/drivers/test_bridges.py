@@ -27,7 +27,7 @@ from bridge_bench import (
 
 from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
 from holdfast.drivers.ft232h import Ft232h
-from holdfast.drivers.tmag5273 import Setup, field_ut, packet
+from holdfast.drivers.tmag5273 import Setup, field_ut, packet, range_mt
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.faults import Fault
 from holdfast.drivers.virtual.ft232h import VirtualFt232h
@@ -134,7 +134,7 @@ def test_a_burst_decodes_to_the_field_of_the_track(make, kind):
         assert all(reply.acked for reply in replies)
     bench.wait_s(0.01)
     found = [packet(reply.data) for reply in bench.bus.scan(SIX) if reply.data]
-    read_ut = np.array([field_ut(one.raw, 1.0) * Setup().range_mt(1) for one in found])
+    read_ut = np.array([field_ut(one.raw, 1.0) * range_mt(1) for one in found])
     np.testing.assert_allclose(
         read_ut, given_ut, atol=1.3
     )  # half a step of the widest range

@@ -174,7 +174,6 @@ def test_without_tactile_samples_onset_counts_from_the_first_frame(tmp_path, cap
         ((), "", 2, "--action pull|fall"),
         (("--action", "fly"), "", 2, "fly"),
         (("--gross-mm", "0"), "", 2, "not a number above 0"),
-        (("--apart-mm", "30"), "", 3, "tags are 30 mm apart, but 20.00 mm"),
         (("--until", "0.1"), "", 3, "rest"),
         (("--action", "pull"), "tactile.csv", 3, "host_ns"),
         (("--action", "pull"), "events.jsonl", 3, "not a JSON object"),
@@ -191,27 +190,6 @@ def test_what_onset_cannot_use_is_one_line(tmp_path, capsys, words, spoils, code
     assert says in err
 
 
-def test_a_gross_distance_within_what_the_pads_give_is_refused(tmp_path, capsys):
-    for name, slides_at_s in (("slid", 0.8), ("held", 1.3)):
-        (tmp_path / name).mkdir()
-        hand_made(tmp_path / name, at_s=0.0, slides_at_s=slides_at_s)
-    words = (
-        "watch",
-        "--onset",
-        str(tmp_path / "slid"),
-        "--action",
-        "pull",
-        "--no-slip",
-        str(tmp_path / "held"),
-    )
-    assert main([*words, "--gross-mm", "3"]) == 2
-    assert "within the elastic shear" in capsys.readouterr().err
-    assert main(words) == 0
-    assert (
-        json.loads((tmp_path / "slid" / "events.jsonl").read_text())["gross_mm"] > 4.0
-    )
-
-
 def test_an_object_that_stays_gets_no_line_and_needs_no_action(tmp_path, capsys):
     hand_made(tmp_path, at_s=0.0, slides_at_s=None)
     assert main(["watch", "--onset", str(tmp_path)]) == 0
@@ -222,21 +200,6 @@ def test_an_object_that_stays_gets_no_line_and_needs_no_action(tmp_path, capsys)
 def test_an_oak_needs_the_printed_side(tmp_path, capsys):
     assert main(["watch", "--camera", "oak", "--out", str(tmp_path)]) == 2
     assert "--tag-mm" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("option", ["--tag-mm", "--fps", "--exposure-ms", "--seconds"])
-def test_an_option_that_stored_frames_would_ignore_is_refused(option, tmp_path, capsys):
-    words = [
-        "watch",
-        "--camera",
-        str(tmp_path / "some.frames.npz"),
-        "--out",
-        str(tmp_path / "out"),
-    ]
-    assert main([*words, option, "10"]) == 2
-    err = capsys.readouterr().err
-    assert f"{option} would be ignored; likely cause: only --camera oak uses it" in err
-    assert not (tmp_path / "out").exists()
 
 
 def test_the_camera_s_clock_is_the_machine_s_and_its_calls_are_in_the_library():

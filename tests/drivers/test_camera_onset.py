@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from camera_frames import AWAY_SIDES
 from drawn_frames import camera, command, two_sizes, write_frames
 
 from holdfast.cli.main import main
@@ -83,16 +82,12 @@ def test_onset_writes_the_label_that_the_camera_saw(filmed):
     assert phase["onset_s"] == pytest.approx(truth.incipient_slip_s, abs=0.025)
 
 
-def test_a_loaded_hold_has_no_onset_and_sets_the_gross_distance_above_its_shear(filmed):
+def test_a_loaded_hold_has_no_onset_before_the_hand_opens(filmed):
     held, truth = filmed["hold"]
-    pull, _ = filmed["pull"]
-    opens_s = truth.marks[-2][0]
-    done = command("watch", "--onset", held, "--until", opens_s)
+    done = command("watch", "--onset", held, "--until", truth.marks[-2][0])
     assert done.returncode == 0, done.stderr
     assert "no onset: the object moved by less than 2.00 mm" in done.stdout
     assert phases_of(held) == []
-    assert command("watch", "--onset", pull, "--no-slip", held).returncode == 0
-    assert phases_of(pull)[0]["pad_shear"] == "measured"
 
 
 def test_tags_of_two_sizes_are_reported_as_soon_as_they_were_watched_and_what_was_watched_is_kept(
@@ -114,31 +109,6 @@ def test_tags_of_two_sizes_are_reported_as_soon_as_they_were_watched_and_what_wa
     assert read_about(tmp_path / "out").void is None
     assert len(read_tracks(tmp_path / "out").t_s) == 30
     assert (tmp_path / "out/camera.mkv").stat().st_size > 0
-
-
-def test_a_measured_distance_finds_tags_that_a_printer_scaled_alike_and_stays_with_the_recording(
-    drawn, tmp_path
-):
-    apart_mm = 2.0 * AWAY_SIDES * 10.0
-    for name, factor, code in (("right", 1.0, 0), ("wrong", 0.92, 3)):
-        out = tmp_path / name
-        done = command(
-            "watch",
-            "--camera",
-            drawn[0],
-            "--out",
-            out,
-            "--apart-mm",
-            f"{factor * apart_mm:g}",
-        )
-        assert done.returncode == code, done.stderr
-        assert read_about(out).apart_mm == pytest.approx(factor * apart_mm)
-        again = command("watch", "--onset", out, "--action", "pull")
-        assert ("TagError" in done.stderr, "TagError" in again.stderr) == (
-            code == 3,
-            code == 3,
-        )
-    assert "printed at 92 % of that size" in done.stderr
 
 
 @pytest.mark.parametrize("side", ["0.00996", "0.996", "996", "0", "nan", "one"])

@@ -32,7 +32,6 @@ from holdfast.drivers.bridges import open_bus
 from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer, freeing
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.native_i2c import NativeI2C
-from holdfast.drivers.tmag5273 import GENERAL_CALL
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.ft232h import (
     IN_ENDPOINT,
@@ -114,7 +113,7 @@ class Still(VirtualClock):
 
 TRANSFERS = st.builds(
     Transfer,
-    st.sampled_from([A, B, 0x70, ABSENT, GENERAL_CALL]),
+    st.sampled_from([A, B, 0x70, ABSENT, 0x00]),
     st.binary(max_size=3),
     st.integers(0, 9),
 )

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from bridge_bench import FIRST, ID, IDENTITY, SECOND, SIX, A, B, Bench, C, D
+from bridge_bench import FIRST, ID, IDENTITY, SECOND, SIX, A, Bench
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -23,6 +23,7 @@ from holdfast.drivers.tmag5273 import (
     conversion_s,
     field_ut,
     packet,
+    range_mt,
 )
 from holdfast.drivers.virtual.faults import Fault
 from holdfast.drivers.virtual.virtual_hand import REST_UT, Track
@@ -112,7 +113,7 @@ def test_read_only_registers_do_not_take_what_is_written(bench):
 def test_results_are_the_field_in_the_chosen_ranges(bench):
     bench.configure(A)
     bench.wait_s(0.01)
-    read_ut = field_ut(converted(bench).raw, Setup().range_mt(1))
+    read_ut = field_ut(converted(bench).raw, range_mt(1))
     assert read_ut == pytest.approx(REST_UT, abs=1.3)
 
 
@@ -141,7 +142,7 @@ def test_the_mean_of_a_conversion_has_the_noise_of_the_data_sheet():
     for _ in range(600):
         made.wait_s(0.0025)
         rows.append(converted(made).raw)
-    spread = np.std(field_ut(rows, Setup().range_mt(1)), axis=0)
+    spread = np.std(field_ut(rows, range_mt(1)), axis=0)
     assert spread == pytest.approx([22.1, 22.1, 12.0], rel=0.12)
 
 
@@ -159,31 +160,6 @@ def test_a_sleeping_chip_wakes_by_an_address_it_does_not_acknowledge(bench):
     assert answer(bench, ID, 1) == b""
     bench.wait_s(60e-6)
     assert answer(bench, ID, 1) == IDENTITY[:1]
-
-
-def test_a_new_address_counts_from_the_stop_on_and_is_lost_with_power(bench):
-    bench.bus.scan([FIRST, Transfer(A, bytes([0x0C, 0x36 << 1 | 1]))])
-    old, new = bench.bus.scan([Transfer(A, b"\x0d", 1), Transfer(0x36, b"\x0d", 1)])
-    assert (old.acked, new.acked) == (False, True)
-    bench.hand.chips[0].power_on()
-    assert answer(bench, ID, 1) == IDENTITY[:1]
-
-
-def test_a_general_call_reaches_every_chip_on_joined_channels(bench):
-    bench.bus.scan([BOTH, Transfer(0x00, bytes([0x02, 0x70]))])
-    for channel, addresses in ((FIRST, (A, B, C, D)), (SECOND, (A, B))):
-        reads = [Transfer(address, b"\x02", 1) for address in addresses]
-        replies = bench.bus.scan([channel, *reads])[1:]
-        assert [reply.data for reply in replies] == [b"\x70"] * len(addresses)
-
-
-def test_a_triggered_conversion_comes_once(bench):
-    bench.bus.scan([FIRST, Transfer(A, bytes([0x02, 0x70])), Transfer(A, b"\x80")])
-    bench.wait_s(0.01)
-    first = converted(bench)
-    bench.wait_s(0.01)
-    assert converted(bench).set_count == first.set_count
-    assert first.raw[2] > 0
 
 
 def test_two_chips_at_one_address_answer_together_and_zeros_win(bench):
@@ -313,19 +289,10 @@ def test_a_number_that_does_not_fit_its_field_is_refused():
             config.value(CONV_AVG=number)
 
 
-@pytest.mark.parametrize(
-    ("setup", "bytes_", "range_mt"),
-    [
-        (Setup(averages=1), {0x00: 0x20}, [133, 133, 266]),
-        (Setup(averages=8), {0x00: 0x2C}, [133, 133, 266]),
-        (Setup(wide_xy=True, wide_z=False), {0x03: 0x02}, [266, 266, 133]),
-        (Setup(together=True), {0x01: 0x10}, [133, 133, 266]),
-    ],
-)
-def test_a_setup_is_in_these_registers_and_has_this_range(setup, bytes_, range_mt):
+@pytest.mark.parametrize(("averages", "config"), [(1, 0x20), (8, 0x2C)])
+def test_averages_are_in_a_register_of_their_own(averages, config):
     default = dict(Setup().registers())
-    assert dict(setup.registers()) == default | bytes_
-    assert setup.range_mt(2).tolist() == range_mt
+    assert dict(Setup(averages).registers()) == default | {0x00: config}
 
 
 def test_a_packet_has_seven_bytes_and_its_status_says_what_is_wrong():

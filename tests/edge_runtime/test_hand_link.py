@@ -185,7 +185,7 @@ def test_a_receiver_that_is_not_there_yet_or_starts_again_is_found(tmp_path):
     messages, path = list[str](), str(tmp_path / "grip")
     with opened(f"unix://{path}", messages.append) as link:
         send(link, 1)
-        assert "there is no receiver" in messages[0]
+        assert "not connected" in messages[0]
         first = UnixReceiver(path)
         assert first.until("link was lost")["sequence"] == 1
         until(lambda: link.works)

@@ -49,7 +49,7 @@ from holdfast.live.loop import STAGES, Summary
 from holdfast.live.outputs import LineOutput, SampleFile, file_sink, udp_sink
 from holdfast.live.run import answer
 from holdfast.live.running import ServiceWatchdog
-from holdfast.live.scene_source import scene_of
+from holdfast.live.scene import truth_of_url
 from holdfast.live.sources import open_live
 from holdfast.live.view import Shown, open_view
 
@@ -252,9 +252,8 @@ def test_a_virtual_hand_is_pulled_at_and_asks_to_act_once_after_the_load_came_on
 ):
     url = f"virtual://ft232h?scene={pull}&seed=2"
     summary, answers, _, _ = live(model, url, 5.0)
-    found = scene_of(url)
-    assert found is not None
-    truth = found[1].truth
+    truth = truth_of_url(url)
+    assert truth is not None
     acts = [a.t_acquired_ns * 1e-9 for a in answers if a.act]
     assert summary.acts == 1
     assert summary.overruns == 0
@@ -475,7 +474,7 @@ def seen_in_a_terminal(model, message: str, until: bytes) -> tuple[bytes, bytes]
     _, answers, samples, _ = live(model, "virtual://ft232h", 0.1)
     seen, terminal = os.openpty()
     with open(terminal, "w", encoding="utf-8") as file:
-        with closing_output(open_view("N", terminal=file)) as view:
+        with closing_output(open_view(model.card, file)) as view:
             view.report(message)
             reading = SourceReading(0, np.zeros(18), samples[-1].valid)
             view.write(answers[-1], samples[-1], reading)
@@ -509,10 +508,10 @@ def test_a_view_without_rich_is_a_plain_line_that_names_the_extra(model, monkeyp
     assert b"\x1b" not in shown
 
 
-def test_a_view_on_what_is_no_terminal_draws_nothing(tmp_path):
+def test_a_view_on_what_is_no_terminal_draws_nothing(model, tmp_path):
     with (
         open(tmp_path / "err", "w", encoding="utf-8") as file,
-        closing_output(open_view("N", terminal=file)) as view,
+        closing_output(open_view(model.card, file)) as view,
     ):
         assert not view.drawing
     assert (tmp_path / "err").read_text() == ""
@@ -551,11 +550,6 @@ def test_the_udev_rules_name_every_bridge():
                 f'ATTR{{idVendor}}=="{vendor:04x}", ATTR{{idProduct}}=="{product:04x}"'
                 in rules
             )
-
-
-def test_a_bridge_too_slow_for_the_model_is_refused_before_the_first_sample(model):
-    with pytest.raises(RateError, match=r"scans takes .* ms, the model needs 150"):
-        live(model, "virtual://ft232h?bus_hz=20000", 1.0)
 
 
 def test_a_bridge_whose_first_scans_are_slow_is_not_refused(model):

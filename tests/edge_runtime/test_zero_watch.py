@@ -7,7 +7,7 @@ from live_bench import DEFAULT
 
 from holdfast.core.contract import NORMAL_AXIS, Sample
 from holdfast.edge_runtime.monitor import Model
-from holdfast.live.zero import PULLS_FLOORS, PULLS_S, ZeroWatch
+from holdfast.live.hand_files import PULLS_FLOORS, PULLS_S, ZeroWatch
 
 CARD = Model(DEFAULT).card
 LONG = round(PULLS_S * CARD.rate_hz) + 1

@@ -10,19 +10,21 @@ import pytest
 from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
 from holdfast.core.errors import TooLittleToAdapt
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
-from holdfast.sessions.adapt import require_enough
+from holdfast.sessions.adapt import (
+    LEAST_RECALL,
+    Evidence,
+    HeldOutFigures,
+    require_enough,
+)
 from holdfast.sessions.adapt_evidence import (
     MOST_NATS,
-    ContradictedLabels,
     PersonCounts,
     Stream,
-    contradicted,
     corrected,
     fit_correction,
     moved,
     stream_of,
 )
-from holdfast.sessions.adapt_point import LEAST_RECALL, Evidence, HeldOutFigures
 from holdfast.training.recording import Recording
 from holdfast.training.timeline import Phase, RiskyEvent
 
@@ -141,16 +143,6 @@ def test_worse_is_a_recall_that_falls_by_more_than_a_hundredth_or_more_actions_c
     change: dict[str, float], ways: list[str]
 ) -> None:
     assert replace(BASE, **change).worse_than(BASE) == ways  # type: ignore[arg-type]
-
-
-def test_trials_in_which_the_base_sees_what_the_labels_do_not_are_named() -> None:
-    rules = replace(RULES, min_risky_permille=900)
-    # At 600 of 1000 votes the base calls all of them, at 900 none.
-    both = [stream(1, slip=False), stream(2, slip=True)]
-    with pytest.warns(ContradictedLabels, match="1 of 2 trials: t1;"):
-        assert contradicted(both, RULES) == ["t1"]
-    with pytest.warns(ContradictedLabels, match="1 of 2 trials: t2;"):
-        assert contradicted(both, rules) == ["t2"]
 
 
 @pytest.mark.parametrize(

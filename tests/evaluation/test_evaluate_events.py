@@ -49,13 +49,11 @@ from holdfast.evaluation.model_outputs import (
     everywhere,
     run_model,
 )
-from holdfast.evaluation.outcomes import recognised
 from holdfast.evaluation.states import LabelledSamples, changes_per_s
 from holdfast.evaluation.states import calibration as calibration_of
 from holdfast.evaluation.states import confusion as confusion_of
 from holdfast.evaluation.statistics import mcnemar
 from holdfast.evaluation.trials import (
-    AnsweredTrial,
     LabelledTrial,
     VoluntaryAction,
     voluntary_actions,
@@ -336,27 +334,6 @@ def test_unknown_samples_change_no_state_and_are_answers_withheld() -> None:
     counts = confusion_of(samples, 0).counts
     assert counts[NOTHING] == [45, 0, 0, 0, 55]
     assert counts[GRASP] == [5, 25, 0, 0, 0]
-
-
-def test_a_pull_is_recognised_by_one_alarm_in_it_and_a_pass_by_its_state_and_no_alarm() -> (
-    None
-):
-    holding, slipping = np.full(300, GRASP), np.full(300, GRASP)
-    slipping[105:109] = SAFE_SLIP
-
-    def judged(of: Recording, situation: Any, requests: Any) -> bool | None:
-        trial = LabelledTrial(of, {"style": "p1"})
-        return recognised(AnsweredTrial(trial, situation, requests))
-
-    pull = recording(EVENT, action="pull")
-    assert judged(pull, holding, at((102, 120)))
-    assert not judged(pull, holding, at((50, 60), (102, 120)))
-    assert not judged(pull, holding, at())
-    assert judged(recording(action="pull"), holding, at()) is None
-    handed_over = recording(phases=HANDED_OVER, action="pass")
-    assert judged(handed_over, slipping, at())
-    assert not judged(handed_over, slipping, at((10, 12)))
-    assert not judged(handed_over, holding, at())
 
 
 # -- the whole

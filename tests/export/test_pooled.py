@@ -8,12 +8,13 @@ import pytest
 from pooled_reference import PooledReference
 
 from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.core.hand_card import hand_of_counts, read_hand_card
+from holdfast.core.hand_card import read_hand_card
 from holdfast.edge_runtime.graph import open_session, run_recording, run_recordings
 from holdfast.export.features import feature_graph
 from holdfast.export.guard import reference_flags
 from holdfast.export.pooled import FAMILIES
 from holdfast.export.spec import StepSpec
+from holdfast.simulation.objects import hand_of_counts
 
 RATE_HZ = 100.0
 HANDS = (

@@ -166,19 +166,6 @@ def test_a_sensor_without_a_number_is_not_valid(
     assert answered(monitor, holes, t_s) == answered(monitor, values, t_s, valid=flags)
 
 
-def test_the_cues_of_a_recording_follow_its_answers(
-    monitor: GripMonitor, trial: tuple[FloatArray, FloatArray]
-) -> None:
-    answers = monitor.replay(*trial)
-    cues = holdfast.cues_of(answers)
-    assert cues.shape == answers.state.shape
-    first_act = int(np.argmax(answers.act))
-    assert answers.act[first_act]
-    assert cues[first_act] == "act"
-    assert set(cues) <= {"", "unknown", "act", "risky_slip", "grasp", "nothing"}
-    assert (cues == "").sum() > 0.8 * len(cues)
-
-
 @pytest.mark.parametrize(
     ("change", "error", "says"),
     [

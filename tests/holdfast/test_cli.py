@@ -725,8 +725,6 @@ def test_the_doctor_says_what_is_missing_where_there_is_nothing(
     assert found["machine"]["status"] == found["onnxruntime"]["status"] == "ok"
     # what needs neither data nor a bridge is whole without them
     assert {line["status"] for line in found.values()} <= {"ok", "broken"}
-    assert "human_slip_uskin" in found["public data sets"]["found"]
-    assert "HOLDFAST_DATA" in found["public data sets"]["next_step"]
     assert found["model holdfast-150hz"]["status"] == "ok"
     assert f"model {BUILT}" not in found
 

@@ -43,8 +43,8 @@ def test_without_its_package_completion_names_the_extra(
     monkeypatch.setitem(sys.modules, "shtab", None)
     fails(
         run,
-        2,
-        "UsageError",
+        6,
+        "LibraryMissing",
         "doctor",
         "--completion",
         "bash",

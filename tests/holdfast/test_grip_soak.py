@@ -24,9 +24,9 @@ import pytest
 from live_bench import DEFAULT
 from test_run_grip import FALL
 
+from holdfast.core.contract import GripCommand
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.model import Model
-from holdfast.edge_runtime.supervisor import GripCommand
 from holdfast.live.grip import GripOutput, controller_for
 from holdfast.live.outputs import emit_to
 from holdfast.live.run import answer

@@ -120,7 +120,7 @@ def test_real_logs_of_two_pads_become_a_judged_model_and_a_live_run(
     assert "<h1>Held out by object: macro F1" in page
     assert "thumb" not in page
     assert run("export", "model", "--out", "pads.onnx")[0] == 0
-    source = shlex.quote("stdin://?map=set-map.toml&paced=1")
+    source = shlex.quote("stdin://?map=set-map.toml")
     line = f"holdfast run pads.onnx --to a.jsonl --source {source} < {slip}"
     said = in_a_shell(line)
     assert "hand: eflesh-gripper, 6 sensors" in said

@@ -12,16 +12,14 @@ from pathlib import Path
 import pytest
 from hazard_marks import CROWDED_PAGE, FOREIGN_BROWSER, PAGE_DELAYS, STALE_PAGE
 from packages import package_of
-from page_bench import ABOUT, PERIOD_NS, next_event, sample, served
+from page_bench import ABOUT, PERIOD_NS, TOKEN, next_event, sample, served
 
 from holdfast.core.errors import UsageError
 from holdfast.live.page.link import listen, read_address
-from holdfast.live.page.server import FILES, Access, PageHandler
+from holdfast.live.page.server import FILES, PageHandler
 from holdfast.live.page.stream import KEPT_FRAMES, ROW_FIELDS, LiveStream
 
 ROOT = Path(__file__).resolve().parents[2]
-TOKEN = "a-token-of-the-test"
-SECRET = Access(TOKEN, ())
 
 
 # -- what is shown
@@ -35,7 +33,6 @@ def test_a_browser_gets_the_whole_picture_and_then_every_sample_once():
             page.frame(
                 sample(3),
                 sample(4, "risky_slip"),
-                {"mark": {"number": 1, "t_ns": 5 * 10**9}},
             )
             _, frame = next_event(answer)
     rows = [
@@ -48,9 +45,8 @@ def test_a_browser_gets_the_whole_picture_and_then_every_sample_once():
     ]
     assert [row["state"] for row in rows[3:]] == ["grasp", "risky_slip"]
     assert (rows[0]["grip"], rows[0]["load"]) == (2.0, 0.6)
-    assert frame["marks"][0]["t_s"] == 0.0
     assert frame["sample"]["answer"]["state"] == "risky_slip"
-    assert frame["sample"]["rate_hz"] == 150.0
+    assert frame["sample"]["rate_hz"] == pytest.approx(150.0, rel=0.01)
 
 
 def test_a_lost_finger_is_named_and_counts_for_no_force_and_an_unknown_state_has_no_p_risky():
@@ -161,45 +157,23 @@ def test_the_page_names_nothing_outside_itself():
 
 
 @FOREIGN_BROWSER.mark
-@pytest.mark.parametrize("path", ["", "page.js", "events", "do/mark"])
+@pytest.mark.parametrize("path", ["", "page.js", "events", "do/load"])
 @pytest.mark.parametrize(
     "prefix", ["", "wrong/", TOKEN[:-1] + "/", TOKEN.upper() + "/", TOKEN, "%00/"]
 )
 def test_without_the_token_every_path_is_refused_alike(path, prefix):
-    with served(SECRET) as page:
+    with served() as page:
         method = "POST" if path.startswith("do/") else "GET"
-        status, content, _ = page.ask(f"/{prefix}{path}", method)
+        status, content, _ = page.ask(f"/{prefix}{path}", method, token="")
         assert (status, page.acted) == (403, [])
     assert b"not allowed" in content
 
 
 def test_with_the_token_the_page_its_parts_and_its_actions_are_there():
-    with served(SECRET) as page:
-        statuses = [
-            page.ask(f"/{TOKEN}/{path}")[0] for path in ("", "page.js", "nothing")
-        ]
-        marked = page.ask(f"/{TOKEN}/do/mark", "POST")[0]
-    assert (statuses, marked, page.acted) == ([200, 200, 404], 202, [b"m"])
-
-
-@FOREIGN_BROWSER.mark
-@pytest.mark.parametrize(
-    "host", ["attacker.example:80", "127.0.0.1.attacker.example", "", "[", "@"]
-)
-def test_a_name_that_another_site_points_here_is_refused(host):
     with served() as page:
-        assert page.ask("/", Host=host)[0] == 403
-        assert page.ask("/", Host="localhost:8000")[0] == 200
-
-
-@FOREIGN_BROWSER.mark
-def test_another_site_s_page_presses_no_button():
-    with served() as page:
-        assert page.ask("/do/mark", "POST", Origin="http://attacker.example")[0] == 403
-        own = f"http://127.0.0.1:{page.port}"
-        assert page.ask("/do/mark", "POST", Origin=own)[0] == 202
-        assert page.ask("/do/format", "POST", Origin=own)[0] == 404
-        assert page.acted == [b"m"]
+        statuses = [page.ask(f"/{path}")[0] for path in ("", "page.js", "nothing")]
+        pressed = [page.ask(f"/do/{name}", "POST")[0] for name in ("load", "format")]
+    assert (statuses, pressed, page.acted) == ([200, 200, 404], [202, 404], [b"l"])
 
 
 @pytest.mark.parametrize(
@@ -243,23 +217,19 @@ def test_what_is_no_address_is_refused_with_examples(text):
 def test_a_port_that_is_taken_and_a_host_that_is_not_ours_are_refused():
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
-        with pytest.raises(UsageError, match=r"in use.*another run or program"):
-            listen(str(port))
-    with pytest.raises(UsageError, match="this machine does not have that address"):
-        listen("192.0.2.1:0")
-    with pytest.raises(UsageError, match="no such host"):
-        listen("no-such-host.invalid:80")
+        with pytest.raises(UsageError, match="already in use"):
+            listen(str(port), TOKEN)
+    with pytest.raises(UsageError, match="cannot assign"):
+        listen("192.0.2.1:0", TOKEN)
+    with pytest.raises(UsageError, match="no-such-host"):
+        listen("no-such-host.invalid:80", TOKEN)
 
 
-def test_only_a_loopback_host_has_no_token():
-    local, network = listen("0"), listen("0.0.0.0:0")
-    with local.listener, network.listener:
-        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/", local.url)
-        assert (local.token, "localhost" in local.hosts) == ("", True)
-        assert len(network.token) >= 22
-        assert network.url.endswith(f"/{network.token}/")
-        assert "0.0.0.0" not in network.url
-        assert network.hosts == ()
+def test_the_address_that_is_shown_can_be_opened_elsewhere():
+    (local, url), (network, other) = listen("0", TOKEN), listen("0.0.0.0:0", TOKEN)
+    with local, network:
+        assert re.fullmatch(rf"http://127\.0\.0\.1:\d+/{TOKEN}/", url)
+        assert "0.0.0.0" not in other
 
 
 def test_the_process_that_serves_the_page_loads_the_standard_library_only():

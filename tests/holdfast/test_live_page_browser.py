@@ -14,7 +14,6 @@ from page_bench import Served, sample, served
 
 from holdfast.core.hand_card import read_hand_card, shipped_hands
 from holdfast.live.page.run_page import drawn_hand
-from holdfast.sessions.recorder.display import ACTIONS
 
 pytestmark = needs_chromium
 STATE, DETAIL = (
@@ -34,7 +33,7 @@ def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
 
 def opened(tab: Tab, page: Served, width: int = 1280, **how: Any) -> None:
     tab.problems.clear()
-    tab.open(f"http://127.0.0.1:{page.port}/", width, 844, **how)
+    tab.open(page.url, width, 844, **how)
     tab.wait_until(f"{STATE} !== 'no connection'")
 
 
@@ -148,15 +147,15 @@ def test_the_end_says_why(tab):
     assert "the source has ended; samples: 1" in tab.value(f"{DETAIL}.textContent")
 
 
-def test_mark_and_pause_are_buttons(tab):
+def test_redo_and_pause_are_buttons(tab):
     with served() as page:
         opened(tab, page)
         page.frame(sample(0))
-        tab.wait_until(PRESS.format("Mark"))
+        tab.wait_until(PRESS.format("Redo"))
         tab.wait_until(
-            "document.getElementById('note').textContent === 'Mark: passed on'"
+            "document.getElementById('note').textContent === 'Redo: passed on'"
         )
-        assert page.acted == [b"m"]
+        assert page.acted == [b"r"]
         tab.wait_until(PRESS.format("Pause"))
         page.frame(sample(1, x=[9.0] * 18))
         tab.wait_until(
@@ -165,28 +164,6 @@ def test_mark_and_pause_are_buttons(tab):
         assert "0.67 N" in text_of(tab, "sensors")
         tab.wait_until(PRESS.format("Resume"))
         assert "9.00 N" in text_of(tab, "sensors")
-
-
-def test_while_recording_only_what_can_be_done_can_be_pressed(tab):
-    enabled = "[...document.querySelectorAll('#buttons button:enabled')].map((b) => b.textContent)"
-    with served(answers=False, actions=ACTIONS, unit="") as page:
-        opened(tab, page, 390)
-        page.frame({"ready": {"task": "cup, pull", "left": 2}})
-        tab.wait_until(f"{STATE} === 'ready'")
-        assert tab.value(enabled) == ["Start", "Redo", "Stop recording", "Pause"]
-        assert "cup, pull (2 left)" in tab.value(f"{DETAIL}.textContent")
-        trial = sample(0, task="cup, pull", trial_s=0.5)
-        del trial["sample"]["answer"], trial["sample"]["grip"]
-        page.frame({"about": {"unit": "N"}}, trial)
-        tab.wait_until(f"{STATE} === 'recording'")
-        assert "Keep" in tab.value(enabled)
-        assert "Start" not in tab.value(enabled)
-        tab.wait_until(PRESS.format("Keep"))
-        tab.wait_until(
-            "document.getElementById('note').textContent === 'Keep: passed on'"
-        )
-        assert page.acted == [b"k"]
-        assert tab.problems == []
 
 
 def test_what_a_message_says_is_text_and_never_markup(tab, tmp_path: Path):

@@ -9,7 +9,6 @@ import signal
 import socket
 import subprocess
 from collections.abc import Iterator
-from dataclasses import replace
 from http.client import HTTPConnection
 from typing import Any
 
@@ -18,17 +17,6 @@ import pytest
 from hazard_marks import PAGE_DELAYS, STALE_PAGE
 from live_bench import ROOT, RUN, Steady
 from page_bench import ABOUT, next_event
-from recorder_bench import (
-    PULL,
-    REST,
-    Hand,
-    cup_pull,
-    meta_of,
-    said,
-    session,
-    start,
-    wait_for,
-)
 
 from holdfast.core.contract import Sample
 from holdfast.core.errors import OutputError
@@ -39,9 +27,8 @@ from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.loop import run_live
 from holdfast.live.page.link import PageLink, open_page
 from holdfast.live.page.process import follow
-from holdfast.live.page.run_page import MARK, RunPage
+from holdfast.live.page.run_page import RunPage
 from holdfast.live.page.stream import LiveStream
-from holdfast.sessions.recorder.keys import Keys
 
 VALID = np.ones(6, dtype=np.bool_)
 READING = SourceReading(0, np.zeros(18), VALID, ("",) * 6)
@@ -105,7 +92,6 @@ def test_a_page_whose_process_is_gone_is_reported_once(ends):
     link = PageLink(ours, messages.append)
     theirs.close()
     assert [link.send({"k": k}) for k in range(3)] == [False] * 3
-    assert link.action() == b""
     assert len(messages) == 1
     assert "the run goes on" in messages[0]
 
@@ -113,7 +99,7 @@ def test_a_page_whose_process_is_gone_is_reported_once(ends):
 @PAGE_DELAYS.mark
 def test_a_run_whose_page_takes_nothing_answers_every_sample(model, ends, not_for_ever):
     clock, link = VirtualClock(), PageLink(ends[0], print)
-    page = RunPage(link, model.card, print)
+    page = RunPage(link, model.card)
     monitor, tare = GripMonitor(model, clock.now_ns), Tare(model.card.preparation, 18)
     source = Steady(clock, 1500)
     summary = run_live(source, monitor, tare, clock, page.write, stopped=lambda: False)
@@ -121,11 +107,9 @@ def test_a_run_whose_page_takes_nothing_answers_every_sample(model, ends, not_fo
     assert 0 < link.unsent < 1500
 
 
-def test_the_page_gets_every_sample_its_answer_the_margin_and_what_was_lost(
-    model, ends
-):
+def test_the_page_gets_every_sample_its_answer_and_what_was_lost(model, ends):
     ours, theirs = ends
-    page = RunPage(PageLink(ours, print), model.card, print)
+    page = RunPage(PageLink(ours, print), model.card)
     monitor = GripMonitor(model, None)
     for k in (0, 1, 5):
         sample = Sample(k * 6_666_667, np.full(18, 0.1 * k), VALID, k)
@@ -134,43 +118,14 @@ def test_the_page_gets_every_sample_its_answer_the_margin_and_what_was_lost(
     assert [(one["n"], one["lost"]) for one in samples] == [(0, 0), (1, 0), (5, 3)]
     assert samples[2]["x"] == [0.5] * 18
     assert samples[0]["answer"]["state"] == "unknown"
-    assert samples[0]["grip"] == {"mu_hat": None, "margin": None, "needed_n": None}
-
-
-def test_the_page_shows_the_friction_of_the_object_and_not_of_the_sensors(model, ends):
-    ours, theirs = ends
-    page = RunPage(PageLink(ours, print), model.card, print, 0.5)
-    monitor = GripMonitor(model, None)
-    # 1 N a side and 0.6 N along the skin, as sensors read it that see half of the shear
-    values = np.tile([0.1, 0.0, 2.0 / 6.0], 6)
-    for k in range(10):
-        sample = Sample(k * 6_666_667, values, VALID, k)
-        slips = replace(monitor.feed(sample), p_risky=1.0, state="risky_slip")
-        page.write(slips, sample, READING)
-    newest = received(theirs)[-1]["sample"]["grip"]
-    assert newest["mu_hat"] == pytest.approx(0.6)
-
-
-def test_a_mark_of_the_page_is_the_sample_at_which_the_loop_saw_it(model, ends):
-    ours, theirs = ends
-    said: list[str] = []
-    page = RunPage(PageLink(ours, print), model.card, said.append)
-    monitor = GripMonitor(model, None)
-    theirs.send(MARK)
-    theirs.send(b"?")
-    for k in range(3):
-        sample = Sample(k * 6_666_667, np.zeros(18), VALID, k)
-        page.write(monitor.feed(sample), sample, READING)
-    marks = [one["mark"] for one in received(theirs) if "mark" in one]
-    assert marks == [{"number": 1, "t_ns": 0}]
-    assert len(said) == 1
+    assert "grip" not in samples[0]
 
 
 def test_a_page_reads_to_the_end_what_a_run_sent_that_left_an_action_unread(ends):
     ours, theirs = ends
     link, stream = PageLink(ours, print), LiveStream(ABOUT)
     assert link.send({"said": "begun"})
-    theirs.send(MARK)
+    theirs.send(b"l")
     link.close("the run has ended")
     follow(theirs, stream)
     first = next(stream.frames())
@@ -181,27 +136,29 @@ def test_a_page_reads_to_the_end_what_a_run_sent_that_left_an_action_unread(ends
 # -- a process of its own
 
 
-def ask(port: int, path: str, method: str = "GET") -> bytes:
-    connection = HTTPConnection("127.0.0.1", port, timeout=300)
-    connection.request(method, path)
+def ask(page: tuple[int, str], path: str, method: str = "GET") -> bytes:
+    connection = HTTPConnection("127.0.0.1", page[0], timeout=300)
+    connection.request(method, page[1] + path)
     answer = connection.getresponse()
     content = answer.read()
     connection.close()
     return content
 
 
-def port_in(line: str) -> int:
-    assert "live page: http://127.0.0.1:" in line
-    return int(line.rsplit(":", 1)[1].strip().strip("/"))
+def page_in(line: str) -> tuple[int, str]:
+    """Its port and its token."""
+    found = re.search(r"live page: http://127\.0\.0\.1:(\d+)(/.{22})/$", line.strip())
+    assert found
+    return int(found[1]), found[2]
 
 
 def test_the_page_ends_with_what_it_shows_and_its_port_is_free_again():
     lines: list[str] = []
     about = {"verb": "run", "actions": []}
     for address in ("0", None):
-        address = address or str(port_in(lines[0]))
+        address = address or str(page_in(lines[0])[0])
         link = open_page(address, about, lines.append)
-        assert b"Holdfast live" in ask(port_in(lines[-1]), "/")
+        assert b"Holdfast live" in ask(page_in(lines[-1]), "/")
         assert link.send({"said": "begun"})
         process = link._process
         assert process is not None
@@ -209,7 +166,7 @@ def test_the_page_ends_with_what_it_shows_and_its_port_is_free_again():
         # a busy machine gives the process, which is nice, more time than a run waits for it
         process.wait(60.0)
         with pytest.raises(ConnectionRefusedError):
-            ask(port_in(lines[-1]), "/")
+            ask(page_in(lines[-1]), "/")
     assert len(lines) == 2
 
 
@@ -222,21 +179,18 @@ def test_a_page_whose_process_does_not_start_is_an_error(monkeypatch):
         open_page("0", ABOUT, print)
 
 
-def test_a_run_shows_itself_takes_a_mark_and_ends_as_without_a_page():
+def test_a_run_shows_itself_and_ends_as_without_a_page():
     command = [*RUN, "--to", "web:0"]
     with subprocess.Popen(
         command, cwd=ROOT, text=True, stderr=subprocess.PIPE, env=dict(os.environ)
     ) as run:
         try:
             assert run.stderr is not None
-            port = port_in(next(line for line in run.stderr if "live page" in line))
-            events = HTTPConnection("127.0.0.1", port, timeout=300)
-            events.request("GET", "/events")
+            page = page_in(next(line for line in run.stderr if "live page" in line))
+            events = HTTPConnection("127.0.0.1", page[0], timeout=300)
+            events.request("GET", page[1] + "/events")
             answer = events.getresponse()
             while not ((shown := next_event(answer)[1]["sample"]) and all(shown["v"])):
-                pass
-            ask(port, "/do/mark", "POST")
-            while "marks" not in (frame := next_event(answer)[1]):
                 pass
             run.send_signal(signal.SIGTERM)
             while not (last := next_event(answer)[1])["ended"]:
@@ -246,10 +200,8 @@ def test_a_run_shows_itself_takes_a_mark_and_ends_as_without_a_page():
         finally:
             run.kill()
     assert shown["answer"]["latency_us"] > 0.0
-    assert frame["marks"][0]["number"] == 1
     assert last["ended"] == "the run has ended"
     assert run.returncode == 0, err
-    assert re.search(r"^mark 1 at \d+\.\d{3} s, sample \d+$", err, re.MULTILINE)
 
 
 @STALE_PAGE.mark
@@ -257,9 +209,9 @@ def test_a_run_that_is_killed_ends_its_page():
     command = [*RUN, "--to", "web:0"]
     with subprocess.Popen(command, cwd=ROOT, text=True, stderr=subprocess.PIPE) as run:
         assert run.stderr is not None
-        port = port_in(next(line for line in run.stderr if "live page" in line))
-        events = HTTPConnection("127.0.0.1", port, timeout=300)
-        events.request("GET", "/events")
+        page = page_in(next(line for line in run.stderr if "live page" in line))
+        events = HTTPConnection("127.0.0.1", page[0], timeout=300)
+        events.request("GET", page[1] + "/events")
         answer = events.getresponse()
         next_event(answer)
         run.kill()
@@ -279,52 +231,3 @@ def test_a_port_that_is_taken_is_an_error_before_a_source_is_opened():
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert line.startswith(f"error: UsageError: web:{port}: address already in use")
-
-
-# -- recording
-
-
-def test_keys_of_the_page_count_beside_those_of_the_terminal_and_after_its_end(
-    tmp_path,
-):
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    keys = Keys(None)
-    assert keys.closed
-    keys.listen_to(ours.fileno())
-    press = theirs.send
-    hand = Hand(120, says={60: lambda: press(b"l"), 110: lambda: press(b"k")})
-    press(b" ")
-    kept, messages = session(tmp_path, hand, [PULL], keys, at_once=False)
-    assert kept == 1
-    assert said(messages, "load onset at 0.600 s")
-    assert not keys.ended()
-    theirs.close()
-    assert keys.ended()
-    ours.close()
-
-
-def test_a_trial_is_started_marked_and_kept_from_the_page_alone(tmp_path):
-    words = cup_pull(tmp_path / "out")
-    assert words[1] == REST
-    with start(*words, "--to", "web:0", "--trials", "1") as run:
-        port = port_in(wait_for(run, "live page"))
-        events = HTTPConnection("127.0.0.1", port, timeout=300)
-        events.request("GET", "/events")
-        answer = events.getresponse()
-        while (ready := next_event(answer)[1].get("ready")) is None:
-            pass
-        ask(port, "/do/start", "POST")
-        while not (
-            (sample := next_event(answer)[1]["sample"]) and sample["trial_s"] > 0.3
-        ):
-            pass
-        ask(port, "/do/load", "POST")
-        ask(port, "/do/keep", "POST")
-        _, err = run.communicate(timeout=300)
-        events.close()
-    assert run.returncode == 0, err
-    assert ready == {"task": "cup, pull", "left": 1}
-    assert sample["task"] == "cup, pull"
-    folder = tmp_path / "out/p01/cup/pull/trial_1"
-    assert meta_of(folder)["state"] == "kept"
-    assert '"mark": "load_onset"' in (folder / "events.jsonl").read_text()

@@ -28,7 +28,6 @@ EVERY = [
     "golden rows",
     "one sample against a batch",
     "reset forgets",
-    "unknown when it must be",
     "clock",
 ]
 
@@ -133,16 +132,6 @@ def a_reset_that_is_ignored(graph: Graph) -> None:
     )
 
 
-def a_driver_that_is_not_listened_to(graph: Graph) -> None:
-    number = onnx.helper.make_node(
-        "Cast", ["valid"], ["number"], to=onnx.TensorProto.INT32
-    )
-    always = onnx.helper.make_node(
-        "GreaterOrEqual", ["number", constant(graph, np.int32(0))], ["always"]
-    )
-    rewired(graph, "valid", number, always)
-
-
 def damaged(built: Built, damage: Callable[[Graph], None], path: Path) -> Path:
     """A file that is sealed after the damage, with golden rows of its own."""
     model = onnx.load_from_string(built.model.read_bytes())
@@ -154,29 +143,21 @@ def damaged(built: Built, damage: Callable[[Graph], None], path: Path) -> Path:
     return path
 
 
-DAMAGES = {
-    a_reset_that_is_ignored: "reset forgets",
-    a_driver_that_is_not_listened_to: "unknown when it must be",
-}
-
-
 @pytest.mark.hard_case(
     "Forest and ONNX",
     "a model that is wrong and properly sealed",
     elsewhere="its hash is right, its golden rows are its own, and so it is trusted",
     here="`holdfast doctor MODEL` checks properties of the file that golden rows cannot show",
 )
-@pytest.mark.parametrize("damage", DAMAGES, ids=lambda damage: damage.__name__)
-def test_the_check_fails_on_a_model_with_any_of_these_faults(
-    four_situations: Built, tmp_path: Path, capsys, damage
+def test_the_check_fails_on_a_model_that_ignores_its_reset(
+    four_situations: Built, tmp_path: Path, capsys
 ):
-    path = damaged(four_situations, damage, tmp_path / "m.onnx")
+    path = damaged(four_situations, a_reset_that_is_ignored, tmp_path / "m.onnx")
     Model(path)
     assert main(["doctor", str(path), "--json"]) == 1
     content = json.loads(capsys.readouterr().out)["findings"]
-    assert DAMAGES[damage] in [
-        one["what"] for one in content if one["status"] == "broken"
-    ]
+    broken = [one["what"] for one in content if one["status"] == "broken"]
+    assert "reset forgets" in broken
 
 
 def test_a_file_that_cannot_be_opened_fails_in_its_first_line(tmp_path: Path, capsys):
@@ -199,8 +180,3 @@ def test_a_check_that_cannot_be_carried_out_has_failed_and_the_others_go_on(
         "reset forgets"
     ]
     assert "on purpose" in found["reset forgets"].found
-
-
-def test_the_old_word_answers_with_the_new_one(capsys):
-    assert main(["selftest", "m.onnx"]) == 2
-    assert "holdfast doctor MODEL" in capsys.readouterr().err

@@ -17,9 +17,10 @@ import pytest
 from grip_bench import TtyReceiver, UnixReceiver
 from hazard_marks import DEAD_LOG, LOST_SENSOR, NO_GRIP_COMMAND, RUN_DIES
 from live_bench import ROOT, RUN, closing_output, run_on
+from msgspec.structs import replace as changed
 from packages import package_of
 
-from holdfast.core.contract import channel_names
+from holdfast.core.contract import GripCommand, channel_names
 from holdfast.core.errors import ChannelError, UsageError
 from holdfast.drivers.calibration import (
     Calibration,
@@ -29,10 +30,15 @@ from holdfast.drivers.calibration import (
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime import grip_control
 from holdfast.edge_runtime.decision import DecisionRules
-from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.edge_runtime.model import Model
-from holdfast.edge_runtime.supervisor import GripCommand
-from holdfast.live.grip import GripOutput, controller_for, grip_to_link, grip_to_scene
+from holdfast.live.grip import (
+    WHO_LETS_GO,
+    GripOutput,
+    controller_for,
+    grip_to_link,
+    grip_to_scene,
+)
+from holdfast.live.hand_files import shear_gain_of
 from holdfast.live.outputs import emit_to
 from holdfast.live.run import (
     NO_SHEAR_GAIN,
@@ -40,9 +46,8 @@ from holdfast.live.run import (
     answer,
     known_shear_gain,
 )
-from holdfast.live.scene import ROWS_HZ, STEP_S, drive_of
-from holdfast.live.scene_source import planned_scene, shear_gain_of
-from holdfast.live.sources import open_live
+from holdfast.live.scene import ROWS_HZ, STEP_S, drive_of, live_scene, planned_trial
+from holdfast.live.sources import open_live, source_url
 from holdfast.simulation.magnet import shear_gain as magnet_gain
 
 PERIOD_NS = 1e9 / 150
@@ -172,19 +177,19 @@ count = 5
 
 
 @pytest.mark.parametrize(("controller", "kept"), [("holdfast", True), ("none", False)])
-def test_an_object_that_would_fall_stays_in_the_hand_by_the_commands(
-    model, tmp_path, controller, kept
+def test_what_is_seen_first_is_a_fall_that_the_commands_prevent(
+    model, controller, kept
 ):
-    (tmp_path / "fall.toml").write_text(FALL, encoding="utf-8")
-    url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed=1"
+    url = "virtual://ft232h"
     messages: list[str] = []
     clock = VirtualClock()
     control = controller_for(controller, model.card, print)
     grip = grip_to_scene(
         "virtual?lag_ms=50", url, control, None, clock, messages.append
     )
-    run_on(grip, model, url, 5.0, clock)
+    run_on(grip, model, url, 4.0, clock)
     grip.close()
+    assert messages[0] == WHO_LETS_GO
     assert grip.scene is not None
     outcome = grip.scene.outcome()
     assert outcome.kept == kept
@@ -198,19 +203,18 @@ def test_the_friction_of_a_live_run_is_that_of_the_object(model, tmp_path, monke
     monkeypatch.setattr(grip_control, "SURE_P", 0.15)
     (tmp_path / "fall.toml").write_text(FALL, encoding="utf-8")
     # an object that slides before it is caught, and so shows its friction
-    url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed=120"
+    url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed=114"
     gain = shear_gain_of(url, None)
     assert gain is not None
     clock = VirtualClock()
     control = controller_for("holdfast", model.card, print, shear_gain=gain)
     grip = grip_to_scene("virtual", url, control, None, clock, print)
     run_on(grip, model, url, 3.9, clock)
-    planned = planned_scene(url, ROWS_HZ, STEP_S)
-    assert planned is not None
+    _, trial = planned_trial(source_url(url), ROWS_HZ, STEP_S)
     assert grip.newest is not None
     mu_hat = grip.newest.mu_hat or 0.0
-    assert mu_hat == pytest.approx(planned[1].kinetic_friction, rel=0.15)
-    assert gain * mu_hat < 0.7 * planned[1].kinetic_friction
+    assert mu_hat == pytest.approx(trial.kinetic_friction, rel=0.15)
+    assert gain * mu_hat < 0.7 * trial.kinetic_friction
 
 
 def test_the_shear_gain_is_that_of_the_calibration_or_of_the_scenes_sensors(
@@ -231,12 +235,11 @@ def test_the_shear_gain_is_that_of_the_calibration_or_of_the_scenes_sensors(
 
 def test_a_run_knows_no_shear_gain_of_a_hand_without_a_calibration(model):
     card = model.card
-    choice = ModelChoice("models/holdfast-150hz.onnx")
-    options = RunOptions(choice, "usb://ft232h", grip="unix:///run/hand/grip")
+    options = RunOptions("usb://ft232h", grip="unix:///run/hand/grip")
     assert known_shear_gain(options, card) is None
-    # a virtual hand has that of its scene; without grip or page nothing shows friction
-    assert known_shear_gain(replace(options, source=REST), card) == magnet_gain()
-    assert known_shear_gain(replace(options, grip=None), card) == 1.0
+    # a virtual hand has that of its scene; without a grip nothing needs friction
+    assert known_shear_gain(changed(options, source=REST), card) == magnet_gain()
+    assert known_shear_gain(changed(options, grip=None), card) == 1.0
     assert known_shear_gain(options, replace(card, unit="uT")) == 1.0
 
 
@@ -278,13 +281,9 @@ def test_a_run_with_a_scene_says_what_became_of_the_object(tmp_path):
 
 
 def test_a_scene_without_commands_is_the_recorded_one(tmp_path):
-    from holdfast.live.scene import live_scene
-
     (tmp_path / "fall.toml").write_text(FALL, encoding="utf-8")
     url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed=1"
-    planned = planned_scene(url, ROWS_HZ, STEP_S)
-    assert planned is not None
-    scene, trial = planned
+    scene, trial = planned_trial(source_url(url), ROWS_HZ, STEP_S)
     recorded = scene.run_together([trial])[0].signal
     live = live_scene(url, drive_of("virtual"))
     for row in range(0, len(recorded.t_s), 7):
@@ -294,8 +293,6 @@ def test_a_scene_without_commands_is_the_recorded_one(tmp_path):
 
 @NO_GRIP_COMMAND.mark
 def test_a_hand_in_a_scene_holds_where_commands_stay_away(tmp_path):
-    from holdfast.live.scene import live_scene
-
     (tmp_path / "fall.toml").write_text(FALL, encoding="utf-8")
     live = live_scene(
         f"virtual://ft232h?scene={tmp_path / 'fall.toml'}", drive_of("virtual")
@@ -315,20 +312,15 @@ def test_a_hand_in_a_scene_holds_where_commands_stay_away(tmp_path):
 TINY = ROOT / "models" / "holdfast-150hz-tiny.onnx"
 WRONG_OPTIONS = {
     "--grip tcp://x:1": "is not an address",
-    "--controller smsp": 'controller = ".."',
-    "--feedback 9000": 'feedback = "URL"',
-    "--ceiling=20": "ceiling_n = 40.0",
-    "--view": "--to view",
     "--to best": "FILE.jsonl",
     "--to file.txt": "FILE.jsonl",
     "--to udp://9000": "HOST:PORT",
     "--wearer - --source -": "cannot be both",
-    "--grip virtual": "has no scene",
+    "--grip virtual --source sim://apple": "has no scene",
     "--grip virtual?colour=red": "allowed: lag_ms",
     "--grip virtual?lag_ms=-1": "from 0",
     "--grip virtual?ceiling_n=0": "above 0",
-    "--obey-intent": "--wearer URL",
-    "--wearer 9003": "is no stream",
+    "--wearer 9003": "is not an address",
     "--grip udp://127.0.0.1:9000": "nothing that moves a hand crosses a network",
 }
 """What is typed, and what the error names."""
@@ -344,8 +336,6 @@ def test_an_option_that_cannot_be_is_one_line_and_exit_code_2(run, typed):
 
 
 def test_a_hand_that_is_too_weak_for_its_object_is_refused(tmp_path):
-    from holdfast.live.scene import live_scene
-
     (tmp_path / "fall.toml").write_text(FALL, encoding="utf-8")
     url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed=1"
     with pytest.raises(UsageError, match=r"ceiling of 1 N is below the 1\.6 N"):

@@ -41,9 +41,8 @@ from holdfast.live.loop import Summary
 from holdfast.live.outputs import LineOutput, Output, close_at_end, emit_to, file_sink
 from holdfast.live.run import answer
 from holdfast.live.running import stop_signals
-from holdfast.live.scene import SceneClock, Still
-from holdfast.live.scene_source import simulated
-from holdfast.live.sources import open_live
+from holdfast.live.scene import SceneClock, Still, field_of
+from holdfast.live.sources import open_live, source_url
 from holdfast.live.wearer import wearer_monitor
 
 SOAK_S = float(os.environ.get("HOLDFAST_SOAK_S", "3600"))
@@ -234,8 +233,8 @@ class Soak:
         self.memory: list[tuple[float, float]] = []
         self.samples = self.overruns = self.unknown = self.lives = 0
         self._begin_ns = clock.now_ns()
-        _, trial = simulated("pull-soft-ball", 1, 0, lambda line: None)
-        self._field = Looping(Track(trial.signal.t_s, trial.signal.values))
+        url = "virtual://ft232h?scene=pull-soft-ball&seed=1"
+        self._field = Looping(field_of(source_url(url), lambda line: None))
 
     def passed_s(self) -> float:
         return 1e-9 * (self.clock.now_ns() - self._begin_ns)

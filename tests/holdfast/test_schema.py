@@ -75,7 +75,7 @@ def test_what_stands_in_a_file_is_the_struct(tmp_path: Path) -> None:
         ("[[rows]]\ncount = 1\n" * 3, "3 rows; next: allowed: 0 to 2"),
         (
             "[[rows]]\ncount = nan",
-            r"rows\[0\]\.count = nan, not a finite number; next: allowed: a finite",
+            "not valid TOML: nan is not a finite number",
         ),
         ("rows = [", "not valid TOML: .*next: correct that line"),
         ("rows = " + "[" * 99_999, "not valid TOML"),

@@ -30,6 +30,7 @@ from holdfast.core.errors import (
     OutputError,
     UsageError,
 )
+from holdfast.sessions.recorder.folder import reserved
 from holdfast.sessions.study import journal as journals
 from holdfast.sessions.study.journal import (
     Event,
@@ -39,8 +40,7 @@ from holdfast.sessions.study.journal import (
     read_journal,
     withdraw,
 )
-from holdfast.sessions.study.runner import Ending
-from holdfast.sessions.study.starting import write_participant_report
+from holdfast.sessions.study.run import Ending, write_participant_report
 from holdfast.training.datasets import load
 
 WHOLE_TALK = "   "
@@ -229,7 +229,7 @@ def test_a_card_that_was_edited_in_between_is_refused_with_the_one_to_go_on_with
     with pytest.raises(CardError, match=r"not the one.*p01/protocol\.toml"):
         other.run(" ")
     with pytest.raises(CardError, match=r"protocol\.toml"):
-        write_participant_report(other.out, "p01", other.protocol, other.args.model)
+        write_participant_report(other.out, "p01", other.protocol)
     shutil.copy(talk.home / "protocol.toml", talk.path)
     assert talk.run("  ") == Ending.FINISHED
 
@@ -308,7 +308,6 @@ def test_a_recording_step_records_its_repetitions_with_the_recorder(
     assert meta["protocol"]["card"] == "protocol"
     assert meta["protocol"]["sha256"] == scene.protocol.sha256
     assert meta["person"] == "p01"
-    assert meta["configuration"]["source"].endswith("trial=7")
     assert said(scene.messages, "hand over: soft ball")
     assert said(scene.messages, "repetition 2 of 2: space begins it")
 
@@ -417,16 +416,6 @@ def test_a_fault_in_a_trial_is_said_and_the_operator_tries_again(
     assert list(scene.states().values()) == ["kept", "kept"]
 
 
-def test_a_virtual_participant_without_a_trial_of_the_card_is_refused_at_once(
-    tmp_path: Path, card: Path
-) -> None:
-    other = TRIALS.replace('actions = ["fall"]', 'actions = ["put-down"]')
-    study = Study(tmp_path, other, f"sim://{card}")
-    with pytest.raises(UsageError, match="has no trial of hard-ball, put-down"):
-        study.run(" ")
-    assert not study.out.exists()
-
-
 # -- withdrawal
 
 
@@ -437,7 +426,7 @@ def test_withdrawing_deletes_everything_of_the_person_and_says_each_file(
     scene.run("  " + "  " + "nsecret\n" + " q")
     other = shutil.copytree(scene.home, scene.out / "p02")
     files = [path for path in scene.home.rglob("*") if path.is_file()]
-    assert scene.run("w" + "p01\n") == Ending.WITHDRAWN
+    withdraw(scene.out, "p01", scene.messages.append)
     assert not scene.home.exists()
     assert other.is_dir()
     for path in files:
@@ -451,13 +440,6 @@ def test_withdrawing_deletes_everything_of_the_person_and_says_each_file(
     assert "secret" not in text
     with pytest.raises(UsageError, match=r"has withdrawn.*new"):
         scene.run(" ")
-
-
-@WITHDRAWAL.mark
-def test_a_withdrawal_needs_the_pseudonym(talk: Study) -> None:
-    assert talk.run("w" + "p02\n" + "w" + "\n" + " q") == Ending.QUIT
-    assert said(talk.messages, "nothing is deleted")
-    assert talk.done() == [0]
 
 
 @WITHDRAWAL.mark
@@ -478,10 +460,10 @@ def test_a_file_that_cannot_be_deleted_is_named_and_the_rest_is_deleted(
         with pytest.raises(
             OutputError, match=r"stuck\.txt: cannot be deleted; 1 left of 3 files"
         ):
-            talk.run("w" + "p01\n")
+            withdraw(talk.out, "p01", talk.messages.append)
     assert said(talk.messages, "not deleted: p01/stuck.txt")
     assert [path.name for path in talk.home.iterdir()] == ["stuck.txt"]
-    with pytest.raises(UsageError, match=r"deletion did not end.*--withdraw"):
+    with pytest.raises(UsageError, match=r"has withdrawn.*--withdraw"):
         talk.run(" ")
     withdraw(talk.out, "p01", talk.messages.append)
     assert not talk.home.exists()
@@ -492,19 +474,20 @@ def test_a_file_that_cannot_be_deleted_is_named_and_the_rest_is_deleted(
 
 
 @WITHDRAWAL.mark
-def test_a_person_is_not_deleted_while_another_terminal_runs_their_study(
+def test_a_person_is_deleted_by_the_pseudonym_and_not_while_their_study_runs(
     talk: Study,
 ) -> None:
     talk.run(" q")
     reading, writing = os.pipe()
-    os.write(writing, b"p01\np01\n")
+    os.write(writing, b"p01\np02\np01\n")
     words = (talk.path, "--out", talk.out, "--person", "p01", "--withdraw")
-    with (
-        journals.held(talk.home / "study.jsonl"),
-        start(*words, verb="study", stdin=reading) as run,
-    ):
+    with reserved(talk.out), start(*words, verb="study", stdin=reading) as run:
         _, err = run.communicate(timeout=300)
-    assert (run.returncode, "another program runs" in err) == (5, True)
+    assert (run.returncode, "another recorder or study" in err) == (5, True)
+    with start(*words, verb="study", stdin=reading) as run:
+        _, err = run.communicate(timeout=300)
+    assert (run.returncode, "nothing is deleted" in err) == (1, True)
+    assert talk.done() == [0]
     with start(*words, verb="study", stdin=reading) as run:
         _, err = run.communicate(timeout=300)
     assert (run.returncode, talk.home.exists()) == (0, False)
@@ -558,8 +541,6 @@ def test_a_terminal_that_goes_away_leaves_a_study_that_goes_on(talk: Study) -> N
         ("--out o --person p01", "--source is missing"),
         ("--out o --source sim://p1", "--person is missing"),
         ("--person p01 --source sim://p1", "--out is missing"),
-        ("--out o --person p01 --source usb://ft232h --rehearse", "--rehearse"),
-        ("--out o --person p1 --source virtual://ft232h --rehearse", "--seconds"),
         ("--out o --person p01 --source sim://p1 --camera oak", "--tag-mm"),
         ("--out o --person p01 --source sim://p1", "no key can be pressed"),
     ],

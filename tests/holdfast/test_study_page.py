@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
+import sys
 from collections.abc import Callable
 from pathlib import Path
+from threading import Event, Thread
 
 import pytest
 from study_bench import options
 
+from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.sessions.study.console import KEYS
 from holdfast.sessions.study.protocol import KINDS, read_study
 
@@ -25,6 +29,17 @@ def test_the_page_s_card_and_commands_run_and_print_what_it_shows(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    # The trials take no time, and the operator presses space ten times a second.
+    monkeypatch.setattr("holdfast.sessions.study.run.RunClock", VirtualClock)
+    reading, writing = os.pipe()
+    monkeypatch.setattr(sys, "stdin", os.fdopen(reading))
+    ended = Event()
+
+    def press() -> None:
+        while not ended.wait(0.1):
+            os.write(writing, b" ")
+
+    Thread(target=press, daemon=True).start()
     printed, shown = "", []
     for kind, text in BLOCK.findall(PAGE.read_text("utf-8")):
         if kind == "toml":
@@ -35,6 +50,7 @@ def test_the_page_s_card_and_commands_run_and_print_what_it_shows(
             results = [run(*shlex.split(line)[1:]) for line in text.splitlines()]
             assert [code for code, _, _ in results] == [0] * len(results), results
             printed = "".join(out for _, out, _ in results)
+    ended.set()
     assert [old for old, _ in shown] == [new for _, new in shown] != []
     assert "\ntry: 2 trials of 1 person" in printed
     assert (tmp_path / "try/p01/report.html").exists()

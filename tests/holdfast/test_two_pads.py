@@ -14,7 +14,7 @@ from holdfast.core.errors import UsageError
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.model import Model
 from holdfast.live.grip import controller_for, grip_to_scene
-from holdfast.live.scene_source import shear_gain_of
+from holdfast.live.hand_files import shear_gain_of
 from holdfast.live.sources import open_live
 
 LAYOUT = "layout=0:35,0:22"

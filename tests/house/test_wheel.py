@@ -150,7 +150,7 @@ def write_recording(path: Path) -> None:
         (("scan", "virtual://ft232h"), 0, ""),
         (("simulate", "thesis", "--trials", "1", "--out", "made"), 0, "simulating"),
         (("train",), 2, "holdfast[train"),
-        (("doctor", "--completion", "bash"), 2, "holdfast[completion]"),
+        (("doctor", "--completion", "bash"), 6, "holdfast[completion]"),
     ],
 )
 def test_a_command_works_or_names_an_extra(

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from holdfast.core.errors import CardError
-from holdfast.core.hand_card import HandCard, hand_of_counts
+from holdfast.core.hand_card import HandCard
 from holdfast.core.trial_file import read_trial
 from holdfast.simulation.contacts import EFFECTS
 from holdfast.simulation.folder import write_set
+from holdfast.simulation.objects import hand_of_counts
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene, SimulatedTrial
 from holdfast.simulation.scene_file import read_scene_file

@@ -16,7 +16,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from holdfast.edge_runtime.supervisor import GripCommand, last_line, to_line
+from holdfast.core.contract import GripCommand
+from holdfast.edge_runtime.supervisor import last_line, to_line
 from holdfast.live.hand_link import HandLink, open_hand_link
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -128,7 +129,7 @@ def command(sequence: int, mode: Any = "tighten") -> GripCommand:
 
 @contextmanager
 def opened(url: str, report: Callable[[str], object] = print) -> Iterator[HandLink]:
-    link = open_hand_link(url, "--grip", last_line, report, time.monotonic_ns)
+    link = open_hand_link(url, "grip", last_line, report, time.monotonic_ns)
     reason = "failed"
     try:
         yield link

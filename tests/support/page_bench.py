@@ -10,11 +10,19 @@ from http.client import HTTPConnection, HTTPResponse
 from threading import Thread
 from typing import Any
 
-from holdfast.live.page.run_page import ACTIONS, drawn_hand
-from holdfast.live.page.server import Access, PageServer
+from holdfast.live.page.run_page import drawn_hand
+from holdfast.live.page.server import PageServer
 from holdfast.live.page.stream import LiveStream
 
-LOCAL = Access("", ("localhost", "127.0.0.1", "::1"))
+TOKEN = "a-token-of-the-test"
+ACTIONS = [
+    {"do": "start", "label": "Start", "key": " ", "when": "ready"},
+    {"do": "load", "label": "Load onset", "key": "l", "when": "trial"},
+    {"do": "released", "label": "Released", "key": "e", "when": "trial"},
+    {"do": "keep", "label": "Keep", "key": "k", "when": "trial"},
+    {"do": "redo", "label": "Redo", "key": "r", "when": "always"},
+    {"do": "stop", "label": "Stop recording", "key": "q", "when": "always"},
+]
 ABOUT = {
     "verb": "run",
     "unit": "N",
@@ -54,11 +62,12 @@ def sample(k: int, state: str = "grasp", **more: Any) -> dict[str, Any]:
 class Served:
     """A stream of samples behind a server. acted: the actions that came."""
 
-    def __init__(self, access: Access = LOCAL, **about: Any) -> None:
+    def __init__(self, **about: Any) -> None:
         self.stream, self.acted = LiveStream(ABOUT | about), list[bytes]()
         listener = socket.create_server(("127.0.0.1", 0))
         self.port: int = listener.getsockname()[1]
-        self.server = PageServer(listener, self.stream, access, self._act)
+        self.url = f"http://127.0.0.1:{self.port}/{TOKEN}/"
+        self.server = PageServer(listener, self.stream, TOKEN, self._act)
         Thread(target=self.server.serve_forever, kwargs={"poll_interval": 0.02}).start()
 
     def _act(self, action: bytes) -> bool:
@@ -72,26 +81,27 @@ class Served:
         self.stream.publish(now_s)
 
     def ask(
-        self, path: str, method: str = "GET", **headers: str
+        self, path: str, method: str = "GET", token: str = f"/{TOKEN}"
     ) -> tuple[int, bytes, Any]:
-        """(status, content, headers) of a request; header names with _ for -."""
-        answer = self.begin(path, method, **headers)
+        """(status, content, headers) of a request."""
+        answer = self.begin(path, method, token)
         with answer:
             return answer.status, answer.read(), answer.headers
 
-    def begin(self, path: str, method: str = "GET", **headers: str) -> HTTPResponse:
+    def begin(
+        self, path: str, method: str = "GET", token: str = f"/{TOKEN}"
+    ) -> HTTPResponse:
         """A request whose answer has begun."""
         connection = HTTPConnection("127.0.0.1", self.port, timeout=300)
-        named = {name.replace("_", "-"): value for name, value in headers.items()}
-        connection.request(method, path, headers=named)
+        connection.request(method, token + path)
         answer = connection.getresponse()
         connection.close()  # the answer keeps the socket
         return answer
 
 
 @contextmanager
-def served(access: Access = LOCAL, **about: Any) -> Iterator[Served]:
-    one = Served(access, **about)
+def served(**about: Any) -> Iterator[Served]:
+    one = Served(**about)
     try:
         yield one
     finally:

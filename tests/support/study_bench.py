@@ -14,10 +14,10 @@ from holdfast.cli import study
 from holdfast.cli.command import Parser
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.sessions.recorder.keys import Keys
-from holdfast.sessions.recorder.session import Display
-from holdfast.sessions.study.console import Console
+from holdfast.sessions.recorder.plan import RecordOptions
+from holdfast.sessions.recorder.session import Display, RunContext
 from holdfast.sessions.study.protocol import StudyProtocol, read_study
-from holdfast.sessions.study.starting import StudyOptions, run_parts
+from holdfast.sessions.study.run import require_consistent, run_parts
 
 TALK = """
 title = "Two steps of talk"
@@ -141,14 +141,13 @@ class Study:
         """One run of the program, with these keys; returns how it ended."""
         clock = VirtualClock(7_000_000_000)
         keys = Typing(clock, typed, **typing)
-        report = self.messages.append
-        console = Console(keys, report, lambda line: None, clock, stopped)
-        display = Display(report)
+        display = Display(self.messages.append)
         if show is not None:
             display.show = show  # type: ignore[method-assign]
-        chosen = StudyOptions.of(self.args)
-        chosen.require_consistent(self.protocol)
-        return run_parts(chosen, self.protocol, console, display)
+        chosen = RecordOptions.of(self.args)
+        require_consistent(chosen, self.protocol)
+        context = RunContext(clock, keys, display, stopped)
+        return run_parts(chosen, self.protocol, context)
 
     def entries(self, *events: str) -> list[dict[str, Any]]:
         """The lines of the journal, of all events or of some."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from holdfast.core.errors import SetLocked
-from holdfast.core.locked import lock_of, locked_sets, require_open
+from holdfast.core.locked import Style, lock_of, locked_sets, require_open
 from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
 from holdfast.sessions.adapt import adapt_file
 from holdfast.simulation.scene_file import read_scene_file
@@ -46,7 +46,7 @@ def test_development_seeds_are_open(tmp_path: Path) -> None:
 
 def test_a_style_is_locked_at_every_seed_by_name_and_content(tmp_path: Path) -> None:
     styles = locked_sets().styles
-    (sha,) = [sha for sha, name in styles.items() if name == "quick"]
+    (sha,) = [one.sha256 for one in styles if one.scene == "quick"]
     assert "quick" in lock_of(a_set(tmp_path / "a", "quick", seed=100))
     assert "quick" in lock_of(a_set(tmp_path / "b", "renamed", seed=100, sha=sha))
     assert lock_of(a_set(tmp_path / "c", "quick", seed=100), styles=False) == ""
@@ -57,7 +57,7 @@ def test_the_locked_styles_are_the_scenes_as_they_are_now(name: str) -> None:
     """Otherwise a copy of the scene under another name would be open."""
     path = SHARED_CONTROL / f"{name}.toml"
     scene = read_scene_file(str(path) if path.is_file() else name)
-    assert locked_sets().styles[scene.sha256] == name
+    assert Style(name, scene.sha256) in locked_sets().styles
 
 
 def test_a_part_of_a_locked_set_is_locked(tmp_path: Path) -> None:
@@ -102,7 +102,7 @@ def test_training_refuses_a_locked_set_before_it_reads_one(tmp_path: Path) -> No
 def test_an_adaptation_refuses_a_locked_seed(tmp_path: Path) -> None:
     folder = str(a_set(tmp_path / "set", "p1"))
     with stages(1) as progress, pytest.raises(SetLocked, match="seed 7001"):
-        adapt_file(MODEL, folder, "p1", None, tmp_path / "a.onnx", progress)
+        adapt_file(MODEL, folder, "p1", folder, tmp_path / "a.onnx", progress)
 
 
 @pytest.mark.parametrize("option", ["choose", "train"])

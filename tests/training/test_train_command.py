@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from command_line import Run, fails
+from command_line import Run
 
 from holdfast.training.datasets import load
 from holdfast.training.fixture import write_fixture
@@ -97,13 +97,6 @@ def test_the_undersampled_set_of_a_few_trials_is_not_taken_without_a_word(
     kept = load(fixture_set, windows="thesis").notes["windows"]["nothing_light"]
     assert f"fewer than 50 windows of nothing_light ({kept}), " in warning
     assert "next: leave out --windows thesis, or record" in warning
-
-
-@pytest.mark.parametrize("option", ["--channels", "--inner-folds"])
-def test_an_option_that_is_gone_says_what_to_do_instead(run: Run, option: str) -> None:
-    fails(
-        run, 2, "UsageError", "train", option, "3", says="is gone; next: leave it out"
-    )
 
 
 def test_pooled_features_of_slow_recordings_ask_for_less_confidence(

@@ -65,9 +65,9 @@ class Motion:
         """An object that is further from rest than this has moved."""
         return max(SIGMAS * self.sigma_mm, FLOOR_PX * self.mm_per_px)
 
-    def between(self, from_s: float, until_s: float) -> Motion:
-        """The part in [from_s, until_s]."""
-        part = (self.t_s >= from_s) & (self.t_s <= until_s)
+    def until(self, until_s: float) -> Motion:
+        """The part up to until_s."""
+        part = self.t_s <= until_s
         return Motion(self.t_s[part], self.place_mm[part], self.mm_per_px)
 
 
@@ -76,14 +76,12 @@ def motion(
     object_px: FloatArray,
     hand_px: FloatArray,
     tag_mm: float,
-    apart_mm: float | None = None,
 ) -> Motion:
     """The object's motion in the hand's axes, from the corners of both tags.
 
     object_px, hand_px: [K, 4, 2] (column, row; clockwise from top left), nan if hidden. tag_mm: the
-    printed side without its margin, the same for both tags. apart_mm: the measured distance between
-    the tags' centres in the first frames, or None. Raises TagError where the tags contradict these
-    lengths or each other, LabelError where both tags are never seen together.
+    printed side without its margin, the same for both tags. Raises TagError where the tags
+    contradict each other, LabelError where both tags are never seen together.
     """
     seen = np.isfinite(object_px) & np.isfinite(hand_px)
     both: BoolArray = np.logical_and.reduce(seen, axis=(1, 2))
@@ -104,7 +102,6 @@ def motion(
     # least squares: the one turn and scale that maps the hand's corners onto its square
     turn = (about.conj() * square).sum(axis=1) / (np.abs(about) ** 2).sum(axis=1)
     place = turn * (thing.mean(axis=1) - hand.mean(axis=1))
-    _require_apart(np.abs(place[:REST_FRAMES]), apart_mm, tag_mm)
     place_mm = np.full((len(t_s), 2), np.nan)
     place_mm[both] = np.stack([place.real, place.imag], axis=1)
     return Motion(t_s, place_mm, float(np.median(np.abs(turn))))
@@ -135,16 +132,4 @@ def _require_one_size(
             f"if the hand's tag is {tag_mm:g} mm, the object's is {tag_mm * share:.2f} mm",
             cause="the tags have two sizes, or one is nearer to the camera",
             next_step="measure both printed sides, and put both tags in one plane",
-        )
-
-
-def _require_apart(
-    distance_mm: FloatArray, apart_mm: float | None, tag_mm: float
-) -> None:
-    found_mm = float(np.median(distance_mm))
-    if apart_mm is not None and abs(found_mm / apart_mm - 1.0) > DIFFER:
-        raise TagError(
-            f"the tags are {apart_mm:g} mm apart, but {found_mm:.2f} mm if a side is {tag_mm:g} mm",
-            cause=f"the tags are printed at {100.0 * apart_mm / found_mm:.0f} % of that size",
-            next_step="measure the printed side and give it as --tag-mm",
         )

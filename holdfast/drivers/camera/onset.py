@@ -9,14 +9,14 @@ The result is a time on which no tactile sample had an influence. There are thre
     gross  a fixed distance in mm, larger than what soft pads give without any slip
 
 A soft pad lets the object move before anything slips. So a motion counts only if it reaches the
-gross distance, and that distance is measured on trials that load the grip and do not slip
-(`gross_distance_mm`). Where a tag is hidden, the track has a gap, and nothing in the gap has a
-time. The camera cannot see parts of the contact slide (incipient slip).
+gross distance, which lies above what the pads give. Where a tag is hidden, the track has a gap,
+and nothing in the gap has a time. The camera cannot see parts of the contact slide (incipient
+slip).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,9 +28,6 @@ from holdfast.drivers.camera.motion import REST_FRAMES, REST_S, Motion
 IN_A_ROW = 3
 LONGEST_STEP = 2.5
 """Seen frames that are further apart than this many periods have a gap between them."""
-GROSS_MM = 2.0
-ABOVE_SHEAR = 1.5
-"""Gross slip begins at this many times the largest motion of a grip that held."""
 FIT_FRAMES = 4
 FIT_THRESHOLDS = 20.0
 """The fit covers the rest, this many moving frames, and later ones up to this many thresholds away.
@@ -84,7 +81,7 @@ class Departure:
     stop: int
 
 
-def find_slip(moved: Motion, gross_mm: float = GROSS_MM) -> Slip | HiddenMotion | None:
+def find_slip(moved: Motion, gross_mm: float) -> Slip | HiddenMotion | None:
     """The first motion from rest that reaches gross_mm; None without one. Raises LabelError.
 
     LabelError: the object never rests.
@@ -101,21 +98,6 @@ def find_slip(moved: Motion, gross_mm: float = GROSS_MM) -> Slip | HiddenMotion 
         return _slip(track, departure, gross, gross_mm)
 
     return track.hidden_while_away()
-
-
-def largest_move_mm(moved: Motion) -> float:
-    """The largest distance from the last rest.
-
-    In a trial that loads and holds, this is the elastic shear.
-    """
-    track = _Track(moved)
-    moves_mm = [track.away_mm(one).max() for one in track.departures()]
-    return float(max(moves_mm, default=0.0))
-
-
-def gross_distance_mm(no_slip: Sequence[Motion]) -> float:
-    """A gross distance above the elastic shear of loaded trials without slip, at least 2 mm."""
-    return max([GROSS_MM, *(ABOVE_SHEAR * largest_move_mm(one) for one in no_slip)])
 
 
 class _Track:
@@ -167,7 +149,7 @@ class _Track:
             raise LabelError(
                 f"the object never rests in the hand for {REST_S:g} s",
                 cause="hidden tags, or an object that moves all the time",
-                next_step="hold still before the action, or choose a part with --from and --until",
+                next_step="hold still before the action, or choose a part with --until",
             )
         return found
 

@@ -47,8 +47,7 @@ Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 class Lens(msgspec.Struct, frozen=True):
     """What holds for all frames: rate, exposure, printed side of the tags, clock of the stamps.
 
-    clock: "monotonic" (this machine's), or "trial" (from the trial's first sample). apart_mm: the
-    measured distance between the tags' centres in the first frames, or None.
+    clock: "monotonic" (this machine's), or "trial" (from the trial's first sample).
     """
 
     # depthai takes whole frames a second
@@ -56,7 +55,6 @@ class Lens(msgspec.Struct, frozen=True):
     exposure_ms: Positive
     tag_mm: Positive
     clock: Literal["monotonic", "trial"]
-    apart_mm: Positive | None = None
 
 
 class CameraFacts(Lens, frozen=True, kw_only=True):

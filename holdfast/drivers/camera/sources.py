@@ -209,11 +209,11 @@ def _put(dai: Any, queue: Any, message: Any, pipeline: Any) -> None:
     )
 
 
-def read_frames(path: Path, apart_mm: float | None = None) -> Stored:
+def read_frames(path: Path) -> Stored:
     """Frames of an .npz file, with their stamps and the numbers of the lens.
 
     The file holds `frames` [K, H, W] uint8, H and W even, `time_s` [K] ends of exposure, fps,
-    exposure_ms and tag_mm. apart_mm: see Lens. Raises DataNotFound, EmptyRecording, TimeError.
+    exposure_ms and tag_mm. Raises DataNotFound, EmptyRecording, TimeError.
     """
     try:
         with path.open("rb") as opened, np.load(opened) as file:
@@ -231,9 +231,7 @@ def read_frames(path: Path, apart_mm: float | None = None) -> Stored:
             next_step="docs/camera.md describes the file",
         ) from None
 
-    lens = checked(
-        {**numbers, "clock": "trial", "apart_mm": apart_mm}, Lens, path, EmptyRecording
-    )
+    lens = checked({**numbers, "clock": "trial"}, Lens, path, EmptyRecording)
     is_grey = images.ndim == 3 and images.dtype == np.uint8 and images.size
     is_odd = any(size % 2 for size in images.shape[1:3])
     if not is_grey or is_odd or ends_s.shape != images.shape[:1]:

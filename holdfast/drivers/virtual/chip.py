@@ -1,10 +1,10 @@
 """A TMAG5273 at register level, as the data sheet says, in a field that changes with time.
 
-Covers what a driver of three axes sets: the channels, averaging, ranges and the trigger, with
-register reads (SLYS045A 7.5). The 1-byte read formats, check bytes, temperature, angle, repeated
-channels and the interrupts of wake-and-sleep mode are missing: their registers can be written and
-have no effect, and wake-and-sleep is sleep. Where the data sheet is silent, the emulation does what
-is harder for a driver: a disabled channel keeps its last result.
+Covers what a driver of three axes sets: the channels, averaging and ranges, with register reads
+(SLYS045A 7.5). The 1-byte read formats, check bytes, temperature, angle, repeated channels,
+triggers, the general call, another address and the interrupts of wake-and-sleep mode are missing:
+their registers can be written and have no effect, and wake-and-sleep is sleep. Where the data sheet
+is silent, the emulation does what is harder for a driver: a disabled channel keeps its last result.
 """
 
 from __future__ import annotations
@@ -19,14 +19,12 @@ import numpy as np
 
 from holdfast.drivers.tmag5273 import (
     CONTINUOUS,
-    GENERAL_CALL,
     RANGES_MT,
     REGISTERS,
     RESULTS,
     SHORTEST_WAKE_S,
     SLEEP,
     STANDBY,
-    TRIGGER,
     Register,
     conversion_s,
 )
@@ -189,7 +187,6 @@ class Chip:
         self.address = self.factory_address
         self._configured()
         self._pointer = 0
-        self._next_address: int | None = None
         self._conversions = 0
         self._done = 0
         self._started_ns: int | None = None
@@ -202,8 +199,7 @@ class Chip:
         """Whether it acknowledges; a sleeping chip wakes and does not."""
         if self._faults:
             self._suffer()
-        called = address == self.address or (address == GENERAL_CALL and not read)
-        if not called or self._has("nack"):
+        if address != self.address or self._has("nack"):
             return False
         if self._mode in ASLEEP:
             # an address wakes the chip, which is too late to acknowledge it
@@ -218,19 +214,13 @@ class Chip:
         return True
 
     def write(self, byte: int) -> bool:
-        """The register's address first, then values in order.
-
-        The address's highest bit starts a conversion.
-        """
+        """The register's address first, then values in order."""
         if not self._first_byte:
             self._store(self._pointer, byte)
             self._pointer += 1
             return True
         self._first_byte = False
-        self._pointer = byte & ~TRIGGER
-        by_pin = self._registers.field("DEVICE_CONFIG_2", "TRIGGER_MODE")
-        if byte & TRIGGER and self._mode == STANDBY and not by_pin:
-            self._begin()
+        self._pointer = byte
         return True
 
     def read(self) -> int:
@@ -240,10 +230,7 @@ class Chip:
         return byte
 
     def stop(self) -> None:
-        """A new address counts from here on."""
-        if self._next_address is not None:
-            self.address = self._next_address
-            self._next_address = None
+        """Nothing waits for the end of a transfer."""
 
     # -- registers
 
@@ -262,10 +249,6 @@ class Chip:
         register = self._registers.store(address, byte)
         if register is None:
             return
-        if register is REGISTERS["I2C_ADDRESS"] and byte & 1:
-            # the transfer still goes on at the old address
-            self._next_address = byte >> 1
-            self._bytes[address] = byte & 0xFE
         self._configured()
         if any(register is REGISTERS[name] for name in RESTARTING):
             self._restart(mode)
@@ -308,9 +291,6 @@ class Chip:
             return
         passed_ns = self._clock.now_ns() - self._started_ns
         done = passed_ns // round(1e9 * wanted.duration_s)
-        # one conversion for each trigger
-        if self._mode == STANDBY:
-            done = min(done, 1)
         if done <= self._done:
             return
         self._conversions += done - self._done

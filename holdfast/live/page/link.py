@@ -1,16 +1,14 @@
-"""The loop's end of the live page: messages that leave without waiting, and the page's actions.
+"""The loop's end of the live page: messages that leave without waiting.
 
 The page is served by a separate process, because threads of the loop's process would take turns
 with it. Between both is a pair of sockets that never block. A message that finds no room is dropped
 and counted. Where that process dies, the loop reports it once and goes on.
 
-One message is one packet of JSON. The first has `access` and `about`; later ones have one of
-`sample`, `said`, `mark`, `ready`, `about`, and the last one `end`. An action is one byte.
+One message is one packet of JSON. The first has `token` and `about`; later ones have one of
+`sample`, `said`, `ready`, `about`, and the last one `end`. An action is one byte.
 
-The page listens on [HOST:]PORT. On a loopback host (the default) the page has no token; its server
-answers only requests that name a loopback host, so no other web site can reach it by a name that it
-points here. On any other host each path begins with a token, a secret of 128 bits that is drawn
-anew for every run.
+The page listens on [HOST:]PORT. Each path begins with a token, a secret of 128 bits that is drawn
+anew for every run: without it no other user, machine or web site reaches the page.
 """
 
 from __future__ import annotations
@@ -22,16 +20,13 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable
-from contextlib import closing, suppress
-from dataclasses import dataclass
-from ipaddress import ip_address
+from contextlib import suppress
 from urllib.parse import urlsplit
 
 from holdfast.core.contract import Json
 from holdfast.core.errors import OutputError, UsageError
 
 LOOPBACK = "127.0.0.1"
-LOOPBACK_NAMES = ("localhost", LOOPBACK, "::1")
 TOKEN_BYTES = 16
 WAITING_CONNECTIONS = 64
 SEND_BUFFER = 32 << 10
@@ -39,26 +34,7 @@ SEND_BUFFER = 32 << 10
 for long."""
 ELSEWHERE = ("192.0.2.1", 9)
 """An address for examples: a datagram socket that is connected to it sends nothing."""
-EXAMPLES = (
-    "web:8000 (this machine only), or web:0.0.0.0:8000 (the network, with a token)"
-)
-
-
-@dataclass(frozen=True)
-class PageAddress:
-    """A listening socket, the URL to open, and who may ask. token: empty on loopback hosts.
-
-    hosts: names that a request may ask for, where there is no token.
-    """
-
-    listener: socket.socket
-    url: str
-    token: str
-    hosts: tuple[str, ...]
-
-    def access(self) -> Json:
-        """For the server (holdfast/live/page/server.py)."""
-        return {"token": self.token, "hosts": list(self.hosts)}
+EXAMPLES = "web:8000 (this machine only), or web:0.0.0.0:8000 (the network)"
 
 
 def read_address(text: str) -> tuple[str, int]:
@@ -78,16 +54,8 @@ def read_address(text: str) -> tuple[str, int]:
     return host, port
 
 
-CAUSES = {
-    errno.EADDRINUSE: "another run or program listens there",
-    errno.EACCES: "a port below 1024 needs root",
-    errno.EADDRNOTAVAIL: "this machine does not have that address",
-    socket.EAI_NONAME: "no such host",
-}
-
-
-def listen(text: str) -> PageAddress:
-    """Listen on [HOST:]PORT; port 0: any free one.
+def listen(text: str, token: str) -> tuple[socket.socket, str]:
+    """(a socket that listens on [HOST:]PORT, the URL to open); port 0: any free one.
 
     Raises UsageError where the host is unknown or the port cannot be had.
     """
@@ -101,33 +69,15 @@ def listen(text: str) -> PageAddress:
         what = getattr(error, "strerror", None) or str(error)
         raise UsageError(
             f"web:{text[:80]}: {what.lower()}",
-            cause=CAUSES.get(getattr(error, "errno", 0), ""),
             next_step="choose another port, such as web:8001, or web:0 for any free one",
         ) from None
     # accepted connections have it too
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
-    return _reached(listener, host)
 
-
-def _reached(listener: socket.socket, host: str) -> PageAddress:
-    """How a listening socket is reached from a browser."""
-    address, port = listener.getsockname()[:2]
-    bound = ip_address(address.partition("%")[0])
-    # names as a browser may send them: a page of another site cannot forge the host it asks for
-    if bound.is_loopback:
-        names = dict.fromkeys([*LOOPBACK_NAMES, host.lower(), str(bound)])
-        url = f"http://{_in_url(host)}:{port}/"
-        return PageAddress(listener, url, "", tuple(names))
-
-    # 0.0.0.0 is where it listens, and no address that a browser elsewhere could open
-    shown = _address_for_others() if bound.is_unspecified else host
-    token = secrets.token_urlsafe(TOKEN_BYTES)
-    url = f"http://{_in_url(shown)}:{port}/{token}/"
-    return PageAddress(listener, url, token, ())
-
-
-def _in_url(host: str) -> str:
-    return f"[{host}]" if ":" in host else host
+    # these are where it listens, and no addresses that a browser elsewhere could open
+    shown = _address_for_others() if host in ("0.0.0.0", "::") else host
+    shown = f"[{shown}]" if ":" in shown else shown
+    return listener, f"http://{shown}:{listener.getsockname()[1]}/{token}/"
 
 
 def _address_for_others() -> str:
@@ -185,13 +135,6 @@ class PageLink:
             return False
         return True
 
-    def action(self) -> bytes:
-        """The next action of the page, b"" where there is none. Never waits."""
-        try:
-            return self._channel.recv(1)
-        except OSError:
-            return b""
-
     def close(self, end: str) -> None:
         """Show how the run ended and end the link; the loop is over, so this may wait for END_S."""
         with suppress(OSError):
@@ -219,20 +162,21 @@ def open_page(address: str, about: Json, report: Callable[[str], object]) -> Pag
 
     Raises UsageError for an address that cannot be had, OutputError without a process.
     """
-    place = listen(address)
-    with closing(place.listener):
-        link = _started(place, about, report)
-    report(f"live page: {place.url}")
+    token = secrets.token_urlsafe(TOKEN_BYTES)
+    listener, url = listen(address, token)
+    with listener:
+        link = _started(listener, {"token": token, "about": about}, report)
+    report(f"live page: {url}")
     return link
 
 
 def _started(
-    place: PageAddress, about: Json, report: Callable[[str], object]
+    listener: socket.socket, first: Json, report: Callable[[str], object]
 ) -> PageLink:
     # packets: a message arrives whole or not at all, also where the room for it runs out
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, WAITING_BYTES)
-    numbers = [place.listener.fileno(), theirs.fileno()]
+    numbers = [listener.fileno(), theirs.fileno()]
     with theirs:
         # a session of its own: Ctrl-C in the terminal ends the run, which then ends the page
         process = subprocess.Popen(
@@ -245,7 +189,7 @@ def _started(
         )
 
     try:
-        ours.send(_to_json({"access": place.access(), "about": about}).encode())
+        ours.send(_to_json(first).encode())
         # a process that hangs while it starts must not hold the run for ever
         ours.settimeout(START_S)
         if ours.recv(len(READY)) != READY:

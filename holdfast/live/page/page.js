@@ -21,7 +21,7 @@ const number = (value, places = 2) => (value === null || value === undefined ? "
 
 const placesOf = (unit) => (unit === "N" ? 2 : 0);
 
-const page = { about: null, sample: null, rows: [], marks: [], ready: null, ended: "", silent: null, heardMs: 0, hand: null, paused: null, spokenMs: -SPEAK_MS, riskyAt: null };
+const page = { about: null, sample: null, rows: [], ready: null, ended: "", silent: null, heardMs: 0, hand: null, paused: null, spokenMs: -SPEAK_MS, riskyAt: null };
 
 // -- what the server sends
 
@@ -33,7 +33,7 @@ function connect() {
 }
 
 function begin(whole) {
-  Object.assign(page, { rows: [], marks: [], ready: null, sample: null, riskyAt: null });
+  Object.assign(page, { rows: [], ready: null, sample: null, riskyAt: null });
   at("said").replaceChildren();
   take(whole, true);
 }
@@ -53,9 +53,8 @@ function take(frame, isWhole = false) {
   page.heardMs = performance.now();
   if (frame.about) introduce(frame.about);
   const fresh = frame.rows.map((cells) => Object.fromEntries(page.about.rows.map((name, k) => [name, cells[k]])));
-  if (frame.restarts) Object.assign(page, { rows: [], marks: [], riskyAt: null });
+  if (frame.restarts) Object.assign(page, { rows: [], riskyAt: null });
   page.rows.push(...fresh);
-  page.marks.push(...(frame.marks ?? []));
   for (const line of frame.said ?? []) say(line);
   if (fresh.length) page.ready = null;
   if (frame.ready) page.ready = frame.ready;
@@ -123,7 +122,7 @@ function details(answer, state) {
     answer.weight && state !== "unknown" && `${answer.weight} object`,
     since !== null && since >= ALARM_S && since < RISK_ECHO_S && `risky slip ${number(since, 1)} s ago`,
     answer.degraded && "some sensors are missing",
-    answer.opening && "the user opens the hand",
+    answer.opening && "the wearer opens the hand: no target counts",
     answer.overridden && "the user overrides",
     answer.commands === "expired" && "the user's commands have stopped",
     answer.started_loaded && "the hand was loaded at the start",
@@ -155,7 +154,7 @@ function showPicture() {
 function drawPlot() {
   const rows = page.paused?.rows ?? page.rows;
   const end = Math.max(page.about?.shown_s ?? 0, rows.at(-1)?.t_s ?? 0);
-  if (page.about) draw(at("plot"), rows, page.marks, end, page.about.shown_s, page.about.unit, page.about.answers);
+  if (page.about) draw(at("plot"), rows, end, page.about.shown_s, page.about.unit, page.about.answers);
 }
 
 function buildSensors() {
@@ -201,13 +200,13 @@ function showNumbers() {
   if (about.answers) {
     const { grip, answer } = sample;
     figures["target"] = about.grip ? `${grip.target_n === null ? "none" : force(grip.target_n)} (${grip.mode}: ${grip.reason})` : "no controller runs (--grip)";
-    figures["friction margin"] = grip.margin === null ? "not known before a slip" : `${number(grip.margin)} (friction ${number(grip.mu_hat)})`;
-    figures["latency"] = `${number(sample.latency_ms)} ms (largest of the last second: ${number(sample.latency_worst_ms)} ms)`;
+    if (about.grip) figures["friction margin"] = grip.margin === null ? "not known before a slip" : `${number(grip.margin)} (friction ${number(grip.mu_hat)})`;
+    figures["latency"] = `${number(1e-3 * answer.latency_us)} ms`;
     figures["request"] = answer.act ? "act" : answer.arm ? "arm" : "none";
   }
   if (sample.intent) figures["wearer's command"] = wearer(sample.intent);
   figures["rate"] = sample.rate_hz === null ? "–" : `${number(sample.rate_hz, 1)} Hz`;
-  figures["lost samples"] = sample.lost === 0 ? "none" : about.answers ? `${sample.lost} (in the last 30 s: ${sample.lost_30s})` : `${sample.lost} in this trial`;
+  figures["lost samples"] = sample.lost === 0 ? "none" : `${sample.lost} in this ${about.answers ? "run" : "trial"}`;
   if (sample.unsent) figures["not shown here"] = `${sample.unsent} messages that this page missed`;
   const list = at("numbers");
   list.replaceChildren(...Object.entries(figures).flatMap(([name, text]) => {

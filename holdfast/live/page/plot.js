@@ -13,8 +13,8 @@ export const inWords = (state) => state.replace("_", " ");
 
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
-/** Draw rows (objects by name) that end at the time `end`, s. marks: [{t_s, number}]. */
-export function draw(canvas, rows, marks, end, seconds, unit, answers) {
+/** Draw rows (objects by name) that end at the time `end`, s. */
+export function draw(canvas, rows, end, seconds, unit, answers) {
   const ratio = window.devicePixelRatio || 1;
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
   canvas.width = width * ratio;
@@ -37,7 +37,6 @@ export function draw(canvas, rows, marks, end, seconds, unit, answers) {
   pen.fillStyle = colour("--problem");
   for (const t of slips(rows)) notch(pen, names, x(t), height, "slip");
   pen.fillStyle = colour("--ink");
-  for (const mark of marks.filter((one) => one.t_s >= end - seconds)) notch(pen, names, x(mark.t_s), height, `mark ${mark.number}`);
 }
 
 /** Times at which a risky slip begins to be called; one that is called again within 0.1 s is the same. */

@@ -1,11 +1,9 @@
-"""The live page of `holdfast run --to web`: every sample, its answer, its grip command.
-
-Without --grip no controller runs; the friction margin is then computed for the page alone.
-"""
+"""The live page of `holdfast run --to web`: every sample, its answer, its grip command."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from holdfast.core.contract import (
@@ -17,8 +15,6 @@ from holdfast.core.contract import (
 )
 from holdfast.core.hand_card import SIDES, HandCard, hand_or_usual, sensor_names
 from holdfast.core.source import SourceReading
-from holdfast.edge_runtime.batch import ONE_HAND
-from holdfast.edge_runtime.grip_control import FrictionMargin, sense_of
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.wearer import IntentMonitor
 from holdfast.live.outputs import STOPPED
@@ -26,36 +22,37 @@ from holdfast.live.page.link import PageLink, open_page
 
 if TYPE_CHECKING:
     from holdfast.live.grip import GripOutput
+    from holdfast.live.run import RunOptions
 
-MARK = b"m"
 A_ROW, APART_MM = 4, 25.0
 """Sensors of which no card says where they are."""
-ACTIONS = [{"do": "mark", "label": "Mark", "key": MARK.decode(), "when": "always"}]
+ANSWER = (
+    "state",
+    "why",
+    "p_risky",
+    "weight",
+    "latency_us",
+    "arm",
+    "act",
+    "opening",
+    "overridden",
+    "commands",
+    "late",
+    "started_loaded",
+    "degraded",
+)
+"""What the page gets of a prediction."""
 
 
 class RunPage:
-    """The page as an output of a run: it gets every sample and gives marks.
+    """The page as an output of a run. grip: what runs a controller; None where none does."""
 
-    report: gets a line for each mark. shear_gain: read over true, of the calibration. grip: the
-    output that runs a controller; None where none does.
-    """
-
-    def __init__(
-        self,
-        link: PageLink,
-        card: ModelCard,
-        report: Callable[[str], None],
-        shear_gain: float = 1.0,
-    ) -> None:
+    def __init__(self, link: PageLink, card: ModelCard) -> None:
         self._link = link
-        self._report = report
-        self._margin = FrictionMargin(ONE_HAND, card.rate_hz, shear_gain)
-        self._thumb = None if card.hand is None else card.hand.of_thumb
         self._risky_not_learned = SITUATIONS[RISKY_SLIP] in card.not_learned
         self.grip: GripOutput | None = None
         self.intent: IntentMonitor | None = None
-        self._lost = self._next = self._marks = 0
-        self._first_ns: int | None = None
+        self._lost = self._next = 0
 
     def write(
         self, prediction: Prediction, sample: Sample, reading: SourceReading
@@ -64,21 +61,17 @@ class RunPage:
         # a gap in the numbers is what the loop did not read in time
         self._lost += sample.sequence - self._next
         self._next = sample.sequence + 1
-        if self._first_ns is None:
-            self._first_ns = sample.t_ns
 
         message = sample_message(sample, reading, self._lost, self._link.unsent)
-        message["answer"] = _answer(prediction)
+        message["answer"] = {name: getattr(prediction, name) for name in ANSWER}
         # A probability of almost 0 would look like an answer.
         if self._risky_not_learned:
             message["answer"]["p_risky"] = None
-        message["grip"] = self._grip(prediction, sample)
+        if self.grip is not None and self.grip.newest is not None:
+            message["grip"] = self.grip.newest._asdict()
         message |= intent_message(self.intent)
 
         self._link.send({"sample": message})
-        # asked once a sample: a mark belongs to the newest sample
-        if self._link.action() == MARK:
-            self._mark(sample)
 
     def report(self, line: str) -> None:
         """Show a message of the run."""
@@ -87,30 +80,6 @@ class RunPage:
     def close(self, reason: str) -> None:
         """Show how the run ended."""
         self._link.close("the run has ended" if reason == STOPPED else "the run failed")
-
-    def _mark(self, sample: Sample) -> None:
-        self._marks += 1
-        self._link.send({"mark": {"number": self._marks, "t_ns": sample.t_ns}})
-        at_s = 1e-9 * (sample.t_ns - (self._first_ns or 0))
-        self._report(f"mark {self._marks} at {at_s:.3f} s, sample {sample.sequence}")
-
-    def _grip(self, prediction: Prediction, sample: Sample) -> Json:
-        command = None if self.grip is None else self.grip.newest
-        if command is not None:
-            return command._asdict()
-
-        # no controller runs, so the margin is stepped here, from the same prediction
-        margin = self._margin
-        sense = sense_of(prediction, sample.values, sample.valid, self._thumb)
-        margin.step(sense)
-        # before a first slip nothing is known of the friction
-        observed = margin.mu_hat > 0.0
-
-        return {
-            "mu_hat": margin.mu_hat if observed else None,
-            "margin": margin.margin if observed else None,
-            "needed_n": margin.needed_n if observed else None,
-        }
 
 
 def sample_message(
@@ -121,7 +90,7 @@ def sample_message(
         "n": sample.sequence,
         "t_ns": sample.t_ns,
         "x": sample.values.tolist(),
-        "v": [int(good) for good in sample.valid],
+        "v": sample.valid.astype(int).tolist(),
         "why": measured.why,
         "lost": lost,
         "unsent": unsent,
@@ -166,48 +135,21 @@ def drawn_hand(card: HandCard | None, n_sensors: int) -> list[Json]:
     return contacts
 
 
-def _answer(prediction: Prediction) -> Json:
-    return {
-        "state": prediction.state,
-        "why": prediction.why,
-        "p_risky": prediction.p_risky,
-        "weight": prediction.weight,
-        "latency_us": prediction.latency_us,
-        "arm": prediction.arm,
-        "act": prediction.act,
-        "opening": prediction.opening,
-        "overridden": prediction.overridden,
-        "commands": prediction.commands,
-        "late": prediction.late,
-        "started_loaded": prediction.started_loaded,
-        "degraded": prediction.degraded,
-    }
-
-
 def open_run_page(
     address: str,
-    *,
-    source: str,
+    options: RunOptions,
     card: ModelCard,
-    model_name: str,
-    with_grip: bool,
-    shear_gain: float,
     report: Callable[[str], None],
 ) -> RunPage:
-    """The page of a run, served at [HOST:]PORT until it is closed.
-
-    source: URL of the hand; with_grip: whether a controller sends grip commands; shear_gain: read
-    over true, of the calibration.
-    Raises UsageError and OutputError.
-    """
+    """The page of a run, served at [HOST:]PORT. Raises UsageError and OutputError."""
     about: Json = {
         "verb": "run",
         "unit": card.unit,
         "hand": drawn_hand(card.hand, card.n_channels // 3),
-        "model": model_name,
-        "source": source,
+        "model": f"{Path(options.model).name} ({card.model_id})",
+        "source": options.source,
         "answers": True,
-        "grip": with_grip,
-        "actions": ACTIONS,
+        "grip": options.grip is not None,
+        "actions": [],
     }
-    return RunPage(open_page(address, about, report), card, report, shear_gain)
+    return RunPage(open_page(address, about, report), card)

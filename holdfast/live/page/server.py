@@ -1,8 +1,8 @@
 """The live page over HTTP: its files, its stream of events, and its actions.
 
-    GET /[TOKEN/]              the page, and its scripts and style
-    GET /[TOKEN/]events        server-sent events (stream.py)
-    POST /[TOKEN/]do/NAME      an action that the page offers, such as mark
+    GET /TOKEN/              the page, and its scripts and style
+    GET /TOKEN/events        server-sent events (stream.py)
+    POST /TOKEN/do/NAME      an action that the page offers, such as mark
 
 A thread answers each request. A connection that sends or takes nothing for STALLED_S ends; a
 browser comes back by itself.
@@ -12,15 +12,11 @@ from __future__ import annotations
 
 import hmac
 import socket
-import struct
 from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import dataclass
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 from holdfast.live.page.stream import LiveStream
 
@@ -45,42 +41,9 @@ HEADERS = {
     "Cache-Control": "no-store",
     "Connection": "close",
 }
-RESET = struct.pack("ii", 1, 0)
-"""Closing sends no more data."""
 TEXT = "text/plain; charset=utf-8"
 EVENT_STREAM = "text/event-stream"
 REFUSED = "not allowed: open the address that the command printed\n"
-
-
-@dataclass(frozen=True)
-class Access:
-    """Who may ask: with a token, requests that begin with it; without, those for one of hosts."""
-
-    token: str
-    hosts: tuple[str, ...]
-
-    def path_of(self, path: str, host: str) -> str | None:
-        """The path below the address of the page; None where the request is not allowed.
-
-        path: of the request line. host: its Host header.
-        """
-        # what stands after a question mark never decides who may ask
-        bare = path.partition("?")[0].removeprefix("/")
-        # without a token the name is checked, so that no other site reaches the page under its own
-        if not self.token:
-            return bare if _name_of(host) in self.hosts else None
-        given, slash, rest = bare.partition("/")
-        # compared in constant time, so that its duration tells nothing of the token
-        is_ours = hmac.compare_digest(
-            given.encode("utf-8", "replace"), self.token.encode()
-        )
-        return rest if is_ours and slash else None
-
-
-def _name_of(host: str) -> str | None:
-    with suppress(ValueError):
-        return urlsplit(f"//{host}").hostname
-    return None
 
 
 class PageServer(ThreadingHTTPServer):
@@ -95,7 +58,7 @@ class PageServer(ThreadingHTTPServer):
         self,
         listener: socket.socket,
         stream: LiveStream,
-        access: Access,
+        token: str,
         act: Callable[[bytes], bool],
     ) -> None:
         address = listener.getsockname()[:2]
@@ -104,7 +67,7 @@ class PageServer(ThreadingHTTPServer):
         self.socket.close()
         self.socket = listener
         self.stream = stream
-        self.access = access
+        self.token = token
         self.act = act
 
     def handle_error(self, request: Any, client_address: Any) -> None:
@@ -138,11 +101,6 @@ class PageHandler(BaseHTTPRequestHandler):
         path = self._allowed_path()
         if path is None:
             return
-        # any site may send a POST to this machine: only the page's own may act on a run
-        if self._is_foreign():
-            self._plain(HTTPStatus.FORBIDDEN, REFUSED)
-            return
-
         actions = self.server.stream.about["actions"]
         offered = {f"do/{action['do']}": action["key"] for action in actions}
         if path not in offered:
@@ -156,26 +114,24 @@ class PageHandler(BaseHTTPRequestHandler):
         """Paths hold the token; nothing is written down."""
 
     def _allowed_path(self) -> str | None:
-        path = self.server.access.path_of(self.path, self.headers.get("Host", ""))
-        if path is None:
-            self._plain(HTTPStatus.FORBIDDEN, REFUSED)
-        return path
-
-    def _is_foreign(self) -> bool:
-        """Whether another site's page sent the request. Every browser names the site of a POST."""
-        origin = self.headers.get("Origin")
-        return origin is not None and origin != f"http://{self.headers.get('Host', '')}"
+        """The path below the address of the page; None, answered, where the token is another."""
+        # what stands after a question mark never decides who may ask
+        given, slash, rest = (
+            self.path.partition("?")[0].removeprefix("/").partition("/")
+        )
+        # compared in constant time, so that its duration tells nothing of the token
+        asked = given.encode("utf-8", "replace")
+        if slash and hmac.compare_digest(asked, self.server.token.encode()):
+            return rest
+        self._plain(HTTPStatus.FORBIDDEN, REFUSED)
+        return None
 
     def _stream_events(self) -> None:
         self._head(HTTPStatus.OK, EVENT_STREAM)
         # a browser that was disconnected comes back after a second
         self.wfile.write(b"retry: 1000\n\n")
-        try:
-            for block in self.server.stream.frames():
-                self.wfile.write(block)
-        except TimeoutError:
-            # what still waits is thrown away, so that a stalled browser holds no kernel memory
-            self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET)
+        for block in self.server.stream.frames():
+            self.wfile.write(block)
 
     def _plain(self, status: HTTPStatus, text: str) -> None:
         self._answer(status, TEXT, text.encode())

@@ -18,7 +18,6 @@ from holdfast.core.errors import (
     EmptyRecording,
     OutputError,
     UnitError,
-    UsageError,
     count_of,
 )
 from holdfast.core.hand_card import HandCard
@@ -53,7 +52,7 @@ def opened(root: Path, unit: str, kind: str) -> Iterator[None]:
     """Hold a folder of recordings, new or existing, for one recorder.
 
     kind: recorded, simulated or replayed. Raises OutputError (not a recording folder, or another
-    recorder uses it), UnitError, UsageError (it holds trials of another kind).
+    recorder uses it), UnitError (it holds trials of another unit or kind).
     """
     there = require_ours(root)
     require_writable(root)
@@ -145,19 +144,14 @@ def require_ours(root: Path) -> Json:
 
 
 def _require_same(root: Path, there: Json, unit: str, kind: str) -> None:
-    if there.get("unit") != unit:
-        raise UnitError(
-            f"holds trials in {there.get('unit')}, the source is in {unit}",
-            where=root,
-            cause="with a calibration before and without now, or the other way",
-            next_step="name another folder",
-        )
-
-    if there.get("kind") != kind:
-        raise UsageError(
-            f"{root}: holds trials that are {there.get('kind')}, these would be {kind}",
-            next_step="name another folder, so that each has a name of its own",
-        )
+    for name, ours in (("unit", unit), ("kind", kind)):
+        if there.get(name) != ours:
+            raise UnitError(
+                f"holds trials of the {name} {there.get(name)}, these would be {ours}",
+                where=root,
+                cause="a calibration or a source that is another than before",
+                next_step="name another folder, so that each has a name of its own",
+            )
 
 
 def keep_hand(root: Path, card: HandCard, n_sensors: int) -> None:
@@ -279,16 +273,6 @@ def repair(folder: Path) -> list[str]:
 
     Raises a DataError or OutputError; what is whole in the trial is then unchanged.
     """
-    try:
-        return _repaired(folder)
-    except OutputError as error:
-        step = "make room, then run holdfast check --repair again"
-        raise OutputError(
-            error.what, where=error.where, cause=error.cause, next_step=step
-        ) from None
-
-
-def _repaired(folder: Path) -> list[str]:
     meta = read_meta(folder)
     state = meta.get("state")
     try:

@@ -27,25 +27,18 @@ HELP_TRIAL = "l load comes on, e released, k keep and next, r redo, q keep and s
 
 
 class Keys:
-    """Keys pressed on a file descriptor; none after its end. handle None: no key can be pressed.
-
-    `listen_to` adds another descriptor, such as that of the live page.
-    """
+    """Keys pressed on a file descriptor; none after its end. handle None: no key can be pressed."""
 
     def __init__(self, handle: int | None) -> None:
-        self._handles = [] if handle is None else [handle]
+        self._handle = handle
         self._next = b""
         self.last = ""
         """The last letter that `pressed` met, whatever it means."""
 
-    def listen_to(self, handle: int) -> None:
-        """Take keys from this descriptor too."""
-        self._handles.append(handle)
-
     @property
     def closed(self) -> bool:
         """Whether no key can be pressed any more."""
-        return not self._handles and not self._next
+        return self._handle is None and not self._next
 
     def ended(self) -> bool:
         """`closed` after a look, without waiting, whether the input is at its end; loses no key."""
@@ -76,18 +69,16 @@ class Keys:
 
     def _read(self, wait_s: float) -> bytes:
         """The next byte; empty if none came in that time, or at the end of the input."""
-        # The terminal and the page are asked alike; whichever has a key first is taken.
-        for handle in select.select(self._handles, [], [], wait_s)[0]:
-            try:
-                byte = os.read(handle, 1)
-            except OSError:  # the terminal is gone
-                byte = b""
-            if byte:
-                return byte
-            # An empty read is the end of that input, for good.
-            self._handles.remove(handle)
-
-        return b""
+        if self._handle is None or not select.select([self._handle], [], [], wait_s)[0]:
+            return b""
+        try:
+            byte = os.read(self._handle, 1)
+        except OSError:  # the terminal is gone
+            byte = b""
+        # An empty read is the end of the input, for good.
+        if not byte:
+            self._handle = None
+        return byte
 
 
 @contextmanager

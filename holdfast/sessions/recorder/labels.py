@@ -39,7 +39,6 @@ from holdfast.core.trial_layout import (
     read_json,
 )
 from holdfast.core.writing import write_whole
-from holdfast.live.scene_source import scene_of
 
 NOTHING = SITUATIONS[0]
 """The situation of an empty hand."""
@@ -233,11 +232,14 @@ TruthEvents = Callable[[int, int], list[Json]]
 
 def scene_truth_of(url: str, source: Source) -> TruthEvents | None:
     """A function for the events of a trial of a scene; None for another source."""
-    scene_and_trial = scene_of(url) if "://" in url else None
-    if scene_and_trial is None:
+    if not url.startswith(("sim://", "virtual://")):
         return None
+    # late: only these need the physics
+    from holdfast.live.scene import truth_of_url
 
-    truth = scene_and_trial[1].truth
+    truth = truth_of_url(url)
+    if truth is None:
+        return None
     # A virtual hand's scene began before the trial; a replayed one begins with it.
     began_ns = getattr(source, "began_ns", None)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from holdfast.core.errors import UsageError
 from holdfast.core.trial_layout import checked_name
-from holdfast.live.source_url import is_hand
+from holdfast.live.sources import is_hand
 from holdfast.sessions.camera import CameraOptions
 from holdfast.sessions.recorder.folder import done
 from holdfast.sessions.recorder.keys import Keys
@@ -91,8 +91,6 @@ def planned(options: RecordOptions) -> Plan:
     trials = options.trials
     name = options.object
     action = options.action
-    if trials is not None and trials < 1:
-        raise UsageError(f"--trials {trials}", next_step="a whole number from 1")
     before = done(options.out, options.person)
     if options.protocol is not None and name is None and action is None:
         protocol = read_protocol(Path(options.protocol))
@@ -108,13 +106,9 @@ def planned(options: RecordOptions) -> Plan:
             "no trials given: --protocol alone, or --object and --action",
             next_step="--protocol PROTOCOL, or --object soft-ball --action pull",
         )
-    # Without keys and without a number it would record until the disk is full.
-    if options.at_once and trials is None:
-        raise UsageError(
-            "--at-once without an end", next_step="--trials N, or a --protocol"
-        )
     task = Task(checked_name(name, "object") if name else NOTHING, action)
-    return Plan(None, [task] * (trials or ENDLESS), before.count(task))
+    count = ENDLESS if trials is None else trials
+    return Plan(None, [task] * count, before.count(task))
 
 
 def require_keys(options: RecordOptions, plan: Plan, keys: Keys) -> None:

@@ -16,12 +16,12 @@ from holdfast.core.errors import LabelError
 from holdfast.core.hand_card import read_hand_card
 from holdfast.core.schema import json_of, text_of
 from holdfast.core.trial_layout import checked_name, mass_g
-from holdfast.drivers.calibration import read_calibration
+from holdfast.drivers.calibration import bias_json, read_calibration
 from holdfast.drivers.hand import LiveHand
 from holdfast.edge_runtime.wearer import IntentMonitor
+from holdfast.live.hand_files import force_of
 from holdfast.live.running import first_in_line
-from holdfast.live.source_url import LINES, STANDARD_INPUT
-from holdfast.live.sources import force_of, open_live
+from holdfast.live.sources import LINES, STANDARD_INPUT, open_live
 from holdfast.live.wearer import wearer_monitor
 from holdfast.sessions.bias import MeasuredBias, measure_bias, require_good
 from holdfast.sessions.recorder.folder import (
@@ -174,16 +174,8 @@ def _configuration(options: RecordOptions) -> Json:
 
 
 def _bias(measured: MeasuredBias) -> Json:
-    bias = measured.bias
-    return {
-        "values": bias.values.tolist(),
-        "spread": bias.spread.tolist(),
-        "n": bias.n,
-        "unit": bias.unit,
-        "reversed": bias.reversed.tolist(),
-        "warnings": list(measured.warnings),
-        "good": measured.good,
-    }
+    warnings = list(measured.warnings)
+    return {**bias_json(measured.bias), "warnings": warnings, "good": measured.good}
 
 
 def _protocol(plan: Plan, seed: int) -> Json | None:

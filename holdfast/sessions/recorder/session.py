@@ -40,8 +40,6 @@ from holdfast.sessions.recorder.trial import Quality, TrialRecorder
 
 READY_WAIT_S = 0.1
 """Between trials: how long a look at the keys waits, so a signal is seen at once."""
-CAMERA_EVERY = 30
-"""Samples between checks of the camera's process."""
 TIME_OVER = "time over"
 """The trial has lasted for --seconds."""
 SOURCE_OVER = "source over"
@@ -61,8 +59,8 @@ class Display:
         """A message that stays."""
         self._sink(line)
 
-    def announce(self, task: str, left: int) -> None:
-        """The next trial, before it begins, and how many are left with it."""
+    def draw(self, line: str) -> None:
+        """A line that the next one replaces."""
 
     def show(self, trial: TrialRecorder, measured: SourceReading, now_ns: int) -> None:
         """A sample of a trial when it is written; must return at once."""
@@ -122,7 +120,6 @@ class Session:
             task = task_in_words(left[0])
             help_ready = "" if at_once else f"; {HELP_READY}"
             self.report(f"next: {task} ({len(left)} left){help_ready}")
-            self.context.display.announce(task, len(left))
             key = "begin" if at_once else self._wait_for_key()
             if key == "stop":
                 break
@@ -251,9 +248,6 @@ class Session:
             ends = self._take_key(trial)
             if ends:
                 return ends
-            # A look costs a system call, so not every sample pays for it.
-            if turn % CAMERA_EVERY == 0:
-                self._look_at_camera(trial)
             turn += 1
             # Turns whose time has passed are lost samples, and none is read late for them.
             spent_ns = self.clock.now_ns() - start_ns
@@ -278,14 +272,7 @@ class Session:
             return SIGNAL
         return ""
 
-    def _look_at_camera(self, trial: TrialRecorder) -> None:
-        why = self.camera.lost()
-        if why:
-            trial.note({"t_s": trial.t_s, "event": "camera_lost", "why": why})
-            self.report(f"the camera failed, the hand is still recorded: {why}")
-
     def _end(self, trial: TrialRecorder, task: Task, outcome: str) -> None:
-        self._look_at_camera(trial)
         # The camera films on until the last sample is written.
         filmed = self.camera.stop()
         # A scene's truth is cut to the span of the samples, so it is written at the end.

@@ -125,17 +125,15 @@ class Quality:
 
     def _drift(self) -> tuple[float | None, str | None]:
         """(largest change of a resting channel since the bias was measured, its name)."""
-        rows = np.array(self.rest).reshape(-1, len(self.bias))
-        # A channel that was lost at rest, or had no bias, has no drift.
-        known = np.isfinite(rows).any(axis=0) & np.isfinite(self.bias)
-        if not known.any():
-            return None, None
+        rows = np.ma.masked_invalid(np.reshape(self.rest, (-1, len(self.bias))))
         # The median, so that a single touch at the start is no drift.
-        change = np.zeros(len(self.bias))
-        change[known] = np.nanmedian(rows[:, known], axis=0) - self.bias[known]
-        worst = int(np.abs(change).argmax())
+        change = np.abs(np.ma.median(rows, axis=0) - np.ma.masked_invalid(self.bias))
+        # A channel that was lost at rest, or had no bias, has no drift.
+        if not change.count():
+            return None, None
+        worst = int(change.argmax())
         name = channel_names(len(self.bias) // 3)[worst]
-        return round(abs(float(change[worst])), 4), name
+        return round(float(change[worst]), 4), name
 
 
 @dataclass(frozen=True)

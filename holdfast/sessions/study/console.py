@@ -1,18 +1,12 @@
-"""The operator's console: messages, single keys, and lines of text, on a terminal or a pipe.
-
-`Console` is the operator's terminal. `Rehearsal` has no operator: every part takes its planned time
-on a clock that jumps, and no question is answered.
-"""
+"""The operator's console: messages, single keys, and lines of text, on a terminal or a pipe."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
 
-from holdfast.core.errors import HoldfastError, visible
-from holdfast.sessions.recorder.keys import ESCAPE, Keys
+from holdfast.core.errors import visible
+from holdfast.sessions.recorder.keys import ESCAPE
+from holdfast.sessions.recorder.session import RunContext
 
 
 class Key(StrEnum):
@@ -24,7 +18,6 @@ class Key(StrEnum):
     NOTE = "note"
     ADVERSE = "adverse"
     PAUSE = "pause"
-    WITHDRAW = "withdraw"
     QUIT = "quit"
 
 
@@ -38,13 +31,9 @@ KEYS = {
     "n": Key.NOTE,
     ADVERSE: Key.ADVERSE,
     "p": Key.PAUSE,
-    "w": Key.WITHDRAW,
     "q": Key.QUIT,
 }
-HELP = (
-    "keys: space goes on, s skip, r repeat, n note, a adverse event, p pause, w withdraw, q quit "
-    "(goes on later)"
-)
+HELP = "keys: space goes on, s skip, r repeat, n note, a adverse event, p pause, q quit"
 WAIT_S = 0.1
 """How long a look at the keys waits, so that a signal is seen at once."""
 REDRAW_S = 1.0
@@ -55,33 +44,29 @@ ERASE = b"\x7f\x08"
 NO_KEY = "no key can be pressed any more; run the same command again to go on here"
 
 
-@dataclass
 class Console:
-    """The operator at a terminal, or what types in a pipe.
+    """The operator at a terminal, or what types in a pipe."""
 
-    report: takes a message that stays; draw: a line that the next one replaces.
-    """
+    def __init__(self, context: RunContext) -> None:
+        self.keys = context.keys
+        self.report = context.display.report
+        self._draw = context.display.draw
+        self._clock = context.clock
+        self._stopped = context.stopped
 
-    keys: Keys
-    report: Callable[[str], None]
-    draw: Callable[[str], None]
-    clock: Any
-    stopped: Callable[[], bool]
-    rehearsal = False
-
-    def key(self, left_s: float, *, ends_part: bool, paused: bool = False) -> Key:
+    def key(self, left_s: float, *, paused: bool = False) -> Key:
         """What to do next; QUIT after a signal or where the terminal is gone.
 
         left_s: planned time that is left in this part.
         """
-        began_ns = self.clock.now_ns()
+        began_ns = self._clock.now_ns()
         drawn_s = -REDRAW_S
-        while not self.stopped():
-            spent_s = 1e-9 * (self.clock.now_ns() - began_ns)
+        while not self._stopped():
+            spent_s = 1e-9 * (self._clock.now_ns() - began_ns)
             if spent_s >= drawn_s + REDRAW_S:
                 drawn_s = spent_s
                 paused_for = f"paused for {clock_text(spent_s)}"
-                self.draw(paused_for if paused else countdown(left_s - spent_s))
+                self._draw(paused_for if paused else countdown(left_s - spent_s))
             letter = self.keys.letter(WAIT_S)
             if letter in KEYS:
                 return KEYS[letter]
@@ -99,10 +84,10 @@ class Console:
         self.report(prompt)
         typed = b""
         drawn = None
-        while not self.stopped():
+        while not self._stopped():
             if typed != drawn:
                 # The end of a long text: that is where the next letter appears.
-                self.draw(f"> {visible(typed.decode('utf-8', 'replace'))[-60:]}")
+                self._draw(f"> {visible(typed.decode('utf-8', 'replace'))[-60:]}")
                 drawn = typed
             # With a time limit, so that a signal ends the question too.
             byte = self.keys.byte(WAIT_S)
@@ -125,39 +110,6 @@ class Console:
                 return None
 
         return None
-
-    def failed(self, error: HoldfastError) -> None:
-        """Report what failed; the operator corrects it, tries again or skips."""
-        self.report(f"error: {type(error).__name__}: {error}")
-        self.report("space tries again, s skips this step, q quits and goes on later")
-
-
-class Rehearsal(Console):
-    """No operator: every part takes its planned time, and every question is left out."""
-
-    rehearsal = True
-
-    def __init__(
-        self, report: Callable[[str], None], clock: Any, stopped: Callable[[], bool]
-    ) -> None:
-        super().__init__(Keys(None), report, report, clock, stopped)
-
-    def key(self, left_s: float, *, ends_part: bool, paused: bool = False) -> Key:
-        """Go on, after the time that is left."""
-        if self.stopped():
-            return Key.QUIT
-        # A trial takes its time by itself; only a part without one is waited for.
-        if ends_part and left_s > 0.0:
-            self.clock.wait_until(self.clock.now_ns() + round(1e9 * left_s))
-        return Key.NEXT
-
-    def text(self, prompt: str) -> str | None:
-        """No answer."""
-        return None
-
-    def failed(self, error: HoldfastError) -> None:
-        """End with the error: no operator can correct it."""
-        raise error
 
 
 def countdown(left_s: float) -> str:

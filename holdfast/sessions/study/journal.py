@@ -11,13 +11,11 @@ after, in withdrawn.jsonl beside the people's folders, which holds nothing that 
 from __future__ import annotations
 
 import errno
-import fcntl
 import json
 import os
 import shutil
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -167,11 +165,6 @@ class Journal:
         """The number of the part to do or under way."""
         return self.progress.part
 
-    @property
-    def spent_s(self) -> float:
-        """Time in the part under way, s."""
-        return self.progress.spent_until(self.t_s)
-
     def append(self, event: Event, **more: Any) -> None:
         """Write a line and bring it to the disk. Raises OutputError."""
         run = self.progress.runs + (event == Event.OPENED)
@@ -217,38 +210,17 @@ def read_journal(path: Path) -> list[Entry]:
     return entries
 
 
-@contextmanager
-def opened_journal(
-    home: Path, n_parts: int, now_ns: Callable[[], int]
-) -> Iterator[Journal]:
-    """The journal of a person's folder, new or repaired, for one program at a time.
+def opened_journal(home: Path, n_parts: int, now_ns: Callable[[], int]) -> Journal:
+    """The journal of a person's folder, new or repaired. n_parts: of the protocol.
 
-    n_parts: of the protocol. Raises OutputError (another terminal has it), LabelError (a line that
-    cannot be read).
+    Raises LabelError (a line that cannot be read), OutputError.
     """
     home.mkdir(parents=True, exist_ok=True)
     path = home / JOURNAL
-    with held(path):
-        # A line that a kill tore is moved aside before the file is read.
-        repair_lines(path, is_json_object)
-        yield Journal(path, n_parts, now_ns)
-
-
-@contextmanager
-def held(path: Path) -> Iterator[None]:
-    """No other program has the journal meanwhile. Raises OutputError."""
-    # Opening to append makes the file where there is none, and changes nothing else.
-    with path.open("ab") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise OutputError(
-                "another program runs this person's study",
-                where=path,
-                cause="a second terminal",
-                next_step="go on there, or end that program first",
-            ) from None
-        yield
+    path.touch()
+    # A line that a kill tore is moved aside before the file is read.
+    repair_lines(path, is_json_object)
+    return Journal(path, n_parts, now_ns)
 
 
 def progress_of(entries: list[Entry], path: Path, n_parts: int) -> Progress:
@@ -321,19 +293,8 @@ def _files_in(home: Path) -> list[str]:
 
 def require_not_withdrawn(root: Path, person: str) -> None:
     """Raise UsageError for the pseudonym of a person who withdrew."""
-    state = None
-    for entry in read_events(root / WITHDRAWN):
-        if entry.get("person") == person:
-            # The last line counts: a deletion that was cut off may have ended later.
-            state = entry["state"]
-
-    if state == "done":
+    if any(entry.get("person") == person for entry in read_events(root / WITHDRAWN)):
         raise UsageError(
-            f"{person} has withdrawn", next_step="give a pseudonym that is new"
-        )
-    if state is not None:
-        raise UsageError(
-            f"{person} has withdrawn, and the deletion did not end",
-            cause="it was cut off, or a file could not be deleted",
-            next_step=f"add --withdraw to delete what is left of {person}",
+            f"{person} has withdrawn",
+            next_step="give a pseudonym that is new; --withdraw deletes what may be left",
         )

@@ -6,14 +6,11 @@ import json
 from collections import Counter
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from holdfast.core.contract import Json
-from holdfast.core.errors import DataError, DataNotFound, ModelError, count_of
+from holdfast.core.errors import DataNotFound, count_of
 from holdfast.core.trial_layout import META
 from holdfast.core.writing import write_whole
 from holdfast.evaluation.html import write_page
-from holdfast.evaluation.pictures import timelines, trial
 from holdfast.sessions.recorder.folder import KEPT, REDONE
 from holdfast.sessions.recorder.labels import read_meta
 from holdfast.sessions.study.console import clock_text
@@ -26,9 +23,6 @@ from holdfast.sessions.study.journal import (
     read_journal,
 )
 from holdfast.sessions.study.protocol import StudyProtocol
-
-if TYPE_CHECKING:
-    from holdfast.evaluation.outcomes import ParticipantFigures
 
 STATES = {Event.BEGUN: "under way", Event.DONE: "done", Event.SKIPPED: "skipped"}
 """What the last of these lines says of a part."""
@@ -79,7 +73,7 @@ class TrialCounts:
 
 @dataclass(frozen=True)
 class StudyOutcome:
-    """All of one person. figures: of the model, None where `no_figures` says why not."""
+    """All of one person. rehearsal: the source was simulated. began, ended: UTC."""
 
     person: str
     title: str
@@ -92,8 +86,6 @@ class StudyOutcome:
     adverse: list[Remark]
     notes: list[Remark]
     trials: list[TrialCounts]
-    figures: ParticipantFigures | None
-    no_figures: str
 
     @property
     def kept(self) -> int:
@@ -105,18 +97,8 @@ class StudyOutcome:
         """Trials that the plan asks for."""
         return sum(one.planned for one in self.trials)
 
-    def to_json(self) -> Json:
-        """As it stands in report.json."""
-        # The figures have a form of their own in JSON.
-        content = asdict(replace(self, figures=None))
-        del content["figures"]
-        answers = None if self.figures is None else self.figures.to_json()
-        return {**content, "answers": answers}
 
-
-def outcome_of(
-    root: Path, person: str, protocol: StudyProtocol, model: Path
-) -> StudyOutcome:
+def outcome_of(root: Path, person: str, protocol: StudyProtocol) -> StudyOutcome:
     """Read everything of one person.
 
     Raises DataNotFound without a journal, LabelError for one that cannot be read.
@@ -134,8 +116,6 @@ def outcome_of(
         )
 
     progress = progress_of(entries, journal, len(protocol.parts))
-    figures, why = _figures(home, model)
-
     return StudyOutcome(
         person=person,
         title=protocol.title,
@@ -148,21 +128,7 @@ def outcome_of(
         adverse=_remarks(protocol, entries, Event.ADVERSE),
         notes=_remarks(protocol, entries, Event.NOTE),
         trials=_trials(protocol, home),
-        figures=figures,
-        no_figures=why,
     )
-
-
-def _figures(home: Path, model: Path) -> tuple[ParticipantFigures | None, str]:
-    """The model's figures, or why there are none."""
-    from holdfast.edge_runtime.engine import ModelChoice
-    from holdfast.evaluation.outcomes import participant_figures
-
-    try:
-        return participant_figures(ModelChoice(str(model)).open(), home), ""
-    except (DataError, ModelError) as error:
-        # A report without figures is better than none: the adverse events are in it.
-        return None, f"{type(error).__name__}: {error}"
 
 
 def _parts(
@@ -240,29 +206,12 @@ def _trials(protocol: StudyProtocol, home: Path) -> list[TrialCounts]:
 
 def write_report(home: Path, outcome: StudyOutcome) -> Path:
     """Write report.json and report.html of a person; returns the page. Raises OutputError."""
-    text = json.dumps(outcome.to_json(), indent=1, allow_nan=False)
+    text = json.dumps(asdict(outcome), indent=1, allow_nan=False)
     write_whole(home / "report.json", text + "\n")
-    figures = outcome.figures
-    cells = {}
-    pictures = {}
-    central = ""
-    if figures is not None:
-        # The page is a table of objects by actions.
-        cells = {(cell.object, cell.action): cell for cell in figures.cells}
-        for action, rows in figures.drawn.items():
-            pictures[action] = timelines(rows, figures.kind)
-        if figures.central is not None:
-            central = trial(figures.central, figures.kind)
     return write_page(
         home / "report.html",
         "participant_report.html",
         outcome=outcome,
-        figures=figures,
-        # Each object once, in the order of its first trial; the empty hand has no name.
-        objects=list(dict.fromkeys(name for name, _ in cells if name)),
-        cells=cells,
-        pictures=pictures,
-        central_picture=central,
         clock=clock_text,
     )
 
@@ -270,20 +219,5 @@ def write_report(home: Path, outcome: StudyOutcome) -> Path:
 def summary_lines(outcome: StudyOutcome, page: Path) -> list[str]:
     """The outcome as lines for the operator."""
     trials = f"{outcome.kept} of {count_of(outcome.planned, 'trial')} kept"
-    lines = [
-        f"{outcome.person}: {trials}, {count_of(len(outcome.adverse), 'adverse event')}"
-    ]
-    figures = outcome.figures
-
-    if figures is None:
-        lines.append(f"no figures of a model: {outcome.no_figures}")
-    else:
-        for one in (*figures.actions, figures.whole):
-            lines.append(
-                f"  {one.action or 'all'}: {one.recognised} of "
-                f"{count_of(one.labelled, 'labelled trial')} recognised, "
-                f"{count_of(one.false_alarms, 'false alarm')} in {one.minutes:.1f} min "
-                f"({figures.kind})"
-            )
-
-    return [*lines, f"report: {page}"]
+    adverse = count_of(len(outcome.adverse), "adverse event")
+    return [f"{outcome.person}: {trials}, {adverse}", f"report: {page}"]

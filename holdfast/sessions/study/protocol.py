@@ -255,17 +255,26 @@ class _Parts:
         """One part; name, action: of its object, None where the row has none."""
         if row.kind != QUESTIONS:
             self.step += 1
-        words = self.words(name, action)
+        of_object = self.card.objects.get(name or "", StudyObject())
+        of_action = self.card.actions.get(action or "", StudyAction())
+        names = {
+            "object": of_object.name or name,
+            "action": of_action.name or action,
+            "how": of_action.how,
+        }
+        # A place without a word is an error of the text that has it.
+        words = {place: word for place, word in names.items() if word}
         # "Testing: soft ball, pass" keeps two rows of one block apart.
-        about = joined(", ", (words.get("object"), words.get("action")))
+        about = joined(", ", (names["object"], names["action"]))
         title = _filled(row.title, words, place) or row.kind.capitalize()
-        hand_over = _filled(row.hand_over, words, place)
         task = None
+        needs = ""
         if row.kind == RECORD:
-            task = _task(name, action, place)
+            objects = [] if name is None else [name]
+            trials = {"objects": objects, "action": action}
+            task = checked(trials, TrialsRow, place).tasks()[0]
             # What an action needs, such as a box, is handed over together with the object.
-            needs = self.card.actions.get(task.action, StudyAction()).needs
-            hand_over = joined(" and ", (hand_over, needs))
+            needs = of_action.needs
         return StudyPart(
             step=self.step,
             title=joined(": ", (title, about)),
@@ -273,29 +282,10 @@ class _Parts:
             minutes=row.minutes,
             say=_filled(row.say, words, place),
             show=_filled(row.show, words, place),
-            hand_over=hand_over,
+            hand_over=joined(" and ", (_filled(row.hand_over, words, place), needs)),
             task=task,
             repetitions=row.repetitions if task else 0,
         )
-
-    def words(self, name: str | None, action: str | None) -> dict[str, str]:
-        """What stands in a text for {object}, {action} and {how}, where that is known."""
-        of_object = self.card.objects.get(name or "", StudyObject())
-        of_action = self.card.actions.get(action or "", StudyAction())
-        words = {
-            "object": of_object.name or name,
-            "action": of_action.name or action,
-            "how": of_action.how,
-        }
-        # A place without a word is an error of the text that has it.
-        return {place: word for place, word in words.items() if word}
-
-
-def _task(name: str | None, action: str | None, place: str) -> Task:
-    """The task of a recording. Raises CardError."""
-    objects = [] if name is None else [name]
-    row = checked({"objects": objects, "action": action}, TrialsRow, place)
-    return row.tasks()[0]
 
 
 def _filled(text: str, words: dict[str, str], place: str) -> str:
@@ -303,11 +293,10 @@ def _filled(text: str, words: dict[str, str], place: str) -> str:
     try:
         return " ".join(text.format(**words).split())
     except (KeyError, ValueError, IndexError, AttributeError):
+        known = ", ".join(words) or "nothing without an object"
         # A misspelt place would be read out as it stands, so it is refused.
-        known = ", ".join(f"{{{word}}}" for word in words)
-        allowed = known or "no {..} without an object"
         raise CardError(
-            f"{text!r}", where=place, next_step=f"allowed: {allowed}, in pairs"
+            f"{text!r}", where=place, next_step=f"allowed in braces: {known}"
         ) from None
 
 

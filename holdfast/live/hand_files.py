@@ -1,0 +1,115 @@
+"""The files of a hand, and its zero where it has none: calibration, shear gain and bias.
+
+Where no bias was measured, the zero is taken from the first samples: ZeroWatch warns where that
+was a closed hand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from holdfast.core.contract import NORMAL_AXIS, FloatArray, IntArray, Sample
+from holdfast.core.errors import UnitError
+from holdfast.core.source import Source
+from holdfast.edge_runtime.model_file import ModelCard
+from holdfast.live.sources import SIM, ToForce, source_url
+
+PULLS_FLOORS, PULLS_S = 2.0, 0.1
+"""A fingertip is not pulled at: it reads so many touches (normal_floor) below zero, for so long,
+where its zero was taken from a closed hand."""
+
+
+class ZeroWatch:
+    """An output of a run whose zero is taken from its first samples: says so, and when it is wrong.
+
+    card: of the model, whose unit the samples have.
+    """
+
+    def __init__(self, card: ModelCard, report: Callable[[str], None]) -> None:
+        self._report = report
+        self._least = -PULLS_FLOORS * card.normal_floor
+        self._unit = card.unit
+        self._longest = max(1, round(PULLS_S * card.rate_hz))
+        self._below: IntArray = np.zeros(card.n_channels // 3, dtype=np.int64)
+        self._taken = self._warned = False
+        rows = card.preparation.bias_rows
+        report(
+            f"no --bias: the zero is taken from the first {rows} samples; keep the hand open and "
+            "touch nothing"
+        )
+
+    def write(self, prediction: object, sample: Sample, reading: object = None) -> None:
+        """Look at one prepared sample."""
+        if not self._taken and sample.valid.all():
+            self._taken = True
+            self._report("the zero is taken: the hand may close now")
+        if self._warned:
+            return
+        normal = sample.values[NORMAL_AXIS::3]
+        below = sample.valid & (normal < self._least)
+        self._below = np.where(below, self._below + 1, 0)
+        if (self._below > self._longest).any():
+            self._warned = True
+            sensor = int(self._below.argmax())
+            self._report(
+                f"warning: sensor {sensor + 1} reads {normal[sensor]:.2g} {self._unit} along its "
+                "normal, as if pulled: the zero was taken while it was pressed. Open the hand and "
+                "start again, or measure the zero with holdfast bias"
+            )
+
+    def close(self, reason: str = "") -> None:
+        """Nothing to close."""
+
+
+def force_of(path: str | Path | None) -> ToForce | None:
+    """The map from field to force in a calibration file, or None. Raises a DataError."""
+    if path is None:
+        return None
+    from holdfast.drivers.calibration import read_calibration
+
+    return read_calibration(Path(path)).apply
+
+
+def shear_gain_of(url: str, calibration: str | Path | None) -> float | None:
+    """Ratio of shear and normal force as read, over the true one; None where not measured.
+
+    Of the calibration, else of the sensors that a scene emulates. Raises a DataError.
+    """
+    if calibration is not None:
+        from holdfast.drivers.calibration import read_calibration
+
+        return read_calibration(Path(calibration)).shear_gain
+
+    if url.startswith("virtual://"):
+        from holdfast.simulation.magnet import shear_gain
+
+        return shear_gain()
+    if not url.startswith(SIM):
+        return None
+    from holdfast.live.scene import trial_of
+    from holdfast.simulation.magnet import shear_gain_in
+
+    return shear_gain_in(trial_of(source_url(url))[0].file.effects)
+
+
+def resting_of(path: str | Path | None, source: Source) -> FloatArray | None:
+    """A bias file [C] that fits the source, or None. Raises a DataError."""
+    if path is None:
+        return None
+    from holdfast.drivers.calibration import read_bias
+
+    bias = read_bias(Path(path))
+    # a bias in another unit would be subtracted without any error
+    if bias.unit != source.unit or len(bias.values) != source.n_channels:
+        raise UnitError(
+            f"{len(bias.values)} channels in {bias.unit}, "
+            f"the source has {source.n_channels} in {source.unit}",
+            where=path,
+            cause="measured with another calibration or hand",
+            next_step="run holdfast bias again",
+        )
+
+    return bias.values
