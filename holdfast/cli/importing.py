@@ -29,7 +29,7 @@ from holdfast.core.errors import (
 from holdfast.core.writing import whole_folder, write_whole
 
 if TYPE_CHECKING:
-    from holdfast.interop.forms import Understood
+    from holdfast.interop.understood import Understood
 
 MAP_SUFFIX = "-map.toml"
 """Of a map, beside the set that it is for."""
@@ -68,9 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="who holds, or which names in the paths are people",
     )
-    option(
-        "--object", default="", metavar="NAME", help="what is held, in the same way"
-    )
+    option("--object", default="", metavar="NAME", help="what is held, in the same way")
     option("--unit", default="", metavar="UNIT", help="of the readings: N, mN, uT, ..")
     option(
         "--rate",
@@ -78,9 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="HZ",
         help="rows a second, where no column says it",
     )
-    option(
-        "--normal", default="", choices=("x", "y", "z"), help="the axis of a press"
-    )
+    option("--normal", default="", choices=("x", "y", "z"), help="the axis of a press")
     add_json_option(parser)
 
 
@@ -118,9 +114,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _understood(args: argparse.Namespace) -> Understood:
     """What the logs are, with every question answered. Raises UsageError where one is left."""
-    from holdfast.interop.forms import Answers
     from holdfast.interop.map import read_import_map
     from holdfast.interop.understand import of_map, understand
+    from holdfast.interop.understood import Answers
 
     if args.map is not None:
         return of_map(args.source, read_import_map(args.map))

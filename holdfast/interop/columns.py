@@ -31,13 +31,13 @@ UNIT_WORDS = {
     "ns": {"ns", "nsec", "nanos", "nanosecond", "nanoseconds"},
 }
 SIGNAL_UNITS = {
-    "N": {"n", "newton", "newtons"},
+    "N": {"N", "newton", "newtons"},
     "mN": {"mn", "millinewton", "millinewtons"},
     "gf": {"gf", "g", "gram", "grams"},
     "uT": {"ut", "µt", "μt", "microtesla"},
     "mT": {"mt", "millitesla"},
-    "G": {"gauss", "gs"},
-    "T": {"t", "tesla"},
+    "G": {"G", "gauss", "gs"},
+    "T": {"T", "tesla"},
     "count": {"count", "counts", "raw", "adc", "lsb", "digits"},
 }
 NO_SENSOR = {
@@ -363,15 +363,18 @@ def oriented(
 def unit_of_names(names: Sequence[str]) -> str | None:
     """The unit in the names of channels, such as `thumb_x [mN]`, or behind the axis."""
     for unit, words in SIGNAL_UNITS.items():
-        in_brackets = [re.findall(r"[\[(](.*?)[\])]", name) for name in names]
-        behind = [re.split(r"(?i)[xyz](?![a-z])", name)[-1:] for name in names]
-        for parts in (in_brackets, behind):
-            if all(
-                words & {*re.findall(r"[^\W\d_]+", " ".join(one).lower())}
-                for one in parts
-            ):
+        in_brackets = [" ".join(re.findall(r"[\[(](.*?)[\])]", name)) for name in names]
+        behind = [re.split(r"(?i)[xyz](?![a-z])", name)[-1] for name in names]
+        for texts in (in_brackets, behind):
+            if all(words & _unit_words(text) for text in texts):
                 return unit
     return None
+
+
+def _unit_words(text: str) -> set[str]:
+    """Words as they stand, where G is gauss and g is gram; longer ones in small letters too."""
+    words = set(re.findall(r"[^\W\d_]+", text))
+    return words | {word.lower() for word in words if len(word) > 1}
 
 
 def unit_of_sizes(

@@ -277,13 +277,15 @@ def rules_of_table(
     texts = [name for name, one in columns.items() if is_text(one) and name != trial]
     start = _named(numbers, START_WORDS | ROW_WORDS) or next(iter(numbers), "")
     label = _named(texts, LABEL_WORDS) or next(iter(texts), "")
-    if not (start and label):
+    about = situation_of_word(start) or situation_of_word(Path(file).stem) or ""
+    if not (start and (label or about)):
         return None
     later = [name for name in numbers if name != start]
     after = [name for name in later if (columns[name] >= columns[start]).all()]
-    words = [cell for cell in dict.fromkeys(text_cells(columns[label])) if cell]
+    cells_of = text_cells(columns[label]) if label else []
+    words = [cell for cell in dict.fromkeys(cells_of) if cell]
     labels = {cell: known.get(cell, situation_of_word(cell)) or "" for cell in words}
-    if len(labels) > MOST_LABELS or not any(labels.values()):
+    if len(labels) > MOST_LABELS or (label and not any(labels.values())):
         return None
     return EventRules(
         file=file,
@@ -291,6 +293,7 @@ def rules_of_table(
         start=start,
         end=_named(later, END_WORDS) or next(iter(after), ""),
         label=label,
+        situation="" if label else about,  # type: ignore[arg-type]
         rest=rest_of(labels),  # type: ignore[arg-type]
         labels=labels,  # type: ignore[arg-type]
     )
@@ -358,7 +361,7 @@ def _events(columns: Columns, rules: EventRules, path: Path) -> list[Event]:
     )
     if words_of(rules.end) & {"duration", "length"}:
         ends = starts + ends
-    labels = text_cells(columns[rules.label])
+    labels = text_cells(columns[rules.label]) if rules.label else [""] * len(starts)
     trials = text_cells(columns[rules.trial]) if rules.trial else [""] * len(starts)
     rows = zip(starts.tolist(), ends.tolist(), labels, trials, strict=True)
     # a trial without an event has an empty row

@@ -131,8 +131,11 @@ def counted(name: str) -> list[tuple[int, int, str]]:
     ]
 
 
-def read_log(place: LogPlace) -> ForeignLog:
-    """Read a log. Raises LibraryMissing for its extra, or a DataError that names the file."""
+def read_log(place: LogPlace, most_rows: int | None = None) -> ForeignLog:
+    """Read a log; most_rows: of a text table, its first rows.
+
+    Raises LibraryMissing for its extra, or a DataError that names the file.
+    """
     if place.kind in SHEET:
         from holdfast.interop.workbook import read_workbook
 
@@ -146,7 +149,8 @@ def read_log(place: LogPlace) -> ForeignLog:
         return replace(log, streams=tuple(_once(streams)))
     from holdfast.interop.tables import read_text_table
 
-    return ForeignLog(place.path, place.name, (read_text_table(place.path),))
+    table = read_text_table(place.path, most_rows)
+    return ForeignLog(place.path, place.name, (table,))
 
 
 def _below(folder: Path, source: Path) -> Iterator[LogPlace]:

@@ -135,14 +135,15 @@ class EventRules(
     unit: Literal["s", "ms", "us", "ns", "row"] = "s"
     zero: Literal["log", "trial", "clock"] = "log"
     hold: bool = False
+    situation: Situation = ""
     rest: Situation = ""
     labels: dict[str, Situation] = {}
 
     def __post_init__(self) -> None:
         if bool(self.file) == bool(self.column):
             raise ValueError("file and column; allowed: one of both")
-        if self.file and not (self.start and self.label):
-            raise ValueError("file; allowed: with start and label")
+        if self.file and not (self.start and (self.label or self.situation)):
+            raise ValueError("file; allowed: with start, and label or situation")
 
 
 class ImportMap(ColumnMap, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -171,6 +172,8 @@ class ImportMap(ColumnMap, frozen=True, forbid_unknown_fields=True, omit_default
         rules = self.events or EventRules(column="-")
         if label in rules.labels:
             return rules.labels[label]
+        if not label:
+            return rules.situation
         if label in self.actions:
             return SITUATION_OF_ACTION.get(self.action(label) or "", "")
         plain = label.strip().lower().replace(" ", "_").replace("-", "_")

@@ -33,20 +33,21 @@ with needs_extra("train"):
 HEAD_BYTES, HEAD_LINES = 256 << 10, 240
 """Of the beginning, from which the layout is found."""
 FEWEST_ROWS = 3
+CHUNK_ROWS = 100_000
 UTF8, WESTERN = "utf-8-sig", "cp1252"
 DAY_NS, SECOND_NS = 86_400 * 10**9, 10**9
 NO_STAMP = np.iinfo(np.int64).min
 """What pandas has for a time that is missing."""
 
 
-def read_text_table(path: Path) -> Stream:
-    """A table. Raises a DataError that names the file."""
+def read_text_table(path: Path, most_rows: int | None = None) -> Stream:
+    """A table, or its first rows. Raises a DataError that names the file."""
     try:
         with path.open("rb") as file:
             head = file.read(HEAD_BYTES)
         encoding = encoding_of(head)
         layout = layout_of(_lines(head, encoding))
-        return _read(path, layout, encoding)
+        return _read(path, layout, encoding, most_rows)
     except DataError as error:
         raise type(error)(
             error.what,
@@ -100,7 +101,9 @@ def _lines(head: bytes, encoding: str) -> list[str]:
     return lines[:HEAD_LINES]
 
 
-def _read(path: Path, layout: TableLayout, encoding: str) -> Stream:
+def _read(
+    path: Path, layout: TableLayout, encoding: str, most_rows: int | None
+) -> Stream:
     """All columns. Raises ColumnError or EmptyRecording."""
     notes: list[str] = []
     source: Path | io.StringIO = path
@@ -108,27 +111,32 @@ def _read(path: Path, layout: TableLayout, encoding: str) -> Stream:
     if layout.form.is_odd or layout.comment == "//":
         source, skipped = _plain(path, layout, encoding, notes), 0
     try:
-        table = _parsed(source, layout, encoding, skipped)
+        table = _parsed(source, layout, encoding, skipped, most_rows)
     except UnicodeDecodeError:
         # bytes that are not UTF-8 may come late in the file
         if encoding == WESTERN:
             raise
-        return _read(path, layout, WESTERN)
+        return _read(path, layout, WESTERN, most_rows)
     except (pd.errors.ParserError, pd.errors.ParserWarning):
         # lines with more cells than the others
         whole = _plain(path, layout, encoding, notes)
-        table = _parsed(whole, layout, encoding, 0)
+        table = _parsed(whole, layout, encoding, 0, most_rows)
     return cleaned(table, layout.form.decimal, notes, is_cut=_is_cut(path, layout))
 
 
 def _parsed(
-    source: Path | io.StringIO, layout: TableLayout, encoding: str, skipped: int
-) -> pd.DataFrame:
+    source: Path | io.StringIO,
+    layout: TableLayout,
+    encoding: str,
+    skipped: int,
+    most_rows: int | None,
+) -> Columns:
+    parts: dict[str, list[Column]] = {name: [] for name in layout.names}
     with warnings.catch_warnings():
         # rows of more cells than names: pandas warns, and would drop them
         warnings.simplefilter("error", pd.errors.ParserWarning)
-        warnings.simplefilter("ignore", pd.errors.DtypeWarning)
-        return pd.read_csv(
+        # in chunks: a long file read at once takes three times the memory of its table
+        chunks = pd.read_csv(
             source,
             sep=layout.form.separator,
             decimal=layout.form.decimal,
@@ -136,12 +144,21 @@ def _parsed(
             names=list(layout.names),
             index_col=False,
             skiprows=skipped,
+            nrows=most_rows,
+            chunksize=CHUNK_ROWS,
             comment=layout.comment if len(layout.comment) == 1 else None,
             encoding=encoding,
             skipinitialspace=True,
             keep_default_na=False,
             na_values={name: list(MISSING) for name in layout.numeric},
         )
+        for chunk in chunks:
+            for name, column in parts.items():
+                column.append(chunk[name].to_numpy(copy=True))
+    columns = {}
+    for name in layout.names:
+        columns[name] = np.concatenate(parts.pop(name))
+    return columns
 
 
 def _plain(
@@ -177,20 +194,20 @@ def _is_cut(path: Path, layout: TableLayout) -> bool:
 
 
 def cleaned(
-    table: pd.DataFrame, decimal: str, notes: list[str], *, is_cut: bool = False
+    table: Columns, decimal: str, notes: list[str], *, is_cut: bool = False
 ) -> Stream:
     """The columns as numbers or texts; rows without a number are left out, and noted.
 
     Raises EmptyRecording.
     """
     columns: Columns = {}
-    for name in table.columns:
-        column = _typed(table[name], decimal, name, notes)
-        is_empty = not is_text(column) and np.isnan(column).all()
+    for name in list(table):
+        column = _typed(table.pop(name), decimal, name, notes)
+        is_empty = not any(column) if is_text(column) else np.isnan(column).all()
         # behind a separator at the end of every line
-        if not (name.startswith("column") and (is_empty or not any(column.tolist()))):
+        if not (name.startswith("column") and is_empty):
             columns[name] = column
-    there = np.zeros(len(table), dtype=np.bool_)
+    there = np.zeros(len(column), dtype=np.bool_)
     for column in columns.values():
         if not is_text(column):
             there |= np.isfinite(column)
@@ -205,12 +222,12 @@ def cleaned(
     return Stream(columns, notes=tuple(notes))
 
 
-def _typed(column: pd.Series, decimal: str, name: str, notes: list[str]) -> Column:
+def _typed(column: Column, decimal: str, name: str, notes: list[str]) -> Column:
     """A column as numbers, as ns of its dates or times of day, or as texts."""
     if column.dtype.kind in "iufb":
-        array: Column = column.to_numpy()
-        return array.astype(np.float64) if array.dtype.kind in "ub" else array
-    cells = text_column(column.where(column.notna(), "").tolist())
+        return column.astype(np.float64) if column.dtype.kind in "ub" else column
+    there = pd.notna(column)
+    cells = text_column(np.where(there, column, "").tolist())
     filled = cells[cells != ""]
     if len(filled) and STAMP.fullmatch(filled[0]):
         return stamps_of(cells)

@@ -6,6 +6,7 @@ answer on the command line, is asked.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,14 +18,7 @@ from holdfast.interop.columns import (
     find_sensors,
     find_time,
 )
-from holdfast.interop.forms import (
-    NUMBERED,
-    Answers,
-    Form,
-    Sample,
-    Understood,
-    tokens_of,
-)
+from holdfast.interop.forms import NUMBERED, Form, tokens_of
 from holdfast.interop.labels import (
     is_mark,
 )
@@ -37,11 +31,18 @@ from holdfast.interop.streams import (
     is_text,
 )
 from holdfast.interop.trials import files_of, read_joined
+from holdfast.interop.understood import Answers, Sample, Understood
 from holdfast.training.progress import Part, ignored
 
 FINGERS = ("thumb", "index", "middle", "ring", "little", "pinky", "palm", "finger")
 JUDGED_ROWS = 200_000
 """Of a log; what it holds is seen from so many."""
+FINGER = re.compile(
+    rf"(?i){'|'.join(FINGERS)}|(sensor|pad|taxel|tip|jaw|ch|f|s)[-_ ]?\d|left|right"
+)
+"""What the file of one finger is called by."""
+CLOCK_S = 60.0
+"""A clock that stands later than this was not begun with the trial."""
 OVERLAP = 0.7
 """Of the spans of files that belong to one trial."""
 
@@ -52,7 +53,9 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
     places, others = find_logs(source)
     samples = []
     for number, place in enumerate(places, 1):
-        samples.append(_sample([place], _begin_of(read_log(place)), answers))
+        samples.append(
+            _sample([place], _begin_of(read_log(place, JUDGED_ROWS)), answers)
+        )
         part(number / len(places))
     tables = [one for one in samples if not one.sensors]
     samples = [one for one in samples if one.sensors]
@@ -156,11 +159,15 @@ def _fingers(samples: Sequence[Sample]) -> list[str]:
         for sample, one in zip(samples, tokens, strict=True):
             groups.setdefault((*one[:k], *one[k + 1 :]), []).append(sample)
         is_whole = all(len(group) == len(words) for group in groups.values())
-        is_trial = all(NUMBERED.fullmatch(word) for word in words)
+        is_finger = all(map(FINGER.search, words))
+        is_trial = all(map(NUMBERED.fullmatch, words))
+        # trials that begin at 0 each seem to run at the same time
+        is_clock = min(float(one.stamps_s[0]) for one in samples) > CLOCK_S
+        may_join = is_finger or (is_clock and not is_trial)
         if (
             len(words) > 1
             and is_whole
-            and not is_trial
+            and may_join
             and all(map(_overlap, groups.values()))
         ):
             return sorted(words, key=_finger_order)

@@ -12,14 +12,18 @@ from datetime import date, time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from holdfast.core.errors import DataError, EmptyRecording, NotANumber, needs_extra
 from holdfast.interop.layout import first_of_data, heading
 from holdfast.interop.streams import Stream
-from holdfast.interop.tables import cleaned, pd
+from holdfast.interop.tables import cleaned
 
 with needs_extra("xlsx"):
     import openpyxl
 
+SHEET = "sheet"
+"""The column that names the sheet of a row, where several are one table."""
 MOST_ROWS = 1_048_576
 """Of a sheet; a workbook that says more is none of Excel's."""
 Rows = list[list[Any]]
@@ -34,7 +38,25 @@ def read_workbook(path: Path) -> list[Stream]:
             streams += _stream(block, name)
     if not streams:
         raise EmptyRecording("no row of data", where=path, next_step="fill the sheet")
-    return streams
+    return _joined(streams)
+
+
+def _joined(streams: list[Stream]) -> list[Stream]:
+    """Sheets of the same columns as one table, with the sheet of each row."""
+    same: dict[tuple[str, ...], list[Stream]] = {}
+    for stream in streams:
+        same.setdefault(tuple(stream.columns), []).append(stream)
+    tables = []
+    for names, alike in same.items():
+        table = alike[0]
+        if len(alike) > 1:
+            columns = {}
+            for name in names:
+                columns[name] = np.concatenate([one.columns[name] for one in alike])
+            sheets = [one.name for one in alike for _ in range(one.rows)]
+            table = Stream({**columns, SHEET: np.array(sheets, dtype=object)})
+        tables.append(table)
+    return tables
 
 
 def _stream(rows: Rows, name: str) -> list[Stream]:
@@ -42,8 +64,9 @@ def _stream(rows: Rows, name: str) -> list[Stream]:
     try:
         first = first_of_data(rows, ".")
         names, first = heading(rows[: first + 1])
-        table = pd.DataFrame(rows[first:], columns=list(names), dtype=object)
-        table = table.dropna(how="all")
+        body = [row for row in rows[first:] if any(cell is not None for cell in row)]
+        cells = np.array(body, dtype=object)
+        table = dict(zip(names, cells.T, strict=True))
         found = cleaned(table, ".", [])
     except DataError:
         return []

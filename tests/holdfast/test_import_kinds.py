@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import openpyxl
 import pytest
 from command_line import Run
 from foreign_logs import Made, axes, made, write_sheet, write_text
@@ -321,6 +322,7 @@ SHEETS = {
     "rows": ("notes.csv", "log,first row,last row,what\n{a},300,350,slips\n"),
     "durations": ("events.csv", "file,onset,duration,event\n{a},3,0.5,slip\n"),
     "on the clock": ("e.csv", "file,from,to,what\n{a},70003.0,70003.5,slip\n"),
+    "no labels": ("slips.csv", "file,begin,end\n{a},3,3.5\n"),
     "ends alone": ("e.csv", "file,at,what\n{a},1,grasp\n{a},3.0,slip\n{a},3.5,grasp\n"),
 }
 
@@ -548,6 +550,52 @@ def test_missing_cells_are_counted_and_gaps_become_lost_samples(
         *range(199, 219),
     ]
     assert len(trial.t_s) == len(one.t_s)
+
+
+def test_gauss_and_grams_are_two_units(run: Run, tmp_path: Path) -> None:
+    for letter, size, folder in (("G", 100.0, "a"), ("g", 0.00980665, "b")):
+        one = made(1)
+        names = ["t", *axes(5, "s{k}{axis} [" + letter + "]")]
+        rows = np.column_stack([one.t_s, one.values])
+        write_text(tmp_path / f"{folder}/logs/a.csv", names, rows)
+        code, out = ask(run, tmp_path / folder)
+        assert code == 0, out
+        raw = read_trial(tmp_path / f"{folder}/set/object/slip/trial_1.csv").raw
+        np.testing.assert_allclose(raw, size * one.values, atol=1e-6)
+
+
+def test_trials_of_one_sensor_are_no_fingers(run: Run, tmp_path: Path) -> None:
+    for k in (1, 2, 3):
+        one = made(k, sensors=1)
+        rows = np.column_stack([one.t_s, one.values])
+        write_text(tmp_path / f"logs/slip{k}.csv", ["t", *"xyz"], rows)
+    code, out = ask(run, tmp_path)
+    assert code == 0, out
+    assert "3 trials: 3 slip" in out
+
+
+def test_a_dead_sensor_without_a_heading_is_a_sensor(run: Run, tmp_path: Path) -> None:
+    one = made(1)
+    one.values[:, 3:6] = 0.0
+    write_text(tmp_path / "logs/a.csv", [], np.column_stack([one.t_s, one.values]))
+    code, out = ask(run, tmp_path)
+    assert code == 0, out
+    assert "sensors    5, no axes in the names" in out
+
+
+def test_sheets_of_the_same_columns_are_a_trial_each(run: Run, tmp_path: Path) -> None:
+    book = openpyxl.Workbook()
+    for k in (1, 2):
+        one = made(k)
+        sheet = book.create_sheet(f"Grasp {k}")
+        sheet.append(["t (s)", *axes(5)])
+        for row in np.column_stack([one.t_s, one.values]).tolist():
+            sheet.append(row)
+    (tmp_path / "logs").mkdir()
+    book.save(tmp_path / "logs/all.xlsx")
+    code, out = ask(run, tmp_path)
+    assert code == 0, out
+    assert "2 trials: 2 slip" in out
 
 
 def test_columns_that_are_not_used_are_named(run: Run, tmp_path: Path) -> None:
