@@ -255,13 +255,10 @@ class Form:
 
     def _known(self) -> dict[str, str]:
         """Label -> situation, as the command line says."""
-        actions = {
-            word: action_of(one) or "" for word, one in self.answers.actions.items()
-        }
-        return {
-            word: SITUATION_OF_ACTION.get(action, "")
-            for word, action in actions.items()
-        }
+        known = {}
+        for word, action in self.answers.actions.items():
+            known[word] = SITUATION_OF_ACTION.get(action_of(action) or "", "")
+        return known
 
     def _cells(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """(cells, whether something is touched) of a column of all logs, one after the other."""
@@ -282,27 +279,17 @@ class Form:
         """Rules of the first table of events; tables that hold none are named."""
         first, root = self.samples[0], self.source
         root = root if root.is_dir() else root.parent
-        keys = {one.log.name for one in self.samples}
-        keys |= {
-            name
-            for one in self.samples
-            for name in (one.log.path.name, one.log.path.stem)
-        }
-        keys |= {
-            str(int(k)) for name in list(keys) for k in re.findall(r"(\d+)\D*$", name)
-        }
+        keys: set[str] = set()
+        for sample in self.samples:
+            keys |= sample.log.keys
         if rules.column:
-            keys |= set(text_cells(first.columns[rules.column]))
-        keys = {key.casefold() for key in keys}
-        others = [
-            (one.log.path, stream) for one in self.tables for stream in one.log.streams
-        ]
-        beside = [stream for stream in first.log.streams if stream.t_ns is None]
-        others += [
-            (first.log.path, one)
-            for one in beside
-            if not {*first.form} & one.columns.keys()
-        ]
+            keys |= set(map(str.casefold, text_cells(first.columns[rules.column])))
+        others = []
+        for table in [*self.tables, first]:
+            for stream in table.log.streams:
+                is_readings = bool({*first.form} & stream.columns.keys())
+                if not is_readings and stream.t_ns is None:
+                    others.append((table.log.path, stream))
         chosen: EventRules | None = None
         for path, stream in others:
             file = path.relative_to(root).as_posix()
@@ -347,11 +334,11 @@ class Form:
             names = list(dict.fromkeys(tokens[k]))
             self.found.add("names", f"{key}: {listed(names, most=6)}")
             for word in names if key == "action" else []:
-                actions[word] = action_of_word(word, has_events=has_events) or word
+                meant = action_of_word(word, has_events=has_events) or word
+                if action_of(word) != meant:
+                    actions[word] = meant
         path = "".join(a + b for a, b in zip(parts, [*first[1::2], ""], strict=True))
-        return path, {
-            word: one for word, one in actions.items() if action_of(word) != one
-        }
+        return path, actions
 
 
 def tokens_of(name: str) -> list[str]:

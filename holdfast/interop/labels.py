@@ -265,33 +265,34 @@ def rules_of_table(
     """
     trial = ""
     for name, column in columns.items():
-        cells = {cell.casefold() for cell in text_cells(column) if cell}
+        cells = set(map(str.casefold, text_cells(column))) - {""}
         is_named = bool(words_of(name) & TRIAL_WORDS)
         if cells and (
             cells <= keys if is_named else is_text(column) and len(cells & keys) > 1
         ):
             trial = trial or name
-    numbers = [
-        name for name, one in columns.items() if not is_text(one) and name != trial
-    ]
-    texts = [name for name, one in columns.items() if is_text(one) and name != trial]
+    numbers, texts = [], []
+    for name, column in columns.items():
+        if name != trial:
+            (texts if is_text(column) else numbers).append(name)
     start = _named(numbers, START_WORDS | ROW_WORDS) or next(iter(numbers), "")
     label = _named(texts, LABEL_WORDS) or next(iter(texts), "")
     about = situation_of_word(start) or situation_of_word(Path(file).stem) or ""
     if not (start and (label or about)):
         return None
-    later = [name for name in numbers if name != start]
-    after = [name for name in later if (columns[name] >= columns[start]).all()]
-    cells_of = text_cells(columns[label]) if label else []
-    words = [cell for cell in dict.fromkeys(cells_of) if cell]
-    labels = {cell: known.get(cell, situation_of_word(cell)) or "" for cell in words}
+    numbers.remove(start)
+    after = [name for name in numbers if (columns[name] >= columns[start]).all()]
+    labels = {}
+    for cell in text_cells(columns[label]) if label else []:
+        labels[cell] = known.get(cell, situation_of_word(cell)) or ""
+    labels.pop("", None)
     if len(labels) > MOST_LABELS or (label and not any(labels.values())):
         return None
     return EventRules(
         file=file,
         trial=trial,
         start=start,
-        end=_named(later, END_WORDS) or next(iter(after), ""),
+        end=_named(numbers, END_WORDS) or next(iter(after), ""),
         label=label,
         situation="" if label else about,  # type: ignore[arg-type]
         rest=rest_of(labels),  # type: ignore[arg-type]
@@ -338,10 +339,8 @@ def read_events(
     streams = read_log(LogPlace(path, path.stem, path.suffix.lower())).streams
     with_start = [one for one in streams if rules.start in one.columns]
     columns = (with_start or streams)[0].columns
-    missing = [
-        name for name in (rules.start, rules.end, rules.label, rules.trial) if name
-    ]
-    missing = [name for name in missing if name not in columns]
+    needed = {rules.start, rules.end, rules.label, rules.trial} - {""}
+    missing = sorted(needed - columns.keys())
     if missing or is_text(columns[rules.start]):
         raise ColumnError(
             f"no column {listed(missing or [rules.start])} of the events",

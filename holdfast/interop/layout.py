@@ -120,8 +120,8 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
         for k, name in enumerate(names)
         if _share_of_numbers([[row[k]] for row in body], form.decimal) >= 0.5
     ]
-    later = [line for line in lines[first:] if comment and line.startswith(comment)]
-    return TableLayout(form, names, first, tuple(numeric), comment if later else "")
+    is_later = _begins(lines[first:], comment)
+    return TableLayout(form, names, first, tuple(numeric), comment if is_later else "")
 
 
 def first_of_data(
@@ -239,6 +239,8 @@ def usual_width(rows: Sequence[Cells]) -> int:
 
 def _begins(lines: Sequence[str], comment: str) -> bool:
     """Whether some line, but not most, begins with a sign of comments."""
+    if not comment:
+        return False
     n_begin = sum(line.lstrip().startswith(comment) for line in lines)
     return 0 < n_begin <= max(1, len(lines) // 2)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -50,6 +51,13 @@ class ForeignLog:
     name: str
     streams: tuple[Stream, ...]
     about: Json = field(default_factory=dict)
+
+    @property
+    def keys(self) -> set[str]:
+        """How a table of events may name it, in small letters; its last number too."""
+        names = [self.name, self.path.name, self.path.stem, Path(self.name).name]
+        numbers = re.findall(r"\d+", self.name)[-1:]
+        return {*map(str.casefold, names), *map(str, map(int, numbers))}
 
 
 def first_stream(log: ForeignLog) -> Stream:

@@ -107,12 +107,15 @@ class TrialImport:
         if self.gaps_s:
             ends = f"{min(self.gaps_s):.3g} to {max(self.gaps_s):.3g} s"
             lines.append(f"gaps       {len(self.gaps_s)} of {ends}: lost samples")
-        actions = Counter(names[-1] for names in self.trials)
-        counts = listed([f"{n} {action}" for action, n in actions.items()])
-        lines.append(f"trials     {count_of(len(self.trials), 'trial')}: {counts}")
-        people = dict.fromkeys(names[0] for names in self.trials if names[0])
-        if people:
-            lines.append(f"people     {listed(list(people), most=12)}")
+        people, _, actions = zip(*self.trials, strict=True)
+        counts = []
+        for action, n in Counter(actions).items():
+            counts.append(f"{n} {action}")
+        n_trials = count_of(len(self.trials), "trial")
+        lines.append(f"trials     {n_trials}: {listed(counts)}")
+        named = list(filter(None, dict.fromkeys(people)))
+        if named:
+            lines.append(f"people     {listed(named, most=12)}")
         return lines + [f"note       {note}" for note in self.notes[:12]]
 
     # -- rows of a log, and where a trial ends
@@ -188,9 +191,8 @@ class TrialImport:
                 where=log.path,
                 next_step="--action slip, or another action; or its events",
             )
-        parts = [names["person"], names["object"] or "object", action]
-        if action == EMPTY_HAND:
-            parts = [names["person"], EMPTY_HAND]
+        thing = "" if action == EMPTY_HAND else names["object"] or "object"
+        parts = [names["person"], thing, action]
         place = "/".join(filter(None, parts))
         number = 1 + self.trials.count(parts)
         path = self.folder / place / f"trial_{number}.csv"
@@ -424,14 +426,13 @@ def _events(
     for stream in log.streams:
         if rules.column in stream.columns and stream.t_ns is not None:
             return _of_stream(log, plan, stream, rules.column)
-    keys = {log.name, log.path.name, log.path.stem, Path(log.name).name}
-    digits = "".join(c if c.isdecimal() else " " for c in log.name).split()
-    keys |= {str(int(one)) for one in digits[-1:]}
-    keys |= set(rows.cells.get(plan.trials.column, []))
-    plain = {key.casefold() for key in keys}
-    ours = [one for one in events if not one.trial or one.trial.casefold() in plain]
+    keys = {"", *log.keys, *map(str.casefold, rows.cells.get(plan.trials.column, []))}
     zero_ns = 0 if rules.zero == "clock" else int(rows.stamps[0])
-    return [in_ns(event, rules, rows.stamps, zero_ns) for event in ours]
+    ours = []
+    for event in events:
+        if event.trial.casefold() in keys:
+            ours.append(in_ns(event, rules, rows.stamps, zero_ns))
+    return ours
 
 
 def _of_stream(

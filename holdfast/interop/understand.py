@@ -72,10 +72,10 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
             "joined", f"the files {listed(fingers)} of each trial, on the slowest clock"
         )
         files = files_of([one.files[0] for one in samples], fingers)
-        logs = {
-            name: read_joined(group, fingers, name) for name, group in files.items()
-        }
-        samples = [_sample(files[name], log, answers) for name, log in logs.items()]
+        samples = []
+        for name, group in files.items():
+            log = _begin_of(read_joined(group, fingers, name))
+            samples.append(_sample(group, log, answers))
     forms: dict[tuple[str, ...], list[Sample]] = {}
     for sample in samples:
         forms.setdefault(sample.form, []).append(sample)
@@ -93,13 +93,10 @@ def of_map(source: Path, plan: ImportMap) -> Understood:
     places, _ = find_logs(source)
     if plan.events is not None and plan.events.file:
         begin, _, end = Path(plan.events.file).name.partition("{name}")
-        names = [one.path.name for one in places]
-        are_events = [name.startswith(begin) and name.endswith(end) for name in names]
-        places = [
-            one
-            for one, is_table in zip(places, are_events, strict=True)
-            if not is_table
-        ]
+        for place in list(places):
+            name = place.path.name
+            if name.startswith(begin) and name.endswith(end):
+                places.remove(place)
     found = Understood(plans=[(plan, files_of(places, plan.trials.fingers))])
     found.add("sensors", f"{len(plan.sensors)}, by the map")
     found.add("unit", f"{plan.unit}, by the map")
@@ -109,9 +106,9 @@ def of_map(source: Path, plan: ImportMap) -> Understood:
 def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample:
     """A log with its time and its sensors, by names over all streams, else by count in one."""
     longest = first_stream(log)
-    merged = {
-        name: column for one in log.streams for name, column in one.columns.items()
-    }
+    merged: Columns = {}
+    for one in log.streams:
+        merged |= one.columns
     sensors, why = find_sensors(merged, _marks(merged))
     if not why.startswith("by"):
         time = find_time(table_of(log, longest.columns), answers.rate)

@@ -17,7 +17,7 @@ import numpy as np
 from holdfast.core.errors import DataError, EmptyRecording, NotANumber, needs_extra
 from holdfast.interop.layout import first_of_data, heading
 from holdfast.interop.streams import Stream
-from holdfast.interop.tables import cleaned
+from holdfast.interop.tables import cleaned, pd
 
 with needs_extra("xlsx"):
     import openpyxl
@@ -64,8 +64,7 @@ def _stream(rows: Rows, name: str) -> list[Stream]:
     try:
         first = first_of_data(rows, ".")
         names, first = heading(rows[: first + 1])
-        body = [row for row in rows[first:] if any(cell is not None for cell in row)]
-        cells = np.array(body, dtype=object)
+        cells = np.array(rows[first:], dtype=object)
         table = dict(zip(names, cells.T, strict=True))
         found = cleaned(table, ".", [])
     except DataError:
@@ -75,23 +74,21 @@ def _stream(rows: Rows, name: str) -> list[Stream]:
 
 def _blocks(rows: Rows) -> Iterator[Rows]:
     """Blocks between empty columns and empty rows; numbers without names belong to those above."""
-    wide = max(map(len, rows), default=0)
-    rows = [row + [None] * (wide - len(row)) for row in rows]
-    used = [any(row[k] is not None for row in rows) for k in range(wide)]
-    for first, stop in _runs(used):
-        part = [row[first:stop] for row in rows]
-        filled = [any(cell is not None for cell in row) for row in part]
+    cells = pd.DataFrame(rows, dtype=object)
+    for first, stop in _runs(cells.notna().any(axis=0).tolist()):
+        part = cells.iloc[:, first:stop]
         block: Rows = []
-        for top, bottom in _runs(filled):
-            below = part[top:bottom]
-            has_names = not any(isinstance(cell, int | float) for cell in below[0])
-            if has_names and any(
-                isinstance(c, int | float) for row in block for c in row
-            ):
+        for top, bottom in _runs(part.notna().any(axis=1).tolist()):
+            below = part.iloc[top:bottom].to_numpy().tolist()
+            if any(map(_has_number, block)) and not _has_number(below[0]):
                 yield block
                 block = []
             block += below
         yield block
+
+
+def _has_number(row: list[Any]) -> bool:
+    return any(isinstance(cell, int | float) for cell in row)
 
 
 def _runs(flags: list[bool]) -> Iterator[tuple[int, int]]:
