@@ -222,7 +222,7 @@ def _found(
     *,
     hold: bool = False,
 ) -> FoundLabels:
-    labels = {label: situation for label, situation in labels.items() if label}
+    labels.pop("", None)
     shown = [
         label if label == one else f"{label} = {one}"
         for label, one in labels.items()
@@ -249,8 +249,11 @@ def held(cells: Sequence[str]) -> list[str]:
 
 def runs_of(cells: Sequence[str], stamps: IntArray) -> list[Event]:
     """Runs of equal cells [T] as events, ns."""
-    starts = [k for k, cell in enumerate(cells) if not k or cell != cells[k - 1]]
-    return with_ends([Event(float(stamps[k]), np.nan, cells[k]) for k in starts])
+    events = []
+    for k, cell in enumerate(cells):
+        if not k or cell != cells[k - 1]:
+            events.append(Event(float(stamps[k]), np.nan, cell))
+    return with_ends(events)
 
 
 # -- tables of events

@@ -254,9 +254,12 @@ def _uncommented(line: str, comment: str) -> str:
 
 def _share_of_numbers(rows: Sequence[Cells], decimal: str) -> float:
     """Of the cells that hold something."""
-    cells = [cell for row in rows for cell in row if cell not in MISSING]
-    numbers = sum(is_number(cell, decimal) for cell in cells)
-    return numbers / len(cells) if cells else 0.0
+    filled = numbers = 0
+    for row in rows:
+        for cell in row:
+            filled += cell not in MISSING
+            numbers += is_number(cell, decimal)
+    return numbers / filled if filled else 0.0
 
 
 def _is_odd(lines: Sequence[str]) -> bool:

@@ -87,7 +87,11 @@ class TrialImport:
             for stream in log.streams:
                 self.notes += [f"{name}: {note}" for note in stream.notes]
             path, of_file = read_events(source, plan.events, group[0].path)
-            for rows in self._cuts(self._rows(log, plan), plan, name):
+            whole = self._rows(log, plan)
+            if plan.events is None or plan.events.column in whole.cells:
+                # a long log is large, and all of it that is needed is in its rows
+                log = replace(log, streams=())
+            for rows in self._cuts(whole, plan, name):
                 events[path] += self._write(log, rows, plan, of_file)
             part(number / len(files))
         for path, n_used in events.items():

@@ -57,8 +57,11 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
             _sample([place], _begin_of(read_log(place, JUDGED_ROWS)), answers)
         )
         part(number / len(places))
-    tables = [one for one in samples if not one.sensors]
-    samples = [one for one in samples if one.sensors]
+    tables = []
+    for sample in list(samples):
+        if not sample.sensors:
+            samples.remove(sample)
+            tables.append(sample)
     unread = f"; not read: {listed(others, most=6)}" if others else ""
     found.add("logs", f"{len(samples)}{unread}")
     if not samples:
@@ -180,6 +183,8 @@ def _finger_order(word: str) -> tuple[int, list[tuple[int, int, str]]]:
 
 def _overlap(group: Sequence[Sample]) -> bool:
     """Whether logs run at the same time."""
-    firsts = [float(np.nanmin(one.stamps_s)) for one in group]
-    lasts = [float(np.nanmax(one.stamps_s)) for one in group]
+    firsts, lasts = [], []
+    for one in group:
+        firsts.append(float(np.nanmin(one.stamps_s)))
+        lasts.append(float(np.nanmax(one.stamps_s)))
     return min(lasts) - max(firsts) > OVERLAP * (max(lasts) - min(firsts))

@@ -153,9 +153,10 @@ def grip_to_scene(
     clock: a SceneClock, or a virtual one. Raises UsageError, CardError.
     """
     from holdfast.live.scene import SceneClock, drive_of, live_scene
+    from holdfast.live.sources import source_url
 
     drive = drive_of(url, ceiling_n)
     # a virtual clock stands still by itself: computing takes no time on it
     still = clock.still if isinstance(clock, SceneClock) else nullcontext
-    scene = live_scene(source, drive, still)
+    scene = live_scene(source_url(source), drive, still)
     return GripOutput(controller, clock, report, scene=scene)

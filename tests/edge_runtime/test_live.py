@@ -49,8 +49,8 @@ from holdfast.live.loop import STAGES, Summary
 from holdfast.live.outputs import LineOutput, SampleFile, file_sink, udp_sink
 from holdfast.live.run import answer
 from holdfast.live.running import ServiceWatchdog
-from holdfast.live.scene import truth_of_url
-from holdfast.live.sources import open_live
+from holdfast.live.scene import scene_truth
+from holdfast.live.sources import open_live, source_url
 from holdfast.live.view import Shown, open_view
 
 if TYPE_CHECKING:
@@ -252,7 +252,7 @@ def test_a_virtual_hand_is_pulled_at_and_asks_to_act_once_after_the_load_came_on
 ):
     url = f"virtual://ft232h?scene={pull}&seed=2"
     summary, answers, _, _ = live(model, url, 5.0)
-    truth = truth_of_url(url)
+    truth = scene_truth(source_url(url))
     assert truth is not None
     acts = [a.t_acquired_ns * 1e-9 for a in answers if a.act]
     assert summary.acts == 1

@@ -222,7 +222,7 @@ def test_the_shear_gain_is_that_of_the_calibration_or_of_the_scenes_sensors(
 ):
     meta = CalibrationOrigin("loads", "2026-11-23", "N", 9, np.zeros((6, 3)))
     matrix = np.tile(np.eye(3), (6, 1, 1))
-    known = Calibration(matrix, None, np.zeros(6, bool), meta, 0.8)
+    known = Calibration(matrix, np.zeros((6, 3)), np.zeros(6, bool), meta, 0.8)
     path = write_calibration(tmp_path / "c.json", known)
     assert shear_gain_of("usb://ft232h", path) == 0.8
     assert shear_gain_of(REST, None) == magnet_gain()
@@ -285,7 +285,7 @@ def test_a_scene_without_commands_is_the_recorded_one(tmp_path):
     url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed=1"
     scene, trial = planned_trial(source_url(url), ROWS_HZ, STEP_S)
     recorded = scene.run_together([trial])[0].signal
-    live = live_scene(url, drive_of("virtual"))
+    live = live_scene(source_url(url), drive_of("virtual"))
     for row in range(0, len(recorded.t_s), 7):
         want = recorded.values[row, 3].tolist()
         assert live.at(float(recorded.t_s[row]), 3) == want
@@ -295,7 +295,8 @@ def test_a_scene_without_commands_is_the_recorded_one(tmp_path):
 def test_a_hand_in_a_scene_holds_where_commands_stay_away(tmp_path):
     (tmp_path / "fall.toml").write_text(FALL, encoding="utf-8")
     live = live_scene(
-        f"virtual://ft232h?scene={tmp_path / 'fall.toml'}", drive_of("virtual")
+        source_url(f"virtual://ft232h?scene={tmp_path / 'fall.toml'}"),
+        drive_of("virtual"),
     )
     live.advance(2.0)
     tighten = GripCommand(1, 0, "tighten", 20.0, 400.0, 0.0, "test")
@@ -339,7 +340,7 @@ def test_a_hand_that_is_too_weak_for_its_object_is_refused(tmp_path):
     (tmp_path / "fall.toml").write_text(FALL, encoding="utf-8")
     url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed=1"
     with pytest.raises(UsageError, match=r"ceiling of 1 N is below the 1\.6 N"):
-        live_scene(url, drive_of("virtual?ceiling_n=1"))
+        live_scene(source_url(url), drive_of("virtual?ceiling_n=1"))
 
 
 def test_a_model_of_a_raw_field_runs_in_reduced_mode_and_says_so(model):

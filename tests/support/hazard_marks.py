@@ -301,8 +301,7 @@ PAGE_DELAYS = Hazard(
 FOREIGN_BROWSER = Hazard(
     OUTSIDE,
     "Another site or another machine reaches the live page",
-    "On loopback only requests for a loopback host are answered; on any other host only those with "
-    "the token of the run",
+    "Only requests with the token of the run are answered",
     "Choosing a network that is trusted: the page is not encrypted",
 )
 BROKEN_LINE = Hazard(
