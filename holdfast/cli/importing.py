@@ -11,7 +11,7 @@ import argparse
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from holdfast.cli.command import (
     add_json_option,
@@ -134,7 +134,7 @@ def _understood(args: argparse.Namespace) -> Understood:
             raise UsageError(question.text, next_step=next_step)
         show(question.text)
         typed = input("> ").strip()
-        answer = float(typed) if key == "rate" else typed
+        answer: Any = float(typed) if key == "rate" else typed
         answers = replace(answers, **{key: answer})
         found = understand(args.source, answers)
     return found

@@ -38,8 +38,7 @@ from holdfast.training.timeline import ACTION_S, contact
 
 JUMP_S, BACK_S = 60.0, 0.5
 """A clock that jumps on by so much, or back, begins a new trial."""
-GAP_STEPS = 5.0
-MOST_FILLED = 20
+GAP_STEPS, MOST_FILLED = 5.0, 20
 """A trial has at most so many rows for each row of its log."""
 FEWEST_ROWS = 10
 Files = dict[str, list[LogPlace]]
@@ -88,8 +87,8 @@ class TrialImport:
                 self.notes += [f"{name}: {note}" for note in stream.notes]
             path, of_file = read_events(source, plan.events, group[0].path)
             whole = self._rows(log, plan)
+            # a long log is large: only labels of a stream of their own are still needed
             if plan.events is None or plan.events.column in whole.cells:
-                # a long log is large, and all of it that is needed is in its rows
                 log = replace(log, streams=())
             for rows in self._cuts(whole, plan, name):
                 events[path] += self._write(log, rows, plan, of_file)
@@ -112,9 +111,7 @@ class TrialImport:
             ends = f"{min(self.gaps_s):.3g} to {max(self.gaps_s):.3g} s"
             lines.append(f"gaps       {len(self.gaps_s)} of {ends}: lost samples")
         people, _, actions = zip(*self.trials, strict=True)
-        counts = []
-        for action, n in Counter(actions).items():
-            counts.append(f"{n} {action}")
+        counts = [f"{n} {action}" for action, n in Counter(actions).items()]
         n_trials = count_of(len(self.trials), "trial")
         lines.append(f"trials     {n_trials}: {listed(counts)}")
         named = list(filter(None, dict.fromkeys(people)))

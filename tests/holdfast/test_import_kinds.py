@@ -149,7 +149,7 @@ def a_file_for_each_finger(logs: Path, trials: Trials) -> None:
 
 def two_tables_on_a_sheet(logs: Path, trials: Trials) -> None:
     for name, one in zip(names_of(len(trials)), trials, strict=True):
-        merged = [
+        merged: list[object] = [
             "t (s)",
             *(cell for k in range(1, 6) for cell in (f"Pad {k}", None, None)),
         ]
