@@ -134,8 +134,8 @@ def _understood(args: argparse.Namespace) -> Understood:
             raise UsageError(question.text, next_step=next_step)
         show(question.text)
         typed = input("> ").strip()
-        answer: Any = float(typed) if key == "rate" else typed
-        answers = replace(answers, **{key: answer})
+        answer: dict[str, Any] = {key: float(typed) if key == "rate" else typed}
+        answers = replace(answers, **answer)
         found = understand(args.source, answers)
     return found
 

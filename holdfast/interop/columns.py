@@ -146,7 +146,7 @@ def _time_of(name: str, column: Column) -> tuple[tuple[float, ...], FoundTime] |
         return None
     hz = 1e9 / (step * NS_OF[unit])
     why = f"{name}, {hz:.4g} Hz, in {unit} by its steps"
-    return (0.0, not is_named, -even), FoundTime(TimeColumn(name, unit), hz, why)
+    return (0.0, not is_named, -even), FoundTime(TimeColumn(name, unit), hz, why)  # type: ignore[arg-type]
 
 
 def unit_of_time(name: str) -> str | None:
@@ -192,13 +192,19 @@ def find_sensors(
         return [], ""
     values = np.stack([columns[name].astype(np.float64) for name in rest], axis=1)
     order = _order(values)
-    found = [SensorColumns(*(rest[k] for k in row)) for row in order.tolist()]
+    found = [sensor_of([rest[k] for k in row]) for row in order.tolist()]
     by = (
         "three columns each"
         if (order.ravel() == np.arange(len(rest))).all()
         else "by the touch"
     )
     return found, f"no axes in the names: x, y, z {by}, {rest[0]} to {rest[-1]}"
+
+
+def sensor_of(axes: Sequence[str], z_zero: float = 0.0) -> SensorColumns:
+    """A sensor of the columns of its three axes."""
+    x, y, z = axes
+    return SensorColumns(x, y, z, z_zero) if z_zero else SensorColumns(x, y, z)
 
 
 def _by_axes(names: Sequence[str]) -> list[SensorColumns]:
@@ -219,7 +225,7 @@ def _by_axes(names: Sequence[str]) -> list[SensorColumns]:
         sensors = []
         for key in _as_counted(groups):
             if set(groups[key]) == set(AXES):
-                sensors.append(SensorColumns(**groups[key]))
+                sensors.append(sensor_of([groups[key][axis] for axis in AXES]))
         best = max(best, sensors, key=len)
     return best
 
@@ -240,7 +246,8 @@ def _by_count(names: Sequence[str], columns: Columns) -> list[str]:
     series: dict[str, list[str]] = {}
     for name in names:
         series.setdefault(re.sub(r"\d+", "#", name), []).append(name)
-    longest = sorted(max(series.values(), key=_rank, default=[]), key=counted)
+    all_series: list[list[str]] = [[], *series.values()]
+    longest = sorted(max(all_series, key=_rank), key=counted)
     moving = []
     for name in names:
         steps = np.diff(columns[name].astype(np.float64))
@@ -254,7 +261,7 @@ def _by_count(names: Sequence[str], columns: Columns) -> list[str]:
 
 def _rank(series: Sequence[str]) -> tuple[bool, int]:
     """Of columns that differ in a number: those of touch first, then the most."""
-    return bool(words_of(series[0]) & TOUCH_WORDS), len(series)
+    return bool(words_of(" ".join(series)) & TOUCH_WORDS), len(series)
 
 
 def _order(values: FloatArray) -> np.ndarray:
@@ -350,10 +357,10 @@ def oriented(
         if wrong[k] and not is_turned_later[k]:
             which = (NORMAL_AXIS,) if wrong.all() else range(3)
             axes = [f"-{name}" if n in which else name for n, name in enumerate(axes)]
-        turned.append(SensorColumns(*axes))
+        turned.append(sensor_of(axes))
         if wrong[k] and is_far[k]:
             zero = float(f"{2.0 * rest[k] / size:.4g}")
-            turned[k] = SensorColumns(*axes, z_zero=zero)
+            turned[k] = sensor_of(axes, zero)
     return turned
 
 

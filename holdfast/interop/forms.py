@@ -19,6 +19,7 @@ from holdfast.interop.columns import (
     channels,
     normal_axis,
     oriented,
+    sensor_of,
     touch,
     unit_of_names,
     unit_of_sizes,
@@ -143,7 +144,7 @@ class Form:
         if answers.normal:
             axis = AXES.index(answers.normal)
             order = [(axis + 1) % 3, (axis + 2) % 3, axis]
-            sensors = [SensorColumns(*(one.axes[k] for k in order)) for one in sensors]
+            sensors = [sensor_of([one.axes[k] for k in order]) for one in sensors]
             effects = effects.reshape(3, -1, 3)[:, :, order].reshape(3, -1)
             of_all = replace(of_all, effects=effects)
         elif axis != NORMAL_AXIS:
@@ -205,7 +206,8 @@ class Form:
 
     def _gap_s(self) -> float:
         """How long a gap between trials is: nothing is touched before and after it; 0 for none."""
-        idle, busy = [], [0.0]
+        idle: list[float] = []
+        busy = [0.0]
         for sample, touched in zip(self.samples, self.touched, strict=True):
             steps = np.diff(sample.stamps_s)
             long_s = max(LONG_GAP_S, LONG_GAP_STEPS * float(np.median(steps)))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -260,7 +260,7 @@ def runs_of(cells: Sequence[str], stamps: IntArray) -> list[Event]:
 
 
 def rules_of_table(
-    columns: Columns, keys: Collection[str], file: str, known: Mapping[str, str]
+    columns: Columns, keys: set[str], file: str, known: Mapping[str, str]
 ) -> EventRules | None:
     """What the columns of a table of events are; None where it has no start or no label.
 
@@ -274,7 +274,8 @@ def rules_of_table(
             cells <= keys if is_named else is_text(column) and len(cells & keys) > 1
         ):
             trial = trial or name
-    numbers, texts = [], []
+    numbers: list[str] = []
+    texts: list[str] = []
     for name, column in columns.items():
         if name != trial:
             (texts if is_text(column) else numbers).append(name)
@@ -287,7 +288,7 @@ def rules_of_table(
     after = [name for name in numbers if (columns[name] >= columns[start]).all()]
     labels = {}
     for cell in text_cells(columns[label]) if label else []:
-        labels[cell] = known.get(cell, situation_of_word(cell)) or ""
+        labels[cell] = known.get(cell) or situation_of_word(cell) or ""
     labels.pop("", None)
     if len(labels) > MOST_LABELS or (label and not any(labels.values())):
         return None
