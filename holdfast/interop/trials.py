@@ -158,7 +158,6 @@ class TrialImport:
         if column is not None:
             ends |= column[1:] != column[:-1]
         for first, stop in pairwise([0, *(np.flatnonzero(ends) + 1), len(ends) + 1]):
-            # rows between trials have no name
             if column is not None and not column[first]:
                 continue
             if stop - first < FEWEST_ROWS:
@@ -441,8 +440,8 @@ def _of_stream(
 ) -> list[Event]:
     """The texts of a topic of their own; its stamps are those of the log."""
     times = stream.t_ns
-    assert times is not None
     columns = table_of(log, plan.channels)
+    assert times is not None
     if plan.time.column != LOG_TIME and LOG_TIME in columns:
         # the samples have stamps of their sender
         at_ns = columns[LOG_TIME]
