@@ -54,12 +54,6 @@ SOURCES: dict[str, dict[str, str]] = {
         "effects": "build/bench/effects.json",
         "simulator": "build/bench/simulator.json",
     },
-    "docs/second-physics.md": {
-        "before": "docs/measured/world-d86a7e638b14.json",
-        "world": "docs/measured/world-080828f74eb1.json",
-        "controllers": "docs/measured/world-controllers.json",
-        "intent": "docs/measured/world-intent-080828f74eb1.json",
-    },
     "docs/shared-control.md": {
         "loop": "build/loop/loop.json",
         "front": "docs/measured/loop-front-2026-11-28.json",

@@ -1,4 +1,4 @@
-"""Rows of the tables of docs/second-physics.md: an older model's figures beside a newer one's."""
+"""Rows of the tables of docs/results.md: an older model's figures beside a newer one's."""
 
 from __future__ import annotations
 

@@ -234,7 +234,7 @@ def test_the_shipped_card_has_every_key_that_a_card_may_have():
 
 
 def test_the_page_has_the_shipped_table():
-    page = (ROOT / "docs" / "feedback.md").read_text("utf-8")
+    page = (ROOT / "docs" / "shared-control.md").read_text("utf-8")
     rows = [
         line.strip("| ").split(" | ")
         for line in page.splitlines()
