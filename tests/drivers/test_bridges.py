@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import pytest
 from bridge_bench import (
     ABSENT,
@@ -21,28 +20,12 @@ from bridge_bench import (
     B,
     Bench,
     C,
-    D,
     every_bridge,
 )
 
 from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
-from holdfast.drivers.ft232h import Ft232h
-from holdfast.drivers.tmag5273 import Setup, field_ut, packet, range_mt
-from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.drivers.virtual.faults import Fault
-from holdfast.drivers.virtual.ft232h import VirtualFt232h
-from holdfast.drivers.virtual.usb_backend import VirtualBackend
-from holdfast.drivers.virtual.virtual_hand import Track, VirtualHand
 
 # -- what every bridge does
-
-
-@every_bridge
-def test_a_chip_is_identified_through_the_mux(make, kind):
-    assert make(kind).bus.scan([FIRST, WHO]) == [
-        Reply(b"", acked=True),
-        Reply(IDENTITY, acked=True),
-    ]
 
 
 @every_bridge
@@ -96,48 +79,9 @@ def test_a_byte_that_is_not_acknowledged_is_reported(make, kind):
 
 
 @every_bridge
-def test_an_address_alone_asks_whether_a_chip_is_there(make, kind):
-    assert [
-        reply.acked
-        for reply in make(kind).bus.scan(
-            [FIRST, Transfer(A), Transfer(ABSENT), Transfer(B)]
-        )
-    ] == [
-        True,
-        True,
-        False,
-        True,
-    ]
-
-
-@every_bridge
 def test_a_chip_behind_another_channel_is_not_there(make, kind):
     replies = make(kind).bus.scan([SECOND, Transfer(C, bytes([ID]), 3), WHO])
     assert [reply.acked for reply in replies] == [True, False, True]
-
-
-@every_bridge
-def test_a_burst_decodes_to_the_field_of_the_track(make, kind):
-    given_ut = np.arange(18.0).reshape(6, 3) * 1000 + 500
-    bench = make(kind, track=Track(np.array([0.0]), given_ut[None]))
-    for channel, address in (
-        (FIRST, A),
-        (FIRST, B),
-        (FIRST, C),
-        (FIRST, D),
-        (SECOND, A),
-        (SECOND, B),
-    ):
-        replies = bench.bus.scan(
-            [channel, *(Transfer(address, bytes(byte)) for byte in Setup().registers())]
-        )
-        assert all(reply.acked for reply in replies)
-    bench.wait_s(0.01)
-    found = [packet(reply.data) for reply in bench.bus.scan(SIX) if reply.data]
-    read_ut = np.array([field_ut(one.raw, 1.0) * range_mt(1) for one in found])
-    np.testing.assert_allclose(
-        read_ut, given_ut, atol=1.3
-    )  # half a step of the widest range
 
 
 @every_bridge
@@ -150,15 +94,6 @@ def test_a_write_then_read_does_not_stop_between(make, kind):
     )
     bench.bus.scan([FIRST, WHO])
     assert len(stops) == 2
-
-
-@every_bridge
-def test_a_read_alone_is_one_start_and_one_stop(make, kind):
-    bench = make(kind)
-    bench.bus.scan([FIRST])
-    bits = bench.hand.wire.bits
-    bench.bus.scan([Transfer(A, read=1)])
-    assert bench.hand.wire.bits - bits == 1 + 9 + 9 + 1
 
 
 @every_bridge
@@ -197,36 +132,6 @@ def test_a_scan_of_six_sensors_takes_this_much_traffic_and_time(
         bytes_in,
     )
     assert bench.clock.now_ns() - begun_ns == round(1e6 * milliseconds)
-
-
-class Computing(VirtualClock):
-    """A clock on which an emulation that computes takes time: so much for every look at it."""
-
-    looks = 0
-
-    def now_ns(self) -> int:
-        self.looks += 1
-        self.spend(100)
-        return super().now_ns()
-
-
-def scans_s(clock: VirtualClock) -> float:
-    """How long five scans take, of a hand that looks out for a fault."""
-    hand = VirtualHand(clock, faults=[Fault("frozen", 1e6, sensor=1)])
-    device = VirtualFt232h(hand)
-    bus = Ft232h(VirtualBackend(device, clock, hand.faults, hand.power_off))
-    begun_ns = clock.now_ns()
-    for _ in range(5):
-        assert all(reply.acked for reply in bus.scan(SIX))
-    return 1e-9 * (clock.now_ns() - begun_ns)
-
-
-def test_what_an_emulated_ft232h_takes_to_compute_is_part_of_what_its_wire_takes():
-    clock = Computing()
-    lasts_s = scans_s(clock)
-    plain_s = scans_s(VirtualClock())
-    assert clock.looks > 300
-    assert lasts_s - plain_s < 0.2 * 100e-9 * clock.looks
 
 
 # -- what goes over USB, byte by byte

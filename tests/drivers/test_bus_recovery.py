@@ -9,11 +9,9 @@ import pytest
 from hand_bench import Bench, started
 from hazard_marks import BRIDGE_FAULT, SLOW_REPAIR, STUCK_BUS, WIRING
 
-from holdfast.core.errors import BusStuck, DeviceError, TransferFailed, UsageError
+from holdfast.core.errors import BusStuck, DeviceError, TransferFailed
 from holdfast.drivers.bus import Transfer
-from holdfast.drivers.ft232h import FASTEST_HZ, SLOWEST_HZ, Ft232h
-from holdfast.drivers.scan import as_layout, look_at
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.virtual.ft232h import (
     IN_ENDPOINT,
     OUT_ENDPOINT,
@@ -23,8 +21,6 @@ from holdfast.drivers.virtual.ft232h import (
 )
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
 from holdfast.drivers.virtual.usb_device import stall
-from holdfast.drivers.virtual.virtual_hand import VirtualHand
-from holdfast.live.sources import open_live
 
 ONE = [Transfer(0x70, b"\x01"), Transfer(0x35, b"\x0d", 3)]
 IDENTITY = bytes([0x01, 0x49, 0x54])
@@ -65,16 +61,6 @@ def test_a_hand_starts_on_a_bus_that_is_held_low_at_whatever_moment_of_the_start
         assert bench.read_for(0.02)[-1].valid.all()
 
 
-@STUCK_BUS.mark
-@pytest.mark.parametrize("at_s", [0.0, 0.001, 0.01, 0.1])
-def test_a_scan_frees_a_bus_that_is_held_low(at_s):
-    bench = Bench(faults=(f"stuck@{at_s}",))
-    found = look_at(
-        bench.open_bus(), lambda seconds: bench.clock.spend(round(1e9 * seconds))
-    )
-    assert as_layout(found) == "0:35,0:22,0:78,0:44,1:35,1:22"
-
-
 class HeldScl(VirtualFt232h):
     """A bridge whose SCL a chip can hold low."""
 
@@ -99,17 +85,6 @@ def bridge(device: type[VirtualFt232h]) -> tuple[Bench, Any]:
         emulated, bench.clock, bench.virtual.faults, bench.virtual.power_off
     )
     return bench, emulated
-
-
-@STUCK_BUS.mark
-def test_clearing_a_bus_looks_at_scl_too():
-    bench, emulated = bridge(HeldScl)
-    bus = bench.open_bus()
-    emulated.held = True
-    with pytest.raises(
-        BusStuck, match=r"SCL still low after nine clocks.*without supply"
-    ):
-        bus.clear()
 
 
 @STUCK_BUS.mark
@@ -142,28 +117,6 @@ def test_ad1_and_ad2_that_are_not_tied_together_are_named():
     bench, _ = bridge(Untied)
     with pytest.raises(BusStuck, match="AD1 and AD2 are not tied together"):
         bench.hand.start()
-
-
-@WIRING.mark
-@pytest.mark.parametrize("bus_hz", [0, 1, 100, SLOWEST_HZ - 1, FASTEST_HZ + 1])
-def test_a_speed_that_the_ft232h_does_not_have_is_a_usage_error(bus_hz):
-    with pytest.raises(
-        UsageError, match=rf"bus_hz={bus_hz} .*{SLOWEST_HZ} .. {FASTEST_HZ} Hz"
-    ):
-        open_live(
-            f"virtual://ft232h?bus_hz={bus_hz}", clock=VirtualClock(), report=print
-        )
-
-
-@pytest.mark.parametrize("bus_hz", [SLOWEST_HZ, 100_000, FASTEST_HZ])
-def test_the_ft232h_serves_a_hand_at_every_speed_it_takes(bus_hz):
-    source = open_live(
-        f"virtual://ft232h?bus_hz={bus_hz}", clock=VirtualClock(), report=print
-    )
-    reading = source.read()
-    assert reading is not None
-    assert reading.valid.all()
-    source.close()
 
 
 # -- the bridge
@@ -233,25 +186,6 @@ def test_a_start_that_fails_gives_the_bridge_back(faults):
         bench.hand.start()
     bench.clock.wait_until(20_000_000_000)
     bench.open_bus().close()  # an interface that is still claimed would be busy
-
-
-@pytest.mark.parametrize(
-    ("value", "commands", "answers"), [(0, 0, 0), (1, 0, 1), (2, 1, 0)]
-)
-def test_the_ft232h_s_purge_values_clear_what_the_chip_s_data_sheet_says(
-    value, commands, answers
-):
-    """1 what the host sent (the chip's receive buffer), 2 what waits for the host; libftdi's
-    SIO_TCOFLUSH, TCIFLUSH."""
-    device = VirtualFt232h(VirtualHand(VirtualClock()))
-    device.control_out(0x40, 0x0B, 0x0200, 1, b"")
-    # a bad command, which answers, and the head of one that waits
-    device.write(OUT_ENDPOINT, b"\xaa\x11\x00")
-    device.control_out(0x40, 0x00, value, 1, b"")
-    assert (bool(device._commands), bool(device._answers)) == (
-        bool(commands),
-        bool(answers),
-    )
 
 
 def test_an_unfinished_command_of_an_earlier_program_is_cleared_before_the_next_one():

@@ -21,7 +21,6 @@ from holdfast.core.errors import (
     ChannelError,
     ColumnError,
     DataError,
-    DataNotFound,
     EmptyRecording,
     NotANumber,
     TooFewGroups,
@@ -102,17 +101,6 @@ def test_the_resting_field_is_no_force() -> None:
     assert not c.apply(c.rest_ut).any()
 
 
-def test_a_reversed_magnet_pulls_the_way_it_is_pulled() -> None:
-    """Its whole field has the other sign, at rest and under load."""
-    right = made(rest=True)
-    signs = np.array([[1.0], [-1.0]])
-    turned = replace(
-        right, reversed=np.array([False, True]), rest_ut=signs * right.rest_ut
-    )
-    field = np.random.default_rng(2).normal(0.0, 500.0, (5, 2, 3))
-    np.testing.assert_array_equal(turned.apply(signs * field), right.apply(field))
-
-
 def test_a_lost_channel_makes_its_own_sensor_nan_and_no_other() -> None:
     field = np.ones((1, 2, 3))
     field[0, 1, 0] = np.nan
@@ -166,15 +154,6 @@ def test_a_held_out_block_is_judged_by_the_others_only() -> None:
     np.testing.assert_allclose(
         fit(field, force, blocks).held_out_n[3], np.sqrt(np.mean(error**2, axis=0))
     )
-
-
-def test_the_held_out_error_is_the_noise_of_the_loads() -> None:
-    field, matrix, blocks = pressed(1)
-    noise = np.random.default_rng(4).normal(0.0, 0.2, (80, 3))
-    fitted = fit(field, total(matrix, field) + noise, blocks)
-    assert fitted.errors()["normal"].rmse_n == pytest.approx(0.2, rel=0.2)
-    assert fitted.errors()["shear"].rmse_n == pytest.approx(0.2, rel=0.2)
-    assert fitted.calibration.meta.residual_n[0, 2] == pytest.approx(0.2, rel=0.2)
 
 
 @SINGULAR.mark
@@ -231,14 +210,9 @@ def test_a_calibration_comes_back_bit_for_bit(
 
 
 BROKEN: list[tuple[dict[str, Any], str]] = [
-    ({"format": 2}, "format = 2; next: allowed: 1"),
     ({"kind": "bias"}, "kind = 'bias'; next: allowed: calibration"),
-    ({"matrix_n_per_ut": [[1.0, 2.0, 3.0]]}, "matrix_n_per_ut"),
-    ({"matrix_n_per_ut": []}, "matrix_n_per_ut"),
     ({"matrix_n_per_ut": [[[1.0], [1.0, 2.0], [1.0]]] * 2}, "matrix_n_per_ut"),
     ({"matrix_n_per_ut": [[[1.0, 2.0, float("nan")]] * 3] * 2}, "NaN is not a finite"),
-    ({"matrix_n_per_ut": [[[1.0, 2.0, "3"]] * 3] * 2}, "= '3'"),
-    ({"matrix_n_per_ut": [[[1.0, 2.0, None]] * 3] * 2}, "= None"),
     ({"matrix_n_per_ut": [[[0.0] * 3] * 3] * 2}, "sensor 1 is singular"),
     (
         {"matrix_n_per_ut": [np.eye(3).tolist(), [[1, 2, 3], [0] * 3, [2, 4, 6]]]},
@@ -246,12 +220,8 @@ BROKEN: list[tuple[dict[str, Any], str]] = [
     ),
     ({"rest_ut": [[0.0, 0.0, 0.0]]}, "rest_ut has 1; next: allowed: 2 rows"),
     ({"reversed": [False] * 3}, "reversed has 3; next: allowed: 2 rows"),
-    ({"reversed": [0, 1]}, "reversed"),
-    ({"n": -1}, "n = -1"),
-    ({"source": None}, "source = None"),
     ({"shear_gain": 0.0999}, "shear_gain = 0.0999"),
     ({"shear_gain": 10.01}, "shear_gain = 10.01"),
-    ({"colour": "red"}, "colour is not known"),
 ]
 
 
@@ -268,31 +238,12 @@ def test_a_broken_calibration_is_refused_with_what_where_and_what_is_allowed(
     assert says in str(caught.value)
 
 
-@pytest.mark.parametrize("key", ["kind", "matrix_n_per_ut", "reversed", "date"])
-def test_a_missing_entry_is_named_and_an_older_file_has_no_shear_gain(
-    tmp_path: Path, key: str
-) -> None:
+def test_an_older_file_has_no_shear_gain(tmp_path: Path) -> None:
     path = write_calibration(tmp_path / "c.json", replace(made(), shear_gain=1.0))
     content = json.loads(path.read_text())
     del content["shear_gain"]
     path.write_text(json.dumps(content))
     assert read_calibration(path).shear_gain is None
-    del content[key]
-    path.write_text(json.dumps(content))
-    with pytest.raises(DataError, match=f"{key} is missing"):
-        read_calibration(path)
-
-
-def test_a_file_that_is_not_there_names_the_command_that_makes_one(
-    tmp_path: Path,
-) -> None:
-    with pytest.raises(DataNotFound, match=r"no such file.*holdfast calibrate"):
-        read_calibration(tmp_path / "none.json")
-    with pytest.raises(DataNotFound, match=r"no such file.*holdfast bias"):
-        read_bias(tmp_path / "none.json")
-    (tmp_path / "c.json").write_text("{")
-    with pytest.raises(DataError, match=r"c.json: not valid JSON"):
-        read_bias(tmp_path / "c.json")
 
 
 # The bias
@@ -313,15 +264,6 @@ def test_the_bias_of_a_quiet_hand_is_its_median_without_a_warning() -> None:
     np.testing.assert_array_equal(bias.values, np.median(rows, axis=0))
     assert (bias.n, bias.unit, bias.reversed.any()) == (300, "uT", False)
     assert bias.spread[2] == pytest.approx(11.0, rel=0.2)
-
-
-def test_a_short_touch_is_a_warning_with_the_channel_and_moves_no_bias() -> None:
-    rows = resting()
-    rows[40:70, 5] += 300.0
-    bias, warned = bias_of(rows, "uT")
-    assert len(warned) == 1
-    assert "noise above 40 uT: Z2;" in warned[0]
-    assert bias.values[5] == pytest.approx(2300.0, abs=5.0)
 
 
 def test_a_channel_lost_for_a_whole_third_is_reported_without_a_warning_of_numpy() -> (
@@ -374,7 +316,6 @@ def test_a_bias_comes_back_bit_for_bit(
     [
         ({"unit": "g"}, "unit = 'g'; next: allowed: N or uT or count"),
         ({"values": [1.0, 2.0, 3.0]}, "3 values, 18 in spread, and 6 in reversed"),
-        ({"spread": [1.0]}, "18 values, 1 in spread"),
         ({"kind": "calibration"}, "kind = 'calibration'"),
     ],
 )
@@ -510,11 +451,6 @@ def test_one_press_is_too_little_to_hold_one_out(tmp_path: Path) -> None:
         TooFewGroups, match=r"1 probings.*press every fingertip at least twice"
     ):
         calibrate_with(tmp_path / "loads.csv", "--out", tmp_path / "c.json")
-
-
-def test_a_file_of_loads_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(DataNotFound, match=r"none.csv: no such file"):
-        calibrate_with(tmp_path / "none.csv", "--out", tmp_path / "c.json")
 
 
 @pytest.mark.parametrize(

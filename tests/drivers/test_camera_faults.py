@@ -17,7 +17,6 @@ from drawn_frames import (
     FPS,
     N_FRAMES,
     PRELUDE,
-    command,
     fresh_command,
     fresh_program,
     process,
@@ -238,42 +237,3 @@ def test_a_lens_that_cannot_be_is_refused_in_frames_and_in_folders(
     (tmp_path / "camera.json").write_text(json.dumps(numbers | {"clock": "trial"}))
     with pytest.raises(NotANumber, match=r"camera\.json"):
         read_about(tmp_path)
-
-
-def test_stamps_may_begin_before_zero(tmp_path):
-    stamps_s = np.arange(5) / FPS - 30.0
-    path = write_frames(
-        tmp_path / "early.frames.npz", stamps_s, np.zeros((5, 64, 64), dtype=np.uint8)
-    )
-    done = command("watch", "--camera", path, "--out", tmp_path / "out")
-    assert done.returncode == 0, done.stderr
-    np.testing.assert_allclose(
-        read_tracks(tmp_path / "out").t_s, stamps_s - 1e-3, atol=1.1e-6
-    )
-
-
-LATE = """
-import threading
-captured = os.fstat(os.dup(1)).st_ino  # kept open, so that no later file has its number
-
-def late():
-    while os.fstat(1).st_ino == captured:
-        pass
-    os.write(1, b"[late] [error] of a thread\\n")
-
-threading.Thread(target=late, name="late").start()
-print(json.dumps({"number": 1}))
-"""
-THEN = """
-import threading
-for thread in threading.enumerate():
-    if thread.name == "late":
-        thread.join()
-print(json.dumps({"number": 2}))
-"""
-
-
-def test_a_line_that_a_thread_writes_after_its_request_is_no_answer_to_the_next():
-    assert program(LATE) == {"number": 1}
-    assert program(THEN) == {"number": 2}
-    assert program('print(json.dumps({"number": 3}))') == {"number": 3}

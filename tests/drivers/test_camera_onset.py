@@ -7,7 +7,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from drawn_frames import camera, command, two_sizes, write_frames
 
@@ -52,7 +51,7 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, Tr
     for one in scene.run_together(scene.trials()):
         motion = one.motion
         stamps_s, frames = camera(width_px=240, height_px=160, fps=60).film(
-            motion.t_s, motion.position_m, one.hand_m, np.random.default_rng(0)
+            motion.t_s, motion.position_m, one.hand_m
         )
         action = one.trial.action
         drawn = write_frames(

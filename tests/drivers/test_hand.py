@@ -23,12 +23,11 @@ from holdfast.drivers.layout import (
     LAYOUTS,
     MUX_ADDRESSES,
     ScanPlanner,
-    masks_of,
     read_layout,
 )
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.drivers.virtual.faults import KINDS, Fault, read_fault
-from holdfast.drivers.virtual.virtual_hand import REST_UT, Track
+from holdfast.drivers.virtual.faults import read_fault
+from holdfast.drivers.virtual.virtual_hand import Track
 
 
 class Faltering(VirtualClock):
@@ -52,12 +51,6 @@ def test_six_fingers_report_the_field_at_their_magnets(layout):
     assert reading.valid.all()
     assert reading.why == ("",) * 6
     np.testing.assert_allclose(reading.field_ut, field_ut[0], atol=110.0)
-
-
-def test_every_reading_is_valid_while_nothing_fails():
-    bench = started()
-    assert bad(bench.read_for(2.0)) == []
-    assert bench.messages == []
 
 
 def test_a_finger_that_is_not_acknowledged_costs_only_itself_and_comes_back():
@@ -185,20 +178,6 @@ def test_another_chip_at_an_address_is_refused_by_its_maker():
         bench.hand.start()
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_every_fault_can_be_written_in_a_url(kind):
-    text = f"{kind}:2@1+0.5" if read_needs_sensor(kind) else f"{kind}@1+0.5"
-    assert read_fault(text) == Fault(
-        kind, 1.0, 0.5, 2 if read_needs_sensor(kind) else None
-    )
-
-
-def read_needs_sensor(kind: str) -> bool:
-    from holdfast.drivers.virtual.faults import OF_A_SENSOR
-
-    return kind in OF_A_SENSOR
-
-
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -288,11 +267,6 @@ def test_a_million_scans_with_random_faults_end_whole():
     soak(1_000_000)
 
 
-def test_a_resting_magnet_reads_its_field():
-    reading = started().read_for(0.1)[-1]
-    assert reading.field_ut.mean(axis=0) == pytest.approx(REST_UT, abs=40.0)
-
-
 def test_a_machine_that_stood_still_in_the_middle_of_a_scan_takes_no_finger_for_stale():
     clock = Faltering()
     bench = started(clock=clock)
@@ -368,21 +342,3 @@ def test_a_layout_has_channels_addresses_and_muxes_within_their_limits(
         return
     with pytest.raises(UsageError, match=says):
         read_layout(text)
-
-
-def test_a_mux_that_enables_nothing_is_written_first() -> None:
-    channels = frozenset({(0x71, 3), (0x70, 0), (0x70, 7)})
-    masks = masks_of(channels, frozenset({0x70, 0x71, 0x72, 0x73}))
-    assert list(masks.items()) == [(0x72, 0), (0x73, 0), (0x70, 0x81), (0x71, 0x08)]
-    masks = masks_of(frozenset({(0x70, 0)}), frozenset({0x70, 0x71}))
-    assert list(masks.items()) == [(0x71, 0), (0x70, 1)]
-    planner = ScanPlanner(read_layout("70/0:35,72/1:35"))
-    both = frozenset({(0x70, 0), (0x72, 1)})
-    writes = [planner.select(one) for one in (both, both, frozenset({(0x72, 1)}))]
-    assert [[(w.address, w.write) for w in one] for one in writes] == [
-        [(0x70, b"\x01"), (0x72, b"\x02")],
-        [],
-        [(0x70, b"\x00")],
-    ]
-    planner.forget_masks()
-    assert len(planner.select(both)) == 2

@@ -102,15 +102,6 @@ def test_a_cell_that_is_no_finite_number_makes_its_sensor_invalid(cell: str) -> 
     assert taken(reader, f"1,2,3,4,{cell},6".encode()).valid.tolist() == [True, False]
 
 
-def test_null_and_the_flags_of_a_recording_make_a_sensor_invalid() -> None:
-    assert taken(SampleReader(), line(X2=None)).valid.tolist() == [True, False]
-    flagged = line(valid1=0, valid2=1)
-    assert taken(SampleReader(), flagged).valid.tolist() == [False, True]
-    reader = SampleReader()
-    reader.take(b"X1,Y1,Z1,valid1", 0)
-    assert not taken(reader, b"1,2,3,0").valid.any()
-
-
 @pytest.mark.parametrize(
     "text",
     [

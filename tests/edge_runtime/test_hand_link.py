@@ -22,7 +22,6 @@ from hazard_marks import NO_GRIP_COMMAND, RUN_DIES, WIRE_FAILS
 
 from holdfast.core.errors import DeviceNotFound, UsageError
 from holdfast.edge_runtime.supervisor import to_line
-from holdfast.live.hand_link import BITS_A_COMMAND
 
 
 @pytest.fixture(params=[UnixReceiver, TtyReceiver])
@@ -215,8 +214,3 @@ def test_a_receiver_that_is_gone_is_looked_for_ever_more_seldom(tmp_path, monkey
         until(lambda: len(tries) == 5)
     pauses_s = np.diff(tries[1:5])
     assert pauses_s[-1] > 3 * pauses_s[0] > 0.1
-
-
-def test_a_serial_port_s_rate_counts_the_whole_line():
-    line = to_line(command(10**6)._replace(mu_hat=0.6123))
-    assert 10 * len(line) < BITS_A_COMMAND < 14 * len(line)

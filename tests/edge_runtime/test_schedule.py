@@ -7,7 +7,7 @@ import math
 import os
 import time
 from collections.abc import Iterator
-from contextlib import closing, suppress
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from numbered_lines import numbered_sender
 
 from holdfast.core import clock as clock_module
 from holdfast.core.clock import MonotonicClock
-from holdfast.core.contract import Prediction, Sample
+from holdfast.core.contract import Sample
 from holdfast.core.errors import TimeError
 from holdfast.core.hand_lines import MOST_A_CALL
 from holdfast.core.lines import stream_sink
@@ -31,7 +31,7 @@ from holdfast.edge_runtime.decision import DecisionState
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.loop import run_live
-from holdfast.live.outputs import LineOutput, udp_sink
+from holdfast.live.outputs import LineOutput
 from holdfast.live.wearer import wearer_monitor
 
 AREA = "Time and schedule"
@@ -97,20 +97,6 @@ def test_a_pipe_without_a_reader_loses_whole_lines_counted_and_delays_no_sample(
     assert taken == lines[: len(taken)]
 
 
-@stalled_consumer
-def test_a_consumer_that_comes_back_gets_the_newest_line_whole(stalled):
-    with open(stalled[1], "w", encoding="utf-8", closefd=False) as stream:
-        sink = stream_sink(stream)
-    sent = [sink("x" * 1500) for _ in range(300)]
-    sink("the newest")
-    taken: list[str] = []
-    while "the newest" not in taken:
-        taken += lines_of(stalled[0])
-    assert not all(sent)
-    assert set(taken[:-1]) == {"x" * 1500}
-    assert taken[-1] == "the newest"
-
-
 @pytest.mark.hard_case(
     AREA,
     "a stalled consumer",
@@ -125,16 +111,6 @@ def test_a_plain_print_into_a_pipe_without_a_reader_would_wait_for_ever(stalled)
         os.writev(stalled[1], [b"x" * 1000 + b"\n"] * 400) and os.write(
             stalled[1], b"x" * (1 << 16)
         )
-
-
-@stalled_consumer
-def test_a_datagram_that_the_machine_does_not_let_out_is_a_line_not_taken():
-    with (
-        closing(udp_sink("255.255.255.255:9")) as to_broadcast,
-        closing(udp_sink("127.0.0.1:9")) as to_closed,
-    ):
-        assert not to_broadcast("a line")  # without permission to
-        assert to_closed("a line")  # UDP does not report that no socket listens
 
 
 # -- the machine and the source fall behind
@@ -425,14 +401,3 @@ def test_a_flooded_port_delays_commands_and_no_sample(tmp_path, record_property)
             kept += 1
     record_property("samples that the flood lasts", kept)
     assert kept == math.ceil(sent / MOST_A_CALL)
-
-
-def test_lost_samples_are_counted_in_the_summary(model, capsys):
-    from holdfast.live.run import report_summary
-    from holdfast.live.running import say
-
-    stamps = on_time(20) + [on_time(20)[-1]] * 3
-    summary, predictions, _ = go(model, Stamped(clock := VirtualClock(), stamps), clock)
-    assert all(isinstance(one, Prediction) for one in predictions)
-    report_summary(summary, say)
-    assert "0 overruns, 3 repeated, 0 acts" in capsys.readouterr().err

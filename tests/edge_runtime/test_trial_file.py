@@ -67,14 +67,6 @@ def test_the_recorders_own_columns_are_read_and_its_validity_is_kept(
     assert np.argwhere(~trial.valid).tolist() == [[2, 1]]
 
 
-def test_a_lost_value_is_written_as_nan_and_read_as_such(tmp_path: Path) -> None:
-    lines = rows()
-    lines[1] = "0.020,nan,2,3,4,5,6"
-    assert np.argwhere(
-        np.isnan(read_trial(written(tmp_path, lines=lines)).raw)
-    ).tolist() == [[1, 0]]
-
-
 def test_a_byte_order_mark_and_windows_line_ends_are_accepted(tmp_path: Path) -> None:
     path = tmp_path / "trial_1.csv"
     path.write_bytes(
@@ -199,12 +191,6 @@ def test_a_damaged_trial_file_is_refused(tmp_path: Path, fault: str) -> None:
     refuses(written(tmp_path, header, lines), error, names)
 
 
-def test_an_empty_file_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "trial_1.csv"
-    path.touch()
-    refuses(path, EmptyRecording, "empty")
-
-
 @pytest.mark.parametrize(
     "content",
     [
@@ -251,17 +237,6 @@ def test_rows_lost_in_a_short_gap_come_back_as_invalid_rows(tmp_path: Path) -> N
         assert np.flatnonzero(lost.any(axis=1)).tolist() == [3, 4]
 
 
-def test_a_step_of_exactly_five_is_still_filled_and_one_above_splits_the_trial(
-    tmp_path: Path,
-) -> None:
-    # Quarters and eighths of a second are exact in binary, so the edge is met exactly.
-    begin = [0.0, 0.25, 0.5, 0.75]
-    trial = read_trial(written(tmp_path, lines=rows([*begin, 2.0, 2.25])))
-    assert np.flatnonzero(~trial.valid.any(axis=1)).tolist() == [4, 5, 6, 7]
-    with pytest.raises(TimeError, match=r"line 6: a gap of 1\.375 s"):
-        read_trial(written(tmp_path, lines=rows([*begin, 2.125, 2.375])))
-
-
 def test_rows_are_times_to_the_end_of_a_long_trial_though_its_stamps_are_rounded(
     tmp_path: Path,
 ) -> None:
@@ -273,27 +248,6 @@ def test_rows_are_times_to_the_end_of_a_long_trial_though_its_stamps_are_rounded
     trial = read_trial(path)
     assert abs((len(trial.t_s) - 1) / trial.rate_hz - trial.t_s[-1]) < 1e-4
     assert abs(trial.rate_hz - 300.0) < 1e-4
-
-
-@pytest.mark.parametrize(
-    ("rate_hz", "lasts_s", "looks"),
-    [
-        (100.0, 3600.0, ""),
-        (5.0, 0.0, ""),
-        (0.1, 5000.0, "looks like milliseconds (100 Hz)"),
-        (1e-4, 5e6, "looks like microseconds (100 Hz"),
-        (6000.0, 1.0, "looks like minutes (100 Hz)"),
-        (100.0, 3601.0, "no longer than an hour"),
-        (4.0, 10.0, "looks like milliseconds (4000 Hz)"),
-        (1e-9, 0.0, "no time in seconds"),
-    ],
-)
-def test_a_rate_that_no_hand_has_is_said_to_look_like_its_unit(
-    rate_hz: float, lasts_s: float, looks: str
-) -> None:
-    said = implausible_rate(rate_hz, lasts_s)
-    assert looks in said
-    assert bool(said) == bool(looks)
 
 
 @pytest.mark.parametrize(

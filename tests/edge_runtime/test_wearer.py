@@ -74,30 +74,6 @@ def test_before_the_first_item_the_wish_is_unknown_and_nothing_opens(hand):
     assert not hand.monitor.opening
 
 
-@pytest.mark.parametrize("word", ["open", "close", "stop"])
-def test_a_silent_stream_is_unknown_after_three_tenths_of_a_second(hand, word):
-    assert hand.sample(word).wants == word
-    assert hand.silence(44).wants == word
-    assert hand.silence(1).wants == "unknown"
-    assert (hand.monitor.link, hand.monitor.opening) == ("expired", False)
-    assert [one.wants for one in hand.monitor.fresh] == ["unknown"]
-    assert hand.silence(20).wants == "unknown"
-    assert len(hand.messages) == 1
-    assert hand.sample(word).wants == word
-    assert hand.messages[1:] == ["wearer: the stream is back"]
-
-
-def test_an_opening_that_never_ends_counts_for_three_seconds_until_it_has_ended(hand):
-    opened = []
-    for _ in range(600):
-        assert hand.sample("open").wants == "open"
-        opened.append(hand.monitor.opening)
-    assert (sum(opened), opened[448], opened[449]) == (449, True, False)
-    assert hand.messages == ["wearer: open for 3 s; it does not count until it ends"]
-    hand.sample("stop", "open")
-    assert hand.monitor.opening
-
-
 class Early(Hand):
     """An item comes between the emptying of the port and the first look."""
 
