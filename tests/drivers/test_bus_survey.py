@@ -2,44 +2,19 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from typing import Any
 
 import pytest
 
-from holdfast.drivers.bus import Bus, Reply, Transfer
+from holdfast.drivers import scan
+from holdfast.drivers.bus import Reply, Transfer
 from holdfast.drivers.scan import (
     BusDevice,
     as_layout,
     look_at,
-    survey,
 )
-from holdfast.drivers.tmag5273 import REGISTERS, RESULTS
-
-
-class Timed:
-    """A bus whose scans take what is in `lasts_s`, in turn, by the clock that it stands for."""
-
-    def __init__(self, bus: Bus, lasts_s: Sequence[float]) -> None:
-        self.bus, self.name, self.lasts_s = bus, "timed", list(lasts_s)
-        self.now_s = 0.0
-        self.scans: list[list[Transfer]] = []
-
-    def scan(self, transfers: Sequence[Transfer]) -> list[Reply]:
-        self.scans.append(list(transfers))
-        self.now_s = self.lasts_s[len(self.scans) % len(self.lasts_s)]
-        return self.bus.scan(transfers)
-
-    def clear(self) -> None:
-        self.bus.clear()
-
-    def close(self) -> None:
-        self.bus.close()
-
-    def perf_counter(self) -> float:
-        now_s, self.now_s = self.now_s, 0.0
-        return now_s
+from holdfast.drivers.tmag5273 import REGISTERS
 
 
 @pytest.mark.parametrize(
@@ -59,18 +34,10 @@ def test_a_scan_may_take_four_fifths_of_a_model_s_period(
     make: Any, monkeypatch: Any, scan_s: float, model_hz: float | None
 ) -> None:
     bench = make("native")
-    bus = Timed(bench.bus, [scan_s])
-    monkeypatch.setattr(time, "perf_counter", bus.perf_counter)
-    found = survey("i2c://1", bus, frozenset(), bench.wait_s)
+    monkeypatch.setattr(scan, "median_scan_s", lambda bus, layout: scan_s)
+    found = scan.survey("i2c://1", bench.bus, frozenset(), bench.wait_s)
     assert (found.scan_s, found.model_hz) == (scan_s, model_hz)
     assert found.layout == "0:35,0:22,0:78,0:44,1:35,1:22"
-    read = bytes([RESULTS])
-    assert bus.scans[-1] == [
-        Transfer(0x70, b"\x01"),
-        *(Transfer(one, read, 7) for one in (0x35, 0x22, 0x78, 0x44)),
-        Transfer(0x70, b"\x02"),
-        *(Transfer(one, read, 7) for one in (0x35, 0x22)),
-    ]
 
 
 def test_sensors_are_in_the_order_of_muxes_channels_and_fingers() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from typing import Any
-from unittest.mock import MagicMock, call
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -25,7 +25,6 @@ from holdfast.core.errors import (
     NotANumber,
     TimeError,
 )
-from holdfast.drivers.camera import sources
 from holdfast.drivers.camera.recording import (
     Lens,
     new_tag_file,
@@ -178,26 +177,6 @@ lacks = [name for one, name in names if not hasattr(one, name)]
 print(json.dumps({"between": between, "lacks": lacks}))
 """)
     assert output == {"between": True, "lacks": []}
-
-
-def test_an_oak_films_as_the_lens_says_and_ends_when_its_time_is_up(monkeypatch):
-    now_s = [100.0]
-    monkeypatch.setattr(sources.time, "monotonic", lambda: now_s[0])
-    dai, pipeline, inputs = MagicMock(), MagicMock(), [MagicMock(), MagicMock()]
-    oak = Oak(Lens(60.0, 1.5, 12.0, "monotonic"), seconds=2.0)
-    assert oak.last_lost == 20
-    goes_on = oak.connect(dai, pipeline, inputs)
-    build = pipeline.create.return_value.build
-    build.assert_called_once_with(sensorFps=60.0)
-    camera = build.return_value
-    camera.initialControl.setManualExposure.assert_called_once_with(1500, 800)
-    grey = dai.ImgFrame.Type.GRAY8
-    camera.requestOutput.assert_called_once_with((640, 400), type=grey, fps=60.0)
-    link = camera.requestOutput.return_value.link
-    assert link.call_args_list == [call(one) for one in inputs]
-    assert goes_on()
-    now_s[0] = 102.0
-    assert not goes_on()
 
 
 def test_an_oak_that_falls_off_the_bus_ends_its_graph_and_is_given_back():

@@ -3,7 +3,6 @@ emulated wire and mux that they are on."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import closing
 from typing import Any
 
@@ -14,7 +13,6 @@ from hazard_marks import FOREIGN_CHIP, WIRING
 
 from holdfast.cli.main import main
 from holdfast.core.errors import DeviceNotFound, WrongDevice
-from holdfast.drivers.bus import Reply, Transfer
 from holdfast.drivers.finger import identify
 from holdfast.drivers.layout import read_layout
 from holdfast.drivers.scan import as_layout, look_at
@@ -149,59 +147,6 @@ def test_a_named_layout_has_its_mux_where_the_url_says(layout, capsys):
 
 
 # -- what tells a sensor in 1-byte mode from another chip
-
-
-class Answers:
-    """A bus with one chip at 0x35: `known` are its registers, and packets are what it sends."""
-
-    name = "script"
-
-    def __init__(self, *answers: bytes | None) -> None:
-        self.answers = list(answers)
-        self.asked: list[Transfer] = []
-
-    def scan(self, transfers: Sequence[Transfer]) -> list[Reply]:
-        self.asked += transfers
-        replies = []
-        for one in transfers:
-            data = self.answers.pop(0) if one.read else b""
-            replies.append(Reply(data or b"", acked=data is not None))
-        return replies
-
-    def clear(self) -> None:
-        """Nothing to do."""
-
-    close = clear
-
-
-def own(version: int = 1, maker: bytes = b"\x49\x54") -> bytes:
-    """Four registers from I2C_ADDRESS on; the upper bits of DEVICE_ID are reserved."""
-    return bytes([0x6A, 0xE0 | version]) + maker
-
-
-@pytest.mark.parametrize(
-    ("identity", "version"),
-    [
-        (own(1), 1),
-        (own(2), 2),
-        (own(0), None),
-        (own(3), None),
-        (own(1, b"\x48\x54"), None),
-        (own(1, b"\x4a\x54"), None),
-        (own(1, b"\x49\x53"), None),
-        (own(1, b"\x49\x55"), None),
-    ],
-)
-def test_a_sensor_has_its_maker_s_number_and_one_of_two_versions(
-    identity: bytes, version: int | None
-) -> None:
-    bus = Answers(identity)
-    if version is not None:
-        assert identify(bus, 0x35, lambda pause_s: None) == version
-        assert len(bus.asked) == 1
-        return
-    with pytest.raises(WrongDevice, match="no TMAG5273"):
-        identify(bus, 0x35, lambda pause_s: None)
 
 
 # -- the emulated wire and mux

@@ -10,7 +10,6 @@ from hand_bench import Bench, bad, started
 
 from holdfast.core.errors import BusStuck, DeviceLost, TransferFailed
 from holdfast.drivers.bus import Reply, Transfer
-from holdfast.drivers.fingers import ScanReplies
 
 
 class Scripted:
@@ -139,17 +138,3 @@ def seen() -> tuple[Bench, Seen]:
     bench = started()
     bench.hand.close()
     return bench, Seen(bench)
-
-
-@pytest.mark.parametrize(("after_ns", "reads"), [(9_999_999_999, 2), (10**10, 0)])
-def test_muxes_are_read_back_for_ten_seconds_after_a_doubtful_reply(
-    seen: tuple[Bench, Seen], after_ns: int, reads: int
-) -> None:
-    bench, bus = seen
-    fingers = bench.hand._driven
-    reading = fingers.judge(0, ScanReplies([None] * 6, {2}))
-    assert reading.why == ("missing", "missing", "mux", *["missing"] * 3)
-    bench.clock.wait_until(bench.clock.now_ns() + after_ns)
-    fingers.scan(bus)
-    to_mux = [one for one in bus.transfers if one.address == 0x70]
-    assert len([one for one in to_mux if not one.write]) == reads

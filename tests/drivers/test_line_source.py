@@ -459,21 +459,6 @@ def test_a_recording_without_a_time_goes_at_the_rate_that_is_named() -> None:
         paced(table)
 
 
-def test_a_row_of_a_recording_that_is_not_later_than_the_one_before_is_skipped() -> (
-    None
-):
-    """Row 12 has the time of row 11, and row 14 an earlier one."""
-
-    def line(k: int) -> bytes:
-        fields = {"X1": k, "Y1": 0, "Z1": 0, "t_s": {12: 11, 14: 3}.get(k, k) / 100}
-        return json.dumps(fields).encode()
-
-    found, said = paced(line, rate_hz=100.0)
-    rows = [k for k in range(30) if k not in (12, 14)]
-    assert found == [(pytest.approx(10.0 * k), k) for k in rows]
-    assert len([one for one in said if "skipped" in one]) == 1
-
-
 # -- where bytes come from
 
 

@@ -15,7 +15,7 @@ from bridge_bench import (
     A,
     B,
 )
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from holdfast.core.errors import (
@@ -84,6 +84,7 @@ TRANSFERS = st.builds(
 )
 
 
+@settings(max_examples=40)
 @given(st.lists(TRANSFERS, min_size=1, max_size=6), st.booleans())
 def test_commands_that_come_byte_by_byte_do_what_a_batch_does(transfers, held):
     outcomes = []

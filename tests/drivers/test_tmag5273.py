@@ -6,11 +6,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from bridge_bench import FIRST, IDENTITY, SECOND, A, Bench
+from bridge_bench import IDENTITY, A, Bench
 from hypothesis import given
 from hypothesis import strategies as st
 
-from holdfast.core.errors import TransferFailed, UsageError
+from holdfast.core.errors import UsageError
 from holdfast.drivers.bus import Transfer
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.tmag5273 import (
@@ -22,8 +22,6 @@ from holdfast.drivers.tmag5273 import (
     packet,
 )
 from holdfast.drivers.virtual.virtual_hand import REST_UT
-
-BOTH = Transfer(0x70, bytes([0b11]))
 
 
 @pytest.fixture
@@ -77,18 +75,6 @@ def test_a_packet_keeps_its_numbers(x, y, z, status):
 
 
 # -- the chip
-
-
-def answer(bench: Bench, register: int, length: int) -> bytes:
-    """What the chip at A answers to a register read."""
-    return bench.bus.scan([Transfer(A, bytes([register]), length)])[0].data
-
-
-def test_two_chips_at_one_address_answer_together_and_zeros_win(bench):
-    bench.bus.scan([FIRST, Transfer(A, bytes([0x04, 0b1100]))])
-    bench.bus.scan([SECOND, Transfer(A, bytes([0x04, 0b1010]))])
-    bench.bus.scan([BOTH])
-    assert answer(bench, 0x04, 1) == bytes([0b1000])
 
 
 # -- the bridge
@@ -218,24 +204,3 @@ def test_the_ft232h_divides_its_clock_by_three_phases(bench, bus_hz, divider):
     for wrong_hz in (9_999, 1_000_001):
         with pytest.raises(UsageError, match="choose 10000 to 1000000 Hz"):
             Ft232h(bench.backend, bus_hz=wrong_hz)
-
-
-def test_an_answer_may_come_after_a_hundred_empty_packets_and_no_more(bench):
-    port = bench.bus._port
-    read, empty = port.read, []
-
-    def late(*given):
-        return empty.pop() if empty else read(*given)
-
-    port.read = late
-    empty[:] = [b"\x32\x60"] * 100
-    assert bench.bus.scan([FIRST])[0].acked
-    for packets, says in (
-        ([b"\x32\x60"] * 101, "0 of 6 bytes"),
-        ([b"\x32"], "of 1 bytes"),
-    ):
-        empty[:] = packets
-        with pytest.raises(TransferFailed, match=says):
-            bench.bus.scan([FIRST])
-        empty.clear()
-        assert bench.bus.scan([FIRST])[0].acked

@@ -190,35 +190,3 @@ def test_each_conversion_has_its_own_noise_smaller_by_the_root_of_the_averages()
             noise_ut = noise[conversions % 4096] / 2 ** (code / 2)
             assert on.results() == np.round(32768 * noise_ut / 40e3).tolist()
             assert on.status("SET_COUNT") == conversions % 8
-
-
-def test_each_fault_of_a_chip_lasts_or_happens_at_its_time():
-    kinds = ["nack", "wrong", "diag", "frozen", "por", "sleep"]
-    faults = [Fault(kind, k + 1, 0.5, 1) for k, kind in enumerate(kinds)]
-    on = ChipOnWire(raw_field(0, 0, 0), *faults)
-    on.convert(1)
-    lost = (None, None, None, None)
-    for at_s, seen in (
-        (0.9997, (True, 0, 0x70, 5)),
-        (1, lost),
-        (1.4999, lost),
-        (1.5, (True, 0, 0x70, 0)),
-        (2, (False, 0, 0x70, 0)),
-        (2.5, (True, 0, 0x70, 0)),
-        (3, (True, 1, 0x70, 0)),
-        (3.5003, (True, 0, 0x70, 3)),
-        (4, (True, 0, 0x70, 3)),
-        (4.4999, (True, 0, 0x70, 3)),
-        (4.5001, (True, 0, 0x70, 1)),
-        (5, (True, 0, 0, 0)),
-        (6, lost),
-        (6.1, (True, 0, 0, 0)),
-    ):
-        on.clock.wait_until(5 + round(1e9 * at_s))
-        answer = lost
-        if on.write(0):
-            who = on.read(2, 0x0E) == b"\x49\x54"
-            channels = on.read(1, REGISTERS["SENSOR_CONFIG_1"].address)[0]
-            states = (on.status("DIAG_STATUS"), channels, on.status("SET_COUNT"))
-            answer = (who, *states)
-        assert (at_s, answer) == (at_s, seen)

@@ -112,24 +112,6 @@ class Lines(list[str]):
 
 
 @DEAD_LOG.mark
-def test_a_terminal_that_is_not_drained_costs_lines_and_its_reader_gets_whole_ones_afterwards(
-    terminal,
-):
-    sink = sink_on(terminal[1])
-    taken = [sink(f"{k}{LINE}") for k in range(1000)]
-    assert not all(taken)
-    result = read_until(
-        terminal[0], b"\n999" + LINE.encode()
-    )  # the newest line of all is not lost
-    sink.close(LONG_S)
-    lines = result.decode().split("\r\n")
-    numbers = [int(line[: -len(LINE)]) for line in lines if line]
-    assert all(line.endswith(LINE) for line in lines if line), "two halves in one line"
-    assert numbers == sorted(set(numbers))
-    assert sink.dropped == 1000 - len(numbers)
-
-
-@DEAD_LOG.mark
 def test_a_stopped_terminal_goes_on_with_the_newest_lines(terminal):
     termios.tcflow(terminal[1], termios.TCOOFF)  # as ^S
     sink = sink_on(terminal[1])

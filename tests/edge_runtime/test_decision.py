@@ -109,18 +109,6 @@ def test_an_act_without_fresh_evidence_times_out_and_says_so(later: int) -> None
     assert (ended.arm, ended.act, ended.ended) == (False, False, "timed_out")
 
 
-@NO_EVIDENCE.mark
-def test_one_risky_sample_is_fresh_evidence_and_after_a_time_out_a_new_act_needs_a_full_run() -> (
-    None
-):
-    nearly = times(EVIDENCE - 2, GRASP)
-    renewed = (nearly + times(1, RISKY_SLIP)) * 4 + nearly
-    assert after(times(2, RISKY_SLIP) + renewed).act
-    timed_out = times(2, RISKY_SLIP) + times(500, GRASP)
-    assert not after(timed_out + times(1, RISKY_SLIP)).act
-    assert after(timed_out + times(2, RISKY_SLIP)).ended is None
-
-
 def test_it_releases_when_there_has_been_nothing_for_long_enough_and_not_a_sample_sooner() -> (
     None
 ):
@@ -153,15 +141,6 @@ def test_an_override_lasts_for_two_seconds_after_its_last_sample_whatever_is_see
         + times(two_seconds, RISKY_SLIP)
     )
     assert not any(state.arm for state in fed(renewed)[2:])
-
-
-@OVERRIDE.mark
-def test_an_override_lasts_through_unknown_samples_and_not_longer_than_its_time() -> (
-    None
-):
-    override = [Given(RISKY_SLIP, override=True)]
-    assert after(override + times(299, UNKNOWN)).overridden
-    assert not after(override + times(301, UNKNOWN)).overridden
 
 
 @OPENING.mark

@@ -50,15 +50,6 @@ def test_nothing_is_known_before_the_first_slip() -> None:
     assert estimates(margin) == (0.0, 0.0, 0.0)
 
 
-def test_a_clean_slide_shows_the_friction_and_leaves_no_margin() -> None:
-    margin = margin_of()
-    sliding(margin, 0.6)
-    mu_hat, left, needed_n = estimates(margin)
-    assert mu_hat == pytest.approx(0.6)
-    assert left == pytest.approx(0.0, abs=1e-9)
-    assert needed_n == pytest.approx(SPARE * GRIP_N)
-
-
 @pytest.mark.parametrize("friction", [0.2, 0.5, 0.9])
 @pytest.mark.parametrize("seed", range(5))
 def test_the_estimate_is_right_within_15_percent_under_noise_of_5_percent(

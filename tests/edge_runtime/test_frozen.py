@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -222,25 +221,3 @@ def test_no_sensor_of_a_real_set_is_called_frozen_also_at_twelve_bits(
         for one in recordings[:: max(1, len(recordings) // 4)]:
             rows = np.rint(one.samples / step) * step if step else one.samples
             assert not watched(rows, one.rate_hz).any(), (one.trial_id, step)
-
-
-@pytest.mark.parametrize("noisy", [True, False])
-def test_no_sensor_of_simulated_trials_at_twelve_bits_is_called_frozen(
-    noisy: bool,
-) -> None:
-    """With the chip's noise, which is about one step, and without, where fingers repeat at rest."""
-    from holdfast.simulation.scene import Scene
-    from holdfast.simulation.scene_file import read_scene_file
-
-    card = read_scene_file("thesis")
-    effects = dict(card.effects)
-    assert {"quantisation", "hall_noise"} <= effects.keys()
-    if not noisy:
-        del effects["hall_noise"]
-    scene = Scene(replace(card, step_s=0.006, effects=effects), 4100)
-    repeats = 0
-    for one in scene.run_together(scene.trials()[::200]):
-        rows = one.signal.values.reshape(len(one.signal.t_s), -1)
-        repeats += int((rows[1:] == rows[:-1]).all(axis=1).sum())
-        assert not watched(rows).any()
-    assert noisy or repeats > 50

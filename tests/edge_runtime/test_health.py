@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hazard_marks import AMBIGUOUS, DEAD_HAND, LATE_ANSWER, RESTART, WRONG_RATE
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from holdfast.core.contract import Prediction, Sample
@@ -182,6 +182,7 @@ def test_a_clock_that_stands_still_later_is_noticed_within_the_history(
     } == {"rate"}
 
 
+@settings(max_examples=30)
 @given(st.lists(st.floats(-0.45, 0.45), min_size=300, max_size=300))
 @example([0.45, -0.45] * 150)
 def test_jitter_is_no_other_rate(late: list[float]) -> None:
@@ -312,23 +313,6 @@ def test_a_stamp_that_no_clock_gives_is_refused_and_the_stream_goes_on(
         answers.append(monitor.feed(Sample(stamp_ns, values, ALL, k)).state)
     assert answers[:1] == ["unknown"]
     assert "unknown" not in answers[100:]
-
-
-@AMBIGUOUS.mark
-def test_times_near_the_largest_are_answered_like_any(model: Model) -> None:
-    late_ns = 2**62 - round(500 * PERIOD_NS)
-    states = []
-    for begin_ns in (0, late_ns, -late_ns):
-        monitor = GripMonitor(model, None)
-        states.append(
-            [
-                monitor.feed(
-                    Sample(begin_ns + round(k * PERIOD_NS), values, ALL, k)
-                ).state
-                for k, values in enumerate(noise(300))
-            ]
-        )
-    assert states[0] == states[1] == states[2]
 
 
 # -- the watches alone, at their limits

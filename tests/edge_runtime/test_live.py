@@ -127,18 +127,6 @@ def test_a_stream_is_tared_as_a_recording_is_prepared(
             np.testing.assert_array_equal(values, whole[k])
 
 
-def test_a_finger_that_comes_late_is_tared_late_and_believed_only_then():
-    tare = Tare(Preparation(2, "mean"), 6)
-    there, both = np.array([True, False]), np.array([True, True])
-    for _ in range(3):
-        _, good = tare.prepare(np.full(6, 4.0), there)
-    assert good.tolist() == [True, False]
-    tare.prepare(np.full(6, 4.0), both)
-    values, good = tare.prepare(np.full(6, 4.0), both)
-    assert good.all()
-    assert values.tolist() == [0.0] * 6
-
-
 # -- a virtual hand, end to end
 
 

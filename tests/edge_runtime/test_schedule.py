@@ -27,7 +27,6 @@ from holdfast.core.source import SourceReading
 from holdfast.core.trial_file import read_trial
 from holdfast.drivers.replay import PacedReplay, Replay
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.decision import DecisionState
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.loop import run_live
@@ -276,14 +275,6 @@ def test_stamps_that_jump_back_begin_anew_and_are_unknown_until_settled(
     assert summary.restarts == 1
     assert {p.state for p in predictions[200 : 200 + settle - 1]} == {"unknown"}
     assert {p.state for p in predictions[200 + settle :]} == {"nothing"}
-
-
-def test_a_restart_forgets_the_stream_and_keeps_the_request(model):
-    monitor = GripMonitor(model, None)
-    monitor._decision = DecisionState(arm=True, act=True)
-    monitor.lose_track()
-    answer = monitor.feed(still(0, 0))
-    assert (answer.state, answer.act) == ("unknown", True)
 
 
 @pytest.mark.hard_case(

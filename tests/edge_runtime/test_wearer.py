@@ -248,7 +248,7 @@ def test_what_a_program_left_behind_is_replaced_and_nothing_else(
         ("unix://relative", "three slashes"),
         ("unix:///no/such/folder/wearer", "cannot listen"),
         ("unix:///" + "a" * 200, "cannot listen"),
-        ("lsl://", "no name of a stream"),
+        ("lsl://", "is no stream"),
     ],
 )
 def test_an_address_that_cannot_be_is_a_usage_error(url: str, says: str) -> None:

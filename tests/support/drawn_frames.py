@@ -88,11 +88,6 @@ def program(text: str, *words: object) -> dict[str, Any]:
     return _json(SHARED.run("-c", PRELUDE + text, *map(str, words)))
 
 
-def fresh_program(text: str, *words: object) -> dict[str, Any]:
-    """The same in a process of its own."""
-    return _json(process("-c", PRELUDE + text, *map(str, words)))
-
-
 def _json(done: subprocess.CompletedProcess[str]) -> dict[str, Any]:
     assert done.returncode == 0, done.stderr
     # a thread of depthai may write a line of its own afterwards: "[date] [error] .."

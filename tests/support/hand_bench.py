@@ -72,33 +72,6 @@ def started(*faults: str, **options: object) -> Bench:
     return bench
 
 
-class Listener:
-    """Hangs on the wire and notes every address, 7 bits; acknowledges none."""
-
-    def __init__(self) -> None:
-        self.addresses: list[int] = []
-
-    def addressed(self, address: int, *, read: bool) -> bool:
-        self.addresses += [] if read else [address]
-        return False
-
-    def write(self, byte: int) -> bool:
-        return False
-
-    def read(self) -> int:
-        return 0xFF
-
-    def stop(self) -> None:
-        """Nothing to do."""
-
-
-def listen(bench: Bench) -> list[int]:
-    """Addresses written to from now on."""
-    listener = Listener()
-    bench.virtual.wire.targets.append(listener)
-    return listener.addresses
-
-
 def bad(readings: list[Reading], finger: int | None = None) -> list[Reading]:
     return [
         r
