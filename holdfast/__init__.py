@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from holdfast.core import errors as errors
+    from holdfast.core.contract import GripCommand as GripCommand
     from holdfast.core.contract import Prediction as Prediction
     from holdfast.core.contract import Sample as Sample
     from holdfast.core.errors import DataError as DataError
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from holdfast.core.trial_file import read_trial as read_trial
     from holdfast.edge_runtime.monitor import GripMonitor
     from holdfast.edge_runtime.recording import Answers as Answers
-    from holdfast.edge_runtime.supervisor import GripCommand as GripCommand
     from holdfast.live.open_hand import OpenHand
 
 # onnxruntime from 1.31 on collects and sends usage data unless this turns it off before its import
@@ -40,7 +40,7 @@ _HOMES = {
     "UsageError": "core.errors",
     "read_trial": "core.trial_file",
     "Answers": "edge_runtime.recording",
-    "GripCommand": "edge_runtime.supervisor",
+    "GripCommand": "core.contract",
 }
 """Public name -> the module that has it."""
 

@@ -6,12 +6,13 @@ const AFTER_S = 0.4;  // this long after the pull the end is known
 const KINDS = {
   pull: { began: "the pull began", lasts: "Pulling." },
   drop: { began: "the support went", lasts: "The support goes." },
-  "hand-over": { began: "the receiver took hold", lasts: "A receiver takes it; the wearer opens the hand." },
+  "hand-over": { began: "the receiver took hold", lasts: "A receiver takes it. You are the wearer: open the hand." },
+  open: { began: "the hand opened", lasts: "The wearer opens the hand." },
 };
 
 /** An action that begins with this view. kind: a name of KINDS, or null for a hand that holds. */
 function actionOf(kind, view) {
-  return { kind, base: view.people, place: view.position, began: null, called: null, lost: null, peak: view.grip, grip: view.grip, ended: null, said: null };
+  return { kind, base: view.people, place: view.position, began: null, called: null, lost: null, opened: null, peak: view.grip, grip: view.grip, ended: null, said: null };
 }
 
 /** One sample into an action. called: whether the hand is asked to tighten; t: its time; view: the world after it. */
@@ -33,7 +34,7 @@ function sentenceOf(action, view, helped) {
   if (!kind) return { text: "Held. Pull it.", end: "" };
   const call = action.called === null ? "no slip was called" : `called ${ms(action.called)} after ${kind.began}`;
   const rose = action.peak > action.grip + 0.5 ? `the grip rose to ${action.peak.toFixed(0)}\u00a0N` : `the grip stayed at ${action.grip.toFixed(1)}\u00a0N`;
-  if (action.kind === "hand-over") return handedOver(action, view, call, rose);
+  if (action.kind === "hand-over" || action.kind === "open") return opened(action, kind);
   if (action.lost !== null) {
     const why = helped ? `${call}, ${rose}, but not in time.` : `${call.replace("called", "Holdfast would have called it")}, but the grip is the wearer's alone.`;
     return { text: `Lost after ${ms(action.lost)}: ${why}`, end: "bad" };
@@ -45,10 +46,10 @@ function sentenceOf(action, view, helped) {
   return { text: `Kept: ${call}, ${rose}; it slid ${slid.toFixed(0)}\u00a0mm.`, end: "good" };
 }
 
-function handedOver(action, view, call, rose) {
-  if (action.lost === null && (action.ended === null || view.t < action.ended + 3)) return { text: KINDS["hand-over"].lasts, end: "" };
-  if (action.lost === null) return { text: `Held too long: ${call}, ${rose}.`, end: "bad" };
-  if (action.called === null) return { text: `Handed over, let go after ${ms(action.lost)}: ${call}, ${rose}.`, end: "good" };
-  const held = action.peak > action.grip + 0.5;
-  return { text: `Handed over after ${ms(action.lost)}: ${call}, ${held ? `and ${rose}` : "but the grip followed the wearer, who was opening the hand"}.`, end: held ? "bad" : "good" };
+/** The hand obeys its wearer, so only the time from the opening on is of interest. */
+function opened(action, kind) {
+  if (action.lost === null) return { text: kind.lasts, end: "" };
+  if (action.opened === null) return { text: "Taken before the wearer opened.", end: "bad" };
+  const after = ms(action.began + action.lost - action.opened);
+  return { text: `Let go ${after} after the wearer opened, from ${action.peak.toFixed(0)}\u00a0N, whatever Holdfast asked for.`, end: "good" };
 }

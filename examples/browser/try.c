@@ -5,7 +5,7 @@
 #include "scene.c"
 
 enum { PIECES = 8, AVERAGED = 3, GIVER = 0, TAKER = 1, PULLER = 2, PEOPLE = 3 };
-static const double NEVER_S = 1e9, OPEN_GAP_M = 0.03, CLOSING_S = 0.4, OPENING_S = 0.4, SIGNAL_S = 0.1;
+static const double NEVER_S = 1e9, OPEN_GAP_M = 0.03, CLOSING_S = 0.4, OPENING_S = 0.4;
 static const double GIVER_N_PER_M = 800.0, TAKER_N_PER_M = 300.0, PULLER_N_PER_M = 150.0, DAMPING_RATIO = 0.7;
 static const double GIVER_CAP_N = 40.0, PULLER_CAP_N = 20.0, TAKER_CAP_N = 8.0, TAKES_S = 0.4, MOVES_S = 1.5, TAKES_M = 0.2;
 /* of a sensor along the skin and across it, as in the thesis' scene: noise (sd), smallest step, largest bias */
@@ -56,7 +56,7 @@ EXPORTED(seen_count) int seen_count(void) { return (int)(sizeof view / sizeof(do
 /* What people and wearer do from now on. */
 EXPORTED(let_go) void let_go(double lasts_s) { gives_s = view.t_s, giving_s = lasts_s; }
 EXPORTED(take_over) void take_over(void) { takes_s = view.t_s; }
-EXPORTED(open_hand) void open_hand(void) { opens_s = view.t_s + SIGNAL_S; } /* the muscle's signal comes first */
+EXPORTED(open_hand) void open_hand(void) { opens_s = smaller(opens_s, view.t_s); }
 EXPORTED(release) void release(void) { pulls = 0; }
 EXPORTED(pull_to) void pull_to(double x_m, double y_m, double z_m) {
     for (int k = 0; k < 3 && !pulls; ++k) pulled_m[k] = world.position_m[k], pulled_m_s[k] = 0.0;
@@ -174,18 +174,18 @@ EXPORTED(start) int start(double seed) {
     return C == 3 * SCENE_CONTACTS ? begin() : HOLDFAST_STATE_SIZE;
 }
 
-/* One sample, and the physics until the next. helped: the drive obeys the answer, else the wearer alone. */
+/* One sample, and the physics until the next. helped: the drive obeys the answer, else the wearer alone. From the
+   wearer's opening on the hand ignores every target, and the answer is not even told. */
 EXPORTED(advance) int advance(int helped) {
     const double dt_s = 1.0 / (HOLDFAST_RATE_HZ * PIECES);
     double closure_m[SCENE_CONTACTS], forces_n[C];
     scene_person people[PEOPLE];
     sense_fingers();
-    wish = view.t_s >= opens_s - SIGNAL_S ? HOLDFAST_OPENING : HOLDFAST_NO_WISH;
     if (feed(1.0) != 0) return 1;
     for (int k = 0; k < C; ++k) felt_n[k] = 0.0;
     for (int piece = 1; piece <= PIECES; ++piece) {
-        const double t_s = view.t_s + piece * dt_s;
-        scene_drive_step(&drive, helped ? command.target_n : 0.0, wearers_closure(t_s, closure_m), dt_s);
+        const double t_s = view.t_s + piece * dt_s, target_n = helped && t_s < opens_s ? command.target_n : 0.0;
+        scene_drive_step(&drive, target_n, wearers_closure(t_s, closure_m), dt_s);
         drivens_closure(closure_m);
         act(t_s, dt_s, people);
         scene_step(&set.body, &world, closure_m, people, PEOPLE, dt_s);

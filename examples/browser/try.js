@@ -121,8 +121,9 @@ function listen() {
   at("pull").addEventListener("click", tear);
   at("hand-over").addEventListener("click", () => {
     start(false);
-    begin("hand-over", [{ after_s: 0, act: () => now.hand.take_over() }, { after_s: 0.5, act: () => { now.hand.open_hand(); ends(); } }]);
+    begin("hand-over", [{ after_s: 0, act: () => now.hand.take_over() }]);
   });
+  at("open").addEventListener("click", letGo);
   at("drop").addEventListener("click", () => {
     start(true);
     begin("drop", [{ after_s: 0.1, act: () => now.hand.let_go(0.04) }, { after_s: 0.6, act: ends }]);
@@ -131,6 +132,17 @@ function listen() {
   at("object").addEventListener("change", () => { at("friction").value = held().friction; });
   for (const id of ["object", "friction", "turn", "helped"]) at(id).addEventListener("input", restart);
   document.querySelector("form").addEventListener("submit", (event) => event.preventDefault());
+}
+
+/** The wearer opens the hand, in a hand-over or without a receiver. */
+function letGo() {
+  if (now.view.touching === 0) return;
+  letLoose();
+  if (now.action.kind !== "hand-over") begin("open", []);
+  now.hand.open_hand();
+  now.action.opened ??= now.view.t;
+  now.action.began ??= now.view.t;
+  ends();
 }
 
 function tear() {
@@ -151,7 +163,8 @@ function show() {
   drawStrip(at("strip"), now.rows);
   const { situation, called } = now.rows.at(-1);
   at("alarm").dataset.on = alarm ? "yes" : "no";
-  write(at("alarm").firstChild, alarm ? "Slip! The grip is about to fail." : called ? "A slip was called." : `Answer: ${situation}`);
+  const slip = action.opened === null ? "Slip! The grip is about to fail." : "Called a slip. The hand opens all the same.";
+  write(at("alarm").firstChild, alarm ? slip : called ? "A slip was called." : `Answer: ${situation}`);
   for (const [id, n] of [["grip", view.grip], ["load", view.load], ["force", Math.hypot(...view.pull)]]) write(at(id), `${n.toFixed(1)}\u00a0N`);
   write(at("friction-is"), Number(at("friction").value).toFixed(2));
   write(at("turn-is"), turnName());

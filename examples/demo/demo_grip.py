@@ -1,4 +1,5 @@
-"""The end of the demo: the loop is closed. A bottle is caught, a quick hand-over is let go.
+"""The end of the demo: the loop is closed. A bottle is caught. A quick hand-over is called a slip,
+and the hand lets go as soon as its wearer opens it, whatever is asked for.
 
 Each trial runs twice in one scene: in a hand that does nothing, and in one whose grip is controlled
 by the released model. All of it is simulated.
@@ -84,9 +85,19 @@ def half_managed(scene: Scene) -> Make:
     return both
 
 
+def opened_s(one: LoopOutcome) -> float:
+    """When the wearer of a hand began to open it, on the trial's clock."""
+    t_s = one.begin_s + np.arange(len(one.own_n)) / one.rate_hz
+    opens = (one.own_n < one.trial.grip_n - 0.01) & (t_s > one.act_s)
+    return float(t_s[opens.argmax()])
+
+
 def _fate(one: LoopOutcome) -> str:
     if one.trial.action == "pass":
-        return f"gone after {1e3 * (one.lost_s - one.act_s):.0f} ms"
+        after_ms = 1e3 * (one.lost_s - opened_s(one))
+        if after_ms > 0.0:
+            return f"let go {after_ms:.0f} ms after its wearer opened"
+        return f"torn away {-after_ms:.0f} ms before its wearer opened"
     return (
         f"lost after {1e3 * (one.lost_s - one.act_s):.0f} ms" if one.dropped else "kept"
     )

@@ -1,7 +1,7 @@
 """`holdfast run [MODEL] --source URL`: reads a hand and answers every sample, until it is stopped.
 
 holdfast run --source usb://ft232h
-holdfast run --source "virtual://ft232h?scene=pull-soft-ball&seed=1" --to view
+holdfast run --source "virtual://ft232h?scene=falling-bottle" --to view
 holdfast run mine.onnx --source usb://ft232h --grip unix:///run/hand/grip
 holdfast run mine.onnx --source usb://ft232h --engine c
 holdfast run --source usb://ft232h --to web:8000 --to today.jsonl
@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--grip",
         metavar="URL",
         help="send a grip command at every sample to unix:///PATH or serial:///dev/ttyX?baud=N, "
-        "or to the hand in a scene, by the word virtual (--source virtual://..?scene=..)",
+        "or to the hand in a scene, by the word virtual (--source virtual://..)",
     )
     add_wearer_option(parser)
     add_calibration_option(parser)

@@ -21,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -69,6 +69,8 @@ a loaded start. late: the answer is late. clock: the sample's stamp lies in the 
 """
 CommandLink = Literal["none", "live", "expired"]
 """The wearer's commands: none has come yet, they come, or their sender went silent."""
+Mode = Literal["idle", "hold", "tighten", "relax", "yield"]
+"""Of a grip command (GripCommand)."""
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -178,3 +180,28 @@ class Prediction:
     degraded: bool
     settled: bool
     model_id: str
+
+
+class GripCommand(NamedTuple):
+    """What the hand should do now.
+
+    target_n: what the hand may add while its wearer does not open it: normal force of either side,
+    N. From the very sample on at which the hand's own controller decides to open, the hand ignores
+    it, until it has been empty or the wearer closes. None where the hand keeps the grip it has: in
+    idle and yield the wearer's, in hold the present one. mode: idle (nothing wanted: the wearer's
+    grip), hold (keep target_n), tighten, relax (give back slowly), yield (give back at once).
+    slew_n_s: no faster than this. feedback: strength of the wearer's vibration cue, 0 to 1. mu_hat,
+    margin, needed_n: friction margin (grip_control.py), None while not observed.
+    reason: one word or two, for people.
+    """
+
+    sequence: int
+    t_ns: int
+    mode: Mode
+    target_n: float | None
+    slew_n_s: float
+    feedback: float
+    reason: str
+    mu_hat: float | None = None
+    margin: float | None = None
+    needed_n: float | None = None

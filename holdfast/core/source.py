@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -23,6 +23,15 @@ class SourceReading:
         """The same reading with no sensor valid, for a sample that did not come."""
         none: BoolArray = np.zeros(len(self.valid), dtype=np.bool_)
         return SourceReading(self.t_ns, self.values, none, (why,) * len(none))
+
+
+class SourceUrl(NamedTuple):
+    """A URL in parts: scheme, name or path, and options of the scheme's Struct."""
+
+    url: str
+    scheme: str
+    name: str
+    options: Any
 
 
 class Source(Protocol):

@@ -296,14 +296,10 @@ class LslIntent:
         self._is_text = inlet.facts.is_text
         self._skipped = Skipped("wearer", report, now_ns)
 
-    def came(self) -> list[Intent]:
+    def __call__(self) -> list[Intent]:
         """What came; the newest stamp is not in the future."""
         items = [self._item(t_ns, values) for t_ns, values in self._stream.pull(0.0)]
         return [one for one in items if one is not None]
-
-    def forget(self) -> None:
-        """Drop what came before now."""
-        self._stream.pull(0.0)
 
     def _item(self, t_ns: int, values: Sequence[Any]) -> Intent | None:
         wants = values[0] if self._is_text else ""

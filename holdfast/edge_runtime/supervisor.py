@@ -21,6 +21,7 @@ One grip command a sample reaches the hand, as one JSON line:
     {"sequence":812,"t_ns":5413333333,"mode":"tighten","target_n":9.4,"slew_n_s":400.0,
      "feedback":0.6,"reason":"risky slip","mu_hat":0.61,"margin":0.12,"expires_ms":300}
 
+target_n is what the hand may add while its wearer does not open it (GripCommand in the contract).
 core/hand_lines.py says which lines a receiver obeys. `docs/shared-control.md` has every field, and
 a receiver in Python and in C. A hand that has got no line for expires_ms holds its grip.
 """
@@ -29,42 +30,20 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING
 
+from holdfast.core.contract import GripCommand as GripCommand
+from holdfast.core.contract import Mode
 from holdfast.edge_runtime.batch import Batch, Flag, Number
 
 if TYPE_CHECKING:
     from holdfast.edge_runtime.grip import GripSense
 
-Mode = Literal["idle", "hold", "tighten", "relax", "yield"]
 MODES: tuple[Mode, ...] = ("idle", "hold", "tighten", "relax", "yield")
 """Modes by index, as the supervisor of many hands keeps them in arrays of numbers."""
 IDLE, HOLD, TIGHTEN, RELAX, YIELD = range(5)
 EXPIRES_MS = 300
 """For so long a command is valid; a hand without a later one holds its grip."""
-
-
-class GripCommand(NamedTuple):
-    """What the hand should do now.
-
-    mode: idle (nothing wanted: the wearer's grip), hold (keep target_n), tighten, relax (give back
-    slowly), yield (give back at once). target_n: normal force of either side, N; None where the
-    hand keeps the grip it has: in idle and yield the wearer's, in hold the present one.
-    slew_n_s: no faster than this. feedback: strength of the wearer's vibration cue, 0 to 1. mu_hat,
-    margin, needed_n: friction margin (grip_control.py), None while not observed.
-    reason: one word or two, for people.
-    """
-
-    sequence: int
-    t_ns: int
-    mode: Mode
-    target_n: float | None
-    slew_n_s: float
-    feedback: float
-    reason: str
-    mu_hat: float | None = None
-    margin: float | None = None
-    needed_n: float | None = None
 
 
 _to_json = json.JSONEncoder(separators=(",", ":")).encode

@@ -10,20 +10,22 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
-from holdfast.core.contract import Prediction, Sample
+from holdfast.core.contract import GripCommand, Prediction, Sample
 from holdfast.core.errors import ChannelError
 from holdfast.core.hand_card import hand_or_usual
 from holdfast.core.source import Source
 from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.edge_runtime.grip_control import GripControl
 from holdfast.edge_runtime.model_file import ModelCard
-from holdfast.edge_runtime.supervisor import GripCommand, Limits, last_line, to_line
+from holdfast.edge_runtime.supervisor import Limits, last_line, to_line
 from holdfast.live.hand_link import HandLink, open_hand_link
 from holdfast.live.outputs import STOPPED
 
 if TYPE_CHECKING:
     from holdfast.live.scene import LiveScene
 
+WHO_LETS_GO = "the hand obeys its wearer's opening (rule of the receiver)"
+"""The link is one-way: a run states the rule, and cannot test it."""
 Report = Callable[[str], None]
 
 
@@ -91,12 +93,11 @@ class GripOutput:
         self._report = report
         self._link = link
         self.scene = scene
-        self._begun = False
         self.newest: GripCommand | None = None
 
     def begin(self, source: Source) -> None:
         """The loop begins to read this source."""
-        self._begun = True
+        self._report(WHO_LETS_GO)
         if self.scene is not None:
             self.scene.began_ns = getattr(source, "began_ns", 0)
 
@@ -118,9 +119,9 @@ class GripOutput:
         if self._link is not None:
             self._link.close(reason)
         # only once, and not for a run whose source did not open
-        if self.scene is not None and self._begun:
+        if self.scene is not None and self.newest is not None:
             self._report(self.scene.outcome().line())
-        self._begun = False
+        self.newest = None
 
 
 def grip_to_link(
@@ -152,9 +153,10 @@ def grip_to_scene(
     clock: a SceneClock, or a virtual one. Raises UsageError, CardError.
     """
     from holdfast.live.scene import SceneClock, drive_of, live_scene
+    from holdfast.live.sources import source_url
 
     drive = drive_of(url, ceiling_n)
     # a virtual clock stands still by itself: computing takes no time on it
     still = clock.still if isinstance(clock, SceneClock) else nullcontext
-    scene = live_scene(source, drive, still)
+    scene = live_scene(source_url(source), drive, still)
     return GripOutput(controller, clock, report, scene=scene)

@@ -192,7 +192,7 @@ class HandLink:
         with self._changed:
             if self._ended:
                 return
-            self._ended = reason or "stopped"
+            self._ended = reason
             self._changed.notify()
         # bounded: a port that never opens must not keep the program from ending
         self._thread.join(END_S)

@@ -33,10 +33,11 @@ class OpenHand(ExitStack):
         to_force = force_of(calibration)
         self._source = open_live(url, clock=self._clock, report=say, to_force=to_force)
         self.callback(self._source.close)
-        with ExitStack() as on_error:
-            on_error.callback(self.close)
+        try:
             self._resting = resting_of(bias, self._source)
-            on_error.pop_all()
+        except BaseException:
+            self.close()
+            raise
 
     def samples(
         self, monitor: GripMonitor, *, seconds: float | None = None

@@ -92,8 +92,7 @@ class RunOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def moves_scene(self) -> bool:
         """Whether commands go to the hand in the scene of the source."""
-        # as a word, or as the beginning of a URL, which --source has taught
-        return (self.grip or "").partition("?")[0].rstrip(":/") == "virtual"
+        return (self.grip or "").startswith("virtual")
 
     def outputs(self) -> list[OutputUrl]:
         """Where answers go, in the order of KINDS; JSON lines where nothing is named."""
@@ -270,7 +269,11 @@ class _Run:
         elif kind == "web":
             from holdfast.live.page.run_page import open_run_page
 
-            self._page = open_run_page(place, self._options, card, self.report)
+            source, model = self._options.source, self._options.model
+            with_grip = self._options.grip is not None
+            self._page = open_run_page(
+                place, source, model, card, self.report, with_grip=with_grip
+            )
             return self._page
         elif kind == "lsl":
             from holdfast.drivers.lsl_library import open_answers
@@ -295,7 +298,7 @@ class _Run:
             if shown is not None:
                 shown.intent = wearer
         if self._samples is not None:
-            log = IntentLog(self._samples.path, wearer, clock.now_ns, self._samples)
+            log = IntentLog(wearer, clock.now_ns, self._samples)
             self.lines.add(log.sink)
             # after the file of samples, whose first sample sets the time axis of both
             outputs.insert(outputs.index(self._samples) + 1, log)

@@ -59,11 +59,6 @@ def real_time() -> Iterator[bool]:
 
     Its threads and children never have it.
     """
-    # other systems than Linux have no such call
-    if not hasattr(os, "sched_setscheduler"):
-        yield False
-        return
-
     before = os.sched_getscheduler(0)
     param = os.sched_getparam(0)
     # reset on fork: a thread or child with this priority could starve the reader
@@ -166,16 +161,16 @@ class ServiceWatchdog:
             # a service manager that is busy must not hold up the loop
             self._sender.setblocking(False)
 
-        self._last_ns: int | None = None
+        self._last_ns = -SIGN_OF_LIFE_NS
 
     def write(
         self, prediction: Prediction, sample: object = None, reading: object = None
     ) -> None:
         """An answer was given."""
         now_ns = prediction.t_decided_ns
-        if self._last_ns is None:
+        if self._last_ns < 0:
             self._send("READY=1")
-        if self._last_ns is None or now_ns - self._last_ns >= SIGN_OF_LIFE_NS:
+        if now_ns - self._last_ns >= SIGN_OF_LIFE_NS:
             self._send("WATCHDOG=1")
             self._last_ns = now_ns
 

@@ -24,13 +24,14 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from holdfast.core.contract import GripCommand
 from holdfast.core.errors import UsageError
 from holdfast.core.schema import checked
+from holdfast.core.source import SourceUrl
 from holdfast.drivers.replay import Replay
 from holdfast.drivers.virtual.virtual_hand import Track
-from holdfast.edge_runtime.supervisor import EXPIRES_MS, GripCommand
+from holdfast.edge_runtime.supervisor import EXPIRES_MS
 from holdfast.live.running import RunClock
-from holdfast.live.sources import SourceUrl, source_url
 from holdfast.simulation.drive import Actuator, Drive
 from holdfast.simulation.effect import EFFECT_MODULES
 from holdfast.simulation.loop_people import Habits
@@ -50,6 +51,8 @@ STEP_S = 1.0 / ROWS_HZ
 Still = Callable[[], AbstractContextManager[None]]
 COPIES = 2
 """The trial twice: numpy sums a batch of one in another order than a larger one."""
+USUAL_SCENE = "falling-bottle"
+"""Where the source names none: what is seen first is an object that is kept."""
 
 
 # -- trials of a scene
@@ -85,9 +88,8 @@ def simulated_stream(source: SourceUrl) -> Replay:
     return Replay(t_ns, values, signal.valid, scene.file.rate_hz, signal.unit)
 
 
-def truth_of_url(url: str) -> Truth | None:
+def scene_truth(source: SourceUrl) -> Truth | None:
     """The truth of the trial behind sim:// or virtual://; None where no scene is."""
-    source = source_url(url)
     if source.scheme == "virtual" and not source.options.scene:
         return None
     return trial_of(source)[1].truth
@@ -309,15 +311,18 @@ def _for_all(value: int) -> npt.NDArray[np.int64]:
     return np.full(COPIES, value, dtype=np.int64)
 
 
-def live_scene(url: str, drive: Drive, still: Still = nullcontext) -> LiveScene:
-    """The scene of a virtual:// URL. Raises UsageError where it has none, CardError."""
-    source = source_url(url)
-    if source.scheme != "virtual" or not source.options.scene:
+def live_scene(
+    source: SourceUrl, drive: Drive, still: Still = nullcontext
+) -> LiveScene:
+    """The scene of a virtual:// URL, or the usual one. Raises UsageError, CardError."""
+    if source.scheme != "virtual":
         raise UsageError(
-            f"--grip virtual: the source {url!r} has no scene whose hand could be moved",
-            next_step="--source 'virtual://ft232h?scene=pull-soft-ball&seed=1'",
+            f"--grip virtual: the source {source.url!r} has no scene whose hand could be moved",
+            next_step="--source virtual://ft232h",
         )
-    scene, trial = planned_trial(source, ROWS_HZ, STEP_S)
+    usual = source.options.scene or USUAL_SCENE
+    options = msgspec.structs.replace(source.options, scene=usual)
+    scene, trial = planned_trial(source._replace(options=options), ROWS_HZ, STEP_S)
     if drive.ceiling_n < trial.grip_n:
         raise UsageError(
             f"--grip virtual: a ceiling of {drive.ceiling_n:g} N is below the {trial.grip_n:.1f} N "

@@ -2,7 +2,7 @@
 
     usb://ft232h?number=0                     a bridge on USB
     i2c://1                                   the board's own bus, /dev/i2c-1
-    virtual://ft232h?scene=pull-soft-ball     the same driver on an emulated bridge; also seed,
+    virtual://ft232h?scene=falling-bottle     the same driver on an emulated bridge; also seed,
               &fault=nack:3@1.5%2B0.2         trial, and faults (drivers/virtual/virtual_hand.py)
     lsl://NAME?unit=N                         a stream of the lab streaming layer (extra `lsl`)
     -, stdin://                               lines of any program: JSON objects, or CSV below a
@@ -34,7 +34,7 @@ import numpy as np
 from holdfast.core.contract import FloatArray, Unit
 from holdfast.core.errors import CardError, DataNotFound, UsageError
 from holdfast.core.schema import checked
-from holdfast.core.source import Source
+from holdfast.core.source import Source, SourceUrl
 from holdfast.drivers.bridges import BRIDGES, open_virtual
 from holdfast.drivers.bridges import open_bus as open_bridge
 from holdfast.drivers.replay import PacedReplay, Replay, open_replay
@@ -115,15 +115,6 @@ class SerialOptions(LinesOptions, frozen=True):
     baud: Count = 115_200
 
 
-class SourceUrl(NamedTuple):
-    """A URL in parts: scheme, name or path, and options of the scheme's Struct."""
-
-    url: str
-    scheme: str
-    name: str
-    options: Any
-
-
 def source_url(url: str) -> SourceUrl:
     """The parts of a source's URL. Raises UsageError."""
     if url == STANDARD_INPUT:
@@ -167,7 +158,7 @@ def is_standard_input(url: str) -> bool:
 
 def is_hand(url: str) -> bool:
     """Whether a URL is a hand or a stream, which has no end of its own, unlike a recording."""
-    return source_url(url).scheme in (*HANDS, "lsl", *LINES)
+    return source_url(url).scheme not in ("sim", "replay")
 
 
 def stream_name(name: str) -> str:

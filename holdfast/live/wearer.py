@@ -14,17 +14,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from holdfast.core.errors import DeviceLost, UsageError
+from holdfast.core.errors import DeviceLost
 from holdfast.core.hand_lines import (
     NOT_RISING,
     NOT_UNDERSTOOD,
     RisingRule,
     Skipped,
     fields_of,
+    not_an_address,
     printable,
     sequence_of,
 )
@@ -33,44 +34,33 @@ from holdfast.edge_runtime.wearer import (
     INTENT_HEADER,
     Intent,
     IntentMonitor,
-    IntentStream,
+    Words,
     intent_of,
     intent_row,
     read_intent,
 )
 from holdfast.live.outputs import STOPPED, SampleFile, file_sink
-from holdfast.live.sources import LINES, source_url, stream_name
+from holdfast.live.sources import LINES, REPLAY, open_feed, source_url, stream_name
 
 if TYPE_CHECKING:
     from holdfast.drivers.line_feeds import Feed
 
-ADDRESSES = (
-    "unix:///run/holdfast/wearer, serial:///dev/ttyX, lsl://NAME, - or replay://FILE"
-)
-
 
 class IntentLog:
-    """An output: a file of the items that came at each sample.
+    """An output: a file of the items that came at each sample, next to the samples' file.
 
-    path: of the samples; the log is a new file next to it. now_ns: the run's clock. Raises
-    OutputError.
+    now_ns: the run's clock. Raises OutputError.
     """
 
     def __init__(
-        self,
-        path: Path,
-        intent: IntentMonitor,
-        now_ns: Callable[[], int],
-        samples: SampleFile,
+        self, intent: IntentMonitor, now_ns: Callable[[], int], samples: SampleFile
     ) -> None:
-        self.sink = file_sink(intent_path(path), INTENT_HEADER)
+        self.sink = file_sink(intent_path(samples.path), INTENT_HEADER)
         self._intent = intent
         self._now_ns = now_ns
         self._samples = samples
 
-    def write(
-        self, prediction: object = None, sample: object = None, reading: object = None
-    ) -> None:
+    def write(self, *sample: object) -> None:
         """The items of one sample, on the time axis of the samples' file."""
         first_ns = self._samples.first_ns
         # without a first sample there is no time axis for the items yet
@@ -92,86 +82,64 @@ class LineWords:
     def __init__(
         self, feed: Feed, now_ns: Callable[[], int], report: Callable[[str], object]
     ) -> None:
-        self._feed = feed
-        self._report = report
-        self._lost = False
+        self._feed: Feed | None = feed
         self._now_ns = now_ns
+        self._report = report
         self._rule = RisingRule()
         self._skipped = Skipped("wearer", report, now_ns)
 
-    def came(self) -> list[Intent]:
-        """What is waiting, oldest first."""
+    def __call__(self) -> list[Intent]:
+        """What is waiting, oldest first; nothing any more once a port was unplugged."""
+        try:
+            lines = self._feed.pull(0.0) if self._feed else []
+        except DeviceLost as error:
+            self._report(f"wearer: {error}")
+            self._feed = None
+            return []
         items = []
-        for line in self._pulled():
-            try:
-                sequence, item = self._read(line)
-            except ValueError as error:
-                self._skip(NOT_UNDERSTOOD, line, f" ({error})")
-                continue
-            if self._rule.obeys(item.t_ns, sequence):
-                items.append(item)
-            else:
-                self._skip(NOT_RISING, line)
+        for line in lines:
+            items += self._read(line)
         return items
 
-    def forget(self) -> None:
-        """Drop what is waiting."""
-        while self._pulled():
-            pass
-
-    def close(self) -> None:
-        """Close where lines come from; report the last counts."""
-        self._skipped.close()
-        self._feed.close()
-
-    def _pulled(self) -> list[bytes]:
-        """The lines that wait; none any more once a port was unplugged."""
-        try:
-            return [] if self._lost else self._feed.pull(0.0)
-        except DeviceLost as error:
-            self._lost = True
-            self._report(f"wearer: {error}")
-            return []
-
-    def _read(self, line: bytes) -> tuple[int | None, Intent]:
-        """(sequence, item). Raises ValueError."""
-        if not line.startswith(b"{"):
-            return None, intent_of(line.decode().strip(), self._now_ns())
-        fields = fields_of(line)
-        sequence = sequence_of(fields.pop("sequence", None))
-        if set(fields) != {"wants"}:
-            raise ValueError('no {"wants": ".."}')
-        return sequence, intent_of(fields["wants"], self._now_ns())
-
-    def _skip(self, kind: str, line: bytes, why: str = "") -> None:
-        self._skipped.count(kind, f"{printable(line)} is skipped: {kind}{why}")
-
-
-class ReplayedWords:
-    """The items of a recorded file; its time begins at the first look."""
-
-    def __init__(self, path: Path, now_ns: Callable[[], int]) -> None:
-        record = read_intent(path)
-        self._items = list(zip(record.time_s, record.items, strict=True))
-        self._now_ns = now_ns
-        self._began_ns: int | None = None
-
-    def came(self) -> list[Intent]:
-        """The items whose time has come."""
+    def _read(self, line: bytes) -> list[Intent]:
+        """The item of a line; none where it is skipped."""
         now_ns = self._now_ns()
-        self._began_ns = began_ns = self._began_ns or now_ns
-        items = []
-        while self._items and began_ns + 1e9 * self._items[0][0] <= now_ns:
-            time_s, item = self._items.pop(0)
-            items.append(Intent(began_ns + round(1e9 * time_s), item.wants))
-        # what the recorder wrote at a silence is no word of the wearer
-        return [item for item in items if item.wants not in ("unknown", "")]
-
-    def forget(self) -> None:
-        """A recording waits for its time."""
+        try:
+            is_object = line.startswith(b"{")
+            fields = fields_of(line) if is_object else {"wants": line.decode().strip()}
+            sequence = sequence_of(fields.get("sequence"))
+            item = intent_of(fields.get("wants"), now_ns)
+        except ValueError as error:
+            shown = f"{printable(line)} is skipped: {NOT_UNDERSTOOD} ({error})"
+            self._skipped.count(NOT_UNDERSTOOD, shown)
+            return []
+        if self._rule.obeys(now_ns, sequence):
+            return [item]
+        self._skipped.count(NOT_RISING, f"{printable(line)} is skipped: {NOT_RISING}")
+        return []
 
     def close(self) -> None:
-        """Nothing to close."""
+        """Report the last counts."""
+        self._skipped.close()
+
+
+def replayed_words(path: Path, now_ns: Callable[[], int]) -> Words:
+    """The words of a recorded file; its time begins at the first look."""
+    waiting = read_intent(path)
+    began_ns: int | None = None
+
+    def words() -> list[Intent]:
+        nonlocal began_ns
+        now = now_ns()
+        began_ns = now if began_ns is None else began_ns
+        due = []
+        # not at the first look itself, which drops what is there
+        while waiting and began_ns + waiting[0].t_ns < now:
+            item = waiting.pop(0)
+            due.append(item._replace(t_ns=began_ns + item.t_ns))
+        return due
+
+    return words
 
 
 @contextmanager
@@ -182,33 +150,25 @@ def wearer_monitor(
 
     Raises UsageError, DeviceError, LibraryMissing, a DataError for a recorded file.
     """
-    with _stream(url, clock, report) as stream:
-        yield IntentMonitor(stream, clock.now_ns, report)
+    with ExitStack() as stack:
+        words = _words_of(url, clock.now_ns, report, stack)
+        yield IntentMonitor(words, clock.now_ns, report)
 
 
-@contextmanager
-def _stream(
-    url: str, clock: Any, report: Callable[[str], None]
-) -> Iterator[IntentStream]:
-    if url.startswith(("udp://", "tcp://")):
-        raise UsageError(
-            f"--wearer {url[:80]!r}: nothing that moves a hand crosses a network",
-            next_step=ADDRESSES,
-        )
-    where = source_url(url)
-    if where.scheme == "lsl":
+def _words_of(
+    url: str, now_ns: Callable[[], int], report: Callable[[str], None], stack: ExitStack
+) -> Words:
+    if url.startswith(REPLAY):
+        return replayed_words(Path(url.removeprefix(REPLAY)), now_ns)
+    if url.startswith("lsl://"):
         from holdfast.drivers.lsl import LslIntent
         from holdfast.drivers.lsl_library import LslInlet
 
-        with closing(LslInlet(stream_name(where.name))) as inlet:
-            yield LslIntent(inlet, clock.now_ns, report)
-    elif where.scheme in LINES:
-        from holdfast.live.sources import open_feed
+        name = stream_name(source_url(url).name)
+        inlet = stack.enter_context(closing(LslInlet(name)))
+        return LslIntent(inlet, now_ns, report)
+    if url != "-" and not url.startswith(tuple(f"{one}://" for one in LINES)):
+        raise not_an_address(url, "wearer")
 
-        feed = open_feed(where, "--wearer")
-        with closing(LineWords(feed, clock.now_ns, report)) as words:
-            yield words
-    elif url.startswith("replay://"):
-        yield ReplayedWords(Path(where.name), clock.now_ns)
-    else:
-        raise UsageError(f"--wearer {url[:80]!r} is no stream", next_step=ADDRESSES)
+    feed = stack.enter_context(closing(open_feed(source_url(url), "--wearer")))
+    return stack.enter_context(closing(LineWords(feed, now_ns, report)))

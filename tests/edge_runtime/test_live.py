@@ -13,7 +13,6 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -45,9 +44,6 @@ from holdfast.live.run import answer
 from holdfast.live.running import ServiceWatchdog
 from holdfast.live.sources import open_live
 from holdfast.live.view import open_view
-
-if TYPE_CHECKING:
-    pass
 
 AREA = "Time and schedule"
 

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from hazard_marks import BROKEN_LINE, OTHER_SENDER, SILENT_SENDER
@@ -17,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numbered_lines import numbered_sender
 
-from holdfast.core.errors import ColumnError, DeviceLost, NotANumber, UsageError
+from holdfast.core.errors import DeviceLost, NotANumber, UsageError
 from holdfast.core.hand_lines import SILENCE_NS
 from holdfast.drivers.lsl import LslIntent, StreamFacts
 from holdfast.drivers.virtual.clock import VirtualClock
@@ -29,7 +30,7 @@ from holdfast.edge_runtime.wearer import (
     intent_row,
     read_intent,
 )
-from holdfast.live.wearer import wearer_monitor
+from holdfast.live.wearer import LineWords, wearer_monitor
 
 PERIOD_NS = 6_666_667
 
@@ -38,60 +39,52 @@ class Hand:
     """A clock by hand, a stream of scripted items, and messages."""
 
     def __init__(self) -> None:
-        self.ns, self.next, self.forgotten = 10**9, list[Intent](), 0
+        self.ns, self.next = 10**9, list[Intent]()
         self.messages: list[str] = []
-        self.monitor = IntentMonitor(self, lambda: self.ns, self.messages.append)
+        self.monitor = IntentMonitor(self.came, lambda: self.ns, self.messages.append)
 
     def came(self) -> list[Intent]:
         came, self.next = self.next, []
         return came
 
-    def forget(self) -> None:
-        self.next, self.forgotten = [], self.forgotten + 1
-
-    def sample(self, *words: Any) -> Intent:
-        """A period passes, these items come; what is known then."""
-        self.ns += PERIOD_NS
+    def sample(self, *words: str, later_ns: int = PERIOD_NS) -> Command:
+        """Some time passes, these words come; what is commanded then."""
+        self.ns += later_ns
         self.next = [Intent(self.ns, word) for word in words]
-        self.monitor.look()
-        return self.monitor.newest
-
-    def silence(self, samples: int) -> Intent:
-        for _ in range(samples):
-            self.sample()
-        return self.monitor.newest
+        return self.monitor.command()
 
 
 @pytest.fixture
 def hand() -> Hand:
     one = Hand()
-    one.sample()
+    assert one.sample() == Command(link="none")
+    assert one.monitor.newest.wants == "unknown"
     return one
 
 
-def test_before_the_first_item_the_wish_is_unknown_and_nothing_opens(hand):
-    assert (hand.monitor.newest.wants, hand.monitor.link) == ("unknown", "none")
-    assert not hand.monitor.opening
-
-
-class Early(Hand):
-    """An item comes between the emptying of the port and the first look."""
-
-    def forget(self) -> None:
-        self.forgotten += 1
-
-
-def test_an_opening_that_is_there_at_the_first_look_counts():
-    hand = Early()
-    hand.sample("open")
-    assert hand.monitor.opening
+@pytest.mark.parametrize("word", ["open", "close", "stop"])
+def test_a_word_lasts_for_three_tenths_of_a_second_of_silence_to_the_nanosecond(
+    hand, word
+):
+    assert hand.sample(word) == Command(word == "open", link="live")
+    assert hand.sample(later_ns=SILENCE_NS) == Command(word == "open", link="live")
+    assert hand.sample(later_ns=1) == Command(link="expired")
+    assert [one.wants for one in hand.monitor.fresh] == ["unknown"]
+    assert hand.sample() == Command(link="expired")
+    assert hand.monitor.fresh == []
+    assert len(hand.messages) == 1
+    assert hand.sample(word).link == "live"
+    assert hand.messages[1:] == ["wearer: the stream is back"]
 
 
 def test_what_waited_while_nothing_looked_is_dropped(hand):
-    assert hand.forgotten == 1
-    hand.ns += 10**9
-    assert hand.sample("open").wants == "unknown"
-    assert hand.forgotten == 2
+    assert hand.sample("open", later_ns=SILENCE_NS).opening
+    assert hand.sample("stop", later_ns=SILENCE_NS + 1) == Command(link="expired")
+    # also before the first look, and more than one call of the stream gives
+    waiting = [[Intent(0, "open")], [Intent(1, "open")], [], [Intent(10**9, "stop")]]
+    first = IntentMonitor(lambda: waiting.pop(0), lambda: 10**9, print)
+    assert first.command() == Command()
+    assert first.command() == Command(link="live")
 
 
 @settings(deadline=None, max_examples=50)
@@ -104,17 +97,14 @@ def test_the_wish_is_never_older_than_it_may_be_and_never_made_up(stream):
         hand.sample(*([one] if one else []))
         if one:
             last, word = hand.ns, one
-        fresh = last is not None and hand.ns - last <= 300_000_000
+        fresh = last is not None and hand.ns - last <= SILENCE_NS
         assert hand.monitor.newest.wants == (word if fresh else "unknown")
         assert (hand.monitor.link == "live") == fresh
 
 
 def test_an_override_counts_for_the_sample_at_which_it_came(hand):
-    hand.ns += PERIOD_NS
-    hand.next = [Intent(hand.ns, word) for word in ("override", "open")]
-    assert hand.monitor.command() == Command(True, True, "live")
-    hand.ns += PERIOD_NS
-    assert hand.monitor.command() == Command(True, False, "live")
+    assert hand.sample("override", "open") == Command(True, True, "live")
+    assert hand.sample() == Command(True, False, "live")
 
 
 # -- lines
@@ -241,8 +231,8 @@ def test_what_a_program_left_behind_is_replaced_and_nothing_else(
 @pytest.mark.parametrize(
     ("url", "says"),
     [
-        ("9001", "is no stream"),
-        ("sim://apple", "is no stream"),
+        ("9001", "is not an address"),
+        ("sim://apple", "is not an address"),
         ("udp://127.0.0.1:9001", "nothing that moves a hand crosses a network"),
         ("unix:///run/a?key=b", "key is not known"),
         ("unix://relative", "three slashes"),
@@ -261,7 +251,14 @@ def test_an_address_that_cannot_be_is_a_usage_error(url: str, says: str) -> None
 
 def test_a_recorded_stream_comes_again_in_its_time(tmp_path: Path) -> None:
     path, clock = tmp_path / "trial_1.intent.csv", VirtualClock(10**9)
-    rows = [INTENT_HEADER, "0.1,7,open", "0.2,8,unknown", "0.3,9,rest", ""]
+    rows = [
+        INTENT_HEADER,
+        "0.0,6,close",
+        "0.1,7,open",
+        "0.2,8,unknown",
+        "0.3,9,rest",
+        "",
+    ]
     path.write_text("\n".join(rows), encoding="utf-8")
     with wearer_monitor(f"replay://{path}", clock, print) as monitor:
         said = []
@@ -269,8 +266,17 @@ def test_a_recorded_stream_comes_again_in_its_time(tmp_path: Path) -> None:
             monitor.look()
             said += [(item.t_ns, item.wants) for item in monitor.fresh]
             clock.spend(PERIOD_NS)
-    assert said[:2] == [(1_100_000_000, "open"), (1_300_000_000, "stop")]
-    assert [wants for _, wants in said[2:]] == ["unknown"]
+    assert said[0] == (1_000_000_000, "close")
+    assert said[1:3] == [(1_100_000_000, "open"), (1_300_000_000, "stop")]
+    assert [wants for _, wants in said[3:]] == ["unknown"]
+
+
+def test_a_port_that_is_unplugged_is_reported_once_and_gives_nothing_more():
+    feed = Mock(pull=Mock(side_effect=DeviceLost("the port is gone")))
+    messages: list[str] = []
+    words = LineWords(feed, lambda: 0, messages.append)
+    assert [words() for _ in range(3)] == [[], [], []]
+    assert len(messages) == 1
 
 
 # -- the lab streaming layer
@@ -299,84 +305,46 @@ class ScriptedInlet:
 
 def test_words_of_the_lab_streaming_layer_are_put_on_the_runs_clock():
     messages: list[str] = []
-    pairs = [(1000.5, ["open"]), (1000.75, ["shut"]), (1009.0, ["rest"])]
+    pairs = [(1000.5, ["open"]), (1000.75, ["shut"]), (1009.0, ["stop"])]
     stream = LslIntent(ScriptedInlet(pairs), lambda: 10**9, messages.append)
-    assert stream.came() == [Intent(500_000_000, "open"), Intent(10**9, "stop")]
+    assert stream() == [Intent(500_000_000, "open"), Intent(10**9, "stop")]
     assert len(messages) == 1
     for _ in range(3):
-        assert stream.came() == []
+        assert stream() == []
         assert messages[1:] == ["lsl://emg: the stream ended; it is unknown from here"]
 
 
 # -- files
 
-ITEMS = [Intent(1_600_000_000, "open"), Intent(1_900_000_001, "unknown")]
+HEAD = INTENT_HEADER
 
 
-def test_a_file_reads_back_as_it_was_written_without_a_torn_line(tmp_path):
+def test_a_file_reads_back_as_it_was_written_without_silences_and_a_torn_line(tmp_path):
     path = tmp_path / "trial_1.intent.csv"
-    rows = [intent_row(one, 10**9, 5) for one in ITEMS]
-    path.write_text("\n".join([INTENT_HEADER, *rows, "1.0,7,op"]), encoding="utf-8")
-    assert path.read_text("utf-8").startswith(
-        "Time (s),host (ns),wants\n0.600000,1600000005,open\n"
-    )
-    record = read_intent(path)
-    assert record.time_s == (0.6, 0.9)
-    assert record.items == tuple(Intent(one.t_ns + 5, one.wants) for one in ITEMS)
+    items = [Intent(1_600_000_000, "open"), Intent(1_900_000_001, "unknown")]
+    rows = [intent_row(one, 10**9, 5) for one in items]
+    path.write_text("\n".join([HEAD, *rows, "1.0,7,op"]), encoding="utf-8")
+    assert path.read_text("utf-8").startswith(f"{HEAD}\n0.600000,1600000005,open\n")
+    assert read_intent(path) == [Intent(600_000_000, "open")]
 
 
 def test_the_words_of_an_older_file_with_envelopes_are_read(tmp_path):
     path = tmp_path / "trial_1.intent.csv"
-    header = f"{INTENT_HEADER},envelope 1 (0 to 1)"
-    path.write_text(f"{header}\n0.5,7,open,\n0.6,8,,0.25\n", encoding="utf-8")
-    assert read_intent(path).items == (Intent(7, "open"), Intent(8, ""))
+    lines = [
+        f"{HEAD},envelope 1 (0 to 1)",
+        "0.5,7,open,",
+        "0.6,8,,0.25",
+        "0.7,9,rest,",
+        "",
+    ]
+    path.write_text("\n".join(lines), encoding="utf-8")
+    assert [one.wants for one in read_intent(path)] == ["open", "stop"]
 
 
-@pytest.mark.parametrize(
-    ("text", "error"),
-    [
-        ("", ColumnError),
-        ("Time,X1\n", ColumnError),
-        (f"{INTENT_HEADER}\n0.1,five,open\n", NotANumber),
-        (f"{INTENT_HEADER}\n0.1,5,open,0.5\n", NotANumber),
-        (f"{INTENT_HEADER}\n0.1,5,shut\n", NotANumber),
-    ],
-)
-def test_a_damaged_file_is_an_error_with_its_place(tmp_path, text, error):
+@pytest.mark.parametrize("line", ["soon,5,open", "0.1,5,shut", "open"])
+def test_a_damaged_file_is_an_error_with_its_place(tmp_path, line):
     path = tmp_path / "trial_1.intent.csv"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(error, match=r"trial_1\.intent\.csv"):
+    path.write_text(f"{HEAD}\n{line}\n", encoding="utf-8")
+    with pytest.raises(NotANumber, match=r"line 2: .*") as raised:
         read_intent(path)
-
-
-# -- limits, to the nanosecond
-
-
-def test_a_silence_and_a_pause_are_longer_than_three_tenths_of_a_second():
-    hand = Early()
-    for at_ns, link, fresh, forgotten in (
-        (5, "live", [5], 1),
-        (300_000_004, "live", [], 1),
-        (300_000_005, "live", [], 1),
-        (300_000_006, "expired", [300_000_006], 1),
-        (600_000_006, "expired", [], 1),
-        (900_000_007, "expired", [], 2),
-    ):
-        hand.ns = at_ns
-        hand.next = [Intent(5, "stop")] if at_ns == 5 else []
-        hand.monitor.look()
-        assert (hand.monitor.link, hand.forgotten) == (link, forgotten)
-        assert [one.t_ns for one in hand.monitor.fresh] == fresh
-        assert (hand.monitor.newest.wants == "stop") == (link == "live")
-    assert len(hand.messages) == 1
-
-
-def test_an_opening_counts_for_three_seconds_from_the_last_sample_without_it():
-    hand = Early()
-    for at_ns in (7, *range(200_000_000, 3_000_000_000, 200_000_000), 3_000_000_007):
-        hand.ns, hand.next = at_ns, [Intent(at_ns, "open")]
-        hand.monitor.look()
-        assert (hand.monitor.opening, hand.messages) == (True, [])
-    hand.ns += 1
-    hand.monitor.look()
-    assert (hand.monitor.opening, len(hand.messages)) == (False, 1)
+    assert "trial_1.intent.csv" in str(raised.value)

@@ -20,14 +20,13 @@ from small_model import for_the_hand, graph_of
 
 from benchmarks.runtimes.c_programs import FLAGS, WASM, compiled
 from examples.browser.setups import setup_numbers
-from holdfast.core.contract import Json, Prediction, channel_names
+from holdfast.core.contract import GripCommand, Json, Prediction, channel_names
 from holdfast.drivers.replay import open_replay
 from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.edge_runtime.grip_control import GripControl
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.edge_runtime.supervisor import GripCommand
 from holdfast.export.c.exporting import export_c
 from holdfast.export.exporting import model_card, seal
 

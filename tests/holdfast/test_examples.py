@@ -5,22 +5,30 @@ from __future__ import annotations
 import importlib.util
 import json
 import math
-import random
 import shutil
 import socket
 import stat
 import subprocess
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from threading import Timer
+from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 from c_form import SANITIZERS
 from grip_bench import ROOT, command, opened, send
-from hazard_marks import BROKEN_LINE, NO_GRIP_COMMAND, OTHER_SENDER
+from hazard_marks import (
+    BROKEN_LINE,
+    HOLDS_AGAINST_WEARER,
+    NO_GRIP_COMMAND,
+    OTHER_SENDER,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -33,6 +41,8 @@ EXAMPLES = ROOT / "examples"
 
 STRICT = ["-std=c99", "-D_POSIX_C_SOURCE=200809L", "-Wall", "-Wextra", "-Werror"]
 
+LONGEST_S = 20.0
+"""A receiver holds after 0.3 s, and a cue receiver after 3 s."""
 HOLDS = "hold: the grip it has, at most 0 N/s (no command for 300 ms)"
 
 
@@ -54,20 +64,34 @@ def program(request, tmp_path_factory) -> list[str]:
     return compiled(source, tmp_path_factory.mktemp("receiver") / "grip_receiver")
 
 
+class Listening(NamedTuple):
+    """The lines that a receiver prints, its URL, and what plays its wearer."""
+
+    lines: Iterator[str]
+    url: str
+    say: Callable[[str], object]
+
+
 @contextmanager
-def listening(program: list[str]) -> Iterator[tuple[Iterator[str], str]]:
-    """(the lines that a receiver prints, its URL)."""
+def listening(program: list[str]) -> Iterator[Listening]:
+    """A receiver that runs."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "hand"
         command = [*program, str(path)]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+        with subprocess.Popen(command, text=True, bufsize=1, **pipes) as process:
+            # a receiver that says nothing more ends its lines, and the test fails
+            watchdog = Timer(LONGEST_S, process.kill)
+            watchdog.start()
             try:
                 assert process.stdout is not None
+                assert process.stdin is not None
                 lines = (line.rstrip("\n") for line in process.stdout)
                 assert next(lines) == "listening"
                 assert stat.S_IMODE(path.stat().st_mode) == 0o600
-                yield lines, f"unix://{path}"
+                yield Listening(lines, f"unix://{path}", process.stdin.write)
             finally:
+                watchdog.cancel()
                 process.kill()
 
 
@@ -94,7 +118,7 @@ def after(lines: Iterator[str], wanted: str) -> str:
 
 
 def test_a_receiver_obeys_commands_and_holds_at_the_end(program):
-    with listening(program) as (lines, url):
+    with listening(program) as (lines, url, _):
         with opened(url) as sink:
             send(sink, 1)
             assert (
@@ -108,7 +132,7 @@ def test_a_receiver_obeys_commands_and_holds_at_the_end(program):
 
 @NO_GRIP_COMMAND.mark
 def test_a_receiver_holds_when_no_command_comes(program):
-    with listening(program) as (lines, url), sending(url) as send_line:
+    with listening(program) as (lines, url, _), sending(url) as send_line:
         send_line(grip_line(1))
         assert next(lines).startswith("tighten")
         assert next(lines) == HOLDS
@@ -137,7 +161,7 @@ SKIPPED = {
 
 @BROKEN_LINE.mark
 def test_a_receiver_skips_what_is_no_command(program):
-    with listening(program) as (lines, url), sending(url) as send_line:
+    with listening(program) as (lines, url, _), sending(url) as send_line:
         for broken in SKIPPED.values():
             send_line(broken)
         send_line(grip_line(6, target_n=8.5))
@@ -146,33 +170,26 @@ def test_a_receiver_skips_what_is_no_command(program):
 
 @OTHER_SENDER.mark
 def test_a_receiver_limits_force_and_speed_itself(program):
-    with listening(program) as (lines, url), sending(url) as send_line:
+    with listening(program) as (lines, url, _), sending(url) as send_line:
         send_line(grip_line(1, target_n=500.0, slew_n_s=1e9))
         assert next(lines) == "tighten: 70.0 N, at most 400 N/s (risky slip)"
 
 
 @OTHER_SENDER.mark
 def test_an_old_line_moves_nothing(program):
-    with listening(program) as (lines, url), sending(url) as send_line:
+    with listening(program) as (lines, url, _), sending(url) as send_line:
         for k in range(20):
             send_line(grip_line(k, reason=f"line {k}"))
             send_line(grip_line(0, reason="old", target_n=60.0))
             assert after(lines, f"line {k}")
 
 
-# -- each receiver has a short form of the rule, which does the same as the rule of the core
+# -- the receivers' rules: the wearer's opening first, then rising sequences until a silence
 
 OFFERS = st.lists(st.tuples(st.integers(0, 400), st.integers(0, 400)), max_size=80)
-
-
-def by_the_core(
-    offers: list[tuple[int, int]], rule: RisingRule
-) -> Iterator[tuple[int, int, bool]]:
-    """(sequence, time in ms, whether it is obeyed)."""
-    now_ms = 0
-    for sequence, later_ms in offers:
-        now_ms += later_ms
-        yield sequence, now_ms, rule.obeys(1_000_000 * now_ms, sequence)
+WORDS = ("stop", "open", "close", "empty")
+OPENED, HELD = -2, -1
+"""Answers in the tests below; else ten times the target of a command."""
 
 
 def example(name: str) -> Any:
@@ -189,46 +206,146 @@ GRIP, CUE = example("grip_receiver"), example("cue_receiver")
 
 
 @given(OFFERS)
-def test_the_grip_receiver_has_the_rule_of_the_core(offers):
-    own = GRIP.Rising()
-    for sequence, ms, obeyed in by_the_core(offers, RisingRule()):
-        assert own.obeys(sequence, 1_000_000 * ms) == obeyed
-
-
-@given(OFFERS)
 def test_the_cue_receiver_has_the_rule_of_the_core(offers):
-    own = CUE.Rising()
-    slow = [(sequence, 20 * ms) for sequence, ms in offers]
-    for sequence, ms, obeyed in by_the_core(slow, RisingRule(3_000_000_000)):
-        assert own.obeys(sequence, 1_000_000 * ms) == obeyed
+    own, rule, now_ns = CUE.Rising(), RisingRule(3_000_000_000), 0
+    for sequence, later_ms in offers:
+        now_ns += 20_000_000 * later_ms
+        assert own.obeys(sequence, now_ns) == rule.obeys(now_ns, sequence)
 
 
-RULE_IN_C = """
+@dataclass(frozen=True)
+class Samples:
+    """Random samples of a hand's controller: the line that came, the wearer's word, the time."""
+
+    lines: list[bytes]
+    line: list[int]
+    word: list[int]
+    ms: list[int]
+
+
+def random_samples(n: int, seed: int) -> Samples:
+    """Commands, rubbish, silences, senders that start again, and a wearer who opens at any time."""
+    draw = np.random.default_rng(seed)
+    rubbish = [one for one in SKIPPED.values() if b"\n" not in one and b"\0" not in one]
+    lines = [b"", *rubbish]
+    for tenths in range(1, 600):
+        # numbers go up from line to line, and every hundredth sender begins at 0 again
+        lines.append(grip_line(tenths % 100, target_n=tenths / 10, reason="a"))
+    walk = np.cumsum(draw.integers(0, 3, n)) % len(lines)
+    line = np.where(draw.random(n) < 0.4, 0, walk)
+    changes = draw.random(n) < 0.04
+    word = draw.integers(0, len(WORDS), n)[
+        np.maximum.accumulate(changes * np.arange(n))
+    ]
+    pause = draw.random(n) < 0.003
+    ms = np.cumsum(np.where(pause, draw.integers(290, 320, n), draw.integers(0, 8, n)))
+    return Samples(lines, line.tolist(), word.tolist(), ms.tolist())
+
+
+def obeyed(samples: Samples) -> Iterator[int]:
+    """What a hand without a wearer does at each sample, by the rule of the core."""
+    rule, answer = RisingRule(), HELD
+    commands = [HELD] * len(samples.lines)
+    for k, line in enumerate(samples.lines[-599:], start=len(samples.lines) - 599):
+        commands[k] = round(10 * json.loads(line)["target_n"])
+    for k, ms in zip(samples.line, samples.ms, strict=True):
+        if not rule.lives(1_000_000 * ms):
+            answer = HELD
+        tenths = commands[k]
+        if tenths != HELD and rule.obeys(1_000_000 * ms, tenths % 100):
+            answer = tenths
+        yield answer
+
+
+def opened_by_the_wearer(samples: Samples, filter_ms: int) -> Iterator[bool]:
+    """Whether the hand's own controller has decided to open, at each sample."""
+    has_decided, other_ms = False, -filter_ms
+    for k, ms in zip(samples.word, samples.ms, strict=True):
+        if WORDS[k] != "open":
+            other_ms = ms
+            has_decided = has_decided and WORDS[k] == "stop"
+        elif ms - other_ms >= filter_ms:
+            has_decided = True
+        yield has_decided
+
+
+def in_python(samples: Samples, filter_ms: int, folder: Path) -> list[int]:
+    """What the receiver in Python does at each sample."""
+    own = GRIP.Receiver(1_000_000 * filter_ms)
+    answers = []
+    for k, word, ms in zip(samples.line, samples.word, samples.ms, strict=True):
+        answer = own.answer(samples.lines[k], WORDS[word], 1_000_000 * ms)
+        is_command = isinstance(answer[1], float)
+        other = OPENED if answer is GRIP.OPEN else HELD
+        answers.append(round(10 * answer[1]) if is_command else other)
+    return answers
+
+
+HARNESS_IN_C = """
 #define main receiver
 #include "grip_receiver.c"
 #undef main
-int main(void) {
-    rising_t rising = {0, 0, 0};
-    long long sequence, ms;
-    while (scanf("%lld %lld", &sequence, &ms) == 2)
-        printf("%d\\n", obeys(&rising, sequence, 1000000 * ms));
-    return 0;
+int main(int argc, char **argv) {
+    static char lines[1000][2048];
+    FILE *file = fopen(argv[1], "r");
+    receiver_t own = BEGIN;
+    int line, word, ms;
+    own.filter_ns = 1000000LL * atoi(argv[argc - 1]);
+    for (int k = 0; fgets(lines[k], sizeof lines[k], file); ++k)
+        lines[k][strcspn(lines[k], "\\n")] = 0;
+    while (scanf("%d %d %d", &line, &word, &ms) == 3) {
+        const command_t *to = answer(&own, lines[line], "soce"[word], 1000000LL * ms);
+        printf("%d\\n", to == &OPEN ? -2 : to->target_n < 0 ? -1 : (int)(10 * to->target_n + 0.5));
+    }
+    return fclose(file);
 }
 """
 
 
-def test_the_grip_receiver_in_c_has_the_rule_of_the_core(tmp_path):
-    source = tmp_path / "rule.c"
-    source.write_text(RULE_IN_C, encoding="utf-8")
-    program = compiled(source, tmp_path / "rule")
-    draw = random.Random(37)
-    offers = [(draw.randrange(400), draw.randrange(330)) for _ in range(20_000)]
-    expected = list(by_the_core(offers, RisingRule()))
-    asked = "".join(f"{sequence} {ms}\n" for sequence, ms, _ in expected)
+def in_c(samples: Samples, filter_ms: int, folder: Path) -> list[int]:
+    """What the receiver in C does at each sample."""
+    (folder / "harness.c").write_text(HARNESS_IN_C, encoding="utf-8")
+    program = compiled(folder / "harness.c", folder / "harness")
+    (folder / "lines").write_bytes(b"\n".join(samples.lines) + b"\n")
+    asked = zip(samples.line, samples.word, samples.ms, strict=True)
+    text = "".join(f"{line} {word} {ms}\n" for line, word, ms in asked)
+    command = [*program, str(folder / "lines"), str(filter_ms)]
     run = subprocess.run(
-        program, input=asked, capture_output=True, text=True, check=True
+        command, input=text, capture_output=True, text=True, check=True
     )
-    assert run.stdout.split() == [f"{obeyed:d}" for _, _, obeyed in expected]
+    return [int(one) for one in run.stdout.split()]
+
+
+@HOLDS_AGAINST_WEARER.mark
+@OTHER_SENDER.mark
+@pytest.mark.parametrize("receiver", [in_python, in_c])
+@pytest.mark.parametrize(("n", "filter_ms"), [(1_000_000, 0), (100_000, 60)])
+def test_no_line_silence_or_restart_delays_an_opening_that_the_hand_has_decided(
+    receiver, n, filter_ms, tmp_path
+):
+    samples = random_samples(n, seed=58)
+    answers = receiver(samples, filter_ms, tmp_path)
+    expected = list(obeyed(samples))
+    for k, has_decided in enumerate(opened_by_the_wearer(samples, filter_ms)):
+        assert answers[k] == (OPENED if has_decided else expected[k]), k
+    # each of them came often, or nothing was shown
+    seen = Counter(min(one, 0) for one in answers)
+    assert min(seen[OPENED], seen[HELD], seen[0]) > n // 200
+
+
+@HOLDS_AGAINST_WEARER.mark
+def test_a_hand_whose_wearer_opens_ignores_targets_until_the_wearer_closes(program):
+    with listening(program) as (lines, url, say), sending(url) as send_line:
+        send_line(grip_line(1, target_n=8.5))
+        assert next(lines).startswith("tighten: 8.5 N")
+        say("open\n")
+        opens = "open: the wearer's grip, at most 400 N/s (the wearer opens)"
+        assert after(lines, "open") == opens
+        # more than a socket keeps waiting: the first of them have been read when all are sent
+        for k in range(2, 1200):
+            send_line(grip_line(k, target_n=9.5 if k < 600 else 10.5))
+        say("close\n")
+        assert next(lines) in (HOLDS, "tighten: 10.5 N, at most 400 N/s (risky slip)")
 
 
 def test_the_page_shows_the_receivers_as_they_are():
@@ -264,7 +381,11 @@ BROKEN_CUES = [
 def test_the_cue_receiver_plays_cues_and_skips_signs_of_life_and_what_is_no_cue():
     quiet = cue_line(0, 0, QUIET, SILENCE).encode()
     with (
-        listening([sys.executable, str(EXAMPLES / "cue_receiver.py")]) as (lines, url),
+        listening([sys.executable, str(EXAMPLES / "cue_receiver.py")]) as (
+            lines,
+            url,
+            _,
+        ),
         sending(url) as send_line,
     ):
         whole = cue(600, on_ms=61)

@@ -24,15 +24,15 @@ import pytest
 from live_bench import DEFAULT
 from test_run_grip import FALL
 
+from holdfast.core.contract import GripCommand
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.model import Model
-from holdfast.edge_runtime.supervisor import GripCommand
 from holdfast.live.grip import GripOutput, controller_for
 from holdfast.live.outputs import emit_to
 from holdfast.live.run import answer
 from holdfast.live.running import RunClock, first_in_line
 from holdfast.live.scene import SceneClock, drive_of, live_scene
-from holdfast.live.sources import open_live
+from holdfast.live.sources import open_live, source_url
 
 SOAK_S = float(os.environ.get("HOLDFAST_SOAK_S", "3600"))
 SPARE_SAMPLES = 2
@@ -49,7 +49,7 @@ def kept(
 ) -> tuple[bool, int]:
     """(whether the object is in the hand at the end, samples that were lost or answered late)."""
     still = clock.still if isinstance(clock, SceneClock) else nullcontext
-    scene = live_scene(url, drive_of("virtual"), still)
+    scene = live_scene(source_url(url), drive_of("virtual"), still)
     obey, late = scene.obey, deque[GripCommand]()
 
     def obey_late(command: GripCommand, now_ns: int) -> None:

@@ -20,7 +20,7 @@ from live_bench import ROOT, RUN, closing_output, run_on
 from msgspec.structs import replace as changed
 from packages import package_of
 
-from holdfast.core.contract import channel_names
+from holdfast.core.contract import GripCommand, channel_names
 from holdfast.core.errors import ChannelError, UsageError
 from holdfast.drivers.calibration import (
     Calibration,
@@ -31,8 +31,13 @@ from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime import grip_control
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.model import Model
-from holdfast.edge_runtime.supervisor import GripCommand
-from holdfast.live.grip import GripOutput, controller_for, grip_to_link, grip_to_scene
+from holdfast.live.grip import (
+    WHO_LETS_GO,
+    GripOutput,
+    controller_for,
+    grip_to_link,
+    grip_to_scene,
+)
 from holdfast.live.hand_files import shear_gain_of
 from holdfast.live.outputs import emit_to
 from holdfast.live.run import (
@@ -172,19 +177,19 @@ count = 5
 
 
 @pytest.mark.parametrize(("controller", "kept"), [("holdfast", True), ("none", False)])
-def test_an_object_that_would_fall_stays_in_the_hand_by_the_commands(
-    model, tmp_path, controller, kept
+def test_what_is_seen_first_is_a_fall_that_the_commands_prevent(
+    model, controller, kept
 ):
-    (tmp_path / "fall.toml").write_text(FALL, encoding="utf-8")
-    url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed=1"
+    url = "virtual://ft232h"
     messages: list[str] = []
     clock = VirtualClock()
     control = controller_for(controller, model.card, print)
     grip = grip_to_scene(
         "virtual?lag_ms=50", url, control, None, clock, messages.append
     )
-    run_on(grip, model, url, 5.0, clock)
+    run_on(grip, model, url, 4.0, clock)
     grip.close()
+    assert messages[0] == WHO_LETS_GO
     assert grip.scene is not None
     outcome = grip.scene.outcome()
     assert outcome.kept == kept
@@ -280,7 +285,7 @@ def test_a_scene_without_commands_is_the_recorded_one(tmp_path):
     url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed=1"
     scene, trial = planned_trial(source_url(url), ROWS_HZ, STEP_S)
     recorded = scene.run_together([trial])[0].signal
-    live = live_scene(url, drive_of("virtual"))
+    live = live_scene(source_url(url), drive_of("virtual"))
     for row in range(0, len(recorded.t_s), 7):
         want = recorded.values[row, 3].tolist()
         assert live.at(float(recorded.t_s[row]), 3) == want
@@ -290,7 +295,8 @@ def test_a_scene_without_commands_is_the_recorded_one(tmp_path):
 def test_a_hand_in_a_scene_holds_where_commands_stay_away(tmp_path):
     (tmp_path / "fall.toml").write_text(FALL, encoding="utf-8")
     live = live_scene(
-        f"virtual://ft232h?scene={tmp_path / 'fall.toml'}", drive_of("virtual")
+        source_url(f"virtual://ft232h?scene={tmp_path / 'fall.toml'}"),
+        drive_of("virtual"),
     )
     live.advance(2.0)
     tighten = GripCommand(1, 0, "tighten", 20.0, 400.0, 0.0, "test")
@@ -311,11 +317,11 @@ WRONG_OPTIONS = {
     "--to file.txt": "FILE.jsonl",
     "--to udp://9000": "HOST:PORT",
     "--wearer - --source -": "cannot be both",
-    "--grip virtual": "has no scene",
+    "--grip virtual --source sim://apple": "has no scene",
     "--grip virtual?colour=red": "allowed: lag_ms",
     "--grip virtual?lag_ms=-1": "from 0",
     "--grip virtual?ceiling_n=0": "above 0",
-    "--wearer 9003": "is no stream",
+    "--wearer 9003": "is not an address",
     "--grip udp://127.0.0.1:9000": "nothing that moves a hand crosses a network",
 }
 """What is typed, and what the error names."""
@@ -334,7 +340,7 @@ def test_a_hand_that_is_too_weak_for_its_object_is_refused(tmp_path):
     (tmp_path / "fall.toml").write_text(FALL, encoding="utf-8")
     url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed=1"
     with pytest.raises(UsageError, match=r"ceiling of 1 N is below the 1\.6 N"):
-        live_scene(url, drive_of("virtual?ceiling_n=1"))
+        live_scene(source_url(url), drive_of("virtual?ceiling_n=1"))
 
 
 def test_a_model_of_a_raw_field_runs_in_reduced_mode_and_says_so(model):

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from grip_bench import ROOT
+from hazard_marks import HOLDS_AGAINST_WEARER
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_bench import RUN
@@ -26,11 +27,9 @@ from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.grip_control import GripControl
 from holdfast.edge_runtime.model import Model
-from holdfast.edge_runtime.supervisor import GripCommand
 from holdfast.edge_runtime.wearer import Intent, IntentMonitor, read_intent
 from holdfast.live.page.run_page import RunPage
 from holdfast.live.wearer import wearer_monitor
-from holdfast.simulation.drive import Actuator, Drive
 
 Send = Callable[[Any], None]
 
@@ -66,11 +65,10 @@ def test_a_trial_has_the_wearers_own_command_beside_it_on_the_clock_of_its_sampl
         kept, _ = session(tmp_path, source, **options)
     assert kept == 1
     folder = tmp_path / "p01" / "soft-ball" / "pull" / "trial_1"
-    record = read_intent(folder / "tactile.intent.csv")
-    assert [one.wants for one in record.items] == ["open", "stop", "unknown"]
-    assert record.time_s == pytest.approx((0.1, 0.2, 0.51), abs=0.002)
-    host_ns = [int(one) for one in columns_of(folder)["host_ns"]]
-    assert record.items[0].t_ns == host_ns[10]
+    rows = rows_of(folder / "tactile.intent.csv")
+    assert [wants for _, _, wants in rows] == ["open", "stop", "unknown"]
+    assert [t_s for t_s, _, _ in rows] == pytest.approx([0.1, 0.2, 0.51], abs=0.002)
+    assert rows[0][1] == int(columns_of(folder)["host_ns"][10])
     assert said(messages, "silent")
 
 
@@ -81,7 +79,7 @@ def test_a_trial_without_a_stream_has_no_such_file_and_a_silent_one_has_an_empty
     one_pull(tmp_path / "silent", "--wearer", wearer[0])
     assert not list((tmp_path / "without").rglob("*.intent.csv"))
     (path,) = (tmp_path / "silent").rglob("*.intent.csv")
-    assert read_intent(path).items == ()
+    assert read_intent(path) == []
     assert meta_of(path.parent)["configuration"]["intent"].startswith("unix://")
 
 
@@ -105,79 +103,48 @@ def test_a_run_records_the_stream_beside_its_samples_and_an_open_opens(
                 break
         run.stdout.read()
     assert run.returncode == 0
-    record = read_intent(samples.with_suffix(".intent.csv"))
-    assert {one.wants for one in record.items} == {"open"}
+    items = read_intent(samples.with_suffix(".intent.csv"))
+    assert {one.wants for one in items} == {"open"}
     assert answers[-1]["commands"] == "live"
     with samples.open(newline="") as lines:
         last_s = float(list(csv.reader(lines))[-1][0])
-    assert 0.0 <= record.time_s[0] <= record.time_s[-1] <= last_s + 0.1
+    assert 0 <= items[0].t_ns <= items[-1].t_ns <= 1e9 * (last_s + 0.1)
 
 
-class Scripted:
-    """A stream that gives its items at every look."""
-
-    def __init__(self, item: Intent) -> None:
-        self.items = [item]
-
-    def came(self) -> list[Intent]:
-        return self.items
-
-    def forget(self) -> None:
-        pass
+def rows_of(path: Path) -> list[tuple[float, int, str]]:
+    """(time from the first sample, s; host, ns; word) of each line of a file."""
+    lines = path.read_text("utf-8").splitlines()[1:]
+    cells = [line.split(",") for line in lines]
+    return [(float(t_s), int(host_ns), wants) for t_s, host_ns, wants in cells]
 
 
-def scripted(wants: Any) -> IntentMonitor:
-    return IntentMonitor(Scripted(Intent(10**9, wants)), lambda: 10**9, print)
-
-
-class OneDrive(Actuator):
-    """A drive whose wearer asks for 4 N a side."""
-
-    def __init__(self) -> None:
-        self.drive = Drive()
-        self.own_n, self.motor_n, self.place_n = np.full((3, 1), 4.0)
-        self.fastest_n_s, self.backlash_n = np.full((2, 1), 200.0)
-        self.speed_n_s = np.zeros(1)
-
-
-def obeyed_n(command: GripCommand, drive: OneDrive) -> Any:
-    """The target that a hand which obeys docs/shared-control.md follows."""
-    if command.mode in ("idle", "yield"):
-        return np.zeros(1)
-    return drive.kept_n if command.target_n is None else np.array([command.target_n])
-
-
+@HOLDS_AGAINST_WEARER.mark
 @settings(deadline=None, max_examples=15)
 @given(
     st.lists(
-        st.tuples(
-            st.sampled_from([None, "open", "stop", "close"]), st.sampled_from([0, 1])
-        ),
+        st.tuples(st.sampled_from([None, "open", "stop"]), st.sampled_from([0.0, 1.0])),
         max_size=60,
     ),
     st.integers(1, 40),
 )
-def test_a_stuck_or_forged_stream_takes_back_our_answer_and_nothing_of_the_wearers(
-    said, lasts
-):
-    clock, stream = VirtualClock(10**9), Scripted(Intent(0, "stop"))
-    intent = IntentMonitor(stream, clock.now_ns, lambda line: None)
-    ask = intent.command
-    control, drive = GripControl("holdfast", 150.0), OneDrive()
+def test_while_the_wearer_opens_no_command_has_a_target(said, lasts):
+    clock, items = VirtualClock(10**9), list[Intent]()
+    intent = IntentMonitor(items.copy, clock.now_ns, lambda line: None)
+    intent.look()
+    control = GripControl("holdfast", 150.0)
+    forces = np.tile([0.1, 0.0, 1.4], 6)
     for wants, p_risky in [one for one in said for _ in range(lasts)]:
-        clock.wait_until(clock.now_ns() + 6_666_667)
-        stream.items = [Intent(clock.now_ns(), wants)] if wants else []
-        opening = ask().opening
-        forces = np.tile([0.1, 0.0, float(drive.grip_n[0]) / 3.0], 6)
-        now = prediction(p_risky=float(p_risky), opening=opening)
+        clock.spend(6_666_667)
+        items[:] = [Intent(clock.now_ns(), wants)] if wants else []
+        opening = intent.command().opening
+        now = prediction(p_risky=p_risky, opening=opening)
         command = control.step(now, forces, np.ones(6, dtype=np.bool_))
         if opening:
             assert command.mode in ("idle", "yield")
             assert command.target_n is None
-        drive.step(obeyed_n(command, drive), 1.0 / 150.0)
-        assert drive.motor_n[0] >= drive.own_n[0]
-    stream.items = [Intent(clock.now_ns(), "stop")]
-    assert not ask().opening
+    clock.spend(6_666_667)
+    items[:] = [Intent(clock.now_ns(), "stop")]
+    assert not intent.command().opening
 
 
 def test_the_page_of_a_run_gets_the_wearers_own_command():
@@ -187,8 +154,10 @@ def test_the_page_of_a_run_gets_the_wearers_own_command():
     sample = Sample(0, np.zeros(18), np.ones(6, dtype=np.bool_), 0)
     reading = SourceReading(0, sample.values, sample.valid)
     page.write(prediction(), sample, reading)
-    page.intent = scripted("close")
-    page.intent.look()
+    items: list[list[Intent]] = [[], [Intent(10**9, "close")]]
+    page.intent = IntentMonitor(lambda: items.pop(0), lambda: 10**9, print)
+    for _ in range(2):
+        page.intent.look()
     page.write(prediction(), sample, reading)
     assert "intent" not in sent[0]["sample"]
     shown = {"wants": "close", "link": "live"}

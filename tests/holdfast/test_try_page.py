@@ -75,14 +75,29 @@ def test_a_pull_is_kept_with_holdfast_and_lost_without(tab: Tab, folder: Path):
 
 
 @needs_chromium
-def test_a_lost_support_is_caught_and_a_hand_over_is_let_go(tab: Tab, folder: Path):
+def test_a_lost_support_is_caught(tab: Tab, folder: Path):
     opened(tab, folder)
     assert said_after(tab, "drop", helped=True).startswith("Kept: called ")
     assert said_after(tab, "drop", helped=False).startswith("Lost after ")
+    assert tab.problems == []
+
+
+@needs_chromium
+def test_the_hand_lets_go_when_its_wearer_opens_it_whatever_holdfast_asks_for(
+    tab: Tab, folder: Path
+):
+    opened(tab, folder)
+    tab.value(f"{HELPED}(true); at('hand-over').click()")
+    tab.wait_until("now.view.takes === 1")
+    bare = said_after(tab, "open", helped=True)
     assert re.match(
-        r"Handed over.*the grip (stayed|followed)",
-        said_after(tab, "hand-over", helped=True),
+        r"Let go (\d+) ms after the wearer opened, from \d+ N, whatever", bare
     )
+    # also while it holds with all that a pull has raised the grip by
+    tab.value("at('pull').click()")
+    tab.wait_until("now.view.grip > now.action.grip + 5")
+    assert re.match(r"Let go \d+ ms after", said_after(tab, "open", helped=True))
+    assert tab.value("now.view.touching") == 0
     assert tab.problems == []
 
 

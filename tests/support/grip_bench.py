@@ -16,7 +16,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from holdfast.edge_runtime.supervisor import GripCommand, last_line, to_line
+from holdfast.core.contract import GripCommand
+from holdfast.edge_runtime.supervisor import last_line, to_line
 from holdfast.live.hand_link import HandLink, open_hand_link
 
 ROOT = Path(__file__).resolve().parents[2]

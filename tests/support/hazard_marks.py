@@ -198,6 +198,15 @@ OPENING = Hazard(
     "Opening ends a running act and prevents a new one",
     "Opening the hand",
 )
+HOLDS_AGAINST_WEARER = Hazard(
+    DECISIONS,
+    "The hand holds against its wearer",
+    "A target is what the hand may add while its wearer does not open it: the example receivers "
+    "ignore it from that very sample on, whatever lines come or stay away; an opening that "
+    "reaches the run ends the answer there too",
+    "The decision that the wearer opens, a filter of muscle artefacts, and ignoring the target "
+    "then: the link is one-way, so a run cannot test it",
+)
 NO_EVIDENCE = Hazard(
     DECISIONS,
     "A false alarm keeps the hand tight",
@@ -292,8 +301,7 @@ PAGE_DELAYS = Hazard(
 FOREIGN_BROWSER = Hazard(
     OUTSIDE,
     "Another site or another machine reaches the live page",
-    "On loopback only requests for a loopback host are answered; on any other host only those with "
-    "the token of the run",
+    "Only requests with the token of the run are answered",
     "Choosing a network that is trusted: the page is not encrypted",
 )
 BROKEN_LINE = Hazard(

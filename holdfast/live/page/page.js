@@ -122,7 +122,7 @@ function details(answer, state) {
     answer.weight && state !== "unknown" && `${answer.weight} object`,
     since !== null && since >= ALARM_S && since < RISK_ECHO_S && `risky slip ${number(since, 1)} s ago`,
     answer.degraded && "some sensors are missing",
-    answer.opening && "the user opens the hand",
+    answer.opening && "the wearer opens the hand: no target counts",
     answer.overridden && "the user overrides",
     answer.commands === "expired" && "the user's commands have stopped",
     answer.started_loaded && "the hand was loaded at the start",

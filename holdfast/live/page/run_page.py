@@ -22,7 +22,6 @@ from holdfast.live.page.link import PageLink, open_page
 
 if TYPE_CHECKING:
     from holdfast.live.grip import GripOutput
-    from holdfast.live.run import RunOptions
 
 A_ROW, APART_MM = 4, 25.0
 """Sensors of which no card says where they are."""
@@ -137,19 +136,25 @@ def drawn_hand(card: HandCard | None, n_sensors: int) -> list[Json]:
 
 def open_run_page(
     address: str,
-    options: RunOptions,
+    source: str,
+    model: str,
     card: ModelCard,
     report: Callable[[str], None],
+    *,
+    with_grip: bool,
 ) -> RunPage:
-    """The page of a run, served at [HOST:]PORT. Raises UsageError and OutputError."""
+    """The page of a run, served at [HOST:]PORT. Raises UsageError and OutputError.
+
+    source: a URL; model: a file. with_grip: whether a controller sends commands.
+    """
     about: Json = {
         "verb": "run",
         "unit": card.unit,
         "hand": drawn_hand(card.hand, card.n_channels // 3),
-        "model": f"{Path(options.model).name} ({card.model_id})",
-        "source": options.source,
+        "model": f"{Path(model).name} ({card.model_id})",
+        "source": source,
         "answers": True,
-        "grip": options.grip is not None,
+        "grip": with_grip,
         "actions": [],
     }
     return RunPage(open_page(address, about, report), card)

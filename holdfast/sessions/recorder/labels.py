@@ -235,9 +235,10 @@ def scene_truth_of(url: str, source: Source) -> TruthEvents | None:
     if not url.startswith(("sim://", "virtual://")):
         return None
     # late: only these need the physics
-    from holdfast.live.scene import truth_of_url
+    from holdfast.live.scene import scene_truth
+    from holdfast.live.sources import source_url
 
-    truth = truth_of_url(url)
+    truth = scene_truth(source_url(url))
     if truth is None:
         return None
     # A virtual hand's scene began before the trial; a replayed one begins with it.

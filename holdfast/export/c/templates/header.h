@@ -177,9 +177,10 @@ enum {
     HOLDFAST_YIELD = 4     /* give back at once */
 };
 
-/* target_n: normal force of either side, 0 for none. slew_n_s: no faster than this. feedback: strength
-   of the wearer's vibration cue, 0 to 1. mu_hat, margin, needed_n: friction margin, 0 until a slip has
-   shown the friction. */
+/* target_n: what the hand may add while its wearer does not open it: normal force of either side, 0 for
+   none. From the wearer's opening on the hand ignores it, until it has been empty or the wearer closes.
+   slew_n_s: no faster than this. feedback: strength of the wearer's vibration cue, 0 to 1. mu_hat,
+   margin, needed_n: friction margin, 0 until a slip has shown the friction. */
 typedef struct {
     int mode;
     double target_n, slew_n_s, feedback, mu_hat, margin, needed_n;
