@@ -42,7 +42,6 @@ from holdfast.sessions.known_loads import LoadSet
 from holdfast.simulation.magnet import HEIGHT, dipole_ut, place_m, shear_gain
 
 FINITE = st.floats(-1e4, 1e4)
-ANY = st.floats(allow_nan=False, allow_infinity=False)
 FIELDS = arrays(np.float64, (4, 2, 3), elements=FINITE)
 
 
@@ -391,19 +390,6 @@ def test_the_shear_gain_of_stiffening_silicone_is_that_of_light_touches() -> Non
 def test_presses_without_shear_show_no_shear_gain() -> None:
     straight = touches(normal_only=True).force_n
     assert measured_shear_gain(straight, straight) is None
-
-
-def test_rows_with_a_lost_value_are_left_out_and_counted(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    write_loads(tmp_path / "loads.csv")
-    lines = (tmp_path / "loads.csv").read_text().splitlines()
-    lines[30] = ",".join(
-        ["nan" if k == 2 else cell for k, cell in enumerate(lines[30].split(","))]
-    )
-    (tmp_path / "loads.csv").write_text("\n".join(lines))
-    calibrate_with(tmp_path / "loads.csv", "--out", tmp_path / "c.json")
-    assert "1 row with a lost value left out" in capsys.readouterr().out
 
 
 def test_one_press_is_too_little_to_hold_one_out(tmp_path: Path) -> None:

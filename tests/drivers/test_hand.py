@@ -26,7 +26,6 @@ from holdfast.drivers.layout import (
     read_layout,
 )
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.drivers.virtual.faults import read_fault
 from holdfast.drivers.virtual.virtual_hand import Track
 
 
@@ -176,25 +175,6 @@ def test_another_chip_at_an_address_is_refused_by_its_maker():
     bench = Bench(faults=("wrong:2@0+100",))
     with pytest.raises(WrongDevice, match=r"maker 0x0000.*no TMAG5273"):
         bench.hand.start()
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("nack@1", "such as nack:3@1+0.2"),
-        ("stuck:2@1", "or stuck@1+0.2"),
-        ("melt:1@1", "kinds: nack, "),
-        ("nack:3", "is not a fault"),
-        ("nack:3@x", "is not a fault"),
-        ("nack:7@1", "is not a fault"),
-        ("nack:0@1", "is not a fault"),
-        ("melt", "is not a fault"),
-    ],
-)
-def test_a_fault_that_cannot_be_is_a_usage_error(text, says):
-    with pytest.raises(UsageError) as raised:
-        read_fault(text)
-    assert says in str(raised.value)
 
 
 RECOVERIES: dict[str, Callable[[int], str]] = {

@@ -451,14 +451,6 @@ def paced(line: Callable[[int], bytes], **options: Any) -> tuple[Any, list[str]]
     return [(1e-6 * (r.t_ns - began_ns), r.values[0]) for r in readings], said
 
 
-def test_a_recording_without_a_time_goes_at_the_rate_that_is_named() -> None:
-    found, said = paced(table, rate_hz=100.0)
-    assert found == [(pytest.approx(10.0 * k), k + 1.0) for k in range(29)]
-    assert said[0] == "script: 1 sensors in N at 100 Hz, stamps of the recording"
-    with pytest.raises(RateError, match="no column of time"):
-        paced(table)
-
-
 # -- where bytes come from
 
 

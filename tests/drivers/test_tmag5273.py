@@ -171,25 +171,6 @@ def test_a_write_changes_what_the_data_sheet_lets_it_change():
     }
 
 
-def test_a_number_that_does_not_fit_its_field_is_refused():
-    config = REGISTERS["DEVICE_CONFIG_1"]
-    assert config.value(CONV_AVG=7, I2C_RD=0) == 0x1C
-    for number in (8, -1):
-        with pytest.raises(ValueError, match="CONV_AVG"):
-            config.value(CONV_AVG=number)
-
-
-def test_a_packet_has_seven_bytes_and_its_status_says_what_is_wrong():
-    for length in (6, 8):
-        with pytest.raises(ValueError, match=f"{length} bytes, not 7"):
-            packet(bytes(length))
-    found = {
-        status: packet(bytes(6) + bytes([status])) for status in (0x10, 0x02, 0xE1)
-    }
-    states = [(one.set_count, one.reset, one.failing) for one in found.values()]
-    assert states == [(0, True, False), (0, False, True), (7, False, False)]
-
-
 # -- limits of the FT232H
 
 

@@ -3,7 +3,6 @@ disks."""
 
 from __future__ import annotations
 
-import errno
 import fcntl
 import json
 import os
@@ -16,7 +15,7 @@ import subprocess
 import sys
 import termios
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from typing import Any
 
 import pytest
@@ -29,7 +28,7 @@ from holdfast.core.contract import Prediction
 from holdfast.core.lines import STREAM_LINES, LineWriter, Sink, stream_sink
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.monitor import Model
-from holdfast.live.outputs import LineOutput, file_sink
+from holdfast.live.outputs import LineOutput
 
 LINE = "x" * 800
 LONG_S = 300.0
@@ -226,30 +225,6 @@ def test_a_log_that_fails_is_dropped_and_reported_once_and_the_others_get_every_
     ]
     assert outlets.lost() == {"stdout": why}
     assert 1 <= outlets.dropped <= 2
-
-
-@contextmanager
-def largest_file(n_bytes: int) -> Iterator[None]:
-    """As a disk that is full after so many bytes."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
-@DEAD_LOG.mark
-def test_a_disk_that_fills_up_in_the_middle_of_a_line_keeps_whole_lines_only(tmp_path):
-    with largest_file(10_000), closing(file_sink(tmp_path / "out.jsonl")) as sink:
-        for k in range(20):
-            sink(f"{k:3d}{LINE}")
-        wait_for(lambda: sink.failure is not None)
-    lines = (tmp_path / "out.jsonl").read_text().splitlines(keepends=True)
-    assert lines == [f"{k:3d}{LINE}\n" for k in range(10_000 // (len(LINE) + 4))]
-    assert sink.failure is not None
-    assert sink.failure.errno == errno.EFBIG
-    assert sink.dropped == 20 - len(lines)
 
 
 # -- whole programs

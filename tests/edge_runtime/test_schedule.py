@@ -355,17 +355,6 @@ def test_the_schedule_s_clock_goes_on_while_the_machine_is_suspended(monkeypatch
     assert set(clocks) == {time.CLOCK_BOOTTIME}
 
 
-def test_a_wait_whose_sleep_ends_early_goes_on_to_its_end(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    sleep = time.sleep
-    monkeypatch.setattr(time, "sleep", lambda seconds: sleep(seconds / 2.0))
-    clock = MonotonicClock()
-    due_ns = clock.now_ns() + 1_000_000
-    clock.wait_until(due_ns)
-    assert clock.now_ns() >= due_ns
-
-
 @pytest.mark.hard_case(
     AREA,
     "a flood of commands",
