@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import time
+from itertools import chain, repeat
+from types import SimpleNamespace
 from typing import Any
-from unittest.mock import MagicMock
+from unittest.mock import MagicMock, call
 
 import numpy as np
 import pytest
@@ -24,6 +27,7 @@ from holdfast.core.errors import (
     HoldfastError,
     NotANumber,
     TimeError,
+    TransferFailed,
 )
 from holdfast.drivers.camera.recording import (
     Lens,
@@ -32,7 +36,9 @@ from holdfast.drivers.camera.recording import (
     write_tags,
 )
 from holdfast.drivers.camera.sources import (
+    Frame,
     Oak,
+    Stored,
     read_frames,
 )
 
@@ -179,6 +185,26 @@ print(json.dumps({"between": between, "lacks": lacks}))
     assert output == {"between": True, "lacks": []}
 
 
+def test_an_oak_films_as_the_lens_says_and_ends_when_its_time_is_up(monkeypatch):
+    now_s = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now_s[0])
+    dai, pipeline, inputs = MagicMock(), MagicMock(), [MagicMock(), MagicMock()]
+    oak = Oak(Lens(60.0, 1.5, 12.0, "monotonic"), seconds=2.0)
+    assert oak.last_lost == 20
+    goes_on = oak.connect(dai, pipeline, inputs)
+    build = pipeline.create.return_value.build
+    build.assert_called_once_with(sensorFps=60.0)
+    camera = build.return_value
+    camera.initialControl.setManualExposure.assert_called_once_with(1500, 800)
+    grey = dai.ImgFrame.Type.GRAY8
+    camera.requestOutput.assert_called_once_with((640, 400), type=grey, fps=60.0)
+    link = camera.requestOutput.return_value.link
+    assert link.call_args_list == [call(one) for one in inputs]
+    assert goes_on()
+    now_s[0] = 102.0
+    assert not goes_on()
+
+
 def test_an_oak_that_falls_off_the_bus_ends_its_graph_and_is_given_back():
     dai = MagicMock()
     oak = Oak(Lens(60.0, 1.5, 12.0, "monotonic"))
@@ -204,3 +230,40 @@ def test_frames_from_disk_are_numbered_in_order_and_are_whole_as_they_were(tmp_p
         (2, 0.5),
     ]
     np.testing.assert_array_equal([one.image for one in frames], images)
+
+
+@pytest.mark.parametrize(
+    ("refused", "stops_at", "taken"),
+    [
+        (9_990, 10**6, True),
+        (10_010, 10**6, False),
+        (5, 3, False),
+    ],
+)
+def test_a_frame_waits_ten_seconds_for_room_unless_the_graph_stops(
+    monkeypatch, refused, stops_at, taken
+):
+    now_s, pauses = [50.0], []
+
+    def sleep(pause_s):
+        pauses.append(pause_s)
+        now_s[0] = 50.0 + len(pauses) / 1000
+
+    monkeypatch.setattr(time, "monotonic", lambda: now_s[0])
+    monkeypatch.setattr(time, "sleep", sleep)
+    dai, one = MagicMock(), MagicMock()
+    dai.MessageQueue.QueueException = ArithmeticError
+    answers = chain([False, ArithmeticError], repeat(False, refused), repeat(True))
+    one.createInputQueue.return_value.trySend.side_effect = answers
+    pipeline = SimpleNamespace(isRunning=lambda: len(pauses) < stops_at)
+    frames = [Frame(0, 0.0, np.zeros((2, 4), np.uint8))]
+    source = Stored("some", Lens(60.0, 2.0, 10.0, "trial"), frames)
+    step = source.connect(dai, pipeline, [one])
+    one.createInputQueue.assert_called_once_with(maxSize=4, blocking=True)
+    if taken:
+        assert step()
+        assert not step()
+    else:
+        with pytest.raises(TransferFailed, match="takes no more frames"):
+            step()
+    assert set(pauses) <= {0.001}

@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from hand_bench import PERIOD_NS, Bench, bad, started
+from hazard_marks import CORRUPT_READING
 
 from holdfast.core.errors import (
     DeviceNotFound,
@@ -144,6 +145,14 @@ def test_a_late_reply_never_answers_the_next_question():
                 reading.t_ns * 1e-9 - 0.0025, [0.9, 1.1], [1000.0, 30000.0]
             )
             assert np.abs(reading.field_ut[:, 2] - expected).max() < 1200.0
+
+
+@CORRUPT_READING.mark
+def test_a_wire_that_flips_bits_costs_readings_and_the_hand_is_whole_afterwards():
+    found = bad(started("noise@1+2").read_for(4.0))
+    assert len(found) > 3
+    assert found[0].t_ns >= 1e9
+    assert found[-1].t_ns < 3.2e9
 
 
 def test_a_field_at_the_end_of_the_range_is_not_believed():
