@@ -6,23 +6,18 @@ UV     := .tools/bin/uv
 BIN    := .venv/bin
 LOCKS  := requirements/live.lock requirements/dev.lock requirements/build.lock
 DEMO_LOCKS := requirements/demo.lock requirements/build.lock
-PEERS  := .venv-peers
-DIST   := .venv-dist
-DOCS   := .venv-docs
 RATE   ?= 150
 SIZE   ?= default
 MODEL  ?= models/holdfast-150hz.onnx
 MADE    = build/models/$(RATE)hz-$(SIZE)
-# Tests run in a process a core and one more, a file at a time: what a file sets up is set up once. The order of the
-# files is that of tests/support/longest_first.py. One more, because some tests wait for a process or for real time.
+# Tests run in a process a core and one more (some wait for real time), a file at a time, the longest first.
 ACROSS := -n $(shell expr $$(nproc 2>/dev/null || echo 2) + 1) --dist loadfile --no-loadscope-reorder
 # A process a core: numpy's own threads would only wait for each other.
 test hard-cases safety: export OPENBLAS_NUM_THREADS := 1
+browser docs-site: export ZIG_GLOBAL_CACHE_DIR := $(CURDIR)/build/zig
 
-
-# Deaf to settings of the machine that could pick another interpreter or environment;
-# and uv trusts the certificates that pip trusts, the machine's own. Compiled modules are kept beside their sources:
-# without them every process compiles numpy, scipy and scikit-learn anew, and the tests start a hundred processes.
+# Deaf to settings of the machine that could pick another interpreter; uv trusts the machine's certificates. Compiled modules
+# are kept: without them each of a hundred processes of the tests compiles numpy, scipy and scikit-learn anew.
 export UV_PYTHON_DOWNLOADS := never
 export UV_NO_CONFIG        := 1
 export UV_SYSTEM_CERTS     := 1
@@ -33,7 +28,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup hooks demo test lint lock clean dist docs docs-site screenshots hard-cases safety soak real loop distortions evaluate study models bench browser world
+.PHONY: help setup hooks demo test lint lock clean dist docs docs-site screenshots hard-cases safety soak real loop distortions evaluate study models bench latency browser world
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -55,7 +50,7 @@ real: setup  ## train, export and evaluate on the public recordings, into build/
 loop: setup  ## what holding on costs: grip controllers in a closed loop, into build/loop and docs/shared-control.md
 	$(BIN)/python -m studies loop --page $(ARGS)
 
-distortions: setup  ## one set of trials with one nuisance at a time, into build/distortions and docs/distortions.md
+distortions: setup  ## one set of trials with one nuisance at a time, into build/distortions
 	$(BIN)/python -m studies distortions --page $(ARGS)
 
 evaluate: setup  ## the default model on unseen simulated sets, with baselines, into build/evaluate
@@ -82,8 +77,8 @@ docs: setup  ## rewrite the tables and pictures of README and docs from build an
 	$(BIN)/python -m tools.doc_tables
 	$(BIN)/python -m tools.doc_pictures
 
-docs-site: $(DOCS)/.stamp  ## the documents as a site that opens from a folder, into build/docs-site; fails on a broken link
-	NO_MKDOCS_2_WARNING=1 $(DOCS)/bin/mkdocs build --strict --config-file tools/docs_site/mkdocs.yml
+docs-site: .venv-docs/.stamp .venv-browser/.stamp  ## the documents as a site that opens from a folder, into build/docs-site; fails on a broken link
+	NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs build --strict --config-file tools/docs_site/mkdocs.yml
 
 screenshots: setup  ## pictures of the site and the reports at 390, 1366 and 1920 px, light and dark, into build/screenshots; names what is cut off; needs chromium
 	PYTHONPATH=tests/support $(BIN)/python tools/screenshots.py $(ARGS)
@@ -99,11 +94,18 @@ safety: setup  ## run the tests of the hazards and write their results into docs
 bench: setup  ## what accuracy costs in time on this machine; all, or only NAME=cost; into build/bench
 	$(BIN)/python -m benchmarks $(or $(NAME),all) --out build/bench $(ARGS)
 
-browser: setup  ## a simulated hand to pull at, with the default model, as a page that needs no server, into build/browser
+latency: setup  ## a step as deployed at 150 and 50 Hz, minutes on a quiet machine, into docs/measured, its tables and picture; OLDER=FILE: beside it
+	$(BIN)/holdfast bench latency holdfast-150hz --out build/bench/150hz $(if $(OLDER),--older $(OLDER)) $(ARGS)
+	$(BIN)/holdfast bench latency holdfast-50hz --out build/bench/50hz $(ARGS)
+	for rate in 150hz 50hz; do cp build/bench/$$rate/latency.json docs/measured/latency-$$rate.json; done
+	$(BIN)/python -m tools.doc_tables
+	$(BIN)/python -m tools.doc_pictures
+
+browser: setup .venv-browser/.stamp  ## a simulated hand to pull at, with the default model, as a page that needs no server, into build/browser
 	$(BIN)/python examples/browser/build.py $(MODEL) build/browser
 
-world: $(PEERS)/.stamp  ## the shipped model in a second physics (MuJoCo), for testing only; FULL=1: all of it, hours, resumes; into build/world
-	OPENBLAS_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks world --out build/world --model $(MODEL) $(if $(FULL),--full) $(ARGS)
+world: .venv-peers/.stamp  ## the shipped model in a second physics (MuJoCo), for testing only; FULL=1: all of it, hours, resumes; into build/world
+	OPENBLAS_NUM_THREADS=1 .venv-peers/bin/python -m benchmarks world --out build/world --model $(MODEL) $(if $(FULL),--full) $(ARGS)
 
 lint: setup  ## ruff and mypy
 	$(BIN)/ruff check .
@@ -113,13 +115,13 @@ lock: .tools/.stamp  ## rewrite the locks after a change of dependencies; UPGRAD
 	PYTHON=$(PYTHON) UPGRADE=$(UPGRADE) tools/lock.sh
 
 clean:  ## remove .venv, the other environments, .tools, build and caches
-	rm -rf .venv $(PEERS) $(DIST) $(DOCS) .tools build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-peers .venv-dist .venv-docs .venv-browser .tools build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
-dist: setup $(DIST)/.stamp  ## the wheel and the source archive, checked, into dist
+dist: setup .venv-dist/.stamp  ## the wheel and the source archive, checked, into dist
 	rm -rf dist
 	$(BIN)/python -m hatchling build -d dist
-	$(DIST)/bin/twine check --strict dist/*
+	.venv-dist/bin/twine check --strict dist/*
 
 # pip is used once, to fetch uv: `--target` works where Debian marks its Python as externally managed.
 .tools/.stamp: tools/uv.txt
@@ -135,8 +137,7 @@ dist: setup $(DIST)/.stamp  ## the wheel and the source archive, checked, into d
 	$(UV) pip install --quiet --python $(BIN)/python --no-build-isolation --no-deps --editable .
 	@touch $@
 
-# A part of what .stamp installs: enough to simulate, train, export and draw. It adds and removes nothing, so that
-# `make demo` leaves what `make test` has installed, and `make test` after it adds the rest.
+# A part of what .stamp installs: `make demo` leaves what `make test` has installed, and `make test` after it adds the rest.
 .venv/.demo-stamp: .tools/.stamp $(DEMO_LOCKS) pyproject.toml
 	@test -x $(BIN)/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" .venv
 	$(UV) pip install --quiet --python $(BIN)/python --only-binary :all: --no-deps --require-hashes \
@@ -144,22 +145,12 @@ dist: setup $(DIST)/.stamp  ## the wheel and the source archive, checked, into d
 	$(UV) pip install --quiet --python $(BIN)/python --no-build-isolation --no-deps --editable .
 	@touch $@
 
-# Beside .venv, which keeps to what is tested: everything of dev.lock, so that ours and peers run on the same numpy.
-$(PEERS)/.stamp: .tools/.stamp $(LOCKS) requirements/peers.lock
-	@test -x $(PEERS)/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" $(PEERS)
-	$(UV) pip sync --quiet --python $(PEERS)/bin/python --only-binary :all: --require-hashes \
-	    $(LOCKS) requirements/peers.lock
-	@touch $@
-
-$(DIST)/.stamp: .tools/.stamp requirements/dist.lock
-	@test -x $(DIST)/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" $(DIST)
-	$(UV) pip sync --quiet --python $(DIST)/bin/python --only-binary :all: --require-hashes requirements/dist.lock
-	@touch $@
-
-# Everything of dev.lock too: the notebooks are executed, and the API is read from the code.
-$(DOCS)/.stamp: .tools/.stamp $(LOCKS) requirements/docs.lock pyproject.toml
-	@test -x $(DOCS)/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" $(DOCS)
-	$(UV) pip sync --quiet --python $(DOCS)/bin/python --only-binary :all: --require-hashes \
-	    $(LOCKS) requirements/docs.lock
-	$(UV) pip install --quiet --python $(DOCS)/bin/python --no-build-isolation --no-deps --editable .
+# Environments beside .venv, which keeps to what is tested: each has the locks of its line, and of dev.lock where the same
+# numpy or our own code must be there. .venv-peers: MuJoCo. .venv-dist: twine. .venv-docs: the site and its notebooks.
+.venv-peers/.stamp: MORE := $(LOCKS)
+.venv-docs/.stamp: MORE := $(LOCKS)
+.venv-%/.stamp: .tools/.stamp $(LOCKS) requirements/%.lock pyproject.toml
+	@test -x .venv-$*/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" .venv-$*
+	$(UV) pip sync --quiet --python .venv-$*/bin/python --only-binary :all: --require-hashes $(MORE) requirements/$*.lock
+	$(if $(MORE),$(UV) pip install --quiet --python .venv-$*/bin/python --no-build-isolation --no-deps --editable .)
 	@touch $@

@@ -18,13 +18,12 @@ from holdfast.cli.command import (
     add_json_option,
     path_argument,
     require_json_writable,
-    run_script,
     write_found,
 )
 from holdfast.cli.options import CORES, add_job_options, chosen_workers
 from holdfast.core.contract import Json
 from holdfast.core.schema import model_path
-from tools.harness import Program, measured_now
+from tools.harness import Program, measured_now, run_script
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -40,11 +39,10 @@ LIVE_S = 60.0
 
 @dataclass(frozen=True)
 class BenchRequest:
-    """Folder of the results, where the points of `cost` are measured, and a file beside ours."""
+    """Folder of the results, and where the points of `cost` are measured."""
 
     out: Path
     workers: Workers
-    older: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -68,10 +66,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option = parser.add_argument
     what = "one of the list below, or all"
     option("what", choices=(*MEASURES, "all"), metavar="WHAT", help=what)
-    check = "exit 1 if a limit of latency or cost does not hold"
+    check = "exit 1 if the limit of cost does not hold"
     option("--check", action="store_true", help=check)
-    older = "with latency: another file of this rate and hand, its step timed in the same run"
-    option("--older", type=path_argument, metavar="FILE", help=older)
     default = Path("build/bench")
     out = "folder for the results (default build/bench); cost continues there where it stopped"
     option("--out", type=path_argument, default=default, metavar="DIR", help=out)
@@ -89,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
 
     require_writable(args.out)
     require_json_writable(args)
-    request = BenchRequest(args.out, chosen_workers(args), args.older)
+    request = BenchRequest(args.out, chosen_workers(args))
     chosen = [args.what]
     if args.what == "all":
         chosen = [name for name, one in MEASURES.items() if not one.alone]
@@ -128,15 +124,6 @@ def _simulator(request: BenchRequest) -> Json:
     return {"step": step, **sizes, "plausibility": leads}
 
 
-def _latency(request: BenchRequest) -> Json:
-    from benchmarks.latency import figures_of
-    from benchmarks.timed_calls import steps_beside
-
-    older = request.older
-    beside = [] if older is None else steps_beside(MODEL, older)
-    return {**figures_of(MODEL), "beside": beside}
-
-
 def _cost(request: BenchRequest) -> Json:
     from benchmarks.cost.peers import peer_times
     from benchmarks.cost.surface import cost
@@ -156,7 +143,7 @@ def _robust(request: BenchRequest) -> Json:
 
 def _hand(request: BenchRequest) -> Json:
     from benchmarks.hand import fault_table, latency, scan_costs
-    from holdfast.evaluation.bench import memory
+    from benchmarks.memory import memory
 
     scans = scan_costs()
     live = [latency(MODEL, rate_hz, LIVE_S) for rate_hz in LIVE_HZ]
@@ -191,11 +178,6 @@ def _arm(request: BenchRequest) -> Json:
 
 
 MEASURES: dict[str, Measure] = {
-    "latency": Measure(
-        "time of one decision",
-        "time on this machine, samples simulated",
-        _latency,
-    ),
     "cost": Measure(
         "recall and delay by trees, depth, features, rate, window, debounce (hours; --dask)",
         "scenes simulated, people public real data",

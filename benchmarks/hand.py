@@ -26,7 +26,7 @@ from holdfast.drivers.virtual.usb_backend import Traffic
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.evaluation.bench import busy_wait, time_in_turns
+from holdfast.live.bench import busy_wait, time_in_turns
 from holdfast.live.loop import Summary, run_live
 from holdfast.live.running import real_time
 

@@ -12,11 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.trial_layout import VOLUNTARY_ACTIONS
 from holdfast.edge_runtime.grip import GripSense
-from holdfast.simulation.actions import action_named
+from holdfast.simulation.actions import EMPTY_HANDED, action_named
 from holdfast.simulation.closed_loop import LoopController, LoopTruth, Make
 from holdfast.simulation.effect import stream
-from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial, may_slip
+from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial
 from holdfast.simulation.script_times import Times
 
 SPARE = 1.1
@@ -27,6 +28,16 @@ REACTION_S = 0.28
 """Median of the reaction of a wearer to a vibration, s."""
 REACTION_SPREAD = 0.25
 """Standard deviation of the logarithm of that reaction: it is log-normal."""
+
+
+def may_slip(action: str) -> bool:
+    """Whether an object that leaves the hand in this action is a drop that a hand should prevent.
+
+    Not so in a hand-over, and not in a disturbed hold, whose drops are counted apart.
+    """
+    if action in EMPTY_HANDED or action == "hold":
+        return False
+    return action not in VOLUNTARY_ACTIONS
 
 
 class Oracle:

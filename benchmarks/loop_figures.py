@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from benchmarks.loop_baselines import needed_grip_n
+from benchmarks.loop_baselines import may_slip, needed_grip_n
 from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.core.trial_layout import (
     HELD_ACTIONS,
@@ -22,7 +22,6 @@ from holdfast.core.trial_layout import (
 )
 from holdfast.evaluation.statistics import share
 from holdfast.simulation.loop_people import LoopOutcome
-from holdfast.simulation.protocol import may_slip
 from holdfast.training.figures import Interval
 
 BLOCKED_N = 5.0

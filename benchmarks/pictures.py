@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 from benchmarks.cost.picture import figure as cost_figure
 from benchmarks.cost.picture import on_hands
-from benchmarks.latency_picture import latency
 from holdfast.core.contract import Json
 from holdfast.evaluation.style import GRID, INK, OURS, QUIET, WARNING, drawing, svg
 
@@ -70,7 +69,6 @@ def robust(figures: Figures) -> str:
 
 
 PICTURES: dict[str, Callable[[Figures], str]] = {
-    "latency": latency,
     "cost": cost,
     "robust": robust,
     "effects": effects,

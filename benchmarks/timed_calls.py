@@ -3,7 +3,6 @@ other."""
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Mapping
 from itertools import cycle
 from pathlib import Path
@@ -12,12 +11,8 @@ import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.edge_runtime.graph import StepGraph, open_session
-from holdfast.edge_runtime.model import Model
-from holdfast.evaluation.bench import (
-    CALLS_A_TURN,
-    TURNS,
+from holdfast.live.bench import (
     busy_wait,
-    step_of,
     time_in_turns,
 )
 from holdfast.simulation.folder import write_set
@@ -31,8 +26,6 @@ FLOOR = "busy-wait reference"
 """A busy wait as long as the first call: its own spread is the machine's."""
 TRIALS = 400
 """Simulated, to train the forest of the thesis on."""
-STREAMED = 10
-"""So many of them make the stream that is timed."""
 
 
 def simulated_set(work: Path, rate_hz: float) -> DataSet:
@@ -40,16 +33,6 @@ def simulated_set(work: Path, rate_hz: float) -> DataSet:
     scene = Scene(read_scene_file("thesis", rate_hz=rate_hz), 0)
     write_set(scene, work / "set", TRIALS)
     return load(work / "set", windows="thesis")
-
-
-def stream_of(data: DataSet) -> tuple[FloatArray, BoolArray]:
-    """Some trials end to end: values [T, C] and valid [T, C/3]."""
-    # Spread over the set, so that every action is in the stream.
-    every = max(1, len(data.recordings) // STREAMED)
-    chosen = data.recordings[::every][:STREAMED]
-    values = np.concatenate([one.samples for one in chosen])
-    valid = np.concatenate([one.valid for one in chosen])
-    return values, valid
 
 
 def learner_call(model: bytes, rows: FloatRows) -> Callable[[], object]:
@@ -90,17 +73,3 @@ def times_beside(
         p50, p99 = np.percentile(values, (50, 99)).tolist()
         found[name] = {"step_us": p50, "p99_us": p99, "over_first": p50 / first_us}
     return found
-
-
-def steps_beside(path: Path, older: Path) -> list[Json]:
-    """A row for each of two files of the same rate and hand: their steps on one simulated stream.
-
-    over_first is over the older file. Both files are read, not changed.
-    """
-    with tempfile.TemporaryDirectory() as work:
-        data = simulated_set(Path(work), Model(path).card.rate_hz)
-    stream = stream_of(data)
-    files = {"the older file": older, "this file": path}
-    steps = {name: step_of(Model(one), stream) for name, one in files.items()}
-    times = times_beside(steps, TURNS, CALLS_A_TURN)
-    return [{"file": name, **of} for name, of in times.items()]

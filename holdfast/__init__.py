@@ -62,20 +62,26 @@ __all__ = [
 
 
 def load(
-    model: str | Path, *, live: bool = True, bias_known: bool = False
+    model: str | Path,
+    *,
+    live: bool = True,
+    bias_known: bool = False,
+    engine: str = "auto",
 ) -> GripMonitor:
     """A monitor on a model: `feed` it one sample at a time, or `replay` a whole recording.
 
     model: a file, or the name of a shipped model. live: the samples that are fed are stamped by
     CLOCK_BOOTTIME, and a late answer is `unknown`; False for recorded samples. bias_known: the bias
-    was measured before, so a start with an object in the hand is detected. Raises ModelError, and
-    warns of a file that is older than the contact rule.
+    was measured before, so a start with an object in the hand is detected. engine: "auto" takes the
+    C form beside the file where there is one that fits, as `engine` of the monitor then says;
+    "onnxruntime" or "c". Raises ModelError, and warns of a file that is older than the contact
+    rule.
     """
-    from holdfast.edge_runtime.model import Model
+    from holdfast.edge_runtime.engine import ModelChoice
     from holdfast.edge_runtime.model_file import OLDER_FILE
     from holdfast.edge_runtime.monitor import NOW_NS, GripMonitor
 
-    opened = Model(model)
+    opened = ModelChoice(str(model), engine).open()
     if opened.card.is_older:
         warnings.warn(f"{model}: {OLDER_FILE}", stacklevel=2)
     clock_ns = NOW_NS if live else None

@@ -6,11 +6,7 @@ from holdfast.evaluation.formats import display_name
 
 CLOCK = "WARNING: a clock, time since contact and summed force"
 OURS_18 = "ours, 18 channels"
-RAW_18 = "raw forest, 18 channels"
-COMMITTEE_18 = "committee, 18 channels"
 SPREAD_18 = "committee, 18 channels, spread taxels"
-SPREAD_OWN_18 = "committee, 18 channels, spread taxels, own level"
-POOLED_18 = "committee, 18 channels, spread taxels, pooled features"
 LEAKY_FOLDS = 2
 LEAKY = f"WARNING: leaky, raw forest on random windows, {LEAKY_FOLDS} folds"
 OURS_ROWS = frozenset({OURS_18})

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import onnx
 
+from benchmarks import touch_to_grip
 from benchmarks.cost.picture import figure, on_hands
 from benchmarks.world import page as world
 from examples.demo import demo_picture
@@ -15,13 +16,15 @@ from holdfast.cli.command import show
 from holdfast.core.contract import Json
 from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.model import Model
-from holdfast.evaluation.style import for_any_page
 from studies.doc_pictures.step import picture as step_picture
 from studies.doc_pictures.timing import PICTURES as TIMING
+from tools.harness import for_any_page
 
 MODEL = Path("models/holdfast-150hz.onnx")
 COST = "build/bench/cost.json"
 ROBUST = "docs/measured/robust-2026-11-25.json"
+LATENCY = "docs/measured/latency-150hz.json"
+SLOWER = Path("docs/measured/latency-50hz.json")
 EVALUATED = "build/evaluate/figures.json"
 MEASURED: dict[str, tuple[str, Callable[[Json], str]]] = {
     "what-accuracy-costs.svg": (
@@ -32,10 +35,17 @@ MEASURED: dict[str, tuple[str, Callable[[Json], str]]] = {
         ROBUST,
         lambda robust: for_any_page(on_hands(robust["rows"])),
     ),
+    "touch-to-grip.svg": (LATENCY, lambda fast: touch_to_grip_of(fast)),
     "second-physics.svg": (str(world.BEFORE), world.draw),
     **{name: (EVALUATED, draw) for name, draw in TIMING.items()},
 }
 """Picture -> the file of its figures, and what draws it."""
+
+
+def touch_to_grip_of(fast: Json) -> str:
+    """The way of a touch, by the runs of the bench at both rates."""
+    both = [fast, json.loads(SLOWER.read_text("utf-8"))]
+    return for_any_page(touch_to_grip.picture(both))
 
 
 def draw_all(docs: Path) -> None:

@@ -33,33 +33,26 @@ SOURCES: dict[str, dict[str, str]] = {
         "wide": "docs/measured/wide-080828f74eb1.json",
         "world": "docs/measured/world-080828f74eb1.json",
     },
-    "docs/adapt.md": {
-        "adapt": "build/adapt-study/adapt.json",
-        "people": "build/adapt-study/people.json",
-    },
     "docs/any-runtime.md": {
         "here": "build/bench/runtimes.json",
         "arm": "build/bench/arm.json",
     },
-    "docs/distortions.md": {
-        "before": "docs/measured/distortions-d86a7e638b14.json",
-        "distortions": "build/distortions/distortions.json",
+    "docs/hard-cases.md": {
+        "distortions": "docs/measured/distortions-080828f74eb1.json"
     },
-    "docs/evaluation.md": {
+    "docs/how-it-works.md": {},
+    "docs/on-a-hand.md": {"hand": "build/bench/hand.json"},
+    "docs/recording-and-study.md": {"adapt": "build/adapt-study/adapt.json"},
+    "docs/results.md": {
+        "distortions": "docs/measured/distortions-080828f74eb1.json",
         "evaluated": "build/evaluate/figures.json",
-        "fifty": "build/evaluate-50hz/figures.json",
-        "fifty_wide": "docs/measured/wide-2ff3bcf27669.json",
-        "tiny": "build/evaluate-tiny/figures.json",
-        "tiny_wide": "docs/measured/wide-9d282ae40fef.json",
-        "preliminary": "build/preliminary/preliminary.json",
+        "nested": "docs/measured/nested-choice-2026-11-25.json",
+        "real": "build/real/metrics.json",
+        "wide": "docs/measured/wide-080828f74eb1.json",
     },
-    "docs/features.md": {},
-    "docs/hand.md": {"hand": "build/bench/hand.json"},
-    "docs/people.md": {"real": "build/real/metrics.json"},
     "docs/scenes.md": {
         "effects": "build/bench/effects.json",
         "simulator": "build/bench/simulator.json",
-        "wide": "docs/measured/wide-080828f74eb1.json",
     },
     "docs/second-physics.md": {
         "before": "docs/measured/world-d86a7e638b14.json",
@@ -72,22 +65,12 @@ SOURCES: dict[str, dict[str, str]] = {
         "before": "docs/measured/loop-d86a7e638b14.json",
         "cap": "docs/measured/loop-cap-080828f74eb1.json",
     },
-    "docs/targets.md": {
-        "distortions": "docs/measured/distortions-080828f74eb1.json",
-        "evaluated": "build/evaluate/figures.json",
-        "files": "docs/measured/hand-files-080828f74eb1.json",
-        "loop": "docs/measured/loop-080828f74eb1.json",
-        "nested": "docs/measured/nested-choice-2026-11-25.json",
-        "spread": "docs/measured/transfer-spread-2026-11-26.json",
-        "wide": "docs/measured/wide-080828f74eb1.json",
-        "world": "docs/measured/world-080828f74eb1.json",
-    },
+    "docs/thesis.md": {"preliminary": "build/preliminary/preliminary.json"},
     "docs/what-accuracy-costs.md": {
         "cost": "build/bench/cost.json",
         "on_hands": "docs/measured/robust-2026-11-25.json",
-        "latency": "build/bench/latency.json",
+        "latency": "docs/measured/latency-150hz.json",
     },
-    "docs/wiring.md": {"places": "build/real/places.json"},
 }
 """Page -> the files that its template sees."""
 

@@ -16,20 +16,46 @@ import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import partial
 from importlib import import_module
 from pathlib import Path
 
-from holdfast.cli.command import finish, path_argument, run_script, seed
+from holdfast.cli.command import Parser, finish, path_argument, seed
 from holdfast.cli.main import main
+from holdfast.cli.options import add_engine_option
 from holdfast.core.contract import Json
 from holdfast.core.errors import HoldfastError, UsageError
 from holdfast.core.writing import write_whole
+from holdfast.evaluation.style import dark_rules
 
 AT_ONCE = 2
+
+
+def run_script(
+    prog: str,
+    about: str,
+    add_arguments: Callable[[argparse.ArgumentParser], None],
+    run: Callable[[argparse.Namespace], int],
+    argv: Sequence[str] | None = None,
+) -> int:
+    """Start a program that is no verb: parse, run, and end like every program of Holdfast.
+
+    argv: None for the words that it was started with.
+    """
+
+    def main(argv: Sequence[str]) -> int:
+        parser = Parser(
+            prog=prog,
+            description=about,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        add_arguments(parser)
+        return run(parser.parse_args(argv))
+
+    return finish(main, sys.argv[1:] if argv is None else argv)
 
 
 @dataclass(frozen=True)
@@ -149,3 +175,16 @@ def _start_program(
 
     name_of_program = f"python -m {folder} {name}"
     return run_script(name_of_program, program.about, add_arguments, module.run, words)
+
+
+def add_engine_options(parser: argparse.ArgumentParser) -> None:
+    """The options of the engine, of a study."""
+    add_engine_option(parser)
+    library = "the library of --engine c (default MODEL-c/libholdfast.so)"
+    parser.add_argument("--library", type=path_argument, metavar="FILE", help=library)
+
+
+def for_any_page(svg: str) -> str:
+    """A file of its own: with other ink and paper where the reader prefers dark."""
+    end = svg.index(">", svg.index("<svg")) + 1
+    return f"{svg[:end]}<style>{dark_rules()}</style>{svg[end:]}"

@@ -13,6 +13,7 @@ compile() {
 compile tools/uv.in --output-file tools/uv.txt
 compile requirements/build.in --output-file requirements/build.lock
 compile requirements/dist.in --output-file requirements/dist.lock
+compile requirements/browser.in --output-file requirements/browser.lock
 # The hand's own lock comes out of the full one, so that what is tested is what is installed there.
 compile pyproject.toml --all-extras --group dev --constraint requirements/build.lock \
     --output-file requirements/dev.lock

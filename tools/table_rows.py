@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from benchmarks.cost.point import GOOD, README_POINTS, RECOMMENDED, REFERENCE
@@ -19,8 +19,6 @@ from holdfast.simulation.effect import all_effects
 from holdfast.simulation.magnet import residual_n
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.figures import ABSENT, over
-from studies.distortions.targets import pairs_by_name
-from studies.distortions.targets import target_rows as distortion_targets
 from studies.row_names import shown
 from studies.shared_control.plan import CURVE_SETS, OUR_LEAD_N, UNSEEN
 from studies.shared_control.plan import OURS as OUR_CONTROLLER
@@ -153,15 +151,12 @@ def action_rows() -> list[Json]:
     """Every action of scenes: what happens, what its truth says, its own parameters."""
     rows = []
     for name in ACTION_MODULES:
-        ranges = []
-        for key, parameter in parameters_of(name).items():
-            if key not in COMMON:
-                ranges.append(f"`{key}` {parameter.allowed().split(' from ')[-1]}")
+        own = [key for key in parameters_of(name) if key not in COMMON]
         truth = SITUATION_WORDS[SITUATION_OF_ACTION[name]]
         if name in ("stroke", "tap"):
             truth = "grasp above 0.3 N on a pad, else nothing"
         row = {"name": name, "what": ACTION_WORDS[name], "truth": truth}
-        rows.append({**row, "parameters": ", ".join(ranges)})
+        rows.append({**row, "parameters": _quoted(own)})
     return rows
 
 
@@ -170,20 +165,16 @@ def effect_rows(figures: Json) -> list[Json]:
     prices = {row["effect"]: row["ns_per_sample"] for row in figures["prices"]}
     rows = []
     for name, effect in all_effects().items():
-        ranges = []
-        for key, parameter in effect.parameters.items():
-            ranges.append(f"`{key}` {parameter.allowed().split(' from ')[-1]}")
         price_ns = prices.get(name)
-        rows.append(
-            {
-                "name": effect.name,
-                "stage": effect.stage,
-                "needs": ", ".join(f"`{one}`" for one in effect.needs) or ABSENT,
-                "parameters": ", ".join(ranges) or ABSENT,
-                "ns": None if price_ns is None else grouped(price_ns),
-            }
-        )
+        row = {"name": effect.name, "stage": effect.stage}
+        row["parameters"] = _quoted(effect.parameters) or ABSENT
+        row["ns"] = None if price_ns is None else grouped(price_ns)
+        rows.append(row)
     return rows
+
+
+def _quoted(names: Iterable[str]) -> str:
+    return ", ".join(f"`{name}`" for name in names)
 
 
 def by_delay(rows: Rows) -> list[Json]:
@@ -271,7 +262,6 @@ FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "cost_front": cost_front,
     "deployed": DEPLOYED,
     "action_rows": action_rows,
-    "distortion_targets": distortion_targets,
     "effect_rows": effect_rows,
     "exact": exact,
     "feature_groups": feature_groups,
@@ -281,7 +271,6 @@ FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "loop_targets": loop_targets,
     "number": number,
     "our_controller": OUR_CONTROLLER,
-    "pairs_by_name": pairs_by_name,
     "percent": percent,
     "published_learners": LEARNERS,
     "published_percent": ACCURACY_PERCENT,

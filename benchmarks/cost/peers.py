@@ -19,15 +19,14 @@ from scipy.signal import butter
 from benchmarks.cost.forest_c import c_walk
 from benchmarks.timed_calls import (
     simulated_set,
-    stream_of,
     times_beside,
 )
 from holdfast.core.contract import CLASSES, Json
 from holdfast.core.errors import LibraryMissing
 from holdfast.edge_runtime.model import Model
-from holdfast.evaluation.bench import CALLS_A_TURN, STEP, TURNS, step_of
 from holdfast.export.learner import Forest, reference_votes
 from holdfast.export.spec import bands_for
+from holdfast.live.bench import CALLS_A_TURN, STEP, TURNS, step_of
 from holdfast.training.crossval import fit_learner
 from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.plan import RAW_BASELINE
@@ -63,7 +62,7 @@ def peer_times(path: Path, turns: int = TURNS, calls: int = CALLS_A_TURN) -> Jso
     model = Model(path)
     with tempfile.TemporaryDirectory() as work:
         data = simulated_set(Path(work), model.card.rate_hz)
-        step = step_of(model, stream_of(data))
+        step = step_of(model)
         times = times_beside({STEP: step, **peer_calls(data, Path(work))}, turns, calls)
     ratio = times[THESIS]["over_first"]
     line = f"{THESIS} takes {ratio:.1f} steps, less than {LEAST_THESIS_OVER_STEP:g}"

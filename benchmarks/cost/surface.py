@@ -3,7 +3,8 @@
 Every point is a learner evaluated on unseen streams of scenes or people, sample by sample: recall
 at one false alarm a minute, delay after load onset, and the share of the lead that was used.
 Further figures are macro F1 over four situations on held-out windows, and the microseconds of the
-learner alone and of the whole step, all interleaved in one run. Points are stored one by one, so an
+learner alone and of the whole step, all interleaved in one run: hot in a row, and the step as
+deployed too, one a sample and asleep in between. Points are stored one by one, so an
 interrupted run continues; they are measured many at once.
 """
 
@@ -29,9 +30,9 @@ from benchmarks.timed_calls import learner_call, step_call
 from holdfast.cli.options import CORES
 from holdfast.core.contract import FloatArray, Json
 from holdfast.core.writing import write_whole
-from holdfast.evaluation.bench import time_in_turns
 from holdfast.evaluation.jobs import Job, Workers
 from holdfast.export.verify import cut_learners
+from holdfast.live.bench import time_deployed, time_in_turns
 
 HERE = Workers(CORES)
 TIMED_ROWS = 200
@@ -39,13 +40,19 @@ TIMED_EVENTS = 10
 TIMED_S = 0.2
 TURNS = 10
 CALLS = 60
+DEPLOYED_S = 5.0
+"""So long each step runs as deployed."""
 
 
 @dataclass(frozen=True)
 class Price:
-    """Median microseconds of the learner alone and of the whole step, and bytes of its graph."""
+    """Median microseconds of a point, and bytes of its graph.
+
+    learner_us, hot_us: the learner alone and the whole step, in a row. step_us: as deployed.
+    """
 
     learner_us: float
+    hot_us: float
     step_us: float
     bytes: float
 
@@ -224,22 +231,25 @@ def _timed(folder: Path, point: Point) -> Path:
 def _priced(folder: Path, chosen: Sequence[Point]) -> list[Price]:
     """Price of every point; all points interleaved in one run."""
     calls: dict[str, Callable[[], object]] = {}
+    by_rate: dict[float, dict[str, Callable[[], object]]] = {}
     for point in dict.fromkeys(point.fitted for point in chosen):
         timed = np.load(_timed(folder, point))
         calls[f"{point.name} learner"] = learner_call(
             _learner(folder, point).read_bytes(), timed["rows"]
         )
-        calls[f"{point.name} step"] = step_call(
-            _model(folder, point).read_bytes(), timed["samples"]
-        )
-    us = {
-        name: float(np.median(times))
-        for name, times in time_in_turns(calls, TURNS, CALLS).items()
-    }
+        step = step_call(_model(folder, point).read_bytes(), timed["samples"])
+        calls[f"{point.name} step"] = step
+        by_rate.setdefault(point.rate_hz, {})[f"{point.name} deployed"] = step
+
+    times = time_in_turns(calls, TURNS, CALLS)
+    for rate_hz, steps in by_rate.items():
+        times |= time_deployed(steps, rate_hz, DEPLOYED_S)
+    us = {name: float(np.median(values)) for name, values in times.items()}
     return [
         Price(
             learner_us=us[f"{point.fitted.name} learner"],
-            step_us=us[f"{point.fitted.name} step"],
+            hot_us=us[f"{point.fitted.name} step"],
+            step_us=us[f"{point.fitted.name} deployed"],
             bytes=float(_model(folder, point).stat().st_size),
         )
         for point in chosen

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,8 @@ from benchmarks.runtimes.programs import called, require
 from benchmarks.runtimes.stream import Stream
 
 C = Path(__file__).parent / "c"
-BROWSER = Path(__file__).resolve().parents[2] / "examples/browser"
+ROOT = Path(__file__).resolve().parents[2]
+BROWSER = ROOT / "examples/browser"
 FLAGS = ("-std=gnu99", "-O2", "-ffp-contract=off")
 SINGLE = ("-include", str(C / "single.h"), "-fsingle-precision-constant")
 PASSES = 15
@@ -23,7 +24,7 @@ PASSES = 15
 class Compiled:
     """A compiler with its flags, what runs what it makes (empty: this machine), and a main.
 
-    also: more programs that it needs.
+    also: more programs that it needs. first: words that its own program begins with.
     """
 
     name: str
@@ -33,6 +34,7 @@ class Compiled:
     main: Path = C / "rows.c"
     linked: tuple[str, ...] = ("-lm",)
     also: tuple[str, ...] = ()
+    first: tuple[str, ...] = ()
 
     @property
     def programs(self) -> tuple[str, ...]:
@@ -67,6 +69,23 @@ WASM = Compiled(
     (),
     ("wasm-ld",),
 )
+ZIG = (
+    "-target",
+    "wasm32-freestanding",
+    "-mcpu=generic+bulk_memory+simd128",
+    *WITHOUT_LIBRARIES[2:],
+    "-Wl,--no-entry",
+)
+
+
+def for_a_browser() -> Compiled:
+    """What compiles to WebAssembly: the compiler that `make browser` has fetched, else clang."""
+    fetched = sorted(ROOT.glob(".venv-browser/lib/*/site-packages/ziglang/zig"))
+    if not fetched:
+        return WASM
+    return replace(WASM, compiler=str(fetched[0]), first=("cc",), flags=ZIG, also=())
+
+
 SINGLE_GCC = Compiled("C, gcc, single precision", "gcc", SINGLE)
 
 
@@ -104,7 +123,7 @@ def golden_of(one: Compiled, sources: Path, work: Path) -> str:
 
 def compiled(one: Compiled, sources: Path, main: Path, program: Path) -> Path:
     """The program of a C form and a file with a main."""
-    words = [one.compiler, *FLAGS, *one.flags, f"-I{sources}"]
+    words = [one.compiler, *one.first, *FLAGS, *one.flags, f"-I{sources}"]
     files = [sources / "holdfast.c", main]
     called([*words, "-o", program, *files, *one.linked], program.parent)
     return program

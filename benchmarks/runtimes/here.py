@@ -21,7 +21,8 @@ from benchmarks.runtimes.c_programs import (
 )
 from benchmarks.runtimes.stream import Stream, stream_of
 from holdfast.core.contract import Json
-from holdfast.edge_runtime.c_engine import LIBRARY, CompiledModel
+from holdfast.core.schema import LIBRARY
+from holdfast.edge_runtime.c_engine import CompiledModel
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.model import Model
 from holdfast.export.c.exporting import export_c

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 
 from holdfast.core.contract import Json
-from holdfast.evaluation.style import GRID, OURS, QUIET, drawing, for_any_page, svg
+from holdfast.evaluation.style import GRID, OURS, QUIET, drawing, svg
+from tools.harness import for_any_page
 
 DROPS = (
     "pull-fast",

@@ -126,5 +126,5 @@ pd.crosstab(answers["truth"], answers["state"])
 
 # %% [markdown]
 # Next: more people, more objects, and both kinds of slips of each ([how to
-# record](../recording.md)). Then run it on the hand: `holdfast run holdfast.onnx --source URL`
-# ([live page](../live-page.md)).
+# record](../recording-and-study.md)). Then run it on the hand:
+# `holdfast run holdfast.onnx --source URL` ([live page](../on-a-hand.md#the-live-page)).

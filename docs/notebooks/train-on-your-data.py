@@ -96,4 +96,4 @@ pd.crosstab(answers["truth"], answers["state"])
 
 # %% [markdown]
 # Most rows are on the diagonal; the first half second of each trial is `unknown`. Samples are not
-# events: whether a slip was called in time says [`holdfast evaluate`](../evaluate.md).
+# events: whether a slip was called in time says [`holdfast evaluate`](../your-data.md).

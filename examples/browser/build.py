@@ -16,7 +16,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from benchmarks.runtimes.c_programs import WASM, compiled
+from benchmarks.runtimes.c_programs import compiled, for_a_browser
 from benchmarks.runtimes.programs import require
 from examples.browser.setups import setup_numbers
 from holdfast.cli.command import show
@@ -40,14 +40,15 @@ SCRIPTS = {
 def pages(model: Path, home: str = "") -> dict[str, str]:
     """Names and texts of the pages; home: a link back, for a page of a site.
 
-    Raises LibraryMissing without clang, and what `holdfast export` raises.
+    Raises LibraryMissing without a compiler, and what `holdfast export` raises.
     """
-    require(*WASM.programs[:1], *WASM.also)
+    compiler = for_a_browser()
+    require(compiler.compiler, *compiler.also)
     card = Model(model).card
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)
         export_c(model, work / "c")
-        wasm = compiled(WASM, work / "c", HERE / "try.c", work / "try.wasm")
+        wasm = compiled(compiler, work / "c", HERE / "try.c", work / "try.wasm")
         # A third of the page's size, and the browser unpacks it by itself.
         packed = gzip.compress(wasm.read_bytes(), mtime=0)
         example = _example(card.rate_hz, work)

@@ -11,9 +11,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from examples.demo.demo_trials import RATE_HZ, TRAIN, TRIALS, UNSEEN
-from holdfast.cli.command import path_argument, run_script
+from holdfast.cli.command import path_argument
 from holdfast.core.errors import HoldfastError
 from holdfast.core.writing import require_writable
+from tools.harness import run_script
 
 RELEASED = "models/holdfast-150hz.onnx"
 """In the checkout."""
@@ -22,14 +23,11 @@ Await = Callable[[str], Path]
 
 
 def show_demo(out: Path, work: Path) -> int:
-    """Train, export, show three unseen trials, and leave model and report in `out`."""
+    """Train, export, show two unseen trials, and leave model and report in `out`."""
     protocol = f"{TRIALS} trials of the thesis' protocol at {RATE_HZ:g} Hz"
     print(f"simulating {protocol} (simulated: no recording)", flush=True)
     with _simulated_beside(work) as ready:
         _learn_and_watch(out, work, ready)
-    print(
-        "real recordings: make real (needs HOLDFAST_DATA; holdfast doctor says what is there)"
-    )
     return 0
 
 
@@ -56,14 +54,12 @@ def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
     print(f"exported {path}: {rows} checked, {differ}", flush=True)
     print(LEGEND)
     shipped = Model(Path(__file__).resolve().parents[2] / RELEASED)
-    models = {"demo": Model(path), "shipped": shipped}
-    unseen, pictures = ready(UNSEEN), []
+    made, unseen, pictures = Model(path), ready(UNSEEN), []
     for one in load(unseen, windows="none").recordings:
-        seen = {name: watch(model, unseen, one) for name, model in models.items()}
-        show(seen)
-        pictures.append(seen["demo"])
+        show(watch(shipped, unseen, one))
+        pictures.append(watch(made, unseen, one))
     hands = close_the_loop(shipped)
-    print("\nthe same shipped model closes the hand (two trials that show it):")
+    print("\nit closes the hand (two trials that were chosen to show it):")
     print("\n".join(f"  {one.sentence}" for one in hands))
     held_out = trained.held_out
     report = write_report(

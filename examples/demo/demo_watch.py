@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,16 +26,10 @@ COLUMN_S = 0.02
 SHOWN_S = (-0.3, 0.7)
 """What is printed, from the beginning of the slip."""
 LEGEND = f"""
-four unseen trials, the first of each action; a letter is {1e3 * COLUMN_S:.0f} ms:
-  . empty hand   g grasp   s safe slip (meant)   R risky slip (not meant)   ! the alarm begins
-  demo: the model made here; shipped: the one in models, which has learned from more"""
-SLIPS = ("pull", "fall")
-MEANING = {
-    "pass": "handed over",
-    "put-down": "put down",
-    "pull": "torn out of the hand",
-    "fall": "slips out",
-}
+two unseen trials as the shipped model answers them; a letter is {1e3 * COLUMN_S:.0f} ms:
+  . empty hand   g grasp   s safe slip (meant)   R risky slip (not meant)   ! the alarm begins"""
+SLIPS = ("fall",)
+MEANING = {"pass": "handed over", "fall": "slips out"}
 """What happens in each action."""
 
 
@@ -63,21 +56,19 @@ def _situation(answer: Prediction) -> int:
     return SITUATIONS.index(answer.state) if answer.state in SITUATIONS else UNKNOWN
 
 
-def show(pictures: Mapping[str, StreamPicture]) -> None:
-    """Print truth, answers and alarms about the slip; pictures: of one trial, by model."""
-    one = next(iter(pictures.values()))
+def show(one: StreamPicture) -> None:
+    """Print truth, answers and alarms about the slip of a trial."""
     truth = np.repeat(
         [phase.situation for phase in one.phases],
         [phase.stop - phase.first for phase in one.phases],
     )
     meaning = MEANING[one.recording.action]
-    print(f"\n{one.recording.object_name}, {meaning}: {_right(one)}")
-    print(f"  {'truth':<8}{_letters(one, truth)}")
-    for name, picture in pictures.items():
-        said = list(_letters(picture, picture.answer))
-        for k, acts in enumerate(_columns(picture, _begin(picture.acts))):
-            said[k] = "!" if acts.any() else said[k]
-        print(f"  {name:<8}{''.join(said)}  {_outcome(picture)}")
+    answered = list(_letters(one, one.answer))
+    for k, acts in enumerate(_columns(one, _begin(one.acts))):
+        answered[k] = "!" if acts.any() else answered[k]
+    print(f"{one.recording.object_name}, {meaning}: {_right(one)}")
+    print(f"  truth  {_letters(one, truth)}")
+    print(f"  model  {''.join(answered)}  {_outcome(one)}")
 
 
 def _begin(acts: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:

@@ -5,7 +5,7 @@
     holdfast adapt models/holdfast-150hz.onnx --data trials --person p01 --slips slips --out p.onnx
     holdfast adapt p.onnx --undo --out base.onnx
 
-docs/adapt.md says what is fitted, and on what.
+docs/recording-and-study.md says what is fitted, and on what.
 """
 
 from __future__ import annotations

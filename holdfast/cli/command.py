@@ -85,30 +85,6 @@ def show(text: str) -> None:
     sys.stdout.write(f"{visible_lines(text)}\n")
 
 
-def run_script(
-    prog: str,
-    about: str,
-    add_arguments: Callable[[argparse.ArgumentParser], None],
-    run: Callable[[argparse.Namespace], int],
-    argv: Sequence[str] | None = None,
-) -> int:
-    """Start a program that is no verb: parse, run, and end like every program of Holdfast.
-
-    argv: None for the words that it was started with.
-    """
-
-    def main(argv: Sequence[str]) -> int:
-        parser = Parser(
-            prog=prog,
-            description=about,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
-        add_arguments(parser)
-        return run(parser.parse_args(argv))
-
-    return finish(main, sys.argv[1:] if argv is None else argv)
-
-
 def finish(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
     """Run a program's main.
 

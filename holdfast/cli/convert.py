@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--to",
         choices=WRITERS,
         required=True,
-        help="format to write (docs/interop.md); each needs the extra of its name",
+        help="format to write (docs/formats.md); each needs the extra of its name",
     )
     option(
         "--out", type=path_argument, required=True, metavar="DIR", help="a new folder"

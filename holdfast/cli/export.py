@@ -68,13 +68,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=path_argument,
         metavar="FILE",
         help="model file to write (default DIR/holdfast.onnx); "
-        "with --to c a folder (default MODEL-c)",
+        "with --to c a folder (default MODEL-c beside the model, where it is found again)",
     )
     parser.add_argument(
         "--force", action="store_true", help="replace FILE if it exists"
     )
     parser.add_argument(
-        "--build", action="store_true", help="with --to c: compile libholdfast.so too"
+        "--build",
+        action=argparse.BooleanOptionalAction,
+        help="with --to c: compile libholdfast.so (default: where there is a compiler)",
     )
     add_json_option(parser)
 
@@ -168,18 +170,18 @@ def _export_again(args: argparse.Namespace) -> int:
 
 def _export_c(args: argparse.Namespace) -> int:
     """Export a sealed file as C; prints its memory and the result of the self-test."""
-    from holdfast.edge_runtime.c_engine import default_folder
-    from holdfast.export.c.exporting import export_c
+    from holdfast.export.c.exporting import ON_A_BOARD, export_c, folder_for
 
     # A folder of `holdfast train` or a model file: both are given as the first argument.
     model = args.artifact / "holdfast.onnx" if args.artifact.is_dir() else args.artifact
-    folder = args.out or default_folder(model)
+    folder = args.out or folder_for(model)
     done = export_c(model, folder, build=args.build, force=args.force)
     lines = [
         f"state {done.state_bytes} bytes, tables {done.table_bytes} bytes, "
         f"stack of a step about {done.stack_bytes} bytes",
-        *done.selftest,
+        *(done.selftest or ["not compiled"]),
         f"C: {folder} ({', '.join(done.files)})",
+        f"on another machine, in a copy of this folder beside the model: {ON_A_BOARD}",
     ]
     show_found(args, "\n".join(lines), {"folder": folder, **asdict(done)})
     return 0

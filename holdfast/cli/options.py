@@ -48,7 +48,7 @@ def add_source_option(parser: argparse.ArgumentParser) -> None:
         required=True,
         metavar="URL",
         help="usb://ft232h, i2c://1, virtual://ft232h?scene=.., sim://CARD, lsl://NAME, or lines: "
-        "- (stdin), unix:///PATH, serial:///dev/ttyACM0 (docs/live-sources.md)",
+        "- (stdin), unix:///PATH, serial:///dev/ttyACM0 (docs/on-a-hand.md)",
     )
 
 
@@ -153,7 +153,7 @@ def add_job_options(parser: argparse.ArgumentParser, processes: int) -> None:
     option(
         "--dask",
         metavar="ADDRESS",
-        help="run on a Dask cluster instead: the address of its scheduler (docs/cluster.md)",
+        help="run on a Dask cluster instead: the address of its scheduler (docs/formats.md)",
     )
 
 
@@ -164,24 +164,16 @@ def chosen_workers(args: argparse.Namespace) -> Workers:
     return Workers(args.jobs, args.dask)
 
 
-def add_engine_option(parser: argparse.ArgumentParser) -> None:
+def add_engine_option(
+    parser: argparse.ArgumentParser, default: str = ONNXRUNTIME
+) -> None:
     """--engine."""
     parser.add_argument(
         "--engine",
         choices=ENGINES,
-        default=ONNXRUNTIME,
-        help="what computes a step: onnxruntime (default), or a library by holdfast export --to c",
-    )
-
-
-def add_engine_options(parser: argparse.ArgumentParser) -> None:
-    """The options that `evaluate` and the studies share."""
-    add_engine_option(parser)
-    parser.add_argument(
-        "--library",
-        type=path_argument,
-        metavar="FILE",
-        help="the library of --engine c (default MODEL-c/libholdfast.so)",
+        default=default,
+        help="what computes a step: onnxruntime, c (a library by holdfast export --to c), "
+        f"or auto: c where it is (default {default})",
     )
 
 

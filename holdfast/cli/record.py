@@ -7,7 +7,7 @@
     holdfast record --source "virtual://ft232h?scene=pull-soft-ball" --out trials --person p00 \\
         --object soft-ball --action pull --trials 1 --at-once --seconds 8
 
-A second run continues with the next trial. docs/recording.md has the keys and the files.
+A second run continues with the next trial. docs/recording-and-study.md has the keys and the files.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 holdfast run --source usb://ft232h
 holdfast run --source "virtual://ft232h?scene=falling-bottle" --to view
 holdfast run mine.onnx --source usb://ft232h --grip unix:///run/hand/grip
-holdfast run mine.onnx --source usb://ft232h --engine c
+holdfast run mine.onnx --source usb://ft232h --engine onnxruntime
 holdfast run --source usb://ft232h --to web:8000 --to today.jsonl
 
 What is of a hand and seldom changes stands in holdfast.toml (cli/options.py).
@@ -22,6 +22,7 @@ from holdfast.cli.options import (
     set_reader,
 )
 from holdfast.core.schema import DEFAULT_MODEL
+from holdfast.edge_runtime.engine import AUTO
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="file written by holdfast bias (default: from the first samples)",
     )
-    add_engine_option(parser)
+    add_engine_option(parser, AUTO)
     option(
         "--seconds",
         type=positive,

@@ -4,7 +4,8 @@
     holdfast study thesis --source usb://ft232h --calibration hand.json --out study --person p01
     holdfast study thesis --source sim://p1 --out try --person p01
 
-The same command goes on after a pause, a quit or a crash. docs/study.md has the keys and the files.
+The same command goes on after a pause, a quit or a crash.
+docs/recording-and-study.md has the keys and the files.
 """
 
 from __future__ import annotations

@@ -122,7 +122,7 @@ def _choose_learner(parser: argparse.ArgumentParser) -> None:
         choices=LEARNERS,
         default="committee",
         metavar="WHAT",
-        help="what answers: forest, network, or committee (both; default; docs/learners.md)",
+        help="what answers: forest, network, or committee (both; default; docs/how-it-works.md)",
     )
 
 

@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import time
 
-SINCE_BOOT = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
-"""CLOCK_MONOTONIC stops in a suspended machine.
-
-Samples around the gap would seem to be neighbours.
-"""
+from holdfast.core.contract import SINCE_BOOT
 
 
 class MonotonicClock:

@@ -18,6 +18,7 @@ rule for ties (the riskier one wins) is "the higher number wins" everywhere.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -71,6 +72,12 @@ CommandLink = Literal["none", "live", "expired"]
 """The wearer's commands: none has come yet, they come, or their sender went silent."""
 Mode = Literal["idle", "hold", "tighten", "relax", "yield"]
 """Of a grip command (GripCommand)."""
+
+SINCE_BOOT = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
+"""The clock that stamps samples. CLOCK_MONOTONIC stops in a suspended machine.
+
+Samples around the gap would seem to be neighbours.
+"""
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]

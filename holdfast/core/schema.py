@@ -33,6 +33,8 @@ _PACKAGE = Path(__file__).resolve().parent.parent
 _IN_WHEEL, _IN_CHECKOUT = _PACKAGE / "models", _PACKAGE.parent / "models"
 MODELS = _IN_CHECKOUT if _IN_CHECKOUT.is_dir() else _IN_WHEEL
 """The models that are installed with Holdfast."""
+LIBRARY = "libholdfast.so"
+"""The compiled C form of a model, in a folder of `c_folders`."""
 DEFAULT_MODEL = "holdfast-150hz"
 """The shipped model that a run takes where none is named."""
 LONGEST_VALUE = 80
@@ -76,6 +78,17 @@ def model_path(word: str | Path) -> Path:
     inside = MODELS / f"{path.name}.onnx"
     is_bare_name = path == Path(path.name) and not path.exists()
     return inside if is_bare_name and inside.is_file() else path
+
+
+def c_folders(model: str | Path) -> list[Path]:
+    """Where the C form of a model is looked for: beside the file, then in the working folder.
+
+    >>> [folder.as_posix() for folder in c_folders("models/holdfast-150hz.onnx")]
+    ['models/holdfast-150hz-c', 'holdfast-150hz-c']
+    """
+    path = model_path(model)
+    beside = path.with_name(f"{path.stem}-c")
+    return [beside, Path(beside.name)]
 
 
 def text_of(path: Path) -> str:

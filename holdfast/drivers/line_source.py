@@ -125,7 +125,7 @@ class LineSource(SelfPaced):
 
     def _no_sample(self) -> DeviceNotFound:
         cause = "its sender does not run, or its lines had come before this program ran"
-        next_step = "start the sender; docs/live-sources.md shows the lines"
+        next_step = "start the sender; docs/on-a-hand.md shows the lines"
         if refused := self._skipped.total.most_common(1):
             kind, count = refused[0]
             cause = f"{count:,} lines were {kind}, as the message above shows"

@@ -1,7 +1,7 @@
 """The lab streaming layer by pylsl, which only this module imports.
 
 Streams are found by name on the local network, and all machines there can receive what is sent.
-liblsl's own file `lsl_api.cfg` restricts both, to this machine for instance (docs/interop.md).
+liblsl's own file `lsl_api.cfg` restricts both, to this machine for instance (docs/formats.md).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ except RuntimeError:  # pylsl's own, where its wheel has no liblsl
         "no liblsl",
         where="pylsl",
         cause="the wheel of pylsl for this processor does not bring it (x86_64 only)",
-        next_step="install liblsl, or name it in PYLSL_LIB (docs/interop.md)",
+        next_step="install liblsl, or name it in PYLSL_LIB (docs/formats.md)",
     ) from None
 
 FIND_S = 5.0

@@ -19,8 +19,11 @@ state.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Literal
+
+import msgspec
+from msgspec.structs import replace
 
 from holdfast.core.contract import NOTHING, RISKY_SLIP
 
@@ -84,8 +87,8 @@ class DecisionRules:
         return fields
 
 
-@dataclass(frozen=True)
-class DecisionState:
+# a Struct: copies of it are made at every sample, with the caches of a small board cold
+class DecisionState(msgspec.Struct, frozen=True):
     """Risky samples in a row, empty samples in a row, the request, and the time left.
 
     override_us, evidence_us: until the override, and the act, end by themselves. ended: how the

@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, Protocol
 
-from holdfast.core.errors import UsageError
+from holdfast.core.errors import LibraryRefused, ModelError, UsageError
+from holdfast.core.schema import LIBRARY, c_folders
 
 if TYPE_CHECKING:
     from holdfast.edge_runtime.graph import Stepper
     from holdfast.edge_runtime.model_file import ModelCard
 
-ONNXRUNTIME = "onnxruntime"
-C = "c"
-ENGINES = (ONNXRUNTIME, C)
+AUTO: Final = "auto"
+ONNXRUNTIME: Final = "onnxruntime"
+C: Final = "c"
+ENGINES = (AUTO, ONNXRUNTIME, C)
 
 
 class OpenedModel(Protocol):
-    """A model file that has passed all checks, with something that steps it."""
+    """A model file that has passed all checks, with something that steps it.
+
+    engine: what steps it, as a line for people; "" where nothing else was there.
+    """
+
+    engine: str
 
     @property
     def card(self) -> ModelCard:
@@ -32,7 +41,10 @@ class OpenedModel(Protocol):
 
 @dataclass(frozen=True)
 class ModelChoice:
-    """A model file and what steps it. library: of the C engine; None: in MODEL-c next to it."""
+    """A model file and what steps it: AUTO takes its C form where one is that fits.
+
+    library: of the C engine; None: in the first of `c_folders`.
+    """
 
     path: str
     engine: str = ONNXRUNTIME
@@ -40,16 +52,43 @@ class ModelChoice:
 
     def open(self) -> OpenedModel:
         """The model, checked. Raises a ModelError, or UsageError."""
-        if self.engine == C:
-            from holdfast.edge_runtime.c_engine import CompiledModel
-
-            return CompiledModel(self.path, self.library)
-
-        if self.library:
+        if self.library and self.engine == ONNXRUNTIME:
             raise UsageError(
                 "--library is for the C engine", next_step="add --engine c"
             )
+        if self.library or self.engine == C:
+            from holdfast.edge_runtime.c_engine import CompiledModel
+
+            return CompiledModel(self.path, self.library)
+        return self._fastest()
+
+    def _fastest(self) -> OpenedModel:
+        """Its C form where AUTO finds one that fits, else onnxruntime with the reason."""
+        found = [] if self.engine == ONNXRUNTIME else c_folders(self.path)
+        why_not = ""
+        for library in [folder / LIBRARY for folder in found]:
+            if library.is_file():
+                try:
+                    return _own_library(self.path, library)
+                except ModelError as error:
+                    why_not = f"{error}; until then onnxruntime computes the step"
 
         from holdfast.edge_runtime.model import Model
 
-        return Model(self.path)
+        opened = Model(self.path)
+        opened.engine = why_not
+        return opened
+
+
+def _own_library(model: str, library: Path) -> OpenedModel:
+    """A library that nobody named. Raises LibraryRefused."""
+    # what it does is not known before it runs, and the working folder may be anybody's
+    if library.stat().st_uid not in (0, os.getuid()):
+        raise LibraryRefused(
+            "the library belongs to another user",
+            where=library,
+            next_step="name it if you trust it: library = in holdfast.toml",
+        )
+    from holdfast.edge_runtime.c_engine import CompiledModel
+
+    return CompiledModel(model, library)

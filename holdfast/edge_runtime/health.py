@@ -14,8 +14,7 @@ from holdfast.core.contract import RATE_TOLERANCE, BoolArray, FloatArray
 
 RING = 8
 """A hand repeats itself if it cycles through this many readings or fewer."""
-ONE_NUMBER = np.sqrt(np.array([2.0, 3.0, 5.0]))
-"""Combines a sensor's three numbers into one; two different readings hardly ever give the same."""
+NO_RUNS = [0] * RING
 LEAST_SPAN = 10
 """The rate is not judged on fewer samples: jitter of 0.45 periods moves the mean of ten by 9 %."""
 EMPTY_S = 0.2
@@ -36,38 +35,43 @@ class RepeatWatch:
     def __init__(self, n_sensors: int, most: int) -> None:
         """most: repeats in a row from which on a sensor is stuck."""
         self._most = most
-        # row k: the reading k + 1 samples ago, and for how long it has repeated
-        self._past: FloatArray = np.full((RING, n_sensors), np.nan)
-        self._runs: FloatArray = np.zeros((RING, n_sensors))
+        self._sensors = [_Repeats() for _ in range(n_sensors)]
 
     def stuck(self, values: FloatArray, usable: BoolArray) -> bool:
         """Whether all usable sensors, at least one, are stuck after this sample.
 
         values: [C]. usable: [S].
         """
-        whole = bool(usable.all())
-        if not whole:
-            values = np.where(np.repeat(usable, 3), values, 0.0)
+        # Python's own numbers: a dozen calls of numpy take longer, with cold caches
+        readings = values.reshape(-1, 3).tolist()
+        repeats = []
+        for sensor, one, here in zip(
+            self._sensors, readings, usable.tolist(), strict=True
+        ):
+            if here:
+                repeats.append(sensor.longest(one))
+        return min(repeats, default=-1) >= self._most
 
-        reading = values.reshape(-1, 3) @ ONE_NUMBER
 
-        # -0.0 equals 0.0, and NaN equals nothing
-        runs = (self._runs + 1.0) * (self._past == reading)
-        if whole:
-            self._runs = runs
-            self._past[1:] = self._past[:-1]
-            self._past[0] = reading
-        else:
-            self._runs[:, usable] = runs[:, usable]
-            self._past[1:, usable] = self._past[:-1, usable]
-            self._past[0, usable] = reading[usable]
+class _Repeats:
+    """The last readings of one sensor, the newest first, and for how long each has repeated."""
 
-        # nearly every sample ends here, and cheaply
-        if runs.max() < self._most:
-            return False
+    def __init__(self) -> None:
+        self._past: deque[list[float]] = deque(maxlen=RING)
+        self._runs = NO_RUNS
 
-        longest = self._runs.max(axis=0)[usable]
-        return bool(usable.any() and (longest >= self._most).all())
+    def longest(self, reading: list[float]) -> int:
+        """Take a reading; for how many readings in a row some distance fits."""
+        runs = NO_RUNS
+        # nearly every reading ends here, and cheaply; -0.0 equals 0.0, and NaN equals nothing
+        if reading in self._past:
+            runs = [0] * RING
+            for distance, one in enumerate(self._past):
+                if one == reading:
+                    runs[distance] = self._runs[distance] + 1
+        self._runs = runs
+        self._past.appendleft(reading)
+        return max(runs)
 
 
 class FrozenWatch:

@@ -6,17 +6,18 @@ import time
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.clock import MonotonicClock
 from holdfast.core.contract import (
     CLASSES,
     NOTHING,
     RATE_TOLERANCE,
+    SINCE_BOOT,
     SITUATIONS,
     BoolArray,
     CommandLink,
@@ -33,17 +34,17 @@ from holdfast.edge_runtime.health import (
     RateWatch,
     RepeatWatch,
 )
-from holdfast.edge_runtime.model import ANSWERS, WEIGHS
 from holdfast.edge_runtime.model import (
     Model as Model,  # both from here, as the README does
 )
+from holdfast.edge_runtime.model import answers_of
 from holdfast.edge_runtime.model_file import ModelCard
 
 if TYPE_CHECKING:
     from holdfast.edge_runtime.engine import OpenedModel
     from holdfast.edge_runtime.recording import Answers
 
-NOW_NS = MonotonicClock().now_ns
+NOW_NS = partial(time.clock_gettime_ns, SINCE_BOOT)
 RECORDED_NS = 60_000_000_000
 """No hand is read a minute late: a sample of that age comes from a recording, or another clock."""
 RECORDED = (
@@ -86,12 +87,10 @@ class GripMonitor:
         has_counters: bool = False,
     ) -> None:
         self.card = model.card
+        self.engine = model.engine
+        """What steps the model, as a line for people; "" for onnxruntime without more to say."""
         self._model = model
-        outputs = [*ANSWERS, *self.card.heads]
-        if self.card.has_weight:
-            outputs.extend(WEIGHS)
-
-        self._graph = model.stepper(outputs)
+        self._graph = model.stepper(answers_of(self.card))
         self._clock_ns = clock_ns
         self._bias_known = bias_known
         self._has_counters = has_counters
@@ -374,9 +373,10 @@ class GripMonitor:
 
 def _risky_permille(votes: Any) -> int:
     """Risky share of the votes in thousandths (of eight classes, the last two are risky)."""
-    risky = votes[len(votes) * 3 // 4 :].sum()
-    # whole numbers, so that no rounding differs between machines
-    return 1000 * int(risky) // int(votes.sum())
+    # whole numbers, so that no rounding differs; Python adds eight sooner than numpy
+    counts = votes.tolist()
+    risky = sum(counts[len(counts) * 3 // 4 :])
+    return 1000 * int(risky) // int(sum(counts))
 
 
 def _by_name(names: tuple[str, ...], values: Any) -> dict[str, float]:

@@ -125,11 +125,12 @@ class Tare:
         self._sign = np.ones(n_channels)
         self._bias = np.zeros(n_channels)
         learns = preparation.bias_rows > 0 or preparation.flip_negative_normal
-        self._known = np.full(n_channels // 3, not learns)
-
         if resting is not None:
             self._sign, self._bias = preparation.learn(resting[None])
-            self._known[:] = True
+            learns = False
+        self._learns = learns
+        """Whether the bias of a sensor is still to come."""
+        self._known = np.full(n_channels // 3, not learns)
 
     @property
     def known(self) -> BoolArray:
@@ -141,7 +142,7 @@ class Tare:
     ) -> tuple[FloatArray, BoolArray]:
         """Prepare one sample; a sensor without a known bias is invalid."""
         # nothing to learn is the usual case, and costs nothing
-        if not self._known.all():
+        if self._learns:
             # a lost or non-finite reading says nothing about the bias
             finite = np.isfinite(values).reshape(-1, 3).all(axis=1)
             learning = valid & finite & ~self._known
@@ -162,4 +163,5 @@ class Tare:
         self._sign[here] = sign
         self._bias[here] = bias
         self._known[sensor] = True
+        self._learns = not self._known.all()
         rows.clear()

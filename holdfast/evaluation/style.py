@@ -127,9 +127,3 @@ def dark_rules() -> str:
             # Matplotlib writes colours into style attributes, which only "important" overrides.
             rules.append(f'svg [style*="{kind}: {light}"]{{{kind}:{dark}!important}}')
     return f"@media(prefers-color-scheme:dark){{{''.join(rules)}}}"
-
-
-def for_any_page(svg: str) -> str:
-    """A file of its own: with other ink and paper where the reader prefers dark."""
-    end = svg.index(">", svg.index("<svg")) + 1
-    return f"{svg[:end]}<style>{dark_rules()}</style>{svg[end:]}"

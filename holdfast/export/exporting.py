@@ -100,7 +100,7 @@ def spec_for_hand(spec: StepSpec, hand: HandCard, where: str | Path = "") -> Ste
         raise UsageError(
             f"{where}: this model fits the hand that it was trained on, and no other",
             cause=f"features of single sensors: {', '.join(of_sensors)}",
-            next_step="export a model whose features are all pooled (docs/features.md)",
+            next_step="export a model whose features are all pooled (docs/how-it-works.md)",
         )
     return msgspec.structs.replace(
         spec, n_sensors=hand.n_sensors, hand=hand, min_valid_sensors=0

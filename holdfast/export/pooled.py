@@ -306,7 +306,7 @@ MEANING: dict[str, tuple[str, str]] = {
         "how sudden, and which way",
     ),
 }
-"""Group -> formula and reason, for the table of docs/features.md."""
+"""Group -> formula and reason, for the table of docs/how-it-works.md."""
 
 
 def side_matrix(spec: StepSpec) -> FloatArray:

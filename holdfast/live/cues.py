@@ -172,7 +172,7 @@ def read_cues(path: Path = SHIPPED) -> CueTable:
         raise DataNotFound(
             "no such table of cues",
             where=path,
-            next_step="docs/feedback.md has the table",
+            next_step="docs/shared-control.md has the table",
         ) from None
 
 

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import msgspec
 
@@ -20,7 +20,12 @@ from holdfast.core.lines import Sink, stream_sink
 from holdfast.core.schema import DEFAULT_MODEL
 from holdfast.core.source import Source
 from holdfast.drivers.hand import LiveHand
-from holdfast.edge_runtime.engine import ONNXRUNTIME, C, ModelChoice, OpenedModel
+from holdfast.edge_runtime.engine import (
+    AUTO,
+    ONNXRUNTIME,
+    ModelChoice,
+    OpenedModel,
+)
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
 from holdfast.edge_runtime.preparation import Tare
@@ -69,7 +74,7 @@ Text = Annotated[str, msgspec.Meta(min_length=1)]
 class RunOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What may stand in holdfast.toml; what is typed takes its place (holdfast/cli/options.py).
 
-    model: a shipped one or a file; hand: the hand card of recordings; library: of the engine c;
+    model: a shipped one or a file; hand: the hand card of recordings; library: its C form;
     ceiling_n: largest grip of the hand, N of either side; feedback: where cues go; cues: their
     table.
     """
@@ -82,7 +87,7 @@ class RunOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     hand: Text | None = None
     grip: Text | None = None
     to: tuple[Text, ...] = ()
-    engine: Text = ONNXRUNTIME
+    engine: Literal["auto", "onnxruntime", "c"] = AUTO
     library: Text | None = None
     controller: Text = "holdfast"
     ceiling_n: Annotated[float, msgspec.Meta(gt=0.0, le=1e4)] | None = None
@@ -101,7 +106,7 @@ class RunOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def choice(self) -> ModelChoice:
         """The model and its engine."""
-        library = self.library if self.engine == C else None
+        library = None if self.engine == ONNXRUNTIME else self.library
         return ModelChoice(str(self.model), self.engine, library)
 
 
@@ -224,7 +229,7 @@ class _Run:
 
     def _begin(self, source: Source, outputs: list[Output]) -> FloatArray | None:
         """Report what the run begins with; returns the measured bias, if there is one."""
-        for line in about_model(self._card, self._options.model):
+        for line in about_model(self._model, self._options.model):
             self.report(line)
         if self._shear_gain is None:
             self.report(NO_SHEAR_GAIN)

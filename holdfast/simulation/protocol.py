@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.hand_card import HandCard
-from holdfast.core.trial_layout import VOLUNTARY_ACTIONS
 from holdfast.simulation.actions import EMPTY_HANDED, parameters_of
 from holdfast.simulation.effect import draw_all, stream
 from holdfast.simulation.objects import HeldObject, load_factors, touch_parameters
@@ -27,16 +26,6 @@ HOLD_KEYS = (
     "push_turn_deg",
 )
 """Further keys of [[trials]] of any action (holds.py): drawn only where a row names them."""
-
-
-def may_slip(action: str) -> bool:
-    """Whether an object that leaves the hand in this action is a drop that a hand should prevent.
-
-    Not so in a hand-over, and not in a disturbed hold, whose drops are counted apart.
-    """
-    if action in EMPTY_HANDED or action == "hold":
-        return False
-    return action not in VOLUNTARY_ACTIONS
 
 
 @dataclass(frozen=True)

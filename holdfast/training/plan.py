@@ -121,7 +121,7 @@ PREDICTION_NETWORK = NetworkPlan(alpha=10.0, epochs=10, rate=1e-3, balance=0.5)
 
 
 HAND_NETWORK = NetworkPlan(hidden=(64,), balance=1.0)
-"""For the hand: a second hidden layer costs time and brings no clear gain (docs/evaluation.md)."""
+"""For the hand: a second hidden layer costs time and brings no clear gain (docs/results.md)."""
 
 
 POOLED_NETWORK = NetworkPlan(hidden=(96,), members=2, balance=1.0)

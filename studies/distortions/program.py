@@ -1,7 +1,7 @@
 """`make distortions`: one set of trials, changed in one nuisance at a time.
 
-Writes distortions.json; with --page also the tables and the picture of docs/distortions.md. A row
-that was measured before is taken from DIR/rows, unless --again says otherwise.
+Writes distortions.json, of which docs/hard-cases.md shows a part. A row that was measured before is
+taken from DIR/rows, unless --again says otherwise.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from pathlib import Path
 
 from holdfast.cli.command import path_argument
 from holdfast.cli.options import (
-    add_engine_options,
     add_job_options,
     chosen_model,
     chosen_workers,
@@ -28,7 +27,6 @@ from holdfast.core.errors import UsageError
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.jobs import Workers
-from holdfast.evaluation.style import for_any_page
 from holdfast.simulation.closed_loop import model_of
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.progress import counted
@@ -40,16 +38,12 @@ from studies.distortions.closed_loop import (
     loop_run,
 )
 from studies.distortions.open_loop import OpenJob, OpenOutcomes, open_figures
-from studies.distortions.picture import picture
 from studies.distortions.quiet_hand import QuietJob, quiet_rows
 from studies.distortions.table import DISTORTIONS, TRIALS, UNCHANGED, Distortion
 from studies.shared_control.closed_loop import LoopRuns
-from tools.doc_tables import SOURCES, fill, tables_of
-from tools.harness import write_figures
+from tools.harness import add_engine_options, write_figures
 
 MODEL = Path("models/holdfast-150hz.onnx")
-PAGE = "docs/distortions.md"
-FIGURE = Path("docs/distortions.svg")
 LOCKED_SEED = 7001
 """Of the published figures: nothing is chosen on it (core/locked.toml)."""
 TOGETHER = 4
@@ -78,11 +72,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--again", action="store_true", help="measure every row again")
     kept = "measure nothing: write the rows that are there, without a closed loop if it is missing"
     option("--kept", action="store_true", help=kept)
-    option(
-        "--page",
-        action="store_true",
-        help=f"fill the tables of {PAGE} and draw {FIGURE}",
-    )
     # A published figure comes from a locked seed; 100 and the like are for development.
     parser.set_defaults(seed=LOCKED_SEED)
 
@@ -117,17 +106,8 @@ def run(args: argparse.Namespace) -> int:
         "quiet": study.quiet(),
     }
     path = write_figures(args.out / "distortions.json", figures)
-    if args.page:
-        write_page(figures)
     sys.stdout.write(f"{path}\n")
     return 0
-
-
-def write_page(figures: Json) -> None:
-    """Fill the page's tables and draw its picture, beside the figures of the model before."""
-    before = json.loads(Path(SOURCES[PAGE]["before"]).read_text("utf-8"))
-    fill(PAGE, tables_of(PAGE, {"before": before, "distortions": figures}))
-    write_whole(FIGURE, for_any_page(picture(figures, before)) + "\n")
 
 
 def _chosen(only: Sequence[str] | None) -> list[Distortion]:

@@ -1,4 +1,4 @@
-"""Two pictures of docs/evaluation.md, late or in time and hand-overs called: `make docs`."""
+"""Two pictures of docs/results.md, late or in time and hand-overs called: `make docs`."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from holdfast.evaluation.style import (
     OURS,
     WARNING,
     drawing,
-    for_any_page,
     svg,
 )
+from tools.harness import for_any_page
 
 WIDE_IN = 5.6
 

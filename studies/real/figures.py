@@ -12,27 +12,10 @@ from holdfast.training.figures import HeadFigures, PredictionFigures
 
 
 @dataclass(frozen=True)
-class VerificationSums:
-    """Sums over the folds of what export compared.
-
-    heldout_rows: windows. rows: these, rows on thresholds and edges. predict_disagreement_share:
-    mean over folds and heads of the share of rows off ties, 0 to 1.
-    """
-
-    folds: int
-    heldout_rows: int
-    rows: int
-    label_mismatches: int
-    vote_mismatches: int
-    single_rows: int
-    predict_disagreement_share: float
-    ties: int
-
-
-@dataclass(frozen=True)
 class StreamedFold:
     """One fold's file on its held-out people. label_mismatches: windows unlike the table's."""
 
+    verification: ExportReport
     windows: WindowFigures
     rows: int
     label_mismatches: int
@@ -40,7 +23,8 @@ class StreamedFold:
     def to_json(self) -> Json:
         """As it stands in metrics.json."""
         counts = {"rows": self.rows, "label_mismatches": self.label_mismatches}
-        return self.windows.to_json() | counts
+        verified = {"verification": asdict(self.verification)}
+        return self.windows.to_json() | counts | verified
 
 
 @dataclass(frozen=True)
@@ -65,7 +49,6 @@ class RealStudy:
     channels: int
     clock_free: str
     caveat: str
-    verification: VerificationSums
     streamed_fold: StreamedFold
     rows: dict[str, HeadFigures]
     model: FinalModel

@@ -11,95 +11,57 @@ from typing import TypeVar
 import numpy as np
 
 from holdfast.evaluation.jobs import Job, Workers
-from holdfast.export.exporting import whole_graph
-from holdfast.export.heads import Head
 from holdfast.export.pooled import FAMILIES
-from holdfast.export.verify import Verification, verify
-from holdfast.training.crossval import (
-    FoldAnswers,
-    HeldOut,
-    answer_fold,
-    splits_of,
-    uncalibrated,
-)
+from holdfast.training.crossval import FoldAnswers, HeldOut, answer_fold, splits_of
 from holdfast.training.datasets import find, human_slip_uskin
+from holdfast.training.datasets.human_slip_uskin import (
+    MOST_LOADED_TAXELS,
+    SPREAD_TAXELS,
+)
 from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.figures import HeadFigures
 from holdfast.training.fitting import held_out_figures
-from holdfast.training.plan import RAW_BASELINE, TASK_HEADS, ForestPlan, TrainingPlan
+from holdfast.training.plan import ForestPlan, TrainingPlan
 from holdfast.training.progress import Say
 from holdfast.training.recording import DataSet
-from studies.real.taxels import (
-    SPREAD_TAXELS_CARD,
-    clock_features,
-    spread_taxels,
-    with_taxels,
-)
-from studies.row_names import (
-    CLOCK,
-    COMMITTEE_18,
-    OURS_18,
-    POOLED_18,
-    RAW_18,
-    SPREAD_18,
-    SPREAD_OWN_18,
-)
+from studies.real.clock import clock_features
+from studies.row_names import CLOCK, OURS_18, SPREAD_18
 
 HUMAN = "human_slip_uskin"
 Result = TypeVar("Result")
-Answered = tuple[FoldAnswers, Verification | None]
-_SMOOTH = ForestPlan(kind="random", min_samples_leaf=20)
+_SMOOTH = ForestPlan(kind="random", min_samples_leaf=20, n_estimators=50)
 CLOCK_PLAN = TrainingPlan(groups=(), situation=_SMOOTH, prediction=_SMOOTH)
 """For the two numbers of the timing-only baseline: the best such forest found, to be fair."""
+COMMITTEE = TrainingPlan(learner="committee")
 
 
 @dataclass(frozen=True)
 class Method:
-    """A row of a table: a plan on so many channels.
-
-    verified: every fold's learners are exported and compared with the reference. spread: of 18
-    channels, taxels spread over the pad instead of the most loaded.
-    """
+    """A row of a table: a plan on so many channels; six: the taxels of 18."""
 
     plan: TrainingPlan
     channels: int = 18
-    verified: bool = False
-    spread: bool = False
+    six: tuple[int, ...] = SPREAD_TAXELS
 
     def data(self) -> DataSet:
-        """The set with this method's channels and labels."""
-        return _data(self.channels, self.spread)
+        """The set with this method's channels."""
+        return _data(self.channels, self.six)
 
     def features(self) -> dict[str, FloatRows]:
         """Task -> [M, F] for every window."""
-        return _features(self.channels, self.spread, self.plan.groups)
+        return _features(self.channels, self.six, self.plan.groups)
 
 
-OURS = Method(TrainingPlan(), verified=True)
-BASELINES = {
-    RAW_18: Method(RAW_BASELINE),
+OURS = Method(TrainingPlan(), six=MOST_LOADED_TAXELS)
+METHODS = {
+    OURS_18: OURS,
+    SPREAD_18: Method(COMMITTEE),
+    # The timing-only baseline sums all normals.
     CLOCK: Method(CLOCK_PLAN, channels=48),
 }
-"""The timing-only baseline sums all normals."""
-COMMITTEE = TrainingPlan(learner="committee")
-OWN_LEVEL = replace(
-    COMMITTEE,
-    groups=tuple(
-        name.replace("scaled_differences", "own_scaled_differences")
-        for name in COMMITTEE.groups
-    ),
-)
-"""Changes at a sensor relative to its own load of the last 0.5 s, not to the grip force."""
-PLACED = {
-    COMMITTEE_18: Method(COMMITTEE),
-    SPREAD_18: Method(COMMITTEE, spread=True),
-    SPREAD_OWN_18: Method(OWN_LEVEL, spread=True),
-}
-"""What the places of six sensors are worth, then what own-level scaling adds."""
-POOLED = Method(replace(COMMITTEE, groups=tuple(FAMILIES)), spread=True)
-"""Pooled over sensors, all on one side: what it loses that no feature knows where a sensor lies."""
-METHODS = {OURS_18: OURS, **PLACED, POOLED_18: POOLED, **BASELINES}
 """Rows of the table with people held out."""
+POOLED = Method(replace(COMMITTEE, groups=tuple(FAMILIES)))
+"""Pooled over sensors, all on one side: no feature knows where a sensor lies."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +70,6 @@ class Row:
 
     held_out: HeldOut
     figures: HeadFigures
-    verifications: list[Verification]
 
 
 def cross_validated(
@@ -141,59 +102,32 @@ def done(
         yield result
 
 
-def _row(method: Method, answers: Iterator[Answered], seed: int) -> Row:
+def _row(method: Method, answers: Iterator[FoldAnswers], seed: int) -> Row:
     """Takes the next folds as its own."""
     folds = list(islice(answers, method.plan.folds))
-    held_out = HeldOut.of(method.data(), [fold for fold, _ in folds])
-    figures = held_out_figures(method.data(), held_out, seed)
-    return Row(held_out, figures, [report for _, report in folds if report])
+    held_out = HeldOut.of(method.data(), folds)
+    return Row(held_out, held_out_figures(method.data(), held_out, seed))
 
 
-def _answer(method: Method, fold: int, seed: int) -> Answered:
+def _answer(method: Method, fold: int, seed: int) -> FoldAnswers:
     data = method.data()
-    features = method.features()
     split = splits_of(data, method.plan, seed)[fold]
-    answers = answer_fold(data, features, method.plan, split, seed)
-    report = None
-    if method.verified:
-        report = verified(data, answers, features, method.plan, seed)
+    answers = answer_fold(data, method.features(), method.plan, split, seed)
     # What answers is not sent back from another process.
-    return replace(answers, learners={}), report
-
-
-def verified(
-    data: DataSet,
-    answers: FoldAnswers,
-    features: dict[str, FloatRows],
-    plan: TrainingPlan,
-    seed: int,
-) -> Verification:
-    """A fold's learners, exported and compared with the reference on all held-out rows."""
-    spec = spec_for(data, plan.groups)
-    heads = []
-    for task, learner in answers.learners.items():
-        classes = data.tasks[task].classes
-        calibration = uncalibrated(len(classes))
-        heads.append(Head(TASK_HEADS[task], classes, learner, calibration))
-    # All heads read the same features, so rows of every task test each of them.
-    seen = np.concatenate([features[task][rows] for task, rows in answers.rows.items()])
-    return verify(whole_graph(spec, heads), spec, heads, seen, seed)
+    return replace(answers, learners={})
 
 
 @lru_cache(maxsize=1)
-def _data(channels: int, spread: bool) -> DataSet:
-    if not spread:
-        return human_slip_uskin.load(find(HUMAN), channels=channels)
-    whole = human_slip_uskin.load(find(HUMAN), channels=48)
-    return with_taxels(whole, spread_taxels(channels // 3), SPREAD_TAXELS_CARD)
+def _data(channels: int, six: tuple[int, ...]) -> DataSet:
+    return human_slip_uskin.load(find(HUMAN), channels=channels, six=six)
 
 
 @lru_cache(maxsize=1)
 def _features(
-    channels: int, spread: bool, groups: tuple[str, ...]
+    channels: int, six: tuple[int, ...], groups: tuple[str, ...]
 ) -> dict[str, FloatRows]:
     """Features of the step, or those of the timing-only baseline."""
-    data = _data(channels, spread)
+    data = _data(channels, six)
     if groups != CLOCK_PLAN.groups:
         return features_of(data, spec_for(data, groups))
     clock = {task: clock_features(data, rows) for task, rows in data.tasks.items()}

@@ -13,31 +13,33 @@ import json
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 from sklearn.metrics import average_precision_score, f1_score, roc_auc_score
 
+from holdfast.cli.options import add_job_options, chosen_workers
 from holdfast.core.contract import FloatArray, Json
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.export.heads import riskier_argmax
 from holdfast.export.learner import LEARNERS, forest_votes, votes_of_trees
 from holdfast.export.network import IntArray, network_votes
 from holdfast.training.crossval import splits_of
+from holdfast.training.datasets.human_slip_uskin import MOST_LOADED_TAXELS
 from holdfast.training.featurise import FloatRows
 from holdfast.training.metrics import report
 from holdfast.training.network_fit import fit_members, in_whole_numbers
 from holdfast.training.plan import TrainingPlan
-from holdfast.training.progress import Say, stages
+from holdfast.training.progress import stages
 from holdfast.training.recording import DataSet, assign_groups, folds_of
-from studies.real.methods import COMMITTEE, OWN_LEVEL, POOLED, Method
+from studies.real.methods import COMMITTEE, POOLED, Method, done
 from tools.harness import measured_now, write_figures
 
 INNER_FOLDS = 2
 METHODS = {
-    "most loaded taxels": Method(COMMITTEE),
-    "spread taxels": Method(COMMITTEE, spread=True),
-    "spread taxels, own level": Method(OWN_LEVEL, spread=True),
+    "most loaded taxels": Method(COMMITTEE, six=MOST_LOADED_TAXELS),
+    "spread taxels": Method(COMMITTEE),
     "spread taxels, pooled features": POOLED,
 }
 """Taxels and features; each with every learner of LEARNERS is a choice."""
@@ -98,13 +100,10 @@ def learner_votes(
     return {"forest": trees, "network": nets, "committee": trees + nets}, shares
 
 
-def chosen_fold(
-    of: Mapping[str, Considered], split: Split, seed: int, say: Say
-) -> FoldChoice:
+def chosen_fold(of: Mapping[str, Considered], split: Split, seed: int) -> FoldChoice:
     """Choose on a fold's training people, then answer its test people."""
     scores: dict[tuple[str, str], float] = {}
     for name, one in of.items():
-        say(name)
         for learner, score in _inner_scores(one, split, seed).items():
             scores[name, learner] = score
     method, learner = max(scores, key=lambda choice: scores[choice])
@@ -191,43 +190,52 @@ def figures_of(
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """This study has no options of its own."""
+    """The options of this study alone."""
+    add_job_options(parser, 2)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Choose fold by fold, each kept in a file; write nested-choice.json."""
+    """Choose fold by fold, side by side, each kept in a file; write nested-choice.json."""
     require_writable(args.out)
-    considered = {
-        name: Considered(method.data(), method.features(), method.plan)
-        for name, method in METHODS.items()
+    first = next(iter(METHODS.values()))
+    splits = splits_of(first.data(), first.plan, args.seed)
+    jobs = {
+        f"fold {number} of {len(splits)}": partial(
+            _kept, args.out.absolute() / "nested", number, args.seed
+        )
+        for number in range(1, len(splits) + 1)
     }
-    first = next(iter(considered.values()))
-    splits = splits_of(first.data, first.plan, args.seed)
-    with stages(len(splits) * (1 + len(METHODS))) as say:
-        folds = []
-        for number, split in enumerate(splits, 1):
-            say(f"fold {number} of {len(splits)}")
-            kept = args.out / "nested" / f"{args.seed}-{number}.json"
-            folds.append(_kept(kept, considered, split, args.seed, say))
+    with stages(1 + len(jobs)) as say:
+        folds = list(done(jobs, chosen_workers(args), say))
     figures = {
         "kind": "public real data",
         **measured_now(),
         "seed": args.seed,
         "folds": len(splits),
         "inner_folds": INNER_FOLDS,
-        **figures_of(first.data, splits, folds),
+        **figures_of(first.data(), splits, folds),
     }
     print(write_figures(args.out / "nested-choice.json", figures))
     return 0
 
 
-def _kept(
-    path: Path, of: Mapping[str, Considered], split: Split, seed: int, say: Say
-) -> Json:
+@cache
+def _considered() -> dict[str, Considered]:
+    """All choices; read and computed once in each process."""
+    return {
+        name: Considered(method.data(), method.features(), method.plan)
+        for name, method in METHODS.items()
+    }
+
+
+def _kept(folder: Path, number: int, seed: int) -> Json:
     """A fold from its file, or chosen and written there."""
+    path = folder / f"{seed}-{number}.json"
     if not path.is_file():
-        found = chosen_fold(of, split, seed, say)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, json.dumps(vars(found)) + "\n")
+        of = _considered()
+        first = next(iter(of.values()))
+        split = splits_of(first.data, first.plan, seed)[number - 1]
+        folder.mkdir(parents=True, exist_ok=True)
+        write_whole(path, json.dumps(vars(chosen_fold(of, split, seed))) + "\n")
     fold: Json = json.loads(path.read_text("utf-8"))
     return fold

@@ -45,5 +45,5 @@ def write_real_report(path: Path, evidence: Evidence) -> Path:
         curves=pictures.curves(data, held_out),
         trials_shown=pictures.TRIALS_SHOWN,
         timelines=pictures.timelines(data, held_out),
-        checked=figures.verification,
+        checked=figures.streamed_fold.verification,
     )

@@ -58,7 +58,8 @@ def stream_one_fold(
         {"data": data.name},
     )
     write_artifact(out / "fold", artifact)
-    model = Model(export_artifact(out / "fold")[0])
+    path, verified = export_artifact(out / "fold")
+    model = Model(path)
     held = split["situations"][1]
     part = data.of_groups(set(data.group_of("situations")[held].tolist()))
     outputs = ["situation", "unknown", *heads_with_task(model, part)]
@@ -66,7 +67,9 @@ def stream_one_fold(
     windows = window_figures(model, part, computed, seed=seed)
     answers = at_windows(part, "situations", "situation", computed)
     expected = held_out.situations()[held]
-    return StreamedFold(windows, len(answers), int((answers != expected).sum()))
+    return StreamedFold(
+        verified, windows, len(answers), int((answers != expected).sum())
+    )
 
 
 def _head(

@@ -11,7 +11,6 @@ from pathlib import Path
 
 from holdfast.cli.command import path_argument, whole
 from holdfast.cli.options import (
-    add_engine_options,
     add_job_options,
     chosen_model,
     chosen_workers,
@@ -21,7 +20,6 @@ from holdfast.core.errors import UsageError
 from holdfast.core.locked import locked_sets
 from holdfast.core.trial_layout import read_json
 from holdfast.core.writing import require_writable, write_whole
-from holdfast.evaluation.style import for_any_page
 from holdfast.simulation.closed_loop import model_of
 from holdfast.training.progress import counted
 from studies.shared_control import comparison
@@ -29,7 +27,7 @@ from studies.shared_control.closed_loop import LoopRuns
 from studies.shared_control.picture import picture
 from studies.shared_control.plan import PARTS, SEED, Row, rows
 from tools.doc_tables import fill, tables_of
-from tools.harness import measured_now, write_figures
+from tools.harness import add_engine_options, for_any_page, measured_now, write_figures
 
 TRIALS = 55
 MODEL = Path("models/holdfast-150hz.onnx")

@@ -26,14 +26,6 @@ BRIEF = '"pull"\nclose_at_s = 0.1\nclosing_s = 0.1\nhold_s = 0.8\nmove_s = 0.2\n
 
 
 SHOWN: dict[str, tuple[dict[str, Any], str]] = {
-    "latency": (
-        {
-            "rows": [
-                {"what": "ours, whole step", "p50": 60.0, "p99": 70.0, "p99.9": 90.0}
-            ]
-        },
-        "ours, whole step",
-    ),
     "effects": (
         {"prices": [{"effect": "tremor", "stage": "physics", "ns_per_sample": 9.0}]},
         "tremor",
@@ -111,7 +103,7 @@ def test_the_page_of_scenes_names_every_card_and_effect_and_its_measured_price(
         "simulator": curves,
     }
     text = filled("docs/scenes.md", figures, tmp_path)
-    assert "| core alone, CPU ns per sample | 1,234 |" in text
+    assert "| 77 |" in text
     for name in [*shipped_scenes(), *EFFECT_MODULES]:
         assert f"`{name}`" in text
 

@@ -45,7 +45,7 @@ from tools.doc_tables import tables_of
 
 SMALL = {"train": ("thesis", 10, 0), "choose": ("daily", 3, 1), "ask": ("daily", 8, 2)}
 TINY = Point(rate_hz=50.0, trees=5, depth=6, debounce=2)
-TIMES = ("learner_us", "step_us")
+TIMES = ("learner_us", "hot_us", "step_us")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -233,7 +233,7 @@ def test_a_row_tells_what_was_chosen_what_was_found_and_what_it_costs(measured):
         assert row["events"] > 0
         assert row["minutes"] > 1.0
         assert 0.0 < row["macro_f1"] <= 1.0
-        assert 0.0 < row["learner_us"] < row["step_us"]
+        assert 0.0 < row["learner_us"] < row["hot_us"]
         assert row["bytes"] > 1000
     for good, names in result["fronts"]["scenes"].items():
         best = max(row[good] for row in result["rows"])
@@ -314,13 +314,10 @@ def test_the_page_and_its_figure_hold_what_was_measured(
         of: {key: [REFERENCE] for key in ("recall", "in_time", "macro_f1")}
         for of in ("scenes", "human")
     }
-    us = {"what": "ours, whole step", "n": 1, "p50": 61.25, "p99": 1.0, "p99.9": 1.0}
     latency = {
-        "rows": [us],
-        "budgets": [
-            {"budget": "step_over_own_learner", "value": 5.5, "limit": "at most 5"}
-        ],
-        "memory": [{"process": "floor"}],
+        "rows": [{"what": "step in C", "p50_us": 61.25, "hot_p50_us": 9.5}],
+        "way": [{"engine": "C", "stage": "emit", "p50_us": 33.0, "p99_us": 44.0}],
+        "budgets": [{"budget": "grip_over_step", "value": 0.25, "at_most": 0.5}],
     }
     took = {"wall_s": 90.0, "cores": 2, "new_points": len(rows) - kept}
     made = {
@@ -330,8 +327,9 @@ def test_the_page_and_its_figure_hold_what_was_measured(
         "instructions": {"rows": [{"what": "whole step", "instructions": 7.0}]},
     }
     text = filled("docs/what-accuracy-costs.md", made, tmp_path)
-    assert "| ours, whole step | 1 | 61.2 |" in text
-    assert "| step over own learner | 5.50 | at most 5 |" in text
+    assert "| step in C | 61.2 | - | 9.5 | - |" in text
+    assert "| C | emit | 33 | 44 |" in text
+    assert "| grip over step | 0.25 | 0.5 |" in text
     assert (f"{len(rows)} points, min | 1.5 on 2 cores |" in text) == says_how_long, (
         "only of a run that made every point"
     )

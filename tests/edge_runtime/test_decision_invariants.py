@@ -7,12 +7,12 @@ docs/safety.md has the same invariants as a table.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
 import pytest
 from hazard_marks import INVARIANTS
+from msgspec.structs import replace
 
 from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide

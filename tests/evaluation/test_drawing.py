@@ -15,10 +15,10 @@ from holdfast.evaluation.style import (
     DARK_INSTEAD,
     INK,
     SITUATION_COLOURS,
-    for_any_page,
     svg,
     with_label,
 )
+from tools.harness import for_any_page
 
 ROOT = Path(__file__).resolve().parents[2]
 

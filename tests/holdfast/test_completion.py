@@ -34,7 +34,7 @@ def test_bash_completes_commands_options_and_choices(run: Run) -> None:
     assert set(VERBS) <= completed(script, "")
     assert completed(script, "run", "--cali") == {"--calibration"}
     assert completed(script, "run", "--conf") == {"--config"}
-    assert completed(script, "run", "--engine", "") == {"onnxruntime", "c"}
+    assert completed(script, "run", "--engine", "") == {"auto", "onnxruntime", "c"}
 
 
 def test_without_its_package_completion_names_the_extra(

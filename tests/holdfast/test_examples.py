@@ -1,4 +1,4 @@
-"""The example receivers do what docs/shared-control.md and docs/feedback.md say."""
+"""The example receivers do what docs/shared-control.md and docs/shared-control.md say."""
 
 from __future__ import annotations
 

@@ -125,7 +125,7 @@ def test_the_board_sends_rows_below_a_header_of_our_names() -> None:
 
 
 def test_the_page_shows_the_senders_as_they_are() -> None:
-    page = (ROOT / "docs" / "live-sources.md").read_text("utf-8")
+    page = (ROOT / "docs" / "on-a-hand.md").read_text("utf-8")
     for name in (
         "line_sender.py",
         "line_sender.c",

@@ -141,7 +141,7 @@ def test_check_reads_the_same_folders_and_names_the_source_of_labels(people, cap
 def test_the_page_shows_a_card_that_is_one_every_key_and_commands_that_are_understood(
     tmp_path,
 ):
-    page = (ROOT / "docs/recording.md").read_text("utf-8")
+    page = (ROOT / "docs/recording-and-study.md").read_text("utf-8")
     (card_text,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
     (tmp_path / "shown.toml").write_text(card_text)
     assert read_protocol(tmp_path / "shown.toml").tasks

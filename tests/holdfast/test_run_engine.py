@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -18,13 +20,15 @@ from loop_bench import card_text, row
 from made_once import made_once
 from small_model import for_the_hand, graph_of, sealed_bytes
 
+import holdfast
 from holdfast.core.contract import Prediction
-from holdfast.core.errors import LibraryRefused
+from holdfast.core.errors import GoldenMismatch
+from holdfast.core.schema import LIBRARY, c_folders
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.c_engine import LIBRARY, CompiledModel
+from holdfast.edge_runtime.c_engine import CompiledModel
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.model import Model
-from holdfast.export.c.exporting import export_c
+from holdfast.export.c.exporting import export_c, folder_for
 from holdfast.export.exporting import model_card, seal
 from holdfast.live.run import answer
 from holdfast.live.sources import open_live
@@ -91,22 +95,72 @@ def test_both_engines_give_the_same_lines_on_a_virtual_hand_that_loses_a_finger(
     assert len({line["state"] for line in reference}) > 2
 
 
-def test_a_run_of_the_c_engine_never_loads_onnxruntime(model):
+def run_of(model: Path, *words: str, cwd: Path = ROOT) -> tuple[str, str]:
+    """stdout (exit code, whether onnxruntime was loaded) and stderr of a short run."""
     program = f"""
 import sys
 from holdfast.cli.main import main
-words = ["run", {str(model)!r}, "--source", "virtual://ft232h", "--engine", "c", "--seconds", "0.2"]
-code = main([*words, "--to", "none"])
+words = ["run", {str(model)!r}, "--source", "virtual://ft232h", "--seconds", "0.2", "--to", "none"]
+code = main([*words, *sys.argv[1:]])
 print(code, "onnxruntime" in sys.modules)
 """
     done = subprocess.run(
-        [sys.executable, "-c", program],
-        cwd=ROOT,
+        [sys.executable, "-c", program, *words],
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         timeout=300,
     )
-    assert done.stdout == "0 False\n", done.stderr
+    return done.stdout, done.stderr
+
+
+def test_a_run_takes_the_c_form_beside_its_model_unless_it_is_declined(model):
+    stdout, stderr = run_of(model)
+    assert stdout == "0 False\n", stderr
+    assert "the step is compiled C" in stderr
+    stdout, stderr = run_of(model, "--engine", "onnxruntime")
+    assert stdout == "0 True\n", stderr
+    assert "compiled C" not in stderr
+
+
+def test_the_c_form_in_the_working_folder_is_found_second(model, tmp_path):
+    """Where a model's own folder cannot be written, its C form goes to the working folder."""
+    away = tmp_path / "installed" / "small.onnx"
+    away.parent.mkdir()
+    shutil.copy(model, away)
+    shutil.copytree(model.parent / "small-c", tmp_path / "small-c")
+    stdout, stderr = run_of(away, cwd=tmp_path)
+    assert stdout == "0 False\n", stderr
+    assert f"small-c/{LIBRARY}" in stderr
+
+
+def test_a_c_form_that_does_not_fit_is_named_and_onnxruntime_answers(model, tmp_path):
+    other = tmp_path / "small.onnx"
+    other.write_bytes(sealed_bytes())
+    shutil.copytree(model.parent / "small-c", tmp_path / "small-c")
+    monitor = holdfast.load(other, live=False)
+    assert "is of model" in monitor.engine
+    assert "onnxruntime computes the step" in monitor.engine
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root gives files away")
+def test_a_library_of_another_user_is_taken_only_by_its_name(model, tmp_path):
+    mine = tmp_path / model.name
+    shutil.copy(model, mine)
+    shutil.copytree(model.parent / "small-c", tmp_path / "small-c")
+    assert "compiled C" in holdfast.load(mine).engine
+    os.chown(tmp_path / "small-c" / LIBRARY, 4242, -1)
+    assert "belongs to another user" in holdfast.load(mine).engine
+    assert "compiled C" in holdfast.load(mine, engine="c").engine
+
+
+def test_an_export_goes_beside_the_model_or_into_the_working_folder(model, monkeypatch):
+    assert folder_for(model) == model.parent / "small-c"
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    assert folder_for(model) == Path("small-c")
+    # a shipped model is looked for where it is, not where one stands
+    assert c_folders("holdfast-150hz")[0].is_absolute()
 
 
 def test_a_library_that_does_not_fit_is_one_clear_error(
@@ -116,8 +170,10 @@ def test_a_library_that_does_not_fit_is_one_clear_error(
     alone.write_bytes(sealed_bytes())
     words = ("run", alone, "--source", "virtual://ft232h", "--engine", "c")
     fails(run, 4, "LibraryRefused", *words, says="no compiled library")
+    torn = tmp_path / LIBRARY
+    torn.write_bytes(b"no library")
     for library, says in (
-        (alone, "is no library of a model"),
+        (torn, "is no library of a model"),
         (model.parent / "small-c" / LIBRARY, "is of model"),
     ):
         settings = tmp_path / "holdfast.toml"
@@ -133,7 +189,7 @@ def test_a_library_that_answers_otherwise_is_refused(model: Path, tmp_path: Path
     (folder / "holdfast.c").write_text(source.replace("] = best;", "] = 3 - best;", 1))
     words = ["gcc", "-std=c99", "-shared", "-fPIC", "-o", LIBRARY, "holdfast.c", "-lm"]
     subprocess.run(words, cwd=folder, check=True)
-    with pytest.raises(LibraryRefused, match="differs from the golden sequence"):
+    with pytest.raises(GoldenMismatch, match="differs from the golden sequence"):
         CompiledModel(model, folder / LIBRARY)
 
 
@@ -196,29 +252,6 @@ def test_a_closed_loop_ends_the_same_with_either_engine(
         assert figures[-1].pop("engine") == engine
     assert figures[0] == figures[1]
     assert figures[0]["sets"]["two"]["pd-shear"]["trials"] == 2
-
-
-def to_five_places(number: str) -> float:
-    return round(float(number), 5)
-
-
-def test_an_evaluation_gives_the_same_figures_with_either_engine(
-    run: Run, model: Path, tmp_path: Path
-):
-    card, made, figures = tmp_path / "two.toml", tmp_path / "two", []
-    card.write_text(
-        card_text(row("fall", "weak_grip = 0.5\n", "hard-ball"), row("pass"))
-    )
-    assert run("simulate", card, "--out", made)[0] == 0
-    for engine in ("onnxruntime", "c"):
-        out = tmp_path / f"{engine}.json"
-        code, _, err = run(
-            "evaluate", model, "--engine", engine, "--data", made, "--json", out
-        )
-        assert code == 0, err
-        figures.append(json.loads(out.read_text("utf-8"), parse_float=to_five_places))
-    assert figures[0] == figures[1]
-    assert figures[0]["sets"]["two"]["data"]["recordings"] == 2
 
 
 def test_a_choice_of_an_engine_loads_none() -> None:

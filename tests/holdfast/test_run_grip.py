@@ -222,7 +222,7 @@ def test_the_shear_gain_is_that_of_the_calibration_or_of_the_scenes_sensors(
 ):
     meta = CalibrationOrigin("loads", "2026-11-23", "N", 9, np.zeros((6, 3)))
     matrix = np.tile(np.eye(3), (6, 1, 1))
-    known = Calibration(matrix, None, np.zeros(6, bool), meta, 0.8)
+    known = Calibration(matrix, np.zeros((6, 3)), np.zeros(6, bool), meta, 0.8)
     path = write_calibration(tmp_path / "c.json", known)
     assert shear_gain_of("usb://ft232h", path) == 0.8
     assert shear_gain_of(REST, None) == magnet_gain()

@@ -288,7 +288,7 @@ def test_nothing_that_opens_a_model_leaves_telemetry_behind(
     }
     for first in (
         "holdfast.edge_runtime.monitor",
-        "holdfast.evaluation.bench",
+        "holdfast.live.bench",
         "holdfast.export.builder",
     ):
         model = repr(str(eight_classes.model))

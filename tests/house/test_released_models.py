@@ -25,7 +25,7 @@ PLACE = Path(__file__).resolve().parents[2] / "models"
 MODELS = sorted(PLACE.glob("*.onnx"))
 MOST_BYTES = 8 * 2**20
 LEAST_PULLS = {"holdfast-150hz": 15, "holdfast-150hz-tiny": 13, "holdfast-50hz": 11}
-"""Of 16 pulls of an apple: of 80 locked ones they act in 77, 75 and 68 (docs/evaluation.md)."""
+"""Of 16 pulls of an apple: of 80 locked ones they act in 77, 75 and 68 (docs/results.md)."""
 
 
 def test_there_is_a_default_model():
@@ -103,7 +103,7 @@ def test_a_released_file_acts_in_pulls_of_an_unseen_object_and_in_few_hand_overs
 GROWTH = """
 import sys
 from pathlib import Path
-from holdfast.evaluation.bench import step_of
+from holdfast.live.bench import step_of
 from holdfast.edge_runtime.monitor import Model
 
 def resident_kib():

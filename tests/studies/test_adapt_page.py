@@ -36,9 +36,9 @@ def way(called: float) -> dict[str, Any]:
 def test_every_table_of_the_page_has_its_place(tmp_path: Path) -> None:
     ways = {"as it is": way(0.4), "adapted": way(0.1)}
     styles = {"styles": {"p1": {"ways": ways}}}
-    made = {"adapt": styles, "people": {"ways": ways}}
-    text = filled("docs/adapt.md", made, tmp_path)
-    assert "| p1 | adapted | 0.1 (0.10 to 0.20) | 0.050 to 0.100 |" in text
+    made = {"adapt": styles}
+    text = filled("docs/recording-and-study.md", made, tmp_path)
+    assert "| p1 | adapted | 0.1 (0.10 to 0.20) | 0.98 |" in text
 
 
 @pytest.mark.parametrize("style", STYLES)

@@ -78,7 +78,7 @@ def considered(data: DataSet) -> dict[str, Considered]:
 
 def choose(data: DataSet, of: dict[str, Considered]) -> list[FoldChoice]:
     splits = splits_of(data, SMALL, 0)
-    return [chosen_fold(of, split, 0, lambda line: None) for split in splits]
+    return [chosen_fold(of, split, 0) for split in splits]
 
 
 @pytest.fixture(scope="module")
@@ -113,5 +113,5 @@ def test_labels_of_the_scored_people_change_no_choice_and_no_answer(
         label[split[task][1]] = 0
         tasks[task] = replace(rows, label=label)
     other = replace(data, tasks=tasks)
-    again = chosen_fold(considered(other), split, 0, lambda line: None)
+    again = chosen_fold(considered(other), split, 0)
     assert again == folds[0]

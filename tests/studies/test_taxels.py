@@ -1,4 +1,4 @@
-"""Taxels spread over the pad, the input of the timing-only baseline, and the leaky split."""
+"""Six taxels of a pad, the input of the timing-only baseline, and the leaky split."""
 
 from __future__ import annotations
 
@@ -11,12 +11,7 @@ import pytest
 from holdfast.training.datasets import human_slip_uskin
 from holdfast.training.recording import DataSet
 from studies.folds import leaky_folds
-from studies.real.taxels import (
-    SPREAD_TAXELS_CARD,
-    clock_features,
-    spread_taxels,
-    with_taxels,
-)
+from studies.real.clock import clock_features
 
 
 @pytest.fixture(scope="module")
@@ -34,24 +29,26 @@ def test_the_clock_counts_from_the_last_rise_through_one_newton(whole: DataSet) 
         assert force_n == pytest.approx(z[row], abs=1e-12)
 
 
-def test_spread_taxels_have_no_neighbours_and_leave_no_gap() -> None:
+def test_the_usual_six_taxels_have_no_neighbours_and_leave_no_gap() -> None:
     places = np.stack(np.divmod(np.arange(16), 4), axis=1)
     steps = np.abs(places[:, None] - places).sum(axis=2)
-    chosen = [taxel - 1 for taxel in spread_taxels(6)]
+    chosen = [taxel - 1 for taxel in human_slip_uskin.SPREAD_TAXELS]
     among = steps[np.ix_(chosen, chosen)]
     assert among[~np.eye(6, dtype=np.bool_)].min() == 2
     assert steps[:, chosen].min(axis=1).max() == 1
 
 
-def test_the_card_has_the_spread_taxels_where_the_pad_has_them(whole: DataSet) -> None:
-    spread = with_taxels(whole, spread_taxels(6), SPREAD_TAXELS_CARD)
-    first = spread.recordings[0].samples
+def test_the_card_has_the_six_taxels_where_the_pad_has_them(
+    whole: DataSet, real_set: Callable[[str], Path]
+) -> None:
+    six = human_slip_uskin.load(real_set("human_slip_uskin"))
+    first = six.recordings[0].samples
     np.testing.assert_array_equal(first[:, :3], whole.recordings[0].samples[:, 3:6])
-    assert spread.hand is not None
-    sensed = [contact for contact in spread.hand.contacts if contact.sensed]
-    names = [f"taxel-{taxel}" for taxel in spread_taxels(6)]
-    assert [contact.name for contact in sensed] == names
-    down, right = np.divmod(np.array(spread_taxels(6)) - 1, 4)
+    assert six.hand is not None
+    sensed = [contact for contact in six.hand.contacts if contact.sensed]
+    taxels = human_slip_uskin.SPREAD_TAXELS
+    assert [contact.name for contact in sensed] == [f"taxel-{k}" for k in taxels]
+    down, right = np.divmod(np.array(taxels) - 1, 4)
     along = np.array([contact.along_mm for contact in sensed])
     across = np.array([contact.across_mm for contact in sensed])
     np.testing.assert_allclose(along, 4.7 * (1.5 - down))

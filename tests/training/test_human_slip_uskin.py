@@ -146,9 +146,9 @@ def test_channels_change_the_samples_and_never_the_labels(folder: Path) -> None:
     for task, rows in six.tasks.items():
         np.testing.assert_array_equal(rows.label, all_taxels.tasks[task].label)
     few, many = six.recordings[1].samples, all_taxels.recordings[1].samples
-    # txl5 is the fifth taxel: channels 12, 13, 14; txl13 comes last.
-    np.testing.assert_array_equal(few[:, :3], many[:, 12:15])
-    np.testing.assert_array_equal(few[:, 15:], many[:, 36:39])
+    # txl2 is the second taxel: channels 3, 4, 5; txl16 comes last.
+    np.testing.assert_array_equal(few[:, :3], many[:, 3:6])
+    np.testing.assert_array_equal(few[:, 15:], many[:, 45:48])
 
 
 def test_a_set_says_what_it_is(folder: Path) -> None:
@@ -171,11 +171,10 @@ def test_unusable_trials_are_left_out_and_counted(tmp_path: Path) -> None:
 
 def test_rows_that_are_not_finite_are_invalid_and_unlabelled(tmp_path: Path) -> None:
     arrays, lines = made_parts()
-    arrays["xela"][131, 12] = (
-        np.nan
-    )  # a row that ends a window; txl5 is the first of the six
+    # a row that ends a window; txl2 is the first of the six
+    arrays["xela"][131, 3] = np.nan
     # normals that count for contact, but not of the six
-    arrays["xela"][137, [2, 5]] = np.inf, -np.inf
+    arrays["xela"][137, [2, 8]] = np.inf, -np.inf
     arrays["object_imu"][143, :4] = 0.0
     data = load(write(tmp_path, arrays, lines))
     first = data.recordings[0]

@@ -1,6 +1,6 @@
 """What mkdocs does not do: pages from outside docs/, executed notebooks, equations as MathML.
 
-The README is the first page. Where clang is there, it leads to the page of a hand to pull at. A
+The README is the first page. Where a compiler is there, it leads to a hand to pull at. A
 file of the repository that a page links to becomes a page below source/. A link to a file that is
 not there stays as it is, and `mkdocs build --strict` then fails.
 """
@@ -24,7 +24,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 from notebooks import executed
 
-from benchmarks.runtimes.c_programs import BROWSER, WASM
+from benchmarks.runtimes.c_programs import BROWSER, for_a_browser
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).parent
@@ -138,8 +138,9 @@ def _mathml(match: re.Match[str]) -> str:
 
 
 def _pages_to_try() -> dict[str, str]:
-    """The pages of examples/browser; none without clang."""
-    if not all(map(shutil.which, (WASM.compiler, *WASM.also))):
+    """The pages of examples/browser; none without a compiler."""
+    compiler = for_a_browser()
+    if not all(map(shutil.which, (compiler.compiler, *compiler.also))):
         return {}
     with tempfile.TemporaryDirectory() as folder:
         words = [sys.executable, BROWSER / "build.py", MODEL, folder, "index.html"]

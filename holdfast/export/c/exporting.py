@@ -1,6 +1,6 @@
 """A sealed model file -> a folder of C, written whole or not at all.
 
-With `build`, the machine's C compiler makes a shared library of it, proved by its self-test.
+The machine's C compiler, where there is one, makes a shared library of it, proved by its self-test.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from holdfast.core.errors import CompilerFailed, OutputError
+from holdfast.core.schema import LIBRARY, c_folders
 from holdfast.core.writing import require_writable, whole_folder, write_whole
-from holdfast.edge_runtime.c_engine import LIBRARY
 from holdfast.export.c.graph import read_graph
 from holdfast.export.c.source import c_source
 
@@ -26,6 +26,8 @@ C99 is enough for all that is generated. -O3 makes three times the code for equa
 caches must fetch all of it. -ffp-contract=off keeps a compiler from fusing products and sums, which
 round once where two operations round twice: so all compilers give the same bits.
 """
+ON_A_BOARD = f"cc {' '.join(FLAGS)} -shared -fPIC -o {LIBRARY} holdfast.c -lm"
+"""Typed in a copy of the folder, it makes the library on a board that has no exporter."""
 COMPILERS = ("cc", "gcc", "clang")
 """Tried in this order where $CC names none."""
 LONGEST_S = 600.0
@@ -36,7 +38,7 @@ LONGEST_MESSAGE = 200
 
 @dataclass(frozen=True)
 class CExport:
-    """What was written. selftest: what the compiled self-test printed; empty without --build.
+    """What was written. selftest: what the compiled self-test printed; empty without a library.
 
     files: their names. The memory of one hand, in bytes: state, kept from sample to sample; tables,
     constants that all hands of a program share; stack of one step, while it runs.
@@ -50,9 +52,14 @@ class CExport:
 
 
 def export_c(
-    model: Path, folder: Path, *, build: bool = False, force: bool = False
+    model: Path, folder: Path, *, build: bool | None = False, force: bool = False
 ) -> CExport:
-    """Write the C form of a model. Raises a ModelError, CompilerFailed or OutputError."""
+    """Write the C form of a model. Raises a ModelError, CompilerFailed or OutputError.
+
+    build: compile it too; None: where there is a compiler.
+    """
+    if build is None:
+        build = find_compiler() is not None
     source = c_source(read_graph(model))
     names = [*source.files, LIBRARY] if build else [*source.files]
     # before the compiler runs, which takes a while
@@ -99,6 +106,11 @@ def compiled_library(files: Mapping[str, str]) -> tuple[bytes, str]:
     Raises CompilerFailed.
     """
     compiler = find_compiler()
+    if compiler is None:
+        raise CompilerFailed(
+            f"no C compiler (CC, {', '.join(COMPILERS)})",
+            next_step="install gcc or clang, or compile elsewhere: --no-build",
+        )
     with tempfile.TemporaryDirectory(prefix="holdfast-c-") as name:
         folder = Path(name)
         for file, text in files.items():
@@ -115,22 +127,17 @@ def compiled_library(files: Mapping[str, str]) -> tuple[bytes, str]:
         return (folder / LIBRARY).read_bytes(), printed
 
 
-def find_compiler() -> str:
-    """The compiler in $CC, else the first of COMPILERS. Raises CompilerFailed."""
-    named = os.environ.get("CC", "")
-    names = (named,) if named else COMPILERS
+def folder_for(model: Path) -> Path:
+    """Where the C form of a model goes by default: the first place of a search that takes it."""
+    beside, here = c_folders(model)
+    return beside if os.access(beside.parent, os.W_OK) else here
 
-    for name in names:
-        path = shutil.which(name)
-        if path is not None:
-            return path
 
-    missing = "CC names a program that is not there" if named else "none is installed"
-    raise CompilerFailed(
-        f"no C compiler ({', '.join(names)})",
-        cause=missing,
-        next_step="install gcc or clang, or leave --build out and compile elsewhere",
-    )
+def find_compiler() -> str | None:
+    """The compiler in $CC, else the first of COMPILERS; None where there is none."""
+    named = os.environ.get("CC")
+    found = map(shutil.which, (named,) if named else COMPILERS)
+    return next(filter(None, found), None)
 
 
 def _compile(compiler: str, folder: Path, *words: str) -> None:

@@ -157,7 +157,9 @@ def read_protocol(path: Path) -> Protocol:
         card = read(path, ProtocolCard)
     except FileNotFoundError:
         raise DataNotFound(
-            "no such protocol", where=path, next_step="docs/recording.md shows one"
+            "no such protocol",
+            where=path,
+            next_step="docs/recording-and-study.md shows one",
         ) from None
     tasks: list[Task] = []
     for row in card.trials:

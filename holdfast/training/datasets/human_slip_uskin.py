@@ -48,10 +48,13 @@ SHAPES: dict[str, Shape] = {
     "offset": (None,),
 }
 N_TAXELS = 16
-"""3-axis taxels of the set's uSkin, hence 48 channels; they are counted row by row."""
-SIX_TAXELS = (5, 9, 10, 11, 12, 13)
-"""The 18-channel case, counted from 1 as the set's own column names do: the most loaded."""
-SIX_TAXELS_CARD = "pinch-pad"
+"""3-axis taxels of the set's uSkin, hence 48 channels; counted from 1, row by row."""
+SPREAD_TAXELS = (2, 5, 8, 11, 13, 16)
+"""Six that lie apart, no two of them neighbours: the farthest-point spread of the 4 x 4 pad from
+taxel 2 on, a rule that sees no reading (T. F. Gonzalez, "Clustering to minimize the maximum
+intercluster distance", 1985). On people they are the best of what was tried."""
+MOST_LOADED_TAXELS = (5, 9, 10, 11, 12, 13)
+HAND_CARDS = {SPREAD_TAXELS: "pinch-pad-spread", MOST_LOADED_TAXELS: "pinch-pad"}
 """The hand card with these taxels; all 16 have none, because a card holds 12 sensors at most."""
 CAVEAT = (
     "The label is the rotation of the object, about half of it the wrist's (R2 0.53 with hand "
@@ -61,7 +64,9 @@ CAVEAT = (
 )
 
 
-def load(root: Path, *, channels: int = 18) -> DataSet:
+def load(
+    root: Path, *, channels: int = 18, six: tuple[int, ...] = SPREAD_TAXELS
+) -> DataSet:
     """Read and label a folder in this format, 18 channels (six taxels) or all 48, unit N.
 
     Tasks: "situations" (0..3) and "predict_250ms" (0/1: over 15 deg within 0.25 s, from grasp
@@ -70,8 +75,7 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
 
     Raises DataNotFound, ColumnError, NotANumber, ChannelError or EmptyRecording.
     """
-    six = [taxel - 1 for taxel in SIX_TAXELS]
-    offered = {18: six, 48: range(N_TAXELS)}
+    offered = {18: [taxel - 1 for taxel in six], 48: range(N_TAXELS)}
     columns = offered_channels("human_slip_uskin", channels, offered)
     arrays = read_arrays(root / SIGNALS, SHAPES)
     table = read_table(root / TRIALS, COLUMNS)
@@ -87,7 +91,7 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
         rows = slice(move.offset, move.offset + move.n)
         raw = arrays["xela"][rows].astype(np.float64)
         prepared = PREPARATION.apply(raw)
-        # Contact is judged on all 48 channels, so that labels are the same for 18 and for 48.
+        # Contact is judged on all 48 channels, so that labels do not depend on the taxels.
         force_n = labels.contact_force_n(prepared)
         turned_deg = labels.rotation_from_start_deg(angle_deg[rows], start)
         phases = labels.phases(force_n, turned_deg, end)
@@ -127,7 +131,7 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
         redistributable=False,
         caveat=CAVEAT,
         group_kind="person",
-        hand=read_hand_card(SIX_TAXELS_CARD) if channels == 18 else None,
+        hand=read_hand_card(HAND_CARDS[six]) if channels == 18 else None,
         notes={"unusable_trials": len(table) - len(recordings)},
     )
 

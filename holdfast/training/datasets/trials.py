@@ -53,7 +53,7 @@ class ChannelsNotOffered(ChannelError):
             where=set_name,
             cause="a model made for other sensors",
             next_step="holdfast export MODEL --hand CARD --out FILE, where MODEL has pooled "
-            "features, as the shipped one has (CARD: these sensors, docs/train.md); or "
+            "features, as the shipped one has (CARD: these sensors, docs/your-data.md); or "
             f"holdfast train --data {set_name} --out DIR",
         )
 
