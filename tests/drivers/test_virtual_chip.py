@@ -107,6 +107,7 @@ def test_results_are_lost_in_sleep_and_the_configuration_is_not():
     assert on.results() == [0, 0, 0]
     assert on.status("RESULT_STATUS") == 0
     assert on.read(1, 0x02) == bytes([XYZ << 4])
+    assert on.read(1, 0x1C) == b"\x10"
 
 
 # -- time, and what goes wrong at what time
