@@ -88,14 +88,6 @@ def test_the_force_of_a_sum_of_fields_is_the_sum_of_their_forces(
     )
 
 
-@given(FIELDS)
-def test_a_batch_is_its_rows_one_by_one(field: FloatArray) -> None:
-    c = made(rest=True)
-    np.testing.assert_allclose(
-        c.apply(field), [c.apply(row) for row in field], rtol=1e-12, atol=1e-9
-    )
-
-
 def test_the_resting_field_is_no_force() -> None:
     c = made(rest=True)
     assert not c.apply(c.rest_ut).any()

@@ -417,6 +417,14 @@ def test_after_a_pause_of_more_than_three_periods_what_waits_has_no_known_time(
     assert why or reading.t_ns == feed.arrives_ns(4)
 
 
+def test_a_burst_at_the_beginning_does_not_count_for_the_rate() -> None:
+    clock = VirtualClock()
+    source, _, _ = opened(
+        clock, LineOptions(), late_ns=lambda k: max(0, (20 - k) * PERIOD_NS)
+    )
+    assert source.rate_hz == pytest.approx(150.0, rel=1e-6)
+
+
 # -- what waited before, tables, and recordings that are not in order
 
 

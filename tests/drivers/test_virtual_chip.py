@@ -16,7 +16,7 @@ from holdfast.drivers.tmag5273 import (
     RESULTS,
     XYZ,
 )
-from holdfast.drivers.virtual.chip import Chip, noise_of
+from holdfast.drivers.virtual.chip import Chip
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.faults import Fault, Faults
 from holdfast.drivers.virtual.virtual_hand import Wire
@@ -175,19 +175,3 @@ def test_a_field_is_read_over_its_full_scale_and_held_at_its_ends(version, wide)
         on.configure(SENSOR_CONFIG_2=wide[0] << 1 | wide[1])
         on.convert(1)
         assert on.results() == raw
-
-
-def test_each_conversion_has_its_own_noise_smaller_by_the_root_of_the_averages():
-    noise = np.array(noise_of(7, 2))
-    drawn = np.random.default_rng([7, 2]).normal(size=(4096, 3))
-    assert (noise == drawn * [125.0, 125.0, 68.0]).all()
-    assert noise_of(None, 2) == ((0.0, 0.0, 0.0),)
-    assert not np.isin(noise, noise_of(7, 3)).any()
-    for code, conversion_us in ((0, 100), (4, 1225)):
-        for conversions in (1, 2, 4096, 4097):
-            on = ChipOnWire(number=2, seed=7)
-            on.convert(0, code << 2)
-            on.wait_us(conversions * conversion_us)
-            noise_ut = noise[conversions % 4096] / 2 ** (code / 2)
-            assert on.results() == np.round(32768 * noise_ut / 40e3).tolist()
-            assert on.status("SET_COUNT") == conversions % 8

@@ -48,17 +48,6 @@ def test_the_priority_ends_with_the_reading_however_it_ends(allowed):
     assert os.sched_getscheduler(0) == before
 
 
-def test_where_it_is_not_allowed_everything_goes_on_as_before(monkeypatch):
-    def refuse(*arguments: object) -> None:
-        raise PermissionError(1, "Operation not permitted")
-
-    monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    before = os.sched_getscheduler(0)
-    with real_time() as yes:
-        assert not yes
-        assert os.sched_getscheduler(0) == before
-
-
 def test_a_user_without_the_right_reads_on_and_is_warned_once():
     """A real process that may not: root that gave its rights up, or the user of the tests without
     them."""
