@@ -52,3 +52,10 @@ def markers(number: int, texts: Sequence[tuple[float, str]]) -> bytes:
         for t, text in texts
     )
     return _chunk(3, struct.pack("<IBI", number, 4, len(texts)) + body)
+
+
+def clock_offsets(number: int, collected_s: Sequence[float], offset_s: float) -> bytes:
+    """Tag 4: to add to the stream's stamps to get the recorder's clock."""
+    return b"".join(
+        _chunk(4, struct.pack("<Idd", number, t, offset_s)) for t in collected_s
+    )
