@@ -29,19 +29,6 @@ from holdfast.drivers.camera.recording import read_about, read_tracks, write_abo
 from holdfast.drivers.camera.sources import QUIET
 
 
-def test_without_a_camera_there_is_one_error_and_nothing_is_left(tmp_path):
-    done = fresh_command(
-        "watch", "--camera", "oak", "--tag-mm", "10", "--out", tmp_path / "out"
-    )
-    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
-    assert (done.returncode, len(errors)) == (6, 1), done.stderr
-    assert all(
-        word in errors[0]
-        for word in ("CameraUnavailable", "oak", "likely cause", "next:")
-    )
-    assert not (tmp_path / "out").exists()
-
-
 def test_every_setting_of_depthai_is_made_before_its_import_but_for_those_of_the_user():
     text = """
 load_depthai()

@@ -52,16 +52,6 @@ def refused(reader: SampleReader, text: bytes, at_ms: int = 0) -> str:
     return error.value.kind
 
 
-def test_an_object_with_the_projects_names_is_a_sample() -> None:
-    reader = SampleReader(unit="uT")
-    sample = taken(reader, line(2.5, t_ms=12, temperature=31.5))
-    assert sample.stamp_ns == 12 * MS
-    assert sample.values.tolist() == [2.5] * 6
-    assert sample.valid.tolist() == [True, True]
-    assert reader.map is not None
-    assert reader.map.unit_of_values == "uT"
-
-
 @pytest.mark.parametrize(
     ("header", "row"),
     [

@@ -152,11 +152,6 @@ def test_an_unknown_state_has_its_own_cue_also_during_a_request_and_repeats_it()
     )
 
 
-def test_a_request_to_tighten_comes_at_once_with_the_shipped_card():
-    stream = [at(7 * k) for k in range(60)] + [at(420, "risky_slip", act=True)]
-    assert played(SHIPPED_TABLE, stream)[-1] == (420, "act")
-
-
 def test_a_line_is_whole_json_with_every_figure_of_its_pattern():
     line = json.loads(cue_line(812, 5413333333, "act", CueRule(3, 60, 40, 1.0)))
     assert line == {

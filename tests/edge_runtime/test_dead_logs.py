@@ -19,6 +19,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
+from grip_bench import until
 from hazard_marks import DEAD_LOG
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -64,15 +65,6 @@ def _pair(ends: Pair) -> Iterator[Pair]:
 def sink_on(handle: int) -> Sink:
     with open(handle, "w", encoding="utf-8", closefd=False) as stream:
         return stream_sink(stream, "stdout")
-
-
-def wait_for(met: Callable[[], bool]) -> None:
-    """Let the other threads go on until it is met."""
-    for _ in range(10_000_000):
-        if met():
-            return
-        os.sched_yield()
-    raise AssertionError("it never happened")
 
 
 def read_until(handle: int, word: bytes) -> bytes:
@@ -177,8 +169,8 @@ def test_closing_leaves_a_write_that_takes_for_ever_behind_and_nothing_follows_i
     pipe,
 ):
     writer = LineWriter(os.dup(pipe[1]))
-    wait_for(lambda: not writer(LINE))
-    wait_for(lambda: not select.select([], [pipe[1]], [], 0)[1])
+    until(lambda: not writer(LINE))
+    until(lambda: not select.select([], [pipe[1]], [], 0)[1])
     writer.close()  # returns, or this test hangs
     writer.close()
     assert not writer("after the end")
@@ -215,7 +207,7 @@ def test_a_log_that_fails_is_dropped_and_reported_once_and_the_others_get_every_
     result: list[str] = []
     outlets = LineOutput([log, healthy := Lines()], result.append)
     outlets.write(prediction)
-    wait_for(lambda: log.failure is not None)
+    until(lambda: log.failure is not None)
     for _ in range(5):
         outlets.write(prediction)
     outlets.close()

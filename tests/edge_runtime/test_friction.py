@@ -42,14 +42,6 @@ def estimates(margin: FrictionMargin) -> tuple[float, float, float]:
     return margin.mu_hat, margin.margin, margin.needed_n
 
 
-def test_nothing_is_known_before_the_first_slip() -> None:
-    margin = margin_of()
-    holding(margin, 0.5)
-    assert estimates(margin) == (0.0, 0.0, 0.0)
-    sliding(margin, 0.5, samples=3)
-    assert estimates(margin) == (0.0, 0.0, 0.0)
-
-
 @pytest.mark.parametrize("friction", [0.2, 0.5, 0.9])
 @pytest.mark.parametrize("seed", range(5))
 def test_the_estimate_is_right_within_15_percent_under_noise_of_5_percent(

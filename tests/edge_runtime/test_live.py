@@ -313,16 +313,6 @@ def test_a_view_without_rich_is_a_plain_line_that_names_the_extra(model, monkeyp
     assert b"\x1b" not in shown
 
 
-def test_scan_names_every_sensor_and_the_layout_to_use(run):
-    url = "virtual://ft232h?layout=mux6&fault=diag:3@0%2B100"
-    code, out, _ = run("scan", url)
-    assert code == 0
-    assert out.count("TMAG5273 A1 (40/80 mT)") == 6
-    assert "DIAG_STATUS" in out
-    assert "layout=0:35,1:35,2:35,3:35,4:35,5:35" in out
-    assert "serves" in out
-
-
 def test_the_udev_rules_name_every_bridge():
     from holdfast.drivers.bridges import BRIDGES, ids_of
 
@@ -333,13 +323,6 @@ def test_the_udev_rules_name_every_bridge():
                 f'ATTR{{idVendor}}=="{vendor:04x}", ATTR{{idProduct}}=="{product:04x}"'
                 in rules
             )
-
-
-def test_a_bridge_whose_first_scans_are_slow_is_not_refused(model):
-    clock = VirtualClock()
-    source = Steady(clock, 50, stalls=dict.fromkeys(range(20), 0.01))
-    summary = answer(source, model, clock, kept([], []), lambda: False)
-    assert summary.samples > 0
 
 
 @SILENT_SENDER.mark

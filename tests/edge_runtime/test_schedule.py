@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from live_bench import DEFAULT, Steady, go
+from live_bench import Steady, go
 from numbered_lines import numbered_sender
 
 from holdfast.core import clock as clock_module
@@ -27,7 +27,7 @@ from holdfast.core.source import SourceReading
 from holdfast.core.trial_file import read_trial
 from holdfast.drivers.replay import PacedReplay, Replay
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.monitor import GripMonitor, Model
+from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.loop import run_live
 from holdfast.live.outputs import LineOutput
@@ -150,21 +150,11 @@ def test_answers_that_take_longer_than_a_period_lose_samples_counted_and_never_l
 )
 @settings(max_examples=25)
 @given(st.lists(st.floats(0.0, 0.45), min_size=120, max_size=120))
-def test_jitter_below_half_a_period_loses_nothing(late):
-    model = _loaded()
+def test_jitter_below_half_a_period_loses_nothing(model, late):
     monitor = GripMonitor(model, None)
     for k, share in enumerate(late):
         answer = monitor.feed(still(k, round((k + share) * 1e9 / 150)))
         assert answer.settled == (k >= model.card.settle_samples - 1)
-
-
-_models: list[Model] = []
-
-
-def _loaded() -> Model:
-    """The default model, read once: hypothesis takes no fixture of a function's."""
-    _models.extend([] if _models else [Model(DEFAULT)])
-    return _models[0]
 
 
 def still(sequence: int, t_ns: int) -> Sample:
