@@ -53,6 +53,10 @@ def test_six_fingers_report_the_field_at_their_magnets(layout):
     np.testing.assert_allclose(reading.field_ut, field_ut[0], atol=110.0)
 
 
+def test_a_start_waits_until_the_first_reading_is_whole():
+    assert started().hand.read().why == ("",) * 6
+
+
 def test_a_finger_that_is_not_acknowledged_costs_only_itself_and_comes_back():
     bench = started("nack:3@1+0.3")
     readings = bench.read_for(2.0)
