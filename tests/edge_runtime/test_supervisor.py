@@ -18,7 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from holdfast.edge_runtime.batch import ONE_HAND
-from holdfast.edge_runtime.grip import CONTROLLERS, GripSense
+from holdfast.edge_runtime.grip import CONTROLLERS, Controller, GripSense
 from holdfast.edge_runtime.supervisor import (
     HOLD,
     IDLE,
