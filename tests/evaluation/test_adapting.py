@@ -8,17 +8,14 @@ import numpy as np
 import pytest
 
 from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
-from holdfast.core.errors import TooLittleToAdapt
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
 from holdfast.sessions.adapt import (
     LEAST_RECALL,
     Evidence,
     HeldOutFigures,
-    require_enough,
 )
 from holdfast.sessions.adapt_evidence import (
     MOST_NATS,
-    PersonCounts,
     Stream,
     corrected,
     fit_correction,
@@ -143,19 +140,3 @@ def test_worse_is_a_recall_that_falls_by_more_than_a_hundredth_or_more_actions_c
     change: dict[str, float], ways: list[str]
 ) -> None:
     assert replace(BASE, **change).worse_than(BASE) == ways  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        ({"hand_overs": 7}, "7 hand-overs of 8"),
-        ({"holding_s": 12.0}, "12 s of holding of 40"),
-    ],
-)
-def test_too_little_is_refused_with_the_command_that_records_it(change, says) -> None:
-    enough = PersonCounts(16, 8, 60.0, 0)
-    require_enough(enough)
-    with pytest.raises(TooLittleToAdapt, match=says) as error:
-        require_enough(replace(enough, **change))
-    assert "holdfast record" in str(error.value)
-    assert "adapt.toml" in str(error.value)

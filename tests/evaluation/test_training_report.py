@@ -12,7 +12,7 @@ from command_line import Run
 
 from holdfast.training.datasets import load
 from holdfast.training.fixture import write_fixture
-from holdfast.training.judging import CurvePoint, per_doubling, strictest_hold_out
+from holdfast.training.judging import strictest_hold_out
 from holdfast.training.recording import DataSet
 
 
@@ -58,12 +58,6 @@ def test_a_set_is_held_out_by_person_else_object_else_session_else_trial(
     assert sessions.groups() == ["2026-11-20", "2026-11-21"]
     people = strictest_hold_out(replace(one_object, recordings=named), 2, 0)
     assert people.kind == "person"
-
-
-def test_a_gain_is_read_off_three_points_at_least() -> None:
-    points = [CurvePoint(k, 10.0 * k, 0.1 * k, None) for k in (1.0, 2.0, 4.0)]
-    assert per_doubling(points[:2]) is None
-    assert per_doubling(points) == pytest.approx(0.15)
 
 
 def test_the_headline_is_the_held_out_figure_and_a_curve_shows_fewer_trials(

@@ -17,12 +17,9 @@ from long_steps import long_steps
 from holdfast.core.errors import UsageError
 from holdfast.edge_runtime.model import Model
 from holdfast.sessions.adapt import of_person
-from holdfast.sessions.recorder.protocol import read_protocol
-from holdfast.simulation import SCENES
 from holdfast.training.datasets import load
 from holdfast.training.fixture import write_fixture
 
-AREA = "The command line"
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/recording-and-study.md"
 RELEASED = ROOT / "models/holdfast-150hz.onnx"
@@ -132,23 +129,6 @@ def test_a_file_worse_than_its_base_is_written_only_with_force(
     assert about["held_out"]["found"] < about["base_held_out"]["found"]
 
 
-def test_options_that_contradict_each_other_are_refused(
-    run: Run, tmp_path: Path
-) -> None:
-    out = ("--out", tmp_path / "m.onnx")
-    fails(
-        run,
-        2,
-        "UsageError",
-        "adapt",
-        RELEASED,
-        *out,
-        says="--data, --person and --slips",
-    )
-    undo = ("adapt", RELEASED, *out, "--undo", "--person", "p01")
-    fails(run, 2, "UsageError", *undo, says="or --undo alone")
-
-
 def test_only_the_named_person_counts(tmp_path: Path, write_people: Path) -> None:
     data = load(write_people, windows="natural")
     own = of_person(data, "p01")
@@ -163,11 +143,3 @@ def write_people(tmp_path: Path) -> Path:
     from own_data import write_people_folders
 
     return write_people_folders(tmp_path / "people")
-
-
-def test_the_card_is_a_protocol_of_eight_hand_overs_and_holding() -> None:
-    tasks = read_protocol(SCENES / "adapt.toml").tasks
-    assert [sum(one.action == name for one in tasks) for name in ("pass", "hold")] == [
-        8,
-        8,
-    ]

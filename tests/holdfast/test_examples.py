@@ -348,13 +348,6 @@ def test_a_hand_whose_wearer_opens_ignores_targets_until_the_wearer_closes(progr
         assert next(lines) in (HOLDS, "tighten: 10.5 N, at most 400 N/s (risky slip)")
 
 
-def test_the_page_shows_the_receivers_as_they_are():
-    page = (ROOT / "docs" / "shared-control.md").read_text("utf-8")
-    for name in ("grip_receiver.py", "grip_receiver.c"):
-        assert f"(../examples/{name})" in page
-        assert Path(EXAMPLES / name).is_file()
-
-
 def cue(sequence: int, **changed: Any) -> bytes:
     """An urgent cue as it is sent."""
     act = cue_line(sequence, 1, "act", CueRule(3, 60, 40, 1.0))

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from hazard_marks import PAGE_DELAYS, STALE_PAGE
 from live_bench import ROOT, RUN, Steady
+from made_prediction import prediction
 from page_bench import ABOUT, next_event
 
 from holdfast.core.contract import Sample
@@ -24,6 +25,7 @@ from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.preparation import Tare
+from holdfast.edge_runtime.wearer import Intent, IntentMonitor
 from holdfast.live.loop import run_live
 from holdfast.live.page.link import PageLink, open_page
 from holdfast.live.page.process import follow
@@ -119,6 +121,17 @@ def test_the_page_gets_every_sample_its_answer_and_what_was_lost(model, ends):
     assert samples[2]["x"] == [0.5] * 18
     assert samples[0]["answer"]["state"] == "unknown"
     assert "grip" not in samples[0]
+
+
+def test_the_page_gets_the_wearers_own_command(model, ends):
+    ours, theirs = ends
+    page = RunPage(PageLink(ours, print), model.card)
+    said = [Intent(10**9, "close")]
+    page.intent = IntentMonitor(lambda: said, lambda: 10**9, print)
+    page.intent.look()
+    page.write(prediction(), Sample(0, np.zeros(18), VALID, 0), READING)
+    (shown,) = [one["sample"]["intent"] for one in received(theirs)]
+    assert shown == {"wants": "close", "link": "live"}
 
 
 def test_a_page_reads_to_the_end_what_a_run_sent_that_left_an_action_unread(ends):
@@ -219,15 +232,3 @@ def test_a_run_that_is_killed_ends_its_page():
             pass
         events.close()
     assert last["ended"] == "the program that ran the loop died"
-
-
-def test_a_port_that_is_taken_is_an_error_before_a_source_is_opened():
-    with socket.create_server(("127.0.0.1", 0)) as other:
-        port = other.getsockname()[1]
-        words = [*RUN[:-1], "usb://ft232h", "--to", f"web:{port}"]
-        done = subprocess.run(
-            words, cwd=ROOT, capture_output=True, text=True, check=False
-        )
-    assert done.returncode == 2
-    (line,) = done.stderr.splitlines()
-    assert line.startswith(f"error: UsageError: web:{port}: address already in use")

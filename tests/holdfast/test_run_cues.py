@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import signal
 import subprocess
 from collections.abc import Callable, Iterator
@@ -110,16 +109,3 @@ def test_a_receiver_that_comes_back_gets_the_cue_that_applies(tmp_path):
     # a device skips what does not rise
     assert lines[0]["sequence"] < lines[1]["sequence"]
     again.close()
-
-
-def test_the_users_own_card_is_played(tmp_path):
-    card = tmp_path / "cues.toml"
-    rule = "pulses = 1\noff_ms = 0\nstrength = 1\non_ms"
-    card.write_text(
-        f"most_per_s = 1\n[cues.unknown]\n{rule} = 900\n[cues.act]\n{rule} = 45\n"
-    )
-    receiver = UnixReceiver()
-    with opened(receiver.url, path=card) as cues:
-        show(cues, 1, **RISKY)
-    assert [json.dumps(one["on_ms"]) for one in receiver.waiting()] == ["45", "900"]
-    receiver.close()

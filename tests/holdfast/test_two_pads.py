@@ -102,8 +102,6 @@ def test_a_run_names_the_gripper_and_commands_it(two_pads: Path, tug: Path) -> N
 
 WRONG = {
     "layout=mux": "the layout has 6 sensors, the scene's hand 2 sensors",
-    f"{LAYOUT},0:78": "the layout has 3 sensors",
-    "layout=35,22": "no such layout",
     "layout=0:35,71/0:35": "no such layout",
     f"{LAYOUT}&fault=nack:3@1": "the layout has 2 sensors",
 }
