@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from command_line import Run
 from loop_bench import SLOWER, card_text, row
-from small_jobs import dies_at_gate, dies_once, square
+from small_jobs import dies_at_gate, square
 
 from holdfast.core.errors import WorkersLost
 from holdfast.evaluation.jobs import Job, Workers
@@ -56,26 +56,6 @@ def test_results_come_in_the_order_of_the_jobs_wherever_these_run(cluster: str) 
     answers, processes = results_of(Workers(2))
     assert answers == squares
     assert os.getpid() not in processes
-
-
-@pytest.mark.filterwarnings(
-    "default"
-)  # of a library that is here for these tests alone
-def test_what_a_killed_worker_computed_is_computed_by_another(tmp_path: Path) -> None:
-    from distributed import LocalCluster  # a second, which not every process needs
-
-    jobs = [partial(dies_once, tmp_path / name) for name in ("one", "two", "three")]
-    (tmp_path / "one").touch()
-    (tmp_path / "three").touch()
-    with LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None
-    ) as local:
-        assert list(Workers(dask=local.scheduler_address).run(jobs)) == [
-            "one",
-            "two",
-            "three",
-        ]
-    assert (tmp_path / "two").exists()
 
 
 @contextmanager

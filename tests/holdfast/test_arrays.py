@@ -106,21 +106,6 @@ def test_a_replay_does_not_disturb_the_stream_that_is_fed(
     assert fed(between=True) == fed(between=False)
 
 
-@pytest.mark.parametrize(("unit", "per_n"), [("mN", 1e3), ("gf", 1e3 / 9.80665)])
-def test_a_unit_is_turned_into_the_models(
-    monitor: GripMonitor,
-    trial: tuple[FloatArray, FloatArray],
-    unit: str,
-    per_n: float,
-) -> None:
-    values, t_s = trial
-    answers = monitor.replay(values * per_n, t_s, unit=unit)
-    assert answers.unit == "N"
-    expected = monitor.replay(values, t_s)
-    np.testing.assert_allclose(answers.values, expected.values, rtol=1e-9, atol=1e-9)
-    np.testing.assert_array_equal(answers.state, expected.state)
-
-
 def test_a_bias_that_is_given_counts_in_place_of_the_first_rows(
     monitor: GripMonitor, trial: tuple[FloatArray, FloatArray]
 ) -> None:

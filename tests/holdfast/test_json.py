@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from command_line import Run, fails
+from command_line import Run
 from long_steps import long_steps
 
 COMMANDS = {
@@ -37,12 +37,3 @@ def test_without_a_file_the_object_stands_in_for_the_words(
         code, out, err = run(*COMMANDS[verb], "--json")
     assert code == 0, err
     assert isinstance(json.loads(out), dict)
-
-
-def test_a_file_that_cannot_be_written_is_refused_before_the_work(
-    run: Run, tmp_path: Path
-) -> None:
-    out = tmp_path / "set"
-    words = ("pull-soft-ball", "--out", out, "--json", "/proc/none/found.json")
-    fails(run, 5, "OutputError", "simulate", *words)
-    assert not out.exists()

@@ -4,8 +4,6 @@ ends."""
 from __future__ import annotations
 
 import json
-import os
-import pty
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,12 +14,10 @@ from recorder_bench import (
     TRIAL,
     Hand,
     meta_of,
-    on_terminal,
     recorded,
     said,
     session,
     states_in,
-    wait_on_terminal_for,
 )
 from recorder_bench import columns_of as read_columns
 
@@ -133,19 +129,6 @@ def test_a_terminal_that_takes_nothing_costs_no_sample(tmp_path, takes):
     free, stuck = (read_columns(tmp_path / one / TRIAL) for one in "ab")
     assert stuck["sequence"] == free["sequence"]
     assert states_in(tmp_path / "b") == ["kept"]
-
-
-def test_a_terminal_shows_the_line_while_a_trial_runs(tmp_path, monkeypatch):
-    monkeypatch.setenv("TERM", "xterm")
-    master, slave = pty.openpty()
-    words = f"--source virtual://ft232h --out {tmp_path / 'out'} --person p01"
-    trial = "--action nothing --trials 1 --at-once --seconds 0.6"
-    with on_terminal(slave, *words.split(), *trial.split()) as run:
-        screen = wait_on_terminal_for(master, "kept:")
-        assert run.wait(timeout=300) == 0
-    os.close(master)
-    assert b"lost; forces" in screen
-    assert OVER_THE_LINE_ABOVE.encode() + b"kept:" in screen
 
 
 @OVERWRITTEN.mark

@@ -177,19 +177,3 @@ def test_a_card_that_cannot_be_is_refused_by_its_key(tmp_path, text, says):
         read_protocol(tmp_path / "bad.toml")
     with pytest.raises(DataNotFound):
         read_protocol(tmp_path / "absent.toml")
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        ("", "no trials given"),
-        ("--action pull", "--object and --action"),
-        ("--object a_b --action pull --trials 1", "object 'a_b'"),
-        ("--object cup --action pull --trials 1 --camera oak", "--tag-mm"),
-        ("--object cup --action pull --trials 1 --camera gone.npz", "no such file"),
-    ],
-)
-def test_words_that_do_not_go_together_are_usage_errors(tmp_path, words, says):
-    with pytest.raises(UsageError, match=says):
-        recorded(tmp_path / "out", *words.split())
-    assert not (tmp_path / "out").exists()

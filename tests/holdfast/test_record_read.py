@@ -7,7 +7,7 @@ import re
 import shutil
 
 import pytest
-from recorder_bench import TRIAL, meta_of, truth_of
+from recorder_bench import TRIAL, meta_of
 
 from holdfast.cli.main import main
 from holdfast.core.contract import SITUATIONS
@@ -90,20 +90,6 @@ def test_a_recording_that_was_edited_wrongly_is_refused_by_name(
     (copy / "soft-ball/pull/trial_1" / name).write_text(text)
     with pytest.raises(error, match=re.escape(name)):
         load(copy)
-
-
-@pytest.mark.parametrize(
-    "line", ["nonsense", "3", '{"mark": "contact", "provenance": "key"}']
-)
-def test_events_that_cannot_be_understood_are_refused_by_name(people, tmp_path, line):
-    from holdfast.sessions.recorder.labels import relabel
-
-    folder = shutil.copytree(people / TRIAL, tmp_path / "trial_1")
-    before = relabel(folder)
-    assert before.to_json() == truth_of(people / TRIAL)
-    (folder / "events.jsonl").write_text(line + "\n")
-    with pytest.raises(LabelError, match=r"events\.jsonl"):
-        relabel(folder)
 
 
 # -- the page

@@ -8,7 +8,7 @@ from collections import Counter
 import pytest
 from study_bench import protocol_of
 
-from holdfast.core.errors import CardError, DataNotFound
+from holdfast.core.errors import CardError
 from holdfast.sessions.recorder.protocol import Task
 from holdfast.sessions.study.protocol import (
     read_study,
@@ -60,8 +60,3 @@ def test_a_card_that_cannot_be_is_refused_by_its_step_and_key(
         read_study(protocol_of(tmp_path, text))
     assert "protocol.toml" in str(error.value)
     assert "next: " in str(error.value)
-
-
-def test_a_name_that_is_no_card_is_answered_with_those_that_are() -> None:
-    with pytest.raises(DataNotFound, match="one of thesis"):
-        read_study("tesis")

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-from live_bench import DEFAULT, ROOT, run_on
+from live_bench import DEFAULT, run_on
 
 from holdfast.cli.main import main
 from holdfast.core.errors import UsageError
@@ -82,22 +80,6 @@ def test_a_tug_at_a_gripper_of_two_pads_is_held_by_the_commands(
     assert outcome.kept == kept
     # Quiet before the tug: the grip is the wearer's own until it begins.
     assert (outcome.strongest_n > 1.5 * outcome.wearers_n) == kept
-
-
-def test_a_run_names_the_gripper_and_commands_it(two_pads: Path, tug: Path) -> None:
-    words = [sys.executable, "-m", "holdfast", "run", str(two_pads), "--source"]
-    words += [scene_url(tug, 102), "--grip", "virtual", "--to", "none"]
-    done = subprocess.run(
-        [*words, "--seconds", "0.5"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert "hand: two-pad-gripper, 2 sensors" in done.stderr
-    assert "scene: " in done.stderr
 
 
 WRONG = {

@@ -13,7 +13,9 @@ NOTEBOOKS = sorted((ROOT / "docs/notebooks").glob("*.py"))
 SITE = (ROOT / "tools/docs_site/mkdocs.yml").read_text("utf-8")
 
 
-@pytest.mark.parametrize("page", [*PAGES, *NOTEBOOKS], ids=lambda page: page.name)
+@pytest.mark.parametrize(
+    "page", [ROOT / "README.md", *PAGES, *NOTEBOOKS], ids=lambda page: page.name
+)
 def test_every_path_a_page_points_to_exists(page: Path) -> None:
     links = re.findall(r"\]\((?!\w+:)([^)#\s]+)", page.read_text("utf-8"))
     missing = [link for link in links if not (page.parent / link).exists()]
