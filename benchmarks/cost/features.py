@@ -11,15 +11,13 @@ import numpy.typing as npt
 
 from benchmarks.cost.kept_rows import digest_of, kept_rows
 from benchmarks.cost.point import EVERY_POOLED, GROUPS, WINDOWS_S, Point, Set
-from benchmarks.cost.recordings import read, starts
+from benchmarks.cost.recordings import read
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import DataError
-from holdfast.export.detectors import STATES_PER_BAND, step_matrix
 from holdfast.export.features import LAGS_S, SCALED_LAGS, SPANS_S, feature_count
 from holdfast.export.spec import BANDS_HZ, WINDOW_S, StepSpec
 from holdfast.training.crossval import main_task
 from holdfast.training.featurise import FloatRows, features_everywhere, features_of
-from holdfast.training.recording import DataSet
 
 
 def windows(folder: Path, point: Point) -> FloatRows:
@@ -40,32 +38,18 @@ def windows(folder: Path, point: Point) -> FloatRows:
             where=folder,
             next_step="remove the folder and begin anew",
         )
-    rows = _taken(kept, spec)
-    if point.bank == "float32":
-        rows = _with_bank(
-            rows,
-            _bank_in_float32(data, spec)[starts(data)[labelled.trial] + labelled.row],
-        )
-    return _seen(rows, spec, point.look_back_s)
+    return _seen(_taken(kept, spec), spec, point.look_back_s)
 
 
 def everywhere(folder: Path, point: Point, part: str) -> FloatRows:
     """Features [sum of T, F] at every sample of a part, recording after recording."""
-    data = read(folder, point.of, point.rate_hz, part)
-    spec = point.spec(data)
+    spec = point.spec(read(folder, point.of, point.rate_hz, part))
     rows = _taken(whole_rows(folder, point, part), spec)
-    if point.bank == "float32":
-        rows = _with_bank(rows, _bank_in_float32(data, spec))
     return _seen(rows, spec, point.look_back_s)
 
 
-def _with_bank(rows: FloatRows, bank: FloatRows) -> FloatRows:
-    """Rows with another bank, whose outputs are the last of them."""
-    return np.hstack([rows[:, : rows.shape[1] - bank.shape[1]], bank])
-
-
 def some(folder: Path, point: Point, part: str, count: int) -> FloatRows:
-    """So many rows of a part, evenly spaced; of a bank in float64 whatever the point has."""
+    """So many rows of a part, evenly spaced."""
     spec = point.spec(read(folder, point.of, point.rate_hz, part))
     rows = whole_rows(folder, point, part)
     return _seen(
@@ -199,32 +183,3 @@ def look_backs_s(spec: StepSpec) -> FloatArray:
         )
         parts.append(known.get(name, np.zeros(width)))
     return np.concatenate(parts)
-
-
-def _bank_in_float32(data: DataSet, spec: StepSpec) -> FloatRows:
-    """|outputs| [sum of T, n x 2 x bands] of a bank whose state and coefficients are float32;
-    samples are taken to be good, as they are in these scenes."""
-    bands = spec.usable_bands()
-    matrix = step_matrix(spec.rate_hz, bands).astype(np.float32)
-    size = 1 + STATES_PER_BAND * len(bands)
-    lengths = [len(recording.samples) for recording in data.recordings]
-    changes = np.zeros(
-        (max(lengths), len(lengths), 2 * spec.n_sensors), dtype=np.float32
-    )
-    for lane, recording in enumerate(data.recordings):
-        shear = recording.samples.reshape(len(recording.samples), -1, 3)[
-            :, :, :2
-        ].astype(np.float32)
-        changes[1 : len(shear), lane] = np.diff(shear, axis=0).reshape(
-            len(shear) - 1, -1
-        )
-    joined = np.zeros((changes[0].size, 1 + size), dtype=np.float32)
-    out = np.empty((*changes.shape, len(bands)), dtype=np.float32)
-    for change, outputs in zip(changes, out, strict=True):
-        joined[:, 0] = change.ravel()
-        stepped = joined @ matrix
-        joined[:, 1:] = stepped[:, :size]
-        outputs[:] = np.abs(stepped[:, size:]).reshape(outputs.shape)
-    return np.concatenate(
-        [out[:length, lane].reshape(length, -1) for lane, length in enumerate(lengths)]
-    )

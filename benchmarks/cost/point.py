@@ -86,7 +86,7 @@ class Point:
     """What is chosen; what is not named is the reference's: a forest of the default size.
 
     trees, depth: None for the reference's; a depth of 0 is none. window_s: of the raw window.
-    look_back_s: no feature sees further. bank: the type the bank computes in. confidence: what the
+    look_back_s: no feature sees further. confidence: what the
     alarm's threshold is set on, the votes or the calibrated probability. degraded: pooled features
     answer although a sensor is lost.
     """
@@ -100,7 +100,6 @@ class Point:
     look_back_s: float = HISTORY_S
     bands: str = "all"
     debounce: int = DEBOUNCE
-    bank: Literal["float64", "float32"] = "float64"
     confidence: Literal["votes", "calibrated"] = "votes"
     learner: LearnerKind = "forest"
     degraded: bool = True
@@ -140,7 +139,6 @@ class Point:
         )
         parts += [f"bands {self.bands}"] if self.bands != "all" else []
         parts += [f"debounce {self.debounce}"] if self.debounce != DEBOUNCE else []
-        parts += ["bank in float32"] if self.bank != "float64" else []
         parts += ["calibrated"] if self.confidence != "votes" else []
         parts += ["no degraded answers"] if not self.degraded else []
         return ", ".join(parts) or REFERENCE
@@ -225,7 +223,6 @@ def _scenes() -> Iterator[Point]:
         Point(depth=depth, trees=trees) for depth in (10, 0) for trees in (8, 100)
     )
     yield from (Point(groups="now and bands", bands=name) for name in BANDS)
-    yield Point(groups="now and bands", bank="float32")
     yield from ON_HANDS
     for trees, depth in COMMITTEES:
         yield replace(SHIPPED, trees=trees, depth=depth)

@@ -172,7 +172,7 @@ BAD_TRIALS = {
         "TimeError",
         "stands still",
     ),
-    "a gap in time": (csv_of(STEPS[:20] + STEPS[40:]), "TimeError", "gap"),
+    "a gap of days": (csv_of([*STEPS[:20], 2e5, 2e5 + 0.02]), "TimeError", "a gap"),
     "nothing in it": ("", "EmptyRecording", "empty"),
     "a header only": (csv_of([]), "EmptyRecording", "0 rows"),
     "bytes that are no text": ("Time,X1\udcff\n", "NotANumber", "text file"),
@@ -258,7 +258,7 @@ def test_a_model_made_for_other_channels_another_unit_or_another_rate_refuses_th
         trial,
         says=f"{trial}: the source has 3 channels, the model needs 18",
     )
-    trial.write_text(csv_of([k / 100 for k in range(60)]))
+    trial.write_text(csv_of([k / 70 for k in range(60)]))
     fails(run, 3, "RateError", "replay", model, trial, says="the model needs 50 Hz")
     trial.write_text(csv_of())
     assert run("replay", model, trial)[0] == 0
@@ -278,6 +278,112 @@ def test_a_rate_within_a_tenth_is_accepted(
     assert run("replay", four_situations.model, trial)[0] == code
 
 
+<<<<<<< HEAD
+=======
+def test_evaluation_refuses_a_set_that_does_not_fit(
+    run: Run, four_situations: Built, tmp_path: Path
+) -> None:
+    model, out = four_situations.model, tmp_path / "figures.json"
+    write_fixture(tmp_path / "fast", trials_per_cell=1, rate_hz=70.0)
+    fails(
+        run,
+        3,
+        "RateError",
+        "evaluate",
+        model,
+        "--data",
+        tmp_path / "fast",
+        "--json",
+        out,
+    )
+    shutil.copytree(four_situations.fixture, tmp_path / "counts")
+    meta = json.loads((tmp_path / "counts" / "meta.json").read_text())
+    (tmp_path / "counts" / "meta.json").write_text(
+        json.dumps({**meta, "unit": "count"})
+    )
+    fails(
+        run,
+        3,
+        "UnitError",
+        "evaluate",
+        model,
+        "--data",
+        tmp_path / "counts",
+        "--json",
+        out,
+    )
+    assert not out.exists()
+
+
+def test_evaluation_leaves_the_figures_with_the_keys_of_the_issue(
+    run: Run, four_situations: Built, tmp_path: Path
+) -> None:
+    out = tmp_path / "deep" / "figures.json"
+    code, words, err = run(
+        "evaluate",
+        four_situations.model,
+        "--data",
+        four_situations.fixture,
+        "--json",
+        out,
+    )
+    assert code == 0
+    assert [line for line in err.splitlines() if not PROGRESS.match(line)] == []
+    figures = json.loads(out.read_text())
+    assert (
+        figures["n_trials"]
+        == figures["n_groups"]
+        == len(four_situations.data.recordings)
+    )
+    assert set(figures["situations"]["f1"]) == {
+        "nothing",
+        "grasp",
+        "safe_slip",
+        "risky_slip",
+    }
+    assert 0.0 <= figures["situations"]["macro_f1"] <= 1.0
+    assert len(figures["situations"]["macro_f1_ci"]) == 2
+    assert figures["trained_on_recordings"] == figures["n_trials"]
+    assert "WARNING" in words  # it was trained on these very recordings
+    assert figures["caveat"] in words
+
+
+def test_evaluation_on_other_people_scores_both_heads(run: Run, tmp_path: Path) -> None:
+    import warnings
+
+    from holdfast.export.exporting import export_artifact
+    from holdfast.training.datasets import load
+    from holdfast.training.fitting import train
+    from holdfast.training.plan import ForestPlan, TrainingPlan
+
+    few = ForestPlan(n_estimators=4)
+    data = load(write_people(tmp_path / "these", people=3))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        train(
+            data, tmp_path / "out", TrainingPlan(situation=few, prediction=few, folds=3)
+        )
+    model, _ = export_artifact(tmp_path / "out")
+    others = write_people(tmp_path / "others", people=2, seed=1)
+    code, words, _ = run(
+        "evaluate", model, "--data", others, "--json", tmp_path / "figures.json"
+    )
+    assert code == 0
+    assert "WARNING" not in words
+    figures = json.loads((tmp_path / "figures.json").read_text())
+    assert set(figures["predict_250ms"]) >= {
+        "auc",
+        "auc_ci",
+        "average_precision",
+        "average_precision_ci",
+    }
+    assert figures["n_groups"] == 2
+    code, lines, _ = run("replay", model, f"{others}#0")
+    assert code == 0
+    assert 0.0 <= json.loads(lines.splitlines()[0])["extra"]["p_risky_250ms"] <= 1.0
+
+
+>>>>>>> main
 # -- files that are no model
 
 

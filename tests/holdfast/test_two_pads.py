@@ -82,6 +82,28 @@ def test_a_tug_at_a_gripper_of_two_pads_is_held_by_the_commands(
     assert (outcome.strongest_n > 1.5 * outcome.wearers_n) == kept
 
 
+<<<<<<< HEAD
+=======
+def test_a_run_names_the_gripper_commands_it_and_ends_with_its_scene(
+    two_pads: Path, tug: Path
+) -> None:
+    words = [sys.executable, "-m", "holdfast", "run", str(two_pads), "--source"]
+    words += [scene_url(tug, 102), "--grip", "virtual", "--to", "none"]
+    done = subprocess.run(
+        words,
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "hand: two-pad-gripper, 2 sensors" in done.stderr
+    assert "the scene has ended; samples: " in done.stderr
+    assert "scene: " in done.stderr
+
+
+>>>>>>> main
 WRONG = {
     "layout=mux": "the layout has 6 sensors, the scene's hand 2 sensors",
     "layout=0:35,71/0:35": "no such layout",

@@ -95,6 +95,11 @@ def test_a_column_of_labels_is_believed_before_the_script(
     assert (event.onset_s, event.end_s) == (7.0, 7.5)
 
 
+def test_the_last_row_is_of_the_last_label(frames: dict[str, pd.DataFrame]) -> None:
+    held = recording_of(labelled(frames[PULL]).fillna({"label": "nothing"}))
+    assert held.phases[-1].stop == len(held.samples)
+
+
 def test_labels_stay_at_their_time_where_rows_were_lost(
     frames: dict[str, pd.DataFrame],
 ) -> None:
@@ -108,7 +113,11 @@ def test_labels_stay_at_their_time_where_rows_were_lost(
 @pytest.mark.parametrize(
     ("spoil", "error", "says"),
     [
-        (lambda frame: frame.drop(columns="Time"), ColumnError, "column is 'X1'"),
+        (
+            lambda frame: frame.drop(columns="Time"),
+            ColumnError,
+            "columns missing: Time",
+        ),
         (lambda frame: frame.assign(X1="far"), NotANumber, PULL),
         (lambda frame: frame.assign(label="hovering"), LabelError, "'hovering'"),
     ],
