@@ -11,10 +11,6 @@ import msgspec
 import numpy as np
 import pytest
 
-<<<<<<< HEAD
-=======
-from holdfast.cli.evaluate import add_arguments
->>>>>>> main
 from holdfast.cli.main import main
 from holdfast.core.contract import (
     GRASP,
@@ -388,13 +384,3 @@ def test_a_threshold_chosen_on_what_is_scored_is_refused(
     request = EvaluationRequest((str(scenes),), choose=(f"{scenes}/../set",))
     with pytest.raises(UsageError, match="given both to --choose and to --data"):
         evaluate_events(model, request)
-<<<<<<< HEAD
-=======
-
-
-def test_evaluate_has_ten_options() -> None:
-    parser = argparse.ArgumentParser(add_help=False)
-    add_arguments(parser)
-    shown = re.findall(r"^  (--[a-z-]+)", parser.format_help(), re.M)
-    assert len(shown) == 10
->>>>>>> main

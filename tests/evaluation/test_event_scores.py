@@ -185,8 +185,6 @@ def test_figures_count_what_was_found_missed_false_and_already_on():
     assert scores.recall_ci[0] <= 0.25 <= scores.recall_ci[1]
 
 
-<<<<<<< HEAD
-=======
 def test_an_unknown_gross_slip_gives_a_delay_and_no_lead():
     scores = event_scores(
         [stream("a", (1.02, 1.2), events=(RiskyEvent(1.0, None, 1.1),))]
@@ -200,7 +198,6 @@ def test_an_unknown_gross_slip_gives_a_delay_and_no_lead():
     assert event_scores([known, unknown, stream("d")]).in_time == 0.5
 
 
->>>>>>> main
 @EVENTS.mark
 def test_streams_without_events_have_no_recall_and_one_group_has_no_interval():
     scores = event_scores([stream("a", (1.0, 1.1), events=())])

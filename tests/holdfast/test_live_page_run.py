@@ -191,34 +191,6 @@ def test_a_page_whose_process_does_not_start_is_an_error(monkeypatch):
         open_page("0", ABOUT, print)
 
 
-<<<<<<< HEAD
-=======
-def test_a_run_shows_itself_and_ends_as_without_a_page():
-    command = [*RUN, "--to", "web:0"]
-    with subprocess.Popen(
-        command, cwd=ROOT, text=True, stderr=subprocess.PIPE, env=dict(os.environ)
-    ) as run:
-        try:
-            assert run.stderr is not None
-            page = page_in(next(line for line in run.stderr if "live page" in line))
-            events = HTTPConnection("127.0.0.1", page[0], timeout=300)
-            events.request("GET", page[1] + "/events")
-            answer = events.getresponse()
-            while not ((shown := next_event(answer)[1]["sample"]) and all(shown["v"])):
-                pass
-            run.send_signal(signal.SIGTERM)
-            while not (last := next_event(answer)[1])["ended"]:
-                pass
-            events.close()
-            _, err = run.communicate(timeout=300)
-        finally:
-            run.kill()
-    assert shown["answer"]["latency_us"] > 0.0
-    assert last["ended"] == "the run has ended: it was stopped"
-    assert run.returncode == 0, err
-
-
->>>>>>> main
 @STALE_PAGE.mark
 def test_a_run_that_is_killed_ends_its_page():
     command = [*RUN, "--to", "web:0"]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
-from live_bench import DEFAULT, run_on
+from live_bench import DEFAULT, ROOT, run_on
 
 from holdfast.cli.main import main
 from holdfast.core.errors import UsageError
@@ -82,8 +84,6 @@ def test_a_tug_at_a_gripper_of_two_pads_is_held_by_the_commands(
     assert (outcome.strongest_n > 1.5 * outcome.wearers_n) == kept
 
 
-<<<<<<< HEAD
-=======
 def test_a_run_names_the_gripper_commands_it_and_ends_with_its_scene(
     two_pads: Path, tug: Path
 ) -> None:
@@ -103,7 +103,6 @@ def test_a_run_names_the_gripper_commands_it_and_ends_with_its_scene(
     assert "scene: " in done.stderr
 
 
->>>>>>> main
 WRONG = {
     "layout=mux": "the layout has 6 sensors, the scene's hand 2 sensors",
     "layout=0:35,71/0:35": "no such layout",
