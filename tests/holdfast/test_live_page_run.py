@@ -125,9 +125,10 @@ def test_the_page_gets_every_sample_its_answer_and_what_was_lost(model, ends):
 def test_the_page_gets_the_wearers_own_command(model, ends):
     ours, theirs = ends
     page = RunPage(PageLink(ours, print), model.card)
-    said = [Intent(10**9, "close")]
-    page.intent = IntentMonitor(lambda: said, lambda: 10**9, print)
-    page.intent.look()
+    said: list[list[Intent]] = [[], [Intent(10**9, "close")]]
+    page.intent = IntentMonitor(lambda: said.pop(0), lambda: 10**9, print)
+    for _ in range(2):
+        page.intent.look()
     page.write(prediction(), Sample(0, np.zeros(18), VALID, 0), READING)
     (shown,) = [one["sample"]["intent"] for one in received(theirs)]
     assert shown == {"wants": "close", "link": "live"}
