@@ -293,8 +293,6 @@ def test_a_model_of_a_raw_field_runs_in_reduced_mode_and_says_so(model):
     controller_for("holdfast", replace(model.card, unit="uT"), messages.append)
     assert len(messages) == 1
     assert "reduced mode" in messages[0]
-    with pytest.raises(UsageError, match="calibrate"):
-        controller_for("pd-shear", replace(model.card, unit="uT"), messages.append)
 
 
 def test_a_model_for_another_number_of_fingers_is_refused(model):
