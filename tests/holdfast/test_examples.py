@@ -303,7 +303,12 @@ def in_c(samples: Samples, filter_ms: int, folder: Path) -> list[int]:
 @BROKEN_LINE.mark
 @pytest.mark.parametrize(
     ("receiver", "n", "filter_ms"),
-    [(in_python, 100_000, 0), (in_python, 50_000, 60), (in_c, 300_000, 0)],
+    [
+        (in_python, 100_000, 0),
+        (in_python, 50_000, 60),
+        (in_c, 1_000_000, 0),
+        pytest.param(in_python, 1_000_000, 0, marks=pytest.mark.soak),
+    ],
 )
 def test_no_line_silence_or_restart_delays_an_opening_that_the_hand_has_decided(
     receiver, n, filter_ms, tmp_path
