@@ -48,7 +48,7 @@ class StudiedSet:
     """All figures of a set. points: critical points of each kind. cases: by name.
 
     late: share of the risky predicting windows at whose end the event has begun, 0 to 1, None where
-    no onset is known. leaky: case 1 with windows split at random.
+    no onset is known.
     """
 
     data: str
@@ -61,7 +61,6 @@ class StudiedSet:
     points: dict[str, int]
     late: float | None
     cases: dict[str, CaseFigures]
-    leaky: CaseFigures
 
 
 @dataclass(frozen=True)
