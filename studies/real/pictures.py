@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap
 from sklearn.metrics import confusion_matrix, precision_recall_curve, roc_curve
 
 from holdfast.core.contract import SITUATIONS
@@ -13,11 +11,9 @@ from holdfast.evaluation.style import (
     INK,
     OURS,
     QUIET,
-    SITUATION_COLOURS,
     drawing,
     svg,
 )
-from holdfast.export.network import IntArray
 from holdfast.training.crossval import HeldOut
 from holdfast.training.figures import ABSENT, HeadFigures, Interval
 from holdfast.training.metrics import situation_scores
@@ -25,8 +21,6 @@ from holdfast.training.recording import DataSet
 from studies.bars import Bar, bar, bars
 from studies.real.figures import prediction_of
 from studies.row_names import row_class, shown
-
-TRIALS_SHOWN = 8
 
 
 def table_bars(rows: dict[str, HeadFigures]) -> str:
@@ -122,50 +116,3 @@ def by_person(data: DataSet, held_out: HeldOut) -> str:
         )
         axes.grid(axis="y", color=GRID)
         return svg(figure)
-
-
-def timelines(data: DataSet, held_out: HeldOut) -> str:
-    """Truth above, answer below, for one trial each of several people."""
-    task = data.tasks["situations"]
-    answered = held_out.situations()
-    firsts = {
-        recording.group: index
-        for index, recording in reversed(list(enumerate(data.recordings)))
-    }
-    chosen = sorted(firsts.values())[:TRIALS_SHOWN]
-    with drawing(8.6, 0.62 * len(chosen) + 0.7) as figure:
-        for axes, index in zip(
-            np.atleast_1d(figure.subplots(len(chosen), 1, sharex=True)),
-            chosen,
-            strict=True,
-        ):
-            here = task.trial == index
-            rows = np.stack([task.label[here], answered[here]])
-            end_s = task.row[here][-1] / data.recordings[index].rate_hz
-            start_s = task.row[here][0] / data.recordings[index].rate_hz
-            _strips(axes, rows, start_s, end_s)
-            axes.set_ylabel(
-                f"person {data.recordings[index].group}",
-                rotation=0,
-                ha="right",
-                va="center",
-                fontsize=8,
-            )
-        axes.set_xlabel("time in the trial, s")
-        return svg(figure)
-
-
-def _strips(axes: Axes, rows: IntArray, start_s: float, end_s: float) -> None:
-    colours = ListedColormap(("#ffffff", *SITUATION_COLOURS))
-    axes.imshow(
-        rows,
-        aspect="auto",
-        cmap=colours,
-        vmin=-1,
-        vmax=3,
-        extent=(start_s, end_s, 2, 0),
-        interpolation="nearest",
-    )
-    axes.axhline(1, color="white", linewidth=1.5)
-    axes.set_yticks([0.5, 1.5], ["was", "answered"], fontsize=7)
-    axes.spines[:].set_visible(False)
