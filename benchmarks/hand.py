@@ -232,12 +232,11 @@ def _detected_ms(model: Model, fault: str, phase: float) -> float:
             found_s.append(now_s)
 
     end_ns = round(1e9 * (at_s + 1.0))
-    _answered(
-        bench,
-        model,
-        emit,
-        lambda: bool(found_s) or bench.clock.now_ns() >= end_ns,
-    )
+
+    def stopped() -> bool:
+        return bool(found_s) or bench.clock.now_ns() >= end_ns
+
+    _answered(bench, model, emit, stopped)
     return 1e3 * (found_s[0] - at_s) if found_s else float("inf")
 
 
