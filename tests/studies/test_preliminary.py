@@ -23,7 +23,6 @@ from studies.thesis_preliminary.cases import (
 from studies.thesis_preliminary.points import (
     KINDS,
     Points,
-    first_component,
     points_of,
     windows,
 )
@@ -142,13 +141,6 @@ def test_a_point_is_what_the_truth_says_around_it_and_not_what_a_sensor_does(
         ]
         assert {0: 1, 1: 1, 2: 2, 3: 3}[int(kind)] == max(near)
         assert (kind == 1) == (max(near) == 1 and row >= 120 + 90)
-
-
-def test_the_first_component_has_no_arbitrary_sign_and_ignores_dead_channels():
-    x = np.outer(np.arange(50.0), [1.0, 2.0, 0.0])
-    score = first_component(x)
-    assert (np.diff(score) > 0).all()
-    np.testing.assert_allclose(first_component(x[:, :2]), score)
 
 
 @pytest.mark.parametrize("name", ["2", "3"])
