@@ -42,7 +42,7 @@ class Measure:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this program."""
-    programs = {**MEASURES, **PROGRAMS}
+    programs: dict[str, Measure | Program] = {**MEASURES, **PROGRAMS}
     lines = [f"  {name:<14}{one.about}" for name, one in programs.items()]
     parser.epilog = "WHAT:\n" + "\n".join(lines)
     option = parser.add_argument

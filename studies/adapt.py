@@ -127,7 +127,7 @@ def study_style(
 ) -> Json:
     """Figures of both files on a style's test set, and the points that adapting chose."""
     test = streams_of(model, test_set(style, folder))
-    as_it_is = ([one.answers for one in test], model.card.decision)
+    as_it_is: Answered = ([one.answers for one in test], model.card.decision)
     weights = label_weights(model)
     in_all = votes_in_all(model.card.raw["heads"]["situation"])
     adapted: list[Answered] = []
@@ -141,7 +141,7 @@ def study_style(
         answers = [corrected(one, correction, weights) for one in test]
         adapted.append((answers, point.rules))
         points.append(asdict(point))
-    files = {BEFORE: [as_it_is], ADAPTED: adapted}
+    files: dict[str, list[Answered]] = {BEFORE: [as_it_is], ADAPTED: adapted}
     figures = {name: asdict(file_figures(of)) for name, of in files.items()}
     return {"ways": figures, "points": points}
 

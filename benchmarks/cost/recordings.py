@@ -16,6 +16,7 @@ from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.datasets import load
 from holdfast.training.recording import DataSet
+from holdfast.training.windows import Choice
 
 Parts = Mapping[str, tuple[str, int, int]]
 """Part -> scene, grasps, seed."""
@@ -70,7 +71,7 @@ def read(folder: Path, point: Point, part: str) -> DataSet:
     if point.of == "human":
         data = load(HUMAN)
         return replace(data, tasks={"situations": data.tasks["situations"]})
-    windows = "balanced" if part == "train" else "natural"
+    windows: Choice = "balanced" if part == "train" else "natural"
     return load(_place(folder, point.rate_hz, part), windows=windows)
 
 

@@ -98,7 +98,7 @@ def _times_us(folder: Path, points: Sequence[Point]) -> dict[Point, Json]:
 
     every = {name: step for of in steps.values() for name, step in of.items()}
     hot = time_in_turns(every, TURNS, CALLS)
-    deployed = {}
+    deployed: dict[str, FloatArray] = {}
     for rate_hz, of in steps.items():
         deployed |= time_deployed(of, rate_hz, DEPLOYED_S)
     found = {}

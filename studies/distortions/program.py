@@ -11,6 +11,7 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from holdfast.cli.command import path_argument
 from holdfast.cli.options import (
@@ -131,12 +132,13 @@ class Study:
         kept = self._kept("quiet", "hand")
         if kept is None:
             jobs = [QuietJob(self.model, row, self.seed) for row in quiet_rows()]
-            kept = []
+            rows: list[Json] = []
             with counted("quiet hands, a minute each", len(jobs)) as done:
                 for number, one in enumerate(self.workers.run(jobs), 1):
-                    kept.append(one)
+                    rows.append(one)
                     done(number)
-            self._keep("quiet", "hand", kept)
+            self._keep("quiet", "hand", rows)
+            return rows
         return list(kept)
 
     def _measure_open_loops(self, chosen: Sequence[Distortion]) -> None:
@@ -166,15 +168,14 @@ class Study:
                     self._keep(name, "closed", closed_outcomes(runs, request))
                 done(start + len(some))
 
-    def _kept(self, name: str, part: str) -> Json | None:
+    def _kept(self, name: str, part: str) -> Any:
         """What was kept of a row; None where it is of another study, or was never measured."""
         path = self._rows_folder / f"{name}.{part}.json"
         if not path.is_file():
             return None
         kept = json.loads(path.read_text("utf-8"))
-        found: Json = kept["figures"]
-        return found if kept["key"] == self.key else None
+        return kept["figures"] if kept["key"] == self.key else None
 
-    def _keep(self, name: str, part: str, figures: Json) -> None:
+    def _keep(self, name: str, part: str, figures: Any) -> None:
         text = json.dumps({"key": self.key, "figures": figures}) + "\n"
         write_whole(self._rows_folder / f"{name}.{part}.json", text)

@@ -79,8 +79,9 @@ def _picture(
         axes.grid(axis="x", color=GRID)
         axes.set_axisbelow(True)
         if axes.get_legend_handles_labels()[0]:
-            place = "outside lower center"
-            figure.legend(loc=place, ncols=3, frameon=False, fontsize=11)
+            figure.legend(
+                loc="outside lower center", ncols=3, frameon=False, fontsize=11
+            )
         return for_any_page(svg(figure))
 
 
