@@ -22,6 +22,11 @@ PROGRAMS = {
         "the default model on unseen simulated sets, with baselines",
         "build/evaluate",
     ),
+    "same-labels": Program(
+        "studies.same_labels",
+        "two files of one training: how many answers differ, sample by sample",
+        "build/same-labels",
+    ),
     "loop": Program(
         "studies.shared_control.program",
         "what holding on costs: grip controllers in a closed loop",

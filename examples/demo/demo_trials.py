@@ -18,7 +18,7 @@ RATE_HZ = 150.0
 TRIALS = 240
 TRAINED_SEED, UNSEEN_SEED = 0, 1
 SHOWN = ("fall", "pass")
-"""A slip and a hand-over: of each the first trial that an unseen seed planned, not picked by hand."""
+"""A slip and a hand-over: the first of each that an unseen seed planned, not picked by hand."""
 TRAIN, UNSEEN = "train", "unseen"
 
 

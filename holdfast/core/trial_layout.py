@@ -25,7 +25,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from holdfast.core.errors import LabelError, UsageError, one_line
+from holdfast.core.errors import LabelError, UsageError, command, one_line
 from holdfast.core.schema import json_of, text_of
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ HAND_FILE = "hand.toml"
 """The hand card of a set, next to the set's meta.json (core/hand_card.py)."""
 TRUTH = "tactile" + TRUTH_SUFFIX
 LOG_SUFFIXES = (
-    ".csv", ".tsv", ".txt", ".dat", ".xlsx", ".xlsm", ".parquet", ".mcap", ".xdf", ".xdfz"
+    ".csv", ".tsv", ".txt", ".dat", ".log", ".xlsx", ".xlsm", ".parquet", ".mcap", ".xdf", ".xdfz"
 )  # fmt: skip
 """Endings of logs of other programs, which `holdfast import` reads."""
 LOG_MARKS = ("metadata.yaml", "meta/info.json")
@@ -119,7 +119,7 @@ def has_logs(path: Path) -> bool:
 
 def import_command(path: Path) -> str:
     """The command that imports a log or a folder of logs."""
-    return f"holdfast import {path} --out {path.with_suffix('')}-trials"
+    return command("import", path, "--out", f"{path.with_suffix('')}-trials")
 
 
 def read_events(path: Path) -> list[Json]:

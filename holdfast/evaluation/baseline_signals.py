@@ -93,10 +93,10 @@ def _signals_graph(spec: StepSpec) -> bytes:
     spec = _ShortPast(**{**msgspec.structs.asdict(spec), "force_decides": False})
     # The bank reads the newest sample only; a short past makes the state, and the step, small.
     guarded = add_guard(graph, spec)
-    rectified, _ = add_bank(graph, spec, guarded)
-    graph.node("ReduceMax", rectified, [1], out="loudest", keepdims=1)
+    bank = add_bank(graph, spec, guarded)
+    graph.node("Identity", bank.loudest, out="loudest")
     graph.node("Identity", guarded.now, out="now")
-    graph.node("Identity", guarded.usable, out="usable")
+    graph.node("Cast", guarded.usable, out="usable", to=TensorProto.BOOL)
 
     # Double precision: the thresholds are compared as the detectors of the model compare them.
     graph.output("loudest", TensorProto.DOUBLE, 1, graph.n_channels)

@@ -45,19 +45,24 @@ class GraphBuilder:
         float64 for a float, int64 for a list of whole numbers (shapes, axes, indices).
         """
         made = out or self._fresh(op)
-        return self.nodes(op, *inputs, outs=[made], **attributes)[0]
+        self._add(op, inputs, [made], attributes)
+        return made
 
-    def nodes(
+    def split(self, tensor: str, sizes: list[int], outs: list[str]) -> list[str]:
+        """Parts of so many rows; a Split names several outputs, which are not numbered."""
+        names = [f"{self._prefix}part_{name}" for name in outs]
+        self._add("Split", (tensor, sizes), names, {"axis": 1})
+        return names
+
+    def _add(
         self,
         op: str,
-        *inputs: str | npt.ArrayLike,
+        inputs: tuple[str | npt.ArrayLike, ...],
         outs: list[str],
-        **attributes: Any,
-    ) -> list[str]:
-        """Add a node with several outputs and return their names."""
-        names = self._named(inputs)
-        self._nodes.append(helper.make_node(op, names, outs, **attributes))
-        return outs
+        attributes: dict[str, Any],
+    ) -> None:
+        made = helper.make_node(op, self._named(inputs), outs, **attributes)
+        self._nodes.append(made)
 
     def _named(self, inputs: tuple[str | npt.ArrayLike, ...]) -> list[str]:
         """Inputs as names of tensors; numbers become constants."""

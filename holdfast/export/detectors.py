@@ -12,8 +12,8 @@ difference of two samples, so that a large offset never enters the filter::
     u[t] = (K w_l d[t] - (w_l - K) u[t-1]) / (K + w_l),   K = 2 fs,   d[t] = x[t] - x[t-1]
 
 Each resonator is prewarped to its nominal frequency. The bank of a signal has one shared state and
-four for each band; a step is one product [1 + states] x [1 + states, states + bands]. The mean that
-contact is judged by (guard.py) is one more state of the same product.
+four for each band. One product steps all that is linear in the past of a channel: the bank, and the
+mean that contact is judged by (guard.py).
 
 The detectors are computed at every sample. (The critical points of training, which may look ahead,
 are in training/critical_points.py.) band_pass: the largest |output| over the bands of any shear
@@ -26,6 +26,7 @@ division. Unit N only.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from onnx import TensorProto
@@ -33,7 +34,7 @@ from onnx import TensorProto
 from holdfast.core.contract import FloatArray
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.guard import GuardOutputs
-from holdfast.export.spec import NOISE_RMS, ContactRule, StepSpec
+from holdfast.export.spec import NOISE_RMS, StepSpec
 
 DAMPING = 0.1
 """z of every resonator."""
@@ -41,9 +42,9 @@ LOW_PASS_HZ = 75.0
 """Corner frequency of the low-pass that stands behind the differentiator (w_l)."""
 STATES_PER_BAND = 4
 """Two resonators of second order, in transposed direct form II."""
-GRAIN = 1e-30
-"""Every number in the filter moves this far towards zero: silence must not become subnormal
-numbers, which are slow. Numbers from 1e-13 on stay as they are."""
+GRAIN = 1e-100
+"""The difference of two samples is this much more than it is: silence must not become subnormal
+numbers, which are slow. float32 and the rounding of any reading know nothing so small."""
 
 
 def sections(rate_hz: float, band_hz: float) -> FloatArray:
@@ -138,75 +139,80 @@ def noise_gain(
     return float(np.sqrt(energy).max())
 
 
-def add_bank(
-    graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs
-) -> tuple[str, list[str]]:
-    """Step the band-pass bank of every channel; returns |outputs| [B, bands, C], and the means.
+@dataclass(frozen=True)
+class BankOutputs:
+    """Names of what the product gives. rectified: [B, rows, C], outputs, negatives, and rows more.
 
-    The normal has a bank too: separating its channels costs more than stepping it. means: for the
-    contact rule, [B, 1, C] in units of its hysteresis, and as a step of the zero; none without it.
+    Each [B, 1, C], and 0 where the sensor is not usable: loudest, the largest of the rectified
+    ones; now, the sample; means, for the contact rule, the mean and a step of the zero, none
+    without it.
     """
-    bands = spec.usable_bands()
-    matrix = step_matrix(spec.rate_hz, bands)
-    size = 1 + STATES_PER_BAND * len(bands)
-    sizes = [size, len(bands)]
-    # a Split names several outputs, which the builder does not number
-    outs = ["bank_next", "bank_out"]
 
-    rule = spec.contact
-    if rule is not None:
-        matrix = _with_means(matrix, size, spec.rate_hz, rule)
-        size += 1
-        sizes = [size, len(bands), 1, 1]
-        outs += ["mean", "zero_step"]
+    rectified: str
+    loudest: str
+    now: str
+    means: list[str]
 
-    before = graph.state("bank", size)
+
+def add_bank(graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs) -> BankOutputs:
+    """Step all that is linear in the past of a channel, by one product.
+
+    The normal has a bank too: separating its channels costs more than stepping it.
+    """
+    bands = len(spec.usable_bands())
+    matrix, n_states = _linear_step(spec)
+    before = graph.state("bank", n_states)
     difference = graph.node("Sub", guarded.now, guarded.last)
-    inputs = [difference, before]
-    if rule is not None:
-        inputs.append(guarded.last)
-
-    # difference and state side by side, so that a whole step is one matrix product
+    inputs = [difference, before, guarded.now, guarded.moved]
     joined = graph.node("Concat", *inputs, axis=1)
-    # a sensor without a past has no difference yet
-    begun = graph.node("Mul", joined, guarded.begun)
-
-    # x - clip(x) is 0 up to GRAIN, x itself from 1e-13 on, a multiple of 1e-46 in between:
-    # never subnormal
-    grains = graph.node("Clip", begun, -GRAIN, GRAIN)
-    rested = graph.node("Sub", begun, grains)
 
     # The matrix stands on the left: its product runs along the channels, so a batch multiplies
     # each recording by the same matrix in the same order as a recording alone.
-    stepped = graph.node("MatMul", matrix.T, rested)
-    advanced, outputs, *means = graph.nodes("Split", stepped, sizes, outs=outs, axis=1)
+    product = graph.node("MatMul", matrix, joined)
+    # A lost sample holds the state: the last good value would read as a step of 0. A sensor without
+    # a past has no difference yet.
+    stepped = graph.node("Mul", product, guarded.moved)
+    n_means = 0 if spec.contact is None else 2
+    sizes = [n_states, 2 * bands + 1 + n_means]
+    change, heard = graph.split(stepped, sizes, ["change", "heard"])
+    following = graph.node("Add", before, change)
+    graph.keep("bank", graph.node("Mul", following, guarded.alive))
 
-    # a lost sample holds the state: the last good value would read as a step of 0
-    following = graph.node("Where", guarded.good, advanced, before)
-    graph.keep("bank", following)
-    return graph.node("Abs", outputs), means
+    counted = graph.node("Mul", heard, guarded.usable)
+    sizes = [2 * bands, *[1] * (1 + n_means)]
+    names = ["bands", "usable_now", "mean", "zero_step"][: len(sizes)]
+    swings, now, *means = graph.split(counted, sizes, names)
+    loudest = graph.node("ReduceMax", swings, [1], keepdims=1)
+    return BankOutputs(heard, loudest, now, means)
 
 
-def _with_means(
-    matrix: FloatArray, size: int, rate_hz: float, rule: ContactRule
-) -> FloatArray:
-    """The matrix [1 + S, S + bands] of a step, with the mean of the contact rule as a state.
+def _linear_step(spec: StepSpec) -> tuple[FloatArray, int]:
+    """The matrix [outputs, inputs] of a step, and the number S of its states.
 
-    Inputs: difference, S states, mean, last sample. Outputs: S states, mean, bands, mean again,
-    step of the zero. The mean is a low-pass m += share (x / hysteresis - m) with x = last +
-    difference.
+    Inputs: the difference of two samples, S states, the sample, and 1.0. Outputs: the change of S
+    states, each band and its negative, the sample, and for the contact rule the mean and a step of
+    the zero. The mean, the last state, is a low-pass m += share (x / hysteresis - m).
     """
-    hysteresis = rule.on - rule.off
-    share = 1.0 - math.exp(-1.0 / (rule.mean_s * rate_hz))
-    mean = np.zeros(size + 3)
-    mean[[0, size + 2]] = share / hysteresis
-    mean[size + 1] = 1.0 - share
-    step = mean * hysteresis / (rule.zero_s * rate_hz)
+    rule = spec.contact
+    bank = step_matrix(spec.rate_hz, spec.usable_bands()).T
+    n_states = bank.shape[1] - 1
+    # behind the bank's inputs: the mean, where there is one, the sample, and 1.0
+    more = 2 if rule is None else 3
+    bank = np.pad(bank, ((0, 0), (0, more)))
+    bank[:, -1] = GRAIN * bank[:, 0]
+    of_bank, bands = bank[:n_states], bank[n_states:]
+    change = of_bank - np.eye(n_states, bank.shape[1], k=1)
+    now = np.eye(1, bank.shape[1], k=bank.shape[1] - 2)
+    if rule is None:
+        return np.vstack([change, bands, -bands, now]), n_states
 
-    # the two inputs more do not reach the bank
-    of_bank = np.vstack([matrix, np.zeros((2, matrix.shape[1]))])
-    columns = [of_bank[:, :size], mean[:, None], of_bank[:, size:]]
-    return np.hstack([*columns, mean[:, None], step[:, None]])
+    hysteresis = rule.on - rule.off
+    share = 1.0 - math.exp(-1.0 / (rule.mean_s * spec.rate_hz))
+    before = np.eye(1, bank.shape[1], k=1 + n_states)
+    mean = share / hysteresis * now + (1.0 - share) * before
+    step = mean * hysteresis / (rule.zero_s * spec.rate_hz)
+    rows = [change, mean - before, bands, -bands, now, mean, step]
+    return np.vstack(rows), n_states + 1
 
 
 def detector_names(spec: StepSpec) -> tuple[str, ...]:
@@ -218,14 +224,14 @@ def detector_names(spec: StepSpec) -> tuple[str, ...]:
 
 
 def add_detectors(
-    graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs, rectified: str
+    graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs, bank: BankOutputs
 ) -> None:
     """Publish `detectors` [B, D] bool, in any channel, in the order of `detector_names`."""
-    firing = _band_pass(graph, spec, guarded, rectified)
+    firing = _band_pass(graph, spec, guarded, bank.loudest)
     point = _band_pass_point(graph, spec, firing)
     rows = [firing, point]
     if spec.unit == "N":
-        rows.append(_friction_cone(graph, spec, guarded))
+        rows.append(_friction_cone(graph, spec, bank.now))
 
     # each row [B, 1, C] has its flags in the columns of its channels; one "any" serves all rows
     joined = graph.node("Concat", *rows, axis=1)
@@ -234,42 +240,33 @@ def add_detectors(
 
 
 def _band_pass(
-    graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs, rectified: str
+    graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs, loudest: str
 ) -> str:
     """[B, 1, C]: a usable shear signal is above its noise floor.
 
-    For a channel that is not usable, the peak is its floor.
+    The state is the floor over `floor_share`, s: so loudest / state is s x ratio, and the floor is
+    multiplied by 1 - s + s x ratio at each sample, by 1 where the sensor is not usable.
     """
     rules = spec.detectors
-    gain = noise_gain(spec.rate_hz, spec.usable_bands())
-    quiet_peak = NOISE_RMS[spec.unit] * gain
+    share = spec.floor_share
+    quiet_peak = NOISE_RMS[spec.unit] * noise_gain(spec.rate_hz, spec.usable_bands())
 
     # a fresh state is 0, and a channel can be quieter than the sensor's noise for a while
     before = graph.state("floor", 1)
-    floor = graph.node("Max", before, quiet_peak)
-    loudest = graph.node("ReduceMax", rectified, [1], keepdims=1)
-    peak = graph.node("Where", guarded.usable, loudest, floor)
+    floor = graph.node("Max", before, quiet_peak / share)
+    ratio = graph.node("Div", loudest, floor)
+    factor = graph.node("Add", ratio, guarded.still)
 
     # the normal is not shear
-    ratio = np.tile([rules.band_ratio, rules.band_ratio, np.inf], spec.n_sensors)
-    threshold = graph.node("Mul", floor, ratio)
-    above = graph.node("Greater", peak, threshold)
+    ratios = np.tile([rules.band_ratio, rules.band_ratio, np.inf], spec.n_sensors)
+    above = graph.node("Greater", factor, 1.0 - share + share * ratios)
 
-    # while it fires, the floor almost stops: a slip must not raise its threshold
-    # A running mean with this time constant moves by this share of the distance at each sample.
-    fast = min(1.0, 1.0 / (rules.floor_tau_s * spec.rate_hz))
-    slow = fast * rules.firing_rate
-    # a look-up costs less than a choice
-    is_above = graph.node("Cast", above, to=TensorProto.INT64)
-    rate = graph.node("Gather", [fast, slow], is_above)
-
-    # clipped, so that one loud sample cannot raise the floor for seconds
-    most = graph.node("Mul", floor, rules.floor_clip)
-    clipped = graph.node("Min", peak, most)
-    distance = graph.node("Sub", clipped, floor)
-    change = graph.node("Mul", distance, rate)
-    following = graph.node("Add", floor, change)
-    graph.keep("floor", following)
+    # Clipped, so that one loud sample cannot raise the floor for seconds. While it fires, the floor
+    # almost stops: a slip must not raise its threshold.
+    more = share * (rules.floor_clip - 1.0)
+    clipped = graph.node("Min", factor, 1.0 + more)
+    taken = graph.node("Where", above, 1.0 + more * rules.firing_rate, clipped)
+    graph.keep("floor", graph.node("Mul", floor, taken))
     return above
 
 
@@ -281,33 +278,27 @@ def _band_pass_point(graph: GraphBuilder, spec: StepSpec, firing: str) -> str:
     quiet = graph.state("quiet", 1)
     fired = graph.node("ReduceMax", firing, [2], keepdims=1)
     longer = graph.node("Add", quiet, 1.0)
-    following = graph.node("Where", fired, 0.0, longer)
-    graph.keep("quiet", following)
+    graph.keep("quiet", graph.node("Where", fired, 0.0, longer))
 
     # the count before this sample: an excursion that begins now has not ended the quiet yet
     needed = spec.detectors.quiet_s * spec.rate_hz
     enough = graph.node("GreaterOrEqual", quiet, needed)
-
     return graph.node("And", firing, enough)
 
 
-def _friction_cone(graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs) -> str:
+def _friction_cone(graph: GraphBuilder, spec: StepSpec, now: str) -> str:
     """[B, 1, C] in the normal's column: |shear| > mu x normal at a usable, pressed finger."""
     rules = spec.detectors
 
-    # shear > mu x normal instead of shear / normal > mu: no division by a small force
-    squares = graph.node("Mul", guarded.now, guarded.now)
-    # One product adds the squares of x and y and puts the sum into the column of z.
-    shear_to_normal = [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]
-    matrix = np.kron(np.eye(spec.n_sensors), shear_to_normal)
-    squared_shear = graph.node("MatMul", squares, matrix)
-    shear = graph.node("Sqrt", squared_shear)
-    most = graph.node("Mul", guarded.now, rules.friction)
+    # Squares: no root, no division by a small force. One product puts the sum of those of x and y
+    # into the column of z.
+    squares = graph.node("Mul", now, now)
+    to_normal = [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]
+    shear = graph.node("MatMul", squares, np.kron(np.eye(spec.n_sensors), to_normal))
+    most = graph.node("Mul", squares, rules.friction**2)
     outside = graph.node("Greater", shear, most)
 
     # in the columns of shear, no force is enough
     least = np.tile([np.inf, np.inf, rules.min_normal_n], spec.n_sensors)
-    pressed = graph.node("Greater", guarded.now, least)
-
-    slips = graph.node("And", outside, pressed)
-    return graph.node("And", slips, guarded.usable)
+    pressed = graph.node("Greater", now, least)
+    return graph.node("And", outside, pressed)

@@ -107,7 +107,9 @@ def _span_means(spec: StepSpec) -> FloatArray:
 
 def _bands(history: History) -> str:
     graph = history.graph
-    by_channel = graph.node("Transpose", history.rectified, perm=[0, 2, 1])
+    outputs = graph.columns(history.rectified, 0, len(history.spec.usable_bands()))
+    sizes = graph.node("Abs", outputs)
+    by_channel = graph.node("Transpose", sizes, perm=[0, 2, 1])
     # every third channel is a normal force
     shear = [channel for channel in range(history.spec.n_channels) if channel % 3 < 2]
     of_shear = graph.node("Gather", by_channel, shear, axis=1)
@@ -251,7 +253,6 @@ def add_features(
     history = History(graph, spec, guarded, rectified)
     parts = _parts(history, spec.groups)
 
-    # one part needs no node that joins it
     joined = parts[0] if len(parts) == 1 else graph.node("Concat", *parts, axis=1)
     # float64 up to here: float32 is what the learners were trained on
     graph.node("Cast", joined, out="features", to=TensorProto.FLOAT)
@@ -282,10 +283,10 @@ def add_step(graph: GraphBuilder, spec: StepSpec) -> tuple[str, str]:
     empty: bool by force, "" where force does not decide "nothing".
     """
     guarded = add_guard(graph, spec)
-    rectified, means = add_bank(graph, spec, guarded)
-    add_detectors(graph, spec, guarded, rectified)
-    empty = add_contact(graph, spec, guarded, means)
-    return add_features(graph, spec, guarded, rectified), empty
+    bank = add_bank(graph, spec, guarded)
+    add_detectors(graph, spec, guarded, bank)
+    empty = add_contact(graph, spec, guarded, bank.means)
+    return add_features(graph, spec, guarded, bank.rectified), empty
 
 
 def add_features_alone(graph: GraphBuilder, spec: StepSpec) -> str:
@@ -295,10 +296,8 @@ def add_features_alone(graph: GraphBuilder, spec: StepSpec) -> str:
     """
     spec = msgspec.structs.replace(spec, force_decides=False)
     guarded = add_guard(graph, spec)
-    known = [GROUPS[name] for name in spec.groups if name in GROUPS]
-    # only the bank's memory never ends
-    reads_bank = any(group.memory_s == math.inf for group in known)
-    rectified = add_bank(graph, spec, guarded)[0] if reads_bank else ""
+    reads_bank = "bands" in spec.groups
+    rectified = add_bank(graph, spec, guarded).rectified if reads_bank else ""
     return add_features(graph, spec, guarded, rectified)
 
 

@@ -4,7 +4,7 @@ A sample of a sensor is good if the driver marks it as valid and all three chann
 in range. A bad one is replaced by the last good one, and the sensor's filter state is held. NaN
 cannot pass: every comparison with NaN is false.
 
-The history of a sensor is one number, its place, stepped by a table (`_next_places`):
+The history of a sensor is one number, its place, stepped by a table (`_tables`):
 
     0                            fresh: it has no past
     (delivered, lost in a row)   higher with more delivered samples, lower with more lost ones
@@ -42,21 +42,30 @@ class GuardOutputs:
     """Names of the guarded tensors, each [B, 1, C] but the past.
 
     now, last: this and the previous good sample. past: all samples before this one, in parts
-    [B, rows, C], oldest first. good: bool, delivered now. begun: 1.0, or 0.0 where the sensor has
-    no past. usable: bool. known: [B, 1, 1] bool, enough sensors are usable. zero: what was taken
-    from the sample; "" where force does not decide. counted: usable as 1.0 or 0.0 where features
-    are pooled and not every sensor is needed, else "".
+    [B, rows, C], oldest first. moved: 1.0, or 0.0 where the sensor has delivered nothing now, or
+    has no past to move on from. alive: 1.0, or 0.0 where a loss has ended its past. usable: 1.0 or
+    0.0. weight: 1.0, or LEAST_WEIGHT where the sensor is not usable. still: share of a noise floor
+    that no new sample changes, 1.0 where the sensor is not usable. known: [B, 1, 1] bool, enough
+    sensors are usable. zero: what was taken from the sample; "" where force does not decide.
     """
 
     now: str
     last: str
     past: tuple[str, ...]
-    good: str
-    begun: str
+    moved: str
+    alive: str
     usable: str
+    weight: str
+    still: str
     known: str
     zero: str
-    counted: str
+
+
+LEAST_WEIGHT = 1e-12
+"""Of a sensor that is not usable: far below any weight that counts, so that nothing over nothing
+is 1."""
+SETTLED = 1.0 / 1024.0
+"""What a settled sensor counts where usable ones count 1: the largest count is that of these."""
 
 
 def add_guard(graph: GraphBuilder, spec: StepSpec) -> GuardOutputs:
@@ -83,25 +92,23 @@ def add_guard(graph: GraphBuilder, spec: StepSpec) -> GuardOutputs:
     graph.keep("oldest", older)
     graph.keep("older", last)
     graph.keep("last", now)
-    begun = graph.node("Min", place, 1.0)
 
-    # The cast rounds a share below 1 down. One look-up costs less than the comparisons and
-    # choices of two counters, and no number of samples overflows it.
+    # The cast rounds a share below 1 down. One look-up in all tables costs less than the
+    # comparisons and choices of two counters, and no number of samples overflows it.
+    tables = _tables(spec)
     even_or_odd = graph.node("Add", place, share)
-    entry = graph.node("Cast", even_or_odd, to=TensorProto.INT64)
-    following = graph.node("Gather", _next_places(spec), entry)
-    graph.keep("place", following)
+    behind_each_other = np.arange(len(tables))[:, None] * float(tables.shape[1])
+    entry = graph.node("Add", even_or_odd, behind_each_other)
+    whole = graph.node("Cast", entry, to=TensorProto.INT64)
+    found = graph.node("Gather", tables.ravel(), whole)
+    outs = ["next_place", "moved", "alive", "usable", "weight", "still", "flags"]
+    sizes = [1, 1, 1, 1, 1, 1, 2]
+    parts = dict(zip(outs, graph.split(found, sizes, outs), strict=True))
+    graph.keep("place", parts.pop("next_place"))
 
-    counted = ""
-    if spec.is_pooled and spec.min_valid_sensors < spec.n_sensors:
-        usable, known, counted = _publish_by_side(graph, spec, following)
-    else:
-        usable, known = _publish(graph, spec, following)
-    graph.output("settled", TensorProto.BOOL)
-    graph.output("unknown", TensorProto.BOOL)
-    graph.output("usable_sensors", TensorProto.INT32)
+    known = _publish(graph, spec, parts.pop("flags"))
     past = (oldest, older, last)
-    return GuardOutputs(now, last, past, good, begun, usable, known, zero, counted)
+    return GuardOutputs(now=now, last=last, past=past, known=known, zero=zero, **parts)
 
 
 def _share_of_good(graph: GraphBuilder, spec: StepSpec) -> str:
@@ -118,10 +125,11 @@ def _share_of_good(graph: GraphBuilder, spec: StepSpec) -> str:
     return graph.node("MatMul", checks, quarters)
 
 
-def _next_places(spec: StepSpec) -> FloatArray:
-    """[last place + 2] next places: entry `place` if this sample is bad, `place + 1` if good.
+def _tables(spec: StepSpec) -> FloatArray:
+    """[8, last place + 2]: what a sensor is next, by its place: an entry if this sample is bad, the
+    entry behind it if it is good, so a place is an even number.
 
-    So that both entries of a place fit into one table, a place is an even number.
+    Next place; moved; alive; usable; weight; still; and as they are counted, usable and settled.
     """
     bridged = spec.gap_samples + 1
     number = np.arange(1 + bridged * spec.settle_samples)
@@ -132,82 +140,41 @@ def _next_places(spec: StepSpec) -> FloatArray:
     is_lost = (number == 0) | (lost + 1 == bridged)
     after_bad = np.where(is_lost, 0, number - 1)
     after_good = bridged * np.minimum(delivered + 1, spec.settle_samples)
-    return 2.0 * np.stack([after_bad, after_good], axis=1).ravel()
+    after = np.stack([after_bad, after_good], axis=1).ravel()
+
+    usable = (after == number[-1]).astype(np.float64)
+    settled = (after > number[-1] - bridged).astype(np.float64)
+    moved = np.stack([0.0 * number, number > 0], axis=1).ravel()
+    weight = usable + LEAST_WEIGHT
+    still = 1.0 - spec.floor_share * usable
+    alive = (after > 0).astype(np.float64)
+    of_sensor = [moved, alive, usable, weight, still]
+    return np.stack([2.0 * after, *of_sensor, usable, settled * SETTLED])
 
 
-def _publish(graph: GraphBuilder, spec: StepSpec, place: str) -> tuple[str, str]:
-    """Publish the flags; returns usable [B, 1, C] and known [B, 1, 1], bool."""
-    last_place, first_settled = _settled_places(spec)
-
-    # places are whole: above the place before is at the place itself
-    usable = graph.node("Greater", place, last_place - 1.0)
-    n_usable = _count(graph, usable)
-    graph.node("Div", n_usable, np.int32(3), out="usable_sensors")
-
-    if spec.min_valid_sensors == spec.n_sensors:
-        # where every sensor is needed, the worst one decides, and nothing is counted
-        worst = graph.node("ReduceMin", place, [1, 2], keepdims=1)
-        known = graph.node("Greater", worst, last_place - 1.0)
-        of_hand = graph.reshape(worst, -1)
-        graph.node("Greater", of_hand, first_settled - 1.0, out="settled")
-        graph.node("Less", of_hand, float(last_place), out="unknown")
-    else:
-        needed = graph.constant(3 * spec.min_valid_sensors, np.int32)
-        settled = graph.node("Greater", place, first_settled - 1.0)
-        n_settled = _count(graph, settled)
-        graph.node("GreaterOrEqual", n_settled, needed, out="settled")
-        graph.node("Less", n_usable, needed, out="unknown")
-        enough = graph.node("GreaterOrEqual", n_usable, needed)
-        known = graph.reshape(enough, -1, 1, 1)
-
-    return usable, known
-
-
-def _settled_places(spec: StepSpec) -> tuple[int, int]:
-    """The place of a sensor that is usable, and the lowest one of a sensor that is settled."""
-    a_delivery = 2 * (spec.gap_samples + 1)
-    last_place = a_delivery * spec.settle_samples
-    return last_place, last_place - a_delivery + 2
-
-
-def _publish_by_side(
-    graph: GraphBuilder, spec: StepSpec, place: str
-) -> tuple[str, str, str]:
-    """Publish the flags where each side needs a sensor; returns usable, known and counted."""
-    last_place, first_settled = _settled_places(spec)
-    # two rows: usable now, and settled
-    above = np.array([[last_place - 1.0], [first_settled - 1.0]])
-    flags = graph.node("Greater", place, above)
-    numbers = graph.node("Cast", flags, to=TensorProto.DOUBLE)
-
-    # of all sensors, and of each side
-    sides = side_matrix(spec)
-    members = np.hstack([np.ones((spec.n_sensors, 1)), sides])
-    counts = graph.node("MatMul", numbers, np.kron(members, [[1.0], [0.0], [0.0]]))
-    needed = np.array([spec.min_valid_sensors, 1, 1], dtype=np.float64)
-    enough = graph.node("GreaterOrEqual", counts, needed)
-    both = graph.node("ReduceMin", enough, [2], keepdims=0)
-
-    first, second = (graph.constant(row, np.int64) for row in range(2))
-    graph.node("Gather", both, second, out="settled", axis=1)
-    is_known = graph.node("Gather", both, first, axis=1)
-    number = graph.node("Cast", is_known, to=TensorProto.INT32)
-    graph.node("Less", number, np.int32(1), out="unknown")
+def _publish(graph: GraphBuilder, spec: StepSpec, flags: str) -> str:
+    """Publish what is known of the hand; returns known. flags [B, 2, C]: usable and settled."""
+    # of all sensors; with pooled features also of each side
+    members = np.ones((spec.n_sensors, 1))
+    needed = [spec.min_valid_sensors]
+    if spec.is_pooled:
+        members = np.hstack([members, side_matrix(spec)])
+        needed += [1, 1]
+    counts = graph.node("MatMul", flags, np.kron(members, [[1.0], [0.0], [0.0]]))
+    least = np.outer([1.0, SETTLED], needed)
+    enough = graph.node("GreaterOrEqual", counts, least)
+    both = graph.node("ReduceMin", enough, [2], keepdims=1)
+    known = graph.node("Gather", both, [0], axis=1)
+    graph.node("Not", graph.reshape(known, -1), out="unknown")
+    # usable sensors are settled: where these are enough, those are too
+    graph.node("ReduceMax", both, [1, 2], out="settled", keepdims=0)
     # no side has more sensors than the hand
-    usable_counts = graph.node("Gather", counts, first, axis=1)
-    most = graph.node("ReduceMax", usable_counts, [1], keepdims=0)
+    most = graph.node("ReduceMax", counts, [1, 2], keepdims=0)
     graph.node("Cast", most, out="usable_sensors", to=TensorProto.INT32)
-
-    usable = graph.columns(flags, 0, 1)
-    known = graph.reshape(is_known, -1, 1, 1)
-    return usable, known, graph.columns(numbers, 0, 1)
-
-
-def _count(graph: GraphBuilder, flags: str) -> str:
-    """[B, 1, C] bool -> [B] number of channels."""
-    # as int32, whose sum is exact and whose division by three is that of whole numbers
-    numbers = graph.node("Cast", flags, to=TensorProto.INT32)
-    return graph.node("ReduceSum", numbers, [1, 2], keepdims=0)
+    graph.output("settled", TensorProto.BOOL)
+    graph.output("unknown", TensorProto.BOOL)
+    graph.output("usable_sensors", TensorProto.INT32)
+    return known
 
 
 def reference_flags(
@@ -295,21 +262,13 @@ def add_contact(
 ) -> str:
     """Add the contact rule, publish `empty` [B, 1] bool and return it; "" without the rule.
 
-    means: of the bank. The length of the mean is compared with `on` where the hand was empty, with
-    `off` where it touched something, as it does in a fresh state.
+    means: of the bank, 0 where a sensor is not usable: its last reading must not hold on. Their
+    length is compared with `on` where the hand was empty, with `off` where it touched something.
     """
     rule = spec.contact
     if rule is None:
         return ""
     mean, pull = means
-    # a sensor that a degraded hand lacks says nothing; its last reading must not hold on
-    if guarded.counted:
-        # the mean of a guarded sample is finite, so a product will do, and costs less
-        mean = graph.node("Mul", mean, guarded.counted)
-        pull = graph.node("Mul", pull, guarded.counted)
-    elif spec.min_valid_sensors < spec.n_sensors:
-        mean = graph.node("Where", guarded.usable, mean, 0.0)
-        pull = graph.node("Where", guarded.usable, pull, 0.0)
 
     # In units of the hysteresis, a hand that was empty may read 1 more than one that was not. A
     # product and a sum cost less than a choice of two thresholds.
@@ -327,8 +286,7 @@ def add_contact(
     most = rule.zero_per_s / spec.rate_hz
     step = graph.node("Clip", pull, -most, most)
     taken = graph.node("Mul", step, flag)
-    zero = graph.node("Add", guarded.zero, taken)
-    graph.keep("zero", zero)
+    graph.keep("zero", graph.node("Add", guarded.zero, taken))
 
     # the flag is the same in all channels
     first = graph.constant(0, np.int64)

@@ -92,10 +92,13 @@ def add_heads(
     for head in heads:
         n_classes = len(head.classes)
         out = head.votes_name
+        rule = ByForce.of(head)
+        moves = empty and rule.is_main
+        moved = rule.nothing_to_grasp().astype(np.float32) if moves else None
         learned = learned_name(out) if empty else out
-        votes = add_learner(graph, head.learner, features, n_classes, learned)
+        votes = add_learner(graph, head.learner, features, n_classes, learned, moved)
         if empty:
-            votes = ByForce.of(head).add(graph, votes, empty, out)
+            votes = rule.choose(graph, votes, empty, out)
         graph.output(out, TensorProto.FLOAT, n_classes)
         if head.name != MAIN_HEAD:
             _publish_extra(graph, head, votes)
@@ -120,18 +123,26 @@ class ByForce:
         """Of a trained head."""
         return ByForce(head.name, head.classes, votes_in_all(head.learner))
 
+    @property
+    def is_main(self) -> bool:
+        """Whether it is a head that votes for nothing."""
+        return self.name == MAIN_HEAD
+
     def add(self, graph: GraphBuilder, votes: str, empty: str, out: str) -> str:
         """Add it to a graph; returns the votes [B, K] after the rule."""
-        if self.name == MAIN_HEAD:
+        if self.is_main:
             # products with 0 and 1, and sums below 2^24, are exact
             votes = graph.node("MatMul", votes, np.float32(self.nothing_to_grasp()))
-        return graph.node(
-            "Where", empty, np.float32(self.without_contact()), votes, out=out
-        )
+        return self.choose(graph, votes, empty, out)
+
+    def choose(self, graph: GraphBuilder, votes: str, empty: str, out: str) -> str:
+        """Add the choice between votes in contact [B, K] and those of an empty hand."""
+        without = np.float32(self.without_contact())
+        return graph.node("Where", empty, without, votes, out=out)
 
     def in_contact(self, votes: IntArray) -> IntArray:
         """The learner's votes [N, K] after the rule, of a hand that touches something."""
-        if self.name != MAIN_HEAD:
+        if not self.is_main:
             return votes
         return np.asarray(votes @ self.nothing_to_grasp())
 
@@ -221,8 +232,8 @@ def _calibrated(graph: GraphBuilder, head: Head, votes: str, out: str = "") -> s
     """[B, K] float32 probabilities; the division of votes into shares is part of the weights."""
     # Votes have the same sum in every row, so a share is a product with a constant.
     weights = head.calibration.weights / votes_in_all(head.learner)
-    product = graph.node("MatMul", votes, np.float32(weights))
-    logits = graph.node("Add", product, np.float32(head.calibration.bias))
+    bias = np.float32(head.calibration.bias)
+    logits = graph.node("Gemm", votes, np.float32(weights), bias)
     return graph.node("Softmax", logits, out=out, axis=1)
 
 
@@ -234,9 +245,12 @@ def _publish_extra(graph: GraphBuilder, head: Head, votes: str) -> None:
     graph.output(head.name, TensorProto.FLOAT)
 
 
-def _publish_label(graph: GraphBuilder, head: Head, votes: str) -> None:
+def _publish_label(
+    graph: GraphBuilder, head: Head, votes: str, more: tuple[float, ...] = ()
+) -> None:
+    """votes [B, 4], and columns more that are never the largest. more: 1.0 for each of these."""
     if head.label_weights is not None:
-        weights = np.asarray(head.label_weights, np.float32)
+        weights = np.asarray([*head.label_weights, *more], np.float32)
         votes = graph.node("Mul", votes, weights)
 
     # Of equal votes the last counts, which is the riskier situation.
@@ -251,17 +265,20 @@ def _publish_classes(graph: GraphBuilder, head: Head, votes: str) -> None:
     graph.output("p_class", TensorProto.FLOAT, len(CLASSES))
 
     # a situation is the sum of its light and its heavy class; whole votes add up exactly
-    light_and_heavy = np.kron(np.eye(len(SITUATIONS)), np.ones((2, 1)))
-    pairs = graph.constant(light_and_heavy, np.float32)
-    graph.node("MatMul", "p_class", pairs, out="p_situation")
+    pairs = np.kron(np.eye(len(SITUATIONS)), np.ones((2, 1)))
+    graph.node("MatMul", "p_class", np.float32(pairs), out="p_situation")
     graph.output("p_situation", TensorProto.FLOAT, len(SITUATIONS))
-    by_situation = graph.node("MatMul", votes, pairs)
-    _publish_label(graph, head, by_situation)
 
-    # "nothing" has no weight, so its two classes do not count; a tie is heavy, which is riskier
-    heavier = np.array([0, 0] + [-1, 1] * 3, np.float32)
-    difference = graph.node("MatMul", votes, heavier)
-    graph.node("GreaterOrEqual", difference, np.float32(0.0), out="weight")
+    # "Nothing" has no weight, so its two classes do not count; a tie is heavy, which is riskier.
+    # All votes less: heavy minus light is at most 0 then, and never the largest of the columns.
+    heavier = np.array([0, 0] + [-1, 1] * 3) - 1.0
+    columns = np.column_stack([pairs, heavier])
+    counts = graph.node("MatMul", votes, np.float32(columns))
+    _publish_label(graph, head, counts, more=(1.0,))
+    last = graph.constant(len(SITUATIONS), np.int64)
+    difference = graph.node("Gather", counts, last, axis=1)
+    even = np.float32(-votes_in_all(head.learner))
+    graph.node("GreaterOrEqual", difference, even, out="weight")
     graph.output("weight", TensorProto.BOOL)
 
 

@@ -31,8 +31,8 @@ class Triples:
 class History:
     """The last 0.5 s of guarded samples, and a pool of triples that groups share.
 
-    length: L, the past samples and this one. rectified: |outputs| of the filter bank; empty where
-    no group reads them.
+    length: L, the past samples and this one. rectified: outputs of the filter bank and their
+    negatives; empty where no group reads them.
 
     What no group asks for is not added to the graph.
     """
@@ -44,7 +44,7 @@ class History:
         self.spec = spec
         self.rectified = rectified
         self.length = spec.history_samples + 1
-        self.counted = guarded.counted
+        self.weight = guarded.weight
         self._parts = (*guarded.past, guarded.now)
         # tensors [B, rows, 3] in the order in which groups put them in, and their rows in all
         self._pool: list[str] = []

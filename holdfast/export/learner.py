@@ -195,17 +195,29 @@ def _quantise(values: npt.NDArray[np.float64], scale: int) -> IntArray:
 
 
 def add_learner(
-    graph: GraphBuilder, learner: Learner, features: str, n_classes: int, out: str
+    graph: GraphBuilder,
+    learner: Learner,
+    features: str,
+    n_classes: int,
+    out: str,
+    moved: Float32Array | None = None,
 ) -> str:
-    """Add it to a graph; returns votes [B, n_classes] float32 that hold exact integers."""
+    """Add it to a graph; returns votes [B, n_classes] float32 that hold exact integers.
+
+    moved: whole numbers [n_classes, n_classes] that the votes are multiplied by.
+    """
     if isinstance(learner, Network):
-        return add_network(graph, learner, features, out)
+        return add_network(graph, learner, features, moved, out)
     if isinstance(learner, Committee):
-        trees = add_forest(graph, learner.forest, features, n_classes, "")
-        network = add_network(graph, learner.network, features)
         # both hold whole numbers below 2^23, so float32 adds them exactly
-        return graph.node("Add", trees, network, out=out)
-    return add_forest(graph, learner, features, n_classes, out)
+        trees = add_forest(graph, learner.forest, features, n_classes, "")
+        network = add_network(graph, learner.network, features, moved)
+        if moved is None:
+            return graph.node("Add", trees, network, out=out)
+        return graph.node("Gemm", trees, moved, network, out=out)
+    name = out if moved is None else ""
+    trees = add_forest(graph, learner, features, n_classes, name)
+    return trees if moved is None else graph.node("MatMul", trees, moved, out=out)
 
 
 def add_forest(

@@ -8,7 +8,7 @@
 
 Weights are whole numbers, and no unit's weights can add up to 2^24: float32 holds each partial sum
 exactly, in any order. The other operators work number by number, and IEEE 754 fixes their results.
-A feature that is not finite, or beyond LARGEST_FEATURE, counts as 0.
+Features are finite: the guard lets nothing else through, and no divisor is 0.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from onnx import TensorProto
 
 from holdfast.export.builder import GraphBuilder
 
@@ -27,8 +26,6 @@ EXACT_FLOAT32 = 2**24
 """float32 holds every whole number up to this one."""
 INPUT_MOST = 511
 """Largest magnitude of a quantised input."""
-LARGEST_FEATURE = 2.0**100
-"""Far beyond any feature of a force, and far enough from infinity for |x| + knee."""
 HIDDEN_MOST = 255
 """Largest value of a hidden unit."""
 WEIGHT_MOST = 2**15 - 1
@@ -77,10 +74,7 @@ class Inputs:
 
     def quantised(self, rows: Float32Array) -> Float32Array:
         """q [N, F] of rows [N, F]: whole numbers as float32."""
-        # a comparison with NaN is false, so NaN counts as 0 too
-        known = np.abs(rows) < np.float32(LARGEST_FEATURE)
-        finite = np.where(known, rows, np.float32(0.0))
-        squashed = finite / (np.abs(finite) + self.knee)
+        squashed = rows / (np.abs(rows) + self.knee)
         scaled = squashed * self.gain + self.offset
         return np.asarray(np.round(scaled), dtype=np.float32)
 
@@ -183,19 +177,28 @@ def _layer(layer: Layer, values: Float32Array) -> Float32Array:
 
 
 def add_network(
-    graph: GraphBuilder, network: Network, features: str, out: str = ""
+    graph: GraphBuilder,
+    network: Network,
+    features: str,
+    moved: Float32Array | None = None,
+    out: str = "",
 ) -> str:
-    """Add the network; returns votes [B, K] float32 that hold exact integers."""
+    """Add the network; returns votes [B, K] float32 that hold exact integers.
+
+    moved: whole numbers [K, K] that the votes are multiplied by.
+    """
     k = network.n_classes
     shares = add_shares(graph, network, features)
     of_votes = graph.node("Mul", shares, np.float32(network.shared_votes))
     votes = graph.node("Floor", of_votes)
 
-    # one product and one sum, both exact, give the last class the rest of the votes
-    others = graph.node("MatMul", votes, _rest_to_the_last(k))
-    # all votes to the last class, minus what the others got
-    last = np.eye(k)[-1] * network.votes_in_all
-    return graph.node("Add", others, np.float32(last), out=out)
+    # one product and one sum, both exact, give the last class the rest of the votes:
+    # all votes, minus what the others got
+    last = np.eye(k, dtype=np.float32)[-1] * np.float32(network.votes_in_all)
+    rest = _rest_to_the_last(k)
+    if moved is not None:
+        last, rest = last @ moved, rest @ moved
+    return graph.node("Gemm", votes, rest, last, out=out)
 
 
 def add_shares(graph: GraphBuilder, network: Network, features: str) -> str:
@@ -216,12 +219,7 @@ def _add_inputs(graph: GraphBuilder, inputs: Inputs, features: str) -> str:
     # x / (knee + |x|) instead of tanh: IEEE 754 fixes every bit of a quotient
     size = graph.node("Abs", features)
     below = graph.node("Add", size, inputs.knee)
-    quotient = graph.node("Div", features, below)
-
-    # a comparison with NaN is false, so NaN counts as 0 too
-    known = graph.node("Less", size, np.float32(LARGEST_FEATURE))
-    squashed = graph.node("Where", known, quotient, np.float32(0.0))
-
+    squashed = graph.node("Div", features, below)
     scaled = graph.node("Mul", squashed, inputs.gain)
     shifted = graph.node("Add", scaled, inputs.offset)
     return graph.node("Round", shifted)
@@ -229,8 +227,7 @@ def _add_inputs(graph: GraphBuilder, inputs: Inputs, features: str) -> str:
 
 def _add_layer(graph: GraphBuilder, layer: Layer, values: str) -> str:
     """Add round((values W + b) * scale) [B, O]; the product and the sum are exact."""
-    product = graph.node("MatMul", values, layer.weights)
-    total = graph.node("Add", product, layer.bias)
+    total = graph.node("Gemm", values, layer.weights, layer.bias)
     scaled = graph.node("Mul", total, layer.scale)
     return graph.node("Round", scaled)
 
@@ -239,11 +236,17 @@ def _add_raised(graph: GraphBuilder, logits: str) -> str:
     """exp of the logits behind the first, by a table, as shares of their sum."""
     first = graph.node("ReduceMax", logits, [1], keepdims=1)
     behind = graph.node("Sub", first, logits)
-    nearest = graph.node("Min", behind, np.float32(TABLE_LENGTH - 1))
 
     # a table, because the exponential of a runtime differs between processors
-    place = graph.node("Cast", nearest, to=TensorProto.INT64)
-    raised = graph.node("Gather", np.float32(EXPONENTIALS), place, axis=0)
+    steps = np.flatnonzero(EXPONENTIALS)
+    raised = graph.node(
+        "LabelEncoder",
+        behind,
+        domain="ai.onnx.ml",
+        keys_floats=steps.astype(float).tolist(),
+        values_floats=EXPONENTIALS[steps].tolist(),
+        default_float=0.0,
+    )
 
     # whole numbers up to 2^16 each, so a sum over the classes is exact in any order
     total = graph.node("ReduceSum", raised, [1], keepdims=1)

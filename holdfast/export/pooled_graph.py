@@ -1,14 +1,17 @@
-"""The features of pooled.py in the step graph, with few nodes: what they share is added once.
+"""The features of pooled.py in the step graph: one table of numbers, and ratios of two of them.
 
-Rows of the history (means, changes) are one product with a constant matrix. From them come the
-signals of every sensor, in one table; a product adds their pools. Two look-ups and a division make
-all ratios, one more look-up what is the largest of several.
+A `Number` names what stands in the table: the signal, the row of the history, and the sensor or the
+pool. `add` puts all numbers there that the features read, each tensor with the names of what it
+holds. A feature is the largest of some ratios, and a ratio is looked up by the names of its two
+numbers; no other part knows a place. Rows of the history (means, changes) are one product with a
+constant matrix, pools another.
 """
 
 from __future__ import annotations
 
-from functools import cached_property
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
+from itertools import product
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -20,6 +23,7 @@ from holdfast.export.pooled import (
     FINGERS,
     FLOORS,
     HELD,
+    LONGEST_S,
     MOST,
     NORMAL,
     NOW,
@@ -42,258 +46,240 @@ from holdfast.export.pooled import (
 if TYPE_CHECKING:
     from holdfast.export.history import History
 
-LEAST_WEIGHT = 1e-12
-"""Added to the weight of every sensor, also of one that is not usable."""
+
+class Number(NamedTuple):
+    """A number of the table. member: a sensor by its place, or a pool by its name."""
+
+    row: Row
+    signal: str
+    member: int | str
+
+
+class Quotient(NamedTuple):
+    """above / max(below, least)."""
+
+    above: Number
+    below: Number
+    least: float
 
 
 class PooledGraph:
-    """Adds the features of some families to a graph; name: of the first, for the state."""
+    """Adds the features of some families to a graph; name: of the first, for the state.
+
+    quotients: each with its place, once, whatever features it is in. sets: of every feature, the
+    places of those that it is the largest of. places: of the numbers in the table.
+    """
 
     def __init__(
         self, history: History, features: list[PooledFeature], name: str
     ) -> None:
-        self.history = history
-        self.name = name
         self.graph = history.graph
+        self.history = history
         self.spec = history.spec
-        self.features = features
-        self.n_sensors = history.spec.n_sensors
-        self.sides = side_matrix(history.spec)
-        ratios = [ratio for feature in features for ratio in feature.ratios]
-        self.ratios = list(dict.fromkeys(ratios))
+        self.name = name
+        self.sensors = range(history.spec.n_sensors)
+        self.quotients: dict[Quotient, int] = {}
+        self.sets: list[list[int]] = []
+        for feature in features:
+            self.sets.append(self._places_of(feature))
 
-        of_samples = [NOW, RECENT]
-        of_series: list[Row] = []
-        for ratio in self.ratios:
-            if ratio.signal in SERIES:
-                of_series.append(_mean_row(ratio.row))
-            elif ratio.signal != TOUCHING:
-                of_samples.append(ratio.row)
-            if ratio.other is not None:
-                # of the same kind: both of a series, or both of samples
-                into = of_series if ratio.signal in SERIES else of_samples
-                into.append(ratio.other[1])
-        used = {ratio.signal for ratio in self.ratios}
-        self.columns = [SHEAR, PRESS, NORMAL]
-        self.columns += [one for one in (ALONG, ACROSS) if one in used]
-        if used & {ALONG, ACROSS}:
-            of_samples.append(HELD)
-        if of_series:
-            of_samples.append(STEP)
-        self.rows = list(dict.fromkeys(of_samples))
-        self.series_rows = list(dict.fromkeys(of_series))
-        self.has_touch = TOUCHING in used
-        # ratio -> its places among the ratios
-        self.found: dict[Ratio, list[int]] = {}
+        self.signals: set[str] = set()
+        rows, series_rows = [NOW, RECENT, HELD, STEP], []
+        for quotient in self.quotients:
+            for number in (quotient.above, quotient.below):
+                self.signals.add(number.signal)
+                if number.signal not in (*SERIES, TOUCHING):
+                    rows.append(number.row)
+                elif number.signal in SERIES and number.row != MOST:
+                    series_rows.append(number.row)
+        self.rows = list(dict.fromkeys(rows))
+        self.series_rows = list(dict.fromkeys(series_rows))
+        self.tensors: list[str] = []
+        self.places: dict[Number, int] = {}
 
     def add(self) -> str:
         """[B, features] float64."""
         graph = self.graph
-        signals, weight = self._signals()
-        if self.weight:
-            weight = graph.node("Mul", weight, self.weight)
-        weighted = graph.node("Mul", signals, weight)
+        self._add_signals()
+        if self.signals.intersection(SERIES):
+            self._add_series()
+        numbers = graph.node("Concat", *self.tensors, axis=1)
 
-        # every sensor, then its pools
-        factors = np.array(list(POOLS.values()))
-        pools = np.hstack([np.eye(self.n_sensors), self.sides @ factors.T])
-        least, whole = self._touch()
-        pooled = graph.node("MatMul", weighted, pools / (whole - least))
-        parts = [graph.node("Flatten", pooled, axis=1)]
-        if self.has_touch:
-            parts.append(graph.node("ReduceSum", weight, [2], keepdims=0))
-        if self.series_rows:
-            parts += self._series(parts[0])
-        numbers = parts[0] if len(parts) == 1 else graph.node("Concat", *parts, axis=1)
-        return self._chosen(self._ratios(numbers))
+        above, below, least = zip(*self.quotients, strict=True)
+        dividend = graph.node("Gather", numbers, self._at(above), axis=1)
+        divisor = graph.node("Gather", numbers, self._at(below), axis=1)
+        limited = graph.node("Max", divisor, np.array(least))
+        ratios = graph.node("Div", dividend, limited)
 
-    @cached_property
-    def weight(self) -> str:
-        """[B, 1, sensors] float64: 0, or all sensors of a side over its usable ones.
+        # A short set repeats its members, which does not change the largest. Features lie side by
+        # side, so that the largest of all of them is taken at once.
+        width = max(map(len, self.sets))
+        sets = np.array([np.resize(one, width) for one in self.sets])
+        members = graph.node("Gather", ratios, sets.T, axis=1)
+        return graph.node("ReduceMax", members, [1], keepdims=0)
 
-        1 on a side without a usable sensor. "" where every sensor is needed, so that it is 1.
-        """
-        counted = self.history.counted
-        if not counted:
-            return ""
-        graph = self.graph
-        first_of_sensor = list(range(0, self.spec.n_channels, 3))
-        usable = graph.node("Gather", counted, first_of_sensor, axis=2)
-        # far below any weight that counts, so that nothing over nothing is 1
-        some = graph.node("Add", usable, LEAST_WEIGHT)
+    def _places_of(self, feature: PooledFeature) -> list[int]:
+        """The places of all quotients that a feature is the largest of; new ones are added."""
+        found = []
+        for ratio in feature.ratios:
+            members = self.sensors if ratio.pool == FINGERS else [ratio.pool]
+            for member in members:
+                above = Number(ratio.row, ratio.signal, member)
+                below = self._divisor(ratio, member)
+                one = Quotient(above, below, self._least(ratio))
+                found.append(self.quotients.setdefault(one, len(self.quotients)))
+        return found
 
-        # the usable share of the sensors of its side
-        same = (self.sides @ self.sides.T > 0.0).astype(np.float64)
-        share = graph.node("MatMul", some, same / same.sum(axis=0))
-        return graph.node("Div", some, share)
+    def _divisor(self, ratio: Ratio, member: int | str) -> Number:
+        """The number that a ratio of this member divides by; of the pool "0", it is 0."""
+        if ratio.over == STEPS:
+            return Number(Row("mean", ratio.row.span_s), ratio.signal, member)
+        if ratio.other is not None:
+            signal, row = ratio.other
+            return Number(row, signal, member)
+        return Number(NOW, NORMAL, member if ratio.over == FINGERS else ratio.over)
+
+    def _least(self, ratio: Ratio) -> float:
+        """The least that a ratio divides by; without a divisor, max(0, 1) = 1."""
+        if ratio.signal == TOUCHING:
+            # to a mean share
+            none, whole = self._touch()
+            return len(self.sensors) * (whole - none)
+        floor = NORMAL_FLOOR[self.spec.unit]
+        return floor * FLOORS[ratio.over] if ratio.over in FLOORS else 1.0
 
     def _touch(self) -> tuple[float, float]:
         """Normal forces at which a finger touches not at all, and wholly."""
         floor = NORMAL_FLOOR[self.spec.unit]
         return TOUCH[0] * floor, TOUCH[1] * floor
 
-    def _signals(self) -> tuple[str, str]:
-        """[B, rows x columns, sensors] every signal of every row, and touch [B, 1, sensors].
+    def _at(self, numbers: Iterable[Number]) -> list[int]:
+        """Their places in the table."""
+        return [self.places[one] for one in numbers]
 
-        touch: from 0 to the difference of the two forces of `_touch`.
-        """
+    def _put(self, tensor: str, *of: Iterable[Row | str | int]) -> None:
+        """Put [B, numbers] into the table. of: rows, signals and members, all with each other."""
+        self.tensors.append(tensor)
+        for number in product(*of):
+            self.places[Number._make(number)] = len(self.places)
+
+    def _add_signals(self) -> None:
+        """Put every signal of every row: of each sensor and of each pool, with its weight."""
         graph = self.graph
-        time = np.array([row.weights(self.spec) for row in self.rows])
-        samples = graph.node("MatMul", time, self.history.samples)
+        table, signals, normal = self._signals()
+        weight = self._weight(normal)
+        weighted = graph.node("Mul", table, weight)
+
+        none, whole = self._touch()
+        sums = side_matrix(self.spec) @ np.array(list(POOLS.values())).T
+        pools = np.hstack([np.eye(len(self.sensors)), sums]) / (whole - none)
+        pooled = graph.node("MatMul", weighted, pools)
+        flat = graph.node("Flatten", pooled, axis=1)
+        self._put(flat, self.rows, signals, [*self.sensors, *POOLS])
+        if TOUCHING in self.signals:
+            touching = graph.node("ReduceSum", weight, [2], keepdims=0)
+            self._put(touching, [NOW], [TOUCHING], ["T+O"])
+
+    def _signals(self) -> tuple[str, list[str], str]:
+        """[B, rows x signals, S] by sensor; the signals; and the normal forces [B, rows, S]."""
+        graph = self.graph
+        samples = graph.node("MatMul", self._time(self.rows), self.history.samples)
 
         # length of the shear and size of the normal force, of each sensor
         squares = graph.node("Mul", samples, samples)
-        both = np.hstack([self._sensors(1.0, 1.0, 0.0), self._sensors(0.0, 0.0, 1.0)])
-        squared = graph.node("MatMul", squares, both)
-        lengths = graph.node("Sqrt", squared)
-        normal = graph.node("MatMul", samples, self._sensors(0.0, 0.0, 1.0))
-        parts = [lengths, normal, *self._turned(samples, lengths)]
+        both = np.hstack([self._sums(1.0, 1.0, 0.0), self._sums(0.0, 0.0, 1.0)])
+        lengths = graph.node("Sqrt", graph.node("MatMul", squares, both))
+        normal = graph.node("MatMul", samples, self._sums(0.0, 0.0, 1.0))
+        parts, signals = [lengths, normal], [SHEAR, PRESS, NORMAL]
+        for signal in (ALONG, ACROSS):
+            if signal in self.signals:
+                parts.append(self._turned(signal, samples, lengths))
+                signals.append(signal)
         table = graph.node("Concat", *parts, axis=2)
-        n_signals = len(self.rows) * len(self.columns)
-        signals = graph.reshape(table, 0, n_signals, self.n_sensors)
+        shape = (0, len(self.rows) * len(signals), len(self.sensors))
+        return graph.reshape(table, *shape), signals, normal
 
-        recent = self.rows.index(RECENT)
-        pressed = graph.columns(normal, recent, recent + 1)
-        least, whole = self._touch()
-        limited = graph.node("Clip", pressed, least, whole)
-        return signals, graph.node("Sub", limited, least)
+    def _time(self, rows: list[Row]) -> FloatArray:
+        """[rows, L] weights of the history's samples."""
+        return np.array([row.weights(self.spec) for row in rows])
 
-    def _sensors(self, *axes: float) -> FloatArray:
-        """[C, sensors]: adds the channels of a sensor, each times a factor."""
-        return np.kron(np.eye(self.n_sensors), np.array(axes)[:, None])
+    def _sums(self, *axes: float) -> FloatArray:
+        """[C, S]: adds the channels of a sensor, each times a factor."""
+        return np.kron(np.eye(len(self.sensors)), np.array(axes)[:, None])
 
-    def _turned(self, samples: str, lengths: str) -> list[str]:
-        """The shear of the rows along u and across it, as far as they are used: [B, rows, S]."""
-        if HELD not in self.rows or {ALONG, ACROSS}.isdisjoint(self.columns):
-            return []
+    def _turned(self, signal: str, samples: str, lengths: str) -> str:
+        """[B, rows, S]: the shear of the rows along the mean of the row HELD, or across it."""
         graph = self.graph
         held = self.rows.index(HELD)
-        mean = graph.columns(samples, held, held + 1)
-        starts, stops = [held, 0], [held + 1, self.n_sensors]
+        direction = graph.node("Gather", samples, [held], axis=1)
+        if signal == ACROSS:
+            right_angle = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+            turned = np.kron(np.eye(len(self.sensors)), right_angle)
+            direction = graph.node("MatMul", direction, turned)
+        products = graph.node("Mul", samples, direction)
+        projected = graph.node("MatMul", products, self._sums(1.0, 1.0, 0.0))
+
+        starts, stops = [held, 0], [held + 1, len(self.sensors)]
         length = graph.node("Slice", lengths, starts, stops, [1, 2])
         small = SMALL_MEAN * NORMAL_FLOOR[self.spec.unit]
-        divisor = graph.node("Add", length, small)
+        return graph.node("Div", projected, graph.node("Add", length, small))
 
-        directions = []
-        if ALONG in self.columns:
-            directions.append(mean)
-        if ACROSS in self.columns:
-            right_angle = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
-            turned = np.kron(np.eye(self.n_sensors), right_angle)
-            directions.append(graph.node("MatMul", mean, turned))
-        parts = []
-        for direction in directions:
-            products = graph.node("Mul", samples, direction)
-            to_sensors = self._sensors(1.0, 1.0, 0.0)
-            projected = graph.node("MatMul", products, to_sensors)
-            parts.append(graph.node("Div", projected, divisor))
-        return parts
+    def _weight(self, normal: str) -> str:
+        """[B, 1, S]: how far a sensor touches, times all sensors of its side over its usable ones.
 
-    def _series(self, numbers: str) -> list[str]:
-        """[B, rows x 2] the rows of both series, and [B, 2] the largest of each."""
+        Not a share yet: a whole touch is the difference of the two forces of `_touch`.
+        """
         graph = self.graph
-        steps = [self._places(SHEAR, STEP, "T+O"), self._places(PRESS, STEP, "T+O")]
-        now = graph.node("Gather", numbers, np.reshape(steps, (1, 2)), axis=1)
+        recent = [self.rows.index(RECENT)]
+        pressed = graph.node("Gather", normal, recent, axis=1)
+        none, whole = self._touch()
+        touch = graph.node("Sub", graph.node("Clip", pressed, none, whole), none)
 
-        # the series lies flat in as few rows of the state as hold it
-        length = self.spec.history_samples
-        width = self.spec.n_channels
-        n_rows = -(-2 * length // width)
-        # two numbers a sample: an even number of places
-        n_rows += n_rows * width % 2
-        kept = n_rows * width // 2
-        field = f"series_{self.name}"
-        table = graph.state(field, n_rows)
-        before = graph.reshape(table, 0, kept, 2)
-        series = graph.node("Concat", before, now, axis=1)
-        moved = graph.columns(series, 1, kept + 1)
-        graph.keep(field, graph.reshape(moved, 0, n_rows, width))
+        # its own weight, over the usable share of the sensors of its side
+        sides = side_matrix(self.spec)
+        same = (sides @ sides.T > 0.0).astype(np.float64)
+        first_of_sensor = np.arange(0, self.spec.n_channels, 3)
+        own = graph.node("Gather", self.history.weight, first_of_sensor, axis=2)
+        share = graph.node("MatMul", own, same / same.sum(axis=0))
+        return graph.node("Mul", touch, graph.node("Div", own, share))
 
-        time = np.zeros((len(self.series_rows), kept + 1))
-        for k, row in enumerate(self.series_rows):
-            time[k, -length - 1 :] = row.weights(self.spec)
-        means = graph.node("MatMul", time, series)
+    def _add_series(self) -> None:
+        """Put the means of both series over each span, and the largest of each.
+
+        Both lie in one line, a number of the one, a number of the other, the oldest first.
+        """
+        graph = self.graph
+        now = self._at([Number(STEP, SHEAR, "T+O"), Number(STEP, PRESS, "T+O")])
+        newest = graph.node("Gather", self.tensors[0], now, axis=1)
+        both, length = self._kept_series(newest)
+
+        # the history is as long as the series, or one of them is filled up in front
+        time = self._time(self.series_rows)[:, -length:]
+        time = np.pad(time, ((0, 0), (length - time.shape[1], 0)))
+        means = graph.node("MatMul", both, np.kron(time.T, np.eye(2)))
+        self._put(means, self.series_rows, SERIES, ["T+O"])
+
         span = self.spec.lag(MOST.span_s)
-        recent = graph.columns(series, kept + 1 - span, kept + 1)
-        largest = graph.node("ReduceMax", recent, [1], keepdims=0)
-        return [graph.node("Flatten", means, axis=1), largest]
+        recent = np.arange(2 * (length - span), 2 * length).reshape(span, 2)
+        values = graph.node("Gather", both, recent, axis=1)
+        largest = graph.node("ReduceMax", values, [1], keepdims=0)
+        self._put(largest, [MOST], SERIES, ["T+O"])
 
-    def _ratios(self, numbers: str) -> str:
-        """[B, ..]: every ratio; one of fingers has a number for each sensor."""
-        graph = self.graph
-        floor = NORMAL_FLOOR[self.spec.unit]
-        above: list[int] = []
-        below: list[int] = []
-        floors: list[float] = []
-        for ratio in self.ratios:
-            places = self._places(ratio.signal, ratio.row, ratio.pool)
-            self.found[ratio] = list(range(len(above), len(above) + len(places)))
-            above += places
-            if ratio.over == STEPS:
-                mean = _mean_row(ratio.row)
-                below += self._places(ratio.signal, mean, ratio.pool)
-            elif ratio.other is not None:
-                below += self._places(*ratio.other, ratio.pool)
-            else:
-                below += self._places(NORMAL, NOW, ratio.over)
-            # without a divisor, max(0, 1) = 1
-            least = floor * FLOORS[ratio.over] if ratio.over in FLOORS else 1.0
-            if ratio.signal == TOUCHING:
-                # to a mean share
-                least = self.n_sensors * (self._touch()[1] - self._touch()[0])
-            floors += [least] * len(places)
+    def _kept_series(self, newest: str) -> tuple[str, int]:
+        """[B, 2 x length] past and newest samples of both series, and the length.
 
-        dividend = graph.node("Gather", numbers, above, axis=1)
-        normal = graph.node("Gather", numbers, below, axis=1)
-        divisor = graph.node("Max", normal, np.array(floors))
-        return graph.node("Div", dividend, divisor)
-
-    def _places(self, signal: str, row: Row, pool: str) -> list[int]:
-        """Places of a pooled signal among all numbers: one, or one for each sensor."""
-        width = self.n_sensors + len(POOLS)
-        behind = len(self.rows) * len(self.columns) * width
-        if signal == TOUCHING:
-            return [behind]
-        if signal in SERIES:
-            is_most = row.kind == MOST.kind
-            of_row = len(self.series_rows) if is_most else self.series_rows.index(row)
-            return [behind + self.has_touch + 2 * of_row + SERIES.index(signal)]
-
-        of_signal = self.rows.index(row) * len(self.columns)
-        first = (of_signal + self.columns.index(signal)) * width
-        if pool == FINGERS:
-            return list(range(first, first + self.n_sensors))
-        return [first + self.n_sensors + list(POOLS).index(pool)]
-
-    def _chosen(self, ratios: str) -> str:
-        """[B, features]: ratios as they are, and the largest of several."""
-        graph = self.graph
-        n_ratios = sum(len(places) for places in self.found.values())
-        order: list[int] = []
-        sets: list[list[int]] = []
-        for feature in self.features:
-            found: list[int] = []
-            for ratio in feature.ratios:
-                found += self.found[ratio]
-            if feature.is_largest:
-                order.append(n_ratios + len(sets))
-                sets.append(found)
-            else:
-                order += found
-
-        if sets:
-            width = max(len(found) for found in sets)
-            # a short set repeats its members, which does not change the largest
-            table = [np.resize(found, width) for found in sets]
-            values = graph.node("Gather", ratios, np.array(table), axis=1)
-            largest = graph.node("ReduceMax", values, [2], keepdims=0)
-            ratios = graph.node("Concat", ratios, largest, axis=1)
-        return graph.node("Gather", ratios, order, axis=1)
-
-
-def _mean_row(row: Row) -> Row:
-    """The mean of a series over the span of its row."""
-    return Row("mean", row.span_s)
+        The past fills as few rows of the state as hold it: an even number of numbers.
+        """
+        graph, width = self.graph, self.spec.n_channels
+        past = self.spec.lag(LONGEST_S) - 1
+        n_rows = -(-2 * past // width)
+        n_rows += n_rows * width % 2
+        field = f"series_{self.name}"
+        before = graph.node("Flatten", graph.state(field, n_rows), axis=1)
+        both = graph.node("Concat", before, newest, axis=1)
+        moved = graph.columns(both, 2, 2 + n_rows * width)
+        graph.keep(field, graph.reshape(moved, 0, n_rows, width))
+        return both, n_rows * width // 2 + 1
 
 
 def add_pooled(history: History, names: list[str]) -> str:

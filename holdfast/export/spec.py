@@ -200,6 +200,11 @@ class StepSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return math.floor(GAP_S * self.rate_hz + 1e-9)
 
     @property
+    def floor_share(self) -> float:
+        """Share of the distance that a noise floor moves at each sample."""
+        return min(1.0, 1.0 / (self.detectors.floor_tau_s * self.rate_hz))
+
+    @property
     def contact(self) -> ContactRule | None:
         """The rule by which force decides "nothing"; None where the learner does."""
         if not self.force_decides:

@@ -134,8 +134,8 @@ def require_same_numbers(model: onnx.ModelProto, head: Head) -> int:
         made_by = {node.output[0]: node for node in model.graph.node}
         # where force decides "nothing", the learner's votes are not yet those of the file
         trees = made_by.get(learned_name(head.votes_name)) or made_by[head.votes_name]
-        if network is not None:
-            # the votes of a committee are the sum of those of the trees and of the network
+        # the votes of a committee are the sum of those of the trees and of the network
+        while trees.op_type != "TreeEnsembleRegressor":
             trees = made_by[trees.input[0]]
         count += _same_trees(trees, forest, head)
 

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 import pytest
-from command_line import Run
 
-from holdfast.cli.evaluate import FORMER_OPTIONS, add_arguments
+from holdfast.cli.evaluate import add_arguments
 from holdfast.cli.main import main
 from holdfast.core.contract import (
     GRASP,
@@ -408,16 +407,8 @@ def test_a_threshold_chosen_on_what_is_scored_is_refused(
         evaluate_events(model, request)
 
 
-def test_an_option_that_went_says_what_to_write_instead(run: Run) -> None:
-    for option, instead in FORMER_OPTIONS.items():
-        code, _, err = run("evaluate", "m.onnx", "--data", "x", option, "5")
-        assert code == 2
-        assert f"{option} is no option any more; next: {instead}" in err
-
-
 def test_evaluate_has_ten_options() -> None:
     parser = argparse.ArgumentParser(add_help=False)
     add_arguments(parser)
     shown = re.findall(r"^  (--[a-z-]+)", parser.format_help(), re.M)
     assert len(shown) == 10
-    assert not set(shown) & set(FORMER_OPTIONS)

@@ -362,7 +362,7 @@ def _behind_the_forest(
     ("classes", "op", "other"),
     [
         (SITUATIONS, "Softmax", "Identity"),
-        (SITUATIONS, "Add", "Sub"),
+        (SITUATIONS, "ArgMax", "ArgMin"),
         (CLASSES, "Softmax", "LogSoftmax"),
         (CLASSES, "GreaterOrEqual", "LessOrEqual"),
     ],
@@ -389,7 +389,7 @@ def test_the_flags_of_the_guard_are_verified_too(flag: str) -> None:
     heads = [head_of(forest, SITUATIONS)]
     model = whole_graph(SPEC, heads)
     (node,) = [node for node in model.graph.node if node.output[0] == flag]
-    node.op_type = {"Less": "Greater", "Greater": "Less"}[node.op_type]
+    node.op_type = {"ReduceMax": "ReduceMin", "Not": "Identity"}[node.op_type]
     with pytest.raises(VerificationFailed, match=flag):
         verify(model, SPEC, heads, rows)
 

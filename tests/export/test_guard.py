@@ -16,18 +16,15 @@ import pytest
 from hard_marks import BAD_SAMPLE, GAPS, MISSING
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from onnx import TensorProto
+from test_bank import bank_model
 
 from holdfast.core.contract import BoolArray, FloatArray, Sample
 from holdfast.core.errors import ChannelError
 from holdfast.edge_runtime.graph import Outputs, StepGraph, open_session, run_recording
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.export.artifact import read_artifact, write_artifact
-from holdfast.export.builder import GraphBuilder
-from holdfast.export.detectors import add_bank
 from holdfast.export.exporting import export_artifact
 from holdfast.export.features import GROUPS, feature_graph
-from holdfast.export.guard import add_guard
 from holdfast.export.spec import RANGE_LIMIT, StepSpec
 
 if TYPE_CHECKING:
@@ -55,15 +52,8 @@ def session_of(spec: StepSpec) -> ort.InferenceSession:
 def bank_session(spec: StepSpec) -> ort.InferenceSession:
     """Guard and bank alone: bank outputs [bands, C] in float64; the bank is the last of the state's
     rows."""
-    graph = GraphBuilder(spec.n_sensors)
     # without the contact rule, whose zero is set behind the bank
-    spec = msgspec.structs.replace(spec, force_decides=False)
-    rectified, _ = add_bank(graph, spec, add_guard(graph, spec))
-    graph.node("Identity", rectified, out="rectified")
-    graph.output(
-        "rectified", TensorProto.DOUBLE, len(spec.usable_bands()), spec.n_channels
-    )
-    return open_session(graph.model().SerializeToString())
+    return open_session(bank_model(msgspec.structs.replace(spec, force_decides=False)))
 
 
 def stepped(

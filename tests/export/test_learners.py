@@ -154,7 +154,7 @@ def test_a_row_alone_in_a_batch_and_among_rows_that_are_not_finite_has_the_same_
     (beside,) = session.run(["votes"], {"features": spoilt})
     assert alone.tobytes() == together.tobytes()
     assert beside[::2].tobytes() == together[::2].tobytes()
-    assert (beside.sum(axis=1) == votes_in_all(made.heads[0].learner)).all()
+    assert (together.sum(axis=1) == votes_in_all(made.heads[0].learner)).all()
 
 
 def test_a_class_that_training_never_saw_gets_no_votes_but_what_rounding_leaves():

@@ -18,14 +18,17 @@ STREAM = 500
 
 
 def hard_features(graph: Graph, n: int, seed: int) -> Rows:
-    """[n, F] float32: thresholds of trees and one step beside them, edges, NaN, inf, ties."""
+    """[n, F] float32: thresholds of trees and one step beside them, edges, ties; for trees alone
+    also NaN and inf."""
     rng, f = np.random.default_rng(seed), graph.n_features
     by_feature = thresholds(graph)
     rows = np.stack([rng.choice(by_feature[k], n) for k in range(f)], axis=1)
     side = rng.choice(np.array([-np.inf, 0.0, np.inf], np.float32), rows.shape)
     rows = np.where(side == 0.0, rows, np.nextafter(rows, side)).astype(np.float32)
     edges = edge_rows(f)[:, 0]
-    for share, values in ((0.05, edges), (0.01, np.array([np.nan, np.inf, -np.inf]))):
+    is_network = any(node.op_type == "LabelEncoder" for node in graph.nodes)
+    none = edges if is_network else np.array([np.nan, np.inf, -np.inf])
+    for share, values in ((0.05, edges), (0.01, none)):
         rows = np.where(
             rng.random(rows.shape) < share, rng.choice(values, rows.shape), rows
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from holdfast.export.c.elementwise import write_look_up, write_loop
+from holdfast.export.c.elementwise import write_encoder, write_look_up, write_loop
 from holdfast.export.c.graph import FEATURES, INPUTS, NEXT_STATE, Graph, Node, refusal
 from holdfast.export.c.literals import Tables
 from holdfast.export.c.memory import SCRATCH, Memory, View, views_of
@@ -18,7 +18,7 @@ from holdfast.export.c.moves import (
     write_softmax,
     write_transpose,
 )
-from holdfast.export.c.products import write_product
+from holdfast.export.c.products import write_gemm, write_product
 from holdfast.export.c.trees import write_trees
 from holdfast.export.c.writer import Writer
 
@@ -28,6 +28,8 @@ EMITTERS: dict[str, Callable[[Node, Writer], list[str]]] = {
     "ArgMax": write_arg_max,
     "Concat": write_concat,
     "Gather": write_gather,
+    "Gemm": write_gemm,
+    "LabelEncoder": write_encoder,
     "MatMul": write_product,
     "ReduceL2": write_reduction,
     "ReduceMax": write_reduction,

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
 from holdfast.export.c.graph import BOOL, DOUBLE, FLOAT, INT64, Node, refusal
 from holdfast.export.c.literals import C_TYPES, number
 from holdfast.export.c.memory import strides
@@ -34,11 +39,24 @@ def write_loop(node: Node, writer: Writer) -> list[str]:
 def write_look_up(node: Node, writer: Writer) -> list[str]:
     """Numbers of a constant table of one row, at computed places."""
     table, places = node.inputs
-    (out,) = node.outputs
-    values = writer.graph.constant(table, node)
-    c_type = C_TYPES[writer.graph.element(table)]
-    name = writer.tables.add(f"hf_{table}", values, c_type)
     at = _operand(places, node, writer)
+    return _looked_up(node, writer, writer.graph.constant(table, node), at)
+
+
+def write_encoder(node: Node, writer: Writer) -> list[str]:
+    """Numbers of a table whose keys are 0, 1, 2 ..; behind the last one, 0."""
+    values = np.append(node.attributes["values_floats"], 0.0)
+    at = f"hf_whole({_operand(node.inputs[0], node, writer)})"
+    return _looked_up(node, writer, values, at)
+
+
+def _looked_up(
+    node: Node, writer: Writer, values: npt.NDArray[Any], at: str
+) -> list[str]:
+    """The numbers of a table at the places of a C expression."""
+    (out,) = node.outputs
+    c_type = C_TYPES[writer.graph.element(out)]
+    name = writer.tables.add(f"hf_{out}_values", values, c_type)
     target = writer.read(out, _index(out, node, writer))
     # a corrupted state must not reach beyond the table
     value = f"{name}[hf_within({at}, {len(values) - 1})]"
@@ -91,6 +109,8 @@ def _expression(node: Node, operands: list[str], writer: Writer) -> str:
     if op == "Clip" and is_real:
         helper = "hf_clip_f" if element == FLOAT else "hf_clip"
         return f"{helper}({', '.join(operands)})"
+    if op == "Not":
+        return f"!{operands[0]}"
     if op == "Where":
         return f"{operands[0]} ? {operands[1]} : {operands[2]}"
     if op == "Round" and element == FLOAT:

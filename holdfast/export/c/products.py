@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from holdfast.export.c.elementwise import write_loop
 from holdfast.export.c.graph import Node, refusal
 from holdfast.export.c.literals import C_TYPES, number
 from holdfast.export.c.writer import Writer, block, counted, index
@@ -37,7 +38,7 @@ def write_product(node: Node, writer: Writer) -> list[str]:
     """MatMul of one constant matrix with a computed tensor."""
     graph = writer.graph
     (out,) = node.outputs
-    left, right = (graph.values(name) for name in node.inputs)
+    left, right = (graph.values(name) for name in node.inputs[:2])
     if (left is None) == (right is None):
         raise refusal(node, "not exactly one of its inputs is constant")
 
@@ -53,6 +54,13 @@ def write_product(node: Node, writer: Writer) -> list[str]:
     if math.prod(shape[:-2]) != 1:
         raise refusal(node, "its second input has more than two dimensions")
     return _constant_left(product, left, shape[-1])
+
+
+def write_gemm(node: Node, writer: Writer) -> list[str]:
+    """Gemm of one row: the product, and then the third input."""
+    (out,) = node.outputs
+    added = Node("Add", (out, node.inputs[2]), (out,), {})
+    return [*write_product(node, writer), *write_loop(added, writer)]
 
 
 def _constant_left(product: _Product, matrix: Matrix, columns: int) -> list[str]:

@@ -54,7 +54,10 @@ SPREAD_TAXELS = (2, 5, 8, 11, 13, 16)
 taxel 2 on, a rule that sees no reading (T. F. Gonzalez, "Clustering to minimize the maximum
 intercluster distance", 1985). On people they are the best of what was tried."""
 MOST_LOADED_TAXELS = (5, 9, 10, 11, 12, 13)
-HAND_CARDS = {SPREAD_TAXELS: "pinch-pad-spread", MOST_LOADED_TAXELS: "pinch-pad"}
+HAND_CARDS: dict[tuple[int, ...], str] = {
+    SPREAD_TAXELS: "pinch-pad-spread",
+    MOST_LOADED_TAXELS: "pinch-pad",
+}
 """The hand card with these taxels; all 16 have none, because a card holds 12 sensors at most."""
 CAVEAT = (
     "The label is the rotation of the object, about half of it the wrist's (R2 0.53 with hand "
