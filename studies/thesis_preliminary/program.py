@@ -80,7 +80,7 @@ def summary(figures: PreliminaryStudy) -> list[str]:
     for case in CASES:
         ours = []
         for one in figures.sets:
-            score = one.cases[case.name].learners[LEARNERS[0]].accuracy
+            score = one.cases[case.name].accuracy[LEARNERS[0]]
             ours.append(f"{one.data} {100 * score.mean:.1f} ± {100 * score.sd:.1f}")
         published = ACCURACY_PERCENT[case.name][0]
         lines.append(f"case {case.name}: {published:.2f} | {', '.join(ours)}")
