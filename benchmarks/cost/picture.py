@@ -25,14 +25,15 @@ OTHERS = "#009e73"
 COMPUTED = {
     "trees and depth": (OURS, SIZES),
     "learner": (WARNING, (Point(learner="network"), COMMITTEE)),
-    "features": (OTHERS, (Point(groups=RAW), Point(groups=POOLED), TINY)),
+    "features": (OTHERS, (Point(groups=RAW), Point(groups=POOLED))),
 }
 WAITED = {
     "debounce": (OURS, SLOWER_DECISIONS),
     "sampling rate": (WARNING, RATES),
 }
 """Families of points that a panel draws in one colour."""
-MARKED = {"reference": Point(), "shipped": SHIPPED}
+MARKED = {"reference": Point(), "shipped": SHIPPED, "tiny": TINY}
+"""Points with a name of their own, in black."""
 Families = dict[str, tuple[str, tuple[Point, ...]]]
 Measure = Callable[[Json], float | None]
 
@@ -73,7 +74,13 @@ def _panel(
     for name, point in MARKED.items():
         if point.what in by_name:
             _dot(axes, by_name[point.what], measure, INK, name, "_")
-    axes.legend(frameon=False, fontsize=8, loc="lower right")
+    axes.legend(
+        frameon=False,
+        fontsize=8,
+        ncols=3,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+    )
     axes.grid(color=GRID)
     axes.margins(x=0.2)
 
