@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from benchmarks.cost.point import GOOD, README_POINTS, RECOMMENDED, REFERENCE
+from benchmarks.cost.point import README_POINTS
 from holdfast.core.contract import NORMAL_FLOOR, Json
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
 from holdfast.evaluation.formats import DEPLOYED, markdown
@@ -191,46 +191,20 @@ def worst_of_unseen(rows: Rows) -> list[Json]:
     ]
 
 
-def reference_point(cost: Json) -> Json:
-    """The row of the surface that all others change one choice of."""
-    return _points(cost)["scenes", REFERENCE]
-
-
-def recommended_points(cost: Json) -> dict[str, Json]:
-    """The rows of the models that have names: tiny, default, best."""
-    points = _points(cost)
-    return {name: points[one.of, one.what] for name, one in RECOMMENDED.items()}
-
-
 def readme_points(cost: Json) -> list[Json]:
     """The README's rows, and whether people or scenes were evaluated."""
-    points, rows = _points(cost), []
+    points = {(row["of"], row["what"]): row for row in cost["rows"]}
+    rows = []
     for one in README_POINTS:
         data = "people, real" if one.of == "human" else "scenes, simulated"
         rows.append({**points[one.of, one.what], "set": data})
     return rows
 
 
-def cost_front(cost: Json, of: str) -> list[Json]:
-    """The points of a set that no other beats, cheapest first, each with what it is unbeaten in."""
-    rows = []
-    for row in cost["rows"]:
-        fronts = cost["fronts"][of].items()
-        unbeaten = [GOOD[good] for good, names in fronts if row["what"] in names]
-        if row["of"] == of and unbeaten:
-            rows.append({**row, "unbeaten_in": ", ".join(unbeaten)})
-    return sorted(rows, key=lambda row: float(row["step_us"]))
-
-
-def _points(cost: Json) -> dict[tuple[str, str], Json]:
-    return {(row["of"], row["what"]): row for row in cost["rows"]}
-
-
 FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "averaged_over": over,
     "cannot_tell": CANNOT_TELL,
     "calibration_error_n": residual_n,
-    "cost_front": cost_front,
     "deployed": DEPLOYED,
     "action_rows": action_rows,
     "effect_rows": effect_rows,
@@ -247,8 +221,6 @@ FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "published_learners": LEARNERS,
     "published_percent": ACCURACY_PERCENT,
     "readme_points": readme_points,
-    "recommended_points": recommended_points,
-    "reference_point": reference_point,
     "scene_titles": scene_titles,
     "shown": shown,
     "table": table,
