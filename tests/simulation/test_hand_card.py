@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from small_model import artifact, card_of, graph_of, spec
 
-from holdfast.core.errors import CardError, ChannelError, DataNotFound, NotAModel
+from holdfast.core.errors import CardError, ChannelError, DataNotFound
 from holdfast.core.hand_card import (
     HandCard,
     read_hand_card,
@@ -131,48 +131,22 @@ def test_a_contact_without_a_sensor_presses_and_has_no_channels(tmp_path: Path) 
     [
         (('side = "thumb"', 'side = "palm"'), ["sensors[0].side", "thumb or opposing"]),
         (("along_mm = 0", "along_mm = 1e4"), ["sensors[0].along_mm", "-100 to 100"]),
-        (("along_mm = 0", "along_mm = -101"), ["sensors[0].along_mm", "-100 to 100"]),
         (("along_mm = 0", "along_mm = nan"), ["not valid TOML", "finite"]),
-        (("along_mm = 0", "along_mm = true"), ["sensors[0].along_mm", "number"]),
         (("along_mm = 0\n", ""), ["sensors[0].along_mm", "is missing"]),
         (('side = "opposing"', 'side = "thumb"'), ["one side", "sensed = false"]),
         (('side = "thumb"', 'side = "opposing"'), ["one side", "either side"]),
-        (("along_mm = 0", "along_mm = 0\nsensed = 1"), ["sensed", "true or false"]),
         (("along_mm = 0", "along_mm = 0\nsensed = false"), ["1 sensors", "2 to 12"]),
         (("along_mm = 0", "along_mm = 0\nheight = 1"), ["height", "across_mm"]),
-        (("along_mm = 0", 'along_mm = 0\npad = "p"'), []),
-        (("along_mm = 0", "along_mm = 0\npad = 3"), ["sensors[0].pad", "text"]),
-        (("along_mm = 0", "along_mm = 0\nstiffness = 0"), ["stiffness", "0.01"]),
-        (('name = "mine"', "sensors = 3\n[x]"), ["not valid TOML"]),
     ],
 )
 def test_a_card_that_is_no_hand_is_refused(
     tmp_path: Path, change: tuple[str, str], named: list[str]
 ) -> None:
     text = TWO.replace(*change, 1)
-    if not named:
-        assert card(tmp_path, text).contacts[0].pad == "p"
-        return
     with pytest.raises(CardError) as error:
         card(tmp_path, text)
     for word in named:
         assert word in str(error.value)
-
-
-def test_mixed_sides_and_a_pad_on_both_are_refused(tmp_path: Path) -> None:
-    third = BARE.replace('"opposing"', '"thumb"')
-    with pytest.raises(CardError, match="before all others"):
-        card(tmp_path, TWO + third)
-    with pytest.raises(CardError, match="on one side"):
-        card(tmp_path, TWO.replace("along_mm = 0", 'along_mm = 0\npad = "p"'))
-
-
-@pytest.mark.parametrize("line", ["card = 3\n", 'card = "pinch-pad"\nthumb = 3\n'])
-def test_a_scene_names_one_card_or_counts(tmp_path: Path, line: str) -> None:
-    with pytest.raises(CardError, match="card ="):
-        scene(tmp_path, ROWS + "[hand]\n" + line)
-    with pytest.raises(CardError, match="six-fingertips"):
-        scene(tmp_path, ROWS + hand_line("no-such-hand"))
 
 
 def test_an_effect_on_a_sensor_that_the_hand_lacks_is_refused(tmp_path: Path) -> None:
@@ -307,17 +281,6 @@ def test_a_card_stays_with_the_step_that_is_trained(sets: dict[str, Path]) -> No
     )
     with pytest.raises(ChannelError, match="the card"):
         msgspec.structs.replace(made, n_sensors=5, min_valid_sensors=0)
-
-
-def test_a_damaged_card_in_a_model_is_a_typed_error() -> None:
-    made = artifact(spec())
-    data = seal(graph_of(made), model_card(made), made.spec)
-    card = card_of(data)
-    for wrong in (3, {"name": "x"}, {"name": "x", "contacts": [], "sha256": ""}):
-        card["spec"]["hand"] = wrong
-        stored = read_card({"holdfast.card": json.dumps(card), **SEALED})
-        with pytest.raises(NotAModel, match="hand card"):
-            _ = stored.hand
 
 
 def test_a_hand_has_2_to_12_sensors_and_32_contacts(tmp_path: Path) -> None:

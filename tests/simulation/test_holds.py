@@ -124,16 +124,6 @@ def test_ranges_that_allow_no_hold_are_an_error(tmp_path: Path) -> None:
         made.trials(2)
 
 
-def test_a_row_without_these_keys_draws_what_it_always_drew(tmp_path: Path) -> None:
-    plain = scene(tmp_path, "", "pull").trials(6)
-    with_push = scene(tmp_path, "push_turn_deg = 90\n", "pull").trials(6)
-    for one, other in zip(plain, with_push, strict=True):
-        assert other.drawn == one.drawn | {"push_turn_deg": 90.0}
-        assert other.grip_n == one.grip_n
-        assert other.push == pytest.approx([0.0, 0.0, 1.0])
-        assert one.refused == 0
-
-
 def test_an_object_is_set_down_whichever_way_the_hand_is_held(tmp_path: Path) -> None:
     values = (
         "weak_share = 0\nused = 0.4\nmass_g = 150\nfriction = 0.6\npress = 1\nexcess_n = 0\n"

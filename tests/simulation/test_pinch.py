@@ -115,15 +115,3 @@ def test_the_pinch_is_felt_by_one_pad_only(action: str) -> None:
         assert one.signal.values.shape[1:] == (6, 3)
         assert one.motion.forces_n.shape[1] == 9
         assert (one.motion.forces_n[:, 6:, 2].max() > 0.3) == (action == "hold")
-
-
-def test_a_slip_that_lasts_until_the_hand_opens_ends_with_the_opening() -> None:
-    file = read_scene_file("pinch")
-    (row,) = [row for row in file.rows if row.action == "lift"]
-    scene = Scene(file, 101)
-    (one,) = scene.run_together([scene.trial(row, "heavy-book", 119)])
-    phases = one.truth.to_json()["phases"]
-    labels = [phase["label"] for phase in phases]
-    assert labels == ["nothing", "grasp", "risky_slip", "safe_slip", "nothing"]
-    ends_s = [phase["t1_s"] for phase in phases]
-    assert ends_s[:-1] == [phase["t0_s"] for phase in phases[1:]]

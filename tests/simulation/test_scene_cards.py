@@ -8,14 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from holdfast.core.errors import CardError, UsageError
-from holdfast.simulation import SCENES, STYLES, shipped_scenes
+from holdfast.core.errors import CardError
+from holdfast.simulation import STYLES, shipped_scenes
 from holdfast.simulation.effect import all_effects
 from holdfast.simulation.protocol import least_grip_n
 from holdfast.simulation.scene import Scene, apportion
 from holdfast.simulation.scene_file import read_scene_file
 
-PROTOCOLS = {"thesis", "apple", "p1", "p2", "perturbed-hold", "daily", "broad"}
 PLAIN = """
 [[trials]]
 objects = ["soft-ball"]
@@ -110,27 +109,6 @@ def test_a_card_that_cannot_be_is_refused_in_one_line(tmp_path, text, named):
         assert word in str(error.value)
 
 
-@pytest.mark.parametrize(
-    ("rate_hz", "allowed"), [(-4.0, "40 to 10000 Hz"), (9000.0, "at most 412 Hz")]
-)
-def test_a_rate_that_a_user_gives_is_blamed_on_the_user_s_option_and_not_on_the_card(
-    rate_hz, allowed
-):
-    with pytest.raises(UsageError) as error:
-        read_scene_file("thesis", rate_hz=rate_hz, rate_option="--rate ")
-    message = str(error.value)
-    assert message.startswith(
-        f"--rate {rate_hz:g} is not a sampling rate of thesis; next: give "
-    )
-    assert allowed in message
-    assert "record." not in message
-
-
-def test_a_card_that_is_not_there_names_those_that_are():
-    with pytest.raises(CardError, match="thesis"):
-        read_scene_file("theses")
-
-
 def test_styles_say_only_what_actions_know():
     from holdfast.simulation.actions import COMMON, parameters_of
 
@@ -155,11 +133,6 @@ def test_every_effect_has_a_default_that_is_allowed():
 def test_shares_of_a_total_are_whole_and_add_up():
     assert apportion(10, [60, 60, 1]) == [5, 5, 0]
     assert sum(apportion(17, [3, 5, 7])) == 17
-
-
-def test_no_card_writes_over_the_styles():
-    assert STYLES.parent == SCENES
-    assert "styles" not in shipped_scenes()
 
 
 def test_no_grip_is_gentler_than_a_hand_can_keep_but_where_the_object_must_fall():

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -15,16 +14,13 @@ from hypothesis import strategies as st
 
 from holdfast.core.contract import FloatArray, Unit
 from holdfast.drivers.virtual.virtual_hand import FORCE_N_PER_UT
-from holdfast.simulation.effect import Rows, Signal, all_effects, stream
+from holdfast.simulation.effect import Signal, all_effects, stream
 from holdfast.simulation.magnet import (
     calibrate,
     dipole_ut,
     linear_map,
-    loads_n,
     residual_n,
 )
-from holdfast.simulation.rows import PlanRequest, RowEffect
-from holdfast.training.datasets.thesis import preparation
 
 MU0 = 4e-7 * np.pi
 MOMENT_A_M2 = 1.35 / MU0 * np.pi * 0.75e-3**2 * 0.5e-3
@@ -194,12 +190,6 @@ def test_no_effect_makes_an_invalid_sample_valid(name: str) -> None:
 # dipole
 
 
-@pytest.mark.parametrize("z_mm", [1.5, 2.0, 5.0, 20.0])
-def test_the_field_on_the_axis_of_a_magnet_is_the_textbooks(z_mm: float) -> None:
-    field = dipole_ut(np.array([0.0, 0.0, 1e-3 * z_mm]), MOMENT_A_M2)
-    assert field == pytest.approx([0.0, 0.0, field_ut(1e-3 * z_mm)], rel=1e-12)
-
-
 @given(st.tuples(*[st.floats(-2e-3, 2e-3)] * 2), st.floats(1.5e-3, 5e-3))
 def test_the_field_of_a_magnet_has_neither_sources_nor_curls(
     aside_m: tuple[float, float], z_m: float
@@ -347,41 +337,6 @@ def test_reversed_magnets_turn_exactly_the_named_sensors(sensors: list[int]) -> 
     sign = np.ones((6, 1))
     sign[columns(*sensors)] = -1.0
     assert np.array_equal(after.values, sign * before.values)
-
-
-def pressed(reversed_sensors: list[int]) -> Signal:
-    """20 rows of rest and 20 of 5 N with a little shear, calibrated to newtons."""
-    read = apply("dipole", forces(*[(0.0, 0.0, 0.0)] * 20, *[(1.0, 0.0, 5.0)] * 20))
-    return calibrate(apply("magnet_reversed", read, sensors=reversed_sensors))
-
-
-@pytest.mark.parametrize("sensors", [[1], [2, 5], [1, 2, 3, 4, 5, 6]])
-def test_prepared_a_hand_of_reversed_magnets_is_the_hand_of_upright_ones(
-    sensors: list[int],
-) -> None:
-    """The shear too: a model learns from one hand and runs on the other."""
-    raw = pressed(sensors).values.reshape(40, 18)
-    upright = preparation("N").apply(pressed([]).values.reshape(40, 18))
-    assert preparation("N").apply(raw) == pytest.approx(upright, abs=1e-9)
-    thesis_own = msgspec.structs.replace(preparation("N"), turns="normal").apply(raw)
-    shear = slice(0, 18, 3)
-    sums = thesis_own[20:, shear] + upright[20:, shear]
-    assert np.abs(sums[:, columns(*sensors)]).max() < 1e-9
-
-
-def tared() -> FloatArray:
-    """[40, 18] N: noise of 0.05 N about zero, then 5 N of normal force."""
-    values = np.random.default_rng(3).normal(0.0, 0.05, size=(40, 6, 3))
-    values[20:, :, 2] += 5.0
-    return values.reshape(40, 18)
-
-
-def test_a_stream_that_is_tared_already_is_not_turned_by_its_noise() -> None:
-    first = tared()[0, 2::3]
-    assert (first < 0.0).any()
-    assert (first > 0.0).any()
-    assert np.array_equal(preparation("N").learn(tared())[0], np.ones(18))
-    assert (preparation("N").apply(tared())[20:, 2::3] > 4.5).all()
 
 
 def test_of_a_lost_magnet_only_the_field_of_the_earth_is_left() -> None:
@@ -569,16 +524,6 @@ def test_a_virtual_hand_is_calibrated_as_the_scenes_sensors_are() -> None:
     assert linear_map()[0] == pytest.approx(FORCE_N_PER_UT, rel=1e-12, abs=1e-17)
 
 
-def test_no_other_matrix_fits_the_loads_better() -> None:
-    matrix, _ = linear_map()
-    read = apply("dipole", forces((0.0, 0.0, 0.0), *loads_n())).values[:, 0]
-    fields = read[1:] - read[0]
-    error = fields @ matrix.T - loads_n()
-    assert fields.T @ error == pytest.approx(
-        np.zeros((3, 3)), abs=1e-3
-    )  # the normal equations
-
-
 @pytest.mark.parametrize("force_n", [1.0, 2.0, 5.0, 10.0, 14.0])
 def test_a_known_press_comes_back_within_the_residual(force_n: float) -> None:
     (back,) = newtons((0.0, 0.0, force_n))
@@ -627,16 +572,6 @@ def test_play_lags_by_half_its_width_and_turns_only_after_all_of_it() -> None:
     still = back >= 1.6 - 1e-9
     assert read[41:][still] == pytest.approx(np.full(still.sum(), 1.8))
     assert read[-1] == pytest.approx(0.2)
-
-
-def test_play_row_by_row_is_play_of_the_whole_trial() -> None:
-    rng = np.random.default_rng(4)
-    wandered = signal(np.cumsum(rng.normal(size=(200, 6, 3)), axis=0), "N")
-    law: Any = SENSOR_EFFECTS["hysteresis"].make
-    plan = law.plan(PlanRequest({"width_n": 2.0}, rng, wandered.t_s, 6))
-    rows = Rows(wandered.values, wandered.valid)
-    whole = law._row_by_row(rows, plan).values
-    assert np.array_equal(whole, RowEffect._row_by_row(law, rows, plan).values)
 
 
 def test_drift_grows_evenly_and_steps_once() -> None:
