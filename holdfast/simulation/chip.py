@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from holdfast.simulation.effect import Effect, Parameter, Rows, Signal
+from holdfast.simulation.effect import SENSORS, Effect, Parameter, Rows, Signal
 from holdfast.simulation.rows import Plan, PlanRequest, RowEffect, added
 
 NOISE_UT = np.array([22.0, 22.0, 11.0])
@@ -132,10 +132,8 @@ def stale_plan(request: PlanRequest) -> Plan:
     ends_s = request["at_s"] + request["lasts_s"]
 
     stuck = np.zeros((len(request.t_s), request.sensors), dtype=np.bool_)
-    # Sensors are numbered from 1 in a scene file.
-    these = [int(number) - 1 for number in request["sensors"]]
     during = (request.t_s >= begins_s) & (request.t_s < ends_s)
-    stuck[:, these] = during[:, None]
+    stuck[:, request.places] = during[:, None]
 
     # The driver needs a while to see that a reading does not change.
     late = request.t_s - begins_s > STALE_AFTER_S
@@ -203,7 +201,7 @@ TABLE = (
         "sensor",
         RowEffect(stale_plan, stale_sensor, chained=True),
         {
-            "sensors": Parameter([], "", 1, 12, "which sensors", many=True),
+            "sensors": SENSORS,
             "at_s": Parameter({"uniform": [4, 8]}, "s", 0, 1e6, "start"),
             "lasts_s": Parameter({"uniform": [0.1, 1]}, "s", 0, 1e6, "duration"),
         },

@@ -38,6 +38,11 @@ class PlanRequest:
     def __getitem__(self, name: str) -> Any:
         return self.drawn[name]
 
+    @property
+    def places(self) -> list[int]:
+        """Of the sensors that the effect is about; a scene file numbers them from 1."""
+        return [int(number) - 1 for number in self["sensors"]]
+
     def noise(self) -> FloatArray:
         """[T, S, 3] standard normal numbers from the stream."""
         return self.rng.normal(size=(len(self.t_s), self.sensors, 3))

@@ -90,7 +90,7 @@ def body_of(trials: Sequence[PlannedTrial], pressure: FloatArray) -> Body:
     springs = np.broadcast_to(spring, (elements, *finger.shape))
 
     return Body(
-        mass_kg=np.array([held.mass_g * 1e-3 for held in objects]),
+        mass_kg=np.array([held.mass_kg for held in objects]),
         gravity_m_s2=GRAVITY_M_S2 * down,
         curvature_per_m=np.array([held.curvature_per_m for held in objects]).T,
         straight_m=np.array([held.half_length_mm * 1e-3 for held in objects]),

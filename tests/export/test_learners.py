@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-import msgspec
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -15,7 +14,7 @@ from small_model import artifact, spec
 
 from holdfast.core.contract import CLASSES, SITUATIONS
 from holdfast.core.errors import HoldfastError
-from holdfast.edge_runtime.graph import open_session, run_recording
+from holdfast.edge_runtime.graph import open_session
 from holdfast.edge_runtime.model import Model
 from holdfast.export.artifact import Artifact, read_artifact, write_artifact
 from holdfast.export.exporting import export_artifact, whole_graph
@@ -33,7 +32,6 @@ from holdfast.export.verify import cut_learners, verify
 from holdfast.training.network_fit import fit_network
 from holdfast.training.plan import ForestPlan, NetworkPlan
 
-AREA = "Learners in whole numbers"
 SPEC = spec(("now", "differences"))
 PLAN = NetworkPlan(hidden=(12, 8), members=2, epochs=4, batch=32)
 FOREST = ForestPlan(kind="random", n_estimators=3, max_depth=4)
@@ -162,34 +160,6 @@ def test_a_class_that_training_never_saw_gets_no_votes_but_what_rounding_leaves(
     votes = reference_votes(network, rows_of(200, seed=1), 4)
     assert votes[:, 1].max() == 0
     assert riskier_argmax(votes).max() == 3
-
-
-def test_label_weights_change_labels_and_nothing_else():
-    plain, heavy = (
-        made_of("forest", SITUATIONS),
-        made_of("forest", SITUATIONS, (0.01, 1.0, 1.0, 1.0)),
-    )
-    by_votes = msgspec.structs.replace(SPEC, force_decides=False)
-    rng = np.random.default_rng(0)
-    values = 3.0 * rng.normal(size=(200, 6))
-    valid = np.ones((200, 2), np.bool_)
-    names = ["situation", "votes", "p_situation"]
-    one, two = (
-        run_recording(
-            open_session(whole_graph(by_votes, made.heads).SerializeToString()),
-            values,
-            valid,
-            names,
-        )
-        for made in (plain, heavy)
-    )
-    assert (one["situation"] == 0).any()
-    assert not (
-        two["situation"][one["votes"][:, 1:].max(axis=1) * 100 > one["votes"][:, 0]]
-        == 0
-    ).any()
-    assert one["votes"].tobytes() == two["votes"].tobytes()
-    assert one["p_situation"].tobytes() == two["p_situation"].tobytes()
 
 
 def test_the_label_of_the_reference_is_the_riskier_of_equal_weighted_votes():

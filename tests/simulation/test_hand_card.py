@@ -20,13 +20,11 @@ from holdfast.core.hand_card import (
 from holdfast.edge_runtime.model_file import read_card
 from holdfast.evaluation.model_outputs import require_model_fits
 from holdfast.export.exporting import model_card, seal
-from holdfast.export.spec import StepSpec
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.objects import hand_of_counts, load_factors
 from holdfast.simulation.scene import Scene, SimulatedTrial
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.datasets import join, load
-from holdfast.training.featurise import spec_for
 
 ROWS = """
 [record]
@@ -266,21 +264,6 @@ def test_a_model_carries_the_card_and_is_not_scored_on_another_hand(
 
 
 SEALED = {"holdfast.sha256": "0" * 64}
-
-
-def test_a_card_stays_with_the_step_that_is_trained(sets: dict[str, Path]) -> None:
-    data = load(sets["pinch"], windows="natural")
-    made = spec_for(data, ("now",))
-    assert made.hand == data.hand
-    again = StepSpec.from_json(made.to_json())
-    assert again.hand is not None
-    assert again.hand.contacts == data.hand.contacts  # type: ignore[union-attr]
-    assert (
-        "hand"
-        not in spec_for(load(sets["none"], windows="natural"), ("now",)).to_json()
-    )
-    with pytest.raises(ChannelError, match="the card"):
-        msgspec.structs.replace(made, n_sensors=5, min_valid_sensors=0)
 
 
 def test_a_hand_has_2_to_12_sensors_and_32_contacts(tmp_path: Path) -> None:

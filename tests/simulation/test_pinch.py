@@ -104,10 +104,6 @@ def test_the_turn_stands_in_the_motion_where_an_effect_turns_objects(
     assert turn_deg[0] == 0.0
     assert np.abs(turn_deg).max() > 1.0
 
-    write_set(Scene(pinch("pull", rotation=None), 100), tmp_path / "without", 2)
-    (path,) = sorted((tmp_path / "without").rglob("trial_1.motion.csv"))[:1]
-    assert "turn" not in path.read_text("utf-8").splitlines()[0]
-
 
 @pytest.mark.parametrize("action", ["hold", "nothing"])
 def test_the_pinch_is_felt_by_one_pad_only(action: str) -> None:

@@ -49,16 +49,10 @@ def test_a_new_card_needs_no_code(tmp_path):
     ("text", "named"),
     [
         (PLAIN.replace("pull", "throw"), ["trials[0].action", "throw", "put-down"]),
-        (
-            PLAIN.replace("soft-ball", "melon"),
-            ["trials[0].objects", "melon", "soft-ball"],
-        ),
         (PLAIN + 'style = "p9"\n', ["trials[0].style", "p9", "author"]),
         (PLAIN + "hold_s = -1\n", ["trials[0].hold_s", "-1", "0.8 to 600 s"]),
         (PLAIN + "hold_s = { uniform = [3, 2] }\n", ["hold_s", "low before high"]),
-        (PLAIN + "hold_s = { gamma = [3, 2] }\n", ["hold_s", "gamma", "uniform"]),
         (PLAIN + "open_after_s = 1\n", ["open_after_s", "not known", "distance_m"]),
-        (PLAIN + "count = 1.5\n", ["trials[0].count", "1.5", "whole number"]),
         (PLAIN + "[effects.magic]\n", ["magic", "not known", "hall_noise"]),
         (PLAIN + "[effects.brush]\nnumber = 3\n", ["effects.brush", "number", "count"]),
         (
@@ -66,7 +60,6 @@ def test_a_new_card_needs_no_code(tmp_path):
             ["effects.hall_noise", "only together with [effects.dipole]"],
         ),
         (PLAIN + '[record]\nunit = "uT"\n', ["record.unit", "uT", "dipole"]),
-        (PLAIN + '[record]\nunit = "lb"\n', ["record.unit", "lb", "N or uT"]),
         (
             PLAIN + '[record]\nunit = "uT"\n[effects.dipole]\n[effects.white_noise]\n',
             ["effects.white_noise", 'record.unit = "N"'],
@@ -75,14 +68,9 @@ def test_a_new_card_needs_no_code(tmp_path):
             PLAIN + "[record]\nrate_hz = 1000\n[effects.averaging]\n",
             ["record.rate_hz", "1000", "412 Hz"],
         ),
-        (PLAIN + "[record]\nrate_hz = 10\n", ["record.rate_hz", "10", "40 to 10000"]),
         (
             PLAIN + "[physics]\nstep_s = 0.01\n[effects.texture]\n",
             ["physics.step_s", "0.01", "0.001 s"],
-        ),
-        (
-            PLAIN + "[objects.stone]\nmass_g = -3\n",
-            ["objects.stone.mass_g", "-3", "0.1 to 5000 g"],
         ),
         (
             "[objects.lead]\nmass_g = 5000\nfriction = 0.3\n"
@@ -91,7 +79,6 @@ def test_a_new_card_needs_no_code(tmp_path):
         ),
         ("title = 'x'", ["trials", "is missing"]),
         ("[trails]\n" + PLAIN, ["trails", "not known", "trials"]),
-        ("[[trials]\n", ["not valid TOML"]),
     ],
 )
 @pytest.mark.hard_case(

@@ -179,20 +179,6 @@ def test_an_object_in_c_moves_as_in_the_scenes(scene: ctypes.CDLL, hand: Hand) -
         assert np.abs(left - right).max() <= RELATIVE * np.abs(right).max()
 
 
-def test_the_trials_hold_slip_are_lost_and_are_caught() -> None:
-    ends = {name: of_python(hand) for name, hand in HANDS.items()}
-    lost = {name for name, (forces, _) in ends.items() if not forces[-1].any()}
-    assert lost == {
-        "a slip to the end",
-        "a ball torn out",
-        "a fall",
-        "upside down, slippery",
-    }
-    caught_m = ends["a caught slip"][1][:, 2]
-    assert 1e-3 < -caught_m[-1] < 0.05
-    assert caught_m[-1] == pytest.approx(caught_m[-100], abs=2e-4)
-
-
 def test_the_drive_in_c_is_that_of_the_scenes(scene: ctypes.CDLL) -> None:
     trial = trial_of("full-bottle")
     actuator = Actuator(Drive(), [trial, trial])

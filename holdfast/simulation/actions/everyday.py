@@ -254,16 +254,15 @@ def _stack_n(trial: PlannedTrial, weight_n: float) -> float:
 
 def _lift_n(trial: PlannedTrial, weight_n: float) -> float:
     """The peak of a minimum-jerk path is 5.77 times its length over its time squared."""
-    mass_kg = trial.object.mass_g * 1e-3
     peak_m_s2 = 5.77 * trial.drawn["height_m"] / trial.drawn["raise_s"] ** 2
-    return weight_n + mass_kg * peak_m_s2
+    return weight_n + trial.object.mass_kg * peak_m_s2
 
 
 def _carry_n(trial: PlannedTrial, weight_n: float) -> float:
     """Both harmonics of a step at once, and forth and back across them."""
-    mass_kg = trial.object.mass_g * 1e-3
     up_m_s2 = (1.0 + HEEL) * trial.drawn["up_m_s2"]
-    return weight_n + mass_kg * float(np.hypot(up_m_s2, trial.drawn["forward_m_s2"]))
+    peak_m_s2 = float(np.hypot(up_m_s2, trial.drawn["forward_m_s2"]))
+    return weight_n + trial.object.mass_kg * peak_m_s2
 
 
 def _table_n(trial: PlannedTrial, weight_n: float) -> float:
