@@ -19,6 +19,7 @@ from holdfast.simulation.magnet import (
     calibrate,
     dipole_ut,
     linear_map,
+    loads_n,
 )
 
 MU0 = 4e-7 * np.pi
