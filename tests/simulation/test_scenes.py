@@ -178,7 +178,7 @@ def test_a_trial_is_the_same_in_any_company(tmp_path):
         "hall_noise",
     ]
     every = "".join(f"[effects.{name}]\n" for name in names)
-    scene = make(tmp_path, CORE + MAGNET + every)
+    scene = make(tmp_path, COARSE + MAGNET + every)
     trials = scene.trials()
     together = scene.run_together(trials)
     alone = scene.run_together([trials[0]])[0]
