@@ -20,7 +20,7 @@ from holdfast.cli.command import (
     require_json_writable,
     show_found,
 )
-from holdfast.core.errors import OutputError, UsageError
+from holdfast.core.errors import OutputError, UsageError, command
 from holdfast.core.writing import require_writable
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option(
         "--force",
         action="store_true",
-        help="replace FILE if it exists, and write it although it is worse than its base",
+        help="replace FILE if it exists, and write it although it is no better than its base",
     )
     add_json_option(parser)
 
@@ -130,7 +130,8 @@ def _adapt(args: argparse.Namespace) -> int:
         f"the base on these: {_in_words(made.base)}\n"
         f"{made.verified.rows} rows checked, 0 labels differ from the reference; "
         f"{made.verified.changed} labels differ from the base\n"
-        f"model: {args.out}; back: holdfast adapt {args.out} --undo --out BASE.onnx"
+        f"model: {args.out}; back: "
+        + command("adapt", args.out, "--undo", "--out", "BASE.onnx")
     )
     found = {
         "model": args.out,
@@ -138,7 +139,7 @@ def _adapt(args: argparse.Namespace) -> int:
         "rules": rules.to_json(),
         "held_out": asdict(reached),
         "base_held_out": asdict(made.base),
-        "worse_than_base": reached.worse_than(made.base),
+        "worse_than_base": reached.no_better_than(made.base),
         "verified": asdict(made.verified),
     }
     show_found(args, words, found)

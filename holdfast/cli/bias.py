@@ -15,7 +15,7 @@ from holdfast.cli.command import (
     show_found,
 )
 from holdfast.cli.options import add_calibration_option, add_source_option, set_reader
-from holdfast.core.errors import count_of
+from holdfast.core.errors import command, count_of
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -75,7 +75,8 @@ def run(args: argparse.Namespace) -> int:
     bias = measured.bias
     write_bias(args.out, bias)
     spread = float(bias.spread.max())
-    next_step = f"next: holdfast run MODEL --source URL --bias {args.out}"
+    run = command("run", "MODEL", "--source", "URL", "--bias", args.out)
+    next_step = f"next: {run}"
     words = f"{count_of(bias.n, 'row')}, spread at most {spread:.3g} {bias.unit}"
     words += f"\nbias written to {args.out}"
     found = {

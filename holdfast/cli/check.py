@@ -46,13 +46,17 @@ def run(args: argparse.Namespace) -> int:
         return _write_example(Path(args.folder))
     if args.repair:
         return _repair(args)
-    from holdfast.training.check import examine, report_lines
+    from holdfast.cli.options import read_settings, settings_file
+    from holdfast.training.check import examine
+    from holdfast.training.check_lines import report_lines
     from holdfast.training.datasets import find
     from holdfast.training.progress import stages
 
     with stages(1) as begin:
         begin(f"reading {args.folder}")
-        report = examine(find(args.folder), begin.part)
+        settings = read_settings(settings_file([]))
+        most_n = settings.get("ceiling_n")
+        report = examine(find(args.folder), begin.part, most_n)
 
     show_found(args, "\n".join(report_lines(report)), report.to_json())
     return 0 if report.readable else DataError.exit_code

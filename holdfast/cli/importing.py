@@ -147,7 +147,7 @@ def _write_map(path: Path, text: str) -> None:
 
 def _fault_lines(faults: list[ImportFault], plan: ImportMap) -> list[str]:
     """All faults, those that differ in place and numbers alone in one."""
-    from holdfast.training.check import alike
+    from holdfast.training.check_lines import alike
 
     lines = []
     for first, more in alike(faults, lambda fault: f"{fault.what} {fault.map_line}"):

@@ -23,7 +23,7 @@ from holdfast.cli.options import (
     add_recording_options,
     add_source_option,
 )
-from holdfast.core.errors import count_of
+from holdfast.core.errors import command, count_of
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
 
 if TYPE_CHECKING:
@@ -104,10 +104,10 @@ def run(args: argparse.Namespace) -> int:
             keys = stack.enter_context(listening(sys.stdin.fileno()))
         kept = record(options, RunContext(RunClock(), keys, display, stopped))
 
-    next_step = f"next: holdfast evaluate MODEL --data {args.out}"
+    next_step = f"next: {command('evaluate', 'MODEL', '--data', args.out)}"
     words = f"{count_of(kept, 'trial')} kept in {args.out / args.person}; {next_step}"
     show_found(args, words, {"out": args.out, "person": args.person, "kept": kept})
-    return 0
+    return stopped.exit_code
 
 
 def options_of(args: argparse.Namespace) -> RecordOptions:

@@ -23,6 +23,7 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.core.contract import not_learned_in_words
     from holdfast.edge_runtime.monitor import GripMonitor, Model, require_fit
     from holdfast.live.outputs import to_json_line
+    from holdfast.live.running import say
     from holdfast.live.sources import open_source
 
     model = Model(args.model)
@@ -30,9 +31,9 @@ def run(args: argparse.Namespace) -> int:
     source = open_source(
         args.trial,
         channels=card.n_channels,
-        preparation=card.preparation,
         read_set=set_reader(args.trial),
     )
+    source = source.at_rate(card.rate_hz, say).prepared(card.preparation)
     # Before the first answer, so that stdout holds either answers of this trial or nothing.
     require_fit(
         card,
@@ -42,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
         where=args.trial,
     )
     # Without a clock: an answer of a replay is never late.
-    monitor = GripMonitor(model, None)
+    monitor = GripMonitor(model, None, bias_known=source.zero == "measured")
     not_learned = card.not_learned
     for line in not_learned_in_words(not_learned):
         sys.stderr.write(f"{line}\n")

@@ -16,6 +16,7 @@ from holdfast.cli.command import (
     STDOUT,
     add_json_option,
     path_argument,
+    positive,
     require_json_writable,
     seed,
     show,
@@ -84,6 +85,13 @@ def _choose_recordings(parser: argparse.ArgumentParser) -> None:
         "--groups", type=int, metavar="K", help="use K people (or blocks) only"
     )
     parser.add_argument(
+        "--rate",
+        type=positive,
+        metavar="HZ",
+        help="samples a second to learn at: recordings at 2 to 20 times this are averaged down "
+        "(default: as recorded)",
+    )
+    parser.add_argument(
         "--hold-out",
         choices=HELD_OUT_BY,
         metavar="WHAT",
@@ -129,6 +137,7 @@ def _choose_learner(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Train; prints the windows and the held-out figures, and the stages on stderr."""
     from holdfast.core.contract import CANNOT_TELL, not_learned_in_words
+    from holdfast.core.errors import command
     from holdfast.training.figures import situation_lines, with_interval
     from holdfast.training.progress import stages
 
@@ -166,7 +175,7 @@ def run(args: argparse.Namespace) -> int:
 
     lines += trained.not_held_out
     lines += not_learned_in_words(not_learned)
-    lines += [data.caveat, f"artifact: {args.out}; next: holdfast export {args.out}"]
+    lines += [data.caveat, f"artifact: {args.out}; next: {command('export', args.out)}"]
 
     found = {
         "artifact": args.out,
@@ -196,6 +205,7 @@ def _request(args: argparse.Namespace) -> TrainingRequest:
         replace_fixture=args.out == DEFAULT_OUT,
         groups=args.groups,
         hold_out=args.hold_out,
+        rate_hz=args.rate,
         windows=args.windows,
         features=args.features,
         size=args.size,

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from holdfast.cli.command import add_json_option, path_argument, positive, show_found
 from holdfast.cli.options import add_camera_options
-from holdfast.core.errors import TagError, UsageError
+from holdfast.core.errors import TagError, UsageError, command
 from holdfast.sessions.onset import ACTIONS, GROSS_MM, doubt, read_motion, write_label
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def _record(args: argparse.Namespace) -> int:
         watched = watch(source, args.out, stopped=stopped)
     counts = f"{watched.frames} frames with tags read, {watched.in_video} in the video"
     words = f"{counts}, {watched.lost} lost between them\n"
-    words += f"{args.out}; next: holdfast watch --onset {args.out}"
+    words += f"{args.out}; next: {command('watch', '--onset', args.out)}"
     found = {
         "out": args.out,
         "frames": watched.frames,
@@ -98,7 +98,7 @@ def _record(args: argparse.Namespace) -> int:
         raise wrong
     if wrong is not None:
         say(f"warning: {wrong}")
-    return 0
+    return stopped.exit_code
 
 
 def _source(args: argparse.Namespace) -> FrameSource:

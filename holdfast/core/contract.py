@@ -87,6 +87,8 @@ Json = dict[str, Any]
 
 RATE_TOLERANCE = 0.10
 """A source may run within +-10 % of the rate a model was built for (median step)."""
+MOST_AVERAGED = 20
+"""At most so many samples of a source are averaged to one of a model."""
 RATES_HZ = (1e-3, 1e5)
 """The least and the largest sampling rate, wherever one comes from."""
 
@@ -120,6 +122,26 @@ def not_learned_in_words(not_learned: Mapping[str, str]) -> list[str]:
 def is_rate(rate_hz: float) -> bool:
     """Whether a number can be a sampling rate; NaN is none."""
     return RATES_HZ[0] <= rate_hz <= RATES_HZ[1]
+
+
+def averaged_by(rate_hz: float, model_hz: float) -> int:
+    """How many samples of a source make one of a model's rate; 0 where no whole number does.
+
+    >>> [averaged_by(rate_hz, 150.0) for rate_hz in (140.0, 300.0, 1000.0, 200.0)]
+    [1, 2, 7, 0]
+    """
+    if not is_rate(rate_hz):
+        return 0
+    n = max(1, round(rate_hz / model_hz))
+    fits = abs(rate_hz / (n * model_hz) - 1.0) <= RATE_TOLERANCE
+    return n if fits and n <= MOST_AVERAGED else 0
+
+
+def averaged_in_words(rate_hz: float, n: int) -> str:
+    """What is reported where every n samples of a source become one."""
+    return (
+        f"{rate_hz:.4g} Hz averaged down to {rate_hz / n:.4g} Hz, means of {n} samples"
+    )
 
 
 def class_id(situation: int, *, heavy: bool) -> int:

@@ -49,12 +49,22 @@ Libraries that only an extra installs: what is said when one of them is missing.
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 LONGEST_LINE = 2000
 """Characters of one message; a name may have a hundred thousand."""
+
+
+def command(*words: object) -> str:
+    """A command to try next, which can be pasted.
+
+    >>> command("check", "my trials")
+    "holdfast check 'my trials'"
+    """
+    return shlex.join(["holdfast", *map(str, words)])
 
 
 def count_of(n: int, noun: str, plural: str = "") -> str:

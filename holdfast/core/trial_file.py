@@ -1,8 +1,9 @@
 """One trial as a CSV file: `Time` in seconds first, then X1,Y1,Z1 .. Xn,Yn,Zn.
 
-The recorder adds columns of its own (host_ns, device_us, sequence, valid1 .. validn). Any other
-column is an error, because it may be a mistake. If there is a column `sequence`, the samples that
-it skips were lost; they become invalid rows instead of a gap.
+The recorder adds columns of its own (host_ns, device_us, sequence, valid1 .. validn). A run adds
+prepared_N (or another unit): sign and zero are removed, the zero being that of the first samples
+(1) or a measured one (2). Any other column is an error, because it may be a mistake. If there is a
+column `sequence`, the samples that it skips were lost; they become invalid rows instead of a gap.
 """
 
 from __future__ import annotations
@@ -11,34 +12,45 @@ import csv
 import re
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TextIO
+from typing import Literal, TextIO
 
 import numpy as np
-import numpy.typing as npt
 
-from holdfast.core.contract import BoolArray, FloatArray, channel_names, is_rate
+from holdfast.core.contract import (
+    UNITS,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Unit,
+    channel_names,
+    is_rate,
+)
 from holdfast.core.errors import (
     ColumnError,
     DataNotFound,
     EmptyRecording,
     NotANumber,
     TimeError,
+    command,
     count_of,
     listed,
 )
+from holdfast.core.trial_layout import TACTILE
 
 TIME_COLUMN = "Time"
+TIME_COLUMNS = {TIME_COLUMN: "s", "t_s": "s", "t_ms": "ms", "t_us": "us", "t_ns": "ns"}
+"""The name of a column of time -> its unit."""
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _CHANNEL = re.compile("[XYZ][0-9]{1,3}")
-RECORDER_COLUMNS = ("host_ns", "device_us", "sequence")
+Zero = Literal["first samples", "measured"]
+PREPARED: dict[str, Unit] = {f"prepared_{unit}": unit for unit in UNITS}
+"""The column of a file whose values have lost sign and zero -> their unit."""
+RECORDER_COLUMNS = ("host_ns", "device_us", "sequence", *PREPARED)
+ZEROS: tuple[Zero, ...] = ("first samples", "measured")
+"""What the zero of such a file is, by the number in that column, from 1."""
 MIN_ROWS = 2
-GAP_STEPS = 5.0
-"""A step of more than this many median steps is a gap that splits the trial.
-
-Rows lost in a shorter step are filled in as invalid, so that no later stage takes the rows around
-them for neighbours in time.
-"""
 LONGEST_S, LATEST_S = 1e6, 1e12
 LONGEST_TRIAL_S = 3600.0
 SLOWEST_HZ, FASTEST_HZ = 5.0, 5000.0
@@ -51,19 +63,43 @@ UNITS_OF_TIME_S = {
     "days": 86400.0,
 }
 """What a time that should be in seconds may be in."""
-MOST_LOST = 2
-"""A trial is refused if more than one sample in this many is lost."""
-IntArray = npt.NDArray[np.int64]
+MOST_ROWS = 2_000_000
+"""A gap that makes more of them is no loss of samples."""
+
+
+def block_means(
+    values: FloatArray, valid: BoolArray, n: int
+) -> tuple[FloatArray, BoolArray]:
+    """values [T, C] and valid [T, S] of every n samples as one; what is left over is dropped.
+
+    A mean of whole blocks, so that little folds back. A sensor is valid where more than half of its
+    samples are, and its mean is of these.
+    """
+    blocks = len(values) // n
+    by_sensor = values[: blocks * n].reshape(blocks, n, -1, 3)
+    usable = np.isfinite(by_sensor).all(axis=3)
+    usable &= valid[: blocks * n].reshape(blocks, n, -1)
+    count = usable.sum(axis=1)
+    total = np.where(usable[..., None], by_sensor, 0.0).sum(axis=1)
+    means = total / np.maximum(count, 1)[..., None]
+    return means.reshape(blocks, -1), 2 * count > n
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial file as read: t_s [T] from zero, raw [T, C] in the file's unit, valid [T, C/3]."""
+    """A trial file as read: t_s [T] from zero, raw [T, C] in the file's unit, valid [T, C/3].
+
+    rows: which of them stand in the file, the others were lost; None for all. zero: what was
+    removed from raw, None for nothing. unit: where the file itself names it.
+    """
 
     path: Path
     t_s: FloatArray
     raw: FloatArray
     valid: BoolArray
+    rows: IntArray | None = None
+    zero: Zero | None = None
+    unit: Unit | None = None
 
     @property
     def rate_hz(self) -> float:
@@ -74,6 +110,12 @@ class Trial:
         # over a tenth of the trial, rounding and jitter of single steps average out
         lag = 1 + len(self.t_s) // 10
         return lag / float(np.median(self.t_s[lag:] - self.t_s[:-lag]))
+
+    def averaged(self, n: int) -> Trial:
+        """The same trial with the mean of every n samples, at the time of the last of them."""
+        raw, valid = block_means(self.raw, self.valid, n)
+        t_s = self.t_s[n - 1 :: n][: len(raw)]
+        return replace(self, t_s=t_s, raw=raw, valid=valid, rows=None)
 
 
 def line_of_row(row: int) -> str:
@@ -127,10 +169,13 @@ def trial_of(
     require_rows(table, path)
     # the counter of the recorder knows exactly what was lost; time alone only guesses
     counted = table[:, header.index("sequence")] if "sequence" in header else None
-    is_counted = counted is not None
-    t_s = _check_time(table[:, 0], path, row_name, gaps_counted=is_counted)
+    seconds = SECONDS[TIME_COLUMNS[header[0]]]
+    t_s = _check_time(seconds * table[:, 0], path, row_name)
     raw = table[:, 1 : 1 + 3 * n_sensors]
     trial = Trial(path, t_s, raw, _valid(table, header, n_sensors))
+    for column in PREPARED.keys() & set(header):
+        zero = ZEROS[int(table[0, header.index(column)]) > 1]
+        trial = replace(trial, zero=zero, unit=PREPARED[column])
     if counted is None:
         return _with_lost_rows(trial, places_by_time(t_s))
     return _with_lost_rows(trial, _places_by_sequence(counted, path))
@@ -156,27 +201,31 @@ def _places_by_sequence(counted: FloatArray, path: Path) -> IntArray:
             next_step="record again",
         )
     place: IntArray = (counted - counted[0]).astype(np.int64)
-    total = place[-1] + 1
-    if total > MOST_LOST * len(place):
-        raise TimeError(
-            f"{total - len(place)} of {total} samples were lost",
-            where=path,
-            cause="the machine is too slow for this rate, or it was suspended",
-            next_step="record again, at a lower rate",
-        )
     return place
 
 
 def _with_lost_rows(trial: Trial, place: IntArray) -> Trial:
-    """The trial with a row of nan, marked invalid, for every sample that never came."""
+    """The trial with a row of nan, marked invalid, for every sample that never came.
+
+    No later stage then takes the rows around a gap for neighbours in time. Raises TimeError.
+    """
     if place[-1] == len(place) - 1:
         return trial
+    if place[-1] >= MOST_ROWS:
+        at = int(np.argmax(np.diff(place)))
+        raise TimeError(
+            f"a gap of {trial.t_s[at + 1] - trial.t_s[at]:.6g} s after {at + 1} rows",
+            where=trial.path,
+            cause="the file holds two recordings, or the clock was set",
+            next_step="split the file there",
+        )
     rows = np.arange(place[-1] + 1)
     raw = np.full((len(rows), trial.raw.shape[1]), np.nan)
     valid = np.zeros((len(rows), trial.valid.shape[1]), dtype=np.bool_)
     # rows that never came stay nan and invalid
     raw[place], valid[place] = trial.raw, trial.valid
-    return Trial(trial.path, np.interp(rows, place, trial.t_s), raw, valid)
+    t_s = np.interp(rows, place, trial.t_s)
+    return replace(trial, t_s=t_s, raw=raw, valid=valid, rows=place)
 
 
 def _header(path: Path) -> list[str]:
@@ -209,7 +258,8 @@ def check_columns(header: list[str], path: Path) -> int:
     """Number of sensors, or a ColumnError that names the columns."""
     numbers = [int(name[1:]) for name in header if _CHANNEL.fullmatch(name)]
     n_sensors = max(numbers, default=1)
-    expected = [TIME_COLUMN, *channel_names(n_sensors)]
+    time = header[0] if header[0] in TIME_COLUMNS else TIME_COLUMN
+    expected = [time, *channel_names(n_sensors)]
     known = {*expected, *RECORDER_COLUMNS}
     known.update(f"valid{k}" for k in range(1, n_sensors + 1))
     missing = [name for name in expected if name not in header]
@@ -278,7 +328,9 @@ def _bad_table(said: str, header: list[str], path: Path) -> NotANumber | ColumnE
         what,
         where=path,
         cause="text or an empty cell in the data",
-        next_step="write plain decimal numbers, and nan for a value that was lost",
+        next_step=_repair(
+            path, "write plain decimal numbers, and nan for a value that was lost"
+        ),
     )
 
 
@@ -287,16 +339,21 @@ def _other_count(what: str, header: list[str], path: Path) -> ColumnError:
         f"{what}, the header has {len(header)}",
         where=path,
         cause="the line was cut off while it was written",
-        next_step="remove that line",
+        next_step=_repair(path, "remove that line"),
     )
 
 
+def _repair(path: Path, otherwise: str) -> str:
+    """What to do about a bad line: where the last line is torn, a recording can be repaired."""
+    if path.is_file() and not path.read_bytes().endswith(b"\n"):
+        if path.name == TACTILE:
+            return command("check", path.parent, "--repair")
+        return "remove the last line, which was cut off"
+    return otherwise
+
+
 def _check_time(
-    time_s: FloatArray,
-    path: Path,
-    row_name: Callable[[int], str],
-    *,
-    gaps_counted: bool = False,
+    time_s: FloatArray, path: Path, row_name: Callable[[int], str]
 ) -> FloatArray:
     """Time from zero, or a TimeError that names the row."""
     impossible = np.flatnonzero(~(np.abs(time_s) < LATEST_S))
@@ -318,14 +375,6 @@ def _check_time(
             next_step="split the file there",
         )
     median = float(np.median(steps))
-    at = int(np.argmax(steps))
-    if steps[at] > GAP_STEPS * median and not gaps_counted:
-        raise TimeError(
-            f"{row_name(at + 1)}: a gap of {steps[at]:.6g} s where {median:.6g} s is usual",
-            where=path,
-            cause="samples were lost",
-            next_step="split the file there, or fill lost rows with nan at the usual step",
-        )
     from_zero: FloatArray = time_s - time_s[0]
     if not is_rate(1.0 / median) or from_zero[-1] > LONGEST_S:
         raise TimeError(

@@ -25,7 +25,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from holdfast.core.errors import LabelError, UsageError, one_line
+from holdfast.core.errors import LabelError, UsageError, command, one_line
 from holdfast.core.schema import json_of, text_of
 
 if TYPE_CHECKING:
@@ -119,7 +119,7 @@ def has_logs(path: Path) -> bool:
 
 def import_command(path: Path) -> str:
     """The command that imports a log or a folder of logs."""
-    return f"holdfast import {path} --out {path.with_suffix('')}-trials"
+    return command("import", path, "--out", f"{path.with_suffix('')}-trials")
 
 
 def read_events(path: Path) -> list[Json]:

@@ -12,11 +12,19 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from holdfast.core.contract import BoolArray, FloatArray, Sample, Unit
+from holdfast.core.contract import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Sample,
+    Unit,
+    averaged_by,
+    averaged_in_words,
+)
 from holdfast.core.errors import DataNotFound, UnitError
 from holdfast.core.schema import read
-from holdfast.core.source import SourceReading
-from holdfast.core.trial_file import read_trial
+from holdfast.core.source import SelfPaced, Source, SourceReading
+from holdfast.core.trial_file import Zero, block_means, read_trial
 from holdfast.core.trial_layout import TACTILE
 from holdfast.edge_runtime.preparation import Preparation
 
@@ -28,21 +36,17 @@ META_LEVELS = 3
 
 
 class TrialMeta(msgspec.Struct, frozen=True):
-    """What a replay takes of a meta.json.
-
-    bias_removed: in a trial's own, true where its values were prepared when they were read, as in
-    what the live page saves; such a stream may begin in a grasp.
-    """
+    """What a replay takes of a meta.json."""
 
     unit: Unit | None = None
-    bias_removed: bool = False
 
 
 @dataclass(frozen=True)
 class Replay:
     """A recorded stream: t_ns [T] from zero, values [T, C], valid [T, C/3], one rate, one unit.
 
-    bias_removed: its values are prepared already.
+    zero: what was removed from its values already, None for nothing. rows: which rows are samples;
+    the others were lost, None for all.
     """
 
     t_ns: np.ndarray[tuple[int], np.dtype[np.int64]]
@@ -50,20 +54,41 @@ class Replay:
     valid: BoolArray
     rate_hz: float
     unit: Unit
-    bias_removed: bool = False
+    zero: Zero | None = None
+    rows: IntArray | None = None
 
     def prepared(self, preparation: Preparation) -> Replay:
         """The same stream with its bias removed, as the model's card says."""
-        if self.bias_removed:
+        if self.zero is not None:
             return self
-        return replace(self, values=preparation.apply(self.values), bias_removed=True)
+        values = preparation.apply(self.values, self.valid)
+        return replace(self, values=values, zero="first samples")
+
+    def at_rate(self, rate_hz: float, report: Callable[[str], object]) -> Replay:
+        """The same stream, averaged where a whole number of its samples makes one of a rate.
+
+        report: receives what was done.
+        """
+        n = averaged_by(self.rate_hz, rate_hz)
+        if n < 2:
+            return self
+        report(averaged_in_words(self.rate_hz, n))
+        values, valid = block_means(self.values, self.valid, n)
+        t_ns = self.t_ns[n - 1 :: n][: len(values)]
+        return replace(
+            self,
+            t_ns=t_ns,
+            values=values,
+            valid=valid,
+            rate_hz=self.rate_hz / n,
+            rows=None,
+        )
 
     def __iter__(self) -> Iterator[Sample]:
         """Every sample in turn, without waiting."""
-        for index in range(len(self.values)):
-            yield Sample(
-                int(self.t_ns[index]), self.values[index], self.valid[index], index
-            )
+        rows = range(len(self.values)) if self.rows is None else self.rows.tolist()
+        for row in rows:
+            yield Sample(int(self.t_ns[row]), self.values[row], self.valid[row], row)
 
 
 def open_replay(path: str | Path) -> Replay:
@@ -79,13 +104,18 @@ def open_replay(path: str | Path) -> Replay:
     trial = read_trial(file)
     # whole nanoseconds, as a live source has them
     t_ns = np.round(trial.t_s * 1e9).astype(np.int64)
-    own, nearest = _meta(file.with_name(META)), TrialMeta()
+    unit = trial.unit
     for folder in list(file.resolve().parents)[: META_LEVELS + 1]:
-        nearest = _meta(folder / META)
-        if nearest.unit is not None:
-            break
-    unit = nearest.unit or DEFAULT_UNIT
-    return Replay(t_ns, trial.raw, trial.valid, trial.rate_hz, unit, own.bias_removed)
+        unit = unit or _meta(folder / META).unit
+    return Replay(
+        t_ns,
+        trial.raw,
+        trial.valid,
+        trial.rate_hz,
+        unit or DEFAULT_UNIT,
+        trial.zero,
+        trial.rows,
+    )
 
 
 def _meta(path: Path) -> TrialMeta:
@@ -100,23 +130,24 @@ class PacedReplay:
     """A stream [T] as a live source. A late reader gets the newest row, as it would on a hand."""
 
     def __init__(self, replay: Replay, now_ns: Callable[[], int]) -> None:
-        self._replay = replay
-        self._now_ns = now_ns
+        self.replay = replay
+        self.now_ns = now_ns
         self._start_ns: int | None = None
         self.unit: Unit = replay.unit
         self.n_channels = replay.values.shape[1]
         self.rate_hz: float | None = replay.rate_hz
+        self.zero = replay.zero
 
     def read(self) -> SourceReading | None:
         """The row whose time has come; None after the last."""
-        now_ns = self._now_ns()
+        now_ns = self.now_ns()
         if self._start_ns is None:
             self._start_ns = now_ns
         # by its own rate: recorded stamps jitter, and the reader expects steady rows
-        row = round((now_ns - self._start_ns) * 1e-9 * self._replay.rate_hz)
-        if row >= len(self._replay.values):
+        row = round((now_ns - self._start_ns) * 1e-9 * self.replay.rate_hz)
+        if row >= len(self.replay.values):
             return None
-        return SourceReading(now_ns, self._replay.values[row], self._replay.valid[row])
+        return SourceReading(now_ns, self.replay.values[row], self.replay.valid[row])
 
     def begin_anew(self) -> None:
         """The next reading is the first row again."""
@@ -124,3 +155,52 @@ class PacedReplay:
 
     def close(self) -> None:
         """Nothing is open."""
+
+
+class AveragedSource(SelfPaced):
+    """Every n samples of a source that paces itself, as one at the time of the last."""
+
+    def __init__(self, source: Source, n: int) -> None:
+        self._source = source
+        self._n = n
+        self.unit = source.unit
+        self.n_channels = source.n_channels
+        rate_hz = source.rate_hz
+        self.rate_hz: float | None = None if rate_hz is None else rate_hz / n
+
+    def read(self) -> SourceReading | None:
+        """The mean of the next samples; None where the source has ended."""
+        readings = []
+        for _ in range(self._n):
+            reading = self._source.read()
+            if reading is None:
+                return None
+            readings.append(reading)
+        values = np.stack([one.values for one in readings])
+        valid = np.stack([one.valid for one in readings])
+        mean, usable = block_means(values, valid, self._n)
+        why = next((one.why for one in readings if not one.valid.all()), ())
+        return SourceReading(readings[-1].t_ns, mean[0], usable[0], why)
+
+    def close(self) -> None:
+        """Close the source."""
+        self._source.close()
+
+
+def at_rate(source: Source, rate_hz: float, report: Callable[[str], object]) -> Source:
+    """A source, averaged where a whole number of its samples makes one of a model's rate."""
+    if source.rate_hz is None:
+        return source
+    if isinstance(source, PacedReplay):
+        averaged = source.replay.at_rate(rate_hz, report)
+        return PacedReplay(averaged, source.now_ns)
+    n = averaged_by(source.rate_hz, rate_hz)
+    if n < 2 or not isinstance(source, SelfPaced):
+        return source
+    report(averaged_in_words(source.rate_hz, n))
+    return AveragedSource(source, n)
+
+
+def zero_of(source: Source) -> Zero | None:
+    """What was removed from the samples of a source already: a run's own, replayed."""
+    return source.zero if isinstance(source, PacedReplay) else None

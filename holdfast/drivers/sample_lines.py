@@ -36,9 +36,8 @@ from holdfast.core.hand_lines import (
     fields_of,
     sequence_of,
 )
+from holdfast.core.trial_file import TIME_COLUMNS
 
-TIME_COLUMNS = {"Time": "s", "t_s": "s", "t_ms": "ms", "t_us": "us", "t_ns": "ns"}
-"""The name of a column of time -> its unit."""
 SEPARATORS = (",", ";", "\t")
 CHANNEL = re.compile(r"[XYZ]([1-9][0-9]{0,3})")
 NOT_VALID = (0, "0", "false")

@@ -25,7 +25,13 @@ from holdfast.core.contract import (
     Unit,
     not_learned_of,
 )
-from holdfast.core.errors import BrokenSeal, DataNotFound, NotAModel, RuntimeRefused
+from holdfast.core.errors import (
+    BrokenSeal,
+    DataNotFound,
+    NotAModel,
+    RuntimeRefused,
+    command,
+)
 from holdfast.core.schema import model_path, shipped
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.preparation import Preparation
@@ -173,7 +179,7 @@ def _file_bytes(path: Path) -> bytes:
         next_step = "check the path"
         if (path / "artifact.json").is_file():
             made = path / "holdfast.onnx"
-            next_step = f"holdfast export {path} makes its file: give {made}"
+            next_step = f"{command('export', path)} makes its file: give {made}"
         raise NotAModel(
             f"cannot be read ({error.strerror})", where=path, next_step=next_step
         ) from None

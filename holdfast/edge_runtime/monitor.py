@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 import warnings
 from collections.abc import Callable
@@ -25,8 +26,10 @@ from holdfast.core.contract import (
     Reason,
     Sample,
     State,
+    averaged_by,
 )
 from holdfast.core.errors import ChannelError, RateError, TimeError, UnitError
+from holdfast.core.schema import shipped
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionState, decide, period_us
 from holdfast.edge_runtime.health import (
     FrozenWatch,
@@ -404,10 +407,29 @@ def require_fit(
             next_step="use --calibration FILE (holdfast calibrate), or a model for this unit",
         )
 
-    if not abs(rate_hz / card.rate_hz - 1.0) <= RATE_TOLERANCE:
+    if averaged_by(rate_hz, card.rate_hz) != 1:
         raise RateError(
             f"{rate_hz:.4g} Hz, the model needs {card.rate_hz:.4g} Hz within {RATE_TOLERANCE:.0%}",
             where=where,
             cause="a model made for another rate",
-            next_step="use a model made for this rate, or train one",
+            next_step=model_for_rate(rate_hz),
         )
+
+
+def model_for_rate(rate_hz: float) -> str:
+    """What to do with samples at a rate: the shipped model that takes them, or how to train one.
+
+    >>> model_for_rate(200.0)
+    'use holdfast-50hz, a shipped model'
+    >>> model_for_rate(70.0)
+    'holdfast train --data SET --out DIR --rate 70'
+    """
+    fitting = []
+    for name in shipped():
+        made_for = re.fullmatch(r"holdfast-(\d+)hz", name)
+        n = averaged_by(rate_hz, float(made_for[1])) if made_for else 0
+        if n:
+            fitting.append((n, name))
+    if fitting:
+        return f"use {min(fitting)[1]}, a shipped model"
+    return f"holdfast train --data SET --out DIR --rate {rate_hz:.4g}"

@@ -4,8 +4,8 @@ Training, replay and the live path use the same object, and its parameters are i
 metadata. So a model sees on the hand what it saw in training.
 
 A recording is prepared as a whole (Preparation.apply); a live stream has only its past (Tare). The
-first unloaded rows decide. Until they have come, every sensor of a stream is invalid, so the state
-is unknown and not a guess.
+first unloaded rows of a sensor that are valid decide. Until they have come, the sensor of a stream
+is invalid, so the state is unknown and not a guess.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Preparation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How a stream is tared from its first, unloaded rows.
 
     bias_rows: how many rows the bias is taken from (0: the stream is already tared). statistic:
-    mean or median over these rows, each channel on its own; non-finite rows do not count.
+    mean or median over these rows, each channel on its own; rows that are lost do not count.
     flip_negative_normal: turn a sensor round where the first value of z is below -flip_beyond (a
     reversed magnet). flip_beyond: in the stream's unit, above the noise; otherwise a stream that is
     already tared would be turned at random. turns: the whole sensor, as a reversed magnet turns the
@@ -39,61 +39,48 @@ class Preparation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     flip_beyond: Annotated[float, Meta(ge=0.0, lt=1e9)] = 0.0
     turns: Literal["normal", "sensor"] = "normal"
 
-    def apply(self, raw: FloatArray) -> FloatArray:
-        """[T, C] raw -> [T, C] prepared, same unit.
-
-        Only the first `bias_rows` rows decide sign and bias.
-        """
-        sign, bias = self.learn(raw)
+    def apply(self, raw: FloatArray, valid: BoolArray | None = None) -> FloatArray:
+        """[T, C] raw -> [T, C] prepared, same unit; valid [T, C/3] as in `learn`."""
+        sign, bias = self.learn(raw, valid)
         return raw * sign - bias
 
-    def learn(self, raw: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(sign [C], bias [C]) from the first rows [T, C]: prepared = raw * sign - bias."""
+    def learn(
+        self, raw: FloatArray, valid: BoolArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """(sign [C], bias [C]) of a recording [T, C]: prepared = raw * sign - bias.
+
+        Each sensor is learned from its own first `bias_rows` rows that are valid [T, C/3] and
+        finite, as a Tare does; one without such a row keeps sign 1 and bias 0.
+        """
+        finite = np.isfinite(raw).reshape(len(raw), -1, 3)
+        usable: BoolArray = np.logical_and.reduce(finite, axis=2)
+        if valid is not None:
+            usable &= valid
         sign = np.ones(raw.shape[1])
-        if self.flip_negative_normal:
-            sign = self._sign(raw)
-        # turned first, because the bias is that of the turned channels
-        return sign, self._bias(raw * sign)
-
-    def _sign(self, raw: FloatArray) -> FloatArray:
-        """[C] -1 for the channels of a reversed magnet, by its first finite reading."""
-        sign = np.ones(raw.shape[1])
-
-        first = raw[: max(1, self.bias_rows)]
-        for normal in range(NORMAL_AXIS, raw.shape[1], 3):
-            finite = _finite(first[:, normal])
-            if finite.size and finite[0] < -self.flip_beyond:
-                begin = normal
-                if self.turns == "sensor":
-                    begin -= NORMAL_AXIS
-                sign[begin : normal + 1] = -1.0
-        return sign
-
-    def _bias(self, turned: FloatArray) -> FloatArray:
-        """[C] of the first rows, each channel on its own; 0 for one that has never been read."""
-        first = turned[: self.bias_rows]
-        if self.statistic == "median" and len(first) and np.isfinite(first).all():
-            # all channels in one call, which is most recordings
-            together: FloatArray = np.median(first, axis=0)
-            return together
-
+        bias = np.zeros(raw.shape[1])
         middle = np.mean if self.statistic == "mean" else np.median
-        bias = np.zeros(turned.shape[1])
-        for channel in range(turned.shape[1]):
-            finite = _finite(first[:, channel])
-            if finite.size:
-                bias[channel] = middle(finite)
 
-        return bias
+        for sensor in range(usable.shape[1]):
+            here = slice(3 * sensor, 3 * sensor + 3)
+            rows = np.flatnonzero(usable[:, sensor])[: max(1, self.bias_rows)]
+            first = raw[rows, here]
+            if len(first) and self.flip_negative_normal:
+                sign[here] = self._sign(first[0])
+            # turned first, because the bias is that of the turned channels
+            if len(first) and self.bias_rows:
+                bias[here] = [middle(channel) for channel in (first * sign[here]).T]
+        return sign, bias
+
+    def _sign(self, reading: FloatArray) -> FloatArray:
+        """[3] -1 for the axes that a reversed magnet turns, by a sensor's first reading [3]."""
+        sign = np.ones(3)
+        if reading[NORMAL_AXIS] < -self.flip_beyond:
+            sign[0 if self.turns == "sensor" else NORMAL_AXIS :] = -1.0
+        return sign
 
     def to_json(self) -> Json:
         """As a JSON object, for the metadata."""
         return msgspec.structs.asdict(self)
-
-
-def _finite(values: FloatArray) -> FloatArray:
-    """The numbers among them."""
-    return values[np.isfinite(values)]
 
 
 def preparation_from_json(value: Json) -> Preparation:
@@ -108,7 +95,7 @@ class Tare:
     """Prepares samples one by one: values [C] in, [C] out, and which sensors [S] can be trusted.
 
     A sensor's bias comes from its own first valid, finite rows, so a sensor that comes late is
-    tared late. For a whole recording without invalid rows the result equals Preparation.apply.
+    tared late. From then on the result equals Preparation.apply of the whole recording.
 
     resting [C]: what the unloaded hand reads, where that is known (`holdfast bias`); then the first
     rows may be loaded.
@@ -136,6 +123,11 @@ class Tare:
     def known(self) -> BoolArray:
         """[S] whose bias is known."""
         return self._known
+
+    @property
+    def learned(self) -> tuple[FloatArray, FloatArray]:
+        """(sign [C], bias [C]) as far as they are known."""
+        return self._sign, self._bias
 
     def prepare(
         self, values: FloatArray, valid: BoolArray

@@ -97,9 +97,11 @@ def prepared_recording(
     ours, factor = _unit(unit, card)
     usable = _usable(raw, valid)
     raw = raw * factor
-    # the first rows decide, or one row: what the unloaded hand reads
-    first = raw if bias is None else (_resting(bias, card) * factor)[None]
-    sign, offset = card.preparation.learn(first)
+    # the first valid rows decide, or one row: what the unloaded hand reads
+    if bias is None:
+        sign, offset = card.preparation.learn(raw, usable)
+    else:
+        sign, offset = card.preparation.learn(_resting(bias, card)[None] * factor)
     recording = PreparedRecording(times_s, raw * sign - offset, usable, ours)
     _require_seconds(recording.rate_hz, card)
     return recording

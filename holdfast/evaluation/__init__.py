@@ -4,13 +4,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from holdfast.evaluation.frames import to_frame as to_frame
     from holdfast.evaluation.model_outputs import run_model as run_model
+    from holdfast.evaluation.states import to_frame as to_frame
 
 MOST_FALSE_PER_MIN = 0.5
 """Default: false alarms a minute that are allowed where a confidence is chosen."""
 _LATE = {
-    "to_frame": "holdfast.evaluation.frames",
+    "to_frame": "holdfast.evaluation.states",
     "run_model": "holdfast.evaluation.model_outputs",
 }
 """Imported when first used, so that `holdfast evaluate --help` loads no pandas."""

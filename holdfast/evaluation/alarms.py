@@ -177,8 +177,8 @@ def match_alarms(
         last_before = min(last_before, len(requests) - 1)
         already_on = last_before >= 0 and bool(requests[last_before])
         alarm_s = None
-        # The first alarm is the one that the hand acts on.
-        if within.any() and not already_on:
+        # The first alarm is the one that the hand acts on; one after lost samples is chance.
+        if within.any() and not already_on and not event.lost:
             alarm_s = float(alarms_s[within][0])
 
         outcomes.append(AlarmOutcome(event, alarm_s, already_on))
@@ -245,7 +245,8 @@ class EventScores:
 
     already_on: events missed because the hand acted before them. delay_ms: load onset to alarm.
     lead_ms: alarm to gross slip. available_ms: load onset to gross slip. lead_used: share of that
-    time that had passed at the alarm. in_time: share of the events acted on before gross slip.
+    time that had passed at the alarm. in_time: share of the events acted on before gross slip, of
+    those whose gross slip is known.
     """
 
     events: int
@@ -285,7 +286,8 @@ class EventTimes:
     """ms of the detected events: load onset to alarm; alarm to gross slip, and onset to gross slip.
 
     lead_used: share of the time to gross slip that had passed. in_time: how many were acted on
-    before it. The last three are of events whose gross slip the truth knows.
+    before it. The last three are of events whose gross slip the truth knows; of_known_gross counts
+    these, the missed ones too.
     """
 
     delay_ms: list[float]
@@ -293,9 +295,11 @@ class EventTimes:
     available_ms: list[float]
     lead_used: list[float]
     in_time: int = 0
+    of_known_gross: int = 0
 
     def add(self, outcome: AlarmOutcome) -> None:
         """Count one event."""
+        self.of_known_gross += outcome.event.gross_s is not None
         # A missed event has no delay; it lowers the recall instead.
         if outcome.delay_s is None:
             return
@@ -353,7 +357,7 @@ def event_scores(
         lead_ms=spread(times.lead_ms),
         available_ms=spread(times.available_ms),
         lead_used=spread(times.lead_used),
-        in_time=times.in_time / events if events else None,
+        in_time=times.in_time / times.of_known_gross if times.of_known_gross else None,
     )
 
 

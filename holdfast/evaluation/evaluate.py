@@ -169,6 +169,7 @@ class _Run:
         data = load(
             self.request.train,
             channels=self.model.card.n_channels,
+            rate_hz=self.model.card.rate_hz,
             seed=self.request.seed,
             windows="thesis",
             part=self.part,
@@ -258,6 +259,7 @@ class _Run:
         data = load(
             name,
             channels=self.model.card.n_channels,
+            rate_hz=self.model.card.rate_hz,
             seed=self.request.seed,
             windows="natural",
             part=self.part,

@@ -101,7 +101,7 @@ def write_training_report(
     if trained.curve:
         curve = _curve(points, data.kind, groups)
 
-    central = _central(data, trained)
+    central = held_out_trial(data, trained)
     return write_page(
         path,
         "training.html",
@@ -122,7 +122,7 @@ def write_training_report(
     )
 
 
-def _central(data: DataSet, trained: Trained) -> AnsweredTrial | None:
+def held_out_trial(data: DataSet, trained: Trained) -> AnsweredTrial | None:
     """A trial with its held-out answers, those at the windows that were scored."""
     task = data.tasks[main_task(data)]
     answers = trained.held_out.situations()
@@ -135,8 +135,9 @@ def _central(data: DataSet, trained: Trained) -> AnsweredTrial | None:
         length = window_samples(recording.rate_hz)
         of_trial = np.flatnonzero(task.trial == k)
         for window in of_trial[np.argsort(task.row[of_trial])].tolist():
+            # an answer is there at the end of its window, and is drawn for as long after it
             row = int(task.row[window])
-            situation[max(0, row + 1 - length) : row + 1] = answers[window]
+            situation[row : row + length] = answers[window]
         no_requests = np.zeros(len(situation), dtype=np.bool_)
         rows.append(AnsweredTrial(LabelledTrial(recording, {}), situation, no_requests))
     return central_trial({"": rows}, data.recordings)

@@ -11,15 +11,58 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contract import NORMAL_AXIS, FloatArray, IntArray, Sample
+from holdfast.core.contract import (
+    NORMAL_AXIS,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Sample,
+)
 from holdfast.core.errors import UnitError
-from holdfast.core.source import Source
+from holdfast.core.hand_card import sensor_names
+from holdfast.core.source import Source, SourceReading
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.live.sources import SIM, ToForce, source_url
 
+SILENT_S = 2.0
+"""A sensor that was not valid for so long after the start is named."""
+MOST_N = 200.0
+"""No fingertip is pressed harder."""
 PULLS_FLOORS, PULLS_S = 2.0, 0.1
 """A fingertip is not pulled at: it reads so many touches (normal_floor) below zero, for so long,
 where its zero was taken from a closed hand."""
+
+
+class AnswerWatch:
+    """An output of a run that names the sensors which have not answered for SILENT_S."""
+
+    def __init__(self, card: ModelCard, report: Callable[[str], None]) -> None:
+        self._report = report
+        self._names = sensor_names(card.hand, card.n_channels // 3)
+        self._heard: BoolArray = np.zeros(len(self._names), dtype=np.bool_)
+        self._left = round(SILENT_S * card.rate_hz)
+
+    def silent(self) -> tuple[str, ...]:
+        """Sensors that have never been valid, where some sample came."""
+        if not self._heard.any():
+            return ()
+        return tuple(self._names[k] for k in np.flatnonzero(~self._heard))
+
+    def write(self, prediction: object, sample: Sample, reading: SourceReading) -> None:
+        """Look at one reading."""
+        if self._heard.all():
+            return
+        self._heard |= reading.valid
+        self._left -= 1
+        if self._left == 0:
+            for name in self.silent():
+                self._report(
+                    f"{name} has not answered yet; next: check its wires, or the columns of the "
+                    "sender"
+                )
+
+    def close(self, reason: str = "") -> None:
+        """Nothing to close."""
 
 
 class ZeroWatch:
@@ -30,7 +73,9 @@ class ZeroWatch:
 
     def __init__(self, card: ModelCard, report: Callable[[str], None]) -> None:
         self._report = report
+        self._floor = card.normal_floor
         self._least = -PULLS_FLOORS * card.normal_floor
+        self._resting: FloatArray = np.zeros(card.n_channels // 3)
         self._unit = card.unit
         self._longest = max(1, round(PULLS_S * card.rate_hz))
         self._below: IntArray = np.zeros(card.n_channels // 3, dtype=np.int64)
@@ -41,14 +86,22 @@ class ZeroWatch:
             "touch nothing"
         )
 
-    def write(self, prediction: object, sample: Sample, reading: object = None) -> None:
-        """Look at one prepared sample."""
+    def write(self, prediction: object, sample: Sample, reading: SourceReading) -> None:
+        """Look at one prepared sample, and the reading that it was made of."""
         if not self._taken and sample.valid.all():
             self._taken = True
+            self._resting = np.abs(reading.values[NORMAL_AXIS::3])
             self._report("the zero is taken: the hand may close now")
         if self._warned:
             return
         normal = sample.values[NORMAL_AXIS::3]
+        if self._unit == "N" and (sample.valid & (np.abs(normal) > MOST_N)).any():
+            self._warned = True
+            self._report(
+                f"warning: {np.abs(normal).max():.4g} N along a normal, and no hand presses with "
+                f"more than {MOST_N:g}: are these mN? Send N, or name the unit in a map"
+            )
+            return
         below = sample.valid & (normal < self._least)
         self._below = np.where(below, self._below + 1, 0)
         if (self._below > self._longest).any():
@@ -56,9 +109,18 @@ class ZeroWatch:
             sensor = int(self._below.argmax())
             self._report(
                 f"warning: sensor {sensor + 1} reads {normal[sensor]:.2g} {self._unit} along its "
-                "normal, as if pulled: the zero was taken while it was pressed. Open the hand and "
-                "start again, or measure the zero with holdfast bias"
+                f"normal, as if pulled: {self._cause(sensor)}"
             )
+
+    def _cause(self, sensor: int) -> str:
+        """The likely cause of a normal below zero."""
+        # a sensor whose zero was taken while nothing pressed it reads little there
+        if self._unit == "N" and self._resting[sensor] < self._floor:
+            return "its normal axis points the other way. Multiply it by -1 in the sender or a map"
+        return (
+            "the zero was taken while it was pressed. Open the hand and start again, or measure "
+            "the zero with holdfast bias"
+        )
 
     def close(self, reason: str = "") -> None:
         """Nothing to close."""

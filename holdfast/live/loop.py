@@ -77,6 +77,8 @@ class Summary:
     lost_sinks: dict[str, str] = field(default_factory=dict)
     """The error after which a consumer got no more lines, by its name."""
     states: dict[str, int] = field(default_factory=dict)
+    silent: tuple[str, ...] = ()
+    """Sensors that were never valid."""
     source_ended: bool = False
     """It had no more samples, as a recording; a hand never ends by itself."""
     stage_us: npt.NDArray[np.float32] = field(
@@ -299,6 +301,8 @@ def report_summary(summary: Summary, report: Callable[[str], object]) -> None:
     counts.append(count_of(summary.acts, "act"))
     report(f"\n{', '.join(counts)}; {states}")
 
+    if summary.silent:
+        report(f"never answered: {', '.join(summary.silent)}")
     # a sink that broke during the run is named once more: its message may have scrolled away
     for sink, reason in summary.lost_sinks.items():
         report(f"lost: {sink} ({reason})")

@@ -35,13 +35,14 @@ from holdfast.core.contract import (
     SITUATIONS,
     Prediction,
     Sample,
+    Unit,
     channel_names,
     not_learned_in_words,
 )
 from holdfast.core.errors import OutputError, UsageError
 from holdfast.core.lines import CLOSING_S, LineWriter, Sink
 from holdfast.core.source import SourceReading
-from holdfast.core.trial_file import TIME_COLUMN
+from holdfast.core.trial_file import TIME_COLUMN, ZEROS, Zero
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.model_file import OLDER_FILE
 
@@ -299,19 +300,24 @@ class LineOutput:
 
 
 class SampleFile:
-    """A new CSV of prepared samples that replays to the same decisions.
+    """A new CSV of prepared samples that replays to the same states, row by row.
 
-    Columns: Time, X1 .. Zn, valid1 .. validn. Invalid values are written as they are, nan too; all
-    digits are kept. first_ns: time of the first sample, None before it. Raises OutputError.
+    Columns: Time, X1 .. Zn, valid1 .. validn, sequence and prepared_UNIT (core/trial_file.py).
+    Invalid values are written as they are, nan too; all digits are kept. first_ns: time of the
+    first sample, None before it. Raises OutputError.
     """
 
-    def __init__(self, path: Path, n_channels: int) -> None:
+    def __init__(
+        self, path: Path, n_channels: int, unit: Unit = "N", zero: Zero = ZEROS[0]
+    ) -> None:
+        """zero: what was removed from the samples."""
         sensors = n_channels // 3
         valid = [f"valid{k}" for k in range(1, sensors + 1)]
-        header = ",".join([TIME_COLUMN, *channel_names(sensors), *valid])
+        names = [TIME_COLUMN, *channel_names(sensors), *valid]
         self.path = path
-        self.sink = file_sink(path, header)
+        self.sink = file_sink(path, ",".join([*names, "sequence", f"prepared_{unit}"]))
         self.first_ns: int | None = None
+        self._zero = str(1 + ZEROS.index(zero))
 
     def write(
         self,
@@ -332,6 +338,7 @@ class SampleFile:
         cells = [f"{seconds}.{rest_ns:09d}"]
         cells += map(repr, sample.values.tolist())
         cells += ["1" if valid else "0" for valid in sample.valid]
+        cells += [str(sample.sequence), self._zero]
         self.sink(",".join(cells))
 
     def close(self, reason: str = STOPPED) -> None:

@@ -19,7 +19,9 @@ from holdfast.core.errors import OutputError, UsageError, visible
 from holdfast.core.lines import Sink, stream_sink
 from holdfast.core.schema import DEFAULT_MODEL
 from holdfast.core.source import Source
+from holdfast.core.trial_file import Zero
 from holdfast.drivers.hand import LiveHand
+from holdfast.drivers.replay import at_rate, zero_of
 from holdfast.edge_runtime.engine import (
     AUTO,
     ONNXRUNTIME,
@@ -28,9 +30,15 @@ from holdfast.edge_runtime.engine import (
 )
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
-from holdfast.edge_runtime.preparation import Tare
+from holdfast.edge_runtime.preparation import Preparation, Tare
 from holdfast.edge_runtime.wearer import Command
-from holdfast.live.hand_files import ZeroWatch, force_of, resting_of, shear_gain_of
+from holdfast.live.hand_files import (
+    AnswerWatch,
+    ZeroWatch,
+    force_of,
+    resting_of,
+    shear_gain_of,
+)
 from holdfast.live.loop import Emit, Summary, report_summary, run_live
 from holdfast.live.outputs import (
     KINDS,
@@ -48,6 +56,7 @@ from holdfast.live.outputs import (
 from holdfast.live.running import (
     RunClock,
     ServiceWatchdog,
+    StopRequest,
     first_in_line,
     output_from_the_background,
     stop_signals,
@@ -58,6 +67,7 @@ from holdfast.live.sources import SetReader, is_standard_input, open_live
 if TYPE_CHECKING:
     from holdfast.live.grip import GripOutput
     from holdfast.live.page.run_page import RunPage
+    from holdfast.live.scene import LiveScene
     from holdfast.live.view import View
 
 NO_SHEAR_GAIN = (
@@ -145,7 +155,7 @@ def run(
         if name not in (STDOUT, STDERR) or error.errno not in READER_GONE:
             return OutputError.exit_code
 
-    return 0
+    return live.stopped.exit_code
 
 
 class _Run:
@@ -165,6 +175,8 @@ class _Run:
         self._view: View | None = None
         self._page: RunPage | None = None
         self._grip: GripOutput | None = None
+        self._answers = AnswerWatch(model.card, self.report)
+        self.stopped = StopRequest()
         # read over true; None where never measured
         self._shear_gain: float | None = 1.0
 
@@ -185,7 +197,7 @@ class _Run:
         options = self._options
         with ExitStack() as stack:
             # first, so that Ctrl-C while outputs are opened ends the run in order
-            stopped = stack.enter_context(stop_signals())
+            stopped = self.stopped = stack.enter_context(stop_signals())
             self._shear_gain = known_shear_gain(options, self._card)
             outputs = self._open_outputs(stack)
             command = self._open_wearer(stack, outputs)
@@ -198,6 +210,7 @@ class _Run:
                 field=None if self._grip is None else self._grip.scene,
                 read_set=read_set,
             )
+            source = at_rate(source, self._card.rate_hz, self.report)
 
             # after all threads and processes have started: they must not have this priority
             stack.enter_context(first_in_line(self.report))
@@ -209,23 +222,37 @@ class _Run:
                 if self._grip is not None:
                     self._grip.begin(source)
                 resting = self._begin(source, outputs)
+                scene = None if self._grip is None else self._grip.scene
                 summary = answer(
                     source,
                     self._model,
                     self._clock,
                     # the hand and the wearer come first: their lines must not wait for the others
                     emit_to([*moving, *outputs]),
-                    until(stopped, self._clock, seconds),
+                    until(stopped, self._clock, seconds, scene),
                     resting=resting,
                     command=command,
                 )
-                if summary.source_ended:
-                    self.report(f"the source has ended; samples: {summary.samples}")
+                self._report_end(summary, scene)
 
         # exact only now: while sinks are open, waiting lines count as dropped
         summary.dropped = self.lines.dropped
         summary.lost_sinks = self.lines.lost()
         return summary
+
+    def _report_end(self, summary: Summary, scene: LiveScene | None) -> None:
+        """Why the loop has ended, for the terminal and the page."""
+        why = "it was stopped" if self.stopped() else "its time is over"
+        if summary.source_ended or (scene is not None and scene.ended):
+            why = (
+                "the source has ended"
+                if summary.source_ended
+                else "the scene has ended"
+            )
+            self.report(f"{why}; samples: {summary.samples}")
+        if self._page:
+            self._page.why_ended = why
+        summary.silent = self._answers.silent()
 
     def _begin(self, source: Source, outputs: list[Output]) -> FloatArray | None:
         """Report what the run begins with; returns the measured bias, if there is one."""
@@ -234,8 +261,10 @@ class _Run:
         if self._shear_gain is None:
             self.report(NO_SHEAR_GAIN)
         resting = resting_of(self._options.bias, source)
-        if resting is None and self._card.preparation.bias_rows:
+        bare = resting is None and zero_of(source) is None
+        if bare and self._card.preparation.bias_rows:
             outputs.append(ZeroWatch(self._card, self.report))
+        outputs.append(self._answers)
         return resting
 
     def _open_outputs(self, stack: ExitStack) -> list[Output]:
@@ -263,7 +292,8 @@ class _Run:
         elif kind == "udp":
             self.lines.add_lines(udp_sink(place))
         elif kind == "csv":
-            self._samples = SampleFile(Path(place), card.n_channels)
+            zero: Zero = "measured" if self._options.bias else "first samples"
+            self._samples = SampleFile(Path(place), card.n_channels, card.unit, zero)
             self.lines.add(self._samples.sink)
             return self._samples
         elif kind == "view":
@@ -379,13 +409,16 @@ def answer(
         where="source",
     )
 
+    zero = zero_of(source)
     monitor = GripMonitor(
         model,
         clock.now_ns,
-        bias_known=resting is not None,
+        bias_known=resting is not None or zero == "measured",
         has_counters=isinstance(source, LiveHand),
     )
-    tare = Tare(card.preparation, card.n_channels, resting)
+    # the samples of another run have lost sign and zero already
+    preparation = card.preparation if zero is None else Preparation()
+    tare = Tare(preparation, card.n_channels, resting)
     return run_live(
         source, monitor, tare, clock, emit, stopped=stopped, command=command
     )

@@ -9,6 +9,7 @@ datagram for each message to the socket in NOTIFY_SOCKET; without that variable 
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import socket
@@ -43,14 +44,19 @@ class RunClock(MonotonicClock):
 
 
 def until(
-    stopped: Callable[[], bool], clock: Any, seconds: float | None
+    stopped: Callable[[], bool], clock: Any, seconds: float | None, scene: Any = None
 ) -> Callable[[], bool]:
-    """Stopped by a signal, or after a number of seconds."""
-    if seconds is None:
+    """Stopped by a signal, after a number of seconds, or at the end of a scene with `ended`."""
+    if seconds is None and scene is None:
         return stopped
     # on the run's clock, which stands still while a scene is computed
-    end_ns = clock.now_ns() + round(1e9 * seconds)
-    return lambda: stopped() or clock.now_ns() >= end_ns
+    end_ns = math.inf if seconds is None else clock.now_ns() + round(1e9 * seconds)
+
+    def over() -> bool:
+        at_end = scene is not None and scene.ended
+        return stopped() or at_end or clock.now_ns() >= end_ns
+
+    return over
 
 
 @contextmanager
@@ -88,22 +94,35 @@ def first_in_line(report: Callable[[str], None]) -> Iterator[bool]:
         yield allowed
 
 
+class StopRequest:
+    """Called: whether a signal has asked the verb to stop. number: the signal, None before it."""
+
+    number: int | None = None
+
+    def __call__(self) -> bool:
+        return self.number is not None
+
+    @property
+    def exit_code(self) -> int:
+        """130 after Ctrl-C, as shells report it; 0 otherwise."""
+        return 128 + signal.SIGINT if self.number == signal.SIGINT else 0
+
+
 @contextmanager
-def stop_signals() -> Iterator[Callable[[], bool]]:
+def stop_signals() -> Iterator[StopRequest]:
     """SIGINT, SIGTERM and SIGHUP stop the verb after the current sample.
 
     A second SIGINT or SIGTERM has its usual effect. SIGHUP comes twice where an SSH connection
     drops, from the shell and from the system; under nohup it stays ignored. A terminal that is lost
     with it is replaced by /dev/null, because writing to it would be an error.
     """
-    requested = False
+    request = StopRequest()
     # only terminals: a file or a pipe is not lost with the connection
     terminals = list(filter(os.isatty, (0, 1, 2)))
 
     def stop(number: int, frame: object) -> None:
-        nonlocal requested
         # only a flag: the loop ends after the sample, so that outputs are closed in order
-        requested = True
+        request.number = number
         if number == signal.SIGHUP:
             _let_go(terminals)
         else:
@@ -116,7 +135,7 @@ def stop_signals() -> Iterator[Callable[[], bool]]:
 
     before: dict[int, Any] = {number: signal.signal(number, stop) for number in wanted}
     try:
-        yield lambda: requested
+        yield request
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

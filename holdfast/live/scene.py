@@ -235,6 +235,11 @@ class LiveScene:
         # the first reading needs a field before the first step
         self._keep_row()
 
+    @property
+    def ended(self) -> bool:
+        """Whether its last row is reached."""
+        return self._row >= self._periods
+
     def at(self, now_s: float, sensor: int) -> list[float]:
         """x, y, z of one sensor (0 .. S - 1) in uT, now_s after the scene began."""
         self.advance(now_s)

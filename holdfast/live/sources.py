@@ -38,7 +38,6 @@ from holdfast.core.source import Source, SourceUrl
 from holdfast.drivers.bridges import BRIDGES, open_virtual
 from holdfast.drivers.bridges import open_bus as open_bridge
 from holdfast.drivers.replay import PacedReplay, Replay, open_replay
-from holdfast.edge_runtime.preparation import Preparation
 from holdfast.live.running import say
 
 if TYPE_CHECKING:
@@ -210,10 +209,9 @@ def open_source(
     url: str,
     *,
     channels: int | None = None,
-    preparation: Preparation | None = None,
     read_set: SetReader | None = None,
 ) -> Replay:
-    """A recording or trials of a scene, without its bias as in `preparation`.
+    """A recording or trials of a scene.
 
     read_set: reads SET#N, prepared, with so many channels. Raises a DataError or UsageError.
     """
@@ -237,7 +235,7 @@ def open_source(
         )
     else:
         stream = open_replay(source.name)
-    return stream if preparation is None else stream.prepared(preparation)
+    return stream
 
 
 def _recording(source: SourceUrl, opening: _Opening) -> Source:

@@ -108,6 +108,19 @@ class HeldOutFigures:
             worse.append(f"voluntary actions called: {counts}")
         return worse
 
+    def no_better_than(self, base: HeldOutFigures) -> list[str]:
+        """In which ways they are worse, or that nothing is better; empty where they are better."""
+        better = self.called < base.called or self.found > base.found
+        better |= self.recall > base.recall + MOST_RECALL_LOST
+        if better or self.worse_than(base):
+            return self.worse_than(base)
+        called = f"{self.called} of {self.hand_overs} voluntary actions called"
+        recall = f"recall {self.recall:.3f}"
+        return [
+            f"nothing is better: {called}, {recall}, by the base {base.called} and "
+            f"{base.recall:.3f}"
+        ]
+
 
 @dataclass(frozen=True)
 class OperatingPoint:
@@ -319,11 +332,12 @@ def adapt_file(
     # Without a sample that may be called risky, only the decision's parameters can be adapted.
     point = evidence.choose(threshold_only=not any(len(one.row) for one in of_own))
     of_base = evidence.base_figures()
-    worse = point.reached.worse_than(of_base)
+    worse = point.reached.no_better_than(of_base)
     if worse and not worse_too:
         raise WorseThanBase(
-            f"adapted, it would be worse on trials held out: {'; '.join(worse)}",
-            cause="labels that are wrong, or hand-overs that look like slips",
+            f"adapted, it would be no better on trials held out: {'; '.join(worse)}",
+            cause="the base knows this person already, labels that are wrong, or hand-overs that "
+            "look like slips",
             next_step="correct the labels or record again; --force writes the file anyway",
         )
 
@@ -366,7 +380,14 @@ def _write(path: Path, data: bytes) -> None:
 def _read(name: str, model: Model, part: Part) -> DataSet:
     """The recordings of a set or folder. Raises SetLocked for a set that is kept for tests."""
     require_open(find(name), "a correction", styles=False)
-    return load(name, channels=model.card.n_channels, windows="none", part=part)
+    card = model.card
+    return load(
+        name,
+        channels=card.n_channels,
+        rate_hz=card.rate_hz,
+        windows="none",
+        part=part,
+    )
 
 
 def require_slips(others: DataSet) -> None:

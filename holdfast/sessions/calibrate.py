@@ -25,6 +25,10 @@ LIGHT_N = 3.0
 """The shear gain is measured below this normal force: silicone stiffens, and slips are light."""
 TOUCHED_N = 0.3
 """And above this one, below which a ratio is mostly noise."""
+MOST_N = 200.0
+"""No probe presses a fingertip harder."""
+MOST_LAG_ROWS, BETTER_SHARE = 30, 0.7
+"""Loads lag the field where a shift by at most so many rows leaves this share of the error."""
 SHEAR_SHARE = 0.1
 """The load's shear over its normal force, at least."""
 
@@ -83,6 +87,40 @@ def calibrate(loads: LoadSet, source: str, date: str) -> Fit:
     gain = measured_shear_gain(loads.force_n, np.einsum("sij,tsj->ti", matrix, moved))
     fitted = Calibration(matrix, loads.rest_ut, loads.reversed_, origin, gain)
     return Fit(fitted, np.array(held_out))
+
+
+def doubts(loads: LoadSet) -> list[str]:
+    """What would make the calibration wrong: sign, unit and time of the loads."""
+    found = []
+    load_n = np.linalg.norm(loads.force_n, axis=1)
+    if np.median(loads.force_n[load_n > TOUCHED_N, NORMAL_AXIS]) < 0.0:
+        found.append("the presses have a negative Fz; next: turn its sign, +z presses")
+    if load_n.max() > MOST_N:
+        found.append(
+            f"loads of up to {load_n.max():.4g} N; likely cause: grams taken for newtons; "
+            "next: --load-unit gf, or mN"
+        )
+    lag = _lag_rows(loads)
+    if lag:
+        late, other = ("loads", "field") if lag > 0 else ("field", "loads")
+        found.append(
+            f"the {late} come {abs(lag)} rows after the {other}; next: put both on one clock"
+        )
+    return found
+
+
+def _lag_rows(loads: LoadSet) -> int:
+    """By how many rows the loads follow the field, where that explains them much better; else 0."""
+    moved = loads.field_ut.reshape(len(loads.field_ut), -1)
+    most = min(MOST_LAG_ROWS, len(moved) // 4)
+    rmse_n = {}
+    for lag in range(-most, most + 1):
+        rows = slice(most, len(moved) - most)
+        force = np.roll(loads.force_n, -lag, axis=0)[rows]
+        solution = np.linalg.lstsq(moved[rows], force, rcond=None)[0]
+        rmse_n[lag] = float(np.sqrt(np.mean((moved[rows] @ solution - force) ** 2)))
+    best = min(rmse_n, key=lambda lag: rmse_n[lag])
+    return best if rmse_n[best] < BETTER_SHARE * rmse_n[0] else 0
 
 
 def _solve(moved: FloatArray, force: FloatArray) -> FloatArray:
@@ -155,7 +193,7 @@ def in_words(found: Json) -> list[str]:
         lines.append(
             f"  shear gain: {gain:.3g} (shear over normal force, as read over true)"
         )
-    return lines
+    return lines + [f"  warning: {line}" for line in found["warnings"]]
 
 
 def as_json(loads: LoadSet, fit: Fit) -> Json:
@@ -170,4 +208,5 @@ def as_json(loads: LoadSet, fit: Fit) -> Json:
         "load_unit": loads.load_unit,
         "errors": {axis: asdict(error) for axis, error in fit.errors().items()},
         "shear_gain": fit.calibration.shear_gain,
+        "warnings": doubts(loads),
     }

@@ -9,7 +9,6 @@ import numpy as np
 
 from holdfast.core.contract import (
     NORMAL_AXIS,
-    NORMAL_FLOOR,
     UNIT_OF,
     BoolArray,
     FloatArray,
@@ -23,6 +22,8 @@ FORCES = ("Fx", "Fy", "Fz")
 UNLOADED_N = 0.3
 LOADED_N = 1.0
 """A press begins beyond LOADED_N and is over below UNLOADED_N: noise between them ends none."""
+LEAST_NOISE_UT, BEYOND_NOISE = 1.0, 3.0
+"""A resting field is below zero where it is so by so many times its noise."""
 MIN_UNLOADED = 5
 """Rows below UNLOADED_N that end a probing once LOADED_N was passed."""
 
@@ -66,14 +67,16 @@ def read_loads(path: Path, load_unit: str) -> LoadSet:
         )
 
     blocks = np.searchsorted(starts, np.arange(len(force)), side="right") - 1
-    rests = []
+    rests, spreads = [], []
     for block in range(len(starts)):
         # Each probing has its own rest, so that a drift between them is no load.
-        at_rest = (blocks == block) & (load_n < UNLOADED_N)
-        rests.append(np.median(field[at_rest], axis=0))
+        at_rest = field[(blocks == block) & (load_n < UNLOADED_N)]
+        rests.append(np.median(at_rest, axis=0))
+        spreads.append(np.std(at_rest, axis=0))
 
     # The rest of the hardware is that of most probings, whatever one drifted to.
     rest_ut = np.median(rests, axis=0)
+    noise_ut = np.maximum(np.median(spreads, axis=0), LEAST_NOISE_UT)
     moved = field - np.array(rests)[blocks]
     # Rows before the first pause belong to no probing.
     inside = blocks >= 0
@@ -85,7 +88,7 @@ def read_loads(path: Path, load_unit: str) -> LoadSet:
         load_unit,
         rest_ut,
         # A magnet that lies the right way up has a resting field above zero along the normal axis.
-        reversed_=rest_ut[:, NORMAL_AXIS] < -NORMAL_FLOOR["uT"],
+        reversed_=(rest_ut < -BEYOND_NOISE * noise_ut)[:, NORMAL_AXIS],
         n_lost=int((~whole).sum()),
     )
 

@@ -34,5 +34,10 @@ def read_set_trial(name: str, channels: int | None) -> Replay:
     t_s = np.arange(len(recording.samples)) / recording.rate_hz
     t_ns = np.round(t_s * 1e9).astype(np.int64)
     return Replay(
-        t_ns, recording.samples, recording.valid, recording.rate_hz, recording.unit
+        t_ns,
+        recording.samples,
+        recording.valid,
+        recording.rate_hz,
+        recording.unit,
+        "first samples",
     )

@@ -26,6 +26,7 @@ from holdfast.core.contract import (
 )
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.grip import GripSense
+from holdfast.edge_runtime.preparation import Tare
 from holdfast.simulation.effect import Rows
 from holdfast.simulation.objects import sensed_of
 from holdfast.simulation.protocol import PlannedTrial
@@ -162,23 +163,18 @@ class HandModels:
     """One model file, B hands in one call of its graph; the bias of each is of its first rows."""
 
     def __init__(self, model: OpenedModel, hands: int) -> None:
-        self.preparation = model.card.preparation
+        card = model.card
         self._stepper = model.stepper(OUTPUTS, hands)
-        self._first_rows: list[FloatArray] = []
-        self._tare: tuple[FloatArray, FloatArray] | None = None
+        self._tares = [Tare(card.preparation, card.n_channels) for _ in range(hands)]
+        self._learned: tuple[FloatArray, FloatArray] | None = None
 
     def answer(self, values: FloatArray, valid: BoolArray) -> GripSense:
         """One sample of every hand: values [B, C] in the model's unit, valid [B, S]."""
-        if self._tare is None:
-            self._learn(values)
-
-        # The row that completes the bias is the first valid one, as on the hand.
-        if self._tare is None:
-            values = np.zeros_like(values)
-            valid = np.zeros_like(valid)
+        if self._learned is not None:
+            sign, bias = self._learned
+            values = values * sign - bias
         else:
-            scale, bias = self._tare
-            values = values * scale - bias
+            values, valid = self._tared(values, valid)
 
         # The graph reads its inputs from the arrays that it was opened with.
         self._stepper.sample[:] = values
@@ -212,19 +208,16 @@ class HandModels:
             overridden=nothing,
         )
 
-    def _learn(self, values: FloatArray) -> None:
-        """Learn the bias of every hand once its first rows are there."""
-        self._first_rows.append(values.copy())
-        needed = max(1, self.preparation.bias_rows)
-        if len(self._first_rows) < needed:
-            return
-
-        scales = []
-        biases = []
-        by_hand = np.stack(self._first_rows, axis=1)
-        for rows in by_hand:
-            scale, bias = self.preparation.learn(rows)
-            scales.append(scale)
-            biases.append(bias)
-
-        self._tare = np.stack(scales), np.stack(biases)
+    def _tared(
+        self, values: FloatArray, valid: BoolArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """The sample as every hand prepares it while some sensor's bias is not known."""
+        made = []
+        for tare, row, flags in zip(self._tares, values, valid, strict=True):
+            made.append(tare.prepare(row, flags))
+        # one product for all hands from here on
+        if all(tare.known.all() for tare in self._tares):
+            signs, biases = zip(*[tare.learned for tare in self._tares], strict=True)
+            self._learned = np.stack(signs), np.stack(biases)
+        prepared, known = zip(*made, strict=True)
+        return np.stack(prepared), np.stack(known)

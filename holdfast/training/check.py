@@ -6,19 +6,24 @@ what to write or record, and where. A model learns whatever situations and masse
 
 from __future__ import annotations
 
-import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Literal, TypeVar
 
 import numpy as np
 
 from holdfast.core.contract import CLASSES, NOTHING, SITUATIONS, UNITS, Json
-from holdfast.core.errors import ColumnError, DataError, NotANumber, RateError
+from holdfast.core.errors import (
+    ColumnError,
+    DataError,
+    NotANumber,
+    RateError,
+    count_of,
+)
+from holdfast.core.hand_card import HandCard, hand_or_usual
 from holdfast.core.trial_layout import (
-    INTENT_SUFFIX,
+    HAND_FILE,
     META,
     TACTILE,
     has_logs,
@@ -28,20 +33,27 @@ from holdfast.core.trial_layout import (
     truth_path,
     weigh_it,
 )
-from holdfast.training.datasets import LAYOUTS, layout_of, load, reader_of, thesis
-from holdfast.training.datasets.trials import FOLDERS, TrialReader, read_all
-from holdfast.training.figures import in_words as counted
+from holdfast.training.datasets import (
+    LAYOUTS,
+    layout_of,
+    load,
+    reader_of,
+    thesis,
+    with_hand,
+)
+from holdfast.training.datasets.trials import (
+    FOLDERS,
+    Missing,
+    TrialReader,
+    doubts_of,
+    read_all,
+)
 from holdfast.training.judging import strictest_hold_out
 from holdfast.training.plan import TrainingPlan
 from holdfast.training.progress import Part, ignored
-from holdfast.training.recording import DataSet
+from holdfast.training.recording import DataSet, lost_spans
 from holdfast.training.windows import TimedTrial, classes_of
 
-T = TypeVar("T")
-Level = Literal["error", "training", "advice"]
-LEVELS = {"error": "ERROR", "training": "FOR TRAINING", "advice": "ADVICE"}
-FORMATS = {"thesis": "folders of CSV trials", "recorded": "folders of holdfast record"}
-"""Layouts in words; any other is a public set."""
 LAYOUT = "<person>/<object>/<action>/trial_1.csv"
 PHASES = '{"phases": [{"t0_s": 2.1, "t1_s": 6.4, "label": "grasp"}, ..]}'
 """An example of a truth file, for the advice."""
@@ -53,26 +65,10 @@ RECORD = {
 }
 """Where a trial of each situation belongs, as it is advised."""
 NO_WEIGHT = "a model does not learn light and heavy"
-HEADS = ("person", "object", "action", "trials", "Hz", "unit", "mass, g", "labels by")
-CLASS_HEADS = ("situation", "light, s", "heavy, s", "mass unknown, s")
 CellName = tuple[str | None, str | None, str | None]
 """Person, object, action."""
 Cells = dict[CellName, list[TimedTrial | None]]
 """The trials of each cell in order of first sight; None for one that cannot be read."""
-
-
-@dataclass(frozen=True)
-class Missing:
-    """Something that is missing: where, and what to write or record there.
-
-    level: an error keeps the folder from being read, or the trial; training: it can be evaluated
-    on, but not trained on; advice: it works as it is, and more data would bring something.
-    """
-
-    level: Level
-    where: str
-    what: str
-    next_step: str
 
 
 @dataclass(frozen=True)
@@ -133,21 +129,32 @@ class FolderReport:
     @property
     def trainable(self) -> bool:
         """Whether `train` takes the folder as it is."""
-        return all(one.level == "advice" for one in self.missing)
+        return all(one.level in ("advice", "doubt") for one in self.missing)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether figures of the folder are probably wrong."""
+        return any(one.level == "doubt" for one in self.missing)
 
     def to_json(self) -> Json:
         """As `holdfast check --json` prints it."""
         return {**asdict(self), "readable": self.readable, "trainable": self.trainable}
 
 
-def examine(root: Path, part: Part = ignored) -> FolderReport:
-    """What a folder holds, and what is missing. part: receives the share of it that is read."""
+def examine(
+    root: Path, part: Part = ignored, most_n: float | None = None
+) -> FolderReport:
+    """What a folder holds, and what is missing or doubtful.
+
+    part: receives the share of it that is read. most_n: the largest grip of the hand, N of either
+    side, where it is given.
+    """
     layout = layout_of(root)
     report = FolderReport(str(root), layout)
     if layout is None:
         report.missing = _not_read(root, [])
     elif layout in LAYOUTS:
-        _examine_trials(report, root, layout, part)
+        _examine_trials(report, root, layout, part, most_n)
     else:
         # The reader of a public set refuses what is wrong, and the set lacks nothing.
         data = load(root, part=part)
@@ -161,7 +168,9 @@ def examine(root: Path, part: Part = ignored) -> FolderReport:
     return report
 
 
-def _examine_trials(report: FolderReport, root: Path, layout: str, part: Part) -> None:
+def _examine_trials(
+    report: FolderReport, root: Path, layout: str, part: Part, most_n: float | None
+) -> None:
     """Read all trials of a folder of these, and fill in the report."""
     # Faults are collected, so that one run names all of them.
     faults: list[DataError] = []
@@ -172,6 +181,7 @@ def _examine_trials(report: FolderReport, root: Path, layout: str, part: Part) -
         faults.append(error)
     read = read_all(readers, faults.append, part)
     trials = [trial for trial in read if trial]
+    doubts: list[Missing] = []
     cells: Cells = {}
     for reader, trial in zip(readers, read, strict=True):
         cells.setdefault(_cell_of(reader), []).append(trial)
@@ -185,12 +195,16 @@ def _examine_trials(report: FolderReport, root: Path, layout: str, part: Part) -
         # Neither names nor rates change what is held out.
         about = thesis.SetMeta()
         try:
-            _hold_out(
-                report, thesis.of_trials(trials, about, rate_hz, "balanced", seed=0)
-            )
+            data = thesis.of_trials(trials, about, rate_hz, "balanced", seed=0)
+            _hold_out(report, data)
+            hand = with_hand(data, root).hand
+            doubts += _sides_unknown(root, data.n_sensors, hand)
         except RateError as error:
             step = error.next_step
             faults.append(RateError(error.what, where=root, next_step=step))
+        except DataError as error:
+            faults.append(error)
+        doubts += doubts_of(trials, most_n)
 
     missing = []
     for fault in faults:
@@ -199,6 +213,7 @@ def _examine_trials(report: FolderReport, root: Path, layout: str, part: Part) -
     if columns and not trials:
         what = "no trial has the columns of the layout: logs of another program?"
         missing.append(Missing("error", str(root), what, import_command(root)))
+    missing += doubts
     if trials:
         # What seems to be missing may be in a trial that could not be read.
         missing += _advice(report, root, trials, all_read=not faults)
@@ -219,10 +234,8 @@ def _hold_out(report: FolderReport, data: DataSet) -> None:
 
 def _not_read(root: Path, read: Sequence[Path]) -> list[Missing]:
     """CSV files that are at no trial's place; an error where no file is at one."""
-    others = []
-    for path in sorted(set(root.rglob("*.csv")) - set(read)):
-        if path.name != TACTILE and not path.name.endswith(INTENT_SUFFIX):
-            others.append(path)
+    paths = sorted(set(root.rglob("*.csv")) - set(read))
+    others = [path for path in paths if not _is_of_a_trial(path)]
     if read and not others:
         return []
 
@@ -235,6 +248,25 @@ def _not_read(root: Path, read: Sequence[Path]) -> list[Missing]:
     if not read and has_logs(root):
         next_step += f"; logs of another program: {import_command(root)}"
     return [Missing("advice" if read else "error", str(root), what, next_step)]
+
+
+def _is_of_a_trial(path: Path) -> bool:
+    """Whether a file lies in a trial's folder, or beside its trial as trial_1.motion.csv does."""
+    trial = path.with_name(f"{path.name.partition('.')[0]}.csv")
+    if trial != path and trial.is_file():
+        return True
+    return any((folder / TACTILE).is_file() for folder in path.parents)
+
+
+def _sides_unknown(
+    root: Path, n_sensors: int, hand: HandCard | None
+) -> Iterator[Missing]:
+    """Where no card says on which side the sensors are."""
+    if hand_or_usual(hand, n_sensors) is None:
+        what = f"{count_of(n_sensors, 'sensor')} and no hand card: pooled features take each to be "
+        what += "on the side of the fingers"
+        step = "write which are on the thumb's side (docs/scenes.md, hands)"
+        yield Missing("doubt", str(root / HAND_FILE), what, step)
 
 
 # -- the two tables
@@ -318,6 +350,19 @@ def _advice(
             what = f"no mass given for object {name!r}: {NO_WEIGHT}"
             yield Missing("advice", str(folder), what, weigh_it(folder))
 
+    for trial in trials:
+        recording = trial.recording
+        lost = [stop - first for first, stop in lost_spans(recording.valid)]
+        if lost:
+            gaps = (
+                f"{count_of(len(lost), 'gap')} of {sum(lost) / recording.rate_hz:.2f} s"
+            )
+            what = (
+                f"{gaps} together, the longest of {max(lost) / recording.rate_hz:.2f} s"
+            )
+            step = "nothing: they are lost samples, and the answer is unknown over them"
+            yield Missing("advice", recording.trial_id, what, step)
+
     if all_read:
         yield from _missing_situations(report.classes, root, trials)
     scripted = [one for one in trials if one.labels_by.startswith(thesis.BY_SCRIPT)]
@@ -352,99 +397,3 @@ def _missing_situations(
             lacks = "heavy" if one.light_s else "light"
             what = f"no {one.situation} with a {lacks} object: {NO_WEIGHT}"
             yield Missing("advice", str(root), what, step)
-
-
-# -- as lines for people
-
-
-def report_lines(report: FolderReport) -> list[str]:
-    """The report as lines for people."""
-    lines = [f"{report.folder}: no recording can be read"]
-    if report.held_out_by is not None:
-        lines = _summary(report, report.held_out_by)
-    if report.cells:
-        lines += ["", *_aligned([HEADS, *map(_row, report.cells)])]
-    if report.classes:
-        lines += ["", *_aligned([CLASS_HEADS, *map(_class_row, report.classes)])]
-
-    # One line for many faults of a kind: a folder of a hundred trials would fill the screen.
-    for first, more in alike(report.missing, lambda one: f"{one.level} {one.what}"):
-        lines += ["", f"{LEVELS[first.level]} {first.where}: {first.what}"]
-        lines.append(f"  -> {first.next_step}")
-        if more:
-            lines.append(f"  {more} more like it")
-
-    verdict = "ready for holdfast train and holdfast evaluate"
-    if not report.readable:
-        verdict = "not ready: correct each ERROR, then run holdfast check again"
-    elif not report.trainable:
-        needs = "holdfast train needs what FOR TRAINING says"
-        verdict = f"ready for holdfast evaluate; {needs}"
-    elif report.layout not in FORMATS:
-        verdict = "a public set, read as it is"
-    return [*lines, "", verdict]
-
-
-def alike(ones: Sequence[T], words: Callable[[T], str]) -> list[tuple[T, int]]:
-    """The first of those whose words differ in numbers alone, and how many more there are."""
-    # Numbers are left out of the comparison: "at 49 Hz" and "at 51 Hz" are the same fault.
-    found: dict[str, list[T]] = {}
-    for one in ones:
-        found.setdefault(re.sub(r"[0-9.]+", "#", words(one)), []).append(one)
-    return [(group[0], len(group) - 1) for group in found.values()]
-
-
-def _summary(report: FolderReport, held_out_by: str) -> list[str]:
-    """The first lines of a report: how much was read, and what is held out together."""
-    trials = 0
-    seconds = 0.0
-    people = set()
-    for cell in report.cells:
-        trials += cell.trials
-        seconds += cell.seconds
-        people.add(cell.person)
-    people.discard(None)
-    of = f" of {counted(len(people), 'person')}" if people else ""
-    found = f"{counted(trials, 'trial')}{of}, {seconds / 60.0:.1f} min"
-    form = FORMATS.get(report.layout or "", "a public set")
-    return [
-        f"{report.folder}: {found}, {report.channels} channels; {form}",
-        f"held out by {held_out_by}: {counted(report.groups, held_out_by)}",
-        *report.not_held_out,
-    ]
-
-
-def _row(cell: Cell) -> tuple[str, ...]:
-    """A cell as texts, one for each of HEADS; what is not known is "-"."""
-    unread = cell.trials - cell.read
-    mass = "-"
-    if cell.mass_g is not None:
-        mass = f"{cell.mass_g:g} ({Path(cell.mass_from or '').name})"
-    labels = ", ".join(cell.labels_by)
-    if len(cell.labels_by) > 1:
-        labels = ", ".join(f"{name}: {n}" for name, n in cell.labels_by.items())
-    return (
-        cell.person or "-",
-        cell.object_name or "hand alone",
-        cell.action or "-",
-        f"{cell.trials} ({unread} unread)" if unread else f"{cell.trials}",
-        f"{cell.rate_hz:.4g}" if cell.rate_hz else "-",
-        cell.unit or "-",
-        mass,
-        labels or "-",
-    )
-
-
-def _class_row(row: ClassSeconds) -> tuple[str, ...]:
-    seconds = (row.light_s, row.heavy_s, row.unweighed_s)
-    return row.situation, *map("{:.1f}".format, seconds)
-
-
-def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Rows of texts as lines, each column as wide as its widest text."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = []
-    for row in rows:
-        cells = [f"{cell:<{n}}" for cell, n in zip(row, widths, strict=True)]
-        lines.append("  ".join(cells).rstrip())
-    return lines

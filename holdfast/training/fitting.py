@@ -13,9 +13,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from holdfast.core.contract import CANNOT_TELL, Json, not_learned_of
-from holdfast.core.errors import DataError
-from holdfast.core.trial_layout import read_json
+from holdfast.core.contract import (
+    CANNOT_TELL,
+    MOST_AVERAGED,
+    Json,
+    averaged_by,
+    not_learned_of,
+)
+from holdfast.core.errors import DataError, RateError
+from holdfast.core.hand_card import hand_or_usual
+from holdfast.core.trial_layout import HAND_FILE, read_json
 from holdfast.core.writing import require_writable
 from holdfast.export.artifact import (
     INDEX,
@@ -33,6 +40,7 @@ from holdfast.training.crossval import (
     with_even_classes,
 )
 from holdfast.training.datasets import find, join, load
+from holdfast.training.datasets.trials import DoubtfulData
 from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.figures import PLURAL, HeadFigures
 from holdfast.training.fixture import KIND, write_fixture
@@ -86,8 +94,9 @@ class TrainingRequest:
     data: sets by name or folder; none for the generated fixture. replace: an artifact in `out` may
     be replaced; replace_fixture: one of the fixture may be, by one of the fixture. groups,
     hold_out, windows: as `datasets.load` takes them; hold_out: None for the strictest that
-    the data allow. features, size, learner: of the plan. seed: of every random choice,
-    so that the same request gives the same model. judge: compute the learning curve too.
+    the data allow. rate_hz: to learn at, None for that of the data. features, size, learner: of the
+    plan. seed: of every random choice, so that the same request gives the same model. judge:
+    compute the learning curve too.
     """
 
     data: tuple[str, ...]
@@ -96,6 +105,7 @@ class TrainingRequest:
     replace_fixture: bool = False
     groups: int | None = None
     hold_out: HoldOut | None = None
+    rate_hz: float | None = None
     windows: Choice = "balanced"
     features: str = "fixed"
     size: str = "default"
@@ -152,8 +162,15 @@ def train_on_sets(
             seed=request.seed,
             windows=request.windows,
             hold_out=request.hold_out,
+            rate_hz=request.rate_hz,
             part=progress.part,
         )
+        if request.rate_hz and averaged_by(data.rate_hz, request.rate_hz) != 1:
+            raise RateError(
+                f"{data.rate_hz:.4g} Hz is no whole multiple of --rate {request.rate_hz:g}",
+                where=data.name,
+                next_step=f"--rate {data.rate_hz:.4g}, or that divided by 2 to {MOST_AVERAGED}",
+            )
         count = f"{len(data.recordings)} recordings at {data.rate_hz:.4g} Hz"
         describe(f"{data.name}: {data.kind}; {count}\n{_counts(data)}")
         sets.append(data)
@@ -299,6 +316,13 @@ def train(
 
     spec = spec_for(data, plan.groups)
     spec.warn_of_lost_bands()
+    if plan.copies and hand_or_usual(data.hand, data.n_sensors) is None:
+        warnings.warn(
+            f"{data.name}: {data.n_sensors} sensors and no hand card, so each is taken to be on "
+            f"the side of the fingers; next: write {HAND_FILE} (holdfast check)",
+            DoubtfulData,
+            stacklevel=2,
+        )
 
     if plan.copies:
         # only a plan of pooled features has copies

@@ -14,7 +14,7 @@ from holdfast.core.errors import DataNotFound, LabelError
 from holdfast.core.trial_file import TIME_COLUMN
 from holdfast.core.trial_layout import MASSES_KEY, META, truth_path
 from holdfast.training.datasets import thesis
-from holdfast.training.datasets.trials import FOLDERS
+from holdfast.training.datasets.trials import FOLDERS, action_of
 from holdfast.training.recording import DataSet
 from holdfast.training.timeline import ACTION_KEY, ACTION_S
 from holdfast.training.windows import Choice
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 LABEL = "label"
 """The column of situations, where a frame has one."""
+LAST_S = 0.1
+"""How long the last row of a trial counts."""
 NAME = re.compile(r"([^/.][^/]*/){1,3}trial_\d+")
 ACTIONS = ", ".join(FOLDERS)
 
@@ -33,7 +35,7 @@ def recordings_from_frames(
     *,
     unit: Unit = "N",
     masses_g: Mapping[str, float] | None = None,
-    action_at_s: float | Mapping[str, float] = ACTION_S,
+    action_at_s: float = ACTION_S,
     name: str = "frames",
     windows: Choice = "balanced",
     seed: int = 0,
@@ -43,60 +45,50 @@ def recordings_from_frames(
     frames: `[<person>/]<object>/<action>/trial_<n>` (or `[<person>/]nothing/trial_<n>`) -> columns
     Time (s), X1, Y1, Z1, .. in `unit`, and where it is known `label`: the situation of each row,
     empty for none. masses_g: of objects that are not in the table; where one has none, no weight is
-    known of the set. action_at_s: where the action starts without a column of labels, for all
-    trials or by name. windows, seed: as `load` takes them. Frames are not changed. Raises a
-    DataError that names the frame.
+    known of the set. action_at_s: where the action starts without a column of labels. windows,
+    seed: as `load` takes them. Frames are not changed. Raises a DataError that names the frame.
     """
     if not frames:
         raise DataNotFound("no data frame", where=name, next_step="give a trial")
-    starts_s = action_at_s if isinstance(action_at_s, Mapping) else {}
-    of_all_s = ACTION_S if isinstance(action_at_s, Mapping) else action_at_s
-    about = {"unit": unit, "name": name, ACTION_KEY: of_all_s}
+    about = {
+        "unit": unit,
+        "name": name,
+        ACTION_KEY: action_at_s,
+        MASSES_KEY: dict(masses_g or {}),
+    }
     with TemporaryDirectory() as folder:
         root = Path(folder)
-        meta = {**about, MASSES_KEY: dict(masses_g or {})}
-        (root / META).write_text(json.dumps(meta), "utf-8")
+        (root / META).write_text(json.dumps(about), "utf-8")
         for key, frame in frames.items():
-            if not NAME.fullmatch(key):
-                raise _not_a_name(key)
-            path = root / f"{key}.csv"
-            path.parent.mkdir(parents=True, exist_ok=True)
-            signals = frame.drop(columns=LABEL, errors="ignore")
-            signals.to_csv(path, index=False, na_rep="nan")
-            truth: Json = {}
-            if LABEL in frame:
-                truth = {"phases": _phases(frame)}
-            elif key in starts_s:
-                truth = {ACTION_KEY: starts_s[key]}
-            if truth:
-                truth_path(path).write_text(json.dumps(truth), "utf-8")
-        found = {reader.place.path for reader in thesis.readers(root)}
-        for key in frames:
-            if root / f"{key}.csv" not in found:
-                raise _not_a_name(key)
+            _write(root, key, frame)
         return thesis.load(root, seed=seed, windows=windows)
 
 
-def _not_a_name(key: str) -> LabelError:
-    step = f"name the frame <person>/<object>/<action>/trial_<n>, the action one of {ACTIONS}"
-    return LabelError("not the name of a trial", where=key, next_step=step)
+def _write(root: Path, key: str, frame: pd.DataFrame) -> None:
+    """A frame as a trial of a folder, with its labels as the truth. Raises LabelError."""
+    if not NAME.fullmatch(key) or action_of(key.split("/")[-2]) is None:
+        step = f"name the frame <person>/<object>/<action>/trial_<n>, the action one of {ACTIONS}"
+        raise LabelError("not the name of a trial", where=key, next_step=step)
+    path = root / f"{key}.csv"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    signals = frame.drop(columns=LABEL, errors="ignore")
+    signals.to_csv(path, index=False, na_rep="nan")
+    if LABEL in frame:
+        truth = {"phases": _phases(frame)}
+        truth_path(path).write_text(json.dumps(truth), "utf-8")
 
 
 def _phases(frame: pd.DataFrame) -> list[Json]:
     """Runs of equal labels, as a truth file has them; a row whose label is no text has none."""
-    time_s = (frame[TIME_COLUMN] - frame[TIME_COLUMN].iloc[0]).tolist()
+    time_s = frame[TIME_COLUMN] - frame[TIME_COLUMN].iloc[0]
+    begins = frame[LABEL].ne(frame[LABEL].shift())
+    # the last row belongs to the last phase
+    edges_s = [*time_s[begins].tolist(), time_s.iloc[-1] + LAST_S]
     phases: list[Json] = []
-    last: object = None
-    for at_s, label in zip(time_s, frame[LABEL].tolist(), strict=True):
-        # A phase ends where the next row has another label.
-        if last == label:
-            continue
-        if phases and "t1_s" not in phases[-1]:
-            phases[-1]["t1_s"] = at_s
+    for label, t0_s, t1_s in zip(
+        frame[LABEL][begins], edges_s[:-1], edges_s[1:], strict=True
+    ):
         if isinstance(label, str) and label:
-            of = {"label": label, "provenance": "label column"}
-            phases.append({"t0_s": at_s, **of})
-        last = label
-    if phases:
-        phases[-1].setdefault("t1_s", 2 * time_s[-1] + 1.0)
+            of = {"t0_s": t0_s, "t1_s": t1_s, "label": label}
+            phases.append(of | {"provenance": "label column"})
     return phases

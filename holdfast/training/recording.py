@@ -9,6 +9,7 @@ trial at a time. Intervals resample groups. Folds are dealt here and not by scik
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
@@ -28,6 +29,7 @@ from holdfast.core.contract import (
 )
 from holdfast.core.errors import ClassMissing, TooFewGroups, count_of
 from holdfast.edge_runtime.preparation import Preparation
+from holdfast.export.spec import GAP_S, HISTORY_S
 from holdfast.training.timeline import Phase, RiskyEvent
 
 if TYPE_CHECKING:
@@ -70,6 +72,23 @@ def finite_sensors(raw: FloatArray) -> BoolArray:
     # A reading is of three axes, so one bad axis makes the whole reading unusable.
     by_sensor = np.isfinite(raw).reshape(len(raw), -1, 3)
     return np.logical_and.reduce(by_sensor, axis=2)
+
+
+def whole_history(recording: Recording) -> BoolArray:
+    """[T] False while the whole hand is lost for more than a short gap, and HISTORY_S after it."""
+    whole = np.ones(len(recording.valid), dtype=np.bool_)
+    for first, stop in lost_spans(recording.valid):
+        if (stop - first) / recording.rate_hz > GAP_S + 1e-9:
+            settled = math.floor(HISTORY_S * recording.rate_hz + 1e-9)
+            whole[first : stop + settled] = False
+    return whole
+
+
+def lost_spans(valid: BoolArray) -> list[tuple[int, int]]:
+    """[first, stop) rows of every run in which no sensor [T, S] is valid."""
+    lost = ~valid.any(axis=1)
+    edges = np.flatnonzero(np.diff(lost.astype(np.int8), prepend=0, append=0))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 @dataclass(frozen=True)

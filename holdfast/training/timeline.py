@@ -79,12 +79,14 @@ class RiskyEvent:
 
     onset_s: the start of the risky phase. gross_s: when the slip becomes gross. end_s: the end of
     the phase. timed: False where it lies somewhere between the two, so that no delay is known.
+    lost: it begins while samples are lost, or while the history is not whole after that.
     """
 
     onset_s: float
     gross_s: float | None
     end_s: float
     timed: bool = True
+    lost: bool = False
 
 
 Phases = tuple[Phase, ...]
@@ -295,6 +297,11 @@ def read_truth(path: Path, t_s: FloatArray) -> Phases:
 
     # A phase shorter than the time between two samples holds none of them.
     return tuple(phase for phase in phases if phase.first < phase.stop)
+
+
+def labels_end_s(path: Path) -> float:
+    """When the last phase of a truth file ends, s from the first sample; 0 without any."""
+    return max((phase.t1_s for phase in _truth(path).phases or []), default=0.0)
 
 
 def read_events(path: Path) -> RiskyEvents:

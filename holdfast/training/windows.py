@@ -49,7 +49,12 @@ from holdfast.core.contract import (
 )
 from holdfast.core.trial_layout import Mass
 from holdfast.export.spec import HISTORY_S, WINDOW_S, window_samples
-from holdfast.training.recording import NO_OBJECT, LabelledRows, Recording
+from holdfast.training.recording import (
+    NO_OBJECT,
+    LabelledRows,
+    Recording,
+    whole_history,
+)
 from holdfast.training.timeline import Phase
 
 if TYPE_CHECKING:
@@ -86,7 +91,8 @@ class TimedTrial:
     """A recording with its phases, and whether its object is heavy (None: not known, or no object).
 
     timed: each sample of a phase is of its situation, which a script does not promise. mass: of the
-    object, None where it is not known here. labels_by: what gives the phases.
+    object, None where it is not known here. labels_by: what gives the phases. averaged: how many
+    samples of its file one of the recording is the mean of.
     """
 
     recording: Recording
@@ -94,6 +100,7 @@ class TimedTrial:
     timed: bool = False
     mass: Mass | None = None
     labels_by: str = ""
+    averaged: int = 1
 
     @property
     def has_object(self) -> bool:
@@ -137,6 +144,11 @@ def windows_of(trials: Sequence[TimedTrial], choice: Choice) -> pd.DataFrame:
             spots = _dense(trial.recording, rows_of)
         else:
             spots = _natural(trial)
+
+        # a figure counts a window without an answer as missed, and training leaves it out
+        if choice != "natural":
+            whole = whole_history(trial.recording)
+            spots = [spot for spot in spots if whole[spot.row]]
 
         for number, spot in enumerate(spots):
             # Without an object windows are light and heavy alternately.

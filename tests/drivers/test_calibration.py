@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -39,7 +40,7 @@ from holdfast.drivers.calibration import (
 )
 from holdfast.sessions.calibrate import Fit, measured_shear_gain
 from holdfast.sessions.calibrate import calibrate as fit_calibration
-from holdfast.sessions.known_loads import LoadSet
+from holdfast.sessions.known_loads import LoadSet, read_loads
 from holdfast.simulation.magnet import HEIGHT, dipole_ut, place_m, shear_gain
 
 FINITE = st.floats(-1e4, 1e4)
@@ -502,6 +503,62 @@ def test_rows_with_a_lost_value_are_left_out_and_counted(
     (tmp_path / "loads.csv").write_text("\n".join(lines))
     calibrate_with(tmp_path / "loads.csv", "--out", tmp_path / "c.json")
     assert "1 row with a lost value left out" in capsys.readouterr().out
+
+
+Change = Callable[[FloatArray], None]
+
+
+def turned_sign(table: FloatArray) -> None:
+    table[:, -1] *= -1.0
+
+
+def in_grams(table: FloatArray) -> None:
+    table[:, -3:] *= 101.97
+
+
+def late(table: FloatArray) -> None:
+    table[:, -3:] = np.roll(table[:, -3:], 10, axis=0)
+
+
+def nothing(table: FloatArray) -> None:
+    """Loads as they were."""
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (turned_sign, "the presses have a negative Fz"),
+        (in_grams, "grams taken for newtons; next: --load-unit gf"),
+        (late, "the loads come 10 rows after the field"),
+        (nothing, ""),
+    ],
+)
+def test_what_would_spoil_a_calibration_is_a_warning(
+    tmp_path: Path, change: Change, says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "loads.csv"
+    write_loads(path)
+    table = np.loadtxt(path, delimiter=",", skiprows=1)
+    change(table)
+    header = path.read_text().partition("\n")[0]
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.12g")
+    assert calibrate_with(path, "--out", tmp_path / "c.json") == 0
+    warned = [one for one in capsys.readouterr().out.splitlines() if "warning" in one]
+    assert len(warned) == bool(says)
+    assert says in "".join(warned)
+
+
+@pytest.mark.parametrize("rest_ut", [-20.0, 20.0])
+def test_a_magnet_is_turned_over_at_any_rest_that_its_noise_allows(
+    tmp_path: Path, rest_ut: float
+) -> None:
+    path = tmp_path / "loads.csv"
+    write_loads(path)
+    table = np.loadtxt(path, delimiter=",", skiprows=1)
+    table[:, 6] += rest_ut - 2000.0
+    header = path.read_text().partition("\n")[0]
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.12g")
+    assert read_loads(path, "N").reversed_.tolist() == [False, rest_ut < 0.0]
 
 
 def test_one_press_is_too_little_to_hold_one_out(tmp_path: Path) -> None:

@@ -332,7 +332,7 @@ def test_a_file_of_samples_begins_with_its_header_and_samples_that_a_full_disk_r
         file.write(answers[0], samples[0])  # after a failure no line is counted
     lines = path.read_text().splitlines(keepends=True)
     assert lines[0].startswith("Time,X1,")
-    assert all(line.endswith("\n") and line.count(",") == 24 for line in lines)
+    assert all(line.endswith("\n") and line.count(",") == 26 for line in lines)
     assert file.sink.dropped == 50 - (len(lines) - 1)
 
 

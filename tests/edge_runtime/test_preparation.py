@@ -63,22 +63,26 @@ RAW = np.array(
     ("options", "sign", "bias"),
     [
         ({}, [1] * 6, [0] * 6),
-        ({"bias_rows": 3}, [1] * 6, [2, 3, -4, 2, 1, 0.5]),
-        ({"bias_rows": 3, "statistic": "mean"}, [1] * 6, [3, 3, -4, 2, 1, -7 / 3]),
+        ({"bias_rows": 3}, [1] * 6, [6, 4, -3, 2, 1, 0.5]),
+        (
+            {"bias_rows": 3, "statistic": "mean"},
+            [1] * 6,
+            [16 / 3, 5, 2 / 3, 2, 1, -7 / 3],
+        ),
         (
             {"bias_rows": 3, "flip_negative_normal": True, "flip_beyond": 2.9},
             [1, 1, -1, 1, 1, 1],
-            [2, 3, 4, 2, 1, 0.5],
+            [6, 4, 3, 2, 1, 0.5],
         ),
         (
             {"bias_rows": 3, "flip_negative_normal": True, "turns": "sensor"},
             [-1, -1, -1, 1, 1, 1],
-            [-2, -3, 4, 2, 1, 0.5],
+            [-6, -4, 3, 2, 1, 0.5],
         ),
         (
             {"bias_rows": 3, "flip_negative_normal": True, "flip_beyond": 3.0},
             [1] * 6,
-            [2, 3, -4, 2, 1, 0.5],
+            [6, 4, -3, 2, 1, 0.5],
         ),
         ({"flip_negative_normal": True}, [1, 1, -1, 1, 1, 1], [0] * 6),
     ],

@@ -17,7 +17,7 @@ from holdfast.core.errors import (
     NotANumber,
     TimeError,
 )
-from holdfast.core.trial_file import GAP_STEPS, implausible_rate, read_trial
+from holdfast.core.trial_file import implausible_rate, read_trial
 
 HEADER = "Time,X1,Y1,Z1,X2,Y2,Z2"
 
@@ -175,11 +175,11 @@ REFUSED = {
         TimeError,
         "line 4: time stands still",
     ),
-    "time has a gap": (
+    "time has a gap of days": (
         HEADER,
-        rows([0, 0.02, 0.04, 0.54, 0.56]),
+        rows([0, 0.02, 0.04, 2e5, 2e5 + 0.02]),
         TimeError,
-        "line 5: a gap of 0.5 s",
+        "a gap of 200000 s after 3 rows",
     ),
     "time is not finite": (HEADER, changed(3, "inf,1,2,3,4,5,6"), TimeError, "line 5"),
     "there is a header only": (HEADER, [], EmptyRecording, "0 rows"),
@@ -251,15 +251,10 @@ def test_rows_lost_in_a_short_gap_come_back_as_invalid_rows(tmp_path: Path) -> N
         assert np.flatnonzero(lost.any(axis=1)).tolist() == [3, 4]
 
 
-def test_a_step_of_exactly_five_is_still_filled_and_one_above_splits_the_trial(
-    tmp_path: Path,
-) -> None:
-    # Quarters and eighths of a second are exact in binary, so the edge is met exactly.
-    begin = [0.0, 0.25, 0.5, 0.75]
-    trial = read_trial(written(tmp_path, lines=rows([*begin, 2.0, 2.25])))
-    assert np.flatnonzero(~trial.valid.any(axis=1)).tolist() == [4, 5, 6, 7]
-    with pytest.raises(TimeError, match=r"line 6: a gap of 1\.375 s"):
-        read_trial(written(tmp_path, lines=rows([*begin, 2.125, 2.375])))
+def test_time_may_be_in_a_column_that_names_its_unit(tmp_path: Path) -> None:
+    header = HEADER.replace("Time", "t_ms")
+    trial = read_trial(written(tmp_path, header, rows([5, 25, 45])))
+    np.testing.assert_allclose(trial.t_s, [0.0, 0.02, 0.04])
 
 
 def test_rows_are_times_to_the_end_of_a_long_trial_though_its_stamps_are_rounded(
@@ -273,27 +268,6 @@ def test_rows_are_times_to_the_end_of_a_long_trial_though_its_stamps_are_rounded
     trial = read_trial(path)
     assert abs((len(trial.t_s) - 1) / trial.rate_hz - trial.t_s[-1]) < 1e-4
     assert abs(trial.rate_hz - 300.0) < 1e-4
-
-
-@pytest.mark.parametrize(
-    ("rate_hz", "lasts_s", "looks"),
-    [
-        (100.0, 3600.0, ""),
-        (5.0, 0.0, ""),
-        (0.1, 5000.0, "looks like milliseconds (100 Hz)"),
-        (1e-4, 5e6, "looks like microseconds (100 Hz"),
-        (6000.0, 1.0, "looks like minutes (100 Hz)"),
-        (100.0, 3601.0, "no longer than an hour"),
-        (4.0, 10.0, "looks like milliseconds (4000 Hz)"),
-        (1e-9, 0.0, "no time in seconds"),
-    ],
-)
-def test_a_rate_that_no_hand_has_is_said_to_look_like_its_unit(
-    rate_hz: float, lasts_s: float, looks: str
-) -> None:
-    said = implausible_rate(rate_hz, lasts_s)
-    assert looks in said
-    assert bool(said) == bool(looks)
 
 
 @pytest.mark.parametrize(
@@ -323,7 +297,7 @@ def test_a_rate_that_no_hand_has_says_what_its_time_may_be_in(
     assert bool(found) == bool(says)
 
 
-def test_of_every_two_samples_one_may_be_lost(tmp_path: Path) -> None:
+def test_rows_that_the_counter_skips_are_lost(tmp_path: Path) -> None:
     header = f"{HEADER},sequence"
 
     def read(*counted: float) -> list[bool]:
@@ -332,8 +306,7 @@ def test_of_every_two_samples_one_may_be_lost(tmp_path: Path) -> None:
 
     assert read(7, 8, 10, 13) == [True, True, False, True, False, False, True]
     assert read(3, 4, 6, 10) == [True, True, False, True, False, False, False, True]
-    with pytest.raises(TimeError, match="5 of 9 samples were lost"):
-        read(3, 4, 6, 11)
+    assert sum(read(3, 4, 6, 100)) == 4
     for wrong in (
         (3, 4, 4),
         (3, 4, 4.5),
@@ -343,19 +316,3 @@ def test_of_every_two_samples_one_may_be_lost(tmp_path: Path) -> None:
     ):
         with pytest.raises(TimeError, match="does not count up"):
             read(*wrong)
-
-
-def test_a_gap_is_refused_where_it_is_longer_than_usual_by_this_much(
-    tmp_path: Path,
-) -> None:
-    """One lost row is a step of two; from GAP_STEPS periods on, too many are lost."""
-
-    def read(gap: float) -> int:
-        times_s = [0.02 * k + (gap if k > 5 else 0.0) for k in range(12)]
-        return len(read_trial(written(tmp_path, lines=rows(times_s))).t_s)
-
-    usual = 0.02
-    assert [read(usual * more) for more in (0.0, 0.4, 0.6, 1.0)] == [12, 12, 13, 13]
-    assert read(usual * (GAP_STEPS - 1.01)) == 12 + round(GAP_STEPS - 1.01)
-    with pytest.raises(TimeError, match="line 8: a gap of"):
-        read(usual * (GAP_STEPS - 0.9))

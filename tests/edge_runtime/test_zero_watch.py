@@ -6,8 +6,10 @@ import numpy as np
 from live_bench import DEFAULT
 
 from holdfast.core.contract import NORMAL_AXIS, Sample
+from holdfast.core.source import SourceReading
 from holdfast.edge_runtime.monitor import Model
-from holdfast.live.hand_files import PULLS_FLOORS, PULLS_S, ZeroWatch
+from holdfast.live.hand_files import PULLS_FLOORS, PULLS_S, AnswerWatch, ZeroWatch
+from holdfast.live.loop import Summary, report_summary
 
 CARD = Model(DEFAULT).card
 LONG = round(PULLS_S * CARD.rate_hz) + 1
@@ -15,9 +17,9 @@ LONG = round(PULLS_S * CARD.rate_hz) + 1
 
 
 def watched(
-    normal_n: float, samples: int, valid: bool = True
+    normal_n: float, samples: int, valid: bool = True, zero_n: float = 5.0
 ) -> tuple[ZeroWatch, list[str]]:
-    """Five samples at zero, then one sensor at a force along its normal."""
+    """Five samples at zero, read as zero_n, then one sensor at a force along its normal."""
     lines: list[str] = []
     watch = ZeroWatch(CARD, lines.append)
     for k in range(5 + samples):
@@ -26,7 +28,8 @@ def watched(
         if k >= 5:
             values[3 + NORMAL_AXIS] = normal_n
             usable[1] = valid
-        watch.write(None, Sample(k, values, usable, k))
+        reading = SourceReading(k, values + zero_n, usable)
+        watch.write(None, Sample(k, values, usable, k), reading)
     return watch, lines
 
 
@@ -41,6 +44,30 @@ def test_a_fingertip_that_is_pulled_at_was_pressed_when_its_zero_was_taken() -> 
     _, lines = watched(below, 10 * LONG)
     assert len(lines) == 3
     assert lines[2].startswith("warning: sensor 2 reads -0.61 N along its normal")
+
+
+def test_a_sensor_that_read_nothing_at_its_zero_has_its_normal_the_other_way() -> None:
+    _, lines = watched(-2.0, 10 * LONG, zero_n=0.02)
+    assert "its normal axis points the other way. Multiply it by -1" in lines[2]
+
+
+def test_thousands_of_newtons_are_taken_for_millinewtons() -> None:
+    _, lines = watched(4000.0, 10 * LONG)
+    assert lines[2].startswith("warning: 4000 N along a normal")
+    assert "are these mN?" in lines[2]
+
+
+def test_a_sensor_that_never_answers_is_named_once_and_in_the_summary() -> None:
+    lines: list[str] = []
+    watch = AnswerWatch(CARD, lines.append)
+    heard = np.array([True, True, False, True, True, True])
+    for k in range(round(3 * CARD.rate_hz)):
+        values = np.zeros(CARD.n_channels)
+        watch.write(None, Sample(k, values, heard, k), SourceReading(k, values, heard))
+    (name,) = watch.silent()
+    assert [line.partition(" has not")[0] for line in lines] == [name]
+    report_summary(Summary(silent=watch.silent()), lines.append)
+    assert f"never answered: {name}" in lines
 
 
 def test_a_short_pull_noise_and_a_lost_sensor_are_no_reason_to_warn() -> None:

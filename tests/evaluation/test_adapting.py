@@ -146,6 +146,19 @@ def test_worse_is_a_recall_that_falls_by_more_than_a_hundredth_or_more_actions_c
 
 
 @pytest.mark.parametrize(
+    "change", [{"called": 3}, {"found": 10}, {"recall": 1.02, "called_samples": 60}]
+)
+def test_better_is_one_action_less_one_slip_more_or_a_hundredth_of_recall(
+    change: dict[str, float],
+) -> None:
+    assert replace(BASE, **change).no_better_than(BASE) == []  # type: ignore[arg-type]
+    (nothing,) = replace(BASE, called_samples=40).no_better_than(BASE)
+    assert nothing.startswith("nothing is better: 4 of 8 voluntary actions called")
+    worse = replace(BASE, called=5, found=10)
+    assert worse.no_better_than(BASE) == worse.worse_than(BASE)
+
+
+@pytest.mark.parametrize(
     ("change", "says"),
     [
         ({"hand_overs": 7}, "7 hand-overs of 8"),

@@ -206,7 +206,12 @@ def test_an_unknown_gross_slip_gives_a_delay_and_no_lead():
         [stream("a", (1.02, 1.2), events=(RiskyEvent(1.0, None, 1.1),))]
     )
     assert p50(scores.delay_ms) == pytest.approx(20.0)
-    assert (scores.lead_ms, scores.lead_used, scores.in_time) == (None, None, 0.0)
+    assert (scores.lead_ms, scores.lead_used, scores.in_time) == (None, None, None)
+    # of several, only those count whose gross slip is known, also where they are missed
+    known = stream("b", (1.02, 1.2))
+    unknown = stream("c", events=(RiskyEvent(1.0, None, 1.1),))
+    assert event_scores([known, unknown]).in_time == 1.0
+    assert event_scores([known, unknown, stream("d")]).in_time == 0.5
 
 
 @EVENTS.mark

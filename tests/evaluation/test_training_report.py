@@ -6,10 +6,14 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from command_line import Run
 
+from holdfast.core.contract import GRASP
+from holdfast.evaluation.report import held_out_trial
 from holdfast.training.datasets import load
 from holdfast.training.fixture import write_fixture
 from holdfast.training.judging import CurvePoint, per_doubling, strictest_hold_out
@@ -88,3 +92,18 @@ def test_the_headline_is_the_held_out_figure_and_a_curve_shows_fewer_trials(
     trials = [point["n_trials"] for point in figures["learning_curve"]]
     assert trials == sorted(trials)
     assert ("<svg" in page) == bool(trials)
+
+
+def test_the_answer_of_a_window_is_drawn_at_its_end_and_not_before(
+    by_trial: DataSet,
+) -> None:
+    task = by_trial.tasks["classes"]
+    answers = np.full(len(task), GRASP)
+    held_out = SimpleNamespace(situations=lambda: answers)
+    drawn = held_out_trial(by_trial, SimpleNamespace(held_out=held_out))  # type: ignore[arg-type]
+    assert drawn is not None
+    names = [one.trial_id for one in by_trial.recordings]
+    ends = task.row[task.trial == names.index(drawn.trial.recording.trial_id)]
+    answered = np.flatnonzero(drawn.situation == GRASP)
+    assert answered[0] == ends.min()
+    assert set(ends.tolist()) <= set(answered.tolist())

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import pytest
 from c_form import STRICT, require_compiler
 from command_line import fails
@@ -244,6 +245,9 @@ def test_the_page_does_what_it_says_with_a_small_model_too(
     require_compiler()
     monkeypatch.chdir(tmp_path)
     made = for_the_hand()
+    # as the shipped file, which answers with four of its six fingers
+    spec = msgspec.structs.replace(made.spec, min_valid_sensors=4)
+    made = replace(made, spec=spec)
     Path("models").mkdir()
     Path("models/holdfast-150hz.onnx").write_bytes(
         seal(graph_of(made), model_card(made), made.spec)

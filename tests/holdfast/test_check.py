@@ -13,8 +13,13 @@ from command_line import Run, fails
 from own_data import write_meta, write_people_folders, write_phases
 
 from holdfast.core.contract import channel_names
+from holdfast.core.errors import DataError, EmptyRecording
+from holdfast.core.hand_card import HANDS
+from holdfast.core.trial_file import read_trial
 from holdfast.core.trial_layout import intent_path, truth_path
 from holdfast.edge_runtime.wearer import INTENT_HEADER
+from holdfast.training.datasets import load
+from holdfast.training.datasets.trials import DoubtfulData
 
 PULL, FALL = "soft-ball/pull/trial_1.csv", "hard-ball/fall/trial_1.csv"
 
@@ -210,3 +215,142 @@ def test_a_rate_that_is_too_low_for_training_is_an_error_of_the_set(
     code, out, _ = run("check", tmp_path / "set")
     assert code == 3
     assert f"ERROR {tmp_path / 'set'}: 15 Hz carries none of the bands" in out
+
+
+# -- what would make figures silently wrong
+
+
+def rewrite(path: Path, change: Callable[[np.ndarray], np.ndarray]) -> None:
+    """A trial's table [T, columns], changed."""
+    header = path.read_text().split("\n", 1)[0]
+    table = change(np.loadtxt(path, delimiter=",", skiprows=1))
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.6f")
+
+
+def cut_off(own: Path) -> None:
+    rewrite(own / "p01" / PULL, lambda table: table[:200])
+
+
+def begun_anew(own: Path) -> None:
+    # the first two seconds are gone, and time counts from the first row that is left
+    def late(table: np.ndarray) -> np.ndarray:
+        left = table[table[:, 0] > 2.0]
+        left[:, 0] -= left[0, 0]
+        more = np.repeat(left[-1:], 120, axis=0)
+        more[:, 0] += np.arange(1, 121) / 50.0
+        return np.vstack([left, more])
+
+    rewrite(own / "p01" / PULL, late)
+
+
+def in_millinewtons(own: Path) -> None:
+    def thousandfold(table: np.ndarray) -> np.ndarray:
+        table[:, 1:] *= 1000.0
+        return table
+
+    rewrite(own / "p01" / PULL, thousandfold)
+
+
+def with_a_normal_axis_outwards(own: Path) -> None:
+    def turned(table: np.ndarray) -> np.ndarray:
+        table[:, 6] = np.abs(table[0, 6]) - np.abs(table[:, 6])
+        return table
+
+    for path in own.rglob("trial_1.csv"):
+        rewrite(path, turned)
+
+
+def with_three_sensors(own: Path) -> None:
+    for path in own.rglob("trial_1.csv"):
+        columns = path.read_text().splitlines()
+        lines = [",".join(line.split(",")[:10]) for line in columns]
+        path.write_text("\n".join(lines) + "\n")
+
+
+def with_another_hands_card(own: Path) -> None:
+    with_three_sensors(own)
+    shutil.copy(HANDS / "two-pad-gripper.toml", own / "hand.toml")
+
+
+WRONG: dict[str, tuple[Callable[[Path], None], str, str, str]] = {
+    "cut off": (cut_off, "error", "labels reach", "copy the trial again"),
+    "begun anew": (begun_anew, "doubt", "a label begins at", "times of its truth"),
+    "mN": (in_millinewtons, "error", "N a side", "holdfast import --unit"),
+    "sign": (with_a_normal_axis_outwards, "doubt", "sensor 2 reads below", "Z2 by -1"),
+    "no card": (with_three_sensors, "doubt", "3 sensors and no hand card", "thumb"),
+    "card": (with_another_hands_card, "error", "card of another hand", "put the card"),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_what_would_make_figures_wrong_is_named_and_training_refuses_or_warns(
+    run: Run, own: Path, what: str
+) -> None:
+    spoil, level, fault, next_step = WRONG[what]
+    spoil(own)
+    report = reported(run, own, code=3 if level == "error" else 0)
+    found = [one for one in report["missing"] if one["level"] == level]
+    assert len(found) == 1
+    assert fault in found[0]["what"]
+    assert next_step in found[0]["next_step"]
+    ready = run("check", own)[1].splitlines()[-1]
+    assert ready != "ready for holdfast train and holdfast evaluate"
+    if level == "error":
+        with pytest.raises(DataError, match=fault):
+            load(own)
+    elif what != "no card":  # which matters to pooled features alone
+        with pytest.warns(DoubtfulData, match=fault):
+            load(own)
+
+
+def test_a_recording_that_lost_rows_is_told_by_its_meta_json(tmp_path: Path) -> None:
+    folder = tmp_path / "p01/mug/hold/trial_1"
+    folder.mkdir(parents=True)
+    rows = [f"{k / 50:.2f},0,0,{float(50 < k < 100)}" for k in range(120)]
+    (folder / "tactile.csv").write_text("\n".join(["Time,X1,Y1,Z1", *rows]) + "\n")
+    write_meta(
+        folder,
+        recorder=1,
+        state="kept",
+        unit="N",
+        person="p01",
+        object="mug",
+        action="hold",
+        quality={"samples": 200},
+    )
+    with pytest.raises(EmptyRecording, match=r"120 rows, and .* says 200"):
+        load(tmp_path)
+
+
+def test_every_trial_that_cannot_be_read_is_named_and_a_torn_one_can_be_repaired(
+    run: Run, own: Path, tmp_path: Path
+) -> None:
+    for person in ("p01", "p02"):
+        path = own / person / PULL
+        path.write_text(path.read_text()[:-30])
+    out = run("check", own)[1]
+    for person in ("p01", "p02"):
+        assert f"{person}/{PULL}" in out
+    assert "-> remove the last line, which was cut off" in out
+    torn = tmp_path / "trial 1/tactile.csv"
+    torn.parent.mkdir()
+    torn.write_text("Time,X1,Y1,Z1\n0.00,1,2,3\n0.02,1,2,3\n0.04,1")
+    with pytest.raises(DataError, match=f"holdfast check '{torn.parent}' --repair"):
+        read_trial(torn)
+
+
+def test_the_files_beside_a_trial_are_at_their_place(run: Run, own: Path) -> None:
+    before = reported(run, own)
+    (own / "p01" / PULL).with_name("trial_1.motion.csv").write_text("Time,x\n0,1\n")
+    assert reported(run, own) == before
+    (own / "p01" / PULL).with_name("trial_9.motion.csv").write_text("Time,x\n0,1\n")
+    assert "CSV files at no trial's place: 1" in missing(reported(run, own), "advice")
+
+
+def test_a_grip_above_the_ceiling_of_the_hand_is_doubtful(
+    run: Run, own: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert not missing(reported(run, own), "doubt")
+    Path("holdfast.toml").write_text("ceiling_n = 0.5\n")
+    assert "more than ceiling_n = 0.5" in missing(reported(run, own), "doubt")

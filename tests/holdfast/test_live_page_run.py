@@ -200,7 +200,7 @@ def test_a_run_shows_itself_and_ends_as_without_a_page():
         finally:
             run.kill()
     assert shown["answer"]["latency_us"] > 0.0
-    assert last["ended"] == "the run has ended"
+    assert last["ended"] == "the run has ended: it was stopped"
     assert run.returncode == 0, err
 
 

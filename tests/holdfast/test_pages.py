@@ -124,6 +124,19 @@ def test_the_api_page_answers_a_trial_and_a_hand(
     assert "no such model file | export one" in printed
 
 
+def test_the_file_runs_by_plain_onnxruntime_as_its_page_shows(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(ROOT)
+    page = Path("docs/any-runtime.md").read_text("utf-8")
+    (block,) = [text for kind, text in BLOCK.findall(page) if kind == "python"]
+    assert "holdfast" not in block.replace("models/holdfast-150hz.onnx", "")
+    exec(block, {})
+    printed = capsys.readouterr().out.splitlines()
+    assert "".join(f"# {line}\n" for line in printed) in block
+    assert len(printed) == 3
+
+
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize(
     ("name", "says", "smaller"),

@@ -11,8 +11,7 @@ import sys
 import sysconfig
 from dataclasses import fields
 from pathlib import Path
-from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -25,7 +24,9 @@ from holdfast.core.errors import DataNotFound, UnitError
 from holdfast.core.trial_file import read_trial
 from holdfast.drivers.replay import PacedReplay, open_replay
 from holdfast.edge_runtime.monitor import GripMonitor, Model
+from holdfast.edge_runtime.preparation import Preparation
 from holdfast.live.outputs import to_json_line
+from holdfast.training.datasets import thesis
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -253,29 +254,35 @@ def test_a_meta_json_counts_up_to_three_folders_above_the_trial(
     assert open_replay(trial).unit == unit
 
 
-@pytest.mark.parametrize(
-    ("content", "prepared"),
-    [
-        ('{"bias_removed": true}', True),
-        ('{"bias_removed": false}', False),
-        ("{}", False),
-        (None, False),
-    ],
-)
-def test_values_are_prepared_already_where_the_trials_own_meta_json_says_true(
-    tmp_path: Path, content: str | None, prepared: bool
+@pytest.mark.parametrize(("number", "zero"), [(1, "first samples"), (2, "measured")])
+def test_a_file_says_that_sign_and_zero_are_removed_and_in_which_unit(
+    tmp_path: Path, number: int, zero: str
 ) -> None:
     trial = short_trial(tmp_path / "action")
-    if content is not None:
-        trial.with_name("meta.json").write_text(content)
-    (tmp_path / "meta.json").write_text('{"bias_removed": true}')
+    lines = trial.read_text().splitlines()
+    marked = [lines[0] + ",prepared_uT", *(f"{line},{number}" for line in lines[1:])]
     replay = open_replay(trial)
-    assert replay.bias_removed == prepared
-    doubled = cast("Any", SimpleNamespace(apply=lambda values: 2.0 * values))
-    for once in (replay.prepared(doubled), replay.prepared(doubled).prepared(doubled)):
-        assert once.bias_removed
-        factor = 1.0 if prepared else 2.0
-        np.testing.assert_array_equal(once.values, factor * replay.values)
+    assert (replay.zero, replay.unit) == (None, "N")
+    model = Preparation(bias_rows=2)
+    assert replay.prepared(model).values[:2, 2].tolist() == [-5.0, 5.0]
+    trial.write_text("\n".join(marked) + "\n")
+    replay = open_replay(trial)
+    assert (replay.zero, replay.unit) == (zero, "uT")
+    assert replay.prepared(model) is replay
+    recording = thesis.prepared(read_trial(trial), "uT", "trial")
+    np.testing.assert_array_equal(recording.samples, replay.values)
+
+
+def test_rows_that_are_not_valid_teach_neither_replay_nor_training(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "trial_1.csv"
+    rows = [f"{0.02 * k:.2f},0,0,{-150 if k < 3 else 2},{int(k > 2)}" for k in range(9)]
+    path.write_text("\n".join(["Time,X1,Y1,Z1,valid1", *rows]) + "\n")
+    replayed = open_replay(path).prepared(thesis.preparation("N")).values
+    trained = thesis.prepared(read_trial(path), "N", "trial").samples
+    assert not replayed[3:].any()
+    np.testing.assert_array_equal(replayed, trained)
 
 
 def test_a_recording_goes_row_by_row_at_its_own_rate_and_may_begin_anew(

@@ -97,7 +97,7 @@ def test_a_run_that_is_stopped_ends_with_hold(receiver, how):
         run.send_signal(how)
         last = receiver.until("stopped")
         _, err = run.communicate(timeout=300)
-        assert run.returncode == 0, err
+        assert run.returncode == (130 if how == signal.SIGINT else 0), err
     assert (last["mode"], last["target_n"], last["reason"]) == ("hold", None, "stopped")
 
 

@@ -367,6 +367,22 @@ def test_after_an_adverse_event_the_study_ends_unless_the_operator_goes_on(
 
 
 @CUT_OFF_STUDY.mark
+@pytest.mark.parametrize("line", ["adverse", "adverse_detail"])
+def test_an_adverse_event_that_a_kill_cut_off_is_asked_about_again(
+    talk: Study, line: str
+) -> None:
+    run_killed(talk, lambda _, event: event == line, "afell\n2\n")
+    # described, and the study does not go on; the next run asks nothing more
+    talk.run("slipped\n3\nn\n")
+    details = talk.entries("adverse_detail")
+    assert (details[-1]["text"], details[-1]["severity"]) == ("slipped", "severe")
+    assert talk.entries()[-1]["event"] == "quit"
+    asked = len(details)
+    talk.run("q")
+    assert len(talk.entries("adverse_detail")) == asked
+    assert len(talk.entries("adverse")) == 1
+
+
 def test_a_trial_that_is_killed_is_marked_and_recorded_again(scene: Study) -> None:
     def cut(trial: object, measured: object, now_ns: int) -> None:
         if trial.quality.times_ns[40:]:  # type: ignore[attr-defined]

@@ -84,11 +84,13 @@ def test_a_tug_at_a_gripper_of_two_pads_is_held_by_the_commands(
     assert (outcome.strongest_n > 1.5 * outcome.wearers_n) == kept
 
 
-def test_a_run_names_the_gripper_and_commands_it(two_pads: Path, tug: Path) -> None:
+def test_a_run_names_the_gripper_commands_it_and_ends_with_its_scene(
+    two_pads: Path, tug: Path
+) -> None:
     words = [sys.executable, "-m", "holdfast", "run", str(two_pads), "--source"]
     words += [scene_url(tug, 102), "--grip", "virtual", "--to", "none"]
     done = subprocess.run(
-        [*words, "--seconds", "0.5"],
+        words,
         cwd=ROOT,
         capture_output=True,
         text=True,
@@ -97,6 +99,7 @@ def test_a_run_names_the_gripper_and_commands_it(two_pads: Path, tug: Path) -> N
     )
     assert done.returncode == 0, done.stderr
     assert "hand: two-pad-gripper, 2 sensors" in done.stderr
+    assert "the scene has ended; samples: " in done.stderr
     assert "scene: " in done.stderr
 
 

@@ -95,8 +95,7 @@ def test_a_released_file_acts_in_pulls_of_an_unseen_object_and_in_few_hand_overs
     source = open_source(
         f"{folder / pulls[0]}.csv",
         channels=model.card.n_channels,
-        preparation=model.card.preparation,
-    )
+    ).prepared(model.card.preparation)
     assert any(monitor.feed(sample).act for sample in source)
 
 

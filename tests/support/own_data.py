@@ -22,10 +22,13 @@ def write_people_folders(root: Path, people: int = 2) -> Path:
 
 
 def write_phases(path: Path, *labels: str, seconds: float = 2.0) -> Path:
-    """A trial of noise at 50 Hz with a truth of these situations, one after the other."""
+    """A trial of noise at 50 Hz, sheared and pressed while it is held, with a truth of these
+    situations, one after the other."""
     path.parent.mkdir(parents=True)
     n = round(50 * seconds * len(labels))
     noise = np.random.default_rng(n).normal(0.0, 0.1, (n, 3))
+    for number, label in enumerate(labels):
+        noise[number * n // len(labels) :, 1:] += float(label != "nothing")
     rows = np.column_stack([np.arange(n) / 50.0, noise])
     np.savetxt(path, rows, delimiter=",", header="Time,X1,Y1,Z1", comments="")
     phases = []

@@ -68,17 +68,6 @@ def test_frames_are_read_as_the_folder_of_the_same_trials(
     assert all(frame.equals(before[key]) for key, frame in frames.items())
 
 
-def test_a_start_may_be_given_for_each_frame(frames: dict[str, pd.DataFrame]) -> None:
-    data = training.recordings_from_frames(
-        frames, action_at_s={PULL: 6.5}, windows="natural"
-    )
-    starts = {
-        one.trial_id: one.phases[-2].first for one in data.recordings if one.action
-    }
-    assert starts[PULL] == round(6.5 * 50)
-    assert starts[PULL.replace("p01", "p02")] == round(7.0 * 50)
-
-
 def labelled(frame: pd.DataFrame) -> pd.DataFrame:
     """Nothing to 3 s, grasp to 7 s, risky to 7.5 s, no label after."""
     edges = [3.0, 7.0, 7.5]
@@ -107,6 +96,11 @@ def test_a_column_of_labels_is_believed_before_the_script(
     assert (event.onset_s, event.end_s) == (7.0, 7.5)
 
 
+def test_the_last_row_is_of_the_last_label(frames: dict[str, pd.DataFrame]) -> None:
+    held = recording_of(labelled(frames[PULL]).fillna({"label": "nothing"}))
+    assert held.phases[-1].stop == len(held.samples)
+
+
 def test_labels_stay_at_their_time_where_rows_were_lost(
     frames: dict[str, pd.DataFrame],
 ) -> None:
@@ -120,7 +114,11 @@ def test_labels_stay_at_their_time_where_rows_were_lost(
 @pytest.mark.parametrize(
     ("spoil", "error", "says"),
     [
-        (lambda frame: frame.drop(columns="Time"), ColumnError, "column is 'X1'"),
+        (
+            lambda frame: frame.drop(columns="Time"),
+            ColumnError,
+            "columns missing: Time",
+        ),
         (lambda frame: frame.assign(X1="far"), NotANumber, PULL),
         (lambda frame: frame.assign(label="hovering"), LabelError, "'hovering'"),
     ],

@@ -351,6 +351,7 @@ def test_two_trials_are_a_warning_that_no_figure_is_to_be_trusted(
         place = tmp_path / "set/jar" / action / "trial_1.csv"
         place.parent.mkdir(parents=True)
         shutil.copy(trial, place)
+    shutil.copy(of_gripper.data / "meta.json", tmp_path / "set")
     out = tmp_path / "model"
     words = ("--learner", "forest", "--size", "tiny")
     code, _, err = run("train", "--data", tmp_path / "set", "--out", out, *words)

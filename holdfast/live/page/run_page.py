@@ -52,6 +52,8 @@ class RunPage:
         self.grip: GripOutput | None = None
         self.intent: IntentMonitor | None = None
         self._lost = self._next = 0
+        self.why_ended = ""
+        """Why the run ended, as far as it is known."""
 
     def write(
         self, prediction: Prediction, sample: Sample, reading: SourceReading
@@ -78,7 +80,8 @@ class RunPage:
 
     def close(self, reason: str) -> None:
         """Show how the run ended."""
-        self._link.close("the run has ended" if reason == STOPPED else "the run failed")
+        how = "the run has ended" if reason == STOPPED else "the run failed"
+        self._link.close(f"{how}: {self.why_ended}" if self.why_ended else how)
 
 
 def sample_message(

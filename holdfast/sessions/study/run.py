@@ -179,18 +179,28 @@ class Runner:
 
     def run(self) -> Ending:
         """Until the last part is done, or the operator quits: FINISHED or QUIT."""
+        if self._interrupted_event() and self._describe() == Ending.QUIT:
+            return self._quit()
         while self.journal.part < len(self.protocol.parts):
             part = self.protocol.parts[self.journal.part]
             self._begin(part)
             if self._part(part) == Ending.QUIT:
-                # A step that was left keeps its time, so that the next run goes on with what is
-                # left.
-                self._note_down(Event.QUIT)
-                self.console.report(LATER)
-                return Ending.QUIT
+                return self._quit()
 
         self.journal.append(Event.FINISHED)
         return Ending.FINISHED
+
+    def _quit(self) -> Ending:
+        # A step that was left keeps its time, so that the next run goes on with what is left.
+        self._note_down(Event.QUIT)
+        self.console.report(LATER)
+        return Ending.QUIT
+
+    def _interrupted_event(self) -> bool:
+        """Whether the run before ended while an adverse event was described."""
+        # the last line is that of this run's begin
+        before = [entry.event for entry in self.journal.entries[-2:-1]]
+        return before in ([Event.ADVERSE], [Event.DETAIL])
 
     def _note_down(self, event: Event, **more: object) -> None:
         """A line of the journal about the part under way. Raises OutputError."""
@@ -319,6 +329,10 @@ class Runner:
         self.console.report(
             "adverse event: look after the person first; nothing is being recorded"
         )
+        return self._describe()
+
+    def _describe(self) -> Ending:
+        """Ask what happened, and whether the study goes on; again after a run that was cut off."""
         # Where the terminal is gone the event stays, without a description.
         text = self.console.text(f"what happened? ({NO_NAMES})") or ""
         choice = self._choice("how severe? 1 mild, 2 moderate, 3 severe", "123")

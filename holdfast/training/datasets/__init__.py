@@ -24,6 +24,7 @@ from holdfast.core.errors import (
     RateError,
     UnitError,
     UsageError,
+    command,
 )
 from holdfast.core.trial_layout import (
     HAND_FILE,
@@ -66,6 +67,7 @@ def load(
     name_or_path: str | Path,
     *,
     channels: int | None = None,
+    rate_hz: float | None = None,
     groups: int | None = None,
     seed: int = 0,
     windows: Choice = "balanced",
@@ -74,7 +76,8 @@ def load(
 ) -> DataSet:
     """A data set by its name (a folder in HOLDFAST_DATA) or by its path.
 
-    channels: one of the channel counts a set offers, None for its usual 18. groups: keep so many
+    channels: one of the channel counts a set offers, None for its usual 18. rate_hz: folders of
+    trials at a whole multiple of it are averaged down to it. groups: keep so many
     people (or blocks), chosen by `seed`; a small real slice. seed: of every random choice. windows:
     in the thesis' layout those to train on (balanced), the thesis' undersampled ones, every one
     that is natural, to score on (training/windows.py), or none: recordings alone, which are read
@@ -85,7 +88,7 @@ def load(
     root = find(name_or_path)
     layout = layout_of(root)
     if layout is None:
-        next_step = f"holdfast check {root}"
+        next_step = command("check", root)
         if has_logs(root):
             next_step = f"logs of another program: {import_command(root)}"
         raise DataNotFound(
@@ -98,7 +101,7 @@ def load(
     # Only the layouts of folders of trials choose windows; a public set brings its own.
     options: dict[str, Any] = {} if channels is None else {"channels": channels}
     if layout in LAYOUTS:
-        options |= {"seed": seed, "windows": windows, "part": part}
+        options |= {"seed": seed, "windows": windows, "part": part, "rate_hz": rate_hz}
 
     try:
         data: DataSet = reader_of(layout).load(root, **options)

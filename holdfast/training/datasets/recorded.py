@@ -54,6 +54,7 @@ def load(
     root: Path,
     *,
     channels: int | None = None,
+    rate_hz: float | None = None,
     seed: int = 0,
     windows: Choice = "balanced",
     part: Part = ignored,
@@ -64,7 +65,12 @@ def load(
     kinds = sorted({_kind(meta) for meta in found.values() if _is_kept(meta)})
     about = thesis.SetMeta(kind=" and ".join(kinds), name=root.resolve().name)
     data = thesis.assembled(
-        about, readers(root), channels=channels, seed=seed, windows=windows, part=part
+        about,
+        readers(root, rate_hz=rate_hz),
+        channels=channels,
+        seed=seed,
+        windows=windows,
+        part=part,
     )
 
     people = len({recording.person for recording in data.recordings})
@@ -77,7 +83,9 @@ def load(
     return replace(data, caveat=caveat, notes=notes)
 
 
-def readers(root: Path, fault: Fault = refuse) -> list[TrialReader]:
+def readers(
+    root: Path, fault: Fault = refuse, rate_hz: float | None = None
+) -> list[TrialReader]:
     """The kept trials of a folder, to be read one by one; fault: receives nothing.
 
     Raises DataNotFound without any, and UnitError for several units.
@@ -106,7 +114,7 @@ def readers(root: Path, fault: Fault = refuse) -> list[TrialReader]:
         )
     if units[0] not in UNITS:
         raise UnitError(f"unit {units[0]!r}", where=kept[0].with_name(META))
-    return [_reader(path, found[path], root) for path in kept]
+    return [_reader(path, found[path], root, rate_hz) for path in kept]
 
 
 def _found(root: Path) -> dict[Path, Json]:
@@ -136,7 +144,7 @@ def _kind(meta: Json) -> str:
     return "recorded"
 
 
-def _reader(path: Path, meta: Json, root: Path) -> TrialReader:
+def _reader(path: Path, meta: Json, root: Path, rate_hz: float | None) -> TrialReader:
     """The reader of a trial: its person and action are those of meta.json, not of the folder."""
     person = str(meta.get("person"))
     action = str(meta.get("action"))
@@ -144,14 +152,19 @@ def _reader(path: Path, meta: Json, root: Path) -> TrialReader:
         place = TrialPlace(path, person=person)
     else:
         place = TrialPlace(path, path.parent.parent.parent, action, person)
-    return TrialReader(place, partial(_timed, place, meta, root))
+    return TrialReader(place, partial(_timed, place, meta, root, rate_hz))
 
 
-def _timed(place: TrialPlace, meta: Json, root: Path) -> TimedTrial:
+def _timed(
+    place: TrialPlace, meta: Json, root: Path, rate_hz: float | None
+) -> TimedTrial:
     """A kept trial, read and labelled by its truth."""
     folder = place.path.parent
 
-    timed = thesis.timed(place, root, thesis.SetMeta(unit=meta["unit"]), phased)
+    quality = meta.get("quality")
+    recorded = quality.get("samples") if isinstance(quality, dict) else None
+    about = thesis.SetMeta(unit=meta["unit"])
+    timed = thesis.timed(place, root, about, phased, recorded, rate_hz)
     trial_id = folder.name if folder == root else folder.relative_to(root).as_posix()
     # The object is the one in meta.json; the folder may be called otherwise.
     name = object_name(str(meta.get("object"))) if place.object_folder else None

@@ -26,14 +26,19 @@ from holdfast.core.contract import (
     NORMAL_FLOOR,
     NOTHING,
     RATE_TOLERANCE,
+    BoolArray,
+    FloatArray,
     Json,
     Unit,
+    averaged_by,
+    averaged_in_words,
 )
 from holdfast.core.errors import (
     ChannelError,
     DataNotFound,
     LabelError,
     RateError,
+    count_of,
 )
 from holdfast.core.schema import checked
 from holdfast.core.trial_file import LONGEST_S, Trial, implausible_rate, read_trial
@@ -55,6 +60,10 @@ from holdfast.training.datasets.trials import (
     places,
     read_all,
     refuse,
+    require_history,
+    require_possible,
+    require_whole,
+    warn_of,
 )
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import (
@@ -68,6 +77,7 @@ from holdfast.training.timeline import (
     ACTION_S,
     OF_WHOLE_TRIAL,
     Phases,
+    RiskyEvent,
     RiskyEvents,
     action_of_trial_s,
     events_of,
@@ -102,8 +112,15 @@ SLIP_CAVEAT = (
     "When the object slipped is not known in {n} of {of} trials: the slip is taken to be about "
     "the largest change of the readings, and an alarm anywhere in these trials counts as right."
 )
+LOST_CAVEAT = (
+    "{n} of {of} risky events begin while samples are lost, or within half a second after that: "
+    "they count as missed."
+)
+"""Of sets with gaps."""
 BY_SCRIPT = "script"
 """How the source of labels begins that follow the script (timeline.labels_by)."""
+SLIPPING = ("pull", "fall")
+"""Actions of the script in which the object slips."""
 OPEN_HAND = "open hand"
 """What the labels come from where the trial is that of the hand alone."""
 
@@ -126,6 +143,7 @@ def load(
     root: Path,
     *,
     channels: int | None = None,
+    rate_hz: float | None = None,
     seed: int = 0,
     windows: Choice = "balanced",
     part: Part = ignored,
@@ -133,7 +151,8 @@ def load(
     """All trials of a folder, with the task "classes" (labels 0..7). part: how much is read.
 
     Where the mass of an object is not known, the task is "situations" (labels 0..3).
-    channels: refuse the set if it has another number; None takes it as it is.
+    channels: refuse the set if it has another number; None takes it as it is. rate_hz: trials at a
+    whole multiple of it are averaged down.
     windows: training/windows.py; thesis draws by the seed; none leaves the task and its counts out.
     People are the groups; without at least two, every trial is its own. `notes` has the counts of
     samples and of windows, and of those before undersampling. rate_hz is the median over the trials
@@ -141,7 +160,7 @@ def load(
     Raises a DataError, such as RateError for a trial more than 10 % off the others, which names the
     place.
     """
-    found = readers(root)
+    found = readers(root, rate_hz=rate_hz)
     if not found:
         raise DataNotFound(
             "no trials",
@@ -158,15 +177,17 @@ def load(
     )
 
 
-def readers(root: Path, fault: Fault = refuse) -> list[TrialReader]:
-    """All trials of a folder, to be read one by one.
+def readers(
+    root: Path, fault: Fault = refuse, rate_hz: float | None = None
+) -> list[TrialReader]:
+    """All trials of a folder, to be read one by one, at a rate as `load` has it.
 
     fault: receives the DataError of each folder that is at no trial's place. Raises one for the
     set's meta.json.
     """
     meta = _meta_of(root)
     return [
-        TrialReader(place, partial(timed, place, root, meta))
+        TrialReader(place, partial(timed, place, root, meta, rate_hz=rate_hz))
         for place in places(root, fault)
     ]
 
@@ -189,7 +210,9 @@ def assembled(
     n_channels = 3 * recordings[0].n_sensors
     if channels not in (None, n_channels):
         raise ChannelsNotOffered(meta.name, channels, [n_channels])
-    return of_trials(trials, meta, rate_hz, windows, seed)
+    data = of_trials(trials, meta, rate_hz, windows, seed)
+    warn_of(trials)
+    return data
 
 
 def of_trials(
@@ -239,6 +262,13 @@ def _caveat(trials: Sequence[TimedTrial], meta: SetMeta) -> str:
         sentences.append(CAVEAT.format(at_s=meta.action_at_s))
     if guessed:
         sentences.append(SLIP_CAVEAT.format(n=guessed, of=len(trials)))
+    events = [event for trial in trials for event in trial.recording.events]
+    if n_lost := sum(event.lost for event in events):
+        sentences.append(LOST_CAVEAT.format(n=n_lost, of=len(events)))
+    for n in sorted({trial.averaged for trial in trials} - {1}):
+        rates_hz = [one.recording.rate_hz for one in trials if one.averaged == n]
+        words = averaged_in_words(n * float(np.median(rates_hz)), n)
+        sentences.append(f"{count_of(len(rates_hz), 'trial')}: {words}.")
     return " ".join(sentences)
 
 
@@ -280,12 +310,25 @@ def timed(
     root: Path,
     meta: SetMeta,
     phased: Callable[[Trial], tuple[Phases, RiskyEvents]] | None = None,
+    recorded: int | None = None,
+    rate_hz: float | None = None,
 ) -> TimedTrial:
-    """Read and prepare a trial. phased: gives its phases; default: its truth, else the script."""
+    """Read and prepare a trial. phased: gives its phases; default: its truth, else the script.
+
+    recorded: how many samples the recorder counted, None where that is not known.
+    """
     trial, folder = read_trial(place.path), place.object_folder
 
     trial_id = place.path.relative_to(root).with_suffix("").as_posix()
+    truth = truth_path(trial.path)
+    require_whole(trial, truth, recorded)
+    # another rate is refused where the set is used, with what to do about it
+    averaged = max(1, averaged_by(trial.rate_hz, rate_hz or trial.rate_hz))
+    if averaged > 1:
+        trial = trial.averaged(averaged)
     recording = prepared(trial, meta.unit, trial_id)
+    require_possible(recording, trial.path)
+    whole = require_history(recording, trial.path)
     recording = replace(
         recording,
         object_name=object_name(folder.name) if folder else None,
@@ -293,41 +336,60 @@ def timed(
         person=place.person,
     )
 
+    action = _labelled_as(trial, place.action, meta.action_at_s)
     if phased is None:
-        phases, events = _phased(trial, recording, meta.action_at_s)
+        phases, events = _phased(trial, recording, action, meta.action_at_s)
     else:
         phases, events = phased(trial)
-    truth = truth_path(trial.path)
+    events = tuple(_lost_or_not(one, whole, trial.t_s) for one in events)
     mass = mass_of(folder, meta.masses_g) if folder else None
     return TimedTrial(
         replace(recording, phases=phases, events=events),
         heavy=mass.heavy if mass else None,
-        timed=has_phases(truth) or place.action in LABELLED_ACTIONS,
+        timed=has_phases(truth) or action in LABELLED_ACTIONS,
         mass=mass,
-        labels_by=labels_by(truth, meta.action_at_s, place.action)
-        if folder
-        else OPEN_HAND,
+        averaged=averaged,
+        labels_by=labels_by(truth, meta.action_at_s, action) if folder else OPEN_HAND,
     )
+
+
+def _lost_or_not(event: RiskyEvent, whole: BoolArray, t_s: FloatArray) -> RiskyEvent:
+    """The event, and whether it begins where the history of samples is not whole."""
+    row = min(int(np.searchsorted(t_s, event.onset_s)), len(whole) - 1)
+    # an event without times lies anywhere in its trial
+    return replace(event, lost=event.timed and not whole[row])
 
 
 def prepared(trial: Trial, unit: Unit, trial_id: str) -> Recording:
     """A trial's samples as a model sees them; every trial is a group until people are known."""
+    samples = trial.raw
+    if trial.zero is None:
+        samples = preparation(unit).apply(trial.raw, trial.valid)
     return Recording(
         trial_id=trial_id,
         group=trial_id,
-        samples=preparation(unit).apply(trial.raw),
+        samples=samples,
         valid=trial.valid & finite_sensors(trial.raw),
         rate_hz=trial.rate_hz,
         unit=unit,
     )
 
 
+def _labelled_as(trial: Trial, action: str | None, action_at_s: float) -> str | None:
+    """The action that labels a trial: a pull that ends before the script's action is a slip."""
+    truth = truth_path(trial.path)
+    starts_s = action_of_trial_s(truth) or action_at_s
+    if action in SLIPPING and not has_phases(truth) and trial.t_s[-1] < starts_s:
+        return "slip"
+    return action
+
+
 def _phased(
-    trial: Trial, recording: Recording, action_at_s: float
+    trial: Trial, recording: Recording, action: str | None, action_at_s: float
 ) -> tuple[Phases, RiskyEvents]:
     """Phases and risky events of a trial: the open hand, else its truth, else the script."""
     truth = truth_path(trial.path)
-    name, action = recording.object_name, recording.action
+    name = recording.object_name
     if name is None or action is None:
         phases = whole(len(trial.t_s), NOTHING)
     elif has_phases(truth):

@@ -3,17 +3,40 @@
 A trial is `[<person>/]<object>/<action>/trial_<n>.csv`. Folders of people are optional. The hand
 alone is `nothing/trial_<n>.csv` or `nothing.csv`, in the root or, where there are people, in a
 person's folder. Finding and reading are two steps, so that a check can go on after a fault.
+
+What cannot be right is refused where a trial is read, by every verb. What can hardly be right is a
+doubt: `check` lists it, and `train` and `evaluate` warn of it.
 """
 
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
-from typing import NoReturn
+from typing import Literal, NoReturn
 
-from holdfast.core.errors import ChannelError, DataError, LabelError
+import numpy as np
+
+from holdfast.core.contract import (
+    NORMAL_AXIS,
+    NORMAL_FLOOR,
+    NOTHING,
+    RISKY_SLIP,
+    BoolArray,
+    FloatArray,
+)
+from holdfast.core.errors import (
+    ChannelError,
+    DataError,
+    EmptyRecording,
+    LabelError,
+    UnitError,
+    count_of,
+)
+from holdfast.core.trial_file import Trial
 from holdfast.core.trial_layout import (
     META,
     SITUATION_OF_ACTION,
@@ -21,7 +44,10 @@ from holdfast.core.trial_layout import (
     plain_word,
     read_json,
 )
+from holdfast.export.spec import HISTORY_S
 from holdfast.training.progress import Part, ignored
+from holdfast.training.recording import Recording, whole_history
+from holdfast.training.timeline import labels_end_s
 from holdfast.training.windows import TimedTrial
 
 EMPTY_HAND = "nothing"
@@ -32,6 +58,17 @@ TRIAL_NAME = re.compile(r"trial_(\d+)\.csv")
 """The file of a trial, and its number."""
 KEYS_OF_A_SET = {"unit", "kind"}
 """A meta.json with one of these describes a set of its own."""
+MOST_N = 200.0
+"""No hand presses harder, N of either side."""
+AFTER_S = 0.5
+"""Labels may reach so far beyond the last row."""
+FAR_S = 1.0
+"""A label may begin so far from any change of load."""
+PRESSED_FLOORS, PRESSED_S = 2.0, 0.1
+"""A sensor is pressed where its normal reading exceeds so many touches for so long."""
+MOSTLY = 9
+"""A sensor reads below zero on a press where so many of its rows do for one that does not."""
+TORN = "the file was cut off, or rows were removed from it"
 Fault = Callable[[DataError], None]
 """What a reader does with a trial or folder that it cannot use."""
 
@@ -210,3 +247,177 @@ def _without_a_person(place: TrialPlace, root: Path) -> LabelError:
         cause="trials of the hand alone belong to a person too",
         next_step=f"move it to {root.name}/<person>/{place.path.relative_to(root).as_posix()}",
     )
+
+
+class DoubtfulData(UserWarning):
+    """Recordings that can be read, and whose figures are probably wrong."""
+
+
+@dataclass(frozen=True)
+class Missing:
+    """Something that is missing or wrong: where, and what to write or record there.
+
+    level: an error keeps the folder from being read, or the trial; doubt: its figures are probably
+    wrong; training: it can be evaluated on, but not trained on; advice: it works as it is, and more
+    data would bring something.
+    """
+
+    level: Literal["error", "doubt", "training", "advice"]
+    where: str
+    what: str
+    next_step: str
+
+
+# -- what is refused
+
+
+def require_whole(trial: Trial, truth: Path, recorded: int | None) -> None:
+    """Raise LabelError for labels after the last row, and EmptyRecording for rows that are missing.
+
+    recorded: how many samples the recorder counted, None where that is not known.
+    """
+    rows = len(trial.t_s) if trial.rows is None else len(trial.rows)
+    if recorded is not None and rows < recorded:
+        raise EmptyRecording(
+            f"{rows} rows, and meta.json says {recorded}",
+            where=trial.path,
+            cause=TORN,
+            next_step="copy the trial again, or move it out of the set",
+        )
+    end_s = labels_end_s(truth)
+    if end_s > trial.t_s[-1] + AFTER_S:
+        raise LabelError(
+            f"labels reach {end_s:.2f} s, and the last row is at {trial.t_s[-1]:.2f} s",
+            where=trial.path,
+            cause=TORN,
+            next_step=f"copy the trial again, or correct {truth.name}",
+        )
+
+
+def require_possible(recording: Recording, path: Path) -> None:
+    """Raise UnitError for forces that no hand has."""
+    side_n = _of_a_side(recording)
+    if recording.unit == "N" and side_n > MOST_N:
+        raise UnitError(
+            f"presses with {side_n:.4g} N a side, and no hand with more than {MOST_N:g} N",
+            where=path,
+            cause="millinewtons or counts that are called N",
+            next_step="holdfast import --unit takes other units; or write the unit to meta.json",
+        )
+
+
+def _of_a_side(recording: Recording) -> float:
+    """The normal force of a side, but for the highest hundredth of the rows."""
+    # both sides press alike, so that half of all is a side's
+    return 0.5 * float(np.quantile(_load(recording), 0.99))
+
+
+def _load(recording: Recording) -> FloatArray:
+    """[T] the sum of what the sensors read along their normals; a lost one reads nothing."""
+    normal = np.abs(recording.samples[:, NORMAL_AXIS::3])
+    load: FloatArray = np.where(recording.valid, normal, 0.0).sum(axis=1)
+    return load
+
+
+def require_history(recording: Recording, path: Path) -> BoolArray:
+    """[T] where the history of samples is whole. Raises EmptyRecording where nothing is left."""
+    whole = whole_history(recording)
+    # the first rows of a trial are no history either
+    settled = round(HISTORY_S * recording.rate_hz)
+    if not whole.all() and not whole[settled:].any():
+        raise EmptyRecording(
+            f"nothing is left: no {HISTORY_S:g} s without lost samples",
+            where=path,
+            cause="the machine is too slow for this rate, or it was suspended",
+            next_step="record again, at a lower rate",
+        )
+    return whole
+
+
+# -- what is doubtful
+
+
+def doubts_of(
+    trials: Sequence[TimedTrial], most_n: float | None = None
+) -> Iterator[Missing]:
+    """The doubts about trials of one set. most_n: the largest grip of the hand, where given."""
+    yield from _turned(trials)
+    for trial in trials:
+        yield from _far_labels(trial)
+        recording = trial.recording
+        side_n = _of_a_side(recording)
+        if most_n is not None and recording.unit == "N" and side_n > most_n:
+            what = (
+                f"presses with {side_n:.4g} N a side, more than ceiling_n = {most_n:g}"
+            )
+            step = "correct the unit of the trial, or ceiling_n in holdfast.toml"
+            yield Missing("doubt", recording.trial_id, what, step)
+
+
+def warn_of(trials: Sequence[TimedTrial]) -> None:
+    """A warning for each kind of doubt about trials, with the first trial that shows it."""
+    kinds: dict[str, list[Missing]] = {}
+    for doubt in doubts_of(trials):
+        kinds.setdefault(doubt.next_step, []).append(doubt)
+    for first, *others in kinds.values():
+        more = f" (and {len(others)} more like it)" if others else ""
+        said = f"{first.where}: {first.what}{more}; next: {first.next_step}"
+        warnings.warn(said, DoubtfulData, stacklevel=4)
+
+
+def _turned(trials: Sequence[TimedTrial]) -> Iterator[Missing]:
+    """Sensors whose normal reading is negative on every press, in every trial."""
+    n_sensors = trials[0].recording.n_sensors
+    # trials in which a sensor is pressed, and those in which it then reads below zero
+    pressed, negative = np.zeros((2, n_sensors), dtype=np.int64)
+    for trial in trials:
+        recording = trial.recording
+        least = PRESSED_FLOORS * NORMAL_FLOOR[recording.unit]
+        normal = np.where(recording.valid, recording.samples[:, NORMAL_AXIS::3], 0.0)
+        enough = max(1, round(PRESSED_S * recording.rate_hz))
+        above = (normal > least).sum(axis=0)
+        below = (normal < -least).sum(axis=0)
+        if recording.n_sensors == n_sensors:
+            pressed += above + below >= enough
+            negative += below >= np.maximum(enough, MOSTLY * above)
+
+    for sensor in np.flatnonzero((pressed > 0) & (negative == pressed)).tolist():
+        trial_count = count_of(int(pressed[sensor]), "trial")
+        what = f"sensor {sensor + 1} reads below zero on every press, in {trial_count}"
+        step = f"multiply Z{sensor + 1} by -1, or take the zero of an open hand"
+        yield Missing("doubt", trials[0].recording.trial_id, what, step)
+
+
+def _far_labels(trial: TimedTrial) -> Iterator[Missing]:
+    """Labels that begin far from any change of load: most graspings, or a slip of nothing."""
+    recording = trial.recording
+    rows = max(1, round(FAR_S * recording.rate_hz))
+    load = _load(recording)
+    felt = [one for one in recording.phases if one.situation != NOTHING]
+    closings = [
+        after.first
+        for before, after in pairwise(recording.phases)
+        if before.situation == NOTHING and after in felt
+    ]
+    far = []
+    for row in closings:
+        # a hand that closes feels at least twice what it felt before
+        before = load[max(0, row - rows) : row + 1].min()
+        if before > 0.5 * load[row : row + rows].max():
+            far.append(row)
+    # a hand that regrips may feel little of one
+    if 2 * len(far) < max(1, len(closings)):
+        far = []
+    # of a hand whose zero was taken in a grasp shear alone may be left
+    by_sensor = recording.samples.reshape(len(load), -1, 3)
+    size = np.where(recording.valid, np.linalg.norm(by_sensor, axis=2), 0.0).sum(axis=1)
+    least = NORMAL_FLOOR[recording.unit]
+    for one in felt:
+        near = size[max(0, one.first - rows) : one.first + rows]
+        if one.situation == RISKY_SLIP and near.max() < least:
+            far.append(one.first)
+    if far and trial.timed:
+        at_s = far[0] / recording.rate_hz
+        what = f"a label begins at {at_s:.2f} s, {FAR_S:g} s and more from any change of load"
+        step = "correct the times of its truth file, or move the trial out of the set"
+        yield Missing("doubt", recording.trial_id, what, step)
