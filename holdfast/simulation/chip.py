@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from holdfast.simulation.effect import SENSORS, Effect, Parameter, Rows, Signal
-from holdfast.simulation.rows import Plan, PlanRequest, RowEffect, added
+from holdfast.simulation.rows import Plan, PlanRequest, RowEffect, added, as_drawn
 
 NOISE_UT = np.array([22.0, 22.0, 11.0])
 """1 sigma at 32 averaged conversions (data sheet SLYS045).
@@ -42,27 +42,20 @@ def noise_plan(request: PlanRequest) -> Plan:
     return {"added": sigma * request.noise()}
 
 
-def range_plan(request: PlanRequest) -> Plan:
-    """The chip's range, +-40 mT in x, y and +-80 mT in z, times a factor."""
-    return {"limit_ut": (RANGE_UT * request["range"])[None, None]}
-
-
 def saturation(rows: Rows, plan: Plan) -> Rows:
-    """Beyond its range the chip reports its limit; the sensor is invalid."""
-    limit = plan["limit_ut"]
+    """Beyond its range the chip reports its limit; the sensor is invalid.
+
+    The range is +-40 mT in x, y and +-80 mT in z, times a factor.
+    """
+    limit = RANGE_UT * plan["range"]
     inside = (np.abs(rows.values) < limit).all(axis=2)
     clipped = np.clip(rows.values, -limit, limit)
     return replace(rows, values=clipped, valid=rows.valid & inside)
 
 
-def bits_plan(request: PlanRequest) -> Plan:
-    """Steps of 2 range / 2^bits: 19.5 uT in x, y and 39 uT in z at 12 effective bits."""
-    return {"step_ut": (2.0 * RANGE_UT / 2.0 ** request["bits"])[None, None]}
-
-
 def quantisation(rows: Rows, plan: Plan) -> Rows:
-    """Rounds to whole steps."""
-    step = plan["step_ut"]
+    """Rounds to steps of 2 range / 2^bits: 19.5 uT in x, y and 39 uT in z at 12 bits."""
+    step = 2.0 * RANGE_UT / 2.0 ** plan["bits"]
     return replace(rows, values=np.rint(rows.values / step) * step)
 
 
@@ -170,7 +163,7 @@ TABLE = (
     Effect(
         "saturation",
         "sensor",
-        RowEffect(range_plan, saturation),
+        RowEffect(as_drawn, saturation),
         {"range": Parameter(1.0, "", 0.01, 2, "of the chip's range")},
         needs=("dipole",),
         marks_invalid=True,
@@ -178,7 +171,7 @@ TABLE = (
     Effect(
         "quantisation",
         "sensor",
-        RowEffect(bits_plan, quantisation),
+        RowEffect(as_drawn, quantisation),
         {"bits": Parameter(12.0, "", 4, 24, "of the whole range")},
         needs=("dipole",),
     ),

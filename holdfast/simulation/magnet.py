@@ -14,7 +14,7 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray
 from holdfast.simulation.effect import SENSORS, Effect, Parameter, Rows
-from holdfast.simulation.rows import Plan, PlanRequest, RowEffect, scaled
+from holdfast.simulation.rows import Plan, PlanRequest, RowEffect, as_drawn, scaled
 
 UT_PER_T = 1e6
 """Microtesla in a tesla."""
@@ -74,18 +74,15 @@ def place_m(forces_n: FloatArray, height_mm: float | FloatArray) -> FloatArray:
     return place
 
 
-def height_plan(request: PlanRequest) -> Plan:
-    """Distance of the magnet from the chip, unloaded."""
-    return {"height_mm": np.full((1, 1), request["height_mm"])}
-
-
 def dipole(rows: Rows, plan: Plan) -> Rows:
     """Force moves a magnet in silicone; the chip under it reads its dipole field, uT.
 
     The field at rest is included. Displacement F / (k (1 + |F| / 30 N)) for each axis, k 30 N/mm
     inwards and 15 N/mm sideways (a Shore-35A dome); field: dipole_ut.
     """
-    return replace(rows, values=dipole_ut(place_m(rows.values, plan["height_mm"])))
+    return replace(
+        rows, values=dipole_ut(place_m(rows.values, plan["height_mm"][..., 0]))
+    )
 
 
 def leak_plan(request: PlanRequest) -> Plan:
@@ -258,7 +255,7 @@ TABLE = (
     Effect(
         "dipole",
         "sensor",
-        RowEffect(height_plan, dipole),
+        RowEffect(as_drawn, dipole),
         {"height_mm": HEIGHT},
         gives_unit="uT",
     ),

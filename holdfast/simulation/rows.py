@@ -87,6 +87,11 @@ class RowEffect:
         return replace(rows, values=values, valid=valid)
 
 
+def as_drawn(request: PlanRequest) -> Plan:
+    """The parameters themselves, [1, 1, 1] each: nothing random."""
+    return {name: np.full((1, 1, 1), value) for name, value in request.drawn.items()}
+
+
 def added(rows: Rows, plan: Plan) -> Rows:
     """What is read, and what the plan adds to it, in the unit of the rows."""
     return replace(rows, values=rows.values + plan["added"])
