@@ -205,11 +205,3 @@ def test_a_constant_offset_however_large_changes_nothing(
     np.testing.assert_array_equal(
         bank_outputs(spec, values), bank_outputs(spec, values + offset)
     )
-
-
-def test_the_normal_axis_does_not_reach_the_bank() -> None:
-    spec = spec_at(150.0)
-    values = forces(200, spec.n_channels)
-    other = values.copy()
-    other[:, 2::3] = forces(200, spec.n_sensors, seed=1)
-    np.testing.assert_array_equal(bank_outputs(spec, values), bank_outputs(spec, other))

@@ -161,16 +161,6 @@ def test_a_compiler_that_does_not_do_leaves_nothing_behind(
     assert names(model.parent) == ["small.onnx", "strange-cc"]
 
 
-@pytest.mark.parametrize("name", ["CC", "PATH"])
-def test_a_compiler_that_is_missing_is_an_error_that_says_so(
-    run: Run, model: Path, monkeypatch: pytest.MonkeyPatch, name: str
-):
-    monkeypatch.delenv("CC", raising=False)
-    monkeypatch.setenv(name, "no-such-compiler")
-    words = ("export", model, "--to", "c", "--build")
-    fails(run, 5, "CompilerFailed", *words, says="no C compiler")
-
-
 def test_a_state_of_another_size_or_model_gives_a_code_and_no_answer(
     library: ctypes.CDLL,
 ):

@@ -26,7 +26,7 @@ from hard_marks import (
     SUBNORMAL,
 )
 from scipy.signal import sosfilt
-from test_bank import bank_model, bank_outputs, forces, spec_at
+from test_bank import bank_model, bank_outputs, spec_at
 
 from holdfast.core.contract import (
     NORMAL_FLOOR,
@@ -416,14 +416,6 @@ def test_a_trial_in_which_nothing_varies_has_no_critical_point_and_no_warning(
     constant: float,
 ) -> None:
     assert offline_critical_points(recording(np.full((900, 18), constant))) == []
-
-
-@SIGN.mark
-def test_a_shear_axis_turned_round_changes_no_bit_of_the_bank() -> None:
-    values = forces(300, 6)
-    np.testing.assert_array_equal(
-        bank_outputs(spec_at(RATE_HZ), values), bank_outputs(spec_at(RATE_HZ), -values)
-    )
 
 
 def upside_down(flip_beyond: float, seed: int) -> npt.NDArray[np.bool_]:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 import onnx
 import onnxruntime as ort
 import pytest
-from hard_marks import EXACT, GOLDEN, MILLION, TIES
+from hard_marks import EXACT, GOLDEN, MILLION
 from onnx import helper
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 from small_model import with_metadata
@@ -220,26 +220,6 @@ def test_a_row_alone_is_answered_bit_for_bit_as_in_any_batch(
 # Stock conversion
 
 
-@pytest.mark.parametrize("present", [(0, 1, 2), (1, 2, 3), (0, 1, 3)])
-@pytest.mark.parametrize("trees", [1, 3, 7])
-@TIES.mark
-def test_where_a_leaf_is_split_in_thirds_the_riskier_class_wins_the_rounding_too(
-    present: tuple[int, ...], trees: int
-) -> None:
-    """Three do not divide a power of two: one vote is left over."""
-    x = np.zeros((12, N_FEATURES), dtype=np.float32)
-    forest = ExtraTreesClassifier(trees, bootstrap=False, random_state=0).fit(
-        x, np.tile(present, 4)
-    )
-    model = whole_graph(
-        SPEC,
-        [Head("situation", SITUATIONS, forest, Calibration(np.eye(4), np.zeros(4)))],
-    )
-    assert answered(open_session(cut_learners(model)), x[:1])["situation"][0] == max(
-        present
-    )
-
-
 # Exact votes
 
 
@@ -263,23 +243,6 @@ def test_the_odd_votes_of_a_leaf_go_to_the_largest_remainders_equal_ones_to_the_
             )
             odd = ranked[: whole - sum(floors)]
             assert given == [floor + (k in odd) for k, floor in enumerate(floors)]
-
-
-@EXACT.mark
-def test_the_order_of_the_trees_changes_no_vote() -> None:
-    one = case("eight classes, impure leaves")
-    rows = adversarial(one, 10_000, seed=5)
-    votes = [np.asarray(v, dtype=np.float32) for v in leaf_votes(one.forest, 8)]
-    with np.errstate(
-        over="ignore", invalid="ignore"
-    ):  # scikit-learn sums the rows to look for NaN
-        leaves = one.forest.apply(rows)
-    expected = answered(session_of("eight classes, impure leaves"), rows)["votes"]
-    for seed in range(5):
-        total = np.zeros((len(rows), 8), dtype=np.float32)
-        for tree in np.random.default_rng(seed).permutation(len(votes)):
-            total += votes[tree][leaves[:, tree]]
-        assert total.tobytes() == expected.tobytes()
 
 
 # Dead sensors

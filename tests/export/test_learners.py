@@ -155,13 +155,6 @@ def test_a_row_alone_in_a_batch_and_among_rows_that_are_not_finite_has_the_same_
     assert (together.sum(axis=1) == votes_in_all(made.heads[0].learner)).all()
 
 
-def test_a_class_that_training_never_saw_gets_no_votes_but_what_rounding_leaves():
-    network = learner_of("network", 4, without=1)
-    votes = reference_votes(network, rows_of(200, seed=1), 4)
-    assert votes[:, 1].max() == 0
-    assert riskier_argmax(votes).max() == 3
-
-
 def test_the_label_of_the_reference_is_the_riskier_of_equal_weighted_votes():
     head = made_of("forest", SITUATIONS, (1.0, 0.5, 0.25, 1.0)).heads[0]
     votes = np.array([[100, 200, 400, 100], [4, 8, 0, 3]])
@@ -200,15 +193,6 @@ def test_numbers_that_are_not_exact_make_no_network(weight, bias, why):
     )
     with pytest.raises(ValueError, match=why):
         spoil(network, layers=(spoilt, last))
-
-
-@pytest.mark.parametrize(
-    ("knee", "gain", "why"), [(0, 1, "a knee"), (1, 3, "an input")]
-)
-def test_inputs_beyond_their_bounds_make_no_network(knee, gain, why):
-    inputs = random_network(0, 4).inputs
-    with pytest.raises(ValueError, match=why):
-        Inputs(knee * inputs.knee, gain * inputs.gain, inputs.offset)
 
 
 def test_a_committee_s_members_have_equally_many_votes():

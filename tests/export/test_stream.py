@@ -280,25 +280,6 @@ def test_a_group_sees_nothing_older_than_its_stated_memory(
     assert later == before  # no clock either
 
 
-@pytest.mark.parametrize("rate_hz", RATES_HZ)
-@pytest.mark.parametrize("name", FINITE)
-def test_a_group_sees_something_inside_its_stated_memory(
-    name: str, rate_hz: float
-) -> None:
-    spec = StepSpec(2, rate_hz, "N", (name,))
-    values = numbers(120, 2)
-    altered = []
-    every = 1 if name == "window" else 12
-    for back in range(0, inside(GROUPS[name].memory_s, rate_hz) + 1, every):
-        altered.append(values.copy())
-        altered[-1][-1 - back] += 5.0
-    before, *after = last_features(spec, values, *altered)
-    seen = [one != before for one in after]
-    assert seen[0]
-    if name == "window":
-        assert all(seen)
-
-
 def test_the_clock_free_groups_exist_and_none_claims_a_longer_memory() -> None:
     assert max(GROUPS[name].memory_s for name in CLOCK_FREE_GROUPS) <= HISTORY_S
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from holdfast.core.contract import NOTHING
-from holdfast.core.errors import CardError, HoldfastError
+from holdfast.core.errors import HoldfastError
 from holdfast.core.trial_file import read_trial
 from holdfast.simulation.folder import write_recording, write_set
 from holdfast.simulation.holds import BOTH_CLOSED, LEAST_N, MOST_N
@@ -143,9 +143,6 @@ def test_values_of_every_trial_give_way_to_those_of_a_row(tmp_path: Path) -> Non
     trials = Scene(read_scene_file(str(path)), 0).trials()
     assert [trial.drawn["hold_s"] for trial in trials] == [1.5, 2.0]
     assert [trial.object.mass_g for trial in trials] == [100.0, 100.0]
-    path.write_text("[every_trial]\ncount = 2\n" + rows, encoding="utf-8")
-    with pytest.raises(CardError, match="every_trial"):
-        read_scene_file(str(path))
 
 
 def test_a_hold_that_a_table_bears_is_written_without_an_infinity_and_read_again(

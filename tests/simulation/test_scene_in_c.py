@@ -74,15 +74,12 @@ def torn(t_s: float) -> tuple[float, float, float]:
 
 
 HANDS = {
-    "a hold": Hand("full-bottle", lambda t: GRIP_N, still),
     "a pull that friction withstands": Hand(
         "full-bottle",
         lambda t: GRIP_N,
         lambda t: (0.0, 0.0, -0.006 * grows(t, 0.2)),
     ),
-    "a slip to the end": Hand("empty-bottle", lambda t: 4.0, torn),
     "a ball torn out": Hand("soft-ball", lambda t: 3.0, torn),
-    "a fall": Hand("full-bottle", lambda t: 1.5, still, stiffness=0.0),
     "a caught slip": Hand(
         "full-bottle",
         lambda t: 2.0 + 18.0 * grows(t, 0.06, 0.1),

@@ -15,9 +15,6 @@ from holdfast.cli.main import main
 from holdfast.core.contract import SITUATIONS
 from holdfast.core.errors import OutputError
 from holdfast.core.trial_file import read_trial
-from holdfast.drivers.replay import Replay
-from holdfast.live.sources import open_source
-from holdfast.simulation import SCENES
 from holdfast.simulation.effect import EFFECT_MODULES, module_effects
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene, SimulatedTrial
@@ -260,30 +257,6 @@ def test_simulate_refuses_what_cannot_be_in_one_line(tmp_path, capsys, wrong):
     assert main(["simulate", "apple", "--out", str(tmp_path / "new"), *wrong]) in (2, 3)
     assert capsys.readouterr().err.count("\n") == 1
     assert not (tmp_path / "new").exists()
-
-
-@pytest.fixture
-def apple(tmp_path) -> Path:
-    """The shipped card in long steps."""
-    card = tmp_path / "apple.toml"
-    text = (SCENES / "apple.toml").read_text("utf-8")
-    card.write_text(f"{text}\n[physics]\nstep_s = 0.005\n", encoding="utf-8")
-    return card
-
-
-def test_a_scene_is_a_source_like_any_other(apple):
-    source = open_source(f"sim://{apple}?seed=1&trial=2&rate_hz=50")
-    assert isinstance(source, Replay)
-    samples = list(source)
-    assert [sample.sequence for sample in samples] == list(range(len(samples)))
-    assert {int(step) for step in np.diff([sample.t_ns for sample in samples])} == {
-        20_000_000
-    }
-    assert samples[0].values.shape == (18,)
-    assert samples[0].valid.shape == (6,)
-    assert source.unit == "N"
-    again = open_source(f"sim://{apple}?seed=1&trial=2&rate_hz=50")
-    assert again.values.tobytes() == source.values.tobytes()
 
 
 def test_truth_comes_from_the_core_and_not_from_a_noisy_channel(tmp_path, core):
