@@ -11,12 +11,12 @@ import pytest
 import small_model
 
 from holdfast.cli.main import main
-from holdfast.core.contract import FloatArray, Sample
+from holdfast.core.contract import FloatArray
 from holdfast.core.errors import UsageError
 from holdfast.core.hand_card import read_hand_card
 from holdfast.edge_runtime.graph import open_session, run_recording
 from holdfast.edge_runtime.model_file import read_sealed
-from holdfast.edge_runtime.monitor import GripMonitor, Model
+from holdfast.edge_runtime.monitor import Model
 from holdfast.export.artifact import write_artifact
 from holdfast.export.changed import changed
 from holdfast.export.exporting import (
@@ -123,29 +123,6 @@ def test_a_model_of_single_sensors_is_refused_in_plain_words(tmp_path: Path) -> 
     with pytest.raises(UsageError, match="fits the hand that it was trained on") as no:
         changed(small_model.sealed_bytes(), hand)
     assert "now" in str(no.value)
-
-
-def test_a_degraded_hand_says_so_and_a_hand_without_a_side_is_unknown(
-    six: Path, tmp_path: Path
-) -> None:
-    out = tmp_path / "three.onnx"
-    _, data = changed(read_sealed(six), read_hand_card("three-fingertips"))
-    out.write_bytes(data)
-    model = Model(out)
-    monitor = GripMonitor(model, None)
-    period_ns = round(1e9 / model.card.rate_hz)
-    answers = []
-    for k in range(120):
-        valid = np.ones(3, dtype=np.bool_)
-        if 60 <= k < 80:
-            valid[2] = False
-        if k >= 100:
-            valid[0] = False
-        values = np.full(9, 1.0 + k / 1024)
-        answers.append(monitor.feed(Sample(k * period_ns, values, valid, k)))
-    assert all(one.degraded and one.state != "unknown" for one in answers[62:80])
-    assert all(one.state == "unknown" for one in answers[102:])
-    assert answers[100].why == "sensors"
 
 
 def test_rules_of_the_decision_change_and_the_answers_do_not(

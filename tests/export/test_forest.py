@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 
 from holdfast.core.contract import CLASSES, SITUATIONS
-from holdfast.core.errors import NotANumber, VerificationFailed
+from holdfast.core.errors import VerificationFailed
 from holdfast.edge_runtime.graph import open_session
 from holdfast.export.exporting import export_artifact, whole_graph
 from holdfast.export.heads import Calibration, Head, riskier_argmax, situation_votes
@@ -283,15 +283,6 @@ def test_flags_probabilities_and_weight_are_verified_too(output: str) -> None:
     node.op_type = OTHERWISE[node.op_type]
     with pytest.raises(VerificationFailed):
         verify(model, SPEC, heads, rows)
-
-
-@pytest.mark.parametrize("odd", [np.nan, np.inf])
-def test_rows_that_are_no_numbers_get_no_votes(odd: float) -> None:
-    forest, rows = fitted("random", (0, 1, 2, 3), 5)
-    bad = rows.copy()
-    bad[7, 2] = odd
-    with pytest.raises(NotANumber, match="not finite"):
-        reference_votes(forest, bad, 4)
 
 
 def test_a_second_head_is_verified_as_the_first() -> None:

@@ -143,20 +143,6 @@ def test_one_sample_after_a_bad_one_the_filter_is_clean_as_if_its_clock_had_stoo
     assert bits(got[..., of(1)]) == bits(expected[..., of(1)])
 
 
-@pytest.mark.parametrize("how", BAD[1:], ids=str)
-def test_it_makes_no_difference_in_what_way_a_reading_is_bad(how: float | str) -> None:
-    values, valid = clean(90)
-    rows = [0, 30, 31, 60, 61, 62, 63]
-    twice = [(values.copy(), valid.copy()), (values.copy(), valid.copy())]
-    for (spoilt, flags), way in zip(twice, (BAD[0], how), strict=True):
-        for row in rows:
-            spoil(spoilt, flags, row, 2, way, axis=row % 3)
-    one, other = (stepped(session_of(spec_of()), *stream) for stream in twice)
-    assert {name: bits(rows) for name, rows in one.items()} == {
-        name: bits(rows) for name, rows in other.items()
-    }
-
-
 @st.composite
 def corrupted(
     draw: st.DrawFn, sensors: int, length: int = 70

@@ -236,18 +236,6 @@ def test_an_all_zero_state_is_a_fresh_start_and_reset_forgets_any_other_even_nan
     assert all(answer == answers[0] for answer in answers)
 
 
-def test_reset_of_one_recording_leaves_the_others_of_its_batch_alone() -> None:
-    session = whole_step(2)
-    values, valid = numbers(3, 2), np.ones((3, 2), dtype=np.bool_)
-    past = np.random.default_rng(0).uniform(0.0, 1.0, (3, *state_shape(session)))
-    kept = session.run(None, inputs(values, valid, [False] * 3, past))
-    one = session.run(None, inputs(values, valid, [False, True, False], past))
-    zero = session.run(None, inputs(values, valid, [False] * 3, np.zeros_like(past)))
-    for before, after, fresh in zip(kept, one, zero, strict=True):
-        np.testing.assert_array_equal(after[[0, 2]], before[[0, 2]])
-        np.testing.assert_array_equal(after[1], fresh[1])
-
-
 def last_features(spec: StepSpec, *streams: FloatArray) -> list[bytes]:
     """The features after the last of the samples of each stream."""
     valid = [np.ones((len(one), spec.n_sensors), dtype=np.bool_) for one in streams]

@@ -48,11 +48,8 @@ def at_the_edge(load_n: float) -> tuple[Body, State, np.ndarray]:
     here="at the limit it sticks, at any step and but for the last bit; a thousandth more slips",
 )
 @EVERY_STEP
-def test_at_the_limit_nothing_moves_below_it_nothing_slips_and_beyond_it_slides(
-    dt_s, record_property
-):
+def test_at_the_limit_nothing_moves_below_it_nothing_slips_and_beyond_it_slides(dt_s):
     moved_m, slipped_m = after(8.0, dt_s)
-    record_property("moved_m", moved_m)
     assert max(moved_m, slipped_m) < 1e-14
     assert after(7.992, dt_s)[1] == 0.0
     assert min(after(8.008, dt_s)) > 1e-7
@@ -165,9 +162,7 @@ def test_an_object_without_mass_is_refused_and_a_tenth_of_a_gram_is_held(
     here="thumb and index alone carry the full bottle, and let go where they cannot",
 )
 @pytest.mark.parametrize(("share", "holds"), [(0.8, True), (1.3, False)])
-def test_the_full_bottle_hangs_on_one_finger_and_the_thumb(
-    share, holds, record_property
-):
+def test_the_full_bottle_hangs_on_one_finger_and_the_thumb(share, holds):
     held = replace(body(mass_kg=0.5173, stiffness=2000.0), straight_m=np.full(2, 0.2))
     grip_n = 0.5173 * G / (2 * 0.6 * share)
     alone = np.array([0.5, 0.5, 1.0, 0.0, 0.0, 0.0])[:, None]
@@ -189,7 +184,6 @@ def test_the_full_bottle_hangs_on_one_finger_and_the_thumb(
         )
     go(held, state, Inputs(grown), 2e-3, 1000)
     shear_n = (held.brush_n_per_m * state.stretch_m[1]).sum(axis=0)
-    record_property("finger_n", float(shear_n[2, 0]))
     assert (np.abs(state.velocity_m_s[2]) < 1e-6).all() == holds
     assert not state.normal_n[3:].any()
     if holds:
@@ -207,9 +201,7 @@ def test_the_full_bottle_hangs_on_one_finger_and_the_thumb(
 )
 @EVERY_STEP
 @pytest.mark.parametrize("stiffness", [600.0, 6e6])
-def test_a_stiff_contact_holds_and_neither_rings_nor_gains_energy(
-    stiffness, dt_s, record_property
-):
+def test_a_stiff_contact_holds_and_neither_rings_nor_gains_energy(stiffness, dt_s):
     held = body(8, stiffness=stiffness)
     closure = closed(held, 8.0)
     state = at_rest(held, closure)
@@ -221,7 +213,6 @@ def test_a_stiff_contact_holds_and_neither_rings_nor_gains_energy(
         after = energy_j(held, state, closure)
         most = max(most, float((after - before).max()))
         before = after
-    record_property("most_gained_j", most)
     assert most < 1e-12
     assert np.isfinite(state.position_m).all()
     if dt_s == 1e-3:
