@@ -14,7 +14,7 @@ import onnxruntime as ort
 import pytest
 
 import holdfast
-from holdfast.core.contract import CLASSES, SITUATIONS, BoolArray, FloatArray
+from holdfast.core.contract import CLASSES, BoolArray, FloatArray
 from holdfast.core.errors import UsageError
 from holdfast.edge_runtime.graph import StepGraph, open_session, run_recording
 from holdfast.edge_runtime.model import Model
@@ -151,9 +151,6 @@ def test_votes_of_an_empty_hand_are_for_nothing_and_in_contact_for_anything_else
     rule = ByForce("situation", CLASSES, 100)
     assert rule.in_contact(votes).tolist() == [[0, 0, 60, 35, 1, 1, 1, 2]]
     assert rule.without_contact().tolist() == [50, 50, 0, 0, 0, 0, 0, 0]
-    four = ByForce("situation", SITUATIONS, 7)
-    assert four.in_contact(np.array([[3, 2, 1, 1]])).tolist() == [[0, 5, 1, 1]]
-    assert four.without_contact().tolist() == [7, 0, 0, 0]
     question = ByForce("p_risky_250ms", ("no", "yes"), 7)
     assert question.in_contact(np.array([[3, 4]])).tolist() == [[3, 4]]
     assert question.without_contact().tolist() == [7, 0]
