@@ -89,7 +89,7 @@ def test_the_graphs_bank_is_scipys_filter_from_rest_on_every_shear_signal(
     rate_hz: float,
 ) -> None:
     spec = spec_at(rate_hz)
-    values = forces(min(round(3 * rate_hz), 3000), spec.n_channels)
+    values = forces(min(round(3 * rate_hz), 1000), spec.n_channels)
     within = 1e-9 if rate_hz > 1000.0 else RELATIVE
     assert_equal_to(np.abs(by_scipy(spec, values)), bank_outputs(spec, values), within)
 

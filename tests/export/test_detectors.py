@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import onnxruntime as ort
 import pytest
-from hard_marks import EVENTS
+from hard_marks import EVENTS, NORMAL
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -208,6 +208,7 @@ def pressed(forces: FloatArray) -> FloatArray:
     return np.concatenate([np.repeat(forces[:1], at(0.6), axis=0), forces])
 
 
+@NORMAL.mark
 @given(
     forces=st.lists(
         st.lists(

@@ -70,7 +70,7 @@ def chunks(steps: int, offset: float = 1e4) -> Iterator[FloatArray]:
 
 
 @pytest.mark.parametrize(
-    "steps", [100_000, pytest.param(10**8, marks=pytest.mark.soak)]
+    "steps", [40_000, pytest.param(10**8, marks=pytest.mark.soak)]
 )
 @LONG.mark
 def test_the_bank_is_no_further_from_the_exact_filter_at_the_end_than_at_the_beginning(

@@ -303,8 +303,8 @@ def slip_time_s(dt_s: float, grips_n: np.ndarray) -> np.ndarray:
     here="the error of the slip time is known: of first order in the step",
 )
 def test_slip_time_is_first_order_in_the_step():
-    grips_n = np.random.default_rng(0).uniform(5.0, 12.0, 40)
-    reference = slip_time_s(1e-4, grips_n)
+    grips_n = np.random.default_rng(0).uniform(5.0, 12.0, 20)
+    reference = slip_time_s(2e-4, grips_n)
     steps = np.array([2e-3, 1e-3, 5e-4])
     errors = [
         np.median(np.abs(slip_time_s(dt_s, grips_n) - reference)) for dt_s in steps
