@@ -69,9 +69,7 @@ def chunks(steps: int, offset: float = 1e4) -> Iterator[FloatArray]:
         yield offset + noise + 100.0 * (rng.random((CHUNK, 1)) < 1e-3)
 
 
-@pytest.mark.parametrize(
-    "steps", [40_000, pytest.param(10**8, marks=pytest.mark.soak)]
-)
+@pytest.mark.parametrize("steps", [40_000, pytest.param(10**8, marks=pytest.mark.soak)])
 @LONG.mark
 def test_the_bank_is_no_further_from_the_exact_filter_at_the_end_than_at_the_beginning(
     steps: int,
