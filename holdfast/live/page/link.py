@@ -4,8 +4,8 @@ The page is served by a separate process, because threads of the loop's process 
 with it. Between both is a pair of sockets that never block. A message that finds no room is dropped
 and counted. Where that process dies, the loop reports it once and goes on.
 
-One message is one packet of JSON. The first has `token` and `about`; later ones have one of
-`sample`, `said`, `ready`, `about`, and the last one `end`. An action is one byte.
+One message is one packet of JSON. The first has `token` and `about`; later ones have `sample` or
+`said`, and the last one `end`.
 
 The page listens on [HOST:]PORT. Each path begins with a token, a secret of 128 bits that is drawn
 anew for every run: without it no other user, machine or web site reaches the page.
@@ -102,7 +102,7 @@ _to_json = json.JSONEncoder(separators=(",", ":")).encode
 
 
 class PageLink:
-    """Messages to the page's process. unsent: messages that were dropped. handle: of its actions.
+    """Messages to the page's process. unsent: messages that were dropped.
 
     channel: a packet socket. process: serves the page, None in tests. report: gets one line where
     the process is gone.
@@ -121,7 +121,6 @@ class PageLink:
         self._process = process
         self.unsent = 0
         self._gone = False
-        self.handle = channel.fileno()
 
     def send(self, message: Json) -> bool:
         """Send one message; False where it was dropped. Never waits."""

@@ -151,13 +151,10 @@ def open_run_page(
     source: a URL; model: a file. with_grip: whether a controller sends commands.
     """
     about: Json = {
-        "verb": "run",
         "unit": card.unit,
         "hand": drawn_hand(card.hand, card.n_channels // 3),
         "model": f"{Path(model).name} ({card.model_id})",
         "source": source,
-        "answers": True,
         "grip": with_grip,
-        "actions": [],
     }
     return RunPage(open_page(address, about, report), card)
