@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     from benchmarks.pictures import PICTURES
     from holdfast.core.writing import require_writable
     from holdfast.evaluation.provenance import table_lines, write_measured
-    from holdfast.training.progress import stages
+    from holdfast.training.progress import Stages
 
     require_writable(args.out)
     require_json_writable(args)
@@ -90,16 +90,16 @@ def run(args: argparse.Namespace) -> int:
     if args.what == "all":
         chosen = [name for name, one in MEASURES.items() if not one.alone]
     found: dict[str, Json] = {}
-    with stages(len(chosen)) as begin:
-        for what in chosen:
-            measure = MEASURES[what]
-            begin(f"{what}: {measure.about}")
-            figures = found[what] = measure.measure(request)
-            picture = PICTURES[what](figures) if what in PICTURES else None
-            written = write_measured(args.out, what, measure.kind, figures, picture)
-            if args.json != STDOUT:
-                tables = table_lines(short(figures) if what in SURFACES else figures)
-                print("\n".join([*tables, *written]))
+    begin = Stages()
+    for what in chosen:
+        measure = MEASURES[what]
+        begin(f"{what}: {measure.about}")
+        figures = found[what] = measure.measure(request)
+        picture = PICTURES[what](figures) if what in PICTURES else None
+        written = write_measured(args.out, what, measure.kind, figures, picture)
+        if args.json != STDOUT:
+            tables = table_lines(short(figures) if what in SURFACES else figures)
+            print("\n".join([*tables, *written]))
     write_found(args, found)
     return int(args.check and any(one.get("broken") for one in found.values()))
 

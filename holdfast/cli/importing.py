@@ -61,12 +61,12 @@ def run(args: argparse.Namespace) -> int:
     if plan is None:
         return UsageError.exit_code
     from holdfast.interop.import_trials import TrialImport
-    from holdfast.training.progress import stages
+    from holdfast.training.progress import Stages
 
     reading = TrialImport(args.source, plan)
-    with stages(1) as begin:
-        begin(f"reading {args.source}")
-        reading.read(begin.part)
+    begin = Stages()
+    begin(f"reading {args.source}")
+    reading.read(begin.part)
     if reading.faults:
         found = {"out": None, "faults": [vars(fault) for fault in reading.faults]}
         show_found(args, "\n".join(_fault_lines(reading.faults, plan)), found)

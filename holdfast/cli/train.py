@@ -34,10 +34,6 @@ MODEL_SIZES = ("tiny", "default")
 LEARNERS = ("forest", "network", "committee")
 HELD_OUT_BY = ("person", "object", "session", "trial")
 DEFAULT_OUT = Path("build/default")
-OTHER_STAGES = 9
-"""Stages besides one for each set: libraries, features, six folds, final forests."""
-REPORT_STAGES = 4
-"""Further stages of --report: three points of the learning curve, and the page."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -139,28 +135,27 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.core.contract import CANNOT_TELL, not_learned_in_words
     from holdfast.core.errors import command
     from holdfast.training.figures import situation_lines, with_interval
-    from holdfast.training.progress import stages
+    from holdfast.training.progress import Stages
 
     require_json_writable(args)
     # A report that cannot be written is refused before the training.
     if args.report is not None:
         require_writable(args.report.parent)
 
-    extra = 0 if args.report is None else REPORT_STAGES
-    with stages(max(1, len(args.data)) + OTHER_STAGES + extra) as progress:
-        progress("loading the libraries")
-        # Imported within the stage: loading the libraries takes seconds, and is shown.
-        from holdfast.training.fitting import train_on_sets
+    progress = Stages()
+    progress("loading the libraries")
+    # Imported within the stage: loading the libraries takes seconds, and is shown.
+    from holdfast.training.fitting import train_on_sets
 
-        # With --json on stdout nothing else may stand there.
-        describe = _quiet if args.json == STDOUT else show
-        data, trained = train_on_sets(_request(args), progress, describe)
-        figures = trained.figures
-        if args.report is not None:
-            from holdfast.evaluation.report import write_training_report
+    # With --json on stdout nothing else may stand there.
+    describe = _quiet if args.json == STDOUT else show
+    data, trained = train_on_sets(_request(args), progress, describe)
+    figures = trained.figures
+    if args.report is not None:
+        from holdfast.evaluation.report import write_training_report
 
-            progress("drawing the report")
-            write_training_report(args.report, data, trained, args.out)
+        progress("drawing the report")
+        write_training_report(args.report, data, trained, args.out)
 
     held_out = f"held out by {data.group_kind}: "
     not_learned = trained.cannot_tell

@@ -53,15 +53,6 @@ class EvaluationRequest:
     most_false_per_min: float = MOST_FALSE_PER_MIN
     seed: int = 0
 
-    def n_stages(self) -> int:
-        """How many stages `evaluate_events` announces."""
-        # Reading, running, scoring; matching too, unless that was done on other sets before.
-        of_a_set, of_choosing = (3, 3) if self.choose else (4, 0)
-        # A stage that is announced and never comes would stop the progress before its end.
-        of_training = bool(self.train)
-        # The last one is of all sets.
-        return of_training + of_choosing + of_a_set * len(self.data) + 1
-
 
 ALONE = Workers()
 

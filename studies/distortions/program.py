@@ -29,7 +29,7 @@ from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.jobs import Workers
 from holdfast.simulation.closed_loop import model_of
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.training.progress import counted
+from holdfast.training.progress import Stages
 from studies.distortions.closed_loop import (
     CONTROLLER,
     NOT_RUN,
@@ -195,10 +195,11 @@ class Study:
             figures = kept["rows"]
             return figures
         jobs = [QuietJob(self.model, row, self.seed) for row in quiet_rows()]
-        with counted("quiet hands, a minute each", len(jobs)) as done:
-            for number, one in enumerate(self.workers.run(jobs), 1):
-                figures.append(one)
-                done(number)
+        progress = Stages()
+        progress("quiet hands, a minute each")
+        for number, one in enumerate(self.workers.run(jobs), 1):
+            figures.append(one)
+            progress.part(number / len(jobs))
         self._write_file(self.rows_folder / "quiet.json", {"rows": figures})
         return figures
 
@@ -213,12 +214,13 @@ class Study:
             card = one.card(self.cards_folder)
             jobs.append(OpenJob(self.model, one.name, card, self.trials, self.seed))
 
-        with counted("trials distorted", max(1, len(jobs))) as done:
-            results = self.workers.run(jobs)
-            for number, (job, result) in enumerate(zip(jobs, results, strict=True), 1):
-                outcomes[job.name] = result
-                self._write(job.name, "open", vars(result))
-                done(number)
+        progress = Stages()
+        progress("trials distorted")
+        results = self.workers.run(jobs)
+        for number, (job, result) in enumerate(zip(jobs, results, strict=True), 1):
+            outcomes[job.name] = result
+            self._write(job.name, "open", vars(result))
+            progress.part(number / len(jobs))
         return outcomes
 
     def _closed_loop(self, wanted: Sequence[Distortion]) -> dict[str, Json]:
@@ -231,19 +233,20 @@ class Study:
             else:
                 missing.append(one)
 
-        with counted("closed loops (simulated)", max(1, len(missing))) as done:
-            runs = LoopRuns(self.model, self.workers, lambda share: None)
-            for start in range(0, len(missing), TOGETHER):
-                some = missing[start : start + TOGETHER]
-                wanted_runs = []
-                for one in some:
-                    card = one.card(self.cards_folder)
-                    wanted_runs.append(loop_run(one, card, self.trials, self.seed))
-                runs.run(wanted_runs)
-                for one, run_of in zip(some, wanted_runs, strict=True):
-                    figures[one.name] = closed_outcomes(runs, run_of)
-                    self._write(one.name, "closed", figures[one.name])
-                done(start + len(some))
+        progress = Stages()
+        progress("closed loops (simulated)")
+        runs = LoopRuns(self.model, self.workers, lambda share: None)
+        for start in range(0, len(missing), TOGETHER):
+            some = missing[start : start + TOGETHER]
+            wanted_runs = []
+            for one in some:
+                card = one.card(self.cards_folder)
+                wanted_runs.append(loop_run(one, card, self.trials, self.seed))
+            runs.run(wanted_runs)
+            for one, run_of in zip(some, wanted_runs, strict=True):
+                figures[one.name] = closed_outcomes(runs, run_of)
+                self._write(one.name, "closed", figures[one.name])
+            progress.part((start + len(some)) / len(missing))
         return figures
 
     def _read(self, one: Distortion, part: str) -> Json | None:

@@ -21,7 +21,7 @@ from holdfast.core.locked import locked_sets
 from holdfast.core.trial_layout import read_json
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.simulation.closed_loop import model_of
-from holdfast.training.progress import counted
+from holdfast.training.progress import Stages
 from studies.shared_control import comparison
 from studies.shared_control.closed_loop import LoopRuns
 from studies.shared_control.picture import picture
@@ -104,9 +104,10 @@ def run(args: argparse.Namespace) -> int:
     seed = SEED if args.seed is None else args.seed
     trials = args.trials or TRIALS
     wanted = _chosen(rows(trials, seed), args)
-    with counted(f"{len(wanted)} rows in a closed loop (simulated)", 1) as done:
-        runs = LoopRuns(chosen_model(args), chosen_workers(args), done)
-        runs.run([(row.one, row.request) for row in wanted], losses=args.losses)
+    progress = Stages()
+    progress(f"{len(wanted)} rows in a closed loop (simulated)")
+    runs = LoopRuns(chosen_model(args), chosen_workers(args), progress.part)
+    runs.run([(row.one, row.request) for row in wanted], losses=args.losses)
     figures = {
         "kind": "simulated",
         "model": model_of(chosen_model(args)).card.model_id,

@@ -16,16 +16,14 @@ from holdfast.core.errors import DataNotFound
 from holdfast.core.writing import require_writable
 from holdfast.training.datasets import load
 from holdfast.training.fitting import versions
-from holdfast.training.progress import Say, stages
+from holdfast.training.progress import Say, Stages
 from holdfast.training.recording import DataSet
 from studies.real.methods import HUMAN
-from studies.thesis_preliminary.cases import CASES
 from studies.thesis_preliminary.figures import PreliminaryStudy
 from studies.thesis_preliminary.report import summary, write_preliminary_report
 from studies.thesis_preliminary.study import REPETITIONS, study
 from tools.harness import SimulatedSet, simulate_sets, write_figures
 
-STAGES = 1 + 2 * (3 + len(CASES))
 CARD = "twenty-sensors"
 
 
@@ -69,9 +67,9 @@ def run(args: argparse.Namespace) -> int:
     require_writable(args.out)
     if args.scene is None:
         simulate_sets([SimulatedSet("scene", CARD)], args.out)
-    with stages(STAGES) as say:
-        figures = study_sets(args.scene or args.out / "scene", args.seed, say)
-        say("report")
+    say = Stages()
+    figures = study_sets(args.scene or args.out / "scene", args.seed, say)
+    say("report")
     path = write_figures(args.out / "preliminary.json", figures.to_json())
     page = write_preliminary_report(args.out / "report.html", figures)
     where = f"{path}, {page} ({figures.seconds} s)"

@@ -49,9 +49,7 @@ class PageServer(ThreadingHTTPServer):
 
     block_on_close = False
 
-    def __init__(
-        self, listener: socket.socket, stream: LiveStream, token: str
-    ) -> None:
+    def __init__(self, listener: socket.socket, stream: LiveStream, token: str) -> None:
         address = listener.getsockname()[:2]
         super().__init__(address, PageHandler, bind_and_activate=False)
         # it makes a socket of its own, but this one listens already
