@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     begin(f"reading {args.folder}")
     settings = read_settings(settings_file([]))
     most_n = settings.get("ceiling_n")
-    report = examine(find(args.folder), begin.part, most_n)
+    report = examine(find(args.folder), most_n)
 
     show_found(args, "\n".join(report_lines(report)), report.to_json())
     return 0 if report.readable else DataError.exit_code

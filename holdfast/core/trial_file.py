@@ -11,10 +11,10 @@ from __future__ import annotations
 import csv
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, TextIO
+from typing import Any, Literal, TextIO
 
 import numpy as np
 
@@ -173,12 +173,22 @@ def trial_of(
     t_s = _check_time(seconds * table[:, 0], path, row_name)
     raw = table[:, 1 : 1 + 3 * n_sensors]
     trial = Trial(path, t_s, raw, _valid(table, header, n_sensors))
-    for column in PREPARED.keys() & set(header):
-        zero = ZEROS[int(table[0, header.index(column)]) > 1]
-        trial = replace(trial, zero=zero, unit=PREPARED[column])
+    zero, unit = prepared_by(dict(zip(header, table[0], strict=True)))
+    trial = replace(trial, zero=zero, unit=unit)
     if counted is None:
         return _with_lost_rows(trial, places_by_time(t_s))
     return _with_lost_rows(trial, _places_by_sequence(counted, path))
+
+
+def prepared_by(row: Mapping[str, Any]) -> tuple[Zero | None, Unit | None]:
+    """What was removed from the values of a row by its columns, and their unit; None for nothing.
+
+    Raises ValueError for a cell that is no number.
+    """
+    for column, unit in PREPARED.items():
+        if column in row:
+            return ZEROS[float(str(row[column])) > 1.0], unit
+    return None, None
 
 
 def places_by_time(t_s: FloatArray) -> IntArray:

@@ -165,6 +165,7 @@ class AveragedSource(SelfPaced):
         self._n = n
         self.unit = source.unit
         self.n_channels = source.n_channels
+        self.zero = zero_of(source)
         rate_hz = source.rate_hz
         self.rate_hz: float | None = None if rate_hz is None else rate_hz / n
 
@@ -202,5 +203,6 @@ def at_rate(source: Source, rate_hz: float, report: Callable[[str], object]) -> 
 
 
 def zero_of(source: Source) -> Zero | None:
-    """What was removed from the samples of a source already: a run's own, replayed."""
-    return source.zero if isinstance(source, PacedReplay) else None
+    """What was removed from the samples of a source already: a run's own, replayed or as lines."""
+    zero: Zero | None = getattr(source, "zero", None)
+    return zero

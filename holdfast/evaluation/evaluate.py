@@ -163,7 +163,6 @@ class _Run:
             rate_hz=self.model.card.rate_hz,
             seed=self.request.seed,
             windows="thesis",
-            part=self.part,
         )
         # Before a forest is trained in vain on other channels or another rate.
         require_model_fits(self.model, data)
@@ -253,7 +252,6 @@ class _Run:
             rate_hz=self.model.card.rate_hz,
             seed=self.request.seed,
             windows="natural",
-            part=self.part,
         )
         # Before a set is run, which takes minutes.
         require_model_fits(self.model, data)

@@ -1,20 +1,18 @@
 """`holdfast doctor MODEL`: short checks of a model file on the machine that will run it.
 
-Each check is a law that must hold, with a figure: golden rows, one recording against a batch,
-reset, and the clock. The input is the golden input of model.py, which is made by formula
+Each check is a law that must hold, with a figure: golden rows, one recording against a batch, and
+reset. The input is the golden input of model.py, which is made by formula
 and never from a recording. All together take some thousand steps, a second on a small board.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import partial
 from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.clock import MonotonicClock
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.errors import HoldfastError
 from holdfast.edge_runtime.graph import StepGraph, run_recording, run_recordings
@@ -23,8 +21,6 @@ from holdfast.live.doctor import Finding, findings_of
 
 BATCH = (1.0, 0.5, 2.0, -1.0)
 """Factors: each recording of the batch is the golden input times one of these."""
-CLOCK_READS = 20_000
-WAITS, WAIT_NS = 20, 1_000_000
 GOLDEN = "golden rows"
 ModelCheck = Callable[[Model], tuple[bool, str]]
 """Whether a law holds for a model, and a figure."""
@@ -44,14 +40,14 @@ def model_checks(path: str | Path) -> Iterator[Finding]:
         return
 
     for what, check in CHECKS.items():
-        yield from findings_of(what, partial(_judged, what, check, model))
 
+        def judged(what: str = what, check: ModelCheck = check) -> list[Finding]:
+            holds, figure = check(model)
+            if holds:
+                return [Finding(what, "ok", figure)]
+            return [Finding(what, "broken", figure, DO_NOT_USE)]
 
-def _judged(what: str, check: ModelCheck, model: Model) -> list[Finding]:
-    holds, figure = check(model)
-    if holds:
-        return [Finding(what, "ok", figure)]
-    return [Finding(what, "broken", figure, DO_NOT_USE)]
+        yield from findings_of(what, judged)
 
 
 def golden_rows(model: Model) -> tuple[bool, str]:
@@ -75,9 +71,9 @@ def one_against_many(model: Model) -> tuple[bool, str]:
     different = set()
     for recording, of_batch in zip(scaled, together, strict=True):
         alone = run_recording(model.session, recording, valid, names)
-        for name in names:
-            if alone[name].tobytes() != of_batch[name].tobytes():
-                different.add(name)
+        different |= {
+            name for name in names if alone[name].tobytes() != of_batch[name].tobytes()
+        }
 
     differ = ", ".join(sorted(different)) or "none"
     return not different, f"{len(values)} rows, {count} together: {differ} differ"
@@ -93,25 +89,6 @@ def reset_forgets(model: Model) -> tuple[bool, str]:
     graph.reset()
     same = _bits(graph, values, valid) == first
     return same, f"{len(values)} rows again: the same bits: {same}"
-
-
-def clock_goes_on(model: Model) -> tuple[bool, str]:
-    """The schedule's clock never steps back, and a wait never ends too early."""
-    clock = MonotonicClock()
-    # a clock that can be set could step back
-    steps = np.diff([clock.now_ns() for _ in range(CLOCK_READS)])
-    back = int((steps < 0).sum())
-
-    late_ns = []
-    for _ in range(WAITS):
-        due_ns = clock.now_ns() + WAIT_NS
-        clock.wait_until(due_ns)
-        late_ns.append(clock.now_ns() - due_ns)
-
-    early = int((np.array(late_ns) < 0).sum())
-    late = f"late by {max(late_ns) / 1e3:.0f} us at most"
-    waits = f"{WAITS} waits, {early} too short, {late}"
-    return back + early == 0, f"{CLOCK_READS} readings, {back} back; {waits}"
 
 
 def _clean_input(model: Model) -> tuple[FloatArray, BoolArray]:
@@ -137,5 +114,4 @@ CHECKS: dict[str, ModelCheck] = {
     GOLDEN: golden_rows,
     "one sample against a batch": one_against_many,
     "reset forgets": reset_forgets,
-    "clock": clock_goes_on,
 }

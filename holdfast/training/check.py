@@ -50,7 +50,6 @@ from holdfast.training.datasets.trials import (
 )
 from holdfast.training.judging import strictest_hold_out
 from holdfast.training.plan import TrainingPlan
-from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import DataSet, lost_spans
 from holdfast.training.windows import TimedTrial, classes_of
 
@@ -141,23 +140,20 @@ class FolderReport:
         return {**asdict(self), "readable": self.readable, "trainable": self.trainable}
 
 
-def examine(
-    root: Path, part: Part = ignored, most_n: float | None = None
-) -> FolderReport:
+def examine(root: Path, most_n: float | None = None) -> FolderReport:
     """What a folder holds, and what is missing or doubtful.
 
-    part: receives the share of it that is read. most_n: the largest grip of the hand, N of either
-    side, where it is given.
+    most_n: the largest grip of the hand, N of either side, where it is given.
     """
     layout = layout_of(root)
     report = FolderReport(str(root), layout)
     if layout is None:
         report.missing = _not_read(root, [])
     elif layout in LAYOUTS:
-        _examine_trials(report, root, layout, part, most_n)
+        _examine_trials(report, root, layout, most_n)
     else:
         # The reader of a public set refuses what is wrong, and the set lacks nothing.
-        data = load(root, part=part)
+        data = load(root)
         cells: Cells = {}
         for one in data.recordings:
             name = (one.person, one.object_name, one.action)
@@ -169,7 +165,7 @@ def examine(
 
 
 def _examine_trials(
-    report: FolderReport, root: Path, layout: str, part: Part, most_n: float | None
+    report: FolderReport, root: Path, layout: str, most_n: float | None
 ) -> None:
     """Read all trials of a folder of these, and fill in the report."""
     # Faults are collected, so that one run names all of them.
@@ -179,7 +175,7 @@ def _examine_trials(
         readers = reader_of(layout).readers(root, faults.append)
     except DataError as error:
         faults.append(error)
-    read = read_all(readers, faults.append, part)
+    read = read_all(readers, faults.append)
     trials = [trial for trial in read if trial]
     doubts: list[Missing] = []
     cells: Cells = {}

@@ -163,7 +163,6 @@ def train_on_sets(
             windows=request.windows,
             hold_out=request.hold_out,
             rate_hz=request.rate_hz,
-            part=progress.part,
         )
         if request.rate_hz and averaged_by(data.rate_hz, request.rate_hz) != 1:
             raise RateError(

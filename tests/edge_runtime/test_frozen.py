@@ -240,7 +240,6 @@ def test_a_sample_leaves_nothing_in_memory() -> None:
     ("name", "steps"),
     [
         ("eflesh_slip", (0.0, 19.5, 39.0)),
-        ("proactive_slip_uskin", (0.0, 4.0, 16.0)),
         ("human_slip_uskin", (0.0, 0.0039, 0.039)),
     ],
 )

@@ -28,7 +28,6 @@ EVERY = [
     "golden rows",
     "one sample against a batch",
     "reset forgets",
-    "clock",
 ]
 
 

@@ -9,25 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
+from holdfast.core.contract import GRASP, RISKY_SLIP
 from holdfast.core.errors import (
     ChannelError,
-    ColumnError,
     DataError,
     DataNotFound,
     LabelError,
-    NotANumber,
     RateError,
     UnitError,
     UsageError,
 )
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.datasets import join, load
-from holdfast.training.datasets.proactive_slip_uskin import situations
 from holdfast.training.recording import DataSet
-
-PADS = ("xela_sensor1.csv", "xela_sensor2.csv")
-TAXELS = ",".join(f"txl{taxel}_{axis}" for taxel in range(1, 17) for axis in "xyz")
 
 
 def write_eflesh(root: Path, n_trials: int = 20) -> Path:
@@ -39,19 +33,6 @@ def write_eflesh(root: Path, n_trials: int = 20) -> Path:
         root / "eflesh_slip.npz", X=field.astype(np.float32), y=tugged.astype(np.int8)
     )
     return root
-
-
-def write_pads(root: Path, slip: str, fail: str) -> Path:
-    """One trial under data_set; slip and fail as strings of 0 and 1, a row each."""
-    folder = root / "data_set" / "data_sample_1"
-    folder.mkdir(parents=True)
-    rows = np.arange(len(slip))[:, None] + 10.0 * np.arange(48)
-    for name in PADS:
-        np.savetxt(folder / name, rows, "%.1f", ",", header=TAXELS, comments="")
-    labels = "\n".join(f"{a}.0,{b}.0" for a, b in zip(slip, fail, strict=True))
-    (folder / "slip_label.csv").write_text(f"slip,fail\n{labels}\n")
-    (folder / "meta_data.csv").write_text("dropped,frequency_hz\n0,59.5\n")
-    return folder
 
 
 def test_a_set_is_found_by_name_in_the_data_folder(
@@ -141,98 +122,12 @@ def test_labels_that_are_not_zero_or_one_are_refused(tmp_path: Path) -> None:
         load(tmp_path)
 
 
-def test_a_slip_is_named_by_how_it_ends() -> None:
-    slip = np.array([*"001100110011"]) == "1"
-    fail = np.array([*"000000001100"]) == "1"
-    assert situations(slip, fail).tolist() == [1, 1, 2, 2, 1, 1, 3, 3, 3, 3, -1, -1]
-
-
-def test_pads_give_three_taxels_each_and_every_row_from_30_on(tmp_path: Path) -> None:
-    folder = write_pads(tmp_path, slip="0" * 35 + "111" + "00", fail="0" * 40)
-    data = load(tmp_path)
-    rows, x1 = data.tasks["situations"], data.recordings[0].samples[:, 0]
-    assert (data.n_sensors, data.unit, data.rate_hz) == (6, "count", 59.5)
-    assert rows.row.tolist() == list(range(30, 40))
-    assert rows.label.tolist() == [GRASP] * 5 + [SAFE_SLIP] * 3 + [GRASP] * 2
-    assert x1.tolist() == list(range(40)), "row 0 is the bias"
-    assert load(folder.parent).groups() == [folder.name]
-
-
-def rewritten(name: str, change: Callable[[str], str]) -> Callable[[Path], object]:
-    """Changes the text of a file in the folder of a trial."""
-
-    def spoil(folder: Path) -> None:
-        path = folder / name
-        path.write_text(change(path.read_text()))
-
-    return spoil
-
-
-@pytest.mark.parametrize(
-    ("spoil", "error", "says"),
-    [
-        (
-            rewritten("slip_label.csv", lambda _: "slip,fail\n0,0\n"),
-            ColumnError,
-            "1 labels for 40 rows",
-        ),
-        (
-            rewritten(PADS[1], lambda text: text.replace("txl7_z", "other")),
-            ColumnError,
-            "columns missing: txl7_z",
-        ),
-        (
-            rewritten(PADS[0], lambda text: text.replace("\n3.0,", "\nthree,")),
-            NotANumber,
-            "'three'",
-        ),
-        (
-            rewritten(PADS[1], lambda text: text[: text[:-1].rindex("\n") + 1]),
-            ColumnError,
-            "differ in length",
-        ),
-        (
-            lambda folder: (folder / PADS[1]).unlink(),
-            DataNotFound,
-            "xela_sensor2.csv: no such file",
-        ),
-    ],
-)
-def test_a_spoilt_trial_gets_one_clear_line(
-    tmp_path: Path, spoil: Callable[[Path], object], error: type[Exception], says: str
-) -> None:
-    spoil(write_pads(tmp_path, slip="0" * 40, fail="0" * 40))
-    with pytest.raises(error, match=says) as caught:
-        load(tmp_path)
-    assert "\n" not in str(caught.value)
-    assert "next:" in str(caught.value)
-
-
 def test_the_real_eflesh_set_has_103_tugs_in_137_trials(
     real_set: Callable[[str], Path],
 ) -> None:
     data = load(real_set("eflesh_slip"))
     tugged = [recording for recording in data.recordings if recording.action == "tug"]
     assert (len(data.recordings), len(tugged)) == (137, 103)
-
-
-def test_the_real_pads_slip_in_three_of_seven_trials(
-    real_set: Callable[[str], Path],
-) -> None:
-    data = load(real_set("proactive_slip_uskin"))
-    rows = data.tasks["situations"]
-    found = {
-        recording.trial_id[-11:]: set(rows.label[rows.trial == k].tolist())
-        for k, recording in enumerate(data.recordings)
-    }
-    assert {day: labels for day, labels in found.items() if len(labels) > 1} == {
-        "22-08-10-01": {GRASP, RISKY_SLIP},
-        "22-11-23-11": {GRASP, SAFE_SLIP},
-        "22-15-15-00": {GRASP, RISKY_SLIP},
-    }
-    assert len(data.recordings) == 7
-    assert sum(len(recording.samples) for recording in data.recordings) == 2195
-    assert all(59.7 <= recording.rate_hz <= 60.0 for recording in data.recordings)
 
 
 def test_joined_sets_keep_every_recording_and_window_apart_by_name(

@@ -32,8 +32,6 @@ WAITING_CONNECTIONS = 64
 SEND_BUFFER = 32 << 10
 """Bytes that wait for a slow browser: a second or two of frames, so that it never shows old ones
 for long."""
-ELSEWHERE = ("192.0.2.1", 9)
-"""An address for examples: a datagram socket that is connected to it sends nothing."""
 EXAMPLES = "web:8000 (this machine only), or web:0.0.0.0:8000 (the network)"
 
 
@@ -75,20 +73,9 @@ def listen(text: str, token: str) -> tuple[socket.socket, str]:
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
 
     # these are where it listens, and no addresses that a browser elsewhere could open
-    shown = _address_for_others() if host in ("0.0.0.0", "::") else host
+    shown = socket.gethostname() if host in ("0.0.0.0", "::") else host
     shown = f"[{shown}]" if ":" in shown else shown
     return listener, f"http://{shown}:{listener.getsockname()[1]}/{token}/"
-
-
-def _address_for_others() -> str:
-    """The address by which others reach this machine; its name where it has no network."""
-    try:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            # connecting a datagram socket only picks the route, and so the address of this machine
-            probe.connect(ELSEWHERE)
-            return str(probe.getsockname()[0])
-    except OSError:
-        return socket.gethostname()
 
 
 PROCESS = "holdfast.live.page.process"

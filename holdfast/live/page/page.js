@@ -69,7 +69,7 @@ const riskiest = (rows) => rows.reduce((most, row) => (RANKS.indexOf(row.state) 
 
 /** What is wrong with the connection or the loop, as [headline, detail]; null where nothing is. */
 function trouble() {
-  if (page.ended) return [page.ended, "what is shown below is its last picture"];
+  if (page.ended) return [page.ended, at("said").firstChild?.textContent ?? "what is shown below is its last picture"];
   const silentMs = performance.now() - page.heardMs;
   if (!page.heardMs || silentMs > LOST_MS) return ["no connection", "no data comes from the program: the state is not known"];
   if (page.silent === null) return ["waiting", at("said").firstChild?.textContent ?? "no sample has come yet"];

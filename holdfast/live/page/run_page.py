@@ -89,7 +89,6 @@ def sample_message(
 ) -> Json:
     """A sample for the page. lost: so far. unsent: messages that the page's process missed."""
     return {
-        "n": sample.sequence,
         "t_ns": sample.t_ns,
         "x": sample.values.tolist(),
         "v": sample.valid.astype(int).tolist(),

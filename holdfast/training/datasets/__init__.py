@@ -35,7 +35,6 @@ from holdfast.core.trial_layout import (
     read_json,
 )
 from holdfast.training.datasets.trials import ChannelsNotOffered, has_thesis_layout
-from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import (
     DataSet,
     HoldOut,
@@ -45,7 +44,7 @@ from holdfast.training.recording import (
 )
 from holdfast.training.windows import Choice
 
-PUBLIC_SETS = ("human_slip_uskin", "eflesh_slip", "proactive_slip_uskin")
+PUBLIC_SETS = ("human_slip_uskin", "eflesh_slip")
 """Sets that `load` finds by name in the data folder."""
 LAYOUTS = ("recorded", "thesis")
 """Layouts of folders that users fill with trials of their own."""
@@ -72,7 +71,6 @@ def load(
     seed: int = 0,
     windows: Choice = "balanced",
     hold_out: HoldOut | None = None,
-    part: Part = ignored,
 ) -> DataSet:
     """A data set by its name (a folder in HOLDFAST_DATA) or by its path.
 
@@ -98,19 +96,21 @@ def load(
             next_step=next_step,
         )
 
-    # Only the layouts of folders of trials choose windows; a public set brings its own.
-    options: dict[str, Any] = {} if channels is None else {"channels": channels}
-    if layout in LAYOUTS:
-        options |= {"seed": seed, "windows": windows, "part": part, "rate_hz": rate_hz}
-
+    reader = reader_of(layout)
     try:
-        data: DataSet = reader_of(layout).load(root, **options)
+        if layout in LAYOUTS:
+            from holdfast.training.datasets.thesis import assembled
+
+            found = reader.readers(root, rate_hz=rate_hz)
+            data = assembled(reader.about(root), found, channels, windows, seed)
+            data = with_hand(data, root)
+        else:
+            # A public set brings its own windows, and has a usual number of channels.
+            data = reader.load(root, **({"channels": channels} if channels else {}))
     except ChannelsNotOffered as error:
         # the user knows the folder, and not the name that stands in its meta.json
         name = str(name_or_path)
         raise ChannelsNotOffered(name, error.channels, error.numbers) from None
-    if layout in LAYOUTS:
-        data = with_hand(data, root)
     if hold_out is not None:
         data = regrouped(data, hold_out)
     return data if groups is None else keep_groups(data, groups, seed=seed)
@@ -192,10 +192,6 @@ def layout_of(root: Path) -> str | None:
         return "human_slip_uskin"
     if (root / "eflesh_slip.npz").is_file():
         return "eflesh_slip"
-    # The set as it is published has its trials one folder deeper.
-    for depth in ("*", "data_set/*"):
-        if any(root.glob(f"{depth}/xela_sensor1.csv")):
-            return "proactive_slip_uskin"
     if any(
         "recorder" in read_json(path.with_name(META)) for path in root.rglob(TACTILE)
     ):

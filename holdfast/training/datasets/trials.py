@@ -45,7 +45,6 @@ from holdfast.core.trial_layout import (
     read_json,
 )
 from holdfast.export.spec import HISTORY_S
-from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import Recording, whole_history
 from holdfast.training.timeline import labels_end_s
 from holdfast.training.windows import TimedTrial
@@ -117,12 +116,9 @@ class TrialReader:
 
 
 def read_all(
-    readers: Sequence[TrialReader], fault: Fault = refuse, part: Part = ignored
+    readers: Sequence[TrialReader], fault: Fault = refuse
 ) -> list[TimedTrial | None]:
-    """The trials in their order, None for one that cannot be used.
-
-    fault: receives its DataError. part: receives the share of the trials that is read.
-    """
+    """The trials in their order, None for one that cannot be used. fault: gets its DataError."""
     trials: list[TimedTrial | None] = []
     for reader in readers:
         try:
@@ -130,7 +126,6 @@ def read_all(
         except DataError as error:
             fault(error)
             trials.append(None)
-        part(len(trials) / len(readers))
     return trials
 
 
