@@ -1,8 +1,7 @@
 """`holdfast train --data SET .. --out DIR`: train on sets, write an artifact for export.
 
-Without arguments it trains on the small generated fixture, into build/default, and may be run
-again: an artifact of the fixture there is replaced. Every other artifact is replaced only with
---force.
+Without arguments it trains on the small generated fixture, into build/default. An artifact is
+replaced only with --force.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ WINDOWS = ("balanced", "dense", "thesis", "natural")
 FEATURES = ("fixed", "pooled")
 MODEL_SIZES = ("tiny", "default")
 LEARNERS = ("forest", "network", "committee")
-HELD_OUT_BY = ("person", "object", "session", "trial")
+HELD_OUT_BY = ("person", "object", "trial")
 DEFAULT_OUT = Path("build/default")
 
 
@@ -91,7 +90,7 @@ def _choose_recordings(parser: argparse.ArgumentParser) -> None:
         "--hold-out",
         choices=HELD_OUT_BY,
         metavar="WHAT",
-        help="what is held out together: person, object, session (a date in the path) or trial "
+        help="what is held out together: person, object or trial "
         "(default: the first of these with which every model learns every situation)",
     )
 
@@ -197,7 +196,6 @@ def _request(args: argparse.Namespace) -> TrainingRequest:
         data=tuple(args.data),
         out=args.out,
         replace=args.force,
-        replace_fixture=args.out == DEFAULT_OUT,
         groups=args.groups,
         hold_out=args.hold_out,
         rate_hz=args.rate,

@@ -1,6 +1,6 @@
 """What a trained model is judged by: what is held out together, and how more data would help.
 
-The strictest hold-out that the data allow: person, else object, else session, else trial. Never a
+The strictest hold-out that the data allow: person, else object, else trial. Never a
 window: neighbours in time are nearly the same, and a model that saw one knows the other.
 """
 
@@ -30,7 +30,7 @@ from holdfast.training.recording import (
     regrouped,
 )
 
-STRICTEST_FIRST: tuple[HoldOut, ...] = ("person", "object", "session", "trial")
+STRICTEST_FIRST: tuple[HoldOut, ...] = ("person", "object", "trial")
 SHARES = (0.25, 0.5, 0.75)
 """Of the groups a fold trains on; the last point is the whole, the held-out figure itself."""
 MOST_NAMED = 3

@@ -57,7 +57,7 @@ def test_a_set_that_is_not_there_says_how_to_get_it(
     monkeypatch.setenv("HOLDFAST_DATA", str(tmp_path / "nowhere"))
     with pytest.raises(
         DataNotFound,
-        match=r"points elsewhere; next: set HOLDFAST_DATA to .* eflesh_slip/",
+        match=r"eflesh_slip not found; next: set HOLDFAST_DATA to .* eflesh_slip/",
     ):
         load("eflesh_slip")
     with pytest.raises(DataNotFound, match="no such data set or folder"):

@@ -217,7 +217,7 @@ def never_started(arrays: Arrays, lines: Lines) -> None:
             "shape .*45.*, not .*48",
         ),
         (array("xela", lambda _: np.array([None])), NotANumber, "pickled objects"),
-        (without("frequency_hz"), ColumnError, "columns missing: frequency_hz"),
+        (without("frequency_hz"), ColumnError, "missing: .*frequency_hz"),
         (cell("start_index", "soon"), NotANumber, "'soon'"),
         (cell("frequency_hz", 0), NotANumber, "frequency_hz must be positive"),
         (never_started, EmptyRecording, "no usable trial"),

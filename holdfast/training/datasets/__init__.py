@@ -124,13 +124,12 @@ def with_hand(data: DataSet, root: Path) -> DataSet:
     """
     path = root / HAND_FILE
     named = read_json(root / META).get("hand")
-    if not path.is_file() and named is None:
-        return data
     if not path.is_file():
+        if named is None:
+            return data
         raise DataNotFound(
             f"no {HAND_FILE}, which {META} names",
             where=root,
-            cause="a copy that is not complete",
             next_step="copy the whole set again",
         )
 
@@ -138,12 +137,11 @@ def with_hand(data: DataSet, root: Path) -> DataSet:
     from holdfast.core.hand_card import read_hand_card
 
     hand = read_hand_card(path)
-    made_with = named.get("sha256") if isinstance(named, dict) else None
-    if made_with not in (None, hand.sha256) or hand.n_sensors != data.n_sensors:
+    changed = isinstance(named, dict) and named.get("sha256") not in (None, hand.sha256)
+    if changed or hand.n_sensors != data.n_sensors:
         raise ChannelError(
             f"{HAND_FILE} is the card of another hand",
             where=path,
-            cause="a card that was changed after the recording",
             next_step="put the card back with which the set was recorded",
         )
     return replace(data, hand=hand)
@@ -156,25 +154,20 @@ def data_folder() -> Path:
 
 def find(name_or_path: str | Path) -> Path:
     """Folder of a set. Raises DataNotFound with the likely cause."""
-    named = str(name_or_path) in PUBLIC_SETS
-
+    path = Path(name_or_path)
     # A public name goes first to the data folder, so that a folder of that name here does not hide
     # it.
-    candidates = [Path(name_or_path)]
-    if named:
-        candidates.insert(0, data_folder() / name_or_path)
-    for folder in candidates:
-        if folder.is_dir():
-            return folder
-    if named:
-        is_set = os.environ.get(FOLDER_VARIABLE)
+    public = data_folder() / name_or_path
+    if str(name_or_path) in PUBLIC_SETS and (public.is_dir() or not path.is_dir()):
+        path = public
+    if path.is_dir():
+        return path
+    if path is public:
         raise DataNotFound(
             f"data set {name_or_path} not found",
-            where=candidates[0],
-            cause=f"{FOLDER_VARIABLE} {'points elsewhere' if is_set else 'is not set'}",
+            where=public,
             next_step=f"set {FOLDER_VARIABLE} to the folder that holds {name_or_path}/",
         )
-    path = candidates[0]
     next_step = f"give a folder, or one of {', '.join(PUBLIC_SETS)}"
     if path.is_file() and has_logs(path):
         next_step = f"{next_step}; of a log: {import_command(path)}"

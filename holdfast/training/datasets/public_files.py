@@ -43,9 +43,13 @@ def read_arrays(path: Path, shapes: Mapping[str, Shape]) -> dict[str, npt.NDArra
     Pickled objects are refused. Raises DataNotFound, ColumnError (missing array or shape) or
     NotANumber.
     """
-    with _copied_whole(path):
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in shapes}
+    # np.load leaves a file open that it cannot read, so the file is opened here
+    with (
+        _copied_whole(path),
+        path.open("rb") as file,
+        np.load(file, allow_pickle=False) as archive,
+    ):
+        arrays = {name: archive[name] for name in shapes}
 
     for name, shape in shapes.items():
         found = arrays[name].shape

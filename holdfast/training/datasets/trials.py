@@ -14,7 +14,6 @@ import re
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Literal, NoReturn
 
@@ -388,29 +387,29 @@ def _far_labels(trial: TimedTrial) -> Iterator[Missing]:
     recording = trial.recording
     rows = max(1, round(FAR_S * recording.rate_hz))
     load = _load(recording)
-    felt = [one for one in recording.phases if one.situation != NOTHING]
-    closings = [
-        after.first
-        for before, after in pairwise(recording.phases)
-        if before.situation == NOTHING and after in felt
-    ]
-    far = []
-    for row in closings:
-        # a hand that closes feels at least twice what it felt before
-        before = load[max(0, row - rows) : row + 1].min()
-        if before > 0.5 * load[row : row + rows].max():
-            far.append(row)
-    # a hand that regrips may feel little of one
-    if 2 * len(far) < max(1, len(closings)):
-        far = []
     # of a hand whose zero was taken in a grasp shear alone may be left
     by_sensor = recording.samples.reshape(len(load), -1, 3)
     size = np.where(recording.valid, np.linalg.norm(by_sensor, axis=2), 0.0).sum(axis=1)
-    least = NORMAL_FLOOR[recording.unit]
-    for one in felt:
-        near = size[max(0, one.first - rows) : one.first + rows]
-        if one.situation == RISKY_SLIP and near.max() < least:
-            far.append(one.first)
+
+    closings, far, slips_of_nothing = 0, [], []
+    was_empty = False
+    for phase in recording.phases:
+        row = phase.first
+        around = slice(max(0, row - rows), row + rows)
+        is_empty = phase.situation == NOTHING
+        if was_empty and not is_empty:
+            closings += 1
+            # a hand that closes feels at least twice what it felt before
+            if load[around.start : row + 1].min() > 0.5 * load[row : around.stop].max():
+                far.append(row)
+        nothing_felt = size[around].max() < NORMAL_FLOOR[recording.unit]
+        if phase.situation == RISKY_SLIP and nothing_felt:
+            slips_of_nothing.append(row)
+        was_empty = is_empty
+    # a hand that regrips may feel little of one
+    if 2 * len(far) < closings:
+        far = []
+    far += slips_of_nothing
     if far and trial.timed:
         at_s = far[0] / recording.rate_hz
         what = f"a label begins at {at_s:.2f} s, {FAR_S:g} s and more from any change of load"
