@@ -49,8 +49,8 @@ print(Path(f"lab/logs/{log}").read_text()[:140])
 # %% [markdown]
 # ## Import: a column map says what is what
 #
-# Without a map, `holdfast import` proposes one from names and sizes, and you correct what is a
-# guess. Here it is written out.
+# Without a map, `holdfast import` finds one from what the columns hold, says what it understood,
+# and asks what nothing tells. Here it is written out.
 
 # %%
 sensors = "\n".join(
@@ -62,9 +62,6 @@ unit = "mN"
 column = "time [ms]"
 unit = "ms"
 {sensors}
-[table]
-separator = ";"
-decimal = ","
 [trials]
 path = "{{person}}_{{object}}_{{action}}_{{trial}}"
 [events]

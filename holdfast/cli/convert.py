@@ -14,7 +14,7 @@ from holdfast.cli.command import add_json_option, path_argument, show_found
 from holdfast.core.errors import LibraryMissing, OutputError, count_of
 
 WRITERS = {
-    "parquet": "holdfast.interop.tables",
+    "parquet": "holdfast.interop.parquet",
     "mcap": "holdfast.interop.mcap_file",
     "lerobot": "holdfast.interop.lerobot",
 }

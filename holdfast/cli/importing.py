@@ -1,6 +1,7 @@
-"""`holdfast import`: logs of other programs, by a column map, as trials.
+"""`holdfast import`: logs of other programs become trials.
 
-holdfast import logs --out trials                   proposes a map, and asks
+holdfast import logs --out trials                   says what was understood, and asks
+holdfast import logs --out trials --yes --action slip
 holdfast import logs --out trials --map lab.toml
 """
 
@@ -8,25 +9,32 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from holdfast.cli.command import add_json_option, path_argument, show, show_found
+from holdfast.cli.command import (
+    add_json_option,
+    path_argument,
+    positive,
+    show,
+    show_found,
+)
 from holdfast.core.errors import (
-    CardError,
     DataError,
+    LibraryMissing,
     OutputError,
     UsageError,
-    count_of,
-    one_line,
 )
+from holdfast.core.writing import whole_folder, write_whole
 
 if TYPE_CHECKING:
-    from holdfast.interop.import_map import ImportMap
-    from holdfast.interop.import_trials import ImportFault
+    from holdfast.interop.understood import Understood
 
 MAP_SUFFIX = "-map.toml"
-"""Of a proposed map, beside the set that it is for."""
+"""Of a map, beside the set that it is for."""
+PICTURE = "first-trial.svg"
+"""In the set: the first trial over its time, with its labels."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "source",
         type=path_argument,
         metavar="SOURCE",
-        help="CSV, xlsx, MCAP, Parquet, XDF, a rosbag2 or LeRobot folder, or a folder of them",
+        help="a text table, xlsx, MCAP, Parquet, XDF, rosbag2 or LeRobot, or a folder of them",
     )
     option(
         "--out", type=path_argument, required=True, metavar="DIR", help="a new folder"
@@ -45,135 +53,136 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--map",
         type=path_argument,
         metavar="MAP.toml",
-        help="column map (docs/your-data.md); without it one is proposed",
+        help="column map (docs/your-data.md); without it one is found",
     )
-    option("--yes", action="store_true", help="take the proposed map without asking")
+    option("--yes", action="store_true", help="take what was understood without asking")
+    option(
+        "--action",
+        default="",
+        metavar="ACTION",
+        help="what happens in the trials: slip, hold, pull, ..; or WORD=ACTION,WORD=ACTION",
+    )
+    option(
+        "--person",
+        default="",
+        metavar="NAME",
+        help="who holds, or which names in the paths are people",
+    )
+    option("--object", default="", metavar="NAME", help="what is held, in the same way")
+    option("--unit", default="", metavar="UNIT", help="of the readings: N, mN, uT, ..")
+    option(
+        "--rate",
+        type=positive,
+        metavar="HZ",
+        help="rows a second, where no column says it",
+    )
+    option("--normal", default="", choices=("x", "y", "z"), help="the axis of a press")
     add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Read all logs, then write all trials, or none and every fault."""
+    """Say what was understood, ask what is left, then write all trials, or none."""
     if args.out.exists() and (not args.out.is_dir() or any(args.out.iterdir())):
         raise OutputError(
             "exists and is not empty", where=args.out, next_step="name a new folder"
         )
-    plan = _plan(args)
-    if plan is None:
-        return UsageError.exit_code
-    from holdfast.interop.import_trials import TrialImport
+    found = _understood(args)
+    from holdfast.interop.trials import TrialImport
+    from holdfast.interop.writing import write_beside
     from holdfast.training.progress import Stages
 
-    reading = TrialImport(args.source, plan)
-    begin = Stages()
-    begin(f"reading {args.source}")
-    reading.read(begin.part)
-    if reading.faults:
-        found = {"out": None, "faults": [vars(fault) for fault in reading.faults]}
-        show_found(args, "\n".join(_fault_lines(reading.faults, plan)), found)
-        return DataError.exit_code
+    with whole_folder(args.out) as folder:
+        begin = Stages()
+        begin(f"reading {args.source}")
+        reading = TrialImport(folder)
+        for plan, files in found.plans:
+            reading.take(args.source, plan, files, begin.part)
+        maps = args.map.parent if args.map else args.out.parent
+        write_beside(folder, found.plans[0][0], maps, reading.written)
+        lines = [*found.lines, *reading.lines()]
+        # nothing is kept where the block is left by an error
+        _require_wanted(args, found, lines)
+    from holdfast.training.check import examine
+    from holdfast.training.check_lines import report_lines
 
-    from holdfast.interop.import_writing import write_set
-
-    written = write_set(args.out, reading.trials, plan)
-    show_found(
-        args,
-        "\n".join([*reading.notes, *_written_lines(args.out, written, plan)]),
-        {
-            "out": str(args.out),
-            "trials": written,
-            "faults": [],
-            "notes": reading.notes,
-        },
-    )
+    first, *_, verdict = report_lines(examine(args.out))
+    shown = [*lines, "", *_picture(args.out), first, verdict]
+    shown.append(f"next: holdfast check {args.out}")
+    words = {"understood": lines, "trials": reading.written, "notes": reading.notes}
+    show_found(args, "\n".join(shown), {"out": str(args.out), **words})
     return 0
 
 
-def _plan(args: argparse.Namespace) -> ImportMap | None:
-    """The map of --map, else the one that is proposed and taken; None where it is not taken."""
-    from holdfast.interop.import_map import import_map_of_text, read_import_map
+def _understood(args: argparse.Namespace) -> Understood:
+    """What the logs are, with every question answered. Raises UsageError where one is left."""
+    from holdfast.interop.map import read_import_map
+    from holdfast.interop.understand import of_map, understand
+    from holdfast.interop.understood import Answers
 
     if args.map is not None:
-        try:
-            return read_import_map(args.map)
-        except FileNotFoundError:
-            raise UsageError(
-                "no such column map", where=args.map, next_step="check the path"
-            ) from None
-
-    from holdfast.interop.proposal import propose
-
-    beside = args.out.with_name(args.out.name + MAP_SUFFIX)
-    proposal = propose(args.source)
-    # With --json alone on stdout, the map is in its file.
-    if args.json is None:
-        show(proposal.text)
-    command = f"holdfast import {args.source} --out {args.out} --map {beside}"
-    on_terminal = sys.stdin.isatty() and sys.stdout.isatty()
-    if not proposal.gaps and (args.yes or (on_terminal and _agrees())):
-        return import_map_of_text(proposal.text, beside)
-    _write_map(beside, proposal.text)
-    if proposal.gaps and (args.yes or on_terminal):
-        raise CardError(
-            f"the proposed map is written, but not whole: {'; '.join(proposal.gaps)}",
-            where=beside,
-            next_step=f"write what is missing, then {command}",
-        )
-    lines = [f"{beside}: the map above, written; no trial yet"]
-    lines += [f"missing: {gap}" for gap in proposal.gaps]
-    lines.append(f"next: correct it, then {command}")
-    found = {"out": None, "map": str(beside), "next": command}
-    show_found(args, "\n".join(lines), {**found, "missing": list(proposal.gaps)})
-    return None
+        return of_map(args.source, read_import_map(args.map))
+    answers = Answers(
+        args.action, args.person, args.object, args.unit, args.rate, args.normal
+    )
+    found = understand(args.source, answers)
+    while found.questions:
+        question = found.questions[0]
+        show("\n".join(found.lines))
+        key = question.option.removeprefix("--")
+        if args.yes or not _on_terminal() or not hasattr(answers, key):
+            _write_map(args, found)
+            next_step = f"{_command(args)} {question.option} .."
+            raise UsageError(question.text, next_step=next_step)
+        show(question.text)
+        typed = input("> ").strip()
+        answer: dict[str, Any] = {key: float(typed) if key == "rate" else typed}
+        answers = replace(answers, **answer)
+        found = understand(args.source, answers)
+    return found
 
 
-def _agrees() -> bool:
-    """Whether the user takes the map that was shown."""
-    answer = input("take this map? [y/N] ")
-    return answer.strip().lower() in ("y", "yes")
+def _on_terminal() -> bool:
+    return sys.stdin.isatty() and sys.stdout.isatty()
 
 
-def _write_map(path: Path, text: str) -> None:
-    """Write a proposed map. Raises OutputError for one that is there and differs."""
-    from holdfast.core.writing import write_whole
-
-    if path.exists() and path.read_bytes() != text.encode():
-        raise OutputError(
-            "exists, and may hold your corrections",
-            where=path,
-            next_step=f"give it: --map {path}; or remove it",
-        )
-    write_whole(path, text)
+def _command(args: argparse.Namespace) -> str:
+    return f"holdfast import {args.source} --out {args.out}"
 
 
-def _fault_lines(faults: list[ImportFault], plan: ImportMap) -> list[str]:
-    """All faults, those that differ in place and numbers alone in one."""
-    from holdfast.training.check_lines import alike
+def _write_map(args: argparse.Namespace, found: Understood) -> None:
+    """Write the map for the next time, unless it was changed by hand; and say so."""
+    from holdfast.interop.map import is_changed, map_text
 
-    lines = []
-    for first, more in alike(faults, lambda fault: f"{fault.what} {fault.map_line}"):
-        lines += [f"ERROR {one_line(first.where)}: {one_line(first.what)}"]
-        if first.map_line:
-            lines.append(f"  {plan.columns.path}, {one_line(first.map_line)}")
-        if first.next_step:
-            lines.append(f"  -> {one_line(first.next_step)}")
-        if more:
-            lines.append(f"  {more} more like it")
-        lines.append("")
-    return [*lines, "nothing was written: correct each ERROR, then import again"]
+    path = args.out.with_name(args.out.name + MAP_SUFFIX)
+    if found.plans and is_changed(path):
+        show(f"{path}: was changed by hand, and stays; use it: --map {path}")
+    elif found.plans:
+        write_whole(path, map_text(found.plans[0][0]))
+        show(f"{path}: what is known so far, as a map")
 
 
-def _written_lines(out: Path, written: dict[str, str], plan: ImportMap) -> list[str]:
-    """What was written, and what to look at."""
-    from holdfast.core.trial_layout import HAND_FILE
+def _require_wanted(
+    args: argparse.Namespace, found: Understood, lines: list[str]
+) -> None:
+    """Show what was found. Raises UsageError where it is not wanted."""
+    if args.yes or args.map is not None:
+        return
+    show("\n".join(lines))
+    if _on_terminal() and input("import this? [y/N] ").strip().lower() in ("y", "yes"):
+        return
+    _write_map(args, found)
+    raise UsageError("no trial is written yet", next_step=f"{_command(args)} --yes")
 
-    n_sensors = len(plan.columns.sensors)
-    unit = plan.columns.unit_of_values
-    lines = [
-        f"{out}: {count_of(len(written), 'trial')}, {count_of(n_sensors, 'sensor')}, in {unit}"
-    ]
-    if not plan.columns.hand and (out / HAND_FILE).is_file():
-        lines.append(
-            f"{out / HAND_FILE}: proposed for {count_of(n_sensors, 'sensor')}; correct their "
-            "sides and places"
-        )
-    return [*lines, f"next: holdfast check {out}"]
+
+def _picture(out: Path) -> list[str]:
+    """Draw the first trial, where matplotlib is there and a trial can be read; in words."""
+    from holdfast.training.datasets.thesis import readers
+
+    try:
+        from holdfast.evaluation.pictures import recording
+
+        first = readers(out)[0].read().recording
+    except (LibraryMissing, DataError):
+        return []
+    write_whole(out / PICTURE, recording(first, "imported"))
+    return [f"picture of {first.trial_id}: {out / PICTURE}"]

@@ -1,84 +1,99 @@
 """The column map (TOML): which columns of a foreign log, or of a live sender, are time and sensors.
 
-    unit = "mN"                  # of all channels: N, mN, gf, uT, mT, T or count
+    unit = "mN"                  # of all channels: N, mN, gf, uT, mT, G, T or count
     hand = "hand.toml"           # a hand card, where it is not the six fingertips; seen from here
 
     [time]
     column = "millis"
     unit = "ms"                  # s, ms, us or ns
     # instead of both: rate_hz = 100 (rows are counted), or arrival = true (a live sender)
+    # column with rate_hz: a column that counts the samples
 
     [[sensors]]                  # the thumb's side first, as in the hand card
     x = "thumb_x"
     y = "thumb_y"
     z = "-thumb_z"               # a leading "-" turns the sign
+    z_zero = 4096                # taken from z first, where a reading rests far from 0
 
 A message is flattened into columns: {"imu": {"f": [1, 2]}} has `imu.f.0` and `imu.f.1`.
 
 Further tables (IMPORT_TABLES) say how files become trials; `holdfast import` reads them, and a live
-source leaves them alone. Errors name the file, the line and the key.
+source leaves them alone. Errors name the file and the key.
 """
 
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any, Literal
 
+import msgspec
 import numpy as np
+from msgspec import Meta
 
-from holdfast.core.contract import AXES, UNIT_OF, FloatArray, IntArray, Json, Unit
+from holdfast.core.contract import UNIT_OF, FloatArray, IntArray, Unit
 from holdfast.core.errors import CardError, ColumnError, NotANumber, listed
 from holdfast.core.hand_card import HandCard, read_hand_card
-from holdfast.core.reading import CardReader, read_toml
-from holdfast.core.toml_lines import line_naming, line_of, table_lines, toml_text
+from holdfast.core.schema import read
+from holdfast.core.trial_file import TimeUnit
 
-NS_OF: Mapping[str, int] = MappingProxyType(
-    {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
-)
+NS_OF = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 """A unit of time -> nanoseconds."""
-IMPORT_TABLES = ("table", "trials", "facts", "actions", "masses_g", "events")
+IMPORT_TABLES = ("trials", "facts", "actions", "masses_g", "events")
 """What `holdfast import` reads besides."""
-MAP_KEYS = ("unit", "hand", "time", "sensors", *IMPORT_TABLES)
 MINUS = "-"
 LATEST_NS = 1 << 62
 """Of a stamp: 146 years."""
-RATES_HZ = (1e-3, 1e6)
 MOST_SENSORS = 64
 """As in a trial file; a hand card has fewer."""
 MOST_FIELDS = 4096
 """Columns of one message."""
+MapUnit = Literal["N", "mN", "gf", "uT", "mT", "G", "T", "count"]
+Rate = Annotated[float, Meta(ge=1e-3, le=1e6)]
+Name = Annotated[str, Meta(max_length=200)]
+Axis = Annotated[str, Meta(min_length=1, max_length=200)]
 
 
-@dataclass(frozen=True)
-class TimeColumn:
-    """Where the time of a sample comes from: one of column, rate_hz and arrival.
+class TimeColumn(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True
+):
+    """Where the time of a sample comes from: a column, a rate or the arrival.
 
-    unit: of the column, one of NS_OF; None where the map does not say (then it is seconds).
+    unit: of the column; None where the map does not say (then it is seconds). rate_hz beside a
+    column: the column counts samples.
     """
 
-    column: str = ""
-    unit: str | None = None
-    rate_hz: float | None = None
+    column: Name = ""
+    unit: TimeUnit | None = None
+    rate_hz: Rate | None = None
     arrival: bool = False
 
+    def __post_init__(self) -> None:
+        named = [bool(self.column or self.rate_hz), self.arrival]
+        if named.count(True) != 1:
+            raise ValueError("no time; allowed: one of column, rate_hz and arrival")
+        if self.unit and (not self.column or self.rate_hz):
+            raise ValueError("a unit without its column; allowed: unit beside column")
+
     @property
-    def unit_ns(self) -> int:
-        """Nanoseconds in a unit of the column."""
-        return NS_OF[self.unit or "s"]
+    def unit_ns(self) -> float:
+        """Nanoseconds in a unit of the column; a whole number but for a counter."""
+        return 1e9 / self.rate_hz if self.rate_hz else NS_OF[self.unit or "s"]
 
 
-@dataclass(frozen=True)
-class SensorColumns:
-    """The columns of a sensor's axes as the map writes them, each with its sign."""
+class SensorColumns(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True
+):
+    """The columns of a sensor's axes as the map writes them, each with its sign.
 
-    x: str
-    y: str
-    z: str
+    z_zero: what is taken from the column of z before its sign, in the map's unit.
+    """
+
+    x: Axis
+    y: Axis
+    z: Axis
+    z_zero: float = 0.0
 
     @property
     def axes(self) -> tuple[str, str, str]:
@@ -86,21 +101,34 @@ class SensorColumns:
         return self.x, self.y, self.z
 
 
-@dataclass(frozen=True)
-class ColumnMap:
+class ColumnMap(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True
+):
     """A checked map. sensors: in the order of the channels. unit: a key of UNIT_OF.
 
-    hand: the name of a hand card or its path, seen from the map's folder; "" for none. tables: the
-    tables of `holdfast import`, as they stand in the file. path, text: of the file; empty without.
+    hand: the name of a hand card or its path, seen from the map's folder; "" for none. The tables
+    of `holdfast import` follow, as they stand in the file.
     """
 
-    unit: str
+    unit: MapUnit
     time: TimeColumn
-    sensors: tuple[SensorColumns, ...]
-    hand: str = ""
-    tables: Json = field(default_factory=dict)
-    path: Path = Path()
-    text: str = ""
+    sensors: Annotated[
+        tuple[SensorColumns, ...], Meta(min_length=1, max_length=MOST_SENSORS)
+    ]
+    hand: Name = ""
+    trials: Any = None
+    facts: Any = None
+    actions: Any = None
+    masses_g: Any = None
+    events: Any = None
+
+    def __post_init__(self) -> None:
+        names = self.channels
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(
+                    f"sensors: {name!r} stands twice; allowed: each column once"
+                )
 
     @property
     def unit_of_values(self) -> Unit:
@@ -121,7 +149,14 @@ class ColumnMap:
     def factors(self) -> FloatArray:
         """[C] from a column to its channel: the sign, and the factor of the unit."""
         size = UNIT_OF[self.unit][1]
-        return np.array([-size if _is_turned(name) else size for name in self.signed])
+        return np.array([-size if name[0] == MINUS else size for name in self.signed])
+
+    @property
+    def zeros(self) -> FloatArray:
+        """[C] what is taken from a column before that."""
+        zeros: FloatArray = np.zeros(3 * len(self.sensors))
+        zeros[2::3] = [sensor.z_zero for sensor in self.sensors]
+        return zeros
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -134,16 +169,15 @@ class ColumnMap:
         where: str | Path,
         names: Collection[str] | None = None,
     ) -> None:
-        """Raise ColumnError unless a table or a message has the columns, with the line of each.
+        """Raise ColumnError unless a table or a message has the columns.
 
         names: some of them; None for all.
         """
-        wanted = self.columns if names is None else names
-        missing = [name for name in wanted if name not in there]
+        needed = self.columns if names is None else names
+        missing = [name for name in needed if name not in there]
         if missing:
-            lines = [f"{name} ({self.place_of(name)})" for name in missing[:8]]
             raise ColumnError(
-                f"no column {', '.join(lines)}" + _and_more(len(missing) - 8),
+                f"no column {listed(missing, most=8)}",
                 where=where,
                 cause=f"its columns are {listed(list(there), most=40)}",
                 next_step="correct the column map",
@@ -160,21 +194,24 @@ class ColumnMap:
         cells = [_numbers(columns[name], name, where) for name in self.channels]
         if len({cell.shape for cell in cells}) > 1:
             raise NotANumber("a list in a column of numbers", where=where)
-        values: FloatArray = np.stack(cells, axis=-1) * self.factors
+        values: FloatArray = np.stack(cells, axis=-1)
+        # in place: a long log is large
+        values -= self.zeros
+        values *= self.factors
         return values
 
     def stamp_ns(
         self, row: Mapping[str, Any], number: int, where: str | Path = ""
     ) -> int | None:
-        """The stamp of one row, ns on the sender's clock; None where that of arrival counts.
+        """The time of the number-th row or message; None for times of arrival.
 
-        number: how many rows came before. Raises ColumnError or NotANumber.
+        Raises ColumnError or NotANumber.
         """
         if self.time.arrival:
             return None
-        if self.time.rate_hz is not None:
-            return round(number * 1e9 / self.time.rate_hz)
         name = self.time.column
+        if not name:
+            return round(number * self.time.unit_ns)
         self.require_columns(row, where, [name])
         return _stamp_ns(row[name], self.time.unit_ns, name, where)
 
@@ -185,177 +222,45 @@ class ColumnMap:
 
         Raises ColumnError or NotANumber, and ColumnError for a map of arrival.
         """
-        if self.time.rate_hz is not None:
-            return np.round(np.arange(rows) * (1e9 / self.time.rate_hz)).astype(
-                np.int64
-            )
         if self.time.arrival:
             raise ColumnError(
-                f"{self.place_of('time.arrival')}: a file has no times of arrival",
+                "time.arrival: a file has no times of arrival",
                 where=where,
                 next_step="name the column of time, or write rate_hz",
             )
-        name = self.time.column
-        self.require_columns(columns, where, [name])
-        stamps = np.asarray(columns[name])
-        if stamps.dtype.kind in "iu":
-            _require_stamps(stamps.astype(np.float64) * self.time.unit_ns, name, where)
-            return stamps.astype(np.int64) * self.time.unit_ns
-        in_ns = _numbers(stamps, name, where) * self.time.unit_ns
+        name, unit_ns = self.time.column, self.time.unit_ns
+        stamps = np.arange(rows)
+        if name:
+            self.require_columns(columns, where, [name])
+            stamps = np.asarray(columns[name])
+        in_ns = _numbers(stamps, name, where) * unit_ns
         _require_stamps(in_ns, name, where)
+        if stamps.dtype.kind in "iu" and not self.time.rate_hz:
+            # all digits of a whole number, which a float has not
+            return stamps.astype(np.int64) * int(unit_ns)
         return np.round(in_ns).astype(np.int64)
 
-    def hand_card(self) -> HandCard | None:
-        """The hand card that the map names; None for none.
+    def hand_card(self, folder: Path) -> HandCard | None:
+        """The hand card that the map names; None for none. folder: of the map.
 
         Raises CardError, also where it has another number of sensors than the map.
         """
         if not self.hand:
             return None
-        hand = read_hand_card(self.hand, self.path.parent)
+        hand = read_hand_card(self.hand, folder)
         if hand.n_sensors != len(self.sensors):
             raise CardError(
-                f"{self.place_of('hand')}: the hand {self.hand} has {hand.n_sensors} sensors, "
+                f"the hand {self.hand} has {hand.n_sensors} sensors, "
                 f"the map {len(self.sensors)}",
-                where=self.path,
+                where=folder,
                 next_step="name another hand card, or correct [[sensors]]",
             )
         return hand
 
-    def place_of(self, name: str) -> str:
-        """Where the map speaks of a key, such as time.unit, or of a column: "line 7"."""
-        number = line_of(self.text, name) or line_naming(self.text, name)
-        return f"line {number}" if number else "the map"
-
-    def to_toml(self) -> str:
-        """The text of the file."""
-        lines = [f"unit = {toml_text(self.unit)}"]
-        if self.hand:
-            lines.append(f"hand = {toml_text(self.hand)}")
-        lines += ["", "[time]", *_time_lines(self.time)]
-        for sensor in self.sensors:
-            lines += ["", "[[sensors]]"]
-            for axis, name in zip(AXES, sensor.axes, strict=True):
-                lines.append(f"{axis} = {toml_text(name)}")
-        for name, table in self.tables.items():
-            lines += ["", *table_lines(name, table)]
-        return "\n".join(lines) + "\n"
-
 
 def read_column_map(path: str | Path) -> ColumnMap:
     """Read and check a map. Raises CardError, and FileNotFoundError where there is no file."""
-    path = Path(path)
-    text, raw = read_toml(path)
-    return MapReader(path, text).column_map(raw)
-
-
-def column_map_of(text: str, path: Path = Path("map.toml")) -> ColumnMap:
-    """The map of a text, such as one that was proposed. Raises CardError."""
-    return MapReader(path, text).column_map(tomllib.loads(text))
-
-
-class MapReader(CardReader):
-    """Checks a map's values; its errors name the line of the key."""
-
-    def __init__(self, path: Path, text: str) -> None:
-        super().__init__(path)
-        self.text = text
-
-    def refused(self, key: str, value: Any, allowed: str) -> CardError:
-        """The error for a value that a key cannot have, with its line."""
-        what = f"{self.line(key)}{key} = {repr(value)[:80]}"
-        return CardError(what, where=self.path, next_step=f"allowed: {allowed}")
-
-    def require_known(
-        self, names: Collection[str], allowed: Collection[str], what: str
-    ) -> None:
-        """Raise CardError for a key that is not among those allowed. what: the table's name."""
-        for name in names:
-            if name not in allowed:
-                key = f"{what}.{name}" if what else name
-                raise CardError(
-                    f"{self.line(key)}{key:.80} is not known",
-                    where=self.path,
-                    next_step=f"allowed: {', '.join(allowed)}",
-                )
-
-    def line(self, key: str) -> str:
-        """ "line 7: ", or nothing for a key that is not there."""
-        number = line_of(self.text, key)
-        return f"line {number}: " if number else ""
-
-    def column_map(self, raw: Json) -> ColumnMap:
-        """The checked map. Raises CardError."""
-        self.require_known(raw, MAP_KEYS, "")
-        unit = raw.get("unit")
-        if not isinstance(unit, str) or unit not in UNIT_OF:
-            raise self.refused("unit", unit, ", ".join(UNIT_OF))
-        tables = {name: raw[name] for name in IMPORT_TABLES if name in raw}
-        for name, table in tables.items():
-            self.require_table(name, table)
-        return ColumnMap(
-            unit=unit,
-            time=self.time(self.table(raw, "time")),
-            sensors=self.sensors(raw.get("sensors")),
-            hand=self.name("hand", raw.get("hand", ""), empty=True),
-            tables=tables,
-            path=self.path,
-            text=self.text,
-        )
-
-    def time(self, table: Json) -> TimeColumn:
-        """The table [time]. Raises CardError."""
-        self.require_known(table, TimeColumn.__dataclass_fields__, "time")
-        given = [key for key in ("column", "rate_hz", "arrival") if key in table]
-        one = "one of column, rate_hz and arrival"
-        if len(given) != 1:
-            raise self.refused("time", " and ".join(given) or None, one)
-        if "unit" in table and (given != ["column"] or table["unit"] not in NS_OF):
-            allowed = f"{', '.join(NS_OF)}, beside time.column"
-            raise self.refused("time.unit", table["unit"], allowed)
-        if given == ["arrival"] and table["arrival"] is not True:
-            raise self.refused("time.arrival", table["arrival"], "true")
-        rate_hz = table.get("rate_hz")
-        if rate_hz is not None:
-            rate_hz = self.number("time.rate_hz", rate_hz, *RATES_HZ)
-        column = self.name("time.column", table.get("column", ""), empty=True)
-        if given == ["column"] and not column:
-            raise self.refused("time.column", column, "the name of a column")
-        return TimeColumn(column, table.get("unit"), rate_hz, given == ["arrival"])
-
-    def sensors(self, rows: Any) -> tuple[SensorColumns, ...]:
-        """The tables [[sensors]]. Raises CardError."""
-        if not isinstance(rows, list) or not 0 < len(rows) <= MOST_SENSORS:
-            count = len(rows) if isinstance(rows, list) else rows
-            allowed = f"1 to {MOST_SENSORS} tables [[sensors]], each with x, y and z"
-            raise self.refused("sensors", count, allowed)
-        sensors = []
-        seen: dict[str, str] = {}
-        for k, row in enumerate(rows):
-            key = f"sensors[{k}]"
-            self.require_known(self.require_table(key, row), AXES, key)
-            names = [self.name(f"{key}.{axis}", row.get(axis)) for axis in AXES]
-            for axis, name in zip(AXES, names, strict=True):
-                before = seen.setdefault(name.removeprefix(MINUS), f"{key}.{axis}")
-                if before != f"{key}.{axis}":
-                    raise self.refused(f"{key}.{axis}", name, f"not that of {before}")
-            sensors.append(SensorColumns(*names))
-        return tuple(sensors)
-
-    def name(self, key: str, value: Any, *, empty: bool = False) -> str:
-        """A name of a column or a file. Raises CardError."""
-        is_text = isinstance(value, str) and len(value) <= 200 and "\0" not in value
-        if not is_text or not (empty or value.removeprefix(MINUS)):
-            raise self.refused(key, value, "a name in quotes")
-        return str(value)
-
-    def number(self, key: str, value: Any, low: float, high: float) -> float:
-        """A number within a range. Raises CardError."""
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        # nan fails both comparisons
-        if not is_number or not low <= value <= high:
-            raise self.refused(key, value, f"a number from {low:g} to {high:g}")
-        return float(value)
+    return read(Path(path), ColumnMap)
 
 
 def flat_fields(message: Any, prefix: str = "") -> dict[str, Any]:
@@ -386,14 +291,6 @@ def _leaves(value: Any, name: str) -> Iterator[tuple[str, Any]]:
         yield from _leaves(one, f"{name}.{key}" if name else str(key))
 
 
-def _is_turned(name: str) -> bool:
-    return name.startswith(MINUS)
-
-
-def _and_more(count: int) -> str:
-    return f" and {count} more" if count > 0 else ""
-
-
 def _numbers(cells: Any, name: str, where: str | Path) -> FloatArray:
     """A cell or a column as numbers; None and "" are nan. Raises NotANumber."""
     if isinstance(cells, str):
@@ -409,13 +306,13 @@ def _numbers(cells: Any, name: str, where: str | Path) -> FloatArray:
         ) from None
 
 
-def _stamp_ns(cell: Any, unit_ns: int, name: str, where: str | Path) -> int:
+def _stamp_ns(cell: Any, unit_ns: float, name: str, where: str | Path) -> int:
     """One stamp; a whole number keeps all its digits. Raises NotANumber."""
     text = cell.strip() if isinstance(cell, str) else cell
     if isinstance(text, str) and re.fullmatch("-?[0-9]{1,19}", text):
         text = int(text)
     if isinstance(text, int | np.integer) and abs(int(text) * unit_ns) < LATEST_NS:
-        return int(text) * unit_ns
+        return round(int(text) * unit_ns)
     in_ns = _numbers(text, name, where) * unit_ns
     _require_stamps(np.atleast_1d(in_ns), name, where)
     return round(float(in_ns))
@@ -432,12 +329,3 @@ def _require_stamps(in_ns: FloatArray, name: str, where: str | Path) -> None:
             cause="an empty cell, or another unit of time",
             next_step="correct the row, or [time] of the column map",
         )
-
-
-def _time_lines(time: TimeColumn) -> list[str]:
-    if time.arrival:
-        return ["arrival = true"]
-    if time.rate_hz is not None:
-        return [f"rate_hz = {time.rate_hz:.10g}"]
-    lines = [f"column = {toml_text(time.column)}"]
-    return lines + ([f"unit = {toml_text(time.unit)}"] if time.unit else [])

@@ -46,6 +46,7 @@ UNIT_OF: dict[str, tuple[Unit, float]] = {
     "gf": ("N", 1e-3 * STANDARD_GRAVITY_M_S2),
     "uT": ("uT", 1.0),
     "mT": ("uT", 1e3),
+    "G": ("uT", 100.0),
     "T": ("uT", 1e6),
     "count": ("count", 1.0),
 }

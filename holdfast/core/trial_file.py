@@ -39,8 +39,15 @@ from holdfast.core.errors import (
 )
 from holdfast.core.trial_layout import TACTILE
 
+TimeUnit = Literal["s", "ms", "us", "ns"]
 TIME_COLUMN = "Time"
-TIME_COLUMNS = {TIME_COLUMN: "s", "t_s": "s", "t_ms": "ms", "t_us": "us", "t_ns": "ns"}
+TIME_COLUMNS: dict[str, TimeUnit] = {
+    TIME_COLUMN: "s",
+    "t_s": "s",
+    "t_ms": "ms",
+    "t_us": "us",
+    "t_ns": "ns",
+}
 """The name of a column of time -> its unit."""
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _CHANNEL = re.compile("[XYZ][0-9]{1,3}")

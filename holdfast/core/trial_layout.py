@@ -37,7 +37,7 @@ HAND_FILE = "hand.toml"
 """The hand card of a set, next to the set's meta.json (core/hand_card.py)."""
 TRUTH = "tactile" + TRUTH_SUFFIX
 LOG_SUFFIXES = (
-    ".csv", ".tsv", ".txt", ".dat", ".xlsx", ".xlsm", ".parquet", ".mcap", ".xdf", ".xdfz"
+    ".csv", ".tsv", ".txt", ".dat", ".log", ".xlsx", ".xlsm", ".parquet", ".mcap", ".xdf", ".xdfz"
 )  # fmt: skip
 """Endings of logs of other programs, which `holdfast import` reads."""
 LOG_MARKS = ("metadata.yaml", "meta/info.json")

@@ -23,7 +23,12 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.core.column_map import ColumnMap, SensorColumns, TimeColumn, flat_fields
+from holdfast.core.column_map import (
+    ColumnMap,
+    SensorColumns,
+    TimeColumn,
+    flat_fields,
+)
 from holdfast.core.contract import BoolArray, FloatArray, Unit, channel_names
 from holdfast.core.errors import ColumnError, DataError, listed
 from holdfast.core.hand_card import MOST_SENSORS
@@ -72,7 +77,8 @@ def map_of_names(names: Collection[str], unit: Unit) -> ColumnMap:
             f"no columns X1, Y1, Z1 to Xn, Yn, Zn among {listed(list(names))}",
             next_step=NAME_A_MAP,
         )
-    sensors = [SensorColumns(*channels[k : k + 3]) for k in range(0, len(channels), 3)]
+    axes = zip(channels[::3], channels[1::3], channels[2::3], strict=True)
+    sensors = [SensorColumns(x, y, z) for x, y, z in axes]
     time = TimeColumn(arrival=True)
     for name, time_unit in TIME_COLUMNS.items():
         if name in names:

@@ -163,6 +163,32 @@ def trial(row: AnsweredTrial, kind: str) -> str:
         return svg(figure)
 
 
+def recording(of: Recording, kind: str) -> str:
+    """A trial without answers: the grip of each sensor, the load, and its labels below."""
+    step_s = 1.0 / of.rate_hz
+    forces = np.nan_to_num(of.samples).reshape(len(of.samples), -1, 3)
+    t_s = np.arange(len(forces)) * step_s
+    with labelled(kind, 7.4, 4.2) as figure:
+        grip, load, labels = figure.subplots(
+            3, 1, sharex=True, height_ratios=(2, 1, 0.3)
+        )
+        for sensor in range(forces.shape[1]):
+            normal = forces[:, sensor, NORMAL_AXIS]
+            grip.plot(t_s, normal, linewidth=0.9, label=f"sensor {sensor + 1}")
+        grip.set_ylabel(f"normal, {of.unit}")
+        grip.legend(fontsize=6, ncols=2)
+        shear = np.hypot(forces[..., 0], forces[..., 1]).sum(axis=1)
+        load.plot(t_s, shear, color=INK, linewidth=1.1)
+        load.set_ylabel(f"load, {of.unit}")
+        for phase in of.phases:
+            span = (phase.first * step_s, (phase.stop - phase.first) * step_s)
+            colour = SITUATION_COLOURS[phase.situation]
+            labels.broken_barh([span], (0, 1), color=colour, linewidth=0)
+        labels.set_yticks([0.5], ["labels"])
+        labels.set_xlabel("time in the trial, s")
+        return svg(figure)
+
+
 def _shown_s(recording: Recording, last_s: float) -> tuple[float, float]:
     """What is shown of a trial: about its first slip, or the whole of one without, s."""
     for phase in recording.phases:

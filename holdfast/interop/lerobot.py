@@ -7,32 +7,31 @@ resampled for that: `observation.time_s` is what to trust. The task of an episod
 and object. There is no `action`: a recording of a hand commands nothing.
 
 The layout is that of lerobot 0.4 (lerobot/datasets/utils.py and lerobot_dataset.py); statistics are
-over the values that are there. tables.py writes and reads the Parquet. `read_log` reads any set:
+over the values that are there. parquet.py writes and reads the Parquet. `read_log` reads any set:
 the episodes of all files, one after the other.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from holdfast.core.contract import SITUATIONS, Json, channel_names
-from holdfast.core.errors import DataError, EmptyRecording, NotANumber, needs_extra
-from holdfast.core.schema import json_of, text_of
+from holdfast.core.errors import EmptyRecording, NotANumber, needs_extra
+from holdfast.core.schema import json_of, read
 from holdfast.core.writing import write_whole
-from holdfast.interop.logs.log import Columns as LogColumns
-from holdfast.interop.logs.log import ForeignLog, Stream
-from holdfast.interop.payload import NO_LABEL, UNLABELLED, TrialPayload
-from holdfast.interop.tables import (
+from holdfast.interop.parquet import (
     read_columns,
     write_columns,
     write_frame,
     write_rows,
 )
+from holdfast.interop.payload import NO_LABEL, UNLABELLED, TrialPayload
+from holdfast.interop.streams import Columns, ForeignLog, Stream
 from holdfast.training.datasets.thesis import common_rate
 
 with needs_extra("lerobot"):
@@ -53,7 +52,6 @@ VALID = "observation.tactile_valid"
 TIME = "observation.time_s"
 SITUATION = "situation"
 """Columns of a frame: the names that start with `observation.` are lerobot's convention."""
-Columns = dict[str, "npt.NDArray[Any]"]
 
 
 def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
@@ -238,93 +236,63 @@ def read_log(folder: Path, name: str) -> ForeignLog:
     """
     info = _info_of(folder)
     parts = [read_columns(path)[0] for path in sorted(folder.glob("data/**/*.parquet"))]
-    parts = [part for part in parts if part]
     if not parts:
         raise EmptyRecording("no data of an episode", where=folder / "data")
-    columns: LogColumns = {}
+    columns: Columns = {}
     for key in parts[0]:
         if all(key in part for part in parts):
             columns[key] = np.concatenate([part[key] for part in parts])
-
     columns = _with_names(columns, info)
     _add_texts(columns, folder, info)
-    ours = info.get("holdfast")
-    return ForeignLog(
-        folder, name, (Stream(columns),), ours if isinstance(ours, dict) else {}
-    )
+    # the stamps of the format are those of a camera; the true ones are beside them
+    if TIME in columns:
+        columns.pop("timestamp", None)
+    return ForeignLog(folder, name, (Stream(columns),), info.get("holdfast", {}))
 
 
 def _info_of(folder: Path) -> Json:
     """meta/info.json. Raises NotANumber."""
-    path = folder / INFO
-    try:
-        info = json_of(text_of(path))
-    except (OSError, ValueError):
-        info = None
-    if not isinstance(info, dict) or not isinstance(info.get("features", {}), dict):
-        raise NotANumber(
-            "is no description of a LeRobot set",
-            where=path,
-            cause="an interrupted copy",
-            next_step="copy the set again",
-        )
-    return info
+    info = read(folder / INFO, Json, NotANumber)
+    return {"features": {}, **info}
 
 
-def _with_names(columns: LogColumns, info: Json) -> LogColumns:
+def _with_names(columns: Columns, info: Json) -> Columns:
     """`observation.state.0` by its name in info.json, where that names each number."""
     renamed = {}
-    for feature, about in info.get("features", {}).items():
+    for feature, about in info["features"].items():
         names = about.get("names") if isinstance(about, dict) else None
-        if isinstance(names, list):
-            for k, label in enumerate(names):
-                renamed[f"{feature}.{k}"] = f"{feature}.{label}"
+        for k, label in enumerate(names if isinstance(names, list) else ()):
+            renamed[f"{feature}.{k}"] = f"{feature}.{label}"
     return {renamed.get(key, key): column for key, column in columns.items()}
 
 
-def _add_texts(columns: LogColumns, folder: Path, info: Json) -> None:
+def _add_texts(columns: Columns, folder: Path, info: Json) -> None:
     """The columns of texts that the numbers of a frame stand for."""
     tasks = _texts(folder.glob("meta/tasks*.parquet"), TASK_INDEX, "task")
     _look_up(columns, TASK_INDEX, "task", tasks)
+    if "holdfast" not in info:
+        return
+    rows = _texts(folder.glob("meta/episodes/**/*.parquet"), EPISODE, "holdfast")
+    episodes = {number: json_of(text) for number, text in rows.items()}
     for key in ("person", "object", "action"):
-        rows = _texts(folder.glob("meta/episodes/**/*.parquet"), EPISODE, "holdfast")
-        known = {}
-        for number, text in rows.items():
-            about = _about(text)
-            if about.get(key):
-                known[number] = str(about[key])
+        known = {number: str(about[key] or "") for number, about in episodes.items()}
         _look_up(columns, EPISODE, key, known)
-    if isinstance(info.get("holdfast"), dict) and SITUATION in columns:
-        names = dict(enumerate(SITUATIONS)) | {NO_LABEL: UNLABELLED}
-        _look_up(columns, SITUATION, SITUATION, names)
+    names = dict(enumerate(SITUATIONS)) | {NO_LABEL: UNLABELLED}
+    _look_up(columns, SITUATION, SITUATION, names)
 
 
-def _about(text: str) -> Json:
-    """What `holdfast convert` says of an episode; nothing where it is no JSON object."""
-    try:
-        about = json_of(text)
-    except ValueError:
-        return {}
-    return about if isinstance(about, dict) else {}
-
-
-def _texts(paths: Any, number: str, text: str) -> dict[int, str]:
+def _texts(paths: Iterable[Path], number: str, text: str) -> dict[int, str]:
     """Number -> text, of tables; the index of pandas may hold the text."""
     found: dict[int, str] = {}
     for path in sorted(paths):
-        try:
-            table, _ = read_columns(path)
-        except DataError:
-            continue
+        table, _ = read_columns(path)
         if number in table and text in table:
             found |= zip(table[number].tolist(), table[text].tolist(), strict=True)
     return found
 
 
-def _look_up(
-    columns: LogColumns, number: str, name: str, texts: dict[int, str]
-) -> None:
+def _look_up(columns: Columns, number: str, name: str, texts: dict[int, str]) -> None:
     """Add a column of the texts that a column of numbers stands for, where there are any."""
-    if number in columns and texts:
+    if number in columns and any(texts.values()):
         cells = [texts.get(one, "") for one in columns[number].tolist()]
         columns[name] = np.array(cells, dtype=object)

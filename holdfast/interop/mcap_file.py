@@ -4,7 +4,6 @@
 | --- | --- | --- |
 | /tactile/fingers | holdfast.Fingers | a sample; a lost value is null |
 | /situation | holdfast.Situation | each change of the label |
-| /log | foxglove.Log | marks, changes of the label, fingers lost and back |
 
 All messages are JSON. This module alone imports mcap and mcap_protobuf. `read_log` reads any file
 whose messages are JSON, protobuf or those of ROS 2: each number is a column `topic.field`.
@@ -14,25 +13,25 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from holdfast.core.contract import AXES, Json
-from holdfast.core.errors import DataError, NotANumber, needs_extra
+from holdfast.core.errors import NotANumber, needs_extra
 from holdfast.core.schema import json_of
-from holdfast.interop.logs.log import ForeignLog, Stream, columns_of
-from holdfast.interop.payload import TrialPayload, log_lines
+from holdfast.interop.payload import TrialPayload
+from holdfast.interop.streams import ForeignLog, streams_of
 
 with needs_extra("mcap"):
     from google.protobuf.json_format import MessageToDict
-    from mcap.reader import make_reader
+    from mcap.records import Channel, Message, Metadata, Schema
+    from mcap.stream_reader import StreamReader
     from mcap.writer import Writer
     from mcap_protobuf.decoder import DecoderFactory
 
-INFO, WARNING = 2, 3
-"""Levels of foxglove.Log."""
 TEXT, NUMBER = {"type": "string"}, {"type": "number"}
 NUMBER_OR_NULL = {"type": ["number", "null"]}
 FINGER = {
@@ -42,7 +41,6 @@ FINGER = {
         "valid": {"type": "boolean"},
     },
 }
-STAMP = {"type": "object", "properties": {"sec": NUMBER, "nsec": NUMBER}}
 TOPICS: dict[str, tuple[str, Json]] = {
     "/tactile/fingers": (
         "holdfast.Fingers",
@@ -51,10 +49,6 @@ TOPICS: dict[str, tuple[str, Json]] = {
     "/situation": (
         "holdfast.Situation",
         {"situation": TEXT, "by": TEXT, "t0_s": NUMBER, "t1_s": NUMBER},
-    ),
-    "/log": (
-        "foxglove.Log",
-        {"timestamp": STAMP, "level": NUMBER, "message": TEXT, "name": TEXT},
     ),
 }
 """Topic -> name of its schema, and the fields of a message."""
@@ -90,18 +84,8 @@ def _channel(writer: Writer, topic: str) -> int:
 
 
 def _messages(trial: TrialPayload) -> Iterable[tuple[str, int, Json]]:
-    """(topic, ns since 1970, message): the log, situations, then sample by sample."""
+    """(topic, ns since 1970, message): situations, then sample by sample."""
     stamps = trial.t_ns.tolist()
-    for line in log_lines(trial):
-        seconds, nanos = divmod(line.t_ns, 1_000_000_000)
-        message = {
-            "timestamp": {"sec": seconds, "nsec": nanos},
-            "level": WARNING if line.is_loss else INFO,
-            "message": line.text,
-            "name": "holdfast",
-        }
-        yield "/log", line.t_ns, message
-
     for first, stop, name in trial.phases():
         situation = {
             "situation": name,
@@ -136,70 +120,74 @@ PICTURES = ("SceneUpdate", "Image", "Video", "PointCloud", "Grid", "LaserScan")
 Decode = Callable[[bytes], Any]
 
 
+@dataclass
+class _Read:
+    """What was read of a file: channels and schemas by number, messages and stamps by topic."""
+
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    decoders: dict[int, Decode | None] = field(default_factory=dict)
+    messages: dict[str, list[Any]] = field(default_factory=dict)
+    stamps: dict[str, list[int]] = field(default_factory=dict)
+    about: Json = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def take(self, record: Any) -> None:
+        """One record, in the order of the file."""
+        if isinstance(record, Schema):
+            self.schemas[record.id] = record
+        elif isinstance(record, Channel):
+            self.channels[record.id] = record
+            schema = self.schemas.get(record.schema_id)
+            self.decoders[record.id] = _decoder(record.message_encoding, schema)
+        elif isinstance(record, Message):
+            decode = self.decoders[record.channel_id]
+            if decode is not None:
+                topic = self.channels[record.channel_id].topic
+                self.messages.setdefault(topic, []).append(decode(record.data))
+                self.stamps.setdefault(topic, []).append(record.log_time)
+        elif isinstance(record, Metadata) and record.name == "holdfast":
+            self.about = {key: json_of(text) for key, text in record.metadata.items()}
+
+
 def read_log(path: Path, name: str) -> ForeignLog:
-    """Any MCAP file as a log: a stream a topic, without pictures. Raises NotANumber."""
-    messages: dict[str, list[Any]] = {}
-    stamps: dict[str, list[int]] = {}
-    decoders: dict[int, Decode | None] = {}
-    about: Json = {}
-    kinds: set[str] = set()
+    """Any MCAP file as a log: a stream a topic, without pictures. Raises NotANumber.
+
+    A file that was cut off is read as far as it goes, and noted.
+    """
+    found = _Read()
     try:
         with path.open("rb") as file:
-            reader = make_reader(file, validate_crcs=True)
-            for schema, channel, message in reader.iter_messages():
-                if channel.id not in decoders:
-                    if channel.message_encoding == "cdr" and schema is not None:
-                        kinds.add(schema.name)
-                    decoders[channel.id] = _decoder(channel.message_encoding, schema)
-                decode = decoders[channel.id]
-                if decode is not None:
-                    messages.setdefault(channel.topic, []).append(decode(message.data))
-                    stamps.setdefault(channel.topic, []).append(message.log_time)
-            for metadata in reader.iter_metadata():
-                if metadata.name == "holdfast":
-                    about = {
-                        key: json_of(text) for key, text in metadata.metadata.items()
-                    }
+            for record in StreamReader(file, validate_crcs=True).records:
+                found.take(record)
     except Exception as error:  # mcap and protobuf raise whatever their parsing meets
-        raise NotANumber(
-            f"cannot be read as MCAP ({type(error).__name__}: {str(error)[:120]})",
-            where=path,
-            cause="an interrupted recording or copy, or another format",
-            next_step="mcap recover FILE writes what is left",
-        ) from None
+        if not found.messages:
+            raise NotANumber(
+                f"cannot be read as MCAP ({type(error).__name__}: {str(error)[:120]})",
+                where=path,
+                cause="an interrupted recording or copy, or another format",
+                next_step="mcap recover FILE writes what is left",
+            ) from None
+        found.notes = ("cut off: read as far as it goes",)
+    if any(schema.encoding == "ros2msg" for schema in found.schemas.values()):
+        from holdfast.interop.ros2 import read_log as read_bag
 
-    streams = []
-    for topic, rows in messages.items():
-        try:
-            columns = columns_of(rows, topic)
-        except DataError:
-            continue  # too many fields for readings of sensors
-        t_ns = np.array(stamps[topic], dtype=np.uint64).astype(np.int64)
-        streams.append(Stream(columns, t_ns))
-    if kinds:
-        from holdfast.interop.ros2 import unit_of_messages
-
-        about |= unit_of_messages(kinds)
-    return ForeignLog(path, name, tuple(streams), about)
+        return read_bag(path, name)
+    streams = streams_of(found.messages, found.stamps, found.notes)
+    return ForeignLog(path, name, streams, found.about)
 
 
-def _decoder(encoding: str, schema: Any) -> Decode | None:
+def _decoder(encoding: str, schema: Schema | None) -> Decode | None:
     """What makes a message dictionaries; None for a picture, or an encoding that is not known."""
     if schema is not None and any(word in schema.name for word in PICTURES):
         return None
     if encoding == "json":
         return json_of
-    if encoding == "protobuf" and schema is not None:
-        decode = DecoderFactory().decoder_for(encoding, schema)
-        if decode is None:
-            return None
+    decode = DecoderFactory().decoder_for(encoding, schema)
+    if decode is not None:
         return lambda data: MessageToDict(
             decode(data),
             preserving_proto_field_name=True,
             always_print_fields_with_no_presence=True,
         )
-    if encoding == "cdr" and schema is not None and schema.encoding == "ros2msg":
-        from holdfast.interop.ros2 import cdr_reader
-
-        return cdr_reader(schema.name, schema.data.decode())
     return None

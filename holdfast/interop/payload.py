@@ -1,7 +1,6 @@
 """A trial as every other format gets it: times, values, validity, labels, and its metadata.
 
-Lost samples stay rows, invalid and without a value. Nothing is resampled or filled. `log_lines` are
-the events of a trial by time: labels that change, marks, fingers lost and back.
+Lost samples stay rows, invalid and without a value. Nothing is resampled or filled.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from holdfast.core.contract import (
 )
 from holdfast.core.errors import DataNotFound
 from holdfast.core.trial_file import read_trial
-from holdfast.core.trial_layout import EVENTS, META, TACTILE, read_events, read_json
+from holdfast.core.trial_layout import META, TACTILE, read_json
 from holdfast.training.datasets import LAYOUTS, find, layout_of, reader_of
 from holdfast.training.datasets.thesis import preparation
 from holdfast.training.datasets.trials import TrialReader
@@ -39,15 +38,6 @@ NO_LABEL = -1
 """The number of a row without a label, in formats that store numbers."""
 START_KEY = "started_utc"
 """In a recorder's meta.json: the start of the trial, to the second."""
-
-
-@dataclass(frozen=True)
-class Mark:
-    """A moment of a trial and its name, such as `load_onset`; t_s from the first sample."""
-
-    t_s: float
-    text: str
-    provenance: str
 
 
 @dataclass(frozen=True)
@@ -65,7 +55,6 @@ class TrialPayload:
     t_s: FloatArray
     values: FloatArray
     label: npt.NDArray[np.int8]
-    marks: tuple[Mark, ...]
     start_ns: int
     about: Json
 
@@ -171,12 +160,10 @@ def _payload(path: Path, timed: TimedTrial, raw: bool) -> TrialPayload:
     for phase in recording.phases:
         label[phase.first : phase.stop] = phase.situation
 
-    # Only the recorder's folders have a start and marks.
+    # Only the recorder's folders have a start.
     meta: Json = {}
-    marks: tuple[Mark, ...] = ()
     if path.name == TACTILE:
         meta = read_json(path.with_name(META))
-        marks = _marks(path.with_name(EVENTS))
 
     # Sign and bias travel with the values, so that either form can be had from the other.
     sign, bias = preparation(recording.unit).learn(trial.raw)
@@ -200,7 +187,6 @@ def _payload(path: Path, timed: TimedTrial, raw: bool) -> TrialPayload:
         t_s=trial.t_s,
         values=trial.raw if raw else recording.samples,
         label=label,
-        marks=marks,
         start_ns=_start_ns(meta),
         about=about,
     )
@@ -214,48 +200,3 @@ def _start_ns(meta: Json) -> int:
         return 0
     # timegm, not mktime: the time is UTC.
     return timegm(start) * 1_000_000_000
-
-
-def _marks(path: Path) -> tuple[Mark, ...]:
-    """The marks of a recorder's events.jsonl."""
-    marks = []
-    for event in read_events(path):
-        t_s = event.get("t_s")
-        if "mark" in event and isinstance(t_s, int | float):
-            provenance = str(event.get("provenance"))
-            marks.append(Mark(float(t_s), str(event["mark"]), provenance))
-    return tuple(marks)
-
-
-@dataclass(frozen=True)
-class LogLine:
-    """One line of a log. is_loss: a finger is not valid from here on."""
-
-    t_ns: int
-    text: str
-    is_loss: bool = False
-
-
-def log_lines(trial: TrialPayload) -> list[LogLine]:
-    """All events of a trial, by time."""
-    stamps = trial.t_ns.tolist()
-    lines = []
-    for first, _, name in trial.phases():
-        text = f"label: {name} ({trial.about['labels_by']})"
-        lines.append(LogLine(stamps[first], text))
-
-    for mark in trial.marks:
-        t_ns = trial.start_ns + round(1e9 * mark.t_s)
-        lines.append(LogLine(t_ns, f"mark: {mark.text} ({mark.provenance})"))
-
-    # Before the first row every finger counts as valid, so one lost from the start is logged too.
-    unchanged = np.ones((1, trial.n_sensors), dtype=np.bool_)
-    changed = np.diff(trial.valid, axis=0, prepend=unchanged)
-    for row, sensor in np.argwhere(changed).tolist():
-        is_loss = not trial.valid[row, sensor]
-        change = "lost" if is_loss else "back"
-        text = f"finger {sensor + 1} is {change}"
-        lines.append(LogLine(stamps[row], text, is_loss))
-
-    # The sort is stable: at one time the label comes before marks and fingers.
-    return sorted(lines, key=lambda line: line.t_ns)

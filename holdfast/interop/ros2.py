@@ -5,20 +5,21 @@ This module alone imports rosbags.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
+from dataclasses import fields as fields_of
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from holdfast.core.contract import Json
-from holdfast.core.errors import ColumnError, NotANumber, needs_extra
-from holdfast.core.schema import json_of
-from holdfast.interop.logs.log import ForeignLog, Stream, columns_of
+from holdfast.core.errors import NotANumber, needs_extra
+from holdfast.interop.streams import ForeignLog, streams_of
 
 with needs_extra("ros2"):
     from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+    from rosbags.typesys import Stores, get_typestore
 
 NS = 1_000_000_000
 """Nanoseconds in a second."""
@@ -28,13 +29,12 @@ UNIT_OF_MESSAGE = {
     "sensor_msgs/msg/MagneticField": "T",
 }
 """What the standard messages of a finger are in (REP 103)."""
-ABOUT = "/holdfast/about"
 MOST_LIST = 256
 """Numbers of a list that become columns; an image or a point cloud has more, and is left out."""
 
 
 def read_log(folder: Path, name: str) -> ForeignLog:
-    """A bag of ROS 2 as a log: a stream a topic. Raises NotANumber."""
+    """A bag of ROS 2, or its MCAP file, as a log: a stream a topic. Raises NotANumber."""
     messages: dict[str, list[Any]] = {}
     stamps: dict[str, list[int]] = {}
     kinds = {}
@@ -55,9 +55,8 @@ def read_log(folder: Path, name: str) -> ForeignLog:
             next_step="ros2 bag reindex, or ros2 bag convert to MCAP with its types",
         ) from None
 
-    about = _about(messages.pop(ABOUT, []))
-    about |= unit_of_messages(kinds.values())
-    return ForeignLog(folder, name, streams_of(messages, stamps, folder), about)
+    about = unit_of_messages(kinds.values())
+    return ForeignLog(folder, name, streams_of(messages, stamps), about)
 
 
 def unit_of_messages(kinds: Iterable[str]) -> Json:
@@ -66,25 +65,10 @@ def unit_of_messages(kinds: Iterable[str]) -> Json:
     return {"unit": units.pop()} if len(units) == 1 else {}
 
 
-def streams_of(
-    messages: dict[str, list[Any]], stamps: dict[str, list[int]], path: Path
-) -> tuple[Stream, ...]:
-    """A stream for each topic whose messages are small enough to be columns."""
-    streams = []
-    for topic, rows in messages.items():
-        try:
-            columns = columns_of(rows, topic)
-        except ColumnError:
-            continue  # an image, or the like
-        if columns:
-            streams.append(Stream(columns, np.array(stamps[topic], dtype=np.int64)))
-    return tuple(streams)
-
-
 def plain_message(message: Any) -> Any:
     """A message as dictionaries, lists, numbers and texts; a time as ns."""
-    if hasattr(message, "__msgtype__") or hasattr(message, "__dataclass_fields__"):
-        fields = [key for key in message.__dataclass_fields__ if key != "__msgtype__"]
+    if is_dataclass(message):
+        fields = [one.name for one in fields_of(message) if one.name != "__msgtype__"]
         value = {key: plain_message(getattr(message, key)) for key in fields}
         if value.keys() == {"sec", "nanosec"}:
             return value["sec"] * NS + value["nanosec"]
@@ -96,31 +80,3 @@ def plain_message(message: Any) -> Any:
     if isinstance(message, bytes):
         return None
     return message
-
-
-def cdr_reader(name: str, definition: str) -> Callable[[bytes], Any]:
-    """Reads messages of a type whose definition a file holds, such as an MCAP file of ROS 2.
-
-    Raises NotANumber.
-    """
-    try:
-        store = get_typestore(Stores.ROS2_HUMBLE)
-        kind = name if "/msg/" in name else name.replace("/", "/msg/", 1)
-        for other, types in get_types_from_msg(definition, kind).items():
-            if other not in store.types:
-                store.register({other: types})
-    except Exception as error:  # the parser of definitions raises errors of its own
-        raise NotANumber(
-            f"the type {name:.60} cannot be read ({type(error).__name__})",
-            next_step="record the bag with the definitions of its types",
-        ) from None
-    return lambda data: plain_message(store.deserialize_cdr(data, kind))
-
-
-def _about(messages: list[Any]) -> Json:
-    """What `holdfast convert` says of the trial, as it wrote it."""
-    try:
-        about = json_of(messages[0]["data"]) if messages else {}
-    except (KeyError, TypeError, ValueError):
-        return {}
-    return about if isinstance(about, dict) else {}

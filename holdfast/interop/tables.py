@@ -1,169 +1,270 @@
-"""Parquet tables by pyarrow, which only this module imports; and trials as such tables.
-
-A trial is `<name>.parquet`, one row a sample: `Time` (s from the first sample), `X1` .. `Zn`,
-`valid1` .. `validn`, `label` and, the same in all rows, `trial`, `person`, `object`, `action`. A
-lost value and a missing label are null. Units stand in the metadata of the columns, and what else
-is known of the trial in that of the table, under `holdfast`, as JSON. `read_log` reads any table.
-"""
+"""Text tables by pandas: any separator, decimal sign, encoding, comments, names anywhere on top."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Mapping
+import codecs
+import io
+import re
+import warnings
+from collections import Counter
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from holdfast.core.contract import Json, channel_names
-from holdfast.core.errors import NotANumber, needs_extra
-from holdfast.core.schema import json_of
-from holdfast.core.trial_file import TIME_COLUMN
-from holdfast.interop.logs.log import Columns, ForeignLog, Stream
-from holdfast.interop.payload import NO_LABEL, TrialPayload
+from holdfast.core.errors import (
+    DataError,
+    EmptyRecording,
+    NotANumber,
+    needs_extra,
+)
+from holdfast.interop.layout import (
+    MISSING,
+    SPACES,
+    STAMP,
+    TableLayout,
+    is_number,
+    layout_of,
+)
+from holdfast.interop.streams import Column, Columns, Stream, is_text, text_column
 
-with needs_extra("parquet"):
-    import pyarrow as pa
-    import pyarrow.parquet as pq
+with needs_extra("train"):
+    import pandas as pd
 
-KEY = "holdfast"
-"""Of the table's metadata, where what is known of the trial stands as JSON."""
-
-
-def write_trials(trials: Iterable[TrialPayload], folder: Path) -> None:
-    """One file for each trial below a folder."""
-    for trial in trials:
-        write_table(folder / f"{trial.name}.parquet", table_of(trial))
-
-
-def table_of(trial: TrialPayload) -> Any:
-    """A trial as a pyarrow.Table."""
-    fields: list[Any] = []
-    arrays: list[Any] = []
-
-    def add(name: str, array: Any, note: dict[str, str] | None = None) -> None:
-        fields.append(pa.field(name, array.type, metadata=note))
-        arrays.append(array)
-
-    add(TIME_COLUMN, pa.array(trial.t_s), {"unit": "s"})
-    for channel, name in enumerate(channel_names(trial.n_sensors)):
-        values = trial.values[:, channel]
-        # Null says "no value" in every reader; nan is a float like any other.
-        array = pa.array(values, mask=~np.isfinite(values))
-        add(name, array, {"unit": trial.unit})
-    for sensor in range(trial.n_sensors):
-        add(f"valid{sensor + 1}", pa.array(trial.valid[:, sensor]))
-
-    names = np.array(trial.situations(), dtype=object)
-    labels = pa.array(names, pa.string(), mask=trial.label == NO_LABEL)
-    labels_by = {"by": str(trial.about["labels_by"])}
-    # Texts that repeat in every row are stored once, by a dictionary.
-    add("label", labels.dictionary_encode(), labels_by)
-    for key in ("trial", "person", "object", "action"):
-        text = pa.scalar(trial.about[key], pa.string())
-        column = pa.repeat(text, len(trial.t_s))
-        add(key, column.dictionary_encode())
-
-    schema = pa.schema(fields, metadata={KEY: json.dumps(trial.about)})
-    return pa.table(arrays, schema=schema)
+HEAD_BYTES, HEAD_LINES = 256 << 10, 240
+"""Of the beginning, from which the layout is found."""
+FEWEST_ROWS = 3
+CHUNK_ROWS = 100_000
+UTF8, WESTERN = "utf-8-sig", "cp1252"
+DAY_NS, SECOND_NS = 86_400 * 10**9, 10**9
+NO_STAMP = np.iinfo(np.int64).min
+"""What pandas has for a time that is missing."""
 
 
-def write_rows(path: Path, rows: list[Json]) -> None:
-    """A table of objects with the same keys."""
-    write_table(path, pa.Table.from_pylist(rows))
-
-
-def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
-    """A table of columns; an array [T, k] becomes a column of lists of k."""
-    arrays = {name: _column(values) for name, values in columns.items()}
-    write_table(path, pa.table(arrays))
-
-
-def write_frame(path: Path, frame: Any) -> None:
-    """A pandas data frame with its index."""
-    write_table(path, pa.Table.from_pandas(frame))
-
-
-def _column(values: Any) -> Any:
-    """A pyarrow array of an array [T], or of lists of k from an array [T, k]."""
-    array = np.asarray(values)
-    if array.ndim == 1:
-        return pa.array(array)
-
-    # A list of fixed length stores no offsets, and readers see its length in the type.
-    cells = pa.array(array.reshape(-1))
-    return pa.FixedSizeListArray.from_arrays(cells, array.shape[1])
-
-
-def write_table(path: Path, table: Any) -> None:
-    """Write a pyarrow.Table, compressed with zstd."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    pq.write_table(table, path, compression="zstd")
-
-
-def read_log(path: Path, name: str) -> ForeignLog:
-    """Any Parquet file as a log of one table. Raises NotANumber."""
-    columns, about = read_columns(path)
-    return ForeignLog(path, name, (Stream(columns),), about)
-
-
-def read_columns(path: Path) -> tuple[Columns, Json]:
-    """(columns, what `holdfast convert` says of the trial) of a Parquet file.
-
-    A column of lists of one length, or of structs, becomes `name.0`, `name.1`, .. or `name.field`;
-    a null is nan or "". Raises NotANumber for a file that is none.
-    """
+def read_text_table(path: Path, most_rows: int | None = None) -> Stream:
+    """A table, or its first rows. Raises a DataError that names the file."""
     try:
-        # the path itself may look like a set in pieces (a=1/), which only a folder is
-        table = pq.ParquetFile(path).read()
-        metadata = table.schema.metadata or {}
-        about = json_of(metadata.get(KEY.encode(), b"{}"))
-        columns: Columns = {}
-        while any(pa.types.is_struct(field.type) for field in table.schema):
-            table = table.flatten()
-        for name, column in zip(table.column_names, table.columns, strict=True):
-            columns.update(_cells(name, column.combine_chunks()))
-    except Exception as error:  # pyarrow raises whatever its parsing meets
-        raise NotANumber(
-            f"cannot be read as Parquet ({type(error).__name__})",
-            where=path,
-            cause="another format, or an interrupted copy",
-            next_step="open it with another reader to see what is left",
+        with path.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+        encoding = encoding_of(head)
+        layout = layout_of(_lines(head, encoding))
+        return _read(path, layout, encoding, most_rows)
+    except DataError as error:
+        raise type(error)(
+            error.what,
+            where=error.where or path,
+            cause=error.cause,
+            next_step=error.next_step,
         ) from None
-    return columns, about if isinstance(about, dict) else {}
+    except (OSError, UnicodeError) as error:
+        raise NotANumber(
+            f"cannot be read as text ({type(error).__name__})",
+            where=path,
+            cause="a binary file, or another encoding",
+            next_step="save it as CSV in UTF-8",
+        ) from None
 
 
-def _cells(name: str, array: Any) -> Columns:
-    """A column of numbers, of texts, or the columns of a list of one length; none of others."""
-    kind = array.type
-    if pa.types.is_dictionary(kind):
-        array = array.dictionary_decode()
-        kind = array.type
-    if pa.types.is_timestamp(kind):
-        array = array.cast(pa.timestamp("ns")).cast(pa.int64())
-        kind = array.type
-    if pa.types.is_fixed_size_list(kind) or pa.types.is_list(kind):
-        return _of_lists(name, array)
-    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
-        texts = [text or "" for text in array.to_pylist()]
-        return {name: np.array(texts, dtype=object)}
-    if pa.types.is_integer(kind) and not array.null_count:
-        return {name: array.to_numpy().astype(np.int64)}
-    if pa.types.is_integer(kind) or pa.types.is_floating(kind):
-        return {name: array.cast(pa.float64()).to_numpy(zero_copy_only=False)}
-    if pa.types.is_boolean(kind):
-        return {name: array.cast(pa.int8()).cast(pa.float64()).to_numpy(False)}
-    return {}
+def is_table(path: Path) -> bool:
+    """Whether a file is a table of numbers, and no prose."""
+    try:
+        columns = list(read_text_table(path).columns.values())
+    except DataError:
+        return False
+    n_numbers = sum(not is_text(column) for column in columns)
+    return len(columns[0]) >= FEWEST_ROWS and 2 * n_numbers >= len(columns)
 
 
-def _of_lists(name: str, array: Any) -> Columns:
-    """`name.0`, `name.1`, .. of lists that all have the same length."""
-    lengths = set(array.value_lengths().to_pylist()) if len(array) else set()
-    if len(lengths) != 1 or lengths == {None}:
-        return {}
-    (wide,) = lengths
-    columns: Columns = {}
-    for inner in _cells(name, array.flatten()).values():
-        rows = inner.reshape(-1, wide)
-        columns = {f"{name}.{k}": rows[:, k] for k in range(wide)}
+def encoding_of(head: bytes) -> str:
+    """By its mark, by the zeros of UTF-16, else UTF-8, else that of Western Europe."""
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    for name, first in (("utf-16-le", 1), ("utf-16-be", 0)):
+        zeros = head[first::2].count(0)
+        if zeros > len(head) // 4 and not head[1 - first :: 2].count(0):
+            return name
+    try:
+        # the last character may be cut
+        codecs.getincrementaldecoder(UTF8)().decode(head)
+    except UnicodeDecodeError:
+        return WESTERN
+    return UTF8
+
+
+def _lines(head: bytes, encoding: str) -> list[str]:
+    """The first lines, without the last one, which may be cut."""
+    text = codecs.getincrementaldecoder(encoding)(errors="replace").decode(head)
+    if "\0" in text:
+        raise NotANumber("a binary file", next_step="give a text table")
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    if len(head) == HEAD_BYTES:
+        lines = lines[:-1]
+    return lines[:HEAD_LINES]
+
+
+def _read(
+    path: Path, layout: TableLayout, encoding: str, most_rows: int | None
+) -> Stream:
+    """All columns. Raises ColumnError or EmptyRecording."""
+    notes: list[str] = []
+    source: Path | io.StringIO = path
+    skipped = layout.first_row
+    if layout.form.is_odd or layout.comment == "//":
+        source, skipped = _plain(path, layout, encoding, notes), 0
+    try:
+        table = _parsed(source, layout, encoding, skipped, most_rows)
+    except UnicodeDecodeError:
+        # bytes that are not UTF-8 may come late in the file
+        if encoding == WESTERN:
+            raise
+        return _read(path, layout, WESTERN, most_rows)
+    except (pd.errors.ParserError, pd.errors.ParserWarning):
+        # lines with more cells than the others
+        whole = _plain(path, layout, encoding, notes)
+        table = _parsed(whole, layout, encoding, 0, most_rows)
+    return cleaned(table, layout.form.decimal, notes, is_cut=_is_cut(path, layout))
+
+
+def _parsed(
+    source: Path | io.StringIO,
+    layout: TableLayout,
+    encoding: str,
+    skipped: int,
+    most_rows: int | None,
+) -> Columns:
+    parts: dict[str, list[Column]] = {name: [] for name in layout.names}
+    with warnings.catch_warnings():
+        # rows of more cells than names: pandas warns, and would drop them
+        warnings.simplefilter("error", pd.errors.ParserWarning)
+        # in chunks: a long file read at once takes three times the memory of its table
+        chunks = pd.read_csv(
+            source,
+            sep=layout.form.separator,
+            decimal=layout.form.decimal,
+            header=None,
+            names=list(layout.names),
+            index_col=False,
+            skiprows=skipped,
+            nrows=most_rows,
+            chunksize=CHUNK_ROWS,
+            comment=layout.comment if len(layout.comment) == 1 else None,
+            encoding=encoding,
+            skipinitialspace=True,
+            keep_default_na=False,
+            na_values={name: list(MISSING) for name in layout.numeric},
+        )
+        for chunk in chunks:
+            for name, column in parts.items():
+                column.append(chunk[name].to_numpy(copy=True))
+    columns = {}
+    for name in layout.names:
+        columns[name] = np.concatenate(parts.pop(name))
     return columns
+
+
+def _plain(
+    path: Path, layout: TableLayout, encoding: str, notes: list[str]
+) -> io.StringIO:
+    """The lines of data with plain cells; those of another number of cells are left out."""
+    text = path.read_text(encoding, errors="replace")
+    mark = " " if layout.form.separator == SPACES else layout.form.separator
+    kept: list[str] = []
+    n_torn = 0
+    for line in text.splitlines()[layout.first_row :]:
+        is_comment = bool(layout.comment) and line.startswith(layout.comment)
+        cells = layout.form.cells(line)
+        is_whole = len(cells) == len(layout.names)
+        if is_whole and not is_comment:
+            kept.append(mark.join(f'"{cell}"' for cell in cells))
+        elif line.strip() and not is_comment:
+            n_torn += 1
+    if n_torn:
+        notes.append(f"{n_torn} lines of another number of cells left out")
+    return io.StringIO("\n".join(kept))
+
+
+def _is_cut(path: Path, layout: TableLayout) -> bool:
+    """Whether the last line ends before its last cell: a number there may be cut too."""
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - (64 << 10)))
+        tail = file.read()
+    if tail.endswith((b"\n", b"\r", b"\n\0")):
+        return False
+    last = re.split(rb"[\r\n]", tail)[-1].decode("latin-1")
+    return len(layout.form.cells(last)) < len(layout.names)
+
+
+def cleaned(
+    table: Columns, decimal: str, notes: list[str], *, is_cut: bool = False
+) -> Stream:
+    """The columns as numbers or texts; rows without a number are left out, and noted.
+
+    Raises EmptyRecording.
+    """
+    columns: Columns = {}
+    for name in list(table):
+        column = _typed(table.pop(name), decimal, name, notes)
+        is_empty = not any(column) if is_text(column) else np.isnan(column).all()
+        # behind a separator at the end of every line
+        if not (name.startswith("column") and is_empty):
+            columns[name] = column
+    there = np.zeros(len(column), dtype=np.bool_)
+    for column in columns.values():
+        if not is_text(column):
+            there |= np.isfinite(column)
+    if is_cut:
+        there[-1:] = False
+    n_lost = int(np.count_nonzero(~there))
+    if not there.any():
+        raise EmptyRecording("no row of data", next_step="record it again")
+    if n_lost:
+        columns = {name: column[there] for name, column in columns.items()}
+        notes.append(f"{n_lost} lines without a number, or cut off, left out")
+    return Stream(columns, notes=tuple(notes))
+
+
+def _typed(column: Column, decimal: str, name: str, notes: list[str]) -> Column:
+    """A column as numbers, as ns of its dates or times of day, or as texts."""
+    if column.dtype.kind in "iufb":
+        return column.astype(np.float64) if column.dtype.kind in "ub" else column
+    there = pd.notna(column)
+    cells = text_column(np.where(there, column, "").tolist())
+    filled = cells[cells != ""]
+    if len(filled) and STAMP.fullmatch(filled[0]):
+        return stamps_of(cells)
+    words = [cell for cell in filled.tolist() if not is_number(cell, decimal)]
+    numbers = len(filled) - len(words)
+    if not len(filled) or numbers < max(1, len(filled) // 2):
+        return cells
+    texts = pd.Series(cells)
+    if decimal == ",":
+        texts = texts.str.replace(",", ".", regex=False)
+    for word, count in Counter(words).most_common(3):
+        notes.append(f"{name}: {count} cells {word!r:.20} are missing samples")
+    found: Column = pd.to_numeric(texts, errors="coerce").to_numpy(np.float64)
+    return np.where(np.isfinite(found), found, np.nan)
+
+
+def stamps_of(cells: Column) -> Column:
+    """[T] dates, or times of day over midnight, as ns; nan where a cell is none."""
+    first = next(cell for cell in cells if cell)
+    if not re.match(r"\d+[./-]\d+[./-]\d+", first):
+        return _times_of_day(cells)
+    form = "ISO8601" if re.match(r"\d{4}-", first) else "mixed"
+    texts = pd.Series(cells).str.replace(",", ".", regex=False)
+    dates = pd.to_datetime(
+        texts, format=form, dayfirst=form == "mixed", utc=True, errors="coerce"
+    )
+    ns: Column = dates.to_numpy(dtype="datetime64[ns]").astype(np.int64)
+    return np.where(ns == NO_STAMP, np.nan, ns) if (ns == NO_STAMP).any() else ns
+
+
+def _times_of_day(cells: Column) -> Column:
+    parts = pd.Series(cells).str.extract(r"(?:(\d+):)?(\d+):(\d\d)(?:[.,:](\d+))?")
+    hours, minutes, seconds = (pd.to_numeric(parts[k]).fillna(0.0) for k in range(3))
+    fraction_ns = pd.to_numeric(parts[3].fillna("0").str.ljust(9, "0").str[:9])
+    whole_s = (hours * 60.0 + minutes) * 60.0 + seconds
+    ns: Column = np.array(whole_s * SECOND_NS + fraction_ns, dtype=np.float64)
+    ns[parts[2].isna().to_numpy()] = np.nan
+    # a step of nearly a day back is midnight
+    steps = np.nan_to_num(np.diff(ns, prepend=ns[:1]))
+    return ns + DAY_NS * np.cumsum(steps < -DAY_NS / 2)

@@ -392,7 +392,7 @@ def _column_map(options: LinesOptions) -> ColumnMap | None:
     except FileNotFoundError:
         raise CardError("no such column map", where=options.map) from None
     # looked at here: a map that contradicts its hand card is refused before anything opens
-    column_map.hand_card()
+    column_map.hand_card(Path(options.map).parent)
     return column_map
 
 

@@ -11,9 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from holdfast.core.column_map import column_map_of
+from holdfast.core.column_map import ColumnMap
 from holdfast.core.errors import ColumnError
 from holdfast.core.hand_lines import NOT_RISING, NOT_UNDERSTOOD, LineRefused
+from holdfast.core.schema import checked, toml_of
 from holdfast.drivers.sample_lines import (
     SampleLine,
     SampleReader,
@@ -89,7 +90,7 @@ def test_a_header_that_comes_again_may_have_another_order() -> None:
 
 
 def test_a_column_map_names_turns_and_scales() -> None:
-    reader = SampleReader(column_map_of(MAP))
+    reader = SampleReader(checked(toml_of(MAP), ColumnMap, "map.toml"))
     sample = taken(reader, b'{"imu":{"ms":1500},"f":[100,200,-300]}')
     np.testing.assert_allclose(sample.values, [0.1, -0.2, -0.3])
     assert sample.stamp_ns == 1500 * MS

@@ -35,6 +35,7 @@ def test_each_unit_has_its_factor_to_one_of_ours() -> None:
         "gf": ("N", pytest.approx(0.00980665)),
         "uT": ("uT", 1.0),
         "mT": ("uT", 1000.0),
+        "G": ("uT", 100.0),
         "T": ("uT", 1e6),
         "count": ("count", 1.0),
     } == UNIT_OF

@@ -137,9 +137,7 @@ def test_the_mcap_package_reads_values_labels_and_losses(converted, recorded):
         about = {record.name: record.metadata for record in reader.iter_metadata()}[
             "holdfast"
         ]
-    values, situations, logged = (
-        read[topic] for topic in ("/tactile/fingers", "/situation", "/log")
-    )
+    values, situations = (read[topic] for topic in ("/tactile/fingers", "/situation"))
     numbers = [
         [one[axis] for one in row["fingers"] for axis in "xyz"] for row in values
     ]
@@ -157,10 +155,6 @@ def test_the_mcap_package_reads_values_labels_and_losses(converted, recorded):
     ]
     assert {row["unit"] for row in values} == {"N"}
     assert json.loads(about["object"]) == "soft-ball"
-    log = [one["message"] for one in logged]
-    assert "mark: load_onset (key)" in log
-    assert [log.count(f"finger {k} is lost") for k in (1, 2, 3)] == [1, 2, 2]
-    assert [log.count(f"finger {k} is back") for k in (1, 2, 3)] == [1, 2, 2]
 
 
 def test_lerobot_s_layout_holds_every_frame_and_nothing_filled(converted, recorded):

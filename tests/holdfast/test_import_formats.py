@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from bag_writer import StoragePlugin, Stores, Writer, get_typestore
 from command_line import Run
-from foreign_logs import Made, axes, made, write_sheet
+from foreign_logs import Made, axes, made, write_sheet, write_text
 from own_data import write_people_folders
-from xdf_file import markers, samples, stream_header, xdf_bytes
+from xdf_file import clock_offsets, markers, samples, stream_header, xdf_bytes
 
 from holdfast.core.trial_file import read_trial
 from holdfast.interop.mcap_file import Writer as McapWriter
-from holdfast.interop.tables import pa, pq
+from holdfast.interop.parquet import pa, pq
 from holdfast.training.datasets import load
 
 ONLY = "p0?/soft-ball/*"
@@ -78,7 +78,8 @@ def mcap_of_json(path: Path, one: Made) -> None:
         writer.finish()
 
 
-def bag_of_wrenches(path: Path, one: Made) -> None:
+def bag_of_wrenches(path: Path, one: Made, first: int = 0) -> None:
+    """first: row in which the last sensor begins."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     make = store.types
     zero = make["geometry_msgs/msg/Vector3"](x=0.0, y=0.0, z=0.0)
@@ -88,7 +89,7 @@ def bag_of_wrenches(path: Path, one: Made) -> None:
             topic = writer.add_connection(f"/ft{s}", kind, typestore=store)
             for k, row in enumerate(one.values[:, 3 * s : 3 * s + 3].tolist()):
                 # a message of the third sensor is lost
-                if s == 2 and k == 40:
+                if (s == 2 and k == 40 and not first) or (s == 4 and k < first):
                     continue
                 stamp = make["builtin_interfaces/msg/Time"](
                     sec=k // 100, nanosec=k % 100 * 10_000_000
@@ -185,7 +186,8 @@ def test_a_plain_file_of_others_becomes_a_trial(
         wanted[40, 6:9] = np.nan
     np.testing.assert_allclose(trial.raw, wanted, atol=1e-6)
     np.testing.assert_allclose(trial.t_s, one.t_s, atol=1e-6)
-    if "events" in out:
+    assert ("labels" in out) == (form in ("mcap_of_json", "xdf_of_a_lab"))
+    if "labels" in out:
         truth = json.loads(place.with_suffix(".truth.json").read_text())["phases"]
         assert [(p["t0_s"], p["label"]) for p in truth] == [
             (0.0, "nothing"),
@@ -193,7 +195,117 @@ def test_a_plain_file_of_others_becomes_a_trial(
             (3.0, "risky_slip"),
             (3.5, "grasp"),
         ]
-    assert ("events" in out) == (form in ("mcap_of_json", "xdf_of_a_lab"))
+
+
+# -- corners
+
+
+def xdf_stream(one: Made, *more: bytes, parts: int = 1) -> bytes:
+    """The pads as a stream; parts: it is written so many times, as by a sender that began anew."""
+    named = "".join(f"<channel><label>{name}</label></channel>" for name in axes(5))
+    chunks = []
+    for k in range(parts):
+        rows = slice(k * 250, (k + 1) * 250) if parts == 2 else slice(None)
+        chunks.append(stream_header(k + 1, "Pads", "double64", 15, 100.0, named))
+        chunks.append(samples(k + 1, 7.0 + one.t_s[rows], one.values[rows]))
+    return xdf_bytes([*chunks, *more])
+
+
+def xdf_without_clock_offsets(path: Path, one: Made) -> np.ndarray:
+    path.with_suffix(".xdf").write_bytes(xdf_stream(one))
+    return one.values
+
+
+def xdf_of_a_sender_that_began_anew(path: Path, one: Made) -> np.ndarray:
+    path.with_suffix(".xdf").write_bytes(xdf_stream(one, parts=2))
+    return one.values
+
+
+def xdf_of_a_stream_twice(path: Path, one: Made) -> np.ndarray:
+    path.with_suffix(".xdf").write_bytes(xdf_stream(one, parts=3))
+    return one.values
+
+
+def xdf_with_a_clock_reset(path: Path, one: Made) -> np.ndarray:
+    """The sender's clock is set back by 100 s in the middle, and the recorder measures that."""
+    t_s = 7.0 + one.t_s - np.where(one.t_s >= 2.5, 100.0, 0.0)
+    named = "".join(f"<channel><label>{name}</label></channel>" for name in axes(5))
+    chunks = [stream_header(1, "Pads", "double64", 15, 100.0, named)]
+    before, after = one.t_s < 2.5, one.t_s >= 2.5
+    chunks += [
+        samples(1, t_s[before], one.values[before]),
+        clock_offsets(1, [7.0, 8.0, 9.4], 0.0),
+    ]
+    chunks += [samples(1, t_s[after], one.values[after])]
+    chunks.append(clock_offsets(1, [-90.4, -89.0, -88.1], 100.0))
+    path.with_suffix(".xdf").write_bytes(xdf_bytes(chunks))
+    return one.values
+
+
+def bag_whose_topics_begin_late(path: Path, one: Made) -> np.ndarray:
+    bag_of_wrenches(path, one, first=30)
+    return one.values[30:]
+
+
+def mcap_that_was_cut_off(path: Path, one: Made) -> np.ndarray:
+    mcap_of_json(path, one)
+    whole = path.with_suffix(".mcap")
+    whole.write_bytes(whole.read_bytes()[:-2000])
+    return one.values
+
+
+def lerobot_without_names(path: Path, one: Made) -> np.ndarray:
+    lerobot_of_a_robot(path, one)
+    feature = {"observation.tactile": {"dtype": "float32", "names": None}}
+    (path / "meta/info.json").write_text(json.dumps({"features": feature}))
+    return one.values
+
+
+def the_same_log_in_two_formats(path: Path, one: Made) -> np.ndarray:
+    sheet_of_a_lab(path, one)
+    rows = np.column_stack([one.t_s, one.values])
+    write_text(path.with_suffix(".csv"), ["t_s", *axes(5)], rows)
+    return one.values
+
+
+CORNERS = {
+    write.__name__: write
+    for write in (
+        xdf_without_clock_offsets, xdf_of_a_sender_that_began_anew, xdf_of_a_stream_twice,
+        xdf_with_a_clock_reset, bag_whose_topics_begin_late, mcap_that_was_cut_off,
+        lerobot_without_names, the_same_log_in_two_formats,
+    )
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("corner", CORNERS)
+def test_a_corner_of_another_tool_is_one_whole_trial(
+    run: Run, tmp_path: Path, corner: str
+) -> None:
+    source = tmp_path / "logs"
+    source.mkdir()
+    left = CORNERS[corner](source / "p03_cup_slip", made(4))
+    code, out, err = run("import", source, "--out", tmp_path / "set", "--yes")
+    assert code == 0, out + err
+    assert "1 trial: 1 " in out
+    (place,) = (tmp_path / "set").rglob("trial_1.csv")
+    raw = read_trial(place).raw
+    rows = min(len(raw), len(left))
+    assert rows >= len(left) - 60
+    np.testing.assert_allclose(raw[:rows], left[:rows], atol=1e-6)
+
+
+def test_logs_of_two_formats_are_one_set(run: Run, tmp_path: Path) -> None:
+    source = tmp_path / "logs"
+    source.mkdir()
+    sheet_of_a_lab(source / "p01_cup_slip", made(1))
+    parquet_of_lists(source / "p02_cup_hold", made(2))
+    code, out, err = run(
+        "import", source, "--out", tmp_path / "set", "--yes", "--unit", "N"
+    )
+    assert code == 0, out + err
+    assert "2 trials: 1 slip, 1 hold" in out
+    assert (tmp_path / "set/p02/cup/hold/trial_1.csv").is_file()
 
 
 @pytest.mark.parametrize(

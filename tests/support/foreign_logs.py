@@ -21,6 +21,12 @@ class Made:
     held_s: tuple[float, float] = (1.0, 4.0)
     slips_s: tuple[float, float] = (3.0, 3.5)
 
+    def words(self, nothing: str, grasp: str, slip: str) -> list[str]:
+        """[T] a word for each row."""
+        is_held = (self.t_s >= self.held_s[0]) & (self.t_s < self.held_s[1])
+        slips = (self.t_s >= self.slips_s[0]) & (self.t_s < self.slips_s[1])
+        return np.where(slips, slip, np.where(is_held, grasp, nothing)).tolist()
+
 
 def made(seed: int, sensors: int = 5, lasts_s: float = 5.0) -> Made:
     """Noise, a grip of 3 N and a tone while it slips; the values have four decimals."""
@@ -46,22 +52,27 @@ def write_text(
     separator: str = ",",
     decimal: str = ".",
     head: str = "",
-    bom: bool = False,
     texts: Sequence[str] | None = None,
+    first: Sequence[str] | None = None,
+    encoding: str = "utf-8",
+    end: str = "\n",
 ) -> Path:
-    """A text table. texts: of a last column."""
+    """A text table. texts, first: cells [T] of a last and of a first column; names may be []."""
     lines = []
     for k, row in enumerate(rows.tolist()):
         cells = [f"{cell:.10g}".replace(".", decimal) for cell in row]
-        lines.append(separator.join(cells + ([texts[k]] if texts is not None else [])))
-    text = "\n".join([*head.splitlines(), separator.join(names), *lines]) + "\n"
+        before = [first[k]] if first is not None else []
+        after = [texts[k]] if texts is not None else []
+        lines.append(separator.join(before + cells + after))
+    top = [separator.join(names)] if names else []
+    text = end.join([*head.splitlines(), *top, *lines]) + end
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes((b"\xef\xbb\xbf" if bom else b"") + text.encode())
+    path.write_bytes(text.encode(encoding))
     return path
 
 
 def write_sheet(path: Path, rows: Sequence[Sequence[object]], sheet: str = "A") -> Path:
-    """A workbook of one sheet, behind an empty one."""
+    """A workbook of one sheet."""
     book = openpyxl.Workbook()
     book.active.title = sheet
     for row in rows:

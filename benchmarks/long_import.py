@@ -1,0 +1,58 @@
+"""How long `holdfast import` takes for a long log, over pandas' read_csv and to_csv of it.
+
+python -m benchmarks.long_import [ROWS]      2,000,000 rows of 18 channels, about 320 MB
+"""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+ROWS_A_TRIAL = 10_000
+PANDAS = "import pandas as pd; pd.read_csv({log!r}).to_csv({out!r}, index=False)"
+IMPORT = "from holdfast.cli.main import main; main({words!r})"
+
+
+def write_log(path: Path, rows: int) -> float:
+    """Trials one after the other, at 1 kHz; the size of their table in MB."""
+    t_s = np.arange(rows) / 1000.0
+    values = np.random.default_rng(0).normal(0.0, 0.02, (rows, 18))
+    values[:, 2::3] += 3.0 * (np.abs(t_s % 10.0 - 5.0) < 3.0)[:, None]
+    names = [f"s{k}_{axis}" for k in range(1, 7) for axis in "xyz"]
+    table = pd.DataFrame(values.round(5), columns=names)
+    table.insert(0, "time_s", t_s)
+    table["run"] = np.arange(rows) // ROWS_A_TRIAL
+    table.to_csv(path, index=False)
+    return float(table.memory_usage().sum()) / 1e6
+
+
+def measure(code: str) -> tuple[float, float]:
+    """(CPU seconds, MB at its peak) of a program; its progress goes to the terminal."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([sys.executable, "-c", code], check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    took_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return took_s, after.ru_maxrss / 1e3
+
+
+def main(rows: int) -> None:
+    """Write a log, and print what both took. The larger peak is that of the import."""
+    with tempfile.TemporaryDirectory() as folder:
+        log, out = f"{folder}/log.csv", f"{folder}/out"
+        table_mb = write_log(Path(log), rows)
+        words = ["import", log, "--out", out, "--yes", "--action", "slip"]
+        ours = measure(IMPORT.format(words=words))
+        theirs = measure(PANDAS.format(log=log, out=f"{folder}/o.csv"))
+    sys.stdout.write(f"import: {ours[0]:.0f} s, {ours[1]:.0f} MB\n")
+    sys.stdout.write(f"{ours[0] / theirs[0]:.2f} x of pandas ({theirs[0]:.0f} s)\n")
+    sys.stdout.write(f"{ours[1] / table_mb:.2f} x of the table ({table_mb:.0f} MB)\n")
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 2_000_000)

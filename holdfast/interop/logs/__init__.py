@@ -1,1 +1,0 @@
-"""Logs of other programs as columns: `find.py` says which files are logs, and reads each."""

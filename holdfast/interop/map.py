@@ -1,0 +1,235 @@
+"""The column map of an import: the tables that say how logs become trials.
+
+[trials]
+path = "{person}/{object}_{action}_{trial}"   # what the paths of the logs say; * is any text
+fingers = ["thumb", "index"]     # words of the files of one trial, a file for each finger
+column = "run"                   # a trial for each of its values
+gap_s = 0.5                      # a trial ends where no row comes for so long
+person = "subject"               # columns that hold names; also object, action
+skip = ["pilot/*"]
+
+[facts]                          # what is the same in all trials; further keys go to meta.json
+person = "p01"
+
+[actions]                        # words of the logs -> actions
+"torn away" = "pull"
+
+[masses_g]
+mug = 198
+
+[events]                         # when it slips: a column of the log, or a table of events
+column = "state"
+hold = true                      # a label holds until the next one; an empty cell says nothing
+rest = "grasp"                   # what a closed hand does where no label says it
+# instead of column: file = "events.xlsx" (or "{name}_events.csv"), its columns trial, start,
+# end and label, unit = "s" (or ms, us, ns, row) and zero = "log" (the log's first row, "trial"
+# or "clock")
+
+[events.labels]                  # labels -> situations, "" for none
+"slipping" = "risky_slip"
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from hashlib import sha256
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+from holdfast.core.column_map import ColumnMap, Name
+from holdfast.core.contract import SITUATIONS
+from holdfast.core.errors import LabelError, UsageError
+from holdfast.core.schema import read
+from holdfast.core.trial_layout import SITUATION_OF_ACTION
+from holdfast.training.datasets.trials import FOLDERS, action_of
+
+NAMES = ("person", "object", "action")
+"""What a trial is called by."""
+Situation = Literal["", "nothing", "grasp", "safe_slip", "risky_slip"]
+Mass = Annotated[float, Meta(gt=0.0, le=1e6)]
+PATH_FIELDS = re.compile(r"\{([^}]*)\}")
+
+
+class TrialRules(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True
+):
+    """[trials]: which rows of which files are a trial, and what it is called."""
+
+    path: Name = ""
+    fingers: tuple[str, ...] = ()
+    column: Name = ""
+    gap_s: Annotated[float, Meta(ge=0.0, le=1e6)] = 0.0
+    person: Name = ""
+    object: Name = ""
+    action: Name = ""
+    skip: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        fields = PATH_FIELDS.findall(self.path)
+        known = all(field in (*NAMES, "trial") for field in fields)
+        if not known or len(set(fields)) < len(fields):
+            raise ValueError(
+                f"path = {self.path!r}; allowed: {{person}}, {{object}}, {{action}} and {{trial}}, "
+                "each once"
+            )
+
+    def names_of(self, name: str, where: Path) -> dict[str, str]:
+        """What the path of a log says by the pattern. Raises LabelError."""
+        if not self.path:
+            return {}
+        parts = re.split(r"(\{\w+\}|\*)", self.path)
+        pattern = ""
+        for part in parts:
+            is_field = part.startswith("{")
+            any_text = "[^/]*" if part == "*" else re.escape(part)
+            pattern += f"(?P<{part[1:-1]}>[^/]+?)" if is_field else any_text
+        match = re.fullmatch(pattern, name)
+        if match is None:
+            raise LabelError(
+                f"{name} is not {self.path} (trials.path)",
+                where=where,
+                next_step="correct trials.path in the map, or leave it out: [trials] skip",
+            )
+        return {key: text for key, text in match.groupdict().items() if key in NAMES}
+
+
+class Facts(
+    msgspec.Struct,
+    frozen=True,
+    forbid_unknown_fields=True,
+    omit_defaults=True,
+    rename={"recordings_by": "recordings by"},
+):
+    """[facts]: what is the same in all trials."""
+
+    person: Name = ""
+    object: Name = ""
+    action: Name = ""
+    name: Name = ""
+    kind: Name = ""
+    recordings_by: Name = ""
+    redistributable: bool = False
+    action_at_s: Annotated[float, Meta(gt=0.0, le=1e6)] | None = None
+
+    def __post_init__(self) -> None:
+        if self.action and action_of(self.action) is None:
+            raise ValueError(f"action = {self.action!r}; allowed: {', '.join(FOLDERS)}")
+
+
+class EventRules(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True
+):
+    """[events]: where the labels of a trial come from."""
+
+    column: Name = ""
+    file: Name = ""
+    trial: Name = ""
+    start: Name = ""
+    end: Name = ""
+    label: Name = ""
+    unit: Literal["s", "ms", "us", "ns", "row"] = "s"
+    zero: Literal["log", "trial", "clock"] = "log"
+    hold: bool = False
+    situation: Situation = ""
+    rest: Situation = ""
+    labels: dict[str, Situation] = {}
+
+    def __post_init__(self) -> None:
+        if bool(self.file) == bool(self.column):
+            raise ValueError("file and column; allowed: one of both")
+        if self.file and not (self.start and (self.label or self.situation)):
+            raise ValueError("file; allowed: with start, and label or situation")
+
+
+class ImportMap(ColumnMap, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """A column map with its tables."""
+
+    trials: TrialRules = TrialRules()
+    facts: Facts = Facts()
+    actions: dict[str, str] = msgspec.field(default_factory=dict)
+    masses_g: dict[str, Mass] = msgspec.field(default_factory=dict)
+    events: EventRules | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for word, action in self.actions.items():
+            if action_of(action) is None:
+                raise ValueError(
+                    f"actions.{word} = {action!r}; allowed: {', '.join(FOLDERS)}"
+                )
+
+    def action(self, word: str) -> str | None:
+        """The action that a word of the log stands for; None for one that is not known."""
+        return action_of(self.actions.get(word, word))
+
+    def situation(self, label: str) -> str | None:
+        """The situation of a label, "" for none; None for a label that is not known."""
+        rules = self.events or EventRules(column="-")
+        if label in rules.labels:
+            return rules.labels[label]
+        if not label:
+            return rules.situation
+        if label in self.actions:
+            return SITUATION_OF_ACTION.get(self.action(label) or "", "")
+        plain = label.strip().lower().replace(" ", "_").replace("-", "_")
+        return plain if plain in SITUATIONS else None
+
+
+# -- as a file
+
+
+def read_import_map(path: Path) -> ImportMap:
+    """Read and check a map with all its tables. Raises CardError and UsageError."""
+    try:
+        plan = read(path, ImportMap)
+    except FileNotFoundError:
+        raise UsageError(
+            "no such column map", where=path, next_step="check the path"
+        ) from None
+    plan.hand_card(path.parent)
+    return plan
+
+
+def map_text(plan: ColumnMap) -> str:
+    """A map as TOML, with a mark of its content in its first line."""
+    body = "\n".join(_lines(msgspec.json.decode(msgspec.json.encode(plan)), "")) + "\n"
+    digest = sha256(body.encode()).hexdigest()[:16]
+    return f"# Written by holdfast import, {digest}: a changed file is not written over.\n{body}"
+
+
+def is_changed(path: Path) -> bool:
+    """Whether a file that is there is no map of ours, or was changed by hand."""
+    if not path.exists():
+        return False
+    head, _, body = path.read_text("utf-8", errors="replace").partition("\n")
+    return sha256(body.encode()).hexdigest()[:16] not in head
+
+
+def _lines(table: Mapping[str, Any], name: str) -> list[str]:
+    """A table of TOML: its own keys, then the tables within it."""
+    lines, within = [], []
+    for key, value in table.items():
+        key = key if re.fullmatch("[A-Za-z0-9_-]+", key) else _text(key)
+        whole = f"{name}.{key}" if name else key
+        is_list = isinstance(value, list) and value and isinstance(value[0], dict)
+        if value == {}:
+            continue
+        if isinstance(value, dict):
+            within += ["", f"[{whole}]", *_lines(value, whole)]
+        elif is_list:
+            for one in value:
+                within += ["", f"[[{whole}]]", *_lines(one, whole)]
+        elif value is not None:
+            lines.append(f"{key} = {_text(value)}")
+    return lines + within
+
+
+def _text(value: Any) -> str:
+    """A text, a number, true, false or a list of such, as TOML writes it."""
+    # JSON's escapes are TOML's, but for DEL, which JSON leaves as it is
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

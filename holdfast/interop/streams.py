@@ -1,0 +1,127 @@
+"""A log of another program as columns: a table has one stream, a bag one for each topic."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.core.column_map import flat_fields
+from holdfast.core.contract import IntArray, Json
+from holdfast.core.errors import ColumnError
+
+Column = npt.NDArray[Any]
+"""[T] numbers, nan for none; or texts as objects, "" for none."""
+Columns = dict[str, Column]
+LOG_TIME = "log_time"
+"""The column of a log's own stamps, ns, where it has such."""
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Rows of a topic, a sheet or a table. t_ns [T]: the log's own stamps; None without.
+
+    notes: what was left out or changed on reading, a line each.
+    """
+
+    columns: Columns
+    t_ns: IntArray | None = None
+    name: str = ""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def rows(self) -> int:
+        """T."""
+        return len(next(iter(self.columns.values()))) if self.columns else 0
+
+
+@dataclass(frozen=True)
+class ForeignLog:
+    """One file. name: its path below the source, without its ending.
+
+    about: what a file of `holdfast convert` says of its trial, and the unit of its messages.
+    """
+
+    path: Path
+    name: str
+    streams: tuple[Stream, ...]
+    about: Json = field(default_factory=dict)
+
+    @property
+    def keys(self) -> set[str]:
+        """How a table of events may name it, in small letters; its last number too."""
+        names = [self.name, self.path.name, self.path.stem, Path(self.name).name]
+        numbers = re.findall(r"\d+", self.name)[-1:]
+        return {*map(str.casefold, names), *map(str, map(int, numbers))}
+
+
+def first_stream(log: ForeignLog) -> Stream:
+    """The longest stream of a log."""
+    return max(log.streams, key=lambda one: one.rows)
+
+
+def columns_of(messages: Sequence[Any], prefix: str) -> Columns:
+    """Columns of messages: nested objects flattened, one name for each number or text.
+
+    Raises ColumnError.
+    """
+    rows = [flat_fields(message, prefix) for message in messages]
+    names = dict.fromkeys(name for row in rows for name in row)
+    return {name: column_of([row.get(name) for row in rows]) for name in names}
+
+
+def streams_of(
+    messages: Mapping[str, Sequence[Any]],
+    stamps: Mapping[str, Sequence[int]],
+    notes: tuple[str, ...] = (),
+) -> tuple[Stream, ...]:
+    """A stream for each topic whose messages are small enough to be columns; stamps in ns."""
+    streams = []
+    for topic, rows in messages.items():
+        try:
+            columns = columns_of(rows, topic)
+        except ColumnError:
+            continue  # an image, or the like
+        t_ns = np.array(stamps[topic], dtype=np.uint64).astype(np.int64)
+        streams.append(Stream(columns, t_ns, topic, notes))
+    return tuple(streams)
+
+
+def column_of(cells: Sequence[Any]) -> Column:
+    """Whole numbers as int64, others as float64 with nan for None; else texts, "" for None."""
+    kinds = {type(cell) for cell in cells}
+    if kinds <= {int}:
+        try:
+            return np.array(cells, dtype=np.int64)
+        except OverflowError:
+            return np.array(cells, dtype=np.float64)
+    if kinds <= {int, float, bool, type(None)}:
+        return np.array(cells, dtype=np.float64)
+    return text_column(cells)
+
+
+def text_column(cells: Sequence[Any]) -> Column:
+    """Cells as texts, "" for None."""
+    texts = ["" if cell is None else str(cell).strip() for cell in cells]
+    return np.array(texts, dtype=object)
+
+
+def is_text(column: Column) -> bool:
+    """Whether a column holds texts."""
+    return column.dtype.kind not in "iufb"
+
+
+def text_cells(column: Column) -> list[str]:
+    """The cells as texts; a whole number without its point, nan as ""."""
+    if is_text(column):
+        return [str(cell).strip() for cell in column.tolist()]
+    cells = []
+    for cell in column.tolist():
+        is_number = np.isfinite(cell)
+        cells.append(f"{cell:.10g}" if is_number else "")
+    return cells

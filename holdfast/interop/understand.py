@@ -1,0 +1,190 @@
+"""What the logs of a folder are: a map for each form of log, a short table, and one question.
+
+Everything is taken from what columns hold, then from names. What nothing in the logs says, and no
+answer on the command line, is asked.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from holdfast.core.errors import listed
+from holdfast.interop.columns import (
+    find_sensors,
+    find_time,
+)
+from holdfast.interop.forms import NUMBERED, Form, tokens_of
+from holdfast.interop.labels import (
+    is_mark,
+)
+from holdfast.interop.logs import LogPlace, counted, find_logs, read_log, table_of
+from holdfast.interop.map import ImportMap
+from holdfast.interop.streams import (
+    Columns,
+    ForeignLog,
+    first_stream,
+    is_text,
+)
+from holdfast.interop.trials import files_of, read_joined
+from holdfast.interop.understood import Answers, Sample, Understood
+from holdfast.training.progress import Part, ignored
+
+FINGERS = ("thumb", "index", "middle", "ring", "little", "pinky", "palm", "finger")
+JUDGED_ROWS = 200_000
+"""Of a log; what it holds is seen from so many."""
+FINGER = re.compile(
+    rf"(?i){'|'.join(FINGERS)}|(sensor|pad|taxel|tip|jaw|ch|f|s)[-_ ]?\d|left|right"
+)
+"""What the file of one finger is called by."""
+CLOCK_S = 60.0
+"""A clock that stands later than this was not begun with the trial."""
+OVERLAP = 0.7
+"""Of the spans of files that belong to one trial."""
+
+
+def understand(source: Path, answers: Answers, part: Part = ignored) -> Understood:
+    """What the logs of a source are. Raises a DataError where no log can be read at all."""
+    found = Understood()
+    places, others = find_logs(source)
+    samples = []
+    for number, place in enumerate(places, 1):
+        samples.append(
+            _sample([place], _begin_of(read_log(place, JUDGED_ROWS)), answers)
+        )
+        part(number / len(places))
+    tables = []
+    for sample in list(samples):
+        if not sample.sensors:
+            samples.remove(sample)
+            tables.append(sample)
+    unread = f"; not read: {listed(others, most=6)}" if others else ""
+    found.add("logs", f"{len(samples)}{unread}")
+    if not samples:
+        names = listed(list(tables[0].columns), most=24)
+        what = f"which columns of {tables[0].log.name} are x, y and z of each sensor? ({names})"
+        found.ask("--map", f"{what}; a map names them (docs/your-data.md)")
+        return found
+    fingers = _fingers(samples)
+    if fingers:
+        found.add(
+            "joined", f"the files {listed(fingers)} of each trial, on the slowest clock"
+        )
+        files = files_of([one.files[0] for one in samples], fingers)
+        samples = []
+        for name, group in files.items():
+            log = _begin_of(read_joined(group, fingers, name))
+            samples.append(_sample(group, log, answers))
+    forms: dict[tuple[str, ...], list[Sample]] = {}
+    for sample in samples:
+        forms.setdefault(sample.form, []).append(sample)
+    for of_form in forms.values():
+        Form(found, source, of_form, tables, tuple(fingers), answers).understand()
+    hands = {(plan.unit_of_values, len(plan.sensors)) for plan, _ in found.plans}
+    if len(hands) > 1:
+        words = " and ".join(f"{n} sensors in {unit}" for unit, n in sorted(hands))
+        found.ask("SOURCE", f"logs of {words}: import each hand on its own")
+    return found
+
+
+def of_map(source: Path, plan: ImportMap) -> Understood:
+    """The logs of a source by a map; tables of events are none. Raises DataNotFound."""
+    places, _ = find_logs(source)
+    if plan.events is not None and plan.events.file:
+        begin, _, end = Path(plan.events.file).name.partition("{name}")
+        for place in list(places):
+            name = place.path.name
+            if name.startswith(begin) and name.endswith(end):
+                places.remove(place)
+    found = Understood(plans=[(plan, files_of(places, plan.trials.fingers))])
+    found.add("sensors", f"{len(plan.sensors)}, by the map")
+    found.add("unit", f"{plan.unit}, by the map")
+    return found
+
+
+def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample:
+    """A log with its time and its sensors, by names over all streams, else by count in one."""
+    longest = first_stream(log)
+    merged: Columns = {}
+    for one in log.streams:
+        merged |= one.columns
+    sensors, why = find_sensors(merged, _marks(merged))
+    if not why.startswith("by"):
+        time = find_time(table_of(log, longest.columns), answers.rate)
+        taken = {*_marks(longest.columns), time.time.column if time else ""}
+        sensors, why = find_sensors(longest.columns, taken)
+        has_texts = any(map(is_text, longest.columns.values()))
+        if (
+            not why.startswith("by")
+            and time is None
+            and (has_texts or longest.rows < 100)
+        ):
+            sensors = []
+    names = [name for sensor in sensors for name in sensor.axes] or list(merged)
+    columns = table_of(log, names)
+    return Sample(files, log, columns, find_time(columns, answers.rate), sensors, why)
+
+
+def _begin_of(log: ForeignLog) -> ForeignLog:
+    """The first rows of a log, so that a long one does not stay in the memory."""
+    streams = []
+    for one in log.streams:
+        columns = {
+            name: cells[:JUDGED_ROWS].copy() for name, cells in one.columns.items()
+        }
+        t_ns = None if one.t_ns is None else one.t_ns[:JUDGED_ROWS].copy()
+        streams.append(replace(one, columns=columns, t_ns=t_ns))
+    return replace(log, streams=tuple(streams))
+
+
+def _marks(columns: Columns) -> set[str]:
+    return {name for name, column in columns.items() if is_mark(name, column)}
+
+
+# -- files of one trial
+
+
+def _fingers(samples: Sequence[Sample]) -> list[str]:
+    """The words by which the files of one trial differ, a file for each finger; [] for none."""
+    tokens = [tokens_of(one.log.name) for one in samples]
+    if any(len(one.sensors) > 1 for one in samples) or len(set(map(len, tokens))) != 1:
+        return []
+    for k in range(len(tokens[0])):
+        words = list(dict.fromkeys(one[k] for one in tokens))
+        groups: dict[tuple[str, ...], list[Sample]] = {}
+        for sample, one in zip(samples, tokens, strict=True):
+            groups.setdefault((*one[:k], *one[k + 1 :]), []).append(sample)
+        is_whole = all(len(group) == len(words) for group in groups.values())
+        is_finger = all(map(FINGER.search, words))
+        is_trial = all(map(NUMBERED.fullmatch, words))
+        # trials that begin at 0 each seem to run at the same time
+        is_clock = min(float(one.stamps_s[0]) for one in samples) > CLOCK_S
+        may_join = is_finger or (is_clock and not is_trial)
+        if (
+            len(words) > 1
+            and is_whole
+            and may_join
+            and all(map(_overlap, groups.values()))
+        ):
+            return sorted(words, key=_finger_order)
+    return []
+
+
+def _finger_order(word: str) -> tuple[int, list[tuple[int, int, str]]]:
+    at = next(
+        (k for k, finger in enumerate(FINGERS) if finger in word.lower()), len(FINGERS)
+    )
+    return at, counted(word)
+
+
+def _overlap(group: Sequence[Sample]) -> bool:
+    """Whether logs run at the same time."""
+    firsts, lasts = [], []
+    for one in group:
+        firsts.append(float(np.nanmin(one.stamps_s)))
+        lasts.append(float(np.nanmax(one.stamps_s)))
+    return min(lasts) - max(firsts) > OVERLAP * (max(lasts) - min(firsts))

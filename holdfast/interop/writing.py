@@ -1,0 +1,103 @@
+"""Imported trials as a set: `[<person>/]<object>/<action>/trial_<n>.csv`, with all beside them."""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from holdfast.core.contract import SITUATIONS, Json, channel_names
+from holdfast.core.hand_card import (
+    FEWEST_SENSORS,
+    FINGERS_AT_MM,
+    MOST_SENSORS,
+    find_hand_card,
+)
+from holdfast.core.trial_file import TIME_COLUMN, Trial
+from holdfast.core.trial_layout import HAND_FILE, MASSES_KEY, META
+from holdfast.core.writing import write_whole
+from holdfast.interop.columns import words_of
+from holdfast.interop.map import NAMES, ImportMap, map_text
+from holdfast.interop.tables import pd
+
+MAP_FILE = "import.toml"
+"""The map, kept with what it made."""
+PROVENANCE = "events"
+"""What a truth file says of where its phases come from."""
+THESIS_SENSORS = 6
+"""Of a set without a hand card."""
+NO_LABEL = -1
+
+
+def write_csv(path: Path, trial: Trial) -> None:
+    """The samples as the layout has them; a lost value is nan."""
+    names = channel_names(trial.raw.shape[1] // 3)
+    table = pd.DataFrame(trial.raw.round(9), columns=list(names))
+    table.insert(0, TIME_COLUMN, trial.t_s.round(9))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    table.to_csv(path, index=False, na_rep="nan")
+
+
+def truth_of(trial: Trial, labels: np.ndarray) -> str:
+    """The phases of a trial: runs of equal labels [T]."""
+    changes = (np.flatnonzero(np.diff(labels)) + 1).tolist()
+    times_s = [*trial.t_s.tolist(), float(trial.t_s[-1]) + 1.0 / trial.rate_hz]
+    phases = []
+    for first, stop in pairwise([0, *changes, len(labels)]):
+        if labels[first] != NO_LABEL:
+            phase = {
+                "t0_s": round(times_s[first], 6),
+                "t1_s": round(times_s[stop], 6),
+                "label": SITUATIONS[labels[first]],
+                "provenance": PROVENANCE,
+            }
+            phases.append(phase)
+    return json.dumps({"phases": phases}, indent=1) + "\n"
+
+
+def write_beside(folder: Path, plan: ImportMap, maps: Path, written: Json) -> None:
+    """Write meta.json, the map and the hand card of a set.
+
+    maps: the folder of the map, from which its hand card is seen. written: trial -> its log.
+    """
+    facts = msgspec.json.decode(msgspec.json.encode(plan.facts))
+    known = {key: value for key, value in facts.items() if key not in NAMES}
+    meta: Json = {"unit": plan.unit_of_values, "kind": "recorded", **known}
+    if plan.masses_g:
+        meta[MASSES_KEY] = dict(plan.masses_g)
+    text = json.dumps({**meta, "imported": written}, indent=1) + "\n"
+    write_whole(folder / META, text)
+    card = hand_card_text(plan, maps)
+    if card:
+        write_whole(folder / HAND_FILE, card)
+        plan = msgspec.structs.replace(plan, hand=HAND_FILE)
+    write_whole(folder / MAP_FILE, map_text(plan))
+
+
+def hand_card_text(plan: ImportMap, maps: Path) -> str:
+    """The hand card of a set: what the map names, else one that is proposed for its sensors.
+
+    "" for six sensors without a card, which are the fingertips, and where no card has so many.
+    """
+    if plan.hand:
+        return find_hand_card(plan.hand, maps).read_text("utf-8")
+    n_sensors = len(plan.sensors)
+    if n_sensors == THESIS_SENSORS or not FEWEST_SENSORS <= n_sensors <= MOST_SENSORS:
+        return ""
+    # the thumb's side comes first in a card: by the names, else a third of the sensors
+    named = sum("thumb" in words_of(sensor.x) for sensor in plan.sensors)
+    n_thumb = named if 0 < named < n_sensors else max(1, n_sensors // 3)
+    lines = [
+        f'name = "imported-{n_sensors}-sensors"',
+        'about = "Proposed by holdfast import: correct sides and places"',
+    ]
+    sides = [("thumb", n_thumb), ("opposing", n_sensors - n_thumb)]
+    for side, count in sides:
+        for along_mm in np.linspace(FINGERS_AT_MM[0], FINGERS_AT_MM[-1], count):
+            name = f'"sensor-{1 + sum(line.startswith("side") for line in lines)}"'
+            lines += ["", "[[sensors]]", f"name = {name}", f'side = "{side}"']
+            lines.append(f"along_mm = {along_mm:.1f}")
+    return "\n".join(lines) + "\n"

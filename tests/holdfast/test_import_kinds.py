@@ -1,0 +1,656 @@
+"""`holdfast import` of logs in the forms that people have: what went in comes out, or is asked."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import openpyxl
+import pytest
+from command_line import Run
+from foreign_logs import Made, axes, made, write_sheet, write_text
+
+from holdfast.core.trial_file import read_trial
+
+Trials = list[Made]
+CLOCK_S = 50_531.0
+"""14:02:11, in s from midnight."""
+
+
+def clock(t_s: float, form: str = "{h:02d}:{m:02d}:{s:06.3f}") -> str:
+    """A time of day."""
+    minutes, seconds = divmod(round(t_s % 86_400, 6), 60.0)
+    hours, minutes = divmod(int(minutes), 60)
+    return form.format(h=hours, m=minutes, s=seconds)
+
+
+def names_of(count: int, form: str = "log{k}") -> list[str]:
+    return [form.format(k=k) for k in range(1, count + 1)]
+
+
+# -- readings of any form; nothing says what happens in them
+
+
+def serial_monitor(logs: Path, trials: Trials) -> None:
+    for name, one in zip(names_of(len(trials)), trials, strict=True):
+        lines = []
+        for t_s, row in zip(one.t_s, one.values.tolist(), strict=True):
+            numbers = ",".join(map(str, row))
+            lines.append(f"{clock(CLOCK_S + t_s)} -> {numbers}\n")
+        (logs / f"{name}.txt").write_text("".join(lines))
+
+
+def tabs_without_a_heading(logs: Path, trials: Trials) -> None:
+    for name, one in zip(names_of(len(trials)), trials, strict=True):
+        rows = np.column_stack([one.t_s, one.values])
+        write_text(logs / f"{name}.dat", [], rows, separator="\t")
+
+
+def utf16_with_comments(logs: Path, trials: Trials) -> None:
+    head = "# made by a rig\n# 2024, 15 channels"
+    for name, one in zip(names_of(len(trials)), trials, strict=True):
+        rows = np.column_stack([1e6 * one.t_s, one.values])
+        names = ["# t_us", *axes(5, "F{k}{axis}")]
+        write_text(logs / f"{name}.csv", names, rows, head=head, encoding="utf-16")
+
+
+def vectors_in_brackets(logs: Path, trials: Trials) -> None:
+    for name, one in zip(names_of(len(trials)), trials, strict=True):
+        vectors = one.values.reshape(-1, 5, 3).tolist()
+        lines = ["time;" + ";".join(f"finger{k}" for k in range(1, 6))]
+        for t_s, row in zip(one.t_s, vectors, strict=True):
+            lines.append(f"{t_s:.3f};" + ";".join(map(str, row)))
+        (logs / f"{name}.csv").write_text("\n".join(lines))
+
+
+def millinewtons_with_commas(logs: Path, trials: Trials) -> None:
+    names = ["Zeit [ms]", *axes(5, "Finger {k} {axis} [mN]"), ""]
+    for name, one in zip(names_of(len(trials), "Messung {k}"), trials, strict=True):
+        rows = np.column_stack([1e3 * one.t_s + 5e6, 1e3 * one.values])
+        write_text(
+            logs / f"{name}.csv", names, rows, separator=";", decimal=",", texts=[""] * len(rows),
+            encoding="utf-8-sig", end="\r\n",
+        )  # fmt: skip
+
+
+def units_below_the_names(logs: Path, trials: Trials) -> None:
+    names = ["clock", *axes(5, "Finger {k} {axis}")]
+    for name, one in zip(names_of(len(trials)), trials, strict=True):
+        rows = np.column_stack([1e9 * one.t_s, one.values])
+        units = ["ns", *["N"] * 15]
+        write_text(
+            logs / f"{name}.tsv", units, rows, separator="\t", head="\t".join(names)
+        )
+
+
+def over_midnight(logs: Path, trials: Trials) -> None:
+    for name, one in zip(names_of(len(trials)), trials, strict=True):
+        first = [clock(86_398.0 + t) for t in one.t_s]
+        names = ["when", *axes(5, "B{axis}{k} [mT]")]
+        write_text(logs / f"{name}.log", names, 1e-3 * one.values, first=first)
+
+
+def shear_and_normal(logs: Path, trials: Trials) -> None:
+    names = [
+        "t",
+        *(
+            f"pad{k}_{part}"
+            for k in range(1, 6)
+            for part in ("shear1", "shear2", "normal")
+        ),
+    ]
+    for name, one in zip(names_of(len(trials)), trials, strict=True):
+        write_text(logs / f"{name}.csv", names, np.column_stack([one.t_s, one.values]))
+
+
+def normals_last(logs: Path, trials: Trials) -> None:
+    for name, one in zip(names_of(len(trials)), trials, strict=True):
+        by_axis = one.values.reshape(-1, 5, 3).transpose(0, 2, 1).reshape(-1, 15)
+        names = ["t", *(f"ch{k}" for k in range(15))]
+        write_text(logs / f"{name}.csv", names, np.column_stack([one.t_s, by_axis]))
+
+
+def sorted_as_text(logs: Path, trials: Trials) -> None:
+    order = sorted(range(1, 6), key=lambda k: str(9 + k))
+    for name, one in zip(names_of(len(trials)), trials, strict=True):
+        names = ["time_ms", *(f"taxel{8 + k}_F{a}" for k in order for a in "xyz")]
+        columns = [3 * (k - 1) + a for k in order for a in range(3)]
+        rows = np.column_stack([1e3 * one.t_s, one.values[:, columns]])
+        write_text(logs / f"{name}.csv", names, rows)
+
+
+def bursts(logs: Path, trials: Trials) -> None:
+    """Eight rows at a time, a millisecond apart."""
+    for name, one in zip(names_of(len(trials)), trials, strict=True):
+        k = np.arange(len(one.t_s))
+        t_ms = 80.0 * (k // 8) + 1.0 * (k % 8)
+        write_text(
+            logs / f"{name}.csv", ["ms", *axes(5)], np.column_stack([t_ms, one.values])
+        )
+
+
+def whole_seconds(logs: Path, trials: Trials) -> None:
+    for name, one in zip(names_of(len(trials)), trials, strict=True):
+        first = [clock(CLOCK_S + int(t), "{h:02d}:{m:02d}:{s:02.0f}") for t in one.t_s]
+        write_text(logs / f"{name}.csv", ["time", *axes(5)], one.values, first=first)
+
+
+def a_file_for_each_finger(logs: Path, trials: Trials) -> None:
+    for k, one in enumerate(trials, 1):
+        for f, finger in enumerate(("index", "little", "middle", "ring", "thumb")):
+            place = (1, 4, 2, 3, 0)[f]
+            part = one.values[:, 3 * place : 3 * place + 3]
+            rows = np.column_stack([9.0 + one.t_s, part])
+            write_text(logs / f"rec{k}_{finger}.csv", ["time", "fx", "fy", "fz"], rows)
+
+
+def two_tables_on_a_sheet(logs: Path, trials: Trials) -> None:
+    for name, one in zip(names_of(len(trials)), trials, strict=True):
+        merged: list[object] = [
+            "t (s)",
+            *(cell for k in range(1, 6) for cell in (f"Pad {k}", None, None)),
+        ]
+        rows: list[list[object]] = [["Lab 7"], [], merged, [None, *"xyz" * 5]]
+        for t_s, row in zip(one.t_s.tolist(), one.values.tolist(), strict=True):
+            beside = [None, "mug", 198] if len(rows) == 6 else []
+            rows.append([t_s, *row, *beside])
+        write_sheet(logs / f"{name}.xlsx", rows)
+
+
+READINGS = {
+    write.__name__: write
+    for write in (
+        serial_monitor, tabs_without_a_heading, utf16_with_comments,
+        vectors_in_brackets, millinewtons_with_commas, units_below_the_names, over_midnight,
+        shear_and_normal, normals_last, sorted_as_text, bursts, whole_seconds,
+        a_file_for_each_finger, two_tables_on_a_sheet,
+    )
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", READINGS)
+def test_readings_of_any_form_are_the_same_trials_and_the_action_is_asked(
+    run: Run, tmp_path: Path, form: str
+) -> None:
+    trials = [made(k) for k in (1, 2)]
+    (tmp_path / "logs").mkdir()
+    READINGS[form](tmp_path / "logs", trials)
+    words = ("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
+    code, _, err = run(*words)
+    assert code == 2
+    assert "what happens in these trials?" in err
+    assert not (tmp_path / "set").exists()
+    code, out, err = run(*words, "--action", "slip")
+    assert code == 0, out + err
+    for k, one in enumerate(trials, 1):
+        trial = read_trial(tmp_path / f"set/object/slip/trial_{k}.csv")
+        np.testing.assert_allclose(trial.raw, one.values, atol=2e-4)
+        np.testing.assert_allclose(trial.t_s, one.t_s, atol=0.02)
+    assert "2 trials: 2 slip" in out
+    code, out, _ = run("check", tmp_path / "set")
+    assert code == 0, out
+
+
+# -- what marks the slip
+
+
+def labelled(
+    logs: Path, trials: Trials, words: Callable[[Made], list[str]], name: str
+) -> None:
+    """A column of labels beside the readings."""
+    for k, one in enumerate(trials, 1):
+        rows = np.column_stack([one.t_s, one.values])
+        names = ["time_s", *axes(5), name]
+        write_text(logs / f"log{k}.csv", names, rows, texts=words(one))
+
+
+def sparse(one: Made, *words: str) -> list[str]:
+    """A word only in the row where it begins."""
+    cells = one.words(*words)
+    before = ["", *cells[:-1]]
+    return [
+        cell if cell != was else "" for cell, was in zip(cells, before, strict=True)
+    ]
+
+
+def moment(one: Made) -> list[str]:
+    """A mark in the row in which the slip begins."""
+    begin = one.words("0", "0", "1").index("1")
+    return ["1" if k == begin else "0" for k in range(len(one.t_s))]
+
+
+GRASP, SLIP = [1.0, 3.0, "grasp"], [3.0, 3.5, "risky_slip"]
+COLUMNS: dict[str, tuple[str, Callable[[Made], list[str]]]] = {
+    "binary": ("slip", lambda one: one.words("0", "0", "1")),
+    "yes and no": ("is_slipping", lambda one: one.words("no", "no", "yes")),
+    "a point and an S": ("event", lambda one: one.words(".", ".", "S")),
+    "words": ("phase", lambda one: one.words("open hand", "held", "SLIDING")),
+    "camel case": ("state", lambda one: one.words("Idle", "GraspStable", "GrossSlip")),
+    "sparse markers": (
+        "marker",
+        lambda one: sparse(one, "start_rest", "startGrasp", "start_slip"),
+    ),
+    "true and false": ("label", lambda one: one.words("False", "False", "True")),
+}
+
+
+@pytest.mark.parametrize("form", COLUMNS)
+def test_a_column_of_labels_says_when_it_slips(
+    run: Run, tmp_path: Path, form: str
+) -> None:
+    name, words = COLUMNS[form]
+    labelled(tmp_path / "logs", [made(1), made(2)], words, name)
+    code, out, err = run(
+        "import", tmp_path / "logs", "--out", tmp_path / "set", "--yes"
+    )
+    assert code == 0, out + err
+    assert "2 trials: 2 slip" in out
+    for k in (1, 2):
+        phases = phases_of(tmp_path / f"set/object/slip/trial_{k}.csv")
+        grasps = [phase for phase in phases if phase[2] != "nothing"]
+        assert [phase[2] for phase in grasps] == ["grasp", "risky_slip", "grasp"]
+        assert grasps[0][0] == pytest.approx(1.0, abs=0.06)
+        assert grasps[1][:2] == pytest.approx([3.0, 3.5])
+
+
+def phases_of(trial: Path) -> list[tuple[float, float, str]]:
+    truth = json.loads(trial.with_suffix(".truth.json").read_text())
+    return [(p["t0_s"], p["t1_s"], p["label"]) for p in truth["phases"]]
+
+
+def test_trials_without_the_mark_of_a_slip_are_held(run: Run, tmp_path: Path) -> None:
+    labelled(tmp_path / "logs", [made(1)], lambda one: one.words("0", "0", "1"), "slip")
+    one = made(2)
+    rows = np.column_stack([one.t_s, one.values])
+    texts = ["0"] * len(rows)
+    write_text(
+        tmp_path / "logs/log2.csv", ["time_s", *axes(5), "slip"], rows, texts=texts
+    )
+    code, out, _ = run("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
+    assert code == 0
+    assert "2 trials: 1 slip, 1 hold" in out
+
+
+def test_a_mark_in_one_row_lasts_to_the_end_of_the_touch(
+    run: Run, tmp_path: Path
+) -> None:
+    labelled(tmp_path / "logs", [made(1)], moment, "slip_onset")
+    code, out, _ = run("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
+    assert code == 0
+    assert "from there to the end of the contact" in out
+    *_, slip = phases_of(tmp_path / "set/object/slip/trial_1.csv")
+    assert slip == (3.0, pytest.approx(4.0, abs=0.06), "risky_slip")
+
+
+@pytest.mark.parametrize("words", [("offen", "halten", "rutscht"), ("0", "1", "2")])
+def test_what_only_the_action_explains_is_asked_once(
+    run: Run, tmp_path: Path, words: tuple[str, str, str]
+) -> None:
+    labelled(
+        tmp_path / "logs", [made(1), made(2)], lambda one: one.words(*words), "zustand"
+    )
+    command = ("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
+    code, _, err = run(*command)
+    assert code == 2
+    assert f"what is '{words[2]}' in column zustand?" in err
+    for answer in ("slip", f"{words[2]}=slip"):
+        out_dir = tmp_path / answer
+        code, out, err = run(
+            *command[:2], "--out", out_dir, "--yes", "--action", answer
+        )
+        assert code == 0, out + err
+        slips = [
+            p for p in phases_of(out_dir / "object/slip/trial_1.csv") if "risky" in p[2]
+        ]
+        assert slips == [(3.0, 3.5, "risky_slip")]
+
+
+SHEETS = {
+    "one for all, names of files": (
+        "events.csv",
+        "file;start;end;label\n{a};3.0;3.5;slip\n",
+    ),
+    "other words": ("ereignisse.csv", "datei;von;bis;was\n{a};3.0;3.5;slip\n"),
+    "numbers of trials": (
+        "events.csv",
+        "trial;start_ms;end_ms;label\n{n};3000;3500;slip\n",
+    ),
+    "one beside each log": ("{a}_events.csv", "start,end,label\n3.0,3.5,slip\n"),
+    "rows": ("notes.csv", "log,first row,last row,what\n{a},300,350,slips\n"),
+    "durations": ("events.csv", "file,onset,duration,event\n{a},3,0.5,slip\n"),
+    "on the clock": ("e.csv", "file,from,to,what\n{a},70003.0,70003.5,slip\n"),
+    "no labels": ("slips.csv", "file,begin,end\n{a},3,3.5\n"),
+    "ends alone": ("e.csv", "file,at,what\n{a},1,grasp\n{a},3.0,slip\n{a},3.5,grasp\n"),
+}
+
+
+@pytest.mark.parametrize("form", SHEETS)
+def test_a_table_of_events_says_when_it_slips(
+    run: Run, tmp_path: Path, form: str
+) -> None:
+    names = ["mug_1", "mug_2"]
+    for k, name in enumerate(names, 1):
+        one = made(k)
+        rows = np.column_stack([70_000.0 + one.t_s, one.values])
+        write_text(tmp_path / f"logs/{name}.csv", ["time_s", *axes(5)], rows)
+    file, text = SHEETS[form]
+    head, *lines = text.splitlines(keepends=True)
+    for name in names:
+        here = tmp_path / "logs" / file.format(a=name)
+        before = here.read_text() if here.exists() else head
+        body = "".join(lines).format(a=name, n=name[-1])
+        here.write_text(before + body)
+    code, out, err = run(
+        "import", tmp_path / "logs", "--out", tmp_path / "set", "--yes"
+    )
+    assert code == 0, out + err
+    assert "2 trials: 2 slip" in out
+    (first, second) = sorted((tmp_path / "set").rglob("trial_?.csv"))
+    for trial in (first, second):
+        slips = [phase for phase in phases_of(trial) if phase[2] == "risky_slip"]
+        assert slips == [(3.0, 3.5, "risky_slip")]
+
+
+# -- trials and names
+
+
+def in_one_file(
+    logs: Path, trials: Trials, begins_s: list[float], **columns: list[str]
+) -> None:
+    rows, texts = [], []
+    for k, one in enumerate(trials):
+        rows.append(np.column_stack([begins_s[k] + one.t_s, one.values]))
+        texts += [",".join(cells[k] for cells in columns.values())] * len(one.t_s)
+    names = ["time_s", *axes(5), *columns]
+    write_text(
+        logs / "all.csv", names, np.concatenate(rows), texts=texts if columns else None
+    )
+
+
+MANY: dict[str, tuple[list[float], dict[str, list[str]]]] = {
+    "a column": ([0.0, 5.0, 10.0], {"run": ["1", "2", "3"]}),
+    "pauses": ([0.0, 9.0, 21.0], {}),
+    "a clock that begins anew": ([0.0, 0.0, 0.0], {}),
+    "a clock that jumps by hours": ([0.0, 7200.0, 14_500.0], {}),
+}
+
+
+@pytest.mark.parametrize("form", MANY)
+def test_one_file_is_cut_into_its_trials(run: Run, tmp_path: Path, form: str) -> None:
+    trials = [made(k) for k in (1, 2, 3)]
+    begins_s, columns = MANY[form]
+    in_one_file(tmp_path / "logs", trials, begins_s, **columns)
+    words = (
+        "import",
+        tmp_path / "logs",
+        "--out",
+        tmp_path / "set",
+        "--yes",
+        "--action",
+        "slip",
+    )
+    code, out, err = run(*words)
+    assert code == 0, out + err
+    assert "3 trials: 3 slip" in out
+    for k, one in enumerate(trials, 1):
+        trial = read_trial(tmp_path / f"set/object/slip/trial_{k}.csv")
+        np.testing.assert_allclose(trial.raw, one.values, atol=1e-9)
+
+
+def test_columns_name_who_does_what(run: Run, tmp_path: Path) -> None:
+    trials = [made(k) for k in (1, 2)]
+    columns = {
+        "run": ["1", "2"],
+        "subject": ["anna", "ben"],
+        "condition": ["slip", "no slip"],
+    }
+    in_one_file(tmp_path / "logs", trials, [0.0, 5.0], **columns)
+    code, _, _ = run("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
+    assert code == 0
+    assert (tmp_path / "set/anna/object/slip/trial_1.csv").is_file()
+    assert (tmp_path / "set/ben/object/hold/trial_1.csv").is_file()
+
+
+PATHS = {
+    "p01_mug_slip_3": ((), "p01/mug/slip"),
+    # without its times a pull is known as a slip alone
+    "sub-02/pull/run-4": ((), "sub-02/object/slip"),
+    "handover 7": ((), "object/pass"),
+    "subject3/cup/dropped/01": ((), "subject3/cup/slip"),
+    "anna_mug_rutschen": (
+        ("--person", "anna", "--action", "rutschen=slip"),
+        "anna/mug/slip",
+    ),
+    "mug": (("--person", "p07", "--object", "mug", "--action", "hold"), "p07/mug/hold"),
+}
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_paths_and_answers_name_person_object_and_action(
+    run: Run, tmp_path: Path, path: str
+) -> None:
+    answers, place = PATHS[path]
+    one = made(1)
+    rows = np.column_stack([one.t_s, one.values])
+    write_text(tmp_path / f"logs/{path}.csv", ["time_s", *axes(5)], rows)
+    words = ("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes", *answers)
+    code, out, err = run(*words)
+    assert code == 0, out + err
+    assert (tmp_path / f"set/{place}/trial_1.csv").is_file(), out
+
+
+# -- what cannot be known is asked, and nothing is silently wrong
+
+
+def ask(run: Run, tmp_path: Path, *answer: object) -> tuple[int, str]:
+    words = (
+        "import",
+        tmp_path / "logs",
+        "--out",
+        tmp_path / "set",
+        "--yes",
+        "--action",
+        "slip",
+    )
+    code, out, err = run(*words, *answer)
+    return code, out + err
+
+
+def test_the_rate_is_asked_and_a_counter_is_a_clock_with_it(
+    run: Run, tmp_path: Path
+) -> None:
+    one = made(1)
+    count = np.arange(len(one.t_s))
+    there = (count < 150) | (count >= 170)
+    rows = np.column_stack([count % 256, one.values])[there]
+    write_text(tmp_path / "logs/a.csv", ["seq", *axes(5)], rows)
+    code, out = ask(run, tmp_path)
+    assert code == 2
+    assert "how many rows a second" in out
+    code, out = ask(run, tmp_path, "--rate", 100)
+    assert code == 0, out
+    trial = read_trial(tmp_path / "set/object/slip/trial_1.csv")
+    assert trial.t_s[-1] == pytest.approx(one.t_s[-1])
+    assert np.isnan(trial.raw[150:170]).all()
+    np.testing.assert_allclose(trial.raw[170:], one.values[170:])
+
+
+def test_a_unit_that_sizes_do_not_tell_is_asked(run: Run, tmp_path: Path) -> None:
+    one = made(1)
+    rows = np.column_stack([one.t_s, 1e3 * one.values + 364.2])
+    write_text(tmp_path / "logs/a.csv", ["t", *axes(5)], rows)
+    code, out = ask(run, tmp_path)
+    assert code == 2
+    assert "what unit have the readings" in out
+    assert ask(run, tmp_path, "--unit", "mN")[0] == 0
+
+
+def test_an_axis_that_contradicts_the_names_is_asked(run: Run, tmp_path: Path) -> None:
+    one = made(1)
+    turned = np.roll(one.values.reshape(-1, 5, 3), 1, axis=2).reshape(-1, 15)
+    write_text(
+        tmp_path / "logs/a.csv", ["t", *axes(5)], np.column_stack([one.t_s, turned])
+    )
+    code, out = ask(run, tmp_path)
+    assert code == 2
+    assert "a touch moves x most, the names say z" in out
+    code, out = ask(run, tmp_path, "--normal", "x")
+    assert code == 0, out
+    trial = read_trial(tmp_path / "set/object/slip/trial_1.csv")
+    np.testing.assert_allclose(trial.raw[:, 2::3], one.values[:, 2::3])
+
+
+POLARITY = np.array([1.0, -1.0, 1.0, -1.0, -1.0])
+SIGNS = {
+    "tared": 0.0 * POLARITY,
+    "counts above 0": 2048.0 + 0 * POLARITY,
+    "magnets": 2048 * POLARITY,
+}
+
+
+@pytest.mark.parametrize("rest", SIGNS)
+def test_a_press_raises_every_normal_whatever_the_polarity(
+    run: Run, tmp_path: Path, rest: str
+) -> None:
+    one = made(1)
+    rests, polarity = np.repeat(SIGNS[rest], 3), np.repeat(POLARITY, 3)
+    counts = np.round(rests + 300.0 * polarity * one.values)
+    rows = np.column_stack([one.t_s, counts])
+    write_text(tmp_path / "logs/a.csv", ["t", *axes(5, "adc{k}{axis}")], rows)
+    code, out = ask(run, tmp_path, "--unit", "count")
+    assert code == 0, out
+    from holdfast.training.datasets import load
+
+    (recording,) = load(tmp_path / "set", windows="none").recordings
+    pressed = recording.samples[150:250, 2::3].mean(axis=0)
+    np.testing.assert_allclose(pressed, 900.0, rtol=0.05)
+
+
+def test_missing_cells_are_counted_and_gaps_become_lost_samples(
+    run: Run, tmp_path: Path
+) -> None:
+    one = made(1)
+    rows = np.column_stack([one.t_s, one.values])
+    path = write_text(tmp_path / "logs/a.csv", ["t", *axes(5)], rows)
+    lines = path.read_text().splitlines()
+    for k, word in ((40, "-"), (41, "n/a"), (42, ""), (43, "#N/A"), (44, "NaN")):
+        cells = lines[k].split(",")
+        lines[k] = ",".join([*cells[:4], word, *cells[5:]])
+    path.write_text("\n".join([*lines[:200], *lines[220:]]))
+    code, out = ask(run, tmp_path)
+    assert code == 0, out
+    assert "missing    samples of s2_x: 5" in out
+    assert "gaps       1 of 0.21 to 0.21 s: lost samples" in out
+    trial = read_trial(tmp_path / "set/object/slip/trial_1.csv")
+    assert np.flatnonzero(np.isnan(trial.raw[:, 3])).tolist() == [
+        *range(39, 44),
+        *range(199, 219),
+    ]
+    assert len(trial.t_s) == len(one.t_s)
+
+
+def test_gauss_and_grams_are_two_units(run: Run, tmp_path: Path) -> None:
+    for letter, size, folder in (("G", 100.0, "a"), ("g", 0.00980665, "b")):
+        one = made(1)
+        names = ["t", *axes(5, "s{k}{axis} [" + letter + "]")]
+        rows = np.column_stack([one.t_s, one.values])
+        write_text(tmp_path / f"{folder}/logs/a.csv", names, rows)
+        code, out = ask(run, tmp_path / folder)
+        assert code == 0, out
+        raw = read_trial(tmp_path / f"{folder}/set/object/slip/trial_1.csv").raw
+        np.testing.assert_allclose(raw, size * one.values, atol=1e-6)
+
+
+def test_trials_of_one_sensor_are_no_fingers(run: Run, tmp_path: Path) -> None:
+    for k in (1, 2, 3):
+        one = made(k, sensors=1)
+        rows = np.column_stack([one.t_s, one.values])
+        write_text(tmp_path / f"logs/slip{k}.csv", ["t", *"xyz"], rows)
+    code, out = ask(run, tmp_path)
+    assert code == 0, out
+    assert "3 trials: 3 slip" in out
+
+
+def test_a_dead_sensor_without_a_heading_is_a_sensor(run: Run, tmp_path: Path) -> None:
+    one = made(1)
+    one.values[:, 3:6] = 0.0
+    write_text(tmp_path / "logs/a.csv", [], np.column_stack([one.t_s, one.values]))
+    code, out = ask(run, tmp_path)
+    assert code == 0, out
+    assert "sensors    5, no axes in the names" in out
+
+
+def test_sheets_of_the_same_columns_are_a_trial_each(run: Run, tmp_path: Path) -> None:
+    book = openpyxl.Workbook()
+    for k in (1, 2):
+        one = made(k)
+        sheet = book.create_sheet(f"Grasp {k}")
+        sheet.append(["t (s)", *axes(5)])
+        for row in np.column_stack([one.t_s, one.values]).tolist():
+            sheet.append(row)
+    (tmp_path / "logs").mkdir()
+    book.save(tmp_path / "logs/all.xlsx")
+    code, out = ask(run, tmp_path)
+    assert code == 0, out
+    assert "2 trials: 2 slip" in out
+
+
+def test_columns_that_are_not_used_are_named(run: Run, tmp_path: Path) -> None:
+    one = made(1)
+    rng = np.random.default_rng(0)
+    more = [rng.normal(25.0, 1.0, len(one.t_s)) for _ in range(4)]
+    rows = np.column_stack([one.t_s, one.values, *more])
+    names = ["t", *axes(5), "temperature", "imu_acc_x", "imu_acc_y", "imu_acc_z"]
+    write_text(tmp_path / "logs/a.csv", names, rows)
+    code, out = ask(run, tmp_path)
+    assert code == 0
+    assert "not used   temperature, imu_acc_x, imu_acc_y, imu_acc_z" in out
+
+
+def test_a_changed_map_stays_and_one_that_nobody_changed_is_written_over(
+    run: Run, tmp_path: Path
+) -> None:
+    one = made(1)
+    write_text(
+        tmp_path / "logs/a.csv", ["t", *axes(5)], np.column_stack([one.t_s, one.values])
+    )
+    words = ("import", tmp_path / "logs", "--out", tmp_path / "set")
+    path = tmp_path / "set-map.toml"
+    for _ in range(2):
+        assert run(*words)[0] == 2
+    text = path.read_text()
+    path.write_text(text.replace("[time]", '[facts]\naction = "hold"\n\n[time]'))
+    code, out, _ = run(*words)
+    assert code == 2
+    assert "was changed by hand" in out
+    code, out, err = run(*words, "--map", path)
+    assert code == 0, out + err
+    assert "1 trial: 1 hold" in out
+    # what was imported holds the map for the next time and for live runs
+    assert run("import", tmp_path / "logs", "--out", tmp_path / "again", "--map",
+               tmp_path / "set/import.toml")[0] == 0  # fmt: skip
+
+
+def test_an_import_ends_with_a_picture_and_the_words_of_check(
+    run: Run, tmp_path: Path
+) -> None:
+    labelled(tmp_path / "logs", [made(1)], lambda one: one.words("0", "0", "1"), "slip")
+    out = run("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")[1]
+    picture = (tmp_path / "set/first-trial.svg").read_text("utf-8")
+    assert re.search("sensor 5.*labels", picture, re.DOTALL)
+    checked = run("check", tmp_path / "set")[1].splitlines()
+    assert checked[0] in out
+    assert checked[-1] in out
+
+
+def test_two_hands_in_a_folder_are_not_one_set(run: Run, tmp_path: Path) -> None:
+    for k, sensors in ((1, 5), (2, 4)):
+        one = made(k, sensors)
+        rows = np.column_stack([one.t_s, one.values])
+        write_text(tmp_path / f"logs/a{k}.csv", ["t", *axes(sensors)], rows)
+    code, out = ask(run, tmp_path)
+    assert code == 2
+    assert "4 sensors in N and 5 sensors in N: import each hand on its own" in out
