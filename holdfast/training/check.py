@@ -18,7 +18,6 @@ from holdfast.core.errors import (
     ColumnError,
     DataError,
     NotANumber,
-    RateError,
     count_of,
 )
 from holdfast.core.hand_card import HandCard, hand_or_usual
@@ -195,16 +194,14 @@ def _examine_trials(
             _hold_out(report, data)
             hand = with_hand(data, root).hand
             doubts += _sides_unknown(root, data.n_sensors, hand)
-        except RateError as error:
-            step = error.next_step
-            faults.append(RateError(error.what, where=root, next_step=step))
         except DataError as error:
             faults.append(error)
         doubts += doubts_of(trials, most_n)
 
     missing = []
     for fault in faults:
-        missing.append(Missing("error", fault.where, fault.what, fault.next_step))
+        where = fault.where or str(root)
+        missing.append(Missing("error", where, fault.what, fault.next_step))
     columns = any(isinstance(fault, ColumnError | NotANumber) for fault in faults)
     if columns and not trials:
         what = "no trial has the columns of the layout: logs of another program?"
