@@ -202,8 +202,7 @@ def _examine_trials(
     for fault in faults:
         where = fault.where or str(root)
         missing.append(Missing("error", where, fault.what, fault.next_step))
-    columns = any(isinstance(fault, ColumnError | NotANumber) for fault in faults)
-    if columns and not trials:
+    if not trials and any(isinstance(one, ColumnError | NotANumber) for one in faults):
         what = "no trial has the columns of the layout: logs of another program?"
         missing.append(Missing("error", str(root), what, import_command(root)))
     missing += doubts
@@ -227,20 +226,23 @@ def _hold_out(report: FolderReport, data: DataSet) -> None:
 
 def _not_read(root: Path, read: Sequence[Path]) -> list[Missing]:
     """CSV files that are at no trial's place; an error where no file is at one."""
-    paths = sorted(set(root.rglob("*.csv")) - set(read))
-    others = [path for path in paths if not _is_of_a_trial(path)]
-    if read and not others:
-        return []
-
+    left = sorted(set(root.rglob("*.csv")) - set(read))
+    others = [path for path in left if not _is_of_a_trial(path)]
     what = "no trial" if has_logs(root) else "no CSV file"
     if others:
         first = others[0].relative_to(root).as_posix()
         what = f"CSV files at no trial's place: {len(others)}, such as {first}"
-    actions = ", ".join(FOLDERS)
-    next_step = f"a trial belongs at {root / LAYOUT}; an action is one of {actions}"
-    if not read and has_logs(root):
-        next_step += f"; logs of another program: {import_command(root)}"
-    return [Missing("advice" if read else "error", str(root), what, next_step)]
+    elif read:
+        return []
+
+    step = (
+        f"a trial belongs at {root / LAYOUT}; an action is one of {', '.join(FOLDERS)}"
+    )
+    if read:
+        return [Missing("advice", str(root), what, step)]
+    if has_logs(root):
+        step += f"; logs of another program: {import_command(root)}"
+    return [Missing("error", str(root), what, step)]
 
 
 def _is_of_a_trial(path: Path) -> bool:
@@ -299,11 +301,10 @@ def _class_seconds(trials: Sequence[TimedTrial]) -> list[ClassSeconds]:
     weighed = classes_of(trials) == CLASSES
     # rows: situations; columns: light, heavy, mass unknown
     seconds = np.zeros((len(SITUATIONS), 3))
+    shares = {False: [1.0, 0.0, 0.0], True: [0.0, 1.0, 0.0], None: [0.0, 0.0, 1.0]}
     for trial in trials:
-        share = [0.0, 0.0, 1.0]
-        if trial.heavy is not None:
-            share = [float(not trial.heavy), float(trial.heavy), 0.0]
-        elif weighed and not trial.has_object:
+        share = shares[trial.heavy]
+        if trial.heavy is None and weighed and not trial.has_object:
             share = [0.5, 0.5, 0.0]
         for phase in trial.recording.phases:
             lasts_s = (phase.stop - phase.first) / trial.recording.rate_hz

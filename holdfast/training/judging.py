@@ -218,6 +218,5 @@ def _point(data: DataSet, folds: Sequence[Fold], figures: HeadFigures) -> CurveP
 def _some(groups: Sequence[str], share: float, seed: int) -> list[str]:
     """This share of the groups, one at least; a larger share has all those of a smaller one."""
     names = sorted(set(groups))
-    order = np.random.default_rng(seed).permutation(len(names))
-    n = max(1, round(share * len(names)))
-    return [names[k] for k in order[:n]]
+    shuffled = np.random.default_rng(seed).permutation(names).tolist()
+    return shuffled[: max(1, round(share * len(names)))]

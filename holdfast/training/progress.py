@@ -24,7 +24,6 @@ class Stages:
 
     def __init__(self) -> None:
         self._started_s = self._began_s = time.perf_counter()
-        self._is_terminal = sys.stderr.isatty()
 
     def __call__(self, text: str) -> None:
         """The stage under way has ended, and this one begins."""
@@ -34,7 +33,7 @@ class Stages:
 
     def part(self, share: float) -> None:
         """So much of the stage under way is done, 0 to 1."""
-        if not self._is_terminal:
+        if not sys.stderr.isatty():
             return
         # a share of nothing would say that the rest takes for ever
         share = max(share, 0.01)

@@ -58,7 +58,6 @@ from holdfast.training.datasets.trials import (
     TrialPlace,
     TrialReader,
     places,
-    read_all,
     refuse,
     require_history,
     require_possible,
@@ -171,8 +170,7 @@ def assembled(
     People are the groups; without at least two, every trial is its own. `notes` has the counts of
     samples and of windows, and of those before undersampling.
     """
-    read = read_all(readers)
-    trials = [trial for trial in read if trial]
+    trials = [reader.read() for reader in readers]
     rate_hz = common_rate([trial.recording for trial in trials])
     data = of_trials(trials, meta, rate_hz, windows, seed)
     if channels not in (None, 3 * data.n_sensors):

@@ -114,9 +114,7 @@ class TrialReader:
     read: Callable[[], TimedTrial]
 
 
-def read_all(
-    readers: Sequence[TrialReader], fault: Fault = refuse
-) -> list[TimedTrial | None]:
+def read_all(readers: Sequence[TrialReader], fault: Fault) -> list[TimedTrial | None]:
     """The trials in their order, None for one that cannot be used. fault: gets its DataError."""
     trials: list[TimedTrial | None] = []
     for reader in readers:
