@@ -62,8 +62,7 @@ SOURCES: dict[str, dict[str, str]] = {
     },
     "docs/shared-control.md": {
         "loop": "build/loop/loop.json",
-        "before": "docs/measured/loop-d86a7e638b14.json",
-        "cap": "docs/measured/loop-cap-080828f74eb1.json",
+        "front": "docs/measured/loop-front-2026-11-28.json",
     },
     "docs/thesis.md": {"preliminary": "build/preliminary/preliminary.json"},
     "docs/what-accuracy-costs.md": {

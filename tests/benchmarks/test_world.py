@@ -77,6 +77,7 @@ def test_another_choice_of_signals_changes_the_wearers_signal_and_nothing_else(
             assert with_intent(trial, "wired") is trial
             continue
         assert not with_intent(trial, "none").has_signal
+        assert with_intent(trial, "always").has_signal
         wired = with_intent(trial, "wired")
         assert replace(wired, signal_s=trial.signal_s).numbers == trial.numbers
         if wired.has_signal:

@@ -300,12 +300,12 @@ ANY_SENSE = st.builds(
 
 
 @IMPOSSIBLE_SENSE.mark
-@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize("kind", CONTROLLERS.values(), ids=CONTROLLERS)
 @given(st.lists(ANY_SENSE, max_size=30))
 def test_whatever_is_sensed_every_controller_s_target_is_finite_and_within_the_ceiling(
-    name: str, senses: list[GripSense]
+    kind: type[Controller], senses: list[GripSense]
 ) -> None:
-    loop = loop_of(ONE_HAND, name)
+    loop = loop_of(ONE_HAND, kind)
     for _ in range(3):
         loop.step(sense(p_risky=1.0))
     for one in senses:
