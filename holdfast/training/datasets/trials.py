@@ -353,8 +353,11 @@ def warn_of(trials: Sequence[TimedTrial]) -> None:
         kinds.setdefault(doubt.next_step, []).append(doubt)
     for first, *others in kinds.values():
         more = f" (and {len(others)} more like it)" if others else ""
-        said = f"{first.where}: {first.what}{more}; next: {first.next_step}"
-        warnings.warn(said, DoubtfulData, stacklevel=4)
+        warnings.warn(
+            f"{first.where}: {first.what}{more}; next: {first.next_step}",
+            DoubtfulData,
+            stacklevel=4,
+        )
 
 
 def _turned(trials: Sequence[TimedTrial]) -> Iterator[Missing]:
