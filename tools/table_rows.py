@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from benchmarks.cost.point import GOOD, README_POINTS, RECOMMENDED, REFERENCE
-from benchmarks.world.page import FUNCTIONS as WORLD
 from holdfast.core.contract import NORMAL_FLOOR, Json
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
 from holdfast.evaluation.formats import DEPLOYED, markdown
@@ -255,6 +254,5 @@ FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "table": table,
     "with_interval": with_interval,
     "worst_of_unseen": worst_of_unseen,
-    **WORLD,
 }
 """Every name that a template may use besides the figures."""

@@ -1,6 +1,6 @@
 """`python -m benchmarks world`: the shipped model in a second physics. `make world` sets it up.
 
-Test only: nothing is trained, chosen or tuned on it. Writes world.json, world.svg, and a file with
+Test only: nothing is trained, chosen or tuned on it. Writes world.json, and a file with
 a line for each trial, with which a run that was stopped goes on.
 """
 
@@ -111,11 +111,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run what is not done yet, score all, write the JSON and the picture."""
+    """Run what is not done yet, score all, write the JSON."""
     version = require_mujoco("world")
     require_writable(args.out)
     show(seed_line(args.seed))
-    from benchmarks.world.picture import picture
     from benchmarks.world.scores import tables
 
     about = _about(args, version)
@@ -134,7 +133,6 @@ def run(args: argparse.Namespace) -> int:
     }
     figures |= _others(args, version, records)
     write_whole(args.out / "world.json", json.dumps(figures, indent=1) + "\n")
-    write_whole(args.out / "world.svg", picture([figures]))
     for line in summary(figures):
         show(line)
     return 0
