@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import os
-import pty
 import signal
 import socket
 import subprocess
@@ -307,7 +306,7 @@ def test_a_view_draws_below_the_messages_and_goes_away_at_the_end(model, monkeyp
 def test_a_view_without_rich_is_refused_by_the_name_of_the_extra(model, monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setitem(sys.modules, "rich", None)
-    seen, slave = pty.openpty()
+    seen, slave = os.openpty()
     with (
         open(slave, "w", encoding="utf-8") as terminal,
         pytest.raises(LibraryMissing, match=r"holdfast\[view\]"),
