@@ -177,11 +177,11 @@ def per_doubling(points: Sequence[CurvePoint]) -> float | None:
     A curve flattens, so the next doubling brings this much at most. None with less than three
     points: two say nothing of how well a line fits.
     """
-    known = [point for point in points if point.macro_f1 is not None]
+    known = [(one.n_trials, one.macro_f1) for one in points if one.macro_f1 is not None]
     if len(known) < 3:
         return None
-    doublings = np.log2([point.n_trials for point in known])
-    slope, _ = np.polyfit(doublings, [point.macro_f1 for point in known], 1)
+    n_trials, macro_f1 = np.array(known).T
+    slope, _ = np.polyfit(np.log2(n_trials), macro_f1, 1)
     return float(slope)
 
 

@@ -3,7 +3,6 @@ earlier result."""
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import signal
@@ -215,36 +214,14 @@ def test_training_does_not_replace_an_artifact_without_force(
 
 
 @OVERWRITTEN.mark
-def test_the_bare_command_rebuilds_the_fixture_s_model_and_replaces_no_other(
-    run: Run,
-    artifact: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+def test_the_bare_command_replaces_no_artifact_without_force(
+    run: Run, artifact: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    fails(run, 2, "UsageError", "train", "--groups", "0", says="0 groups")
-    index = json.loads((artifact / "artifact.json").read_text())
-    index["training"]["kind"] = "recorded"
-    (artifact / "artifact.json").write_text(json.dumps(index))
-    fails(
-        run,
-        5,
-        "OutputError",
-        "train",
-        "--groups",
-        "0",
-        says="build/default: holds an artifact already",
-    )
-    (artifact / "artifact.json").write_text("{")
-    fails(
-        run,
-        5,
-        "OutputError",
-        "train",
-        "--groups",
-        "0",
-        says="build/default: holds an artifact already",
-    )
+    says = "build/default: holds an artifact already"
+    fails(run, 5, "OutputError", "train", "--groups", "0", says=says)
+    words = ("train", "--groups", "0", "--force")
+    fails(run, 2, "UsageError", *words, says="0 groups")
 
 
 @OVERWRITTEN.mark

@@ -22,7 +22,7 @@ from holdfast.core.errors import (
 )
 from holdfast.core.trial_file import Trial, read_trial
 from holdfast.core.trial_layout import mass_g, object_name, truth_path
-from holdfast.training.datasets import layout_of, thesis
+from holdfast.training.datasets import layout_of, load, thesis
 from holdfast.training.fixture import KIND, UPSIDE_DOWN, write_fixture
 from holdfast.training.recording import DataSet, cannot_tell, learnable
 from holdfast.training.timeline import contact, read_truth, scripted
@@ -44,7 +44,7 @@ def copied(made: Path, tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def data(made: Path) -> DataSet:
-    return thesis.load(made, windows="thesis")
+    return load(made, windows="thesis")
 
 
 def test_the_layout_is_recognised_and_others_are_not(
@@ -85,7 +85,7 @@ def test_objects_are_sorted_by_name_and_trials_by_number(copied: Path) -> None:
     first = copied / "soft-ball" / "pass" / "trial_1.csv"
     for path in (first, truth_path(first)):
         path.rename(path.with_name(path.name.replace("trial_1", "trial_10")))
-    names = [recording.trial_id for recording in thesis.load(copied).recordings]
+    names = [recording.trial_id for recording in load(copied).recordings]
     tenth = names.index("soft-ball/pass/trial_10")
     assert names[tenth - 1] == "soft-ball/pass/trial_2"
     objects = [name.split("/")[0] for name in names]
@@ -96,14 +96,14 @@ def test_both_spellings_of_the_folders_are_read(copied: Path) -> None:
     (copied / "soft-ball").rename(copied / "softball")
     (copied / "full-bottle").rename(copied / "colabottle")
     (copied / "colabottle" / "put-down").rename(copied / "colabottle" / "putdown")
-    objects = {recording.object_name for recording in thesis.load(copied).recordings}
+    objects = {recording.object_name for recording in load(copied).recordings}
     assert {"soft-ball", "full-bottle"} <= objects
 
 
 def test_the_empty_hand_may_be_a_single_file(copied: Path) -> None:
     (copied / "nothing" / "trial_1.csv").rename(copied / "nothing.csv")
     shutil.rmtree(copied / "nothing")
-    assert thesis.load(copied).recordings[-1].trial_id == "nothing"
+    assert load(copied).recordings[-1].trial_id == "nothing"
 
 
 def test_kind_and_licence_come_from_meta_and_are_careful_without_it(
@@ -111,15 +111,15 @@ def test_kind_and_licence_come_from_meta_and_are_careful_without_it(
 ) -> None:
     assert (data.kind, data.redistributable) == (KIND, True)
     (copied / "meta.json").unlink()
-    bare = thesis.load(copied)
+    bare = load(copied)
     assert (bare.kind, bare.redistributable, bare.unit) == ("recorded", False, "N")
 
 
 def test_the_truth_beside_a_trial_is_believed_before_the_script(copied: Path) -> None:
     """The same trials with another truth beside one of them: other labels come out."""
-    result = thesis.load(copied).notes["samples"]
+    result = load(copied).notes["samples"]
     phases_of((0, 2, "nothing"))(copied)
-    assert thesis.load(copied).notes["samples"] != result
+    assert load(copied).notes["samples"] != result
 
 
 @pytest.mark.parametrize(
@@ -164,7 +164,7 @@ def test_contact_is_read_from_the_forces_close_to_where_the_truth_says(
 def test_a_set_without_any_truth_loads_with_all_classes(copied: Path) -> None:
     for path in copied.glob("*/*/*.truth.json"):
         path.unlink()
-    assert min(thesis.load(copied).notes["windows"].values()) > 0
+    assert min(load(copied).notes["windows"].values()) > 0
 
 
 def test_a_trial_that_does_not_follow_the_script_is_refused(made: Path) -> None:
@@ -182,19 +182,19 @@ def test_an_everyday_action_and_a_daily_stream_live_by_their_truth_alone(
 ) -> None:
     trial = f"soft-ball/{action}/trial_1"
     renamed("soft-ball/pass", f"soft-ball/{action}")(copied)
-    recordings = thesis.load(copied, windows="natural").recordings
+    recordings = load(copied, windows="natural").recordings
     assert (trial, action) in [(one.trial_id, one.action) for one in recordings]
     (copied / f"{trial}.truth.json").unlink()
     with pytest.raises(
         LabelError, match=rf"{trial}\.csv.*put trial_1\.truth\.json beside it"
     ):
-        thesis.load(copied, windows="natural")
+        load(copied, windows="natural")
 
 
 def test_the_rate_is_the_median_and_a_microsecond_costs_no_sample(copied: Path) -> None:
     for path in copied.glob("*/*/trial_*.csv"):
         retime(path, lambda t_s: np.round(t_s * 1.00005, 6))
-    assert thesis.load(copied).rate_hz == 50.0
+    assert load(copied).rate_hz == 50.0
 
 
 def retime(path: Path, clock: Callable[[np.ndarray], np.ndarray]) -> None:
@@ -269,7 +269,7 @@ def test_a_set_is_refused_in_one_line_that_names_the_fault(
 ) -> None:
     spoil(copied)
     with pytest.raises(error) as caught:
-        thesis.load(copied, windows="thesis")
+        load(copied, windows="thesis")
     assert type(caught.value) is error
     assert names in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -293,7 +293,7 @@ def test_an_unknown_object_keeps_its_own_name() -> None:
 def test_a_weighed_object_is_read_like_the_known_ones(copied: Path) -> None:
     renamed("hard-ball", "brick")(copied)
     (copied / "brick" / "meta.json").write_text('{"mass_g": 900}')
-    data = thesis.load(copied)
+    data = load(copied)
     task = data.tasks["classes"]
     of_brick = [data.recordings[k].object_name == "brick" for k in task.trial]
     assert (task.label[of_brick] % 2 == 1).all()
@@ -303,7 +303,7 @@ def test_lost_values_in_a_trial_are_marked_and_do_not_stop_it(copied: Path) -> N
     trial = read_trial(copied / TRIAL)
     trial.raw[100:103, 4] = np.nan
     write_trial(copied / TRIAL, trial.t_s, trial.raw)
-    of = {f"{one.trial_id}.csv": one for one in thesis.load(copied).recordings}
+    of = {f"{one.trial_id}.csv": one for one in load(copied).recordings}
     lost = np.argwhere(~of[TRIAL].valid)
     assert lost.tolist() == [[100, 1], [101, 1], [102, 1]]
 
@@ -326,7 +326,7 @@ def test_the_fixture_serves_every_rate_with_all_classes(
     tmp_path: Path, rate_hz: float
 ) -> None:
     write_fixture(tmp_path, trials_per_cell=2, rate_hz=rate_hz)
-    data = thesis.load(tmp_path)
+    data = load(tmp_path)
     assert data.rate_hz == rate_hz
     assert min(data.notes["windows"].values()) >= 3
 
@@ -335,17 +335,17 @@ def test_a_folder_of_one_object_can_be_scored_and_gives_no_weight_to_learn(
     copied: Path, tmp_path: Path
 ) -> None:
     shutil.move(copied / "soft-ball", tmp_path / "one/soft-ball")
-    learned = learnable(thesis.load(tmp_path / "one"))
+    learned = learnable(load(tmp_path / "one"))
     assert list(learned.tasks) == ["situations"]
     assert set(cannot_tell(learned, by_force=False)) == {"weight"}
-    windows = thesis.load(tmp_path / "one", windows="natural").tasks["classes"]
+    windows = load(tmp_path / "one", windows="natural").tasks["classes"]
     assert set((windows.label % 2).tolist()) == {0}
 
 
 def test_recordings_alone_are_those_of_the_set_without_a_window(
     made: Path, data: DataSet
 ) -> None:
-    alone = thesis.load(made, windows="none")
+    alone = load(made, windows="none")
     assert alone.tasks == {}
     for one, other in zip(alone.recordings, data.recordings, strict=True):
         np.testing.assert_array_equal(one.samples, other.samples)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from holdfast.core.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
 from holdfast.core.trial_layout import MASSES_G, is_heavy
 from holdfast.export.spec import StepSpec, window_samples
-from holdfast.training.datasets import thesis
+from holdfast.training.datasets import load
 from holdfast.training.fixture import write_fixture
 from holdfast.training.plan import hand_plan
 from holdfast.training.recording import DataSet, Recording
@@ -36,7 +36,7 @@ RATE_HZ = 50.0
 def data(tmp_path_factory: pytest.TempPathFactory) -> DataSet:
     folder = tmp_path_factory.mktemp("fixture")
     write_fixture(folder)
-    return thesis.load(folder, windows="thesis")
+    return load(folder, windows="thesis")
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def balanced(tmp_path_factory: pytest.TempPathFactory) -> DataSet:
     """The same set by default: dense windows, whose classes weigh the same in training."""
     folder = tmp_path_factory.mktemp("balanced")
     write_fixture(folder)
-    return thesis.load(folder)
+    return load(folder)
 
 
 def shaken(*times_s: float, lasts_s: float = 12.0) -> Recording:
@@ -242,8 +242,8 @@ def test_a_trial_without_an_exact_truth_gives_its_natural_windows(
     write_fixture(tmp_path, trials_per_cell=1)
     for truth in tmp_path.rglob("*.truth.json"):
         truth.unlink()
-    balanced = thesis.load(tmp_path, windows="balanced").tasks["classes"]
-    natural = thesis.load(tmp_path, windows="natural").tasks["classes"]
+    balanced = load(tmp_path, windows="balanced").tasks["classes"]
+    natural = load(tmp_path, windows="natural").tasks["classes"]
     assert balanced.row.tolist() == natural.row.tolist()
     assert balanced.label.tolist() == natural.label.tolist()
 
@@ -265,8 +265,8 @@ def test_the_seed_alone_decides_the_windows_that_are_drawn(
 ) -> None:
     write_fixture(tmp_path)
     np.random.seed(1)  # of no consequence: the global generator is not used
-    again = thesis.load(tmp_path, windows="thesis").tasks["classes"]
-    other = thesis.load(tmp_path, seed=1, windows="thesis").tasks["classes"]
+    again = load(tmp_path, windows="thesis").tasks["classes"]
+    other = load(tmp_path, seed=1, windows="thesis").tasks["classes"]
     task = data.tasks["classes"]
     np.testing.assert_array_equal(
         [again.trial, again.row, again.label], [task.trial, task.row, task.label]
