@@ -260,7 +260,7 @@ def slowed_down_until_no_band_is_left(root: Path) -> None:
         (phases_of((0, 9, "hovering")), LabelError, "hovering"),
         (phases_of((0, 9, "grasp"), (5, 9, "nothing")), LabelError, "trial_1.truth"),
         (written(TRUTH, "{}"), LabelError, "trial_1.truth.json"),
-        (shutil.rmtree, DataNotFound, "no trials"),
+        (shutil.rmtree, DataNotFound, "no such data set or folder"),
         (slowed_down_until_no_band_is_left, RateError, "more than 21.74 Hz"),
     ],
 )
