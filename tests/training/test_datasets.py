@@ -81,14 +81,6 @@ def test_kept_groups_come_with_their_windows_and_no_others(tmp_path: Path) -> No
         assert part.recordings[new].trial_id == whole.recordings[old].trial_id
 
 
-def test_groups_are_chosen_by_the_seed(tmp_path: Path) -> None:
-    write_eflesh(tmp_path)
-    seeds = [*range(10), 0]
-    kept = [tuple(load(tmp_path, groups=2, seed=seed).groups()) for seed in seeds]
-    assert kept[0] == kept[-1]
-    assert len(set(kept)) > 1
-
-
 def test_more_groups_than_there_are_cannot_be_kept(tmp_path: Path) -> None:
     write_eflesh(tmp_path)
     with pytest.raises(UsageError, match="4 exist"):
@@ -114,20 +106,6 @@ def test_an_eflesh_trial_is_held_or_tugged(tmp_path: Path) -> None:
     blocks = [recording.group for recording in data.recordings[5:7]]
     assert blocks == ["block_00", "block_01"]
     assert data.unit == "uT"
-
-
-def test_labels_that_are_not_zero_or_one_are_refused(tmp_path: Path) -> None:
-    np.savez(tmp_path / "eflesh_slip.npz", X=np.zeros((2, 300, 30)), y=[0, 2])
-    with pytest.raises(LabelError, match="not one 0 or 1"):
-        load(tmp_path)
-
-
-def test_the_real_eflesh_set_has_103_tugs_in_137_trials(
-    real_set: Callable[[str], Path],
-) -> None:
-    data = load(real_set("eflesh_slip"))
-    tugged = [recording for recording in data.recordings if recording.action == "tug"]
-    assert (len(data.recordings), len(tugged)) == (137, 103)
 
 
 def test_joined_sets_keep_every_recording_and_window_apart_by_name(
