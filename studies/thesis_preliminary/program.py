@@ -19,6 +19,7 @@ from holdfast.training.fitting import versions
 from holdfast.training.progress import Say, Stages
 from holdfast.training.recording import DataSet
 from studies.real.methods import HUMAN
+from studies.thesis_preliminary.cases import CASES
 from studies.thesis_preliminary.figures import PreliminaryStudy
 from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS
 from studies.thesis_preliminary.study import REPETITIONS, study
