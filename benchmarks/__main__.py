@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     """Measure, write WHAT.json, print the tables."""
     from holdfast.core.writing import require_writable
     from holdfast.evaluation.provenance import table_lines, write_measured
-    from holdfast.training.progress import stages
+    from holdfast.training.progress import Stages
 
     require_writable(args.out)
     require_json_writable(args)
@@ -67,14 +67,14 @@ def run(args: argparse.Namespace) -> int:
     if args.what == "all":
         chosen = [name for name, one in MEASURES.items() if not one.alone]
     found: dict[str, Json] = {}
-    with stages(len(chosen)) as begin:
-        for what in chosen:
-            measure = MEASURES[what]
-            begin(f"{what}: {measure.about}")
-            figures = found[what] = measure.measure(args)
-            written = write_measured(args.out, what, measure.kind, figures, None)
-            if args.json != STDOUT:
-                print("\n".join([*table_lines(figures), *written]))
+    begin = Stages()
+    for what in chosen:
+        measure = MEASURES[what]
+        begin(f"{what}: {measure.about}")
+        figures = found[what] = measure.measure(args)
+        written = write_measured(args.out, what, measure.kind, figures, None)
+        if args.json != STDOUT:
+            print("\n".join([*table_lines(figures), *written]))
     write_found(args, found)
     return 0
 

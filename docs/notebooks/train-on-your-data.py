@@ -1,7 +1,7 @@
 # %% [markdown]
 # # Train on your data
 #
-# From trials in pandas to a sealed model file and its answers, in one program. The trials here
+# From a folder of trials to a sealed model file and its answers, in one program. The trials here
 # are **simulated** and far too few for a good model: the figures show how it works, not how well.
 # It is a Python file with cells: `make docs-site` executes it, and `python
 # docs/notebooks/train-on-your-data.py` runs it too. Folders of CSV files need no program: [your
@@ -12,17 +12,17 @@
 # Two sets of trials from different seeds: one to train on, one to evaluate on.
 
 # %%
-import json
 import os
 import tempfile
 from pathlib import Path
 
 import pandas as pd
 
-from holdfast import evaluation, training
+from holdfast import evaluation
 from holdfast.cli.main import main
 from holdfast.edge_runtime.monitor import Model
 from holdfast.export.exporting import export_artifact
+from holdfast.training.datasets import load
 from holdfast.training.fitting import train
 from holdfast.training.plan import TWO_SAMPLES, ForestPlan, TrainingPlan
 
@@ -33,37 +33,6 @@ for name, seed in (("mine", 1), ("unseen", 2)):
     main([*command, "--out", str(work / name)])
 
 # %% [markdown]
-# ## One data frame a trial
-#
-# The name says which object and which action; a first part `p01/` would say which person. The
-# column `label` holds the situation of each row where it is known, here from the simulation's own
-# record.
-
-
-# %%
-def with_labels(path):
-    frame = pd.read_csv(path)
-    truth = json.loads(path.with_suffix(".truth.json").read_text())
-    for phase in truth["phases"]:
-        rows = frame["Time"].between(phase["t0_s"], phase["t1_s"], inclusive="left")
-        frame.loc[rows, "label"] = phase["label"]
-    return frame
-
-
-def frames_of(folder):
-    return {
-        path.relative_to(folder).with_suffix("").as_posix(): with_labels(path)
-        for path in sorted(folder.glob("*/*/trial_*.csv"))
-        if path.stem.count(".") == 0
-    }
-
-
-frames = frames_of(work / "mine")
-first = next(iter(frames.values()))
-print(len(frames), "trials; the first:", next(iter(frames)))
-first.groupby("label", sort=False)["Time"].agg(["min", "max"]).round(2)
-
-# %% [markdown]
 # ## Train, export
 #
 # A small forest, so that this page is built in seconds. `holdfast train` without options trains a
@@ -71,7 +40,7 @@ first.groupby("label", sort=False)["Time"].agg(["min", "max"]).round(2)
 # same answers as scikit-learn.
 
 # %%
-data = training.recordings_from_frames(frames, unit="N")
+data = load(work / "mine")
 plan = TrainingPlan(
     situation=ForestPlan(n_estimators=20, min_samples_leaf=4, max_depth=12),
     decision=TWO_SAMPLES,
@@ -88,9 +57,7 @@ print(f"{path.name}: {path.stat().st_size / 1e3:.0f} kB")
 
 # %%
 model = Model(path)
-unseen = training.recordings_from_frames(
-    frames_of(work / "unseen"), unit="N", windows="natural"
-)
+unseen = load(work / "unseen", windows="natural")
 answers = evaluation.to_frame(evaluation.run_model(model, unseen))
 pd.crosstab(answers["truth"], answers["state"])
 

@@ -26,8 +26,6 @@ from holdfast.core.writing import require_writable
 if TYPE_CHECKING:
     from holdfast.sessions.adapt import HeldOutFigures
 
-STAGES = 7
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
@@ -104,21 +102,21 @@ def _undo(args: argparse.Namespace) -> int:
 
 
 def _adapt(args: argparse.Namespace) -> int:
-    from holdfast.training.progress import stages
+    from holdfast.training.progress import Stages
 
-    with stages(STAGES) as begin:
-        begin("loading the libraries and the model")
-        from holdfast.sessions.adapt import adapt_file
+    begin = Stages()
+    begin("loading the libraries and the model")
+    from holdfast.sessions.adapt import adapt_file
 
-        made = adapt_file(
-            args.model,
-            args.data,
-            args.person,
-            args.slips,
-            args.out,
-            begin,
-            worse_too=args.force,
-        )
+    made = adapt_file(
+        args.model,
+        args.data,
+        args.person,
+        args.slips,
+        args.out,
+        begin,
+        worse_too=args.force,
+    )
 
     person = made.person
     reached = made.point.reached

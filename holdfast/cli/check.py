@@ -50,13 +50,13 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.training.check import examine
     from holdfast.training.check_lines import report_lines
     from holdfast.training.datasets import find
-    from holdfast.training.progress import stages
+    from holdfast.training.progress import Stages
 
-    with stages(1) as begin:
-        begin(f"reading {args.folder}")
-        settings = read_settings(settings_file([]))
-        most_n = settings.get("ceiling_n")
-        report = examine(find(args.folder), begin.part, most_n)
+    begin = Stages()
+    begin(f"reading {args.folder}")
+    settings = read_settings(settings_file([]))
+    most_n = settings.get("ceiling_n")
+    report = examine(find(args.folder), most_n)
 
     show_found(args, "\n".join(report_lines(report)), report.to_json())
     return 0 if report.readable else DataError.exit_code

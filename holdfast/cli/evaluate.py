@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     """Evaluate, print the figures in words, write them as JSON and as a report."""
     from holdfast.evaluation.evaluate import EvaluationRequest
     from holdfast.evaluation.evaluation_lines import evaluation_lines
-    from holdfast.training.progress import stages
+    from holdfast.training.progress import Stages
 
     require_json_writable(args)
     # A report that cannot be written is refused before the evaluation.
@@ -94,11 +94,9 @@ def run(args: argparse.Namespace) -> int:
         most_false_per_min=args.false_per_min,
         seed=args.seed,
     )
-    # Loading the libraries, and what this verb adds to the stages of the evaluation.
-    extra = 1 + (args.report is not None)
-    with stages(request.n_stages() + extra) as begin:
-        begin("loading the libraries and the model")
-        evaluation = _evaluated(args, request, begin)
+    begin = Stages()
+    begin("loading the libraries and the model")
+    evaluation = _evaluated(args, request, begin)
 
     show_found(args, "\n".join(evaluation_lines(evaluation)), evaluation.to_json())
     return 0

@@ -89,14 +89,14 @@ def run(args: argparse.Namespace) -> int:
     found = _understood(args)
     from holdfast.interop.trials import TrialImport
     from holdfast.interop.writing import write_beside
-    from holdfast.training.progress import stages
+    from holdfast.training.progress import Stages
 
     with whole_folder(args.out) as folder:
-        with stages(1) as begin:
-            begin(f"reading {args.source}")
-            reading = TrialImport(folder)
-            for plan, files in found.plans:
-                reading.take(args.source, plan, files, begin.part)
+        begin = Stages()
+        begin(f"reading {args.source}")
+        reading = TrialImport(folder)
+        for plan, files in found.plans:
+            reading.take(args.source, plan, files, begin.part)
         maps = args.map.parent if args.map else args.out.parent
         write_beside(folder, found.plans[0][0], maps, reading.written)
         lines = [*found.lines, *reading.lines()]

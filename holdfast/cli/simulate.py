@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.simulation.folder import require_new, write_set
     from holdfast.simulation.scene import Scene
     from holdfast.simulation.scene_file import read_scene_file
-    from holdfast.training.progress import counted
+    from holdfast.training.progress import Stages
 
     require_json_writable(args)
     # A set is made of one card and one seed; files of two sets must not mix.
@@ -67,13 +67,15 @@ def run(args: argparse.Namespace) -> int:
     scene = Scene(file, args.seed)
     total = len(scene.trials(args.trials))
     card = scene.file
-    announced = f"simulating {count_of(total, 'trial')} of {card.name}"
     for number in (signal.SIGTERM, signal.SIGHUP):
         # As Ctrl-C, which removes the unfinished folder; under nohup SIGHUP stays ignored.
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, signal.default_int_handler)
-    with counted(announced, total) as done:
-        files = write_set(scene, args.out, args.trials, done)
+    progress = Stages()
+    progress(f"simulating {count_of(total, 'trial')} of {card.name}")
+    files = write_set(
+        scene, args.out, args.trials, lambda done: progress.part(done / total)
+    )
 
     found = {
         "kind": "simulated",

@@ -86,10 +86,10 @@ def run(args: argparse.Namespace) -> int:
         return 0 if done else 1
 
     if not args.report:
-        ending = run_study(RecordOptions.of(args), protocol, sys.stdin)
+        ending, exit_code = run_study(RecordOptions.of(args), protocol, sys.stdin)
         # A study that goes on later has no report yet.
         if ending != Ending.FINISHED:
-            return 0
+            return exit_code
 
     lines = write_participant_report(args.out, args.person, protocol)
     show("\n".join(lines))

@@ -1,8 +1,7 @@
 """`holdfast train --data SET .. --out DIR`: train on sets, write an artifact for export.
 
-Without arguments it trains on the small generated fixture, into build/default, and may be run
-again: an artifact of the fixture there is replaced. Every other artifact is replaced only with
---force.
+Without arguments it trains on the small generated fixture, into build/default. An artifact is
+replaced only with --force.
 """
 
 from __future__ import annotations
@@ -32,12 +31,8 @@ WINDOWS = ("balanced", "dense", "thesis", "natural")
 FEATURES = ("fixed", "pooled")
 MODEL_SIZES = ("tiny", "default")
 LEARNERS = ("forest", "network", "committee")
-HELD_OUT_BY = ("person", "object", "session", "trial")
+HELD_OUT_BY = ("person", "object", "trial")
 DEFAULT_OUT = Path("build/default")
-OTHER_STAGES = 9
-"""Stages besides one for each set: libraries, features, six folds, final forests."""
-REPORT_STAGES = 4
-"""Further stages of --report: three points of the learning curve, and the page."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -95,7 +90,7 @@ def _choose_recordings(parser: argparse.ArgumentParser) -> None:
         "--hold-out",
         choices=HELD_OUT_BY,
         metavar="WHAT",
-        help="what is held out together: person, object, session (a date in the path) or trial "
+        help="what is held out together: person, object or trial "
         "(default: the first of these with which every model learns every situation)",
     )
 
@@ -139,28 +134,27 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.core.contract import CANNOT_TELL, not_learned_in_words
     from holdfast.core.errors import command
     from holdfast.training.figures import situation_lines, with_interval
-    from holdfast.training.progress import stages
+    from holdfast.training.progress import Stages
 
     require_json_writable(args)
     # A report that cannot be written is refused before the training.
     if args.report is not None:
         require_writable(args.report.parent)
 
-    extra = 0 if args.report is None else REPORT_STAGES
-    with stages(max(1, len(args.data)) + OTHER_STAGES + extra) as progress:
-        progress("loading the libraries")
-        # Imported within the stage: loading the libraries takes seconds, and is shown.
-        from holdfast.training.fitting import train_on_sets
+    progress = Stages()
+    progress("loading the libraries")
+    # Imported within the stage: loading the libraries takes seconds, and is shown.
+    from holdfast.training.fitting import train_on_sets
 
-        # With --json on stdout nothing else may stand there.
-        describe = _quiet if args.json == STDOUT else show
-        data, trained = train_on_sets(_request(args), progress, describe)
-        figures = trained.figures
-        if args.report is not None:
-            from holdfast.evaluation.report import write_training_report
+    # With --json on stdout nothing else may stand there.
+    describe = _quiet if args.json == STDOUT else show
+    data, trained = train_on_sets(_request(args), progress, describe)
+    figures = trained.figures
+    if args.report is not None:
+        from holdfast.evaluation.report import write_training_report
 
-            progress("drawing the report")
-            write_training_report(args.report, data, trained, args.out)
+        progress("drawing the report")
+        write_training_report(args.report, data, trained, args.out)
 
     held_out = f"held out by {data.group_kind}: "
     not_learned = trained.cannot_tell
@@ -202,7 +196,6 @@ def _request(args: argparse.Namespace) -> TrainingRequest:
         data=tuple(args.data),
         out=args.out,
         replace=args.force,
-        replace_fixture=args.out == DEFAULT_OUT,
         groups=args.groups,
         hold_out=args.hold_out,
         rate_hz=args.rate,

@@ -11,10 +11,10 @@ from __future__ import annotations
 import csv
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, TextIO
+from typing import Any, Literal, TextIO, TypeVar
 
 import numpy as np
 
@@ -74,13 +74,16 @@ MOST_ROWS = 2_000_000
 """A gap that makes more of them is no loss of samples."""
 
 
-def block_means(
-    values: FloatArray, valid: BoolArray, n: int
-) -> tuple[FloatArray, BoolArray]:
-    """values [T, C] and valid [T, S] of every n samples as one; what is left over is dropped.
+Times = TypeVar("Times", FloatArray, IntArray)
 
-    A mean of whole blocks, so that little folds back. A sensor is valid where more than half of its
-    samples are, and its mean is of these.
+
+def block_means(
+    times: Times, values: FloatArray, valid: BoolArray, n: int
+) -> tuple[Times, FloatArray, BoolArray]:
+    """times [T], values [T, C] and valid [T, S] of every n samples as one, at the last one's time.
+
+    What is left over is dropped. A mean of whole blocks, so that little folds back. A sensor is
+    valid where more than half of its samples are, and its mean is of these.
     """
     blocks = len(values) // n
     by_sensor = values[: blocks * n].reshape(blocks, n, -1, 3)
@@ -89,7 +92,7 @@ def block_means(
     count = usable.sum(axis=1)
     total = np.where(usable[..., None], by_sensor, 0.0).sum(axis=1)
     means = total / np.maximum(count, 1)[..., None]
-    return means.reshape(blocks, -1), 2 * count > n
+    return times[n - 1 :: n], means.reshape(blocks, -1), 2 * count > n
 
 
 @dataclass(frozen=True)
@@ -120,8 +123,7 @@ class Trial:
 
     def averaged(self, n: int) -> Trial:
         """The same trial with the mean of every n samples, at the time of the last of them."""
-        raw, valid = block_means(self.raw, self.valid, n)
-        t_s = self.t_s[n - 1 :: n][: len(raw)]
+        t_s, raw, valid = block_means(self.t_s, self.raw, self.valid, n)
         return replace(self, t_s=t_s, raw=raw, valid=valid, rows=None)
 
 
@@ -180,12 +182,22 @@ def trial_of(
     t_s = _check_time(seconds * table[:, 0], path, row_name)
     raw = table[:, 1 : 1 + 3 * n_sensors]
     trial = Trial(path, t_s, raw, _valid(table, header, n_sensors))
-    for column in PREPARED.keys() & set(header):
-        zero = ZEROS[int(table[0, header.index(column)]) > 1]
-        trial = replace(trial, zero=zero, unit=PREPARED[column])
+    zero, unit = prepared_by(dict(zip(header, table[0], strict=True)))
+    trial = replace(trial, zero=zero, unit=unit)
     if counted is None:
         return _with_lost_rows(trial, places_by_time(t_s))
     return _with_lost_rows(trial, _places_by_sequence(counted, path))
+
+
+def prepared_by(row: Mapping[str, Any]) -> tuple[Zero | None, Unit | None]:
+    """What was removed from the values of a row by its columns, and their unit; None for nothing.
+
+    Raises ValueError for a cell that is no number.
+    """
+    for column, unit in PREPARED.items():
+        if column in row:
+            return ZEROS[float(str(row[column])) > 1.0], unit
+    return None, None
 
 
 def places_by_time(t_s: FloatArray) -> IntArray:

@@ -92,6 +92,7 @@ class LineSource(SelfPaced):
         assert reader.map is not None
         self.unit: Unit = reader.map.unit_of_values if to_force is None else "N"
         self.n_channels = len(reader.map.channels)
+        self.zero = reader.zero
         self._last = self._valued(*first[-1])
         self._looked_ns = clock.now_ns()
         stamps = "the recording" if options.paced else "arrival"

@@ -73,16 +73,9 @@ class Replay:
         if n < 2:
             return self
         report(averaged_in_words(self.rate_hz, n))
-        values, valid = block_means(self.values, self.valid, n)
-        t_ns = self.t_ns[n - 1 :: n][: len(values)]
-        return replace(
-            self,
-            t_ns=t_ns,
-            values=values,
-            valid=valid,
-            rate_hz=self.rate_hz / n,
-            rows=None,
-        )
+        t_ns, values, valid = block_means(self.t_ns, self.values, self.valid, n)
+        of_n = replace(self, t_ns=t_ns, values=values, valid=valid, rows=None)
+        return replace(of_n, rate_hz=self.rate_hz / n)
 
     def __iter__(self) -> Iterator[Sample]:
         """Every sample in turn, without waiting."""
@@ -165,6 +158,7 @@ class AveragedSource(SelfPaced):
         self._n = n
         self.unit = source.unit
         self.n_channels = source.n_channels
+        self.zero = zero_of(source)
         rate_hz = source.rate_hz
         self.rate_hz: float | None = None if rate_hz is None else rate_hz / n
 
@@ -176,11 +170,12 @@ class AveragedSource(SelfPaced):
             if reading is None:
                 return None
             readings.append(reading)
+        times_ns = np.array([one.t_ns for one in readings], dtype=np.int64)
         values = np.stack([one.values for one in readings])
         valid = np.stack([one.valid for one in readings])
-        mean, usable = block_means(values, valid, self._n)
+        t_ns, mean, usable = block_means(times_ns, values, valid, self._n)
         why = next((one.why for one in readings if not one.valid.all()), ())
-        return SourceReading(readings[-1].t_ns, mean[0], usable[0], why)
+        return SourceReading(int(t_ns[0]), mean[0], usable[0], why)
 
     def close(self) -> None:
         """Close the source."""
@@ -202,5 +197,6 @@ def at_rate(source: Source, rate_hz: float, report: Callable[[str], object]) -> 
 
 
 def zero_of(source: Source) -> Zero | None:
-    """What was removed from the samples of a source already: a run's own, replayed."""
-    return source.zero if isinstance(source, PacedReplay) else None
+    """What was removed from the samples of a source already: a run's own, replayed or as lines."""
+    zero: Zero | None = getattr(source, "zero", None)
+    return zero

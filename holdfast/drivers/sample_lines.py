@@ -41,7 +41,7 @@ from holdfast.core.hand_lines import (
     fields_of,
     sequence_of,
 )
-from holdfast.core.trial_file import TIME_COLUMNS
+from holdfast.core.trial_file import TIME_COLUMNS, Zero, prepared_by
 
 SEPARATORS = (",", ";", "\t")
 CHANNEL = re.compile(r"[XYZ]([1-9][0-9]{0,3})")
@@ -91,11 +91,13 @@ class SampleReader:
     """Reads the lines of one source, line by line.
 
     column_map: None for columns with the project's names; then `map` is known from the first line
-    on. unit: of their values.
+    on. unit: of their values, where the lines themselves name none. zero: what was removed from
+    them by the run that wrote them (core/trial_file.py), None for nothing.
     """
 
     def __init__(self, column_map: ColumnMap | None = None, unit: Unit = "N") -> None:
         self.map = column_map
+        self.zero: Zero | None = None
         self._unit: Unit = unit
         self._rule = RisingRule()
         self._names: list[str] = []
@@ -151,6 +153,8 @@ class SampleReader:
     # -- a sample
 
     def _sample(self, columns: dict[str, Any], now_ns: int) -> SampleLine:
+        self.zero, unit = prepared_by(columns)
+        self._unit = unit or self._unit
         column_map = self._known_map(columns)
         stamp_ns = None
         if column_map.time.column:

@@ -53,15 +53,6 @@ class EvaluationRequest:
     most_false_per_min: float = MOST_FALSE_PER_MIN
     seed: int = 0
 
-    def n_stages(self) -> int:
-        """How many stages `evaluate_events` announces."""
-        # Reading, running, scoring; matching too, unless that was done on other sets before.
-        of_a_set, of_choosing = (3, 3) if self.choose else (4, 0)
-        # A stage that is announced and never comes would stop the progress before its end.
-        of_training = bool(self.train)
-        # The last one is of all sets.
-        return of_training + of_choosing + of_a_set * len(self.data) + 1
-
 
 ALONE = Workers()
 
@@ -172,7 +163,6 @@ class _Run:
             rate_hz=self.model.card.rate_hz,
             seed=self.request.seed,
             windows="thesis",
-            part=self.part,
         )
         # Before a forest is trained in vain on other channels or another rate.
         require_model_fits(self.model, data)
@@ -262,7 +252,6 @@ class _Run:
             rate_hz=self.model.card.rate_hz,
             seed=self.request.seed,
             windows="natural",
-            part=self.part,
         )
         # Before a set is run, which takes minutes.
         require_model_fits(self.model, data)

@@ -19,7 +19,7 @@ from typing import Literal
 LIVE_PATH = "live path"
 EXTRAS = {
     LIVE_PATH: ("numpy", "msgspec", "onnxruntime", "pyusb", "libusb-package", "smbus2"),
-    "train": ("scikit-learn", "skl2onnx", "onnx", "scipy", "pandas", "skops", "rich"),
+    "train": ("scikit-learn", "skl2onnx", "onnx", "scipy", "pandas", "skops"),
     "viz": ("matplotlib", "jinja2"),
     "camera": ("depthai",),
     "completion": ("shtab",),

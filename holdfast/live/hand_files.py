@@ -21,7 +21,9 @@ from holdfast.core.contract import (
 from holdfast.core.errors import UnitError
 from holdfast.core.hand_card import sensor_names
 from holdfast.core.source import Source, SourceReading
+from holdfast.drivers.replay import zero_of
 from holdfast.edge_runtime.model_file import ModelCard
+from holdfast.edge_runtime.preparation import Preparation, Tare
 from holdfast.live.sources import SIM, ToForce, source_url
 
 SILENT_S = 2.0
@@ -175,3 +177,10 @@ def resting_of(path: str | Path | None, source: Source) -> FloatArray | None:
         )
 
     return bias.values
+
+
+def tare_of(card: ModelCard, source: Source, resting: FloatArray | None) -> Tare:
+    """What removes sign and zero from the samples of a source; resting [C]: a measured zero."""
+    # the samples of another run have lost both already
+    bare = card.preparation if zero_of(source) is None else Preparation()
+    return Tare(bare, card.n_channels, resting)

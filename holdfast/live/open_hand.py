@@ -8,9 +8,9 @@ from pathlib import Path
 
 from holdfast.core.contract import Sample
 from holdfast.core.source import SelfPaced
+from holdfast.drivers.replay import at_rate
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
-from holdfast.edge_runtime.preparation import Tare
-from holdfast.live.hand_files import force_of, resting_of
+from holdfast.live.hand_files import force_of, resting_of, tare_of
 from holdfast.live.running import RunClock, say
 from holdfast.live.sources import open_live
 
@@ -49,7 +49,7 @@ class OpenHand(ExitStack):
         UnitError, ChannelError or RateError where the source does not fit the model.
         """
         card = monitor.card
-        source = self._source
+        source = at_rate(self._source, card.rate_hz, say)
         rate_hz = source.rate_hz or card.rate_hz
         require_fit(
             card,
@@ -59,7 +59,7 @@ class OpenHand(ExitStack):
             where=self.url,
         )
 
-        tare = Tare(card.preparation, card.n_channels, self._resting)
+        tare = tare_of(card, source, self._resting)
         start_ns = self._clock.now_ns()
         sequence = 0
         while seconds is None or sequence < seconds * rate_hz:

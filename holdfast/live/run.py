@@ -30,7 +30,6 @@ from holdfast.edge_runtime.engine import (
 )
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
-from holdfast.edge_runtime.preparation import Preparation, Tare
 from holdfast.edge_runtime.wearer import Command
 from holdfast.live.hand_files import (
     AnswerWatch,
@@ -38,6 +37,7 @@ from holdfast.live.hand_files import (
     force_of,
     resting_of,
     shear_gain_of,
+    tare_of,
 )
 from holdfast.live.loop import Emit, Summary, report_summary, run_live
 from holdfast.live.outputs import (
@@ -411,16 +411,13 @@ def answer(
         where="source",
     )
 
-    zero = zero_of(source)
     monitor = GripMonitor(
         model,
         clock.now_ns,
-        bias_known=resting is not None or zero == "measured",
+        bias_known=resting is not None or zero_of(source) == "measured",
         has_counters=isinstance(source, LiveHand),
     )
-    # the samples of another run have lost sign and zero already
-    preparation = card.preparation if zero is None else Preparation()
-    tare = Tare(preparation, card.n_channels, resting)
+    tare = tare_of(card, source, resting)
     return run_live(
         source, monitor, tare, clock, emit, stopped=stopped, command=command
     )

@@ -50,7 +50,7 @@ from holdfast.sessions.adapt_evidence import (
     streams_of,
 )
 from holdfast.training.datasets import find, load
-from holdfast.training.progress import Part, Stages
+from holdfast.training.progress import Stages
 from holdfast.training.recording import DataSet
 
 LEAST_HAND_OVERS = 8
@@ -313,11 +313,11 @@ def adapt_file(
         )
     model = Model(model_path)
     begin("reading the person's recordings")
-    own = of_person(_read(data, model, begin.part), person)
+    own = of_person(_read(data, model), person)
     counts = counts_of(own.recordings)
     require_enough(counts)
     begin(f"reading {slips}")
-    others = _read(slips, model, begin.part)
+    others = _read(slips, model)
     require_slips(others)
     begin(f"running the model on {count_of(counts.trials, 'trial')} of the person")
     of_own = streams_of(model, own, begin.part)
@@ -377,7 +377,7 @@ def _write(path: Path, data: bytes) -> None:
 # -- recordings
 
 
-def _read(name: str, model: Model, part: Part) -> DataSet:
+def _read(name: str, model: Model) -> DataSet:
     """The recordings of a set or folder. Raises SetLocked for a set that is kept for tests."""
     require_open(find(name), "a correction", styles=False)
     card = model.card
@@ -386,7 +386,6 @@ def _read(name: str, model: Model, part: Part) -> DataSet:
         channels=card.n_channels,
         rate_hz=card.rate_hz,
         windows="none",
-        part=part,
     )
 
 

@@ -18,7 +18,6 @@ from holdfast.core.errors import (
     ColumnError,
     DataError,
     NotANumber,
-    RateError,
     count_of,
 )
 from holdfast.core.hand_card import HandCard, hand_or_usual
@@ -50,7 +49,6 @@ from holdfast.training.datasets.trials import (
 )
 from holdfast.training.judging import strictest_hold_out
 from holdfast.training.plan import TrainingPlan
-from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import DataSet, lost_spans
 from holdfast.training.windows import TimedTrial, classes_of
 
@@ -141,23 +139,20 @@ class FolderReport:
         return {**asdict(self), "readable": self.readable, "trainable": self.trainable}
 
 
-def examine(
-    root: Path, part: Part = ignored, most_n: float | None = None
-) -> FolderReport:
+def examine(root: Path, most_n: float | None = None) -> FolderReport:
     """What a folder holds, and what is missing or doubtful.
 
-    part: receives the share of it that is read. most_n: the largest grip of the hand, N of either
-    side, where it is given.
+    most_n: the largest grip of the hand, N of either side, where it is given.
     """
     layout = layout_of(root)
     report = FolderReport(str(root), layout)
     if layout is None:
         report.missing = _not_read(root, [])
     elif layout in LAYOUTS:
-        _examine_trials(report, root, layout, part, most_n)
+        _examine_trials(report, root, layout, most_n)
     else:
         # The reader of a public set refuses what is wrong, and the set lacks nothing.
-        data = load(root, part=part)
+        data = load(root)
         cells: Cells = {}
         for one in data.recordings:
             name = (one.person, one.object_name, one.action)
@@ -169,7 +164,7 @@ def examine(
 
 
 def _examine_trials(
-    report: FolderReport, root: Path, layout: str, part: Part, most_n: float | None
+    report: FolderReport, root: Path, layout: str, most_n: float | None
 ) -> None:
     """Read all trials of a folder of these, and fill in the report."""
     # Faults are collected, so that one run names all of them.
@@ -179,7 +174,7 @@ def _examine_trials(
         readers = reader_of(layout).readers(root, faults.append)
     except DataError as error:
         faults.append(error)
-    read = read_all(readers, faults.append, part)
+    read = read_all(readers, faults.append)
     trials = [trial for trial in read if trial]
     doubts: list[Missing] = []
     cells: Cells = {}
@@ -199,18 +194,15 @@ def _examine_trials(
             _hold_out(report, data)
             hand = with_hand(data, root).hand
             doubts += _sides_unknown(root, data.n_sensors, hand)
-        except RateError as error:
-            step = error.next_step
-            faults.append(RateError(error.what, where=root, next_step=step))
         except DataError as error:
             faults.append(error)
         doubts += doubts_of(trials, most_n)
 
     missing = []
     for fault in faults:
-        missing.append(Missing("error", fault.where, fault.what, fault.next_step))
-    columns = any(isinstance(fault, ColumnError | NotANumber) for fault in faults)
-    if columns and not trials:
+        where = fault.where or str(root)
+        missing.append(Missing("error", where, fault.what, fault.next_step))
+    if not trials and any(isinstance(one, ColumnError | NotANumber) for one in faults):
         what = "no trial has the columns of the layout: logs of another program?"
         missing.append(Missing("error", str(root), what, import_command(root)))
     missing += doubts
@@ -234,20 +226,23 @@ def _hold_out(report: FolderReport, data: DataSet) -> None:
 
 def _not_read(root: Path, read: Sequence[Path]) -> list[Missing]:
     """CSV files that are at no trial's place; an error where no file is at one."""
-    paths = sorted(set(root.rglob("*.csv")) - set(read))
-    others = [path for path in paths if not _is_of_a_trial(path)]
-    if read and not others:
-        return []
-
+    left = sorted(set(root.rglob("*.csv")) - set(read))
+    others = [path for path in left if not _is_of_a_trial(path)]
     what = "no trial" if has_logs(root) else "no CSV file"
     if others:
         first = others[0].relative_to(root).as_posix()
         what = f"CSV files at no trial's place: {len(others)}, such as {first}"
-    actions = ", ".join(FOLDERS)
-    next_step = f"a trial belongs at {root / LAYOUT}; an action is one of {actions}"
-    if not read and has_logs(root):
-        next_step += f"; logs of another program: {import_command(root)}"
-    return [Missing("advice" if read else "error", str(root), what, next_step)]
+    elif read:
+        return []
+
+    step = (
+        f"a trial belongs at {root / LAYOUT}; an action is one of {', '.join(FOLDERS)}"
+    )
+    if read:
+        return [Missing("advice", str(root), what, step)]
+    if has_logs(root):
+        step += f"; logs of another program: {import_command(root)}"
+    return [Missing("error", str(root), what, step)]
 
 
 def _is_of_a_trial(path: Path) -> bool:
@@ -306,11 +301,10 @@ def _class_seconds(trials: Sequence[TimedTrial]) -> list[ClassSeconds]:
     weighed = classes_of(trials) == CLASSES
     # rows: situations; columns: light, heavy, mass unknown
     seconds = np.zeros((len(SITUATIONS), 3))
+    shares = {False: [1.0, 0.0, 0.0], True: [0.0, 1.0, 0.0], None: [0.0, 0.0, 1.0]}
     for trial in trials:
-        share = [0.0, 0.0, 1.0]
-        if trial.heavy is not None:
-            share = [float(not trial.heavy), float(trial.heavy), 0.0]
-        elif weighed and not trial.has_object:
+        share = shares[trial.heavy]
+        if trial.heavy is None and weighed and not trial.has_object:
             share = [0.5, 0.5, 0.0]
         for phase in trial.recording.phases:
             lasts_s = (phase.stop - phase.first) / trial.recording.rate_hz

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from holdfast.training.figures import in_words as counted
 
 if TYPE_CHECKING:
     from holdfast.training.check import Cell, ClassSeconds, FolderReport
+    from holdfast.training.datasets.trials import Missing
 
-T = TypeVar("T")
 LEVELS = {
     "error": "ERROR",
     "doubt": "DOUBTFUL",
@@ -36,7 +36,7 @@ def report_lines(report: FolderReport) -> list[str]:
         lines += ["", *_aligned([CLASS_HEADS, *map(_class_row, report.classes)])]
 
     # One line for many faults of a kind: a folder of a hundred trials would fill the screen.
-    for first, *others in _kinds(report.missing, lambda one: f"{one.level} {one.what}"):
+    for first, *others in _kinds(report.missing):
         lines += ["", f"{LEVELS[first.level]} {first.where}: {first.what}"]
         lines.append(f"  -> {first.next_step}")
         if others:
@@ -57,16 +57,13 @@ def report_lines(report: FolderReport) -> list[str]:
     return [*lines, "", verdict]
 
 
-def alike(ones: Sequence[T], words: Callable[[T], str]) -> list[tuple[T, int]]:
-    """The first of those whose words differ in numbers alone, and how many more there are."""
-    return [(kind[0], len(kind) - 1) for kind in _kinds(ones, words)]
-
-
-def _kinds(ones: Sequence[T], words: Callable[[T], str]) -> list[list[T]]:
+def _kinds(missing: Sequence[Missing]) -> list[list[Missing]]:
+    """Those of a kind together, in order of first sight."""
     # Numbers are left out of the comparison: "at 49 Hz" and "at 51 Hz" are the same fault.
-    found: dict[str, list[T]] = {}
-    for one in ones:
-        found.setdefault(re.sub(r"[0-9.]+", "#", words(one)), []).append(one)
+    found: dict[str, list[Missing]] = {}
+    for one in missing:
+        kind = re.sub(r"[0-9.]+", "#", f"{one.level} {one.what}")
+        found.setdefault(kind, []).append(one)
     return list(found.values())
 
 
@@ -96,9 +93,6 @@ def _row(cell: Cell) -> tuple[str, ...]:
     mass = "-"
     if cell.mass_g is not None:
         mass = f"{cell.mass_g:g} ({Path(cell.mass_from or '').name})"
-    labels = ", ".join(cell.labels_by)
-    if len(cell.labels_by) > 1:
-        labels = ", ".join(f"{name}: {n}" for name, n in cell.labels_by.items())
     return (
         cell.person or "-",
         cell.object_name or "hand alone",
@@ -107,7 +101,7 @@ def _row(cell: Cell) -> tuple[str, ...]:
         f"{cell.rate_hz:.4g}" if cell.rate_hz else "-",
         cell.unit or "-",
         mass,
-        labels or "-",
+        ", ".join(cell.labels_by) or "-",
     )
 
 

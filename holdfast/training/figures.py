@@ -17,7 +17,6 @@ ABSENT = "-"
 PLURAL = {
     "person": "people",
     "object": "objects",
-    "session": "sessions",
     "trial": "trials",
     "block": "blocks",
 }

@@ -20,12 +20,11 @@ from holdfast.core.contract import (
     averaged_by,
     not_learned_of,
 )
-from holdfast.core.errors import DataError, RateError
+from holdfast.core.errors import RateError
 from holdfast.core.hand_card import hand_or_usual
-from holdfast.core.trial_layout import HAND_FILE, read_json
+from holdfast.core.trial_layout import HAND_FILE
 from holdfast.core.writing import require_writable
 from holdfast.export.artifact import (
-    INDEX,
     Artifact,
     require_no_artifact,
     write_artifact,
@@ -43,7 +42,7 @@ from holdfast.training.datasets import find, join, load
 from holdfast.training.datasets.trials import DoubtfulData
 from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.figures import PLURAL, HeadFigures
-from holdfast.training.fixture import KIND, write_fixture
+from holdfast.training.fixture import write_fixture
 from holdfast.training.judging import (
     CurvePoint,
     as_grouped,
@@ -92,17 +91,15 @@ class TrainingRequest:
     """What `train_on_sets` is asked for.
 
     data: sets by name or folder; none for the generated fixture. replace: an artifact in `out` may
-    be replaced; replace_fixture: one of the fixture may be, by one of the fixture. groups,
-    hold_out, windows: as `datasets.load` takes them; hold_out: None for the strictest that
-    the data allow. rate_hz: to learn at, None for that of the data. features, size, learner: of the
-    plan. seed: of every random choice, so that the same request gives the same model. judge:
-    compute the learning curve too.
+    be replaced. groups, hold_out, windows: as `datasets.load` takes them; hold_out: None for the
+    strictest that the data allow. rate_hz: to learn at, None for that of the data. features, size,
+    learner: of the plan. seed: of every random choice, so that the same request gives the same
+    model. judge: compute the learning curve too.
     """
 
     data: tuple[str, ...]
     out: Path
     replace: bool = False
-    replace_fixture: bool = False
     groups: int | None = None
     hold_out: HoldOut | None = None
     rate_hz: float | None = None
@@ -141,7 +138,7 @@ def train_on_sets(
     # Checked before anything is read, so that a long run does not end at a folder that it cannot
     # write.
     require_writable(request.out)
-    if not request.replace and not _rebuilds_fixture(request):
+    if not request.replace:
         require_no_artifact(request.out)
 
     # Without data the command trains on a generated set, which lies in the artifact's folder.
@@ -163,7 +160,6 @@ def train_on_sets(
             windows=request.windows,
             hold_out=request.hold_out,
             rate_hz=request.rate_hz,
-            part=progress.part,
         )
         if request.rate_hz and averaged_by(data.rate_hz, request.rate_hz) != 1:
             raise RateError(
@@ -225,19 +221,6 @@ def _require_open(names: Sequence[str]) -> None:
 
     for name in names:
         require_open(find(name), "a model")
-
-
-def _rebuilds_fixture(request: TrainingRequest) -> bool:
-    """Whether the artifact there and the one to write are both the fixture's."""
-    if request.data or not request.replace_fixture:
-        return False
-    try:
-        origin = read_json(request.out / INDEX).get("training")
-    except DataError:
-        return False
-
-    # The fixture's artifact can be made again at any time, so nothing is lost by replacing it.
-    return isinstance(origin, dict) and origin.get("kind") == KIND
 
 
 def _counts(data: DataSet) -> str:

@@ -1,6 +1,6 @@
 """What a trained model is judged by: what is held out together, and how more data would help.
 
-The strictest hold-out that the data allow: person, else object, else session, else trial. Never a
+The strictest hold-out that the data allow: person, else object, else trial. Never a
 window: neighbours in time are nearly the same, and a model that saw one knows the other.
 """
 
@@ -30,7 +30,7 @@ from holdfast.training.recording import (
     regrouped,
 )
 
-STRICTEST_FIRST: tuple[HoldOut, ...] = ("person", "object", "session", "trial")
+STRICTEST_FIRST: tuple[HoldOut, ...] = ("person", "object", "trial")
 SHARES = (0.25, 0.5, 0.75)
 """Of the groups a fold trains on; the last point is the whole, the held-out figure itself."""
 MOST_NAMED = 3
@@ -153,27 +153,22 @@ def learning_curve(
     # The prediction ahead is not drawn, so it is not trained again.
     main = main_task(data)
     one_task = replace(data, tasks={main: data.tasks[main]})
-    points: list[CurvePoint] = []
+    # By groups: with few of them two shares are the same, and the largest may be the whole.
+    points: dict[float, CurvePoint] = {}
     for share in SHARES:
         say(f"learning curve: {share:.0%} of the training data")
         folds = _cut(one_task, plan, share, seed)
-        held_out = _answers(one_task, features, plan, folds, seed)
-        if held_out is None:
-            continue
-
-        figures = figures_of(one_task, held_out, seed)
-        point = _point(one_task, folds, figures)
-        # With few groups two shares are the same groups.
-        if points and points[-1].n_groups == point.n_groups:
-            continue
-        points.append(point)
-
-    if points:
-        every = _point(one_task, _cut(one_task, plan, 1.0, seed), whole)
-        # the largest share of few groups is all of them
-        points = [point for point in points if point.n_groups < every.n_groups]
-        points += [every] if points else []
-    return points
+        if _all_classes(one_task, folds):
+            answers = []
+            for fold in folds:
+                split = {main: fold}
+                answers.append(answer_fold(one_task, features, plan, split, seed))
+            figures = figures_of(one_task, HeldOut.of(one_task, answers), seed)
+            point = _point(one_task, folds, figures)
+            points[point.n_groups] = point
+    every = _point(one_task, _cut(one_task, plan, 1.0, seed), whole)
+    points[every.n_groups] = every
+    return list(points.values()) if len(points) > 1 else []
 
 
 def per_doubling(points: Sequence[CurvePoint]) -> float | None:
@@ -182,14 +177,10 @@ def per_doubling(points: Sequence[CurvePoint]) -> float | None:
     A curve flattens, so the next doubling brings this much at most. None with less than three
     points: two say nothing of how well a line fits.
     """
-    n_trials = []
-    macro_f1 = []
-    for point in points:
-        if point.macro_f1 is not None:
-            n_trials.append(point.n_trials)
-            macro_f1.append(point.macro_f1)
-    if len(macro_f1) < 3:
+    known = [(one.n_trials, one.macro_f1) for one in points if one.macro_f1 is not None]
+    if len(known) < 3:
         return None
+    n_trials, macro_f1 = np.array(known).T
     slope, _ = np.polyfit(np.log2(n_trials), macro_f1, 1)
     return float(slope)
 
@@ -207,49 +198,25 @@ def _cut(data: DataSet, plan: TrainingPlan, share: float, seed: int) -> list[Fol
     return folds
 
 
-def _answers(
-    data: DataSet,
-    features: dict[str, FloatRows],
-    plan: TrainingPlan,
-    folds: Sequence[Fold],
-    seed: int,
-) -> HeldOut | None:
-    """The held-out votes; None where a fold cannot be trained on all classes any more."""
-    main = main_task(data)
-    label = data.tasks[main].label
-    # Before any training: the last fold may be the one that lacks a class.
-    for train, _ in folds:
-        if len(np.unique(label[train])) < len(np.unique(label)):
-            return None
-
-    answers = []
-    for fold in folds:
-        answers.append(answer_fold(data, features, plan, {main: fold}, seed))
-    return HeldOut.of(data, answers)
+def _all_classes(data: DataSet, folds: Sequence[Fold]) -> bool:
+    """Whether every fold can be trained on all classes."""
+    label = data.tasks[main_task(data)].label
+    classes = np.unique(label)
+    return all(np.array_equal(np.unique(label[train]), classes) for train, _ in folds)
 
 
 def _point(data: DataSet, folds: Sequence[Fold], figures: HeadFigures) -> CurvePoint:
     """The figures, with the groups and trials that a fold trains on."""
     main = main_task(data)
-    groups = data.group_of(main)
-    trial = data.tasks[main].trial
-    n_groups = []
-    n_trials = []
-    for train, _ in folds:
-        n_groups.append(len(np.unique(groups[train])))
-        n_trials.append(len(np.unique(trial[train])))
-
-    return CurvePoint(
-        n_groups=float(np.mean(n_groups)),
-        n_trials=float(np.mean(n_trials)),
-        macro_f1=figures.situations.macro_f1,
-        macro_f1_ci=figures.situations.macro_f1_ci,
-    )
+    groups, trial = data.group_of(main), data.tasks[main].trial
+    sizes = [[len(set(of[train])) for of in (groups, trial)] for train, _ in folds]
+    n_groups, n_trials = np.mean(sizes, axis=0).tolist()
+    of = figures.situations
+    return CurvePoint(n_groups, n_trials, of.macro_f1, of.macro_f1_ci)
 
 
 def _some(groups: Sequence[str], share: float, seed: int) -> list[str]:
     """This share of the groups, one at least; a larger share has all those of a smaller one."""
     names = sorted(set(groups))
-    order = np.random.default_rng(seed).permutation(len(names))
-    n = max(1, round(share * len(names)))
-    return [names[k] for k in order[:n]]
+    shuffled = np.random.default_rng(seed).permutation(names).tolist()
+    return shuffled[: max(1, round(share * len(names)))]

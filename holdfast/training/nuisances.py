@@ -11,7 +11,7 @@ Directions are not varied: pooled features are the same however a sensor is turn
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -106,33 +106,30 @@ def _around_jumps(copies: Sequence[Copy], rows: LabelledRows) -> LabelledRows:
     None for a task whose labels are neither situations nor classes.
     """
     per = {SITUATIONS: 1, CLASSES: 2}.get(rows.classes, 0)
+    # A recording without any window has no known object.
     heavy = dict(zip(rows.trial.tolist(), (rows.label % 2).tolist(), strict=True))
     found: list[tuple[int, int, int]] = []
-    for trial, copy in enumerate(copies if per else []):
-        # A recording without any window has no known object.
-        if trial not in heavy:
-            continue
+    for trial in sorted(heavy) if per else []:
         weight = heavy[trial] if per == 2 else 0
-        for at, situation in _rows_after(copy):
-            found.append((trial, at, per * situation + weight))
+        recording = copies[trial].recording
+        for row in _rows_after(copies[trial]):
+            for phase in recording.phases:
+                if phase.first <= row < phase.stop:
+                    found.append((trial, row, per * phase.situation + weight))
 
-    columns = np.array(found, np.int64).reshape(-1, 3)
-    return LabelledRows(columns[:, 0], columns[:, 1], columns[:, 2], rows.classes)
+    trials, last_rows, labels = np.array(found, np.int64).reshape(-1, 3).T
+    return LabelledRows(trials, last_rows, labels, rows.classes)
 
 
-def _rows_after(copy: Copy) -> list[tuple[int, int]]:
-    """(row, situation) of the windows of a copy's jumps."""
+def _rows_after(copy: Copy) -> Iterator[int]:
+    """The rows of the windows of a copy's jumps."""
     rate_hz = copy.recording.rate_hz
     soon = max(2, round(AFTER_S * rate_hz))
     later = round(LATER_S * rate_hz)
     every = max(1, round(LATER_EVERY_S * rate_hz))
-    rows = []
     for at in copy.jumps:
-        for row in [*range(at, at + soon), *range(at + soon, at + later, every)]:
-            for phase in copy.recording.phases:
-                if phase.first <= row < phase.stop:
-                    rows.append((row, phase.situation))
-    return rows
+        yield from range(at, at + soon)
+        yield from range(at + soon, at + later, every)
 
 
 def disturbed(recording: Recording, thumb: BoolArray, rng: np.random.Generator) -> Copy:

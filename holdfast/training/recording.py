@@ -10,7 +10,6 @@ trial at a time. Intervals resample groups. Folds are dealt here and not by scik
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
@@ -331,7 +330,7 @@ def folds_of(groups: npt.ArrayLike, assignment: dict[str, int]) -> list[Fold]:
     return [(np.flatnonzero(fold != k), np.flatnonzero(fold == k)) for k in numbers]
 
 
-HoldOut = Literal["person", "object", "session", "trial"]
+HoldOut = Literal["person", "object", "trial"]
 NO_OBJECT = "-"
 """The object of a recording of the hand alone, where a name is needed."""
 
@@ -350,8 +349,13 @@ def regrouped(data: DataSet, by: HoldOut) -> DataSet:
     """The same set held out by something else. Raises TooFewGroups with less than two groups."""
     recordings = _grouped_by(data.recordings, by)
     regrouped_set = replace(data, recordings=recordings, group_kind=by)
-    why_not = _unnamed(recordings, by)
-    if not why_not and len(regrouped_set.groups()) < 2:
+    # A recording without a person could be of one on the other side of a split.
+    unnamed = [one for one in data.recordings if by == "person" and not one.person]
+    why_not = ""
+    if unnamed:
+        some = len(unnamed) < len(data.recordings)
+        why_not = "some trials name no person" if some else "the set names no people"
+    elif len(regrouped_set.groups()) < 2:
         why_not = f"one {by} alone"
     if why_not:
         raise TooFewGroups(
@@ -363,26 +367,9 @@ def regrouped(data: DataSet, by: HoldOut) -> DataSet:
     return regrouped_set
 
 
-def _unnamed(recordings: Sequence[Recording], by: HoldOut) -> str:
-    """Why not each recording names its person or its session; "" where each does."""
-    # A recording without a person could be of one on the other side of a split.
-    named = [True]
-    if by == "person":
-        named = [recording.person is not None for recording in recordings]
-    elif by == "session":
-        named = [_DATE.search(one.trial_id) is not None for one in recordings]
-    if all(named):
-        return ""
-    what = "people" if by == "person" else "dates"
-    return f"some trials name no {by}" if any(named) else f"the set names no {what}"
-
-
-_DATE = re.compile(r"(?<!\d)20\d\d-?[01]\d-?[0-3]\d(?!\d)")
-"""A day in the path of a trial: its session."""
 _NEXT = {
     "person": "sort trials into <person>/<object>/<action>/, or hold out by trial",
     "object": "record another object, or hold out by trial",
-    "session": "record on another day (a date as 2026-11-24 in the path), or hold out by trial",
     "trial": "record more trials",
 }
 
@@ -397,8 +384,5 @@ def _grouped_by(recordings: Sequence[Recording], by: HoldOut) -> list[Recording]
             group = recording.person
         elif by == "object":
             group = recording.object_name or NO_OBJECT
-        elif by == "session":
-            date = _DATE.search(recording.trial_id)
-            group = date.group() if date else group
         result.append(replace(recording, group=group))
     return result

@@ -25,7 +25,7 @@ from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.jobs import Workers
 from holdfast.simulation.closed_loop import model_of
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.training.progress import counted
+from holdfast.training.progress import Stages
 from studies.distortions.closed_loop import (
     CONTROLLER,
     closed_figures,
@@ -133,10 +133,11 @@ class Study:
         if kept is None:
             jobs = [QuietJob(self.model, row, self.seed) for row in quiet_rows()]
             rows: list[Json] = []
-            with counted("quiet hands, a minute each", len(jobs)) as done:
-                for number, one in enumerate(self.workers.run(jobs), 1):
-                    rows.append(one)
-                    done(number)
+            progress = Stages()
+            progress("quiet hands, a minute each")
+            for number, one in enumerate(self.workers.run(jobs), 1):
+                rows.append(one)
+                progress.part(number / len(jobs))
             self._keep("quiet", "hand", rows)
             return rows
         return list(kept)
@@ -148,25 +149,27 @@ class Study:
                 card = one.card(self._cards_folder)
                 jobs.append(OpenJob(self.model, one.name, card, self.trials, self.seed))
 
-        with counted("trials distorted", max(1, len(jobs))) as done:
-            results = self.workers.run(jobs)
-            for number, (job, result) in enumerate(zip(jobs, results, strict=True), 1):
-                self._keep(job.name, "open", vars(result))
-                done(number)
+        progress = Stages()
+        progress("trials distorted")
+        results = self.workers.run(jobs)
+        for number, (job, result) in enumerate(zip(jobs, results, strict=True), 1):
+            self._keep(job.name, "open", vars(result))
+            progress.part(number / len(jobs))
 
     def _measure_closed_loops(self, chosen: Sequence[Distortion]) -> None:
         missing = [one for one in chosen if self._kept(one.name, "closed") is None]
-        with counted("closed loops (simulated)", max(1, len(missing))) as done:
-            runs = LoopRuns(self.model, self.workers, lambda share: None)
-            for start in range(0, len(missing), TOGETHER):
-                some = {}
-                for one in missing[start : start + TOGETHER]:
-                    card = one.card(self._cards_folder)
-                    some[one.name] = loop_run(one, card, self.trials, self.seed)
-                runs.run(list(some.values()))
-                for name, request in some.items():
-                    self._keep(name, "closed", closed_outcomes(runs, request))
-                done(start + len(some))
+        progress = Stages()
+        progress("closed loops (simulated)")
+        runs = LoopRuns(self.model, self.workers, lambda share: None)
+        for start in range(0, len(missing), TOGETHER):
+            some = {}
+            for one in missing[start : start + TOGETHER]:
+                card = one.card(self._cards_folder)
+                some[one.name] = loop_run(one, card, self.trials, self.seed)
+            runs.run(list(some.values()))
+            for name, request in some.items():
+                self._keep(name, "closed", closed_outcomes(runs, request))
+            progress.part((start + len(some)) / len(missing))
 
     def _kept(self, name: str, part: str) -> Any:
         """What was kept of a row; None where it is of another study, or was never measured."""

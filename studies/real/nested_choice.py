@@ -31,7 +31,7 @@ from holdfast.training.featurise import FloatRows
 from holdfast.training.metrics import report
 from holdfast.training.network_fit import fit_network
 from holdfast.training.plan import TrainingPlan
-from holdfast.training.progress import stages
+from holdfast.training.progress import Stages
 from holdfast.training.recording import DataSet, assign_groups, folds_of
 from studies.real.methods import COMMITTEE, POOLED, Method, done
 from tools.harness import measured_now, write_figures
@@ -187,8 +187,8 @@ def run(args: argparse.Namespace) -> int:
         )
         for number in range(1, len(splits) + 1)
     }
-    with stages(1 + len(jobs)) as say:
-        folds = list(done(jobs, chosen_workers(args), say))
+    say = Stages()
+    folds = list(done(jobs, chosen_workers(args), say))
     figures = {
         "kind": "public real data",
         **measured_now(),

@@ -33,7 +33,7 @@ from holdfast.training.figures import HeadFigures
 from holdfast.training.fitting import final_artifact, versions
 from holdfast.training.metrics import report
 from holdfast.training.plan import RAW_BASELINE, TrainingPlan
-from holdfast.training.progress import Say, stages
+from holdfast.training.progress import Say, Stages
 from holdfast.training.recording import DataSet
 from studies.folds import leaky_folds
 from studies.real.figures import FinalModel, RealStudy, StreamedFold, prediction_of
@@ -51,8 +51,6 @@ _FEW = replace(RAW_BASELINE.situation, n_estimators=30)
 LEAKY_PLAN = replace(RAW_BASELINE, situation=_FEW, prediction=_FEW)
 """The raw forest with fewer trees, which flatters as much."""
 ALONE = Workers()
-STAGES = sum(method.plan.folds for method in METHODS.values()) + 6
-"""Lines the progress bar expects; a wrong number only makes the bar end early or late."""
 
 
 def study_sets(out: Path, seed: int, say: Say, workers: Workers = ALONE) -> RealStudy:
@@ -158,8 +156,8 @@ def run(args: argparse.Namespace) -> int:
     """Run the whole job, write metrics.json, print the headline."""
     require_writable(args.out)
     workers = chosen_workers(args)
-    with stages(STAGES) as say:
-        figures = study_sets(args.out, args.seed, say, workers)
+    say = Stages()
+    figures = study_sets(args.out, args.seed, say, workers)
     path = write_figures(args.out / "metrics.json", figures.to_json())
     situations = figures.heads.situations
     head = prediction_of(figures.heads)

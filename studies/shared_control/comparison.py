@@ -15,7 +15,7 @@ from holdfast.cli.command import (
 from holdfast.cli.options import chosen_model, chosen_workers
 from holdfast.core.errors import UsageError
 from holdfast.core.writing import require_writable
-from holdfast.training.progress import counted
+from holdfast.training.progress import Stages
 from studies.shared_control.closed_loop import LoopComparison
 from studies.shared_control.loop_report import write_loop_report
 
@@ -76,8 +76,9 @@ def run(args: argparse.Namespace) -> int:
     # A card that does not fit the model is refused before the first trial is simulated.
     comparison.require_runnable()
     announced = f"running {', '.join(args.scenes)} in a closed loop (simulated)"
-    with counted(announced, 1) as done:
-        figures, runs = comparison.run(chosen_workers(args), done)
+    progress = Stages()
+    progress(announced)
+    figures, runs = comparison.run(chosen_workers(args), progress.part)
 
     lines = []
     for card, rows in figures.items():

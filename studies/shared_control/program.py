@@ -22,7 +22,7 @@ from holdfast.core.trial_layout import read_json
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.simulation.closed_loop import model_of
 from holdfast.simulation.drive import OPENINGS
-from holdfast.training.progress import counted
+from holdfast.training.progress import Stages
 from studies.shared_control import comparison
 from studies.shared_control.closed_loop import LoopRuns
 from studies.shared_control.picture import picture
@@ -108,9 +108,10 @@ def run(args: argparse.Namespace) -> int:
     wanted = _chosen(rows(trials, seed), args)
     if args.opening != "wearer":
         wanted = [row.with_opening(args.opening) for row in wanted]
-    with counted(f"{len(wanted)} rows in a closed loop (simulated)", 1) as done:
-        runs = LoopRuns(chosen_model(args), chosen_workers(args), done)
-        runs.run([(row.one, row.request) for row in wanted])
+    progress = Stages()
+    progress(f"{len(wanted)} rows in a closed loop (simulated)")
+    runs = LoopRuns(chosen_model(args), chosen_workers(args), progress.part)
+    runs.run([(row.one, row.request) for row in wanted])
     figures = {
         "kind": "simulated",
         "model": model_of(chosen_model(args)).card.model_id,

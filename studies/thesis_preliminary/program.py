@@ -16,7 +16,7 @@ from holdfast.core.errors import DataNotFound
 from holdfast.core.writing import require_writable
 from holdfast.training.datasets import load
 from holdfast.training.fitting import versions
-from holdfast.training.progress import Say, stages
+from holdfast.training.progress import Say, Stages
 from holdfast.training.recording import DataSet
 from studies.real.methods import HUMAN
 from studies.thesis_preliminary.cases import CASES
@@ -25,7 +25,6 @@ from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS
 from studies.thesis_preliminary.study import REPETITIONS, study
 from tools.harness import SimulatedSet, simulate_sets, write_figures
 
-STAGES = 2 * (2 + len(CASES))
 CARD = "twenty-sensors"
 
 
@@ -66,8 +65,8 @@ def run(args: argparse.Namespace) -> int:
     require_writable(args.out)
     if args.scene is None:
         simulate_sets([SimulatedSet("scene", CARD)], args.out)
-    with stages(STAGES) as say:
-        figures = study_sets(args.scene or args.out / "scene", args.seed, say)
+    say = Stages()
+    figures = study_sets(args.scene or args.out / "scene", args.seed, say)
     path = write_figures(args.out / "preliminary.json", figures.to_json())
     where = f"{path} ({figures.seconds} s)"
     sys.stdout.write("\n".join([*summary(figures), where]) + "\n")

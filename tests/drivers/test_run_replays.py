@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from io import StringIO
@@ -22,8 +23,10 @@ from test_lsl import ScriptedInlet
 from holdfast.cli import replay
 from holdfast.core.contract import FloatArray, Prediction, channel_names
 from holdfast.core.source import Source
-from holdfast.drivers.line_source import LineSource
+from holdfast.drivers.line_feeds import StreamFeed
+from holdfast.drivers.line_source import LineOptions, LineSource
 from holdfast.drivers.lsl import LslSource
+from holdfast.drivers.replay import zero_of
 from holdfast.drivers.sample_lines import SampleReader
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.model import Model
@@ -173,8 +176,22 @@ def replayed(path: Path) -> list[tuple[str, bool]]:
     return [(one["state"], one["settled"]) for one in found]
 
 
+def as_lines(path: Path, clock: VirtualClock) -> Source:
+    """The file as `run --source - < FILE` reads it."""
+    feed = StreamFeed(str(path), os.open(path, os.O_RDONLY))
+    return LineSource(feed, SampleReader(), clock, print, LineOptions(paced=True))
+
+
+def as_recording(path: Path, clock: VirtualClock) -> Source:
+    return open_live(f"replay://{path}", clock=clock, report=print)
+
+
+@pytest.mark.parametrize("open_file", [as_recording, as_lines])
 def test_a_run_of_a_run_removes_no_second_zero(
-    model: Model, hand: tuple[Path, FloatArray], tmp_path: Path
+    model: Model,
+    hand: tuple[Path, FloatArray],
+    tmp_path: Path,
+    open_file: Callable[[Path, VirtualClock], Source],
 ) -> None:
     # a stored zero, and a hand that is closed from the first sample on
     card, rows = hand
@@ -184,6 +201,7 @@ def test_a_run_of_a_run_removes_no_second_zero(
     ran = kept_run(model, (card, held), lines, True, [], path)
     assert {one.why for one in ran[100:]} <= {"", "started_loaded"}
     clock, again = VirtualClock(), []
-    source = open_live(f"replay://{path}", clock=clock, report=print)
+    source = open_file(path, clock)
+    assert zero_of(source) == "measured"
     answer(source, model, clock, lambda one, *_: again.append(one), lambda: False)
     assert [one.state for one in again] == [one.state for one in ran]

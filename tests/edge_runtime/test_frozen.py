@@ -192,7 +192,6 @@ def test_what_is_called_frozen_is_what_the_rule_says(seed: int, lost: float) -> 
     ("name", "steps"),
     [
         ("eflesh_slip", (0.0, 19.5, 39.0)),
-        ("proactive_slip_uskin", (0.0, 4.0, 16.0)),
         ("human_slip_uskin", (0.0, 0.0039, 0.039)),
     ],
 )

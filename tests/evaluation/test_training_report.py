@@ -24,7 +24,7 @@ def by_trial(tmp_path_factory: pytest.TempPathFactory) -> DataSet:
     return load(folder, windows="thesis")
 
 
-def test_a_set_is_held_out_by_person_else_object_else_session_else_trial(
+def test_a_set_is_held_out_by_person_else_object_else_trial(
     by_trial: DataSet,
 ) -> None:
     assert strictest_hold_out(by_trial.without_weight(), 2, 0).kind == "object"
@@ -42,21 +42,14 @@ def test_a_set_is_held_out_by_person_else_object_else_session_else_trial(
         recordings=[replace(one, object_name="book") for one in by_trial.recordings],
     )
     assert strictest_hold_out(one_object, 2, 0).kind == "trial"
-    dated = []
     named = []
     for k, one in enumerate(one_object.recordings):
-        path = f"2026-11-2{k % 2}/{one.trial_id}"
-        dated.append(replace(one, trial_id=path))
         named.append(replace(one, person=f"p{k % 2}"))
     by_one = strictest_hold_out(one_object, 2, 0)
     assert by_one.lines() == [
         "not held out by person: the set names no people",
         "not held out by object: one object alone",
-        "not held out by session: the set names no dates",
     ]
-    sessions = strictest_hold_out(replace(one_object, recordings=dated), 2, 0).data
-    assert sessions.group_kind == "session"
-    assert sessions.groups() == ["2026-11-20", "2026-11-21"]
     people = strictest_hold_out(replace(one_object, recordings=named), 2, 0)
     assert people.kind == "person"
 

@@ -189,10 +189,11 @@ def test_a_live_source_is_averaged_as_a_recording_is() -> None:
     assert source.rate_hz == 100.0
     readings = [source.read() for _ in range(5)]
     values = np.repeat(np.arange(12.0)[:, None], 3, axis=1)
-    means, valid = block_means(values, np.arange(12)[:, None] % 4 != 3, 3)
+    rows = np.arange(12)
+    times, means, valid = block_means(rows, values, rows[:, None] % 4 != 3, 3)
     assert readings[4] is None
     live = [one for one in readings if one is not None]
-    assert [one.t_ns for one in live] == [2, 5, 8, 11]
+    assert [one.t_ns for one in live] == times.tolist() == [2, 5, 8, 11]
     assert np.array_equal(np.stack([one.values for one in live]), means)
     assert np.array_equal(np.stack([one.valid for one in live]), valid)
     assert means[:, 0].tolist() == [1.0, 4.5, 7.0, 9.5]

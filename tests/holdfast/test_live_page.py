@@ -148,23 +148,21 @@ def test_the_page_and_its_parts_come_with_a_policy_that_lets_nothing_else_in(pat
 
 
 @FOREIGN_BROWSER.mark
-@pytest.mark.parametrize("path", ["", "page.js", "events", "do/load"])
+@pytest.mark.parametrize("path", ["", "page.js", "events"])
 @pytest.mark.parametrize(
     "prefix", ["", "wrong/", TOKEN[:-1] + "/", TOKEN.upper() + "/", TOKEN, "%00/"]
 )
 def test_without_the_token_every_path_is_refused_alike(path, prefix):
     with served() as page:
-        method = "POST" if path.startswith("do/") else "GET"
-        status, content, _ = page.ask(f"/{prefix}{path}", method, token="")
-        assert (status, page.acted) == (403, [])
+        status, content, _ = page.ask(f"/{prefix}{path}", token="")
+    assert status == 403
     assert b"not allowed" in content
 
 
-def test_with_the_token_the_page_its_parts_and_its_actions_are_there():
+def test_with_the_token_the_page_and_its_parts_are_there():
     with served() as page:
         statuses = [page.ask(f"/{path}")[0] for path in ("", "page.js", "nothing")]
-        pressed = [page.ask(f"/do/{name}", "POST")[0] for name in ("load", "format")]
-    assert (statuses, pressed, page.acted) == ([200, 200, 404], [202, 404], [b"l"])
+    assert statuses == [200, 200, 404]
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,6 @@ EVERY = [
     "golden rows",
     "one sample against a batch",
     "reset forgets",
-    "clock",
 ]
 
 

@@ -35,7 +35,6 @@ def test_the_truth_of_a_scene_is_the_trial_s_and_only_kept_trials_are_read(
     (discarded / "meta.json").write_text('{"recorder": 1, "state": "redone"}')
     again = load(copy, windows="natural")
     assert len(again.recordings) == 6
-    assert again.notes["states"] == {"interrupted": 1, "kept": 6, "redone": 1}
 
 
 @pytest.mark.filterwarnings("ignore::holdfast.export.spec.BandsLeftOut")

@@ -6,6 +6,7 @@ import json
 import os
 import pty
 import shutil
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -394,6 +395,18 @@ def test_a_program_that_is_killed_goes_on_in_the_step_it_was_in(talk: Study) -> 
         os.write(writing, b"q")
         run.communicate(timeout=300)
     assert run.returncode == 0
+    os.close(reading)
+    os.close(writing)
+
+
+def test_ctrl_c_ends_a_study_with_130_and_it_goes_on_later(talk: Study) -> None:
+    reading, writing = os.pipe()
+    with start(*program(talk), verb="study", stdin=reading) as run:
+        wait_for(run, "step 1 of 2, Welcome")
+        run.send_signal(signal.SIGINT)
+        run.communicate(timeout=300)
+    assert run.returncode == 130
+    assert talk.entries()[-1]["event"] == "quit"
     os.close(reading)
     os.close(writing)
 

@@ -19,7 +19,7 @@ from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene, SimulatedTrial
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.simulation.stepper import TrialMotion, motions
-from holdfast.training.datasets.thesis import load
+from holdfast.training.datasets import load
 
 TWENTY = hand_of_counts(4, 4)
 DIGITS = np.repeat(np.arange(5), [2, 1, 1, 1, 1]), np.repeat(np.arange(5), 4)

@@ -19,7 +19,7 @@ from holdfast.simulation.effect import EFFECT_MODULES, module_effects
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene, SimulatedTrial
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.training.datasets.thesis import load
+from holdfast.training.datasets import load
 from holdfast.training.timeline import read_truth
 
 CORE = """

@@ -15,23 +15,12 @@ from holdfast.live.page.server import PageServer
 from holdfast.live.page.stream import LiveStream
 
 TOKEN = "a-token-of-the-test"
-ACTIONS = [
-    {"do": "start", "label": "Start", "key": " ", "when": "ready"},
-    {"do": "load", "label": "Load onset", "key": "l", "when": "trial"},
-    {"do": "released", "label": "Released", "key": "e", "when": "trial"},
-    {"do": "keep", "label": "Keep", "key": "k", "when": "trial"},
-    {"do": "redo", "label": "Redo", "key": "r", "when": "always"},
-    {"do": "stop", "label": "Stop recording", "key": "q", "when": "always"},
-]
 ABOUT = {
-    "verb": "run",
     "unit": "N",
     "hand": drawn_hand(None, 6),
     "model": "m.onnx",
     "source": "virtual://ft232h",
-    "answers": True,
     "grip": False,
-    "actions": ACTIONS,
 }
 PERIOD_NS = 6_666_667
 
@@ -54,25 +43,21 @@ def sample(k: int, state: str = "grasp", **more: Any) -> dict[str, Any]:
     }
     forces = [0.1 + 1e-9 * k, 0.0, 2.0 / 3.0] * 6
     grip = {"mu_hat": None, "margin": None, "needed_n": None}
-    message = {"n": k, "t_ns": 5_000_000_000 + k * PERIOD_NS, "x": forces, "v": [1] * 6}
+    message = {"t_ns": 5_000_000_000 + k * PERIOD_NS, "x": forces, "v": [1] * 6}
     message |= {"why": [""] * 6, "lost": 0, "unsent": 0, "answer": answer, "grip": grip}
     return {"sample": message | more}
 
 
 class Served:
-    """A stream of samples behind a server. acted: the actions that came."""
+    """A stream of samples behind a server."""
 
     def __init__(self, **about: Any) -> None:
-        self.stream, self.acted = LiveStream(ABOUT | about), list[bytes]()
+        self.stream = LiveStream(ABOUT | about)
         listener = socket.create_server(("127.0.0.1", 0))
         self.port: int = listener.getsockname()[1]
         self.url = f"http://127.0.0.1:{self.port}/{TOKEN}/"
-        self.server = PageServer(listener, self.stream, TOKEN, self._act)
+        self.server = PageServer(listener, self.stream, TOKEN)
         Thread(target=self.server.serve_forever, kwargs={"poll_interval": 0.02}).start()
-
-    def _act(self, action: bytes) -> bool:
-        self.acted.append(action)
-        return True
 
     def frame(self, *messages: dict[str, Any], now_s: float = 0.0) -> None:
         """Take these messages and publish them."""
@@ -80,20 +65,16 @@ class Served:
             self.stream.take(message, now_s)
         self.stream.publish(now_s)
 
-    def ask(
-        self, path: str, method: str = "GET", token: str = f"/{TOKEN}"
-    ) -> tuple[int, bytes, Any]:
+    def ask(self, path: str, token: str = f"/{TOKEN}") -> tuple[int, bytes, Any]:
         """(status, content, headers) of a request."""
-        answer = self.begin(path, method, token)
+        answer = self.begin(path, token)
         with answer:
             return answer.status, answer.read(), answer.headers
 
-    def begin(
-        self, path: str, method: str = "GET", token: str = f"/{TOKEN}"
-    ) -> HTTPResponse:
+    def begin(self, path: str, token: str = f"/{TOKEN}") -> HTTPResponse:
         """A request whose answer has begun."""
         connection = HTTPConnection("127.0.0.1", self.port, timeout=300)
-        connection.request(method, token + path)
+        connection.request("GET", token + path)
         answer = connection.getresponse()
         connection.close()  # the answer keeps the socket
         return answer

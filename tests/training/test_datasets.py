@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
+from holdfast.core.contract import GRASP, RISKY_SLIP
 from holdfast.core.errors import (
     ChannelError,
     DataError,
@@ -21,11 +21,7 @@ from holdfast.core.errors import (
 )
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.datasets import join, load
-from holdfast.training.datasets.proactive_slip_uskin import situations
 from holdfast.training.recording import DataSet
-
-PADS = ("xela_sensor1.csv", "xela_sensor2.csv")
-TAXELS = ",".join(f"txl{taxel}_{axis}" for taxel in range(1, 17) for axis in "xyz")
 
 
 def write_eflesh(root: Path, n_trials: int = 20) -> Path:
@@ -37,19 +33,6 @@ def write_eflesh(root: Path, n_trials: int = 20) -> Path:
         root / "eflesh_slip.npz", X=field.astype(np.float32), y=tugged.astype(np.int8)
     )
     return root
-
-
-def write_pads(root: Path, slip: str, fail: str) -> Path:
-    """One trial under data_set; slip and fail as strings of 0 and 1, a row each."""
-    folder = root / "data_set" / "data_sample_1"
-    folder.mkdir(parents=True)
-    rows = np.arange(len(slip))[:, None] + 10.0 * np.arange(48)
-    for name in PADS:
-        np.savetxt(folder / name, rows, "%.1f", ",", header=TAXELS, comments="")
-    labels = "\n".join(f"{a}.0,{b}.0" for a, b in zip(slip, fail, strict=True))
-    (folder / "slip_label.csv").write_text(f"slip,fail\n{labels}\n")
-    (folder / "meta_data.csv").write_text("dropped,frequency_hz\n0,59.5\n")
-    return folder
 
 
 def test_a_set_is_found_by_name_in_the_data_folder(
@@ -74,7 +57,7 @@ def test_a_set_that_is_not_there_says_how_to_get_it(
     monkeypatch.setenv("HOLDFAST_DATA", str(tmp_path / "nowhere"))
     with pytest.raises(
         DataNotFound,
-        match=r"points elsewhere; next: set HOLDFAST_DATA to .* eflesh_slip/",
+        match=r"eflesh_slip not found; next: set HOLDFAST_DATA to .* eflesh_slip/",
     ):
         load("eflesh_slip")
     with pytest.raises(DataNotFound, match="no such data set or folder"):
@@ -123,23 +106,6 @@ def test_an_eflesh_trial_is_held_or_tugged(tmp_path: Path) -> None:
     blocks = [recording.group for recording in data.recordings[5:7]]
     assert blocks == ["block_00", "block_01"]
     assert data.unit == "uT"
-
-
-def test_a_slip_is_named_by_how_it_ends() -> None:
-    slip = np.array([*"001100110011"]) == "1"
-    fail = np.array([*"000000001100"]) == "1"
-    assert situations(slip, fail).tolist() == [1, 1, 2, 2, 1, 1, 3, 3, 3, 3, -1, -1]
-
-
-def test_pads_give_three_taxels_each_and_every_row_from_30_on(tmp_path: Path) -> None:
-    folder = write_pads(tmp_path, slip="0" * 35 + "111" + "00", fail="0" * 40)
-    data = load(tmp_path)
-    rows, x1 = data.tasks["situations"], data.recordings[0].samples[:, 0]
-    assert (data.n_sensors, data.unit, data.rate_hz) == (6, "count", 59.5)
-    assert rows.row.tolist() == list(range(30, 40))
-    assert rows.label.tolist() == [GRASP] * 5 + [SAFE_SLIP] * 3 + [GRASP] * 2
-    assert x1.tolist() == list(range(40)), "row 0 is the bias"
-    assert load(folder.parent).groups() == [folder.name]
 
 
 def test_joined_sets_keep_every_recording_and_window_apart_by_name(

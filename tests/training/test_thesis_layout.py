@@ -22,7 +22,7 @@ from holdfast.core.errors import (
 )
 from holdfast.core.trial_file import Trial, read_trial
 from holdfast.core.trial_layout import truth_path
-from holdfast.training.datasets import layout_of, thesis
+from holdfast.training.datasets import layout_of, load, thesis
 from holdfast.training.fixture import UPSIDE_DOWN, write_fixture
 from holdfast.training.recording import DataSet
 from holdfast.training.timeline import contact, read_truth, scripted
@@ -44,7 +44,7 @@ def copied(made: Path, tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def data(made: Path) -> DataSet:
-    return thesis.load(made, windows="thesis")
+    return load(made, windows="thesis")
 
 
 def test_the_layout_is_recognised_and_others_are_not(
@@ -85,15 +85,15 @@ def test_both_spellings_of_the_folders_are_read(copied: Path) -> None:
     (copied / "soft-ball").rename(copied / "softball")
     (copied / "full-bottle").rename(copied / "colabottle")
     (copied / "colabottle" / "put-down").rename(copied / "colabottle" / "putdown")
-    objects = {recording.object_name for recording in thesis.load(copied).recordings}
+    objects = {recording.object_name for recording in load(copied).recordings}
     assert {"soft-ball", "full-bottle"} <= objects
 
 
 def test_the_truth_beside_a_trial_is_believed_before_the_script(copied: Path) -> None:
     """The same trials with another truth beside one of them: other labels come out."""
-    result = thesis.load(copied).notes["samples"]
+    result = load(copied).notes["samples"]
     phases_of((0, 2, "nothing"))(copied)
-    assert thesis.load(copied).notes["samples"] != result
+    assert load(copied).notes["samples"] != result
 
 
 @pytest.mark.parametrize(
@@ -150,13 +150,13 @@ def test_an_everyday_action_and_a_daily_stream_live_by_their_truth_alone(
 ) -> None:
     trial = f"soft-ball/{action}/trial_1"
     renamed("soft-ball/pass", f"soft-ball/{action}")(copied)
-    recordings = thesis.load(copied, windows="natural").recordings
+    recordings = load(copied, windows="natural").recordings
     assert (trial, action) in [(one.trial_id, one.action) for one in recordings]
     (copied / f"{trial}.truth.json").unlink()
     with pytest.raises(
         LabelError, match=rf"{trial}\.csv.*put trial_1\.truth\.json beside it"
     ):
-        thesis.load(copied, windows="natural")
+        load(copied, windows="natural")
 
 
 def retime(path: Path, clock: Callable[[np.ndarray], np.ndarray]) -> None:
@@ -214,7 +214,7 @@ def with_a_trial_of_fewer_sensors(root: Path) -> None:
         ),
         (with_a_trial_of_fewer_sensors, ChannelError, "hard-ball/pass/trial_1"),
         (phases_of((0, 9, "grasp"), (5, 9, "nothing")), LabelError, "trial_1.truth"),
-        (shutil.rmtree, DataNotFound, "no trials"),
+        (shutil.rmtree, DataNotFound, "no such data set or folder"),
     ],
 )
 def test_a_set_is_refused_in_one_line_that_names_the_fault(
@@ -222,7 +222,7 @@ def test_a_set_is_refused_in_one_line_that_names_the_fault(
 ) -> None:
     spoil(copied)
     with pytest.raises(error) as caught:
-        thesis.load(copied, windows="thesis")
+        load(copied, windows="thesis")
     assert type(caught.value) is error
     assert names in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -232,7 +232,7 @@ def test_lost_values_in_a_trial_are_marked_and_do_not_stop_it(copied: Path) -> N
     trial = read_trial(copied / TRIAL)
     trial.raw[100:103, 4] = np.nan
     write_trial(copied / TRIAL, trial.t_s, trial.raw)
-    of = {f"{one.trial_id}.csv": one for one in thesis.load(copied).recordings}
+    of = {f"{one.trial_id}.csv": one for one in load(copied).recordings}
     lost = np.argwhere(~of[TRIAL].valid)
     assert lost.tolist() == [[100, 1], [101, 1], [102, 1]]
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from holdfast.core.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
 from holdfast.core.trial_layout import MASSES_G, is_heavy
 from holdfast.export.spec import StepSpec, window_samples
-from holdfast.training.datasets import thesis
+from holdfast.training.datasets import load
 from holdfast.training.fixture import write_fixture
 from holdfast.training.plan import hand_plan
 from holdfast.training.recording import DataSet, Recording
@@ -34,7 +34,7 @@ RATE_HZ = 50.0
 def data(tmp_path_factory: pytest.TempPathFactory) -> DataSet:
     folder = tmp_path_factory.mktemp("fixture")
     write_fixture(folder)
-    return thesis.load(folder, windows="thesis")
+    return load(folder, windows="thesis")
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def balanced(tmp_path_factory: pytest.TempPathFactory) -> DataSet:
     """The same set by default: dense windows, whose classes weigh the same in training."""
     folder = tmp_path_factory.mktemp("balanced")
     write_fixture(folder)
-    return thesis.load(folder)
+    return load(folder)
 
 
 def shaken(*times_s: float, lasts_s: float = 12.0) -> Recording:

@@ -4,8 +4,8 @@ The page is served by a separate process, because threads of the loop's process 
 with it. Between both is a pair of sockets that never block. A message that finds no room is dropped
 and counted. Where that process dies, the loop reports it once and goes on.
 
-One message is one packet of JSON. The first has `token` and `about`; later ones have one of
-`sample`, `said`, `ready`, `about`, and the last one `end`. An action is one byte.
+One message is one packet of JSON. The first has `token` and `about`; later ones have `sample` or
+`said`, and the last one `end`.
 
 The page listens on [HOST:]PORT. Each path begins with a token, a secret of 128 bits that is drawn
 anew for every run: without it no other user, machine or web site reaches the page.
@@ -32,8 +32,6 @@ WAITING_CONNECTIONS = 64
 SEND_BUFFER = 32 << 10
 """Bytes that wait for a slow browser: a second or two of frames, so that it never shows old ones
 for long."""
-ELSEWHERE = ("192.0.2.1", 9)
-"""An address for examples: a datagram socket that is connected to it sends nothing."""
 EXAMPLES = "web:8000 (this machine only), or web:0.0.0.0:8000 (the network)"
 
 
@@ -75,20 +73,9 @@ def listen(text: str, token: str) -> tuple[socket.socket, str]:
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
 
     # these are where it listens, and no addresses that a browser elsewhere could open
-    shown = _address_for_others() if host in ("0.0.0.0", "::") else host
+    shown = socket.gethostname() if host in ("0.0.0.0", "::") else host
     shown = f"[{shown}]" if ":" in shown else shown
     return listener, f"http://{shown}:{listener.getsockname()[1]}/{token}/"
-
-
-def _address_for_others() -> str:
-    """The address by which others reach this machine; its name where it has no network."""
-    try:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            # connecting a datagram socket only picks the route, and so the address of this machine
-            probe.connect(ELSEWHERE)
-            return str(probe.getsockname()[0])
-    except OSError:
-        return socket.gethostname()
 
 
 PROCESS = "holdfast.live.page.process"
@@ -102,7 +89,7 @@ _to_json = json.JSONEncoder(separators=(",", ":")).encode
 
 
 class PageLink:
-    """Messages to the page's process. unsent: messages that were dropped. handle: of its actions.
+    """Messages to the page's process. unsent: messages that were dropped.
 
     channel: a packet socket. process: serves the page, None in tests. report: gets one line where
     the process is gone.
@@ -121,7 +108,6 @@ class PageLink:
         self._process = process
         self.unsent = 0
         self._gone = False
-        self.handle = channel.fileno()
 
     def send(self, message: Json) -> bool:
         """Send one message; False where it was dropped. Never waits."""

@@ -21,7 +21,7 @@ const number = (value, places = 2) => (value === null || value === undefined ? "
 
 const placesOf = (unit) => (unit === "N" ? 2 : 0);
 
-const page = { about: null, sample: null, rows: [], ready: null, ended: "", silent: null, heardMs: 0, hand: null, paused: null, spokenMs: -SPEAK_MS, riskyAt: null };
+const page = { about: null, sample: null, rows: [], ended: "", silent: null, heardMs: 0, hand: null, paused: null, spokenMs: -SPEAK_MS, riskyAt: null };
 
 // -- what the server sends
 
@@ -33,20 +33,17 @@ function connect() {
 }
 
 function begin(whole) {
-  Object.assign(page, { rows: [], ready: null, sample: null, riskyAt: null });
+  Object.assign(page, { rows: [], sample: null, riskyAt: null });
   at("said").replaceChildren();
   take(whole, true);
 }
 
 function introduce(about) {
-  page.about = { ...page.about, ...about };
-  const { verb, model, source, unit } = page.about;
-  at("about").textContent = [verb, model, source, unit].filter(Boolean).join(" · ");
-  at("risk").hidden = !page.about.answers;
-  document.body.classList.toggle("records", !page.about.answers);
-  legend(at("legend"), page.about.answers, page.about.grip);
-  at("moves").textContent = page.about.grip ? "This page only shows; the run that it shows sends grip targets to a hand." : "This page only shows; it moves no hand.";
-  buildButtons();
+  page.about = about;
+  const { model, source, unit } = about;
+  at("about").textContent = [model, source, unit].join(" · ");
+  legend(at("legend"), about.grip);
+  at("moves").textContent = about.grip ? "This page only shows; the run that it shows sends grip targets to a hand." : "This page only shows; it moves no hand.";
 }
 
 function take(frame, isWhole = false) {
@@ -56,8 +53,6 @@ function take(frame, isWhole = false) {
   if (frame.restarts) Object.assign(page, { rows: [], riskyAt: null });
   page.rows.push(...fresh);
   for (const line of frame.said ?? []) say(line);
-  if (fresh.length) page.ready = null;
-  if (frame.ready) page.ready = frame.ready;
   Object.assign(page, { sample: frame.sample, ended: frame.ended, silent: frame.silent_s });
   const newest = page.rows.at(-1);
   while (page.rows.length && page.rows[0].t_s < newest.t_s - page.about.shown_s) page.rows.shift();
@@ -74,7 +69,7 @@ const riskiest = (rows) => rows.reduce((most, row) => (RANKS.indexOf(row.state) 
 
 /** What is wrong with the connection or the loop, as [headline, detail]; null where nothing is. */
 function trouble() {
-  if (page.ended) return [page.ended, "what is shown below is its last picture"];
+  if (page.ended) return [page.ended, at("said").firstChild?.textContent ?? "what is shown below is its last picture"];
   const silentMs = performance.now() - page.heardMs;
   if (!page.heardMs || silentMs > LOST_MS) return ["no connection", "no data comes from the program: the state is not known"];
   if (page.silent === null) return ["waiting", at("said").firstChild?.textContent ?? "no sample has come yet"];
@@ -83,13 +78,10 @@ function trouble() {
 }
 
 function showState(newest) {
-  const wrong = page.ready && !page.ended && performance.now() - page.heardMs < LOST_MS ? null : trouble();
-  document.body.classList.toggle("gone", wrong !== null || page.ready !== null);
-  allowButtons(wrong);
+  const wrong = trouble();
+  document.body.classList.toggle("gone", wrong !== null);
   if (wrong) { headline("unknown", ...wrong); return; }
-  if (page.ready) { headline("ready", "ready", `next: ${page.ready.task} (${page.ready.left} left). Nothing is read between trials.`); return; }
   if (!page.sample) return;
-  if (!page.about.answers) { showTrial(page.sample); return; }
   const state = newest ?? page.sample.answer.state;
   const agoS = page.riskyAt === null ? Infinity : page.sample.t_s - page.riskyAt;
   // a slip lasts a few samples: its alarm stays until a person has seen it
@@ -103,11 +95,6 @@ function showState(newest) {
 function showAlarm(state, agoS) {
   const now = state === "risky_slip" ? "now" : `${number(agoS, 1)} s ago, now ${inWords(state)}`;
   headline("risky_slip", "risky slip", [now, ...details(page.sample.answer, state)].join("; "));
-}
-
-function showTrial(sample) {
-  const missing = sample.v.filter((good) => !good).length;
-  headline("recording", "recording", `${sample.task}, ${number(sample.trial_s, 1)} s${missing ? `; ${missing} sensors are not read` : ""}`);
 }
 
 const names = () => page.about.hand.filter((one) => one.sensed).map((one) => one.name);
@@ -154,7 +141,7 @@ function showPicture() {
 function drawPlot() {
   const rows = page.paused?.rows ?? page.rows;
   const end = Math.max(page.about?.shown_s ?? 0, rows.at(-1)?.t_s ?? 0);
-  if (page.about) draw(at("plot"), rows, end, page.about.shown_s, page.about.unit, page.about.answers);
+  if (page.about) draw(at("plot"), rows, end, page.about.shown_s, page.about.unit);
 }
 
 function buildSensors() {
@@ -197,16 +184,14 @@ function showNumbers() {
   const last = page.rows.at(-1);
   const force = (value) => (value === null || value === undefined ? "–" : `${number(value, placesOf(about.unit))} ${about.unit}`);
   const figures = { "grip of either side": force(last?.grip), "load along the skin": force(last?.load) };
-  if (about.answers) {
-    const { grip, answer } = sample;
-    figures["target"] = about.grip ? `${grip.target_n === null ? "none" : force(grip.target_n)} (${grip.mode}: ${grip.reason})` : "no controller runs (--grip)";
-    if (about.grip) figures["friction margin"] = grip.margin === null ? "not known before a slip" : `${number(grip.margin)} (friction ${number(grip.mu_hat)})`;
-    figures["latency"] = `${number(1e-3 * answer.latency_us)} ms`;
-    figures["request"] = answer.act ? "act" : answer.arm ? "arm" : "none";
-  }
+  const { grip, answer } = sample;
+  figures["target"] = about.grip ? `${grip.target_n === null ? "none" : force(grip.target_n)} (${grip.mode}: ${grip.reason})` : "no controller runs (--grip)";
+  if (about.grip) figures["friction margin"] = grip.margin === null ? "not known before a slip" : `${number(grip.margin)} (friction ${number(grip.mu_hat)})`;
+  figures["latency"] = `${number(1e-3 * answer.latency_us)} ms`;
+  figures["request"] = answer.act ? "act" : answer.arm ? "arm" : "none";
   if (sample.intent) figures["wearer's command"] = wearer(sample.intent);
   figures["rate"] = sample.rate_hz === null ? "–" : `${number(sample.rate_hz, 1)} Hz`;
-  figures["lost samples"] = sample.lost === 0 ? "none" : `${sample.lost} in this ${about.answers ? "run" : "trial"}`;
+  figures["lost samples"] = sample.lost === 0 ? "none" : `${sample.lost} in this run`;
   if (sample.unsent) figures["not shown here"] = `${sample.unsent} messages that this page missed`;
   const list = at("numbers");
   list.replaceChildren(...Object.entries(figures).flatMap(([name, text]) => {
@@ -226,46 +211,9 @@ function say(line) {
 
 // -- controls
 
-function buildButtons() {
-  const bar = at("buttons");
-  bar.replaceChildren();
-  for (const action of page.about.actions) {
-    const made = button(action.label, () => perform(action));
-    made.dataset.when = action.when;
-    bar.append(made);
-  }
-  const pause = button(page.paused ? "Resume" : "Pause", () => togglePause(pause));
-  pause.setAttribute("aria-pressed", String(page.paused !== null));
-  bar.append(pause);
-}
-
-/** Only what can be done now can be pressed. */
-function allowButtons(wrong) {
-  const stage = page.ready ? "ready" : "trial";
-  for (const one of document.querySelectorAll("#buttons [data-when]")) {
-    one.disabled = wrong !== null || !["always", stage].includes(one.dataset.when);
-  }
-}
-
-function button(label, press) {
-  const made = document.createElement("button");
-  made.type = "button";
-  made.textContent = label;
-  made.addEventListener("click", press);
-  return made;
-}
-
-async function perform(action) {
-  try {
-    const answer = await fetch(`do/${action.do}`, { method: "POST" });
-    at("note").textContent = answer.ok ? `${action.label}: passed on` : `${action.label}: ${(await answer.text()).trim()}`;
-  } catch {
-    at("note").textContent = `${action.label}: not passed on, there is no connection`;
-  }
-}
-
 /** The pictures stand still; the state, the numbers and the connection go on. */
-function togglePause(pause) {
+function togglePause() {
+  const pause = at("pause");
   page.paused = page.paused === null ? { rows: [...page.rows] } : null;
   pause.setAttribute("aria-pressed", String(page.paused !== null));
   pause.textContent = page.paused ? "Resume" : "Pause";
@@ -274,6 +222,7 @@ function togglePause(pause) {
 }
 
 connect();
+at("pause").addEventListener("click", togglePause);
 setInterval(() => { if (trouble()) showState(null); }, 250);
 window.addEventListener("resize", drawPlot);
 window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawPlot);

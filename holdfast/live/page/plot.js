@@ -14,7 +14,7 @@ export const inWords = (state) => state.replace("_", " ");
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 /** Draw rows (objects by name) that end at the time `end`, s. */
-export function draw(canvas, rows, end, seconds, unit, answers) {
+export function draw(canvas, rows, end, seconds, unit) {
   const ratio = window.devicePixelRatio || 1;
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
   canvas.width = width * ratio;
@@ -23,16 +23,14 @@ export function draw(canvas, rows, end, seconds, unit, answers) {
   pen.scale(ratio, ratio);
   pen.font = "12px system-ui, sans-serif";
   const x = (t) => MARGIN.left + ((t - end + seconds) / seconds) * (width - MARGIN.left - MARGIN.right);
-  const below = AXIS_PX + (answers ? STRIP_PX + RISK_PX + 2 * GAP_PX : 0);
+  const below = AXIS_PX + STRIP_PX + RISK_PX + 2 * GAP_PX;
   const bottom = height - below;
   pen.fillStyle = colour("--faint");
   pen.strokeStyle = colour("--line");
   drawTimes(pen, x, end, seconds, height);
   drawForces(pen, x, rows, bottom, width, unit);
-  if (answers) {
-    drawRisk(pen, x, rows, bottom + GAP_PX, width);
-    drawStrip(pen, x, rows, height - AXIS_PX - STRIP_PX);
-  }
+  drawRisk(pen, x, rows, bottom + GAP_PX, width);
+  drawStrip(pen, x, rows, height - AXIS_PX - STRIP_PX);
   const names = new Labels(width);
   pen.fillStyle = colour("--problem");
   for (const t of slips(rows)) notch(pen, names, x(t), height, "slip");
@@ -135,11 +133,10 @@ function drawStrip(pen, x, rows, top) {
 }
 
 /** The names of all lines and shades. */
-export function legend(list, answers, target) {
+export function legend(list, target) {
   list.replaceChildren();
   const shown = Object.entries(LINES).filter(([name]) => name !== "target" || target);
   for (const [name, [shade, dash]] of shown) item(list, TITLES[name], shade, dash);
-  if (!answers) return;
   item(list, "p(risky)", "--risk", []);
   for (const state of STATES) item(list, inWords(state), `--${state}`, null, STRIPES[state]);
   item(list, "act requested", "--ink", []);

@@ -41,7 +41,7 @@ def main(listener_fd: int, link_fd: int) -> None:
     stream = LiveStream(first["about"])
     # the token comes by the link: on the command line every user of the machine could read it
     token = first["token"]
-    server = PageServer(listener, stream, token, lambda action: _pass_on(link, action))
+    server = PageServer(listener, stream, token)
 
     Thread(target=server.serve_forever, name="live page", daemon=True).start()
     link.send(READY)
@@ -71,23 +71,11 @@ def _waiting(link: socket.socket) -> Iterator[Message]:
             data = link.recv(LARGEST_MESSAGE)
         except BlockingIOError:
             return
-        except ConnectionResetError:
-            # reported before the messages that still wait
-            continue
         # an end without an `end` message: the run died
         if not data:
             yield {"end": DIED}
             return
         yield json.loads(data)
-
-
-def _pass_on(link: socket.socket, action: bytes) -> bool:
-    """Send an action to the run; False where it has no room for one."""
-    try:
-        # a run that takes no action now must not stall the browser's thread
-        return link.send(action, socket.MSG_DONTWAIT) > 0
-    except OSError:
-        return False
 
 
 if __name__ == "__main__":

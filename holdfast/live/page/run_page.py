@@ -63,15 +63,23 @@ class RunPage:
         self._lost += sample.sequence - self._next
         self._next = sample.sequence + 1
 
-        message = sample_message(sample, reading, self._lost, self._link.unsent)
-        message["answer"] = {name: getattr(prediction, name) for name in ANSWER}
+        message: Json = {
+            "t_ns": sample.t_ns,
+            "x": sample.values.tolist(),
+            "v": sample.valid.astype(int).tolist(),
+            "why": reading.why,
+            "lost": self._lost,
+            "unsent": self._link.unsent,
+            "answer": {name: getattr(prediction, name) for name in ANSWER},
+        }
         # A probability of almost 0 would look like an answer.
         if self._risky_not_learned:
             message["answer"]["p_risky"] = None
         if self.grip is not None and self.grip.newest is not None:
             message["grip"] = self.grip.newest._asdict()
-        message |= intent_message(self.intent)
-
+        if self.intent is not None:
+            wants = self.intent.newest.wants
+            message["intent"] = {"wants": wants, "link": self.intent.link}
         self._link.send({"sample": message})
 
     def report(self, line: str) -> None:
@@ -82,30 +90,6 @@ class RunPage:
         """Show how the run ended."""
         how = "the run has ended" if reason == STOPPED else "the run failed"
         self._link.close(f"{how}: {self.why_ended}" if self.why_ended else how)
-
-
-def sample_message(
-    sample: Sample, measured: SourceReading, lost: int, unsent: int
-) -> Json:
-    """A sample for the page. lost: so far. unsent: messages that the page's process missed."""
-    return {
-        "n": sample.sequence,
-        "t_ns": sample.t_ns,
-        "x": sample.values.tolist(),
-        "v": sample.valid.astype(int).tolist(),
-        "why": measured.why,
-        "lost": lost,
-        "unsent": unsent,
-    }
-
-
-def intent_message(intent: IntentMonitor | None) -> Json:
-    """The wearer's command for the page; empty where none is received."""
-    if intent is None:
-        return {}
-    newest = intent.newest
-    wish = {"wants": newest.wants, "link": intent.link}
-    return {"intent": wish}
 
 
 def drawn_hand(card: HandCard | None, n_sensors: int) -> list[Json]:
@@ -151,13 +135,10 @@ def open_run_page(
     source: a URL; model: a file. with_grip: whether a controller sends commands.
     """
     about: Json = {
-        "verb": "run",
         "unit": card.unit,
         "hand": drawn_hand(card.hand, card.n_channels // 3),
         "model": f"{Path(model).name} ({card.model_id})",
         "source": source,
-        "answers": True,
         "grip": with_grip,
-        "actions": [],
     }
     return RunPage(open_page(address, about, report), card)

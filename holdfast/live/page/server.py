@@ -1,8 +1,7 @@
-"""The live page over HTTP: its files, its stream of events, and its actions.
+"""The live page over HTTP: its files, and its stream of events.
 
     GET /TOKEN/              the page, and its scripts and style
     GET /TOKEN/events        server-sent events (stream.py)
-    POST /TOKEN/do/NAME      an action that the page offers, such as mark
 
 A thread answers each request. A connection that sends or takes nothing for STALLED_S ends; a
 browser comes back by itself.
@@ -12,7 +11,6 @@ from __future__ import annotations
 
 import hmac
 import socket
-from collections.abc import Callable
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -43,24 +41,15 @@ HEADERS = {
 }
 TEXT = "text/plain; charset=utf-8"
 EVENT_STREAM = "text/event-stream"
-REFUSED = "not allowed: open the address that the command printed\n"
+REFUSED = b"not allowed: open the address that the command printed\n"
 
 
 class PageServer(ThreadingHTTPServer):
-    """The page's server. listener: a listening socket.
-
-    act: passes on an action's byte, False where there is no room.
-    """
+    """The page's server. listener: a listening socket."""
 
     block_on_close = False
 
-    def __init__(
-        self,
-        listener: socket.socket,
-        stream: LiveStream,
-        token: str,
-        act: Callable[[bytes], bool],
-    ) -> None:
+    def __init__(self, listener: socket.socket, stream: LiveStream, token: str) -> None:
         address = listener.getsockname()[:2]
         super().__init__(address, PageHandler, bind_and_activate=False)
         # it makes a socket of its own, but this one listens already
@@ -68,7 +57,6 @@ class PageServer(ThreadingHTTPServer):
         self.socket = listener
         self.stream = stream
         self.token = token
-        self.act = act
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Browsers go away and stall: those are no errors. All others end one connection."""
@@ -85,36 +73,22 @@ class PageHandler(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """A file of the page, or the events."""
         path = self._allowed_path()
-        if path is None:
-            return
         # a table instead of a path on the disk: no request reaches another file
-        if path in FILES:
+        if path is None:
+            self._answer(HTTPStatus.FORBIDDEN, TEXT, REFUSED)
+        elif path in FILES:
             name, kind = FILES[path]
             self._answer(HTTPStatus.OK, kind, (FOLDER / name).read_bytes())
         elif path == "events":
             self._stream_events()
         else:
-            self._plain(HTTPStatus.NOT_FOUND, "there is no such page\n")
-
-    def do_POST(self) -> None:
-        """An action."""
-        path = self._allowed_path()
-        if path is None:
-            return
-        actions = self.server.stream.about["actions"]
-        offered = {f"do/{action['do']}": action["key"] for action in actions}
-        if path not in offered:
-            self._plain(HTTPStatus.NOT_FOUND, "there is no such action\n")
-        elif self.server.act(offered[path].encode()):
-            self._plain(HTTPStatus.ACCEPTED, "passed on\n")
-        else:
-            self._plain(HTTPStatus.SERVICE_UNAVAILABLE, "the run takes no action now\n")
+            self._answer(HTTPStatus.NOT_FOUND, TEXT, b"there is no such page\n")
 
     def log_message(self, format: str, *args: Any) -> None:
         """Paths hold the token; nothing is written down."""
 
     def _allowed_path(self) -> str | None:
-        """The path below the address of the page; None, answered, where the token is another."""
+        """The path below the address of the page; None where the token is another."""
         # what stands after a question mark never decides who may ask
         given, slash, rest = (
             self.path.partition("?")[0].removeprefix("/").partition("/")
@@ -123,7 +97,6 @@ class PageHandler(BaseHTTPRequestHandler):
         asked = given.encode("utf-8", "replace")
         if slash and hmac.compare_digest(asked, self.server.token.encode()):
             return rest
-        self._plain(HTTPStatus.FORBIDDEN, REFUSED)
         return None
 
     def _stream_events(self) -> None:
@@ -133,18 +106,13 @@ class PageHandler(BaseHTTPRequestHandler):
         for block in self.server.stream.frames():
             self.wfile.write(block)
 
-    def _plain(self, status: HTTPStatus, text: str) -> None:
-        self._answer(status, TEXT, text.encode())
-
     def _answer(self, status: HTTPStatus, kind: str, content: bytes) -> None:
-        self._head(status, kind, {"Content-Length": str(len(content))})
+        self._head(status, kind, **{"Content-Length": str(len(content))})
         self.wfile.write(content)
 
-    def _head(
-        self, status: HTTPStatus, kind: str, more: dict[str, str] | None = None
-    ) -> None:
+    def _head(self, status: HTTPStatus, kind: str, **more: str) -> None:
         self.send_response(status)
-        headers = {"Content-Type": kind, **HEADERS, **(more or {})}
+        headers = {"Content-Type": kind, **HEADERS, **more}
         for name, value in headers.items():
             self.send_header(name, value)
         self.end_headers()

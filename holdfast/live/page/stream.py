@@ -42,15 +42,13 @@ class LiveStream:
         self._changed = Condition()
         self._newest: Message | None = None
         self._rows: deque[list[Any]] = deque()
-        self._fresh: list[list[Any]] = []
         self._lines: deque[str] = deque(maxlen=MOST_SAID)
-        self._ready: Message | None = None
-        self._news: Message = {}
+        self._news: Message = {"rows": [], "said": [], "restarts": False}
         self._frames: deque[bytes] = deque(maxlen=KEPT_FRAMES)
         self._count = 0
         self._over = False
         self._first_ns = 0
-        self._came_s: float | None = None
+        self._came_s = math.nan
 
     # -- from the run
 
@@ -58,35 +56,27 @@ class LiveStream:
         """One message of the run (link.py), at now_s of a monotonic clock."""
         with self._changed:
             if "sample" in message:
-                self._take_sample(message["sample"], now_s)
+                self._take_sample(message["sample"])
+                self._came_s = now_s
             if "said" in message:
                 self._lines.append(message["said"])
-                self._news.setdefault("said", []).append(message["said"])
-            if "ready" in message:
-                self._ready = self._news["ready"] = message["ready"]
-            if "about" in message:
-                self.about = {**self.about, **message["about"]}
-                self._news["about"] = self.about
+                self._news["said"].append(message["said"])
             # the first reason counts: what follows a stop is only its consequence
             self.ended = self.ended or message.get("end", "")
 
-    def _take_sample(self, sample: Message, now_s: float) -> None:
-        t_ns = sample["t_ns"]
-        if self._newest is None:
-            self._first_ns = t_ns
+    def _take_sample(self, sample: Message) -> None:
+        before_ns = self._newest["t_ns"] if self._newest else math.inf
         # time never goes back within a run (holdfast/live/loop.py: restarts)
-        elif t_ns < self._newest["t_ns"]:
+        if sample["t_ns"] < before_ns:
             self._rows.clear()
-            self._fresh.clear()
-            self._first_ns = t_ns
+            self._news["rows"] = []
             self._news["restarts"] = True
+            self._first_ns = sample["t_ns"]
         self._newest = sample
-        self._came_s = now_s
-        self._ready = None
 
         row = self._row(sample)
         self._rows.append(row)
-        self._fresh.append(row)
+        self._news["rows"].append(row)
         # by time and not by count: the rate of a hand may change while it runs
         while self._rows[0][0] < row[0] - SHOWN_S:
             self._rows.popleft()
@@ -94,14 +84,9 @@ class LiveStream:
     def publish(self, now_s: float) -> None:
         """Make a frame of everything new, and wake the browsers' threads."""
         with self._changed:
-            frame = self._now(now_s)
-            frame["rows"] = self._fresh
-            # messages are rare, so a frame has this key only where they changed
-            frame |= self._news
-            self._frames.append(event("frame", frame))
+            self._frames.append(event("frame", self._now(now_s) | self._news))
             self._count += 1
-            self._fresh = []
-            self._news = {}
+            self._news = {"rows": [], "said": [], "restarts": False}
             # only now: the frame that shows the end must be sent before a browser's loop stops
             self._over = bool(self.ended)
             self._changed.notify_all()
@@ -133,52 +118,44 @@ class LiveStream:
             yield b"".join(newest)
 
     def _whole(self) -> bytes:
-        picture = self._now(self._came_s or 0.0)
+        picture = self._now(self._came_s)
         picture["about"] = {**self.about, "rows": ROW_FIELDS, "shown_s": SHOWN_S}
         picture["rows"] = list(self._rows)
         picture["said"] = list(self._lines)
-        picture["ready"] = self._ready
         return event("whole", picture)
 
     def _now(self, now_s: float) -> Message:
         """The newest sample as it is shown, and how long none has come."""
-        silent_s = None
-        if self._came_s is not None:
-            silent_s = _shown(now_s - self._came_s)
-        sample = None if self._newest is None else self._as_shown(self._newest)
+        sample = self._as_shown(self._newest) if self._newest else None
+        silent_s = _shown(now_s - self._came_s)
         return {"silent_s": silent_s, "sample": sample, "ended": self.ended}
 
     def _as_shown(self, sample: Message) -> Message:
         """A sample as the browser gets it: forces by finger, and the rate of the last second."""
-        values = list(map(_shown, sample["x"]))
-        shown = {**sample, "t_s": self._since_start(sample["t_ns"])}
+        shown = dict(sample)
+        values = list(map(_shown, shown.pop("x")))
         shown["forces"] = [values[k : k + 3] for k in range(0, len(values), 3)]
+        shown["t_s"] = self._since_start(shown.pop("t_ns"))
         recent = [row[0] for row in self._rows if row[0] > shown["t_s"] - 1.0]
         shown["rate_hz"] = None
         if len(recent) > 1:
             # so many samples span one period fewer
             shown["rate_hz"] = _shown((len(recent) - 1) / (recent[-1] - recent[0]))
-        # the browser has these in another form; samples of a recording session have no number
-        for name in ("x", "t_ns", "n"):
-            shown.pop(name, None)
         return shown
 
     def _row(self, sample: Message) -> list[Any]:
         """The fields of ROW_FIELDS."""
-        answer = sample.get("answer", {})
+        answer = sample["answer"]
         load, squeeze = sums(sample["x"], sample["v"])
-        state = answer.get("state")
         # a probability of an unknown state would look like an answer
-        p_risky = None if state == "unknown" else answer.get("p_risky")
+        p_risky = None if answer["state"] == "unknown" else answer["p_risky"]
+        target = sample.get("grip", {}).get("target_n")
         # in the order of ROW_FIELDS: a name in each row would make frames larger
         return [
             self._since_start(sample["t_ns"]),
-            state,
-            _shown(p_risky),
-            _shown(load),
-            _shown(squeeze),
-            _shown(sample.get("grip", {}).get("target_n")),
-            int(answer.get("act", False)),
+            answer["state"],
+            *map(_shown, (p_risky, load, squeeze, target)),
+            int(answer["act"]),
         ]
 
     def _since_start(self, t_ns: int) -> float:

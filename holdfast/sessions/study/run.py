@@ -18,7 +18,7 @@ from holdfast.core.errors import CardError, DataNotFound, HoldfastError, UsageEr
 from holdfast.core.lines import stream_sink
 from holdfast.core.trial_layout import checked_name
 from holdfast.core.writing import require_writable, write_whole
-from holdfast.live.running import RunClock, stop_signals
+from holdfast.live.running import RunClock, StopRequest, stop_signals
 from holdfast.live.sources import is_standard_input
 from holdfast.sessions.recorder.display import StatusLine, columns_of
 from holdfast.sessions.recorder.folder import alone, require_ours, reserved
@@ -62,20 +62,26 @@ class Ending(StrEnum):
 
 def run_study(
     options: RecordOptions, protocol: StudyProtocol, keyboard: TextIO
-) -> Ending:
-    """Run the study at the terminal. Raises a HoldfastError."""
+) -> tuple[Ending, int]:
+    """Run the study at the terminal; how it ended, and the exit code. Raises a HoldfastError."""
     require_consistent(options, protocol)
-    with _terminal(keyboard, options.seconds) as context:
-        return run_parts(options, protocol, context)
+    with (
+        stop_signals() as stopped,
+        _terminal(keyboard, stopped, options.seconds) as context,
+    ):
+        ending = run_parts(options, protocol, context)
+    return ending, stopped.exit_code
 
 
 @contextmanager
-def _terminal(keyboard: TextIO, seconds: float | None = None) -> Iterator[RunContext]:
+def _terminal(
+    keyboard: TextIO, stopped: StopRequest, seconds: float | None = None
+) -> Iterator[RunContext]:
     """The operator's terminal. Raises UsageError where no key can be pressed."""
     status = StatusLine(
         stream_sink(sys.stderr), lambda: columns_of(sys.stderr), seconds
     )
-    with stop_signals() as stopped, listening(keyboard.fileno()) as keys:
+    with listening(keyboard.fileno()) as keys:
         # Without keys nothing could be confirmed, and no adverse event reported.
         if keys.ended():
             raise UsageError(
@@ -405,7 +411,7 @@ def withdraw_person(root: Path, person: str, keyboard: TextIO) -> bool:
     """Delete a person once the operator has typed the pseudonym; returns whether that was done."""
     require_person(root, person)
     # The operator types the pseudonym: one wrong --person must not delete a person.
-    with _terminal(keyboard) as context:
+    with stop_signals() as stopped, _terminal(keyboard, stopped) as context:
         console = Console(context)
         typed = console.text(
             f"everything of {person} is deleted; type {person} to confirm"

@@ -35,7 +35,6 @@ from holdfast.core.trial_layout import (
     read_json,
 )
 from holdfast.training.datasets.trials import ChannelsNotOffered, has_thesis_layout
-from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import (
     DataSet,
     HoldOut,
@@ -45,7 +44,7 @@ from holdfast.training.recording import (
 )
 from holdfast.training.windows import Choice
 
-PUBLIC_SETS = ("human_slip_uskin", "eflesh_slip", "proactive_slip_uskin")
+PUBLIC_SETS = ("human_slip_uskin", "eflesh_slip")
 """Sets that `load` finds by name in the data folder."""
 LAYOUTS = ("recorded", "thesis")
 """Layouts of folders that users fill with trials of their own."""
@@ -72,7 +71,6 @@ def load(
     seed: int = 0,
     windows: Choice = "balanced",
     hold_out: HoldOut | None = None,
-    part: Part = ignored,
 ) -> DataSet:
     """A data set by its name (a folder in HOLDFAST_DATA) or by its path.
 
@@ -98,19 +96,21 @@ def load(
             next_step=next_step,
         )
 
-    # Only the layouts of folders of trials choose windows; a public set brings its own.
-    options: dict[str, Any] = {} if channels is None else {"channels": channels}
-    if layout in LAYOUTS:
-        options |= {"seed": seed, "windows": windows, "part": part, "rate_hz": rate_hz}
-
+    reader = reader_of(layout)
     try:
-        data: DataSet = reader_of(layout).load(root, **options)
+        if layout in LAYOUTS:
+            from holdfast.training.datasets.thesis import assembled
+
+            found = reader.readers(root, rate_hz=rate_hz)
+            data = assembled(reader.about(root), found, channels, windows, seed)
+            data = with_hand(data, root)
+        else:
+            # A public set brings its own windows, and has a usual number of channels.
+            data = reader.load(root, **({"channels": channels} if channels else {}))
     except ChannelsNotOffered as error:
         # the user knows the folder, and not the name that stands in its meta.json
         name = str(name_or_path)
         raise ChannelsNotOffered(name, error.channels, error.numbers) from None
-    if layout in LAYOUTS:
-        data = with_hand(data, root)
     if hold_out is not None:
         data = regrouped(data, hold_out)
     return data if groups is None else keep_groups(data, groups, seed=seed)
@@ -124,13 +124,12 @@ def with_hand(data: DataSet, root: Path) -> DataSet:
     """
     path = root / HAND_FILE
     named = read_json(root / META).get("hand")
-    if not path.is_file() and named is None:
-        return data
     if not path.is_file():
+        if named is None:
+            return data
         raise DataNotFound(
             f"no {HAND_FILE}, which {META} names",
             where=root,
-            cause="a copy that is not complete",
             next_step="copy the whole set again",
         )
 
@@ -138,12 +137,11 @@ def with_hand(data: DataSet, root: Path) -> DataSet:
     from holdfast.core.hand_card import read_hand_card
 
     hand = read_hand_card(path)
-    made_with = named.get("sha256") if isinstance(named, dict) else None
-    if made_with not in (None, hand.sha256) or hand.n_sensors != data.n_sensors:
+    changed = isinstance(named, dict) and named.get("sha256") not in (None, hand.sha256)
+    if changed or hand.n_sensors != data.n_sensors:
         raise ChannelError(
             f"{HAND_FILE} is the card of another hand",
             where=path,
-            cause="a card that was changed after the recording",
             next_step="put the card back with which the set was recorded",
         )
     return replace(data, hand=hand)
@@ -156,25 +154,20 @@ def data_folder() -> Path:
 
 def find(name_or_path: str | Path) -> Path:
     """Folder of a set. Raises DataNotFound with the likely cause."""
-    named = str(name_or_path) in PUBLIC_SETS
-
+    path = Path(name_or_path)
     # A public name goes first to the data folder, so that a folder of that name here does not hide
     # it.
-    candidates = [Path(name_or_path)]
-    if named:
-        candidates.insert(0, data_folder() / name_or_path)
-    for folder in candidates:
-        if folder.is_dir():
-            return folder
-    if named:
-        is_set = os.environ.get(FOLDER_VARIABLE)
+    public = data_folder() / name_or_path
+    if str(name_or_path) in PUBLIC_SETS and (public.is_dir() or not path.is_dir()):
+        path = public
+    if path.is_dir():
+        return path
+    if path is public:
         raise DataNotFound(
             f"data set {name_or_path} not found",
-            where=candidates[0],
-            cause=f"{FOLDER_VARIABLE} {'points elsewhere' if is_set else 'is not set'}",
+            where=public,
             next_step=f"set {FOLDER_VARIABLE} to the folder that holds {name_or_path}/",
         )
-    path = candidates[0]
     next_step = f"give a folder, or one of {', '.join(PUBLIC_SETS)}"
     if path.is_file() and has_logs(path):
         next_step = f"{next_step}; of a log: {import_command(path)}"
@@ -192,10 +185,6 @@ def layout_of(root: Path) -> str | None:
         return "human_slip_uskin"
     if (root / "eflesh_slip.npz").is_file():
         return "eflesh_slip"
-    # The set as it is published has its trials one folder deeper.
-    for depth in ("*", "data_set/*"):
-        if any(root.glob(f"{depth}/xela_sensor1.csv")):
-            return "proactive_slip_uskin"
     if any(
         "recorder" in read_json(path.with_name(META)) for path in root.rglob(TACTILE)
     ):

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import zipfile
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,6 @@ from holdfast.core.errors import (
     DataNotFound,
     EmptyRecording,
     NotANumber,
-    listed,
     one_line,
 )
 from holdfast.training.datasets.trials import ChannelsNotOffered
@@ -43,28 +43,18 @@ def read_arrays(path: Path, shapes: Mapping[str, Shape]) -> dict[str, npt.NDArra
     Pickled objects are refused. Raises DataNotFound, ColumnError (missing array or shape) or
     NotANumber.
     """
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in shapes}
-    except FileNotFoundError:
-        raise DataNotFound("no such file", where=path, next_step=COPY_AGAIN) from None
-    except KeyError as error:
-        what = f"array missing: {error.args[0]}"
-        raise ColumnError(what, where=path, next_step=COPY_AGAIN) from None
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise NotANumber(
-            f"cannot be read as an npz archive of numbers ({type(error).__name__})",
-            where=path,
-            cause="a copy cut short, or pickled objects, which are never read",
-            next_step=COPY_AGAIN,
-        ) from None
+    # np.load leaves a file open that it cannot read, so the file is opened here
+    with (
+        _copied_whole(path),
+        path.open("rb") as file,
+        np.load(file, allow_pickle=False) as archive,
+    ):
+        arrays = {name: archive[name] for name in shapes}
 
     for name, shape in shapes.items():
         found = arrays[name].shape
-        lengths = [
-            n if n is not None else m for n, m in zip(shape, found, strict=False)
-        ]
-        if found != tuple(lengths) or len(found) != len(shape):
+        lengths = zip(found, shape, strict=False)
+        if len(found) != len(shape) or any(m not in (n, None) for n, m in lengths):
             what = f"array {name} has the shape {found}, not {shape}"
             raise ColumnError(what, where=path, next_step=COPY_AGAIN)
     return arrays
@@ -77,34 +67,33 @@ def read_table(path: Path, columns: Mapping[str, type]) -> pd.DataFrame:
     """
     import pandas as pd  # a third of a second, which sets in other formats do not need
 
-    try:
+    with _copied_whole(path):
+        # As texts, since pandas' own reader rounds some decimals differently in the last bit.
         texts = pd.read_csv(path, dtype=str)
+        table = texts[list(columns)].astype(dict(columns))
+    if table.empty:
+        what = "no rows of data"
+        raise EmptyRecording(what, where=path, next_step=COPY_AGAIN)
+    return table
+
+
+@contextmanager
+def _copied_whole(path: Path) -> Iterator[None]:
+    """Around the reading of a file of a set. Raises DataNotFound, ColumnError or NotANumber."""
+    try:
+        yield
     except FileNotFoundError:
         raise DataNotFound("no such file", where=path, next_step=COPY_AGAIN) from None
-    except (OSError, ValueError) as error:
-        raise _not_a_table(error, path) from None
-
-    missing = [name for name in columns if name not in texts]
-    if missing:
-        what = f"columns missing: {listed(missing)}"
-        raise ColumnError(what, where=path, next_step=COPY_AGAIN)
-    if texts.empty:
-        raise EmptyRecording(
-            "no rows of data",
+    except KeyError as error:
+        what = f"missing: {one_line(str(error))}"
+        raise ColumnError(what, where=path, next_step=COPY_AGAIN) from None
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise NotANumber(
+            f"cannot be read as numbers: {one_line(str(error)):.120}",
             where=path,
-            cause="a copy cut short",
+            cause="a copy cut short, or pickled objects, which are never read",
             next_step=COPY_AGAIN,
-        )
-    try:
-        # Of texts, since pandas' own reader rounds some decimals differently in the last bit.
-        return texts[list(columns)].astype(dict(columns))
-    except ValueError as error:
-        raise _not_a_table(error, path) from None
-
-
-def _not_a_table(error: Exception, path: Path) -> NotANumber:
-    what = f"cannot be read as a table of numbers: {one_line(str(error)):.120}"
-    return NotANumber(what, where=path, next_step=COPY_AGAIN)
+        ) from None
 
 
 def channels_of(sensors: Sequence[int]) -> list[int]:

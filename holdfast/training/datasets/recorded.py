@@ -9,7 +9,6 @@ preparation, objects and windows are the thesis'.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -34,10 +33,8 @@ from holdfast.training.datasets.trials import (
     TrialReader,
     refuse,
 )
-from holdfast.training.progress import Part, ignored
-from holdfast.training.recording import DataSet
 from holdfast.training.timeline import Phases, RiskyEvents, read_events, read_truth
-from holdfast.training.windows import Choice, TimedTrial
+from holdfast.training.windows import TimedTrial
 
 KEPT = "kept"
 """The state of a trial that was finished and not done again."""
@@ -50,37 +47,14 @@ CAVEAT = (
 ONE_PERSON = " One person: the figures do not apply to other people."
 
 
-def load(
-    root: Path,
-    *,
-    channels: int | None = None,
-    rate_hz: float | None = None,
-    seed: int = 0,
-    windows: Choice = "balanced",
-    part: Part = ignored,
-) -> DataSet:
-    """All kept trials of a folder, as training.datasets.thesis does. Raises a DataError."""
-    found = _found(root)
-
-    kinds = sorted({_kind(meta) for meta in found.values() if _is_kept(meta)})
-    about = thesis.SetMeta(kind=" and ".join(kinds), name=root.resolve().name)
-    data = thesis.assembled(
-        about,
-        readers(root, rate_hz=rate_hz),
-        channels=channels,
-        seed=seed,
-        windows=windows,
-        part=part,
-    )
-
-    people = len({recording.person for recording in data.recordings})
-    notes = {
-        **data.notes,
-        "states": dict(Counter(str(meta.get("state")) for meta in found.values())),
-        "people": people,
-    }
-    caveat = CAVEAT + (ONE_PERSON if people == 1 else "")
-    return replace(data, caveat=caveat, notes=notes)
+def about(root: Path) -> thesis.SetMeta:
+    """Name and kind of a folder's kept trials, and what stands with their figures."""
+    kept = list(filter(_is_kept, _found(root).values()))
+    kinds = sorted({_kind(meta) for meta in kept})
+    people = {meta.get("person") for meta in kept}
+    caveat = CAVEAT + (ONE_PERSON if len(people) == 1 else "")
+    kind, name = " and ".join(kinds), root.resolve().name
+    return thesis.SetMeta(kind=kind, name=name, caveat=caveat)
 
 
 def readers(

@@ -12,6 +12,7 @@ average is left out, because it removes the vibrations that the band-pass bank d
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -35,7 +36,6 @@ from holdfast.core.contract import (
 )
 from holdfast.core.errors import (
     ChannelError,
-    DataNotFound,
     LabelError,
     RateError,
     count_of,
@@ -58,14 +58,12 @@ from holdfast.training.datasets.trials import (
     TrialPlace,
     TrialReader,
     places,
-    read_all,
     refuse,
     require_history,
     require_possible,
     require_whole,
     warn_of,
 )
-from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import (
     DataSet,
     LabelledRows,
@@ -139,53 +137,21 @@ def preparation(unit: Unit) -> Preparation:
     )
 
 
-def load(
-    root: Path,
-    *,
-    channels: int | None = None,
-    rate_hz: float | None = None,
-    seed: int = 0,
-    windows: Choice = "balanced",
-    part: Part = ignored,
-) -> DataSet:
-    """All trials of a folder, with the task "classes" (labels 0..7). part: how much is read.
-
-    Where the mass of an object is not known, the task is "situations" (labels 0..3).
-    channels: refuse the set if it has another number; None takes it as it is. rate_hz: trials at a
-    whole multiple of it are averaged down.
-    windows: training/windows.py; thesis draws by the seed; none leaves the task and its counts out.
-    People are the groups; without at least two, every trial is its own. `notes` has the counts of
-    samples and of windows, and of those before undersampling. rate_hz is the median over the trials
-    to three digits, so that a clock that is a microsecond off does not cost the window a sample.
-    Raises a DataError, such as RateError for a trial more than 10 % off the others, which names the
-    place.
-    """
-    found = readers(root, rate_hz=rate_hz)
-    if not found:
-        raise DataNotFound(
-            "no trials",
-            where=root,
-            next_step="give a folder with <object>/<action>/trial_<n>.csv in it",
-        )
-    return assembled(
-        _meta_of(root),
-        found,
-        channels=channels,
-        seed=seed,
-        windows=windows,
-        part=part,
-    )
+def about(root: Path) -> SetMeta:
+    """Name, kind and origin of a folder's trials, by its meta.json. Raises LabelError."""
+    name = {"name": root.resolve().name}
+    return checked(name | read_json(root / META), SetMeta, root / META, LabelError)
 
 
 def readers(
     root: Path, fault: Fault = refuse, rate_hz: float | None = None
 ) -> list[TrialReader]:
-    """All trials of a folder, to be read one by one, at a rate as `load` has it.
+    """All trials of a folder, to be read one by one; rate_hz as `datasets.load` has it.
 
     fault: receives the DataError of each folder that is at no trial's place. Raises one for the
     set's meta.json.
     """
-    meta = _meta_of(root)
+    meta = about(root)
     return [
         TrialReader(place, partial(timed, place, root, meta, rate_hz=rate_hz))
         for place in places(root, fault)
@@ -195,22 +161,20 @@ def readers(
 def assembled(
     meta: SetMeta,
     readers: Sequence[TrialReader],
-    *,
     channels: int | None,
-    seed: int,
     windows: Choice,
-    part: Part = ignored,
+    seed: int,
 ) -> DataSet:
-    """A data set of trials. meta: name, kind, origin. Raises RateError, ChannelError, .."""
-    read = read_all(readers, part=part)
-    trials = [trial for trial in read if trial]
-    recordings = [trial.recording for trial in trials]
+    """A data set of trials. Raises RateError, ChannelError, .., which name the trial.
 
-    rate_hz = common_rate(recordings)
-    n_channels = 3 * recordings[0].n_sensors
-    if channels not in (None, n_channels):
-        raise ChannelsNotOffered(meta.name, channels, [n_channels])
+    People are the groups; without at least two, every trial is its own. `notes` has the counts of
+    samples and of windows, and of those before undersampling.
+    """
+    trials = [reader.read() for reader in readers]
+    rate_hz = common_rate([trial.recording for trial in trials])
     data = of_trials(trials, meta, rate_hz, windows, seed)
+    if channels not in (None, 3 * data.n_sensors):
+        raise ChannelsNotOffered(meta.name, channels, [3 * data.n_sensors])
     warn_of(trials)
     return data
 
@@ -251,11 +215,10 @@ def of_trials(
 
 def _caveat(trials: Sequence[TimedTrial], meta: SetMeta) -> str:
     """The sentences that stand with every figure of these trials."""
-    sources = [trial.labels_by for trial in trials]
-    guessed = sources.count(OF_WHOLE_TRIAL["slip"])
-
-    sentences = []
-    if classes_of(trials) == CLASSES:
+    sources = Counter(trial.labels_by for trial in trials)
+    guessed = sources[OF_WHOLE_TRIAL["slip"]]
+    sentences = [meta.caveat] if meta.caveat else []
+    if not sentences and classes_of(trials) == CLASSES:
         sentences.append(WEIGHT_CAVEAT)
     # Trials with phases, and those that only say slip or hold, follow no script.
     if any(source.startswith(BY_SCRIPT) for source in sources):
@@ -265,10 +228,13 @@ def _caveat(trials: Sequence[TimedTrial], meta: SetMeta) -> str:
     events = [event for trial in trials for event in trial.recording.events]
     if n_lost := sum(event.lost for event in events):
         sentences.append(LOST_CAVEAT.format(n=n_lost, of=len(events)))
-    for n in sorted({trial.averaged for trial in trials} - {1}):
-        rates_hz = [one.recording.rate_hz for one in trials if one.averaged == n]
-        words = averaged_in_words(n * float(np.median(rates_hz)), n)
-        sentences.append(f"{count_of(len(rates_hz), 'trial')}: {words}.")
+    rates_hz: dict[int, list[float]] = {}
+    for trial in trials:
+        if trial.averaged > 1:
+            rates_hz.setdefault(trial.averaged, []).append(trial.recording.rate_hz)
+    for n, of_n in sorted(rates_hz.items()):
+        words = averaged_in_words(n * float(np.median(of_n)), n)
+        sentences.append(f"{count_of(len(of_n), 'trial')}: {words}.")
     return " ".join(sentences)
 
 
@@ -295,14 +261,9 @@ class SetMeta(msgspec.Struct, frozen=True):
     kind: str = "recorded"
     name: str = ""
     redistributable: bool = False
+    caveat: str = ""
     masses_g: dict[str, Any] = {}
     action_at_s: Annotated[float, msgspec.Meta(gt=0.0, lt=LONGEST_S)] = ACTION_S
-
-
-def _meta_of(root: Path) -> SetMeta:
-    """The set's meta.json. Raises LabelError."""
-    name = {"name": root.resolve().name}
-    return checked(name | read_json(root / META), SetMeta, root / META, LabelError)
 
 
 def timed(

@@ -14,7 +14,6 @@ import re
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Literal, NoReturn
 
@@ -45,7 +44,6 @@ from holdfast.core.trial_layout import (
     read_json,
 )
 from holdfast.export.spec import HISTORY_S
-from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import Recording, whole_history
 from holdfast.training.timeline import labels_end_s
 from holdfast.training.windows import TimedTrial
@@ -116,13 +114,8 @@ class TrialReader:
     read: Callable[[], TimedTrial]
 
 
-def read_all(
-    readers: Sequence[TrialReader], fault: Fault = refuse, part: Part = ignored
-) -> list[TimedTrial | None]:
-    """The trials in their order, None for one that cannot be used.
-
-    fault: receives its DataError. part: receives the share of the trials that is read.
-    """
+def read_all(readers: Sequence[TrialReader], fault: Fault) -> list[TimedTrial | None]:
+    """The trials in their order, None for one that cannot be used. fault: gets its DataError."""
     trials: list[TimedTrial | None] = []
     for reader in readers:
         try:
@@ -130,7 +123,6 @@ def read_all(
         except DataError as error:
             fault(error)
             trials.append(None)
-        part(len(trials) / len(readers))
     return trials
 
 
@@ -361,8 +353,11 @@ def warn_of(trials: Sequence[TimedTrial]) -> None:
         kinds.setdefault(doubt.next_step, []).append(doubt)
     for first, *others in kinds.values():
         more = f" (and {len(others)} more like it)" if others else ""
-        said = f"{first.where}: {first.what}{more}; next: {first.next_step}"
-        warnings.warn(said, DoubtfulData, stacklevel=4)
+        warnings.warn(
+            f"{first.where}: {first.what}{more}; next: {first.next_step}",
+            DoubtfulData,
+            stacklevel=4,
+        )
 
 
 def _turned(trials: Sequence[TimedTrial]) -> Iterator[Missing]:
@@ -393,29 +388,29 @@ def _far_labels(trial: TimedTrial) -> Iterator[Missing]:
     recording = trial.recording
     rows = max(1, round(FAR_S * recording.rate_hz))
     load = _load(recording)
-    felt = [one for one in recording.phases if one.situation != NOTHING]
-    closings = [
-        after.first
-        for before, after in pairwise(recording.phases)
-        if before.situation == NOTHING and after in felt
-    ]
-    far = []
-    for row in closings:
-        # a hand that closes feels at least twice what it felt before
-        before = load[max(0, row - rows) : row + 1].min()
-        if before > 0.5 * load[row : row + rows].max():
-            far.append(row)
-    # a hand that regrips may feel little of one
-    if 2 * len(far) < max(1, len(closings)):
-        far = []
     # of a hand whose zero was taken in a grasp shear alone may be left
     by_sensor = recording.samples.reshape(len(load), -1, 3)
     size = np.where(recording.valid, np.linalg.norm(by_sensor, axis=2), 0.0).sum(axis=1)
-    least = NORMAL_FLOOR[recording.unit]
-    for one in felt:
-        near = size[max(0, one.first - rows) : one.first + rows]
-        if one.situation == RISKY_SLIP and near.max() < least:
-            far.append(one.first)
+
+    closings, far, slips_of_nothing = 0, [], []
+    was_empty = False
+    for phase in recording.phases:
+        row = phase.first
+        around = slice(max(0, row - rows), row + rows)
+        is_empty = phase.situation == NOTHING
+        if was_empty and not is_empty:
+            closings += 1
+            # a hand that closes feels at least twice what it felt before
+            if load[around.start : row + 1].min() > 0.5 * load[row : around.stop].max():
+                far.append(row)
+        nothing_felt = size[around].max() < NORMAL_FLOOR[recording.unit]
+        if phase.situation == RISKY_SLIP and nothing_felt:
+            slips_of_nothing.append(row)
+        was_empty = is_empty
+    # a hand that regrips may feel little of one
+    if 2 * len(far) < closings:
+        far = []
+    far += slips_of_nothing
     if far and trial.timed:
         at_s = far[0] / recording.rate_hz
         what = f"a label begins at {at_s:.2f} s, {FAR_S:g} s and more from any change of load"
