@@ -282,10 +282,7 @@ def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
     extra_n = [run.extra_n for run in passes]
     delays_ms = [1e3 * run.extra_s for run in passes]
     excess_n_s = [run.excess_n_s for run in runs]
-    in_holds = []
-    for run in runs:
-        if run.held.trial.action in HELD_ACTIONS:
-            in_holds.append(run.held.dropped)
+    in_holds = [run.held for run in runs if run.held.trial.action in HELD_ACTIONS]
     # Without a slip the controller has no estimate of friction, and no error.
     errors = [run.friction_error for run in preventable]
     known_errors = [error for error in errors if np.isfinite(error)]
@@ -321,7 +318,7 @@ def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
         disturbed_share=disturbed.share,
         disturbed_share_ci=disturbed.share_ci,
         fragile=crushed.of,
-        lost_in_holds=_counted(in_holds),
+        lost_in_holds=_counted([held.dropped for held in in_holds]),
         crushed_share=crushed.share,
         crushed_share_ci=crushed.share_ci,
         grip_excess=float(np.mean(excess_n_s)) if runs else 0.0,

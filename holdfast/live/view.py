@@ -1,7 +1,7 @@
 """`--to view`: the stream in a terminal, also over SSH, on stderr.
 
 A thread draws and writes, so a terminal that blocks stops the picture and nothing else. The library
-rich draws it (extra `view`).
+rich draws it (extra `view`); without rich there is one plain line a second.
 """
 
 from __future__ import annotations
@@ -11,14 +11,12 @@ import sys
 from collections import deque
 from collections.abc import Collection, Sequence
 from contextlib import suppress
-from importlib import import_module
 from threading import Event, Thread
 from typing import TYPE_CHECKING, NamedTuple, TextIO
 
 import numpy as np
 
 from holdfast.core.contract import NORMAL_AXIS, SITUATIONS, Prediction, Sample
-from holdfast.core.errors import needs_extra
 from holdfast.core.hand_card import sensor_names
 from holdfast.core.lines import STREAM_LINES, STUCK_S, write_whole_line
 from holdfast.core.source import SourceReading
@@ -31,8 +29,9 @@ if TYPE_CHECKING:
     from holdfast.edge_runtime.model_file import ModelCard
     from holdfast.edge_runtime.wearer import Intent, IntentMonitor
 
-REFRESH_S = 0.125
-"""Between two pictures."""
+REFRESH_S, PLAIN_S = 0.125, 1.0
+"""Between two pictures, and between two plain lines."""
+NO_RICH = "a picture needs the package rich: pip install 'holdfast[view]'"
 BAR = 30
 COLOURS = {
     "unknown": "magenta",
@@ -122,7 +121,11 @@ class View:
     def _draw_until_done(self) -> None:
         # a terminal that is gone: the sink of stderr notices it too, and reports it
         with suppress(OSError):
-            self._draw_pictures()
+            try:
+                self._draw_pictures()
+            except ModuleNotFoundError:
+                self._messages.append(NO_RICH)
+                self._write_lines()
 
     def _draw_pictures(self) -> None:
         from rich.console import Console
@@ -139,6 +142,17 @@ class View:
                     console.print(message, markup=False)
                 shown = self._newest
                 live.update(picture(shown) if shown else "waiting", refresh=True)
+
+    def _write_lines(self) -> None:
+        file = _Whole(self._terminal.fileno())
+        ended = False
+        while not ended:
+            ended = self._done.wait(PLAIN_S)
+            for message in self._waiting():
+                file.write(f"{message}\n")
+            if self._newest and not ended:
+                risky = self._newest.prediction.p_risky
+                file.write(f"{self._newest.state}, p(risky slip) {risky:.2f}\n")
 
     def _waiting(self) -> list[str]:
         # only those that wait now: the loop may add more meanwhile
@@ -162,16 +176,11 @@ class _Whole:
 
 
 def open_view(card: ModelCard, terminal: TextIO | None = None) -> View:
-    """A view that draws in its thread until it is closed; without a terminal it draws nothing.
-
-    Raises LibraryMissing without rich.
-    """
+    """A view that draws in its thread until it is closed; without a terminal it draws nothing."""
     terminal = terminal or sys.stderr
     view = View(card, terminal)
     # codes for the cursor would only litter a file or a pipe
     if terminal.isatty() and os.environ.get("TERM", "dumb") != "dumb":
-        with needs_extra("view"):
-            import_module("rich")
         view.start()
     return view
 

@@ -27,6 +27,7 @@ EDGE_X = {
     ("guard", "features"): 395,
     ("bank", "detectors"): 100,
     ("bank", "contact"): 170,
+    ("detectors", "contact"): 140,
     ("features", "contact"): 240,
     ("features", "trees"): 330,
     ("features", "networks"): 460,

@@ -25,7 +25,6 @@ from made_prediction import prediction
 from holdfast.core.contract import Prediction, Sample
 from holdfast.core.errors import (
     ChannelError,
-    LibraryMissing,
     OutputError,
     UnitError,
     UsageError,
@@ -303,16 +302,15 @@ def test_a_view_draws_below_the_messages_and_goes_away_at_the_end(model, monkeyp
     assert end.count(b"\x1b[1A\x1b[2K") > 10
 
 
-def test_a_view_without_rich_is_refused_by_the_name_of_the_extra(model, monkeypatch):
+def test_a_view_without_rich_is_a_plain_line_that_names_the_extra(model, monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setitem(sys.modules, "rich", None)
-    seen, slave = os.openpty()
-    with (
-        open(slave, "w", encoding="utf-8") as terminal,
-        pytest.raises(LibraryMissing, match=r"holdfast\[view\]"),
-    ):
-        open_view(model.card, terminal)
-    os.close(seen)
+    monkeypatch.setitem(sys.modules, "rich.console", None)
+    monkeypatch.setattr("holdfast.live.view.PLAIN_S", 0.01)
+    shown, _ = seen_in_a_terminal(model, "finger 3 is lost", b"p(risky slip)")
+    assert b"finger 3 is lost" in shown
+    assert b"pip install 'holdfast[view]'" in shown
+    assert b"UNKNOWN, p(risky slip) 0." in shown
+    assert b"\x1b" not in shown
 
 
 def test_the_udev_rules_name_every_bridge():
