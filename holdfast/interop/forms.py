@@ -13,22 +13,18 @@ from msgspec.structs import replace as changed
 from holdfast.core.column_map import SensorColumns
 from holdfast.core.contract import AXES, NORMAL_AXIS, UNIT_OF
 from holdfast.core.errors import listed
-from holdfast.core.trial_layout import SITUATION_OF_ACTION
+from holdfast.core.trial_layout import SITUATION_OF_ACTION, named_mass
 from holdfast.interop.columns import (
     Touch,
-    channels,
     normal_axis,
     oriented,
     sensor_of,
-    touch,
     unit_of_names,
-    unit_of_sizes,
     words_of,
 )
 from holdfast.interop.labels import (
     FoundLabels,
     action_of_word,
-    is_mark,
     labels_of,
     rules_of_table,
     unit_and_zero,
@@ -43,7 +39,7 @@ from holdfast.training.datasets.trials import action_of
 
 PERSON = re.compile(r"(?i)(p|s|vp|sub|subj|subject|person|participant|user)[- ]?\d+")
 NUMBERED = re.compile(
-    r"(?i)(trial|run|rep|take|t|r|episode|rec|recording|log|test|nr|no|file|data)?[- ]?\d+"
+    r"(?i)(trial|run|rep|take|t|r|episode|rec|recording|log|test|nr|no|file|data|session|day|block|set)?[- ]?\d+"
 )
 NAMED = {
     "person": {"person", "subject", "participant", "user"},
@@ -54,6 +50,11 @@ NAMED = {
 """Words of columns that hold what a trial is called by, or its number."""
 LONG_GAP_S, LONG_GAP_STEPS = 0.5, 20.0
 """A step may be a gap between trials from so many seconds and so many usual steps on."""
+OBJECTS = {
+    "ball", "block", "book", "bottle", "bowl", "box", "can", "cube", "cup", "cylinder", "egg",
+    "glass", "mug", "object", "pen", "sponge",
+}  # fmt: skip
+"""Words of objects in paths; others may be people."""
 SOME_ACTIONS = "slip, hold, pull, fall, pass, put-down, nothing, .."
 
 
@@ -78,9 +79,7 @@ class Form:
         names = f"{', '.join(first.form[:3])} to {', '.join(first.form[-3:])}"
         found.add("sensors", f"{len(first.sensors)}, {first.why}: {names}")
         rules = self._trial_rules()
-        self.touched = [
-            touch(channels(one.columns, one.sensors)) for one in self.samples
-        ]
+        self.touched = [one.touched for one in self.samples]
         events = self._events(rules)
         unit, sensors = self._hand(events)
         path, actions = self._path(has_events=events is not None)
@@ -178,8 +177,7 @@ class Form:
         named = unit_of_names(first.form)
         if named:
             return named, "by the names"
-        values = channels(first.columns, first.sensors)
-        return unit_of_sizes(first.form, values, self.touched[0])
+        return first.size
 
     # -- trials
 
@@ -189,15 +187,12 @@ class Form:
         rules: dict[str, Any] = {"fingers": self.fingers}
         for key, words in NAMED.items():
             for name, column in columns.items():
+                if not words_of(name) & words or getattr(self.answers, key, ""):
+                    continue
                 kinds = set(text_cells(column[::7]))
                 means = key != "action" or all(map(action_of_word, kinds))
                 few = len(kinds) <= max(1, len(column) // 20)
-                if (
-                    words_of(name) & words
-                    and means
-                    and few
-                    and not getattr(self.answers, key, "")
-                ):
+                if means and few:
                     rules.setdefault(key, name)
         return TrialRules(**rules)
 
@@ -233,7 +228,8 @@ class Form:
         labels: list[FoundLabels] = []
         for name, column in {**streams, **first.columns}.items():
             is_name = any(words_of(name) & words for words in NAMED.values())
-            if name not in taken and not is_name and is_mark(name, column):
+            is_mark = any(name in one.marks for one in self.samples)
+            if name not in taken and not is_name and is_mark:
                 cells, touched = self._cells(name)
                 one = labels_of(name, cells, touched, known)
                 labels += [one] if one else []
@@ -324,7 +320,9 @@ class Form:
         if any(len(one) != len(first) or one[1::2] != first[1::2] for one in split):
             return "", actions
         tokens = [[one[k] for one in split] for k in range(0, len(first), 2)]
-        fields = _fields(tokens, self.answers, has_events=has_events)
+        fields, unclear = _fields(tokens, self.answers, has_events=has_events)
+        n_folders = 1 + max((k for k, mark in enumerate(first[1::2]) if "/" in mark), default=-1)
+        self._ask_person(tokens, fields, [k for k in unclear if k in fields.values() or k < n_folders])
         if not set(fields) - {"trial"}:
             return "", actions
         at = {k: key for key, k in fields.items()}
@@ -343,6 +341,26 @@ class Form:
         return path, actions
 
 
+    def _ask_person(
+        self, tokens: list[list[str]], fields: dict[str, int], unclear: list[int]
+    ) -> None:
+        """Ask whether words of the paths are people, where that changes what is held out."""
+        if "person" in fields or self.answers.person or self.answers.object:
+            return
+        for k in unclear:
+            words = list(dict.fromkeys(tokens[k]))
+            if len(words) > 1 and not all(map(_is_object, words)):
+                shown, answer = listed(words, most=6), ",".join(words)
+                what = f"are {shown} people or objects? nothing in the logs says it"
+                self.found.ask("--person", f"{what}: --person {answer} or --object {answer}")
+                return
+
+
+def _is_object(word: str) -> bool:
+    """Whether a word of a path is an object that is known."""
+    return bool(words_of(word) & OBJECTS) or named_mass(word) is not None
+
+
 def tokens_of(name: str) -> list[str]:
     """The words of a path."""
     return re.split(r"[/_ .]+|-(?=[A-Za-z])", name)
@@ -350,9 +368,10 @@ def tokens_of(name: str) -> list[str]:
 
 def _fields(
     tokens: list[list[str]], answers: Answers, *, has_events: bool
-) -> dict[str, int]:
-    """Person, object, action and trial -> which of the words of the paths it is."""
+) -> tuple[dict[str, int], list[int]]:
+    """(person, object, action and trial -> which of the words of the paths it is; unclear ones)."""
     fields: dict[str, int] = {}
+    unclear = []
     free = [key for key in NAMES if not getattr(answers, key)]
     for k, values in enumerate(tokens):
         said = [
@@ -375,6 +394,7 @@ def _fields(
         elif values[0] and "object" in free:
             # what is left beside a person or an action is what was held
             fields.setdefault("object", k)
+            unclear.append(k)
     if not {"action", "person"} & fields.keys() and "object" in free:
         fields.pop("object", None)
-    return fields
+    return fields, unclear

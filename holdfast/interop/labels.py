@@ -140,6 +140,8 @@ def is_mark(name: str, column: Column) -> bool:
     if is_text(column):
         return len(set(column.tolist())) <= MOST_LABELS
     cells = column[np.isfinite(column)]
+    if (cells[:1000] % 1 != 0).any():
+        return False
     kinds = np.unique(cells)
     is_few = len(kinds) <= 8 and bool((kinds % 1 == 0).all())
     is_named = bool(words_of(name) & LABEL_WORDS)

@@ -131,8 +131,8 @@ def counted(name: str) -> list[tuple[int, int, str]]:
     ]
 
 
-def read_log(place: LogPlace, most_rows: int | None = None) -> ForeignLog:
-    """Read a log; most_rows: of a text table, its first rows.
+def read_log(place: LogPlace) -> ForeignLog:
+    """Read a log.
 
     Raises LibraryMissing for its extra, or a DataError that names the file.
     """
@@ -149,7 +149,7 @@ def read_log(place: LogPlace, most_rows: int | None = None) -> ForeignLog:
         return replace(log, streams=tuple(_once(streams)))
     from holdfast.interop.tables import read_text_table
 
-    table = read_text_table(place.path, most_rows)
+    table = read_text_table(place.path)
     return ForeignLog(place.path, place.name, (table,))
 
 

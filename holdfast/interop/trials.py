@@ -17,7 +17,12 @@ import numpy as np
 from holdfast.core.contract import SITUATIONS, FloatArray, IntArray
 from holdfast.core.errors import LabelError, TimeError, count_of, listed
 from holdfast.core.trial_file import Trial, implausible_rate, places_by_time
-from holdfast.core.trial_layout import LABELLED_ACTIONS, UNSCRIPTED, truth_path
+from holdfast.core.trial_layout import (
+    LABELLED_ACTIONS,
+    SITUATION_OF_ACTION,
+    UNSCRIPTED,
+    truth_path,
+)
 from holdfast.core.writing import write_whole
 from holdfast.interop.columns import find_time, usual_step
 from holdfast.interop.labels import Event, held, in_ns, read_events, runs_of
@@ -41,6 +46,8 @@ JUMP_S, BACK_S = 60.0, 0.5
 GAP_STEPS, MOST_FILLED = 5.0, 20
 """A trial has at most so many rows for each row of its log."""
 FEWEST_ROWS = 10
+TIMED = ("pull", "fall", "pass", "put-down")
+"""Actions whose times a log gives, else the thesis' script."""
 Files = dict[str, list[LogPlace]]
 """Name of a log -> its file, or a file for each finger."""
 
@@ -181,9 +188,14 @@ class TrialImport:
         labels, n_used = labels_of_rows(log, rows, trial, plan, events)
         kinds = {SITUATIONS[k] for k in labels if k != NO_LABEL}
         action = names["action"] or _action_of(kinds)
-        if action in ("pull", "fall") and not kinds and not _is_scripted(trial, plan):
-            self.notes.append(f"{log.name}: when it slips is not known: taken as slip")
-            action = "slip"
+        if action in TIMED and not kinds and not _is_scripted(trial, plan):
+            if SITUATION_OF_ACTION[action] == "risky_slip":
+                taken, action = "taken as slip", "slip"
+            else:
+                taken = "only the empty hand is labelled"
+                labels = _empty_hand(trial, plan)
+                kinds = {"nothing"}
+            self.notes.append(f"{log.name}: when it slips is not known: {taken}")
         needs_events = action in UNSCRIPTED and action not in LABELLED_ACTIONS
         if not action or (needs_events and not kinds):
             raise LabelError(
@@ -243,6 +255,15 @@ def _is_scripted(trial: Trial, plan: ImportMap) -> bool:
     first, stop = contact(trial.t_s, samples)
     at_s = plan.facts.action_at_s or ACTION_S
     return bool(trial.t_s[first] < at_s < trial.t_s[stop - 1])
+
+
+def _empty_hand(trial: Trial, plan: ImportMap) -> np.ndarray:
+    """[T] the labels of a trial of which only the time of its contact is seen."""
+    samples = prepared(trial, plan.unit_of_values, "").samples
+    first, stop = contact(trial.t_s, samples)
+    labels = np.full(len(trial.t_s), SITUATIONS.index("nothing"), dtype=np.int8)
+    labels[first:stop] = NO_LABEL
+    return labels
 
 
 def _action_of(kinds: set[str]) -> str:
@@ -421,7 +442,10 @@ def _events(
     if rules.column in rows.cells:
         cells = rows.cells[rules.column].tolist()
         if rules.hold:
-            cells = held([cell if cell in rules.labels else "" for cell in cells])
+            # the value of most rows says that nothing begins there
+            usual, _ = Counter(cells).most_common(1)[0]
+            off = {usual} - rules.labels.keys()
+            cells = held(["" if cell in off else cell for cell in cells])
         return runs_of(cells, rows.stamps)
     for stream in log.streams:
         if rules.column in stream.columns and stream.t_ns is not None:

@@ -654,3 +654,86 @@ def test_two_hands_in_a_folder_are_not_one_set(run: Run, tmp_path: Path) -> None
     code, out = ask(run, tmp_path)
     assert code == 2
     assert "4 sensors in N and 5 sensors in N: import each hand on its own" in out
+
+
+SAME_SIZE = {
+    "mT": lambda one: one.values + np.tile([1.1, -2.3, 7.2], 5),
+    "g": lambda one: 10.0 * one.values,
+}
+
+
+@pytest.mark.parametrize("unit", SAME_SIZE)
+def test_readings_of_the_size_of_newtons_that_may_be_others_are_asked_for(
+    run: Run, tmp_path: Path, unit: str
+) -> None:
+    one = made(1)
+    rows = np.column_stack([one.t_s, SAME_SIZE[unit](one)])
+    write_text(tmp_path / "logs/a.csv", ["t", *axes(5)], rows)
+    code, out = ask(run, tmp_path)
+    assert code == 2
+    assert "what unit have the readings" in out
+    assert ask(run, tmp_path, "--unit", "mT")[0] == 0
+
+
+def test_labels_that_begin_late_in_a_long_log_are_labels(
+    run: Run, tmp_path: Path
+) -> None:
+    one = made(1, sensors=1, lasts_s=2100.0)
+    one.values[:, 2] += 3.0 * (one.t_s % 10.0 >= 6.0)
+    rows = np.column_stack([one.t_s, one.values])
+    slips = (one.t_s >= 2067.0) & (one.t_s < 2068.0)
+    texts = np.where(slips, "1", "0").tolist()
+    write_text(tmp_path / "logs/a.csv", ["t", *"xyz", "slip"], rows, texts=texts)
+    code, out, err = run(
+        "import", tmp_path / "logs", "--out", tmp_path / "set", "--yes"
+    )
+    assert code == 0, out + err
+    phases = phases_of(tmp_path / "set/object/slip/trial_1.csv")
+    slip = [phase for phase in phases if phase[2] == "risky_slip"]
+    assert slip == [(pytest.approx(2067.0), pytest.approx(2068.0), "risky_slip")]
+
+
+def test_a_word_that_a_map_does_not_know_is_never_passed_over(
+    run: Run, tmp_path: Path
+) -> None:
+    words = ("import", tmp_path / "logs", "--out")
+    labelled(tmp_path / "logs", [made(1)], moment, "slip_onset")
+    assert run(*words, tmp_path / "set", "--yes")[0] == 0
+    labelled(tmp_path / "logs", [made(1)], lambda one: one.words("0", "0", "7"), "slip_onset")
+    code, _, err = run(*words, tmp_path / "new", "--map", tmp_path / "set/import.toml")
+    assert code == 3
+    assert "the label '7' is no situation" in err
+
+
+@pytest.mark.parametrize("action", ["pass", "put-down"])
+def test_an_action_without_its_times_is_one_that_check_takes(
+    run: Run, tmp_path: Path, action: str
+) -> None:
+    one = made(1)
+    rows = np.column_stack([one.t_s, one.values])
+    write_text(tmp_path / "logs/a.csv", ["t", *axes(5)], rows)
+    words = ("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
+    code, out, err = run(*words, "--action", action)
+    assert code == 0, out + err
+    assert "when it slips is not known" in out
+    code, out, err = run("check", tmp_path / "set")
+    assert code == 0, out + err
+    from holdfast.training.datasets import load
+
+    (recording,) = load(tmp_path / "set", windows="none").recordings
+    assert {phase.situation for phase in recording.phases} == {0}
+
+
+def test_words_that_may_be_people_are_asked_for_where_they_would_be_held_out(
+    run: Run, tmp_path: Path
+) -> None:
+    one = made(1)
+    rows = np.column_stack([one.t_s, one.values])
+    for name in ("anna", "ben"):
+        write_text(tmp_path / f"logs/{name}/1.csv", ["t", *axes(5)], rows)
+    code, out = ask(run, tmp_path)
+    assert code == 2
+    assert "are anna, ben people or objects?" in out
+    code, out = ask(run, tmp_path, "--person", "anna,ben")
+    assert code == 0, out
+    assert (tmp_path / "set/ben/object/slip/trial_1.csv").is_file()
