@@ -39,7 +39,8 @@ from holdfast.training.datasets.trials import action_of
 
 PERSON = re.compile(r"(?i)(p|s|vp|sub|subj|subject|person|participant|user)[- ]?\d+")
 NUMBERED = re.compile(
-    r"(?i)(trial|run|rep|take|t|r|episode|rec|recording|log|test|nr|no|file|data|session|day|block|set)?[- ]?\d+"
+    r"(?i)(trial|run|rep|take|t|r|episode|rec|recording|log|test|nr|no|file|data|session|day|set)?"
+    r"[- ]?\d+"
 )
 NAMED = {
     "person": {"person", "subject", "participant", "user"},
@@ -220,13 +221,9 @@ class Form:
             return events
         known = self._known()
         first = self.samples[0]
-        stamped = [one for one in first.log.streams if one.t_ns is not None]
-        streams = {
-            name: column for one in stamped for name, column in one.columns.items()
-        }
         taken = {*first.form, LOG_TIME, first.time.time.column if first.time else ""}
         labels: list[FoundLabels] = []
-        for name, column in {**streams, **first.columns}.items():
+        for name in dict.fromkeys(key for one in self.samples for key in one.columns):
             is_name = any(words_of(name) & words for words in NAMED.values())
             is_mark = any(name in one.marks for one in self.samples)
             if name not in taken and not is_name and is_mark:
@@ -265,12 +262,6 @@ class Form:
             if name in sample.columns:
                 cells += text_cells(sample.columns[name])
                 touched.append(found.rows)
-                continue
-            for stream in sample.log.streams:
-                if name in stream.columns and stream.t_ns is not None:
-                    at = np.searchsorted(sample.columns[LOG_TIME], stream.t_ns)
-                    cells += text_cells(stream.columns[name])
-                    touched.append(found.rows[np.clip(at, 0, len(found.rows) - 1)])
         return np.array(cells, dtype=object), np.concatenate(touched)
 
     def _of_tables(self, rules: TrialRules) -> EventRules | None:
@@ -302,7 +293,6 @@ class Form:
             latest = float(np.nanmax(stream.columns[events.start].astype(np.float64)))
             first_s, last_s = float(first.stamps_s[0]), float(first.stamps_s[-1])
             unit, zero = unit_and_zero(events, latest, first_s, last_s)
-            zero = "trial" if events.trial and zero == "log" and rules.column else zero
             chosen = changed(events, unit=unit, zero=zero)
             what = [events.start, events.end, events.label, events.trial]
             self.found.add(
@@ -321,8 +311,10 @@ class Form:
             return "", actions
         tokens = [[one[k] for one in split] for k in range(0, len(first), 2)]
         fields, unclear = _fields(tokens, self.answers, has_events=has_events)
-        n_folders = 1 + max((k for k, mark in enumerate(first[1::2]) if "/" in mark), default=-1)
-        self._ask_person(tokens, fields, [k for k in unclear if k in fields.values() or k < n_folders])
+        for k in unclear:
+            is_folder = "/" in "".join(first[2 * k :])
+            if is_folder or k in fields.values():
+                self._ask_person(tokens[k], fields)
         if not set(fields) - {"trial"}:
             return "", actions
         at = {k: key for key, k in fields.items()}
@@ -340,20 +332,15 @@ class Form:
         path = "".join(a + b for a, b in zip(parts, [*first[1::2], ""], strict=True))
         return path, actions
 
-
-    def _ask_person(
-        self, tokens: list[list[str]], fields: dict[str, int], unclear: list[int]
-    ) -> None:
+    def _ask_person(self, words: list[str], fields: dict[str, int]) -> None:
         """Ask whether words of the paths are people, where that changes what is held out."""
-        if "person" in fields or self.answers.person or self.answers.object:
+        names = list(dict.fromkeys(words))
+        is_known = "person" in fields or self.answers.person or self.answers.object
+        if is_known or len(names) < 2 or all(map(_is_object, names)):
             return
-        for k in unclear:
-            words = list(dict.fromkeys(tokens[k]))
-            if len(words) > 1 and not all(map(_is_object, words)):
-                shown, answer = listed(words, most=6), ",".join(words)
-                what = f"are {shown} people or objects? nothing in the logs says it"
-                self.found.ask("--person", f"{what}: --person {answer} or --object {answer}")
-                return
+        what = f"are {listed(names, most=6)} people or objects? nothing in the logs says it"
+        answer = ",".join(names)
+        self.found.ask("--person", f"{what}: --person {answer} or --object {answer}")
 
 
 def _is_object(word: str) -> bool:

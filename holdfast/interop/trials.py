@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from fnmatch import fnmatch
 from itertools import pairwise
 from pathlib import Path
 
@@ -29,7 +28,6 @@ from holdfast.interop.labels import Event, held, in_ns, read_events, runs_of
 from holdfast.interop.logs import LogPlace, read_log, table_of
 from holdfast.interop.map import NAMES, ImportMap
 from holdfast.interop.streams import (
-    LOG_TIME,
     ForeignLog,
     Stream,
     first_stream,
@@ -87,16 +85,13 @@ class TrialImport:
         """The logs of one map. part: receives the share that is read. Raises a DataError."""
         events: Counter[Path] = Counter()
         for number, (name, group) in enumerate(files.items(), 1):
-            if any(fnmatch(name, skip) for skip in plan.trials.skip):
-                continue
             log = read_joined(group, plan.trials.fingers, name)
             for stream in log.streams:
                 self.notes += [f"{name}: {note}" for note in stream.notes]
             path, of_file = read_events(source, plan.events, group[0].path)
             whole = self._rows(log, plan)
-            # a long log is large: only labels of a stream of their own are still needed
-            if plan.events is None or plan.events.column in whole.cells:
-                log = replace(log, streams=())
+            # a long log is large
+            log = replace(log, streams=())
             for rows in self._cuts(whole, plan, name):
                 events[path] += self._write(log, rows, plan, of_file)
             part(number / len(files))
@@ -249,18 +244,21 @@ def _first_whole(values: FloatArray) -> int:
     return first if first < len(values) // 2 else 0
 
 
+def _contact(trial: Trial, plan: ImportMap) -> tuple[int, int]:
+    """(first row with the hand closed on something, the row after the last such)."""
+    return contact(trial.t_s, prepared(trial, plan.unit_of_values, "").samples)
+
+
 def _is_scripted(trial: Trial, plan: ImportMap) -> bool:
     """Whether the hand is closed when the thesis' script begins the action."""
-    samples = prepared(trial, plan.unit_of_values, "").samples
-    first, stop = contact(trial.t_s, samples)
+    first, stop = _contact(trial, plan)
     at_s = plan.facts.action_at_s or ACTION_S
     return bool(trial.t_s[first] < at_s < trial.t_s[stop - 1])
 
 
 def _empty_hand(trial: Trial, plan: ImportMap) -> np.ndarray:
     """[T] the labels of a trial of which only the time of its contact is seen."""
-    samples = prepared(trial, plan.unit_of_values, "").samples
-    first, stop = contact(trial.t_s, samples)
+    first, stop = _contact(trial, plan)
     labels = np.full(len(trial.t_s), SITUATIONS.index("nothing"), dtype=np.int8)
     labels[first:stop] = NO_LABEL
     return labels
@@ -423,8 +421,7 @@ def labels_of_rows(
             n_used += ends_s[0] > -0.01
             labels[first:stop] = SITUATIONS.index(situation)
     if rules.rest:
-        samples = prepared(trial, plan.unit_of_values, "").samples
-        first, stop = contact(trial.t_s, samples)
+        first, stop = _contact(trial, plan)
         within = labels[first:stop]
         within[within == NO_LABEL] = SITUATIONS.index(rules.rest)
         # a mark without an end lasts to that of the contact
@@ -447,9 +444,6 @@ def _events(
             off = {usual} - rules.labels.keys()
             cells = held(["" if cell in off else cell for cell in cells])
         return runs_of(cells, rows.stamps)
-    for stream in log.streams:
-        if rules.column in stream.columns and stream.t_ns is not None:
-            return _of_stream(log, plan, stream, rules.column)
     keys = {"", *log.keys, *map(str.casefold, rows.cells.get(plan.trials.column, []))}
     zero_ns = 0 if rules.zero == "clock" else int(rows.stamps[0])
     ours = []
@@ -457,18 +451,3 @@ def _events(
         if event.trial.casefold() in keys:
             ours.append(in_ns(event, rules, rows.stamps, zero_ns))
     return ours
-
-
-def _of_stream(
-    log: ForeignLog, plan: ImportMap, stream: Stream, column: str
-) -> list[Event]:
-    """The texts of a topic of their own; its stamps are those of the log."""
-    times = stream.t_ns
-    columns = table_of(log, plan.channels)
-    assert times is not None
-    if plan.time.column != LOG_TIME and LOG_TIME in columns:
-        # the samples have stamps of their sender
-        at_ns = columns[LOG_TIME]
-        apart = plan.stamps_ns(columns, len(at_ns), log.path) - at_ns
-        times = times + np.interp(times, at_ns, apart).astype(np.int64)
-    return runs_of(text_cells(stream.columns[column]), times)

@@ -78,9 +78,7 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
         files = files_of([one.files[0] for one in samples], fingers)
         samples = []
         for name, group in files.items():
-            samples.append(
-                _sample(group, read_joined(group, fingers, name), answers)
-            )
+            samples.append(_sample(group, read_joined(group, fingers, name), answers))
     forms: dict[tuple[str, ...], list[Sample]] = {}
     for sample in samples:
         forms.setdefault(sample.form, []).append(sample)
@@ -134,7 +132,7 @@ def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample:
     values = channels(columns, sensors)
     touched = touch(values)
     size = unit_of_sizes(names, values, touched)
-    marks = {*_marks(merged), *_marks(columns)}
+    marks = _marks(columns)
     streams = [replace(one, columns=_short(one.columns, names)) for one in log.streams]
     log, columns = replace(log, streams=tuple(streams)), _short(columns, names)
     return Sample(files, log, columns, time, sensors, why, marks, touched, size)

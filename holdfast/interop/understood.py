@@ -71,7 +71,8 @@ class Understood:
 class Sample:
     """A log and what it is: its columns on one clock, its time and sensors; none of a table.
 
-    Of the readings only the first rows are kept. marks: columns that may hold labels. touched: what a touch does, over all rows. size: the unit by size, and why.
+    Of the readings only the first rows are kept. marks: columns that may hold labels.
+    touched: what a touch does, over all rows. size: the unit by size, and why.
     """
 
     files: list[LogPlace]

@@ -699,7 +699,9 @@ def test_a_word_that_a_map_does_not_know_is_never_passed_over(
     words = ("import", tmp_path / "logs", "--out")
     labelled(tmp_path / "logs", [made(1)], moment, "slip_onset")
     assert run(*words, tmp_path / "set", "--yes")[0] == 0
-    labelled(tmp_path / "logs", [made(1)], lambda one: one.words("0", "0", "7"), "slip_onset")
+    labelled(
+        tmp_path / "logs", [made(1)], lambda one: one.words("0", "0", "7"), "slip_onset"
+    )
     code, _, err = run(*words, tmp_path / "new", "--map", tmp_path / "set/import.toml")
     assert code == 3
     assert "the label '7' is no situation" in err
