@@ -49,8 +49,6 @@ NAMED = {
     "column": {"trial", "run", "episode", "rep", "repetition", "recording", "sheet"},
 }
 """Words of columns that hold what a trial is called by, or its number."""
-LONG_GAP_S, LONG_GAP_STEPS = 0.5, 20.0
-"""A step may be a gap between trials from so many seconds and so many usual steps on."""
 OBJECTS = {
     "ball", "block", "book", "bottle", "bowl", "box", "can", "cube", "cup", "cylinder", "egg",
     "glass", "mug", "object", "pen", "sponge",
@@ -88,9 +86,6 @@ class Form:
             for word in set(text_cells(sample.columns[rules.action])):
                 actions[word] = action_of_word(word) or word
         rules = changed(rules, path=path)
-        gap_s = self._gap_s()
-        if gap_s and not rules.column:
-            rules = changed(rules, gap_s=gap_s)
         about = all(one.log.about.get("action") for one in self.samples)
         if not (
             events or answers.action or about or rules.action or "{action}" in path
@@ -199,18 +194,6 @@ class Form:
 
     def _named_columns(self, rules: TrialRules) -> set[str]:
         return {rules.column, rules.person, rules.object, rules.action} - {""}
-
-    def _gap_s(self) -> float:
-        """How long a gap between trials is: nothing is touched before and after it; 0 for none."""
-        idle: list[float] = []
-        busy = [0.0]
-        for sample, touched in zip(self.samples, self.touched, strict=True):
-            steps = np.diff(sample.stamps_s)
-            long_s = max(LONG_GAP_S, LONG_GAP_STEPS * float(np.median(steps)))
-            for at in np.flatnonzero(steps > long_s).tolist():
-                around = touched.rows[max(0, at - 5) : at + 6]
-                (busy if around.mean() > 0.5 else idle).append(float(steps[at]))
-        return float(f"{max(0.5 * min(idle), 1.01 * max(busy)):.2g}") if idle else 0.0
 
     # -- labels
 

@@ -4,7 +4,6 @@
 path = "{person}/{object}_{action}_{trial}"   # what the paths of the logs say; * is any text
 fingers = ["thumb", "index"]     # words of the files of one trial, a file for each finger
 column = "run"                   # a trial for each of its values
-gap_s = 0.5                      # a trial ends where no row comes for so long
 person = "subject"               # columns that hold names; also object, action
 
 [facts]                          # what is the same in all trials; further keys go to meta.json
@@ -60,7 +59,6 @@ class TrialRules(
     path: Name = ""
     fingers: tuple[str, ...] = ()
     column: Name = ""
-    gap_s: Annotated[float, Meta(ge=0.0, le=1e6)] = 0.0
     person: Name = ""
     object: Name = ""
     action: Name = ""

@@ -23,15 +23,19 @@ from holdfast.core.trial_layout import (
     truth_path,
 )
 from holdfast.core.writing import write_whole
-from holdfast.interop.columns import find_time, usual_step
+from holdfast.interop.columns import find_time, touch, usual_step
 from holdfast.interop.labels import Event, held, in_ns, read_events, runs_of
 from holdfast.interop.logs import LogPlace, read_log, table_of
 from holdfast.interop.map import NAMES, ImportMap
 from holdfast.interop.streams import (
+    FEWEST_ROWS,
+    GAP_STEPS,
     ForeignLog,
     Stream,
+    evened,
     first_stream,
     text_cells,
+    unwrapped,
 )
 from holdfast.interop.writing import NO_LABEL, truth_of, write_csv
 from holdfast.training.datasets.thesis import prepared
@@ -41,9 +45,10 @@ from holdfast.training.timeline import ACTION_S, contact
 
 JUMP_S, BACK_S = 60.0, 0.5
 """A clock that jumps on by so much, or back, begins a new trial."""
-GAP_STEPS, MOST_FILLED = 5.0, 20
+LONG_GAP_S, LONG_GAP_STEPS = 0.5, 20.0
+"""A gap with the open hand ends a trial from so many seconds and so many usual steps on."""
+MOST_FILLED = 20
 """A trial has at most so many rows for each row of its log."""
-FEWEST_ROWS = 10
 TIMED = ("pull", "fall", "pass", "put-down")
 """Actions whose times a log gives, else the thesis' script."""
 Files = dict[str, list[LogPlace]]
@@ -154,11 +159,11 @@ class TrialImport:
         for at in np.flatnonzero(ends)[:3].tolist():
             jump = f"the clock jumps by {steps[at]:.4g} s in row {at + 2}"
             self.notes.append(f"{name}: {jump}: a new trial")
-        if plan.trials.gap_s:
-            ends |= steps > plan.trials.gap_s
         column = rows.cells.get(plan.trials.column)
         if column is not None:
             ends |= column[1:] != column[:-1]
+        else:
+            ends |= _pauses(rows, max(LONG_GAP_S, LONG_GAP_STEPS * 1e-9 * step))
         for first, stop in pairwise([0, *(np.flatnonzero(ends) + 1), len(ends) + 1]):
             if column is not None and not column[first]:
                 continue
@@ -236,6 +241,19 @@ class TrialImport:
         return Trial(where, every_s, whole, valid)
 
 
+def _pauses(rows: Rows, longest_s: float) -> np.ndarray:
+    """[T - 1] where no row comes for longer, and nothing is touched before and after."""
+    steps = 1e-9 * np.diff(rows.stamps)
+    pauses = steps > longest_s
+    if pauses.any():
+        touched = touch(rows.values).rows
+        for at in np.flatnonzero(pauses).tolist():
+            if touched[max(0, at - 5) : at + 6].mean() > 0.5:
+                # a step within a touch is none, nor is one of its length
+                longest_s = max(longest_s, 1.01 * float(steps[at]))
+    return steps > longest_s
+
+
 def _first_whole(values: FloatArray) -> int:
     """The first row in which every sensor that ever sends has sent; 0 if that is late."""
     there = np.isfinite(values)
@@ -309,40 +327,6 @@ def read_joined(
         named = {f"{word}.{key}": column for key, column in columns.items()}
         streams.append(Stream(named, t_ns, word))
     return ForeignLog(places[0].path, name, tuple(streams))
-
-
-# -- an even clock
-
-
-def unwrapped(stamps: IntArray, unit_ns: float) -> IntArray:
-    """Stamps of a counter of 8, 16 or 32 bits that began anew, on one line."""
-    steps = np.diff(stamps)
-    for bits in (8, 16, 32):
-        period = int(unit_ns * 2.0**bits)
-        back = steps < -0.9 * period
-        if back.any() and (steps[back] > -1.01 * period).all():
-            return stamps + period * np.concatenate([[0], np.cumsum(back)])
-    return stamps
-
-
-def evened(stamps: IntArray, step: float) -> IntArray:
-    """Stamps [T] that arrive in bursts, or far from evenly, on a line through each unbroken run."""
-    steps = np.diff(stamps).astype(np.float64)
-    is_even = np.mean(np.abs(steps - step) <= 0.5 * step) > 0.9
-    if is_even and (steps > 0).all():
-        return stamps
-    usual = float(np.median(steps[steps > 0]))
-    gaps = np.flatnonzero(steps > max(GAP_STEPS * step, 3.0 * usual)) + 1
-    even = np.zeros(len(stamps))
-    for first, stop in pairwise([0, *gaps.tolist(), len(stamps)]):
-        k = np.arange(stop - first)
-        run = stamps[first] + step * k
-        if len(k) > 2 * FEWEST_ROWS:
-            run += np.mean(stamps[first:stop] - run)
-        # the line of a run may begin before the one before it ends
-        least = even[first - 1] + step if first else -np.inf
-        even[first:stop] = run + max(0.0, least - run[0])
-    return np.round(even).astype(np.int64)
 
 
 # -- names and labels of a trial
