@@ -1,24 +1,22 @@
-"""Baselines of a closed loop: the oracle, a vibration alone, and the truth about slips.
+"""Baselines of a closed loop: the oracle, and a vibration alone.
 
-They take the place of a grip controller, or of what the model says to it, to show what one closure
-of the drive, a warned wearer, or a perfect detector could do.
+They take the place of a grip controller, to show what one closure of the drive or a warned wearer
+could do.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
 
-from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.contract import FloatArray
 from holdfast.core.trial_layout import VOLUNTARY_ACTIONS
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.simulation.actions import EMPTY_HANDED, action_named
 from holdfast.simulation.closed_loop import LoopController, LoopTruth, Make
 from holdfast.simulation.effect import stream
 from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial
-from holdfast.simulation.script_times import Times
 
 SPARE = 1.1
 """Grip over what the largest load needs: a tenth to spare."""
@@ -47,9 +45,6 @@ class Oracle:
     `closure` times what holds the largest load that will come by kinetic friction; in a hand-over
     it does nothing. onset_s [B]: load onset in a hand that does nothing, inf where there is none.
 
-    most_times: commands stay below so many times what the load needs; inf for the ceiling alone. A
-    drive that gets no more than that is slower.
-
     A further closure holds more, and may also push a curved object out of the hand, so none is the
     best for every event: a drop is preventable where any of CLOSURES keeps the object.
     """
@@ -60,10 +55,8 @@ class Oracle:
         onset_s: FloatArray,
         ceiling_n: float,
         closure: float = SPARE,
-        most_times: float = np.inf,
     ) -> None:
-        most_n = np.array([needed_grip_n(trial, most_times) for trial in trials])
-        self.most_n = np.minimum(ceiling_n, most_n)
+        self.ceiling_n = ceiling_n
         risky = np.array([may_slip(trial.action) for trial in trials])
         self.act_s = np.where(risky, onset_s, np.inf)
         self.needed_n = np.array([needed_grip_n(trial, closure) for trial in trials])
@@ -73,7 +66,7 @@ class Oracle:
         """[B] N a side; 0 for none."""
         # A target at the ceiling moves the drive at its full speed.
         too_weak = now.grip_n < self.needed_n
-        close_n = np.where(too_weak, self.most_n, self.needed_n)
+        close_n = np.where(too_weak, self.ceiling_n, self.needed_n)
         return np.where(now.t_s >= self.act_s, close_n, 0.0)
 
 
@@ -120,50 +113,16 @@ class Vibration:
         return np.where(acts, self.needed_n, 0.0)
 
 
-class TrueEvidence:
-    """Tells a controller the truth about slips in place of the model, a while later.
-
-    What is lost with it is the controller's own loss. A slip that endangers the object counts from
-    danger_s on, by trial number: the load onset of a drop, inf for none. Every other slip is safe.
-    """
-
-    def __init__(
-        self,
-        trials: Sequence[PlannedTrial],
-        danger_s: Mapping[int, float],
-        late_s: float,
-        rate_hz: float,
-    ) -> None:
-        self._danger_s = np.array([danger_s[trial.number] for trial in trials])
-        self._act_s = np.array([Times.of(trial).act for trial in trials])
-        # A queue: what is true now arrives so many samples later.
-        nothing = np.zeros((2, len(trials)), dtype=np.bool_)
-        self._waiting = [nothing] * round(late_s * rate_hz)
-
-    def tell(self, sense: GripSense, t_s: FloatArray, slips: BoolArray) -> GripSense:
-        """The sense with true probabilities. t_s [B]; slips [B]: a part of a contact slips now."""
-        in_danger = t_s >= self._danger_s
-        acted = t_s >= self._act_s
-        self._waiting.append(np.stack([slips & in_danger, slips & acted & ~in_danger]))
-        risky, safe = self._waiting.pop(0)
-        return replace(
-            sense,
-            p_risky=np.where(risky, 1.0, 0.0),
-            p_safe=np.where(safe, 1.0, 0.0),
-        )
-
-
 def oracle(
     onset_s: dict[int, float],
     ceiling_n: float,
     closure: float = SPARE,
-    most_times: float = np.inf,
 ) -> Make:
     """A maker of the oracle; onset_s: trial number -> load onset in a hand that does nothing."""
 
     def make(trials: Sequence[PlannedTrial], rate_hz: float) -> LoopController:
         onsets = np.array([onset_s[trial.number] for trial in trials])
-        return Oracle(trials, onsets, ceiling_n, closure, most_times)
+        return Oracle(trials, onsets, ceiling_n, closure)
 
     return make
 

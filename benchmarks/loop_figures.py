@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -29,31 +30,17 @@ BLOCKED_S = 0.3
 """A hand-over that needs more force, or more time, than this is blocked."""
 TIGHTER_N = 1.0
 """A hand that grips by so much more than its wearer commands is tightened."""
-ENOUGH = 2.5
-"""A command above so many times the needed grip is more than needed, as in benchmarks/world."""
-LOSSES = (
-    "no evidence",
-    "evidence too late",
-    "no answer",
-    "target too low",
-    "taken back",
-    "drive behind",
-)
-"""Why a preventable object was lost. In the last four the evidence came in time: an oracle that
-begins with it keeps the object."""
+GRIPS_N = (0.0, 0.5, 1.0, 2.0, 5.0, 70.0)
+"""Bounds of the wearer's grip by which drops are counted, N a side."""
 
 
 @dataclass(frozen=True)
 class ThreeRuns:
-    """One trial in three hands. by_evidence: an oracle that begins with the controller's evidence.
-
-    It is tried only where the controller lost a preventable object; None: not tried at all.
-    """
+    """One trial in three hands."""
 
     bare: LoopOutcome
     oracle: LoopOutcome
     held: LoopOutcome
-    by_evidence: LoopOutcome | None = None
 
     @property
     def drop(self) -> bool:
@@ -70,49 +57,13 @@ class ThreeRuns:
         return self.drop and not self.oracle.dropped
 
     @property
-    def loss(self) -> str:
-        """Why the controller lost a preventable object, of LOSSES; empty where it did not."""
-        held = self.held
-        if not self.preventable or not held.dropped:
-            return ""
-        times_s = _times_s(held)
-        # One side may still touch what the hand has lost.
-        in_event = (times_s >= held.act_s) & held.both_sides
-        target_n = held.target_n[in_event]
-        lost_s = times_s[in_event].max(initial=held.act_s)
-        if not np.isfinite(held.evidence_s) or held.evidence_s >= lost_s:
-            return "no evidence"
-        if self.by_evidence is not None and self.by_evidence.dropped:
-            return "evidence too late"
-        if target_n.max() <= 0.0:
-            return "no answer"
-        if target_n.max() < needed_grip_n(held.trial, 1.0):
-            return "target too low"
-        # A target that ended in the event, and not by the loss of the object.
-        if target_n[-1] < 0.9 * target_n.max():
-            return "taken back"
-        return "drive behind"
-
-    @property
-    def most_commanded_n(self) -> float:
-        """The largest command while the object is held, N a side; 0 for none."""
+    def over_need_n(self) -> float:
+        """The largest grip while the object is held, beyond the wearer's and the need, N a side."""
         held = self.held
         while_held = _times_s(held) < min(held.lost_s, held.opens_s)
-        return float(held.target_n[while_held].max(initial=0.0))
-
-    @property
-    def above_need(self) -> bool:
-        """A command above the wearer's grip and above ENOUGH times what the largest load needs."""
-        trial = self.held.trial
-        need_n = needed_grip_n(trial, 1.0)
-        return self.most_commanded_n > max(trial.grip_n, ENOUGH * need_n)
-
-    @property
-    def squeezed(self) -> bool:
-        """The same of the grip that the drive reached."""
-        trial = self.held.trial
-        most_n = max(trial.grip_n, ENOUGH * needed_grip_n(trial, 1.0))
-        return self.most_commanded_n > 0.0 and self.held.peak_grip_n > most_n
+        most_n = float(held.grip_n[while_held].max(initial=0.0))
+        enough_n = max(held.trial.grip_n, needed_grip_n(held.trial, 1.0))
+        return max(0.0, most_n - enough_n)
 
     @property
     def called(self) -> bool:
@@ -256,10 +207,11 @@ class LoopFigures:
 
     drops: of the bare hand in pulls and falls. saved: of the preventable drops. saved_of_drops: of
     all. saved_untightened: of the preventable ones without an earlier tightening in that hold.
-    by_action: the same by what happened to the object. slip_mm_p50: travel of what was saved.
-    losses: why preventable objects were lost (LOSSES). above_need: trials with a command above the
-    wearer's grip and above ENOUGH times the need; squeezed: with such a grip. held_called: tugs,
-    and pick_ups_called: lifts, that the bare hand holds and in which our command tightens.
+    by_action: the same by what happened to the object; by_grip: by the wearer's grip, N a side.
+    over_need_n_by_action: by how much the grip exceeds the wearer's and the need, at most, while
+    the object is held; the median of each action. slip_mm_p50: travel of what was saved.
+    held_called: tugs, and pick_ups_called: lifts, that the bare hand holds and in which our command
+    tightens. lost_in_holds: of what should stay in the hand, whatever the bare hand does.
     receiver_peak_n: largest force of a receiver. refused: hand-overs of which the receiver gives
     up. put_downs: disturbed as a hand-over is blocked. grip_excess: N s a trial beyond what is
     needed. tightenings_per_min: before any action, and in disturbed holds. new_drops: what the
@@ -276,9 +228,8 @@ class LoopFigures:
     saved_of_drops: Counted
     saved_untightened: Counted
     by_action: dict[str, SavedDrops]
-    losses: dict[str, int]
-    above_need: Counted
-    squeezed: Counted
+    by_grip: dict[str, SavedDrops]
+    over_need_n_by_action: dict[str, float | None]
     held_called: Counted
     pick_ups_called: Counted
     slip_mm_p50: float | None
@@ -297,6 +248,7 @@ class LoopFigures:
     disturbed_share: float | None
     disturbed_share_ci: Interval | None
     fragile: int
+    lost_in_holds: Counted
     crushed_share: float | None
     crushed_share_ci: Interval | None
     grip_excess: float
@@ -330,6 +282,10 @@ def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
     extra_n = [run.extra_n for run in passes]
     delays_ms = [1e3 * run.extra_s for run in passes]
     excess_n_s = [run.excess_n_s for run in runs]
+    in_holds = []
+    for run in runs:
+        if run.held.trial.action in HELD_ACTIONS:
+            in_holds.append(run.held.dropped)
     # Without a slip the controller has no estimate of friction, and no error.
     errors = [run.friction_error for run in preventable]
     known_errors = [error for error in errors if np.isfinite(error)]
@@ -345,9 +301,8 @@ def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
         saved_of_drops=drops.of_all,
         saved_untightened=drops.untightened,
         by_action=_by_action(runs),
-        losses=_losses(runs),
-        above_need=_counted([run.above_need for run in runs]),
-        squeezed=_counted([run.squeezed for run in runs]),
+        by_grip=_by_grip(runs),
+        over_need_n_by_action=_over_need_n(runs),
         held_called=_called(runs, "tug"),
         pick_ups_called=_called(runs, "lift"),
         slip_mm_p50=_percentile([run.held.slip_mm for run in kept], 50),
@@ -366,6 +321,7 @@ def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
         disturbed_share=disturbed.share,
         disturbed_share_ci=disturbed.share_ci,
         fragile=crushed.of,
+        lost_in_holds=_counted(in_holds),
         crushed_share=crushed.share,
         crushed_share_ci=crushed.share_ci,
         grip_excess=float(np.mean(excess_n_s)) if runs else 0.0,
@@ -374,12 +330,6 @@ def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
         mu_observed=len(known_errors),
         mu_error_p50=_percentile(known_errors, 50),
     )
-
-
-def _losses(runs: Sequence[ThreeRuns]) -> dict[str, int]:
-    """Why preventable objects were lost, and how many."""
-    why = [run.loss for run in runs]
-    return {loss: why.count(loss) for loss in LOSSES}
 
 
 def _called(runs: Sequence[ThreeRuns], action: str) -> Counted:
@@ -399,6 +349,25 @@ def _by_action(runs: Sequence[ThreeRuns]) -> dict[str, SavedDrops]:
         if of_action:
             found[action] = _saved_drops(of_action)
     return found
+
+
+def _by_grip(runs: Sequence[ThreeRuns]) -> dict[str, SavedDrops]:
+    """The drops by the wearer's grip before the event."""
+    found = {}
+    for low, high in pairwise(GRIPS_N):
+        within = [run for run in runs if low <= run.held.trial.grip_n < high]
+        found[f"{low:g} to {high:g}"] = _saved_drops(within)
+    return found
+
+
+def _over_need_n(runs: Sequence[ThreeRuns]) -> dict[str, float | None]:
+    """By action, the median of the grip over what is needed; of drops the preventable ones."""
+    by_action: dict[str, list[float]] = {}
+    for run in runs:
+        over_n = by_action.setdefault(run.held.trial.action, [])
+        if run.preventable or not run.drop:
+            over_n.append(run.over_need_n)
+    return {action: _percentile(over_n, 50) for action, over_n in by_action.items()}
 
 
 def _percentile(values: Sequence[float], percent: float) -> float | None:

@@ -10,7 +10,6 @@ import onnx
 
 from benchmarks import touch_to_grip
 from benchmarks.cost.picture import figure, on_hands
-from benchmarks.world import page as world
 from examples.demo import demo_picture
 from holdfast.cli.command import show
 from holdfast.core.contract import Json
@@ -36,7 +35,6 @@ MEASURED: dict[str, tuple[str, Callable[[Json], str]]] = {
         lambda robust: for_any_page(on_hands(robust["rows"])),
     ),
     "touch-to-grip.svg": (LATENCY, lambda fast: touch_to_grip_of(fast)),
-    "second-physics.svg": (str(world.BEFORE), world.draw),
     **{name: (EVALUATED, draw) for name, draw in TIMING.items()},
 }
 """Picture -> the file of its figures, and what draws it."""

@@ -31,7 +31,8 @@ SOURCES: dict[str, dict[str, str]] = {
         "cost": "build/bench/cost.json",
         "distortions": "docs/measured/distortions-080828f74eb1.json",
         "wide": "docs/measured/wide-080828f74eb1.json",
-        "world": "docs/measured/world-080828f74eb1.json",
+        "loop": "docs/measured/loop-2026-11-28.json",
+        "world": "docs/measured/world-e2feeff75e0a.json",
     },
     "docs/any-runtime.md": {
         "here": "build/bench/runtimes.json",
@@ -48,22 +49,16 @@ SOURCES: dict[str, dict[str, str]] = {
         "evaluated": "build/evaluate/figures.json",
         "nested": "docs/measured/nested-choice-2026-11-25.json",
         "real": "build/real/metrics.json",
+        "world": "docs/measured/world-e2feeff75e0a.json",
         "wide": "docs/measured/wide-080828f74eb1.json",
     },
     "docs/scenes.md": {
         "effects": "build/bench/effects.json",
         "simulator": "build/bench/simulator.json",
     },
-    "docs/second-physics.md": {
-        "before": "docs/measured/world-d86a7e638b14.json",
-        "world": "docs/measured/world-080828f74eb1.json",
-        "controllers": "docs/measured/world-controllers.json",
-        "intent": "docs/measured/world-intent-080828f74eb1.json",
-    },
     "docs/shared-control.md": {
-        "loop": "build/loop/loop.json",
-        "before": "docs/measured/loop-d86a7e638b14.json",
-        "cap": "docs/measured/loop-cap-080828f74eb1.json",
+        "loop": "docs/measured/loop-2026-11-28.json",
+        "front": "docs/measured/loop-front-2026-11-28.json",
     },
     "docs/thesis.md": {"preliminary": "build/preliminary/preliminary.json"},
     "docs/what-accuracy-costs.md": {

@@ -48,7 +48,7 @@ Path("coarse.toml").write_text(card, "utf-8")
 """A short scene with few steps: the walk loads the same modules."""
 LOOP = """
 from holdfast.edge_runtime.engine import ModelChoice
-from holdfast.edge_runtime.grip import AnswerRules
+from holdfast.edge_runtime.grip import AnswerRules, Holdfast
 from holdfast.edge_runtime.supervisor import Limits
 from holdfast.simulation.closed_loop import managed, model_of, run_loops
 from holdfast.simulation.scene import Scene
@@ -56,7 +56,7 @@ from holdfast.simulation.scene_file import read_scene_file
 scene = Scene(read_scene_file("coarse.toml"), 0)
 model = model_of(ModelChoice("holdfast-50hz"))
 rules = AnswerRules.of(model.card.decision)
-make = managed(scene, "holdfast", None, rules, Limits())
+make = managed(scene, Holdfast, None, rules, Limits())
 assert run_loops(scene, scene.trials(1), model, make)
 """
 TRAIN = ["train", "--learner", "forest", "--size", "tiny", "--out", "made"]

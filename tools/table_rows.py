@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from benchmarks.cost.point import GOOD, README_POINTS, RECOMMENDED, REFERENCE
-from benchmarks.world.page import FUNCTIONS as WORLD
 from holdfast.core.contract import NORMAL_FLOOR, Json
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
 from holdfast.evaluation.formats import DEPLOYED, markdown
@@ -20,7 +19,8 @@ from holdfast.simulation.magnet import residual_n
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.figures import ABSENT, over
 from studies.row_names import shown
-from studies.shared_control.plan import CURVE_SETS, OUR_LEAD_N, UNSEEN
+from studies.shared_control.picture import front as loop_front
+from studies.shared_control.plan import CANNOT_TELL, UNSEEN
 from studies.shared_control.plan import OURS as OUR_CONTROLLER
 from studies.shared_control.targets import target_rows as loop_targets
 from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS
@@ -177,18 +177,6 @@ def _quoted(names: Iterable[str]) -> str:
     return ", ".join(f"`{name}`" for name in names)
 
 
-def by_delay(rows: Rows) -> list[Json]:
-    """Ours at its usual setting, by the lag of the drive and by how late its targets come."""
-    ours = [row for row in rows if row["controller"] == OUR_CONTROLLER]
-    lagged = []
-    for row in ours:
-        usual = row["part"] == "table" and row["set"] in CURVE_SETS
-        if usual or (row["part"] == "lag" and row["setting"] == OUR_LEAD_N):
-            lagged.append(row)
-    lagged.sort(key=lambda row: (row["set"], row["lag_ms"]))
-    return [*lagged, *(row for row in rows if row["part"] == "delay")]
-
-
 def worst_of_unseen(rows: Rows) -> list[Json]:
     """For each controller the unseen style on which it saves the least."""
     worst: dict[str, Json] = {}
@@ -201,22 +189,6 @@ def worst_of_unseen(rows: Rows) -> list[Json]:
     return [
         {**row, "controller": f"{name} ({row['set']})"} for name, row in worst.items()
     ]
-
-
-def before_and_now(before: Rows, rows: Rows) -> list[tuple[Json, Json]]:
-    """Rows of our controller that were measured before and now: the same set, part and tremor."""
-
-    def key(row: Json) -> tuple[Any, ...]:
-        return row["part"], row["set"], row.get("tremor_m_s2", 0.0)
-
-    parts = ("table", "tremor")
-    ours = [row for row in rows if row["controller"] == OUR_CONTROLLER]
-    now = {key(row): row for row in ours if row["part"] in parts}
-    pairs = []
-    for row in before:
-        if row["controller"] == OUR_CONTROLLER and key(row) in now:
-            pairs.append((row, now[key(row)]))
-    return pairs
 
 
 def reference_point(cost: Json) -> Json:
@@ -256,8 +228,7 @@ def _points(cost: Json) -> dict[tuple[str, str], Json]:
 
 FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "averaged_over": over,
-    "before_and_now": before_and_now,
-    "by_delay": by_delay,
+    "cannot_tell": CANNOT_TELL,
     "calibration_error_n": residual_n,
     "cost_front": cost_front,
     "deployed": DEPLOYED,
@@ -268,6 +239,7 @@ FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "floors": floors,
     "grouped": grouped,
     "lags": lags,
+    "loop_front": loop_front,
     "loop_targets": loop_targets,
     "number": number,
     "our_controller": OUR_CONTROLLER,
@@ -282,6 +254,5 @@ FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "table": table,
     "with_interval": with_interval,
     "worst_of_unseen": worst_of_unseen,
-    **WORLD,
 }
 """Every name that a template may use besides the figures."""

@@ -3,8 +3,8 @@
 As a program of one's own would do it (docs/api.md): `holdfast.load`, a bias from the first rows as
 `open_hand` takes it, one `Sample` after the other into `feed`, and the `GripCommand` of `holdfast
 run --grip`. The hand obeys as docs/shared-control.md says: it grips for the larger one of the
-wearer's grip and the target; without a target it keeps the grip that it has in `hold`, and gives it
-back in `idle` and `yield`.
+wearer's grip and the target, until its wearer opens it; without a target it keeps the grip that it
+has in `hold`, and gives it back in `idle` and `yield`.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.grip import controller_for
+from holdfast.simulation.drive import Opening
 from holdfast.simulation.effect import stream
 from holdfast.simulation.loop_sensing import LoopSensors
 from holdfast.simulation.scene import Scene
@@ -140,10 +141,15 @@ class HandProgram:
 
 
 def answered_run(
-    trial: WorldTrial, pads: str, sensors: str, model: str, controller: str
+    trial: WorldTrial,
+    pads: str,
+    sensors: str,
+    model: str,
+    controller: str,
+    opening: Opening = "wearer",
 ) -> Answers:
     """The trial in a hand with holdfast."""
-    world = World(trial, pads)
+    world = World(trial, pads, opening)
     read = reader(trial, sensors)
     program = HandProgram(model, controller)
     watch = Watch(world)
@@ -151,9 +157,9 @@ def answered_run(
     k = 0
     while not watch.over:
         values, valid = read(k, world.forces_n())
-        opening = world.script.opening(world.t_s)
+        is_told = world.script.opening(world.t_s)
         kept_n = float(world.drive.kept_n[0])
-        target_n = program.step(k, values, valid, opening, kept_n)
+        target_n = program.step(k, values, valid, is_told, kept_n)
         log.take(world, program)
         world.advance(target_n)
         watch.look()

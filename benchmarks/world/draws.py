@@ -46,10 +46,11 @@ HOLDS = ("quiet-hold", "trembling-hold")
 INTENTS = {
     "drawn": "one in two wearers' signals to open reach the run",
     "wired": "nine in ten do, as in our own loop",
+    "always": "every one does",
     "none": "none does",
 }
-MISSED_SHARE = 0.1
-"""Of the signals of wearers who are wired."""
+MISSED_SHARES = {"wired": 0.1, "always": 0.0, "none": 1.0}
+"""Of the signals: those that do not reach the run."""
 SHAPES = ("box", "cylinder", "ball")
 HAND = hand_of_counts()
 SIDE = np.where(np.arange(HAND.n_contacts) < HAND.thumb, 1.0, -1.0)
@@ -202,7 +203,7 @@ def with_intent(trial: WorldTrial, intent: str) -> WorldTrial:
         return trial
     # A stream of its own: the draws of the trial stay as they are.
     rng = stream(trial.seed, trial.number, "muscle signal")
-    missed = intent == "none" or rng.uniform() < MISSED_SHARE
+    missed = rng.uniform() < MISSED_SHARES[intent]
     signal_s = NEVER_S if missed else trial.open_s - trial.numbers["signal_s"]
     return replace(trial, signal_s=signal_s)
 

@@ -13,7 +13,7 @@ from benchmarks.world.draws import HAND, SIDE, WorldTrial
 from benchmarks.world.model_xml import PADS, mjcf, places_m, recess_m
 from benchmarks.world.people import Motion, Script
 from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.simulation.drive import Actuator, Drive
+from holdfast.simulation.drive import Actuator, Drive, Opening
 
 try:
     import mujoco
@@ -34,7 +34,10 @@ MOST_N = 1e3
 class WorldDrive(Actuator):
     """Our drive on this trial's fingers: one hand, which begins open at place_n."""
 
-    def __init__(self, trial: WorldTrial, place_n: float) -> None:
+    def __init__(
+        self, trial: WorldTrial, place_n: float, opening: Opening = "wearer"
+    ) -> None:
+        self.opening = opening
         thumb = float(trial.stiffness[: HAND.thumb].sum())
         fingers = float(trial.stiffness[HAND.thumb :].sum())
         per_m = np.array([thumb * fingers / (thumb + fingers)])
@@ -64,10 +67,12 @@ def _press(recess_m: FloatArray, n_per_m: float) -> tuple[FloatArray, FloatArray
 class World:
     """A trial at one moment. t_s: now. outside_n [3]: force of people and box in the last step."""
 
-    def __init__(self, trial: WorldTrial, pads: str) -> None:
+    def __init__(
+        self, trial: WorldTrial, pads: str, opening: Opening = "wearer"
+    ) -> None:
         self.trial = trial
         self.script = Script(trial)
-        self.drive = WorldDrive(trial, self.script.place_n(0.0))
+        self.drive = WorldDrive(trial, self.script.place_n(0.0), opening)
         self.t_s = 0.0
         self.samples = 0
         self.outside_n = np.zeros(3)
@@ -112,7 +117,7 @@ class World:
     def advance(self, target_n: float) -> None:
         """One sample period; target_n: beyond the wearer's grip, N a side.
 
-        The hand grips for the larger one of both; 0 for no target.
+        The hand grips for the larger one of both, until its wearer opens it; 0 for no target.
         """
         for _ in range(ACTS):
             self._act(target_n)
@@ -124,14 +129,13 @@ class World:
             raise FloatingPointError(f"MuJoCo is unstable in {self.trial.kind}")
 
     def _act(self, target_n: float) -> None:
-        """What the drive, the people and the arm do until the next time that they are asked.
-
-        The drive follows the larger one of the wearer's grip and the target.
-        """
+        """What the drive, the people and the arm do until the next time that they are asked."""
         data = self._data
         t_s = float(data.time)
         place_n = self.script.place_n(t_s + ACT_S)
-        self.drive.step(np.array([target_n]), ACT_S, np.array([place_n]))
+        opens = np.array([t_s >= self.trial.open_s])
+        counts_n = self.drive.obeyed_n(np.array([target_n]), opens)
+        self.drive.step(counts_n, ACT_S, np.array([place_n]))
         self._set_springs()
 
         self._model.opt.gravity[:] = self.script.gravity_m_s2(t_s)

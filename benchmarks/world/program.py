@@ -1,6 +1,6 @@
 """`python -m benchmarks world`: the shipped model in a second physics. `make world` sets it up.
 
-Test only: nothing is trained, chosen or tuned on it. Writes world.json, world.svg, and a file with
+Test only: nothing is trained, chosen or tuned on it. Writes world.json, and a file with
 a line for each trial, with which a run that was stopped goes on.
 """
 
@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from benchmarks.mujoco_version import require_mujoco
 from benchmarks.world.draws import (
@@ -28,8 +29,12 @@ from holdfast.core.contract import Json
 from holdfast.core.locked import locked_sets
 from holdfast.core.schema import model_path
 from holdfast.core.writing import require_writable, write_whole
+from holdfast.simulation.drive import OPENINGS
 
-SEED = 8001
+if TYPE_CHECKING:
+    from benchmarks.world.record import AnsweredHand
+
+SEED = 8101
 """Of the report; locked (holdfast/core/locked.toml)."""
 TRIALS = 60
 FULL_TRIALS = 200
@@ -77,7 +82,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=["drawn"],
         metavar="NAME",
         help="which wearers' signals to open reach the run: drawn (half, the default), wired "
-        "(nine in ten), none; the tables are of the first, others stand beside it",
+        "(nine in ten), always, none; the tables are of the first, others stand beside it",
+    )
+    option(
+        "--opening",
+        nargs="+",
+        choices=tuple(OPENINGS),
+        default=["wearer"],
+        metavar="NAME",
+        help="who decides when the wearer opens the hand: the wearer (default), or the larger of "
+        "both, in a hand that cannot tell; the tables are of the first, the other stands beside it",
     )
     seeds = f"default {SEED}, which is locked; choose nothing on it (100 to 199: development)"
     option("--seed", type=seed, default=SEED, metavar="S", help=seeds)
@@ -97,14 +111,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run what is not done yet, score all, write the JSON and the picture."""
+    """Run what is not done yet, score all, write the JSON."""
     version = require_mujoco("world")
     require_writable(args.out)
     show(seed_line(args.seed))
-    from benchmarks.world.picture import picture
     from benchmarks.world.scores import tables
 
-    about = _about(args, version, args.controller[0], args.intent[0])
+    about = _about(args, version)
     records, seconds = _records(args, about)
     figures = {
         "command": _command(args),
@@ -120,14 +133,13 @@ def run(args: argparse.Namespace) -> int:
     }
     figures |= _others(args, version, records)
     write_whole(args.out / "world.json", json.dumps(figures, indent=1) + "\n")
-    write_whole(args.out / "world.svg", picture([figures]))
     for line in summary(figures):
         show(line)
     return 0
 
 
 def _others(args: argparse.Namespace, version: str, records: list[Json]) -> Json:
-    """The rows of further controllers and signals, each beside the first, whose records these are.
+    """The rows of further controllers, signals and openings, beside the first, of these records.
 
     The list of a choice of one is left out.
     """
@@ -135,11 +147,16 @@ def _others(args: argparse.Namespace, version: str, records: list[Json]) -> Json
 
     of = {args.controller[0]: records}
     for name in args.controller[1:]:
-        of[name], _ = _records(args, _about(args, version, name, args.intent[0]))
+        about = _about(args, version, controller=name)
+        of[name] = _with_another_hand(args, about, records)
     wired = {args.intent[0]: records}
     for name in args.intent[1:]:
-        about = _about(args, version, args.controller[0], name)
+        about = _about(args, version, intent=name)
         wired[name] = _with_other_signals(args, about, list(wired.values()))
+    opened = {args.opening[0]: records}
+    for name in args.opening[1:]:
+        about = _about(args, version, opening=name)
+        opened[name] = _with_another_hand(args, about, records)
 
     rows = {}
     if len(of) > 1:
@@ -148,6 +165,11 @@ def _others(args: argparse.Namespace, version: str, records: list[Json]) -> Json
         first = args.controller[0]
         rows["intents"] = [
             {"intent": name, **beside(first, made)} for name, made in wired.items()
+        ]
+    if len(opened) > 1:
+        first = args.controller[0]
+        rows["openings"] = [
+            {"opening": name, **beside(first, made)} for name, made in opened.items()
         ]
     return rows
 
@@ -165,7 +187,12 @@ def seed_line(number: int) -> str:
 
 
 def _about(
-    args: argparse.Namespace, version: str, controller: str, intent: str
+    args: argparse.Namespace,
+    version: str,
+    *,
+    controller: str | None = None,
+    intent: str | None = None,
+    opening: str | None = None,
 ) -> Json:
     """What decides the outcome of a trial: a file of trials with another one is not continued."""
     from holdfast.edge_runtime.model import Model
@@ -173,8 +200,9 @@ def _about(
     return {
         "simulated": True,
         "seed": args.seed,
-        "controller": controller,
-        "intent": intent,
+        "controller": controller or args.controller[0],
+        "intent": intent or args.intent[0],
+        "opening": opening or args.opening[0],
         "model": {
             "file": args.model.name,
             "id": Model(args.model).card.model_id,
@@ -196,8 +224,8 @@ def _records(args: argparse.Namespace, about: Json) -> tuple[list[Json], float]:
         for k in range(count)
         for kind in args.kinds
     ]
-    made_with = _made_with(args, about)
-    jobs = {key.name: partial(record, key, *made_with) for key in keys}
+    hand = _hand_of(args, about)
+    jobs = {key.name: partial(record, key, args.seed, hand) for key in keys}
     return _run_trials(args, about, jobs)
 
 
@@ -217,23 +245,41 @@ def _with_other_signals(
         if known:
             found[one["name"]] = known[0]
         else:
-            jobs[one["name"]] = partial(answered_again, one, *_made_with(args, about))
+            hand = _hand_of(args, about)
+            jobs[one["name"]] = partial(answered_again, one, args.seed, hand)
     made, _ = _run_trials(args, about, jobs)
     found |= {one["name"]: one for one in made}
     return [found[one["name"]] for one in ran[0]]
 
 
-def _made_with(args: argparse.Namespace, about: Json) -> tuple[int, str, str, str]:
-    """(seed, model, controller, intent) of a record."""
-    return args.seed, str(args.model), about["controller"], about["intent"]
+def _with_another_hand(
+    args: argparse.Namespace, about: Json, records: Sequence[Json]
+) -> list[Json]:
+    """The records with another answered hand."""
+    from benchmarks.world.record import answered_again
+
+    hand = _hand_of(args, about)
+    jobs = {}
+    for one in records:
+        jobs[one["name"]] = partial(answered_again, one, args.seed, hand)
+    made, _ = _run_trials(args, about, jobs)
+    return made
+
+
+def _hand_of(args: argparse.Namespace, about: Json) -> AnsweredHand:
+    """The answered hand of a file of records."""
+    from benchmarks.world.record import AnsweredHand
+
+    keys = ("controller", "intent", "opening")
+    return AnsweredHand(str(args.model), **{key: about[key] for key in keys})
 
 
 def _run_trials(
     args: argparse.Namespace, about: Json, jobs: Mapping[str, Callable[[], Json]]
 ) -> tuple[list[Json], float]:
     """(records of these trials, seconds for those that were not done yet). jobs: by name."""
-    parts = (about["model"]["id"], about["controller"], about["intent"], args.seed)
-    name = f"trials-{'-'.join(map(str, parts))}.jsonl"
+    parts = (about["controller"], about["intent"], about["opening"], args.seed)
+    name = f"trials-{'-'.join(map(str, (about['model']['id'], *parts)))}.jsonl"
     file = TrialsFile(args.out / name, about)
     if file.put_aside:
         show(f"{name} was of other code or another model: begun anew")
@@ -259,6 +305,8 @@ def _command(args: argparse.Namespace) -> str:
         options.append(f"--controller {' '.join(args.controller)}")
     if args.intent != ["drawn"]:
         options.append(f"--intent {' '.join(args.intent)}")
+    if args.opening != ["wearer"]:
+        options.append(f"--opening {' '.join(args.opening)}")
     joined = " ".join(options)
     return " ".join([*words, f'ARGS="{joined}"'])
 

@@ -1,7 +1,7 @@
 """What is drawn for a trial of the second physics, from which range, and where the range is from.
 
 One table, and nothing else decides how hard a kind of trial is. The ranges are those that scenes
-must cover too (../../docs/second-physics.md); none was chosen by looking at what a model does.
+must cover too (../../docs/results.md); none was chosen by looking at what a model does.
 """
 
 from __future__ import annotations

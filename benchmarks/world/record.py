@@ -23,6 +23,7 @@ from benchmarks.world.outcomes import (
     possible_run,
 )
 from holdfast.core.contract import Json
+from holdfast.simulation.drive import Opening
 
 
 @dataclass(frozen=True)
@@ -40,17 +41,31 @@ class TrialKey:
         return f"{self.kind} {self.repetition} {self.pads} {self.sensors}"
 
 
-def record(
-    key: TrialKey, seed: int, model: str, controller: str, intent: str = "drawn"
-) -> Json:
-    """Run one trial in all its hands; a JSON object. intent: of INTENTS."""
+@dataclass(frozen=True)
+class AnsweredHand:
+    """What answers. intent: of INTENTS. opening: who decides when the wearer opens the hand."""
+
+    model: str
+    controller: str
+    intent: str = "drawn"
+    opening: Opening = "wearer"
+
+    def run(self, trial: WorldTrial, pads: str, sensors: str) -> Answers:
+        """A trial in this hand."""
+        return answered_run(
+            trial, pads, sensors, self.model, self.controller, self.opening
+        )
+
+
+def record(key: TrialKey, seed: int, hand: AnsweredHand) -> Json:
+    """Run one trial in all its hands; a JSON object."""
     started_s = time.process_time()
     first = 0
     unstable = 0
     while True:
         bare, refused = possible_run(key.kind, key.repetition, seed, key.pads, first)
         try:
-            found = _hands(bare, key, model, controller, intent)
+            found = _hands(bare, key, hand)
         except FloatingPointError:
             first = bare.trial.attempt + 1
             unstable += 1
@@ -61,26 +76,22 @@ def record(
         return {**asdict(key), **about, **found}
 
 
-def answered_again(
-    one: Json, seed: int, model: str, controller: str, intent: str
-) -> Json:
-    """The record with another choice of signals: the bare hand and the oracle are the same."""
+def answered_again(one: Json, seed: int, hand: AnsweredHand) -> Json:
+    """The record with another answered hand: the bare hand and the oracle are the same."""
     first = one["attempt"]
     drawn = draw_trial(one["kind"], one["repetition"], seed, first)
-    trial = with_intent(drawn, intent)
-    answers = answered_run(trial, one["pads"], one["sensors"], model, controller)
+    trial = with_intent(drawn, hand.intent)
+    answers = hand.run(trial, one["pads"], one["sensors"])
     return {**one, "trial": _drawn(trial), "answered": _answered(answers, trial)}
 
 
-def _hands(
-    bare: BareRun, key: TrialKey, model: str, controller: str, intent: str
-) -> Json:
+def _hands(bare: BareRun, key: TrialKey, hand: AnsweredHand) -> Json:
     """The bare hand, the oracle where it drops the object, and the answered hand."""
-    trial = with_intent(bare.trial, intent)
+    trial = with_intent(bare.trial, hand.intent)
     saves = None
     if key.kind in RISKY and np.isfinite(bare.outcome.lost_s):
         saves = oracle_saves(bare)
-    answers = answered_run(trial, key.pads, key.sensors, model, controller)
+    answers = hand.run(trial, key.pads, key.sensors)
     return {
         "attempt": trial.attempt,
         "trial": _drawn(trial),

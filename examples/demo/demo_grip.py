@@ -77,7 +77,7 @@ class _Half:
 
 def half_managed(scene: Scene) -> Make:
     """A maker of a controller that leaves the first half of the hands alone."""
-    make = managed(scene, "holdfast")
+    make = managed(scene)
 
     def both(trials: Sequence[PlannedTrial], rate_hz: float) -> LoopController:
         return _Half(make(trials, rate_hz), len(trials))

@@ -5,32 +5,20 @@ the same bits (edge_runtime/batch.py). A controller only wants; edge_runtime/sup
 what may reach the hand. The wearer's grip is the grip that the wearer set: it is measured while no
 target is given.
 
-    none           wants nothing
-    pd-shear       wearer's + kp (T - T0) + kd dT/dt       T: load along the skin, above T0
-    sliding-mode   r + k sat((r - N) / phi)            r: wearer's grip; no provision against slip
-    smsp           wearer's + one step for every slip event
-    ismsp          wearer's + the integral of the slip signal
-    holdfast       N + lead * evidence while a slip is likely, until N has risen by rise_n; taken
-                   back when it was a hand-over
+    none       wants nothing
+    holdfast   the larger of two answers, to a slip and to a load that rises
 
-pd-shear is the scheme of the SensorHand Speed as the thesis describes it (2.4, [46]); sliding-mode,
-smsp and ismsp are those of Engeberg and Meek, IEEE/ASME Trans. Mechatronics 18(1), 2013 ([47] of
-the thesis). Their slip signal here is the model's: p(risky slip) above SLIP_P in a firm grip, so
-that controllers differ in their answers only. holdfast is ours (docs/shared-control.md).
+The published controllers that ours is compared with are in studies/shared_control/published.py.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
 from holdfast.edge_runtime.batch import Batch, Flag, Number
 from holdfast.edge_runtime.decision import DecisionRules
-
-SLIP_P = 0.5
-"""p(risky slip) above which the published controllers see a slip."""
-HELD_N = 0.5
-"""They see one while the fingers press harder than this, N a side."""
 
 
 @dataclass(slots=True)
@@ -99,18 +87,26 @@ class WearersGrip:
 class Controller:
     """What every controller has; this one wants nothing: the hand keeps the wearer's grip.
 
-    setting: the parameter that studies vary. fresh: whether it has evidence at the last sample.
+    setting: the parameter that studies vary, None for its default. rules: those that come with a
+    model, None for the usual ones. fresh: whether it has evidence at the last sample.
     """
 
     SETTING = 0.0
     """Its default."""
 
-    def __init__(self, batch: Batch, rate_hz: float, setting: float) -> None:
+    def __init__(
+        self,
+        batch: Batch,
+        rate_hz: float,
+        setting: float | None = None,
+        rules: AnswerRules | None = None,
+    ) -> None:
         self._batch = batch
         self._rate_hz = rate_hz
-        self._setting = setting
+        self._setting = self.SETTING if setting is None else setting
         self._period_s = 1.0 / rate_hz
         self._wearer = WearersGrip(batch, rate_hz)
+        self.rules = rules or AnswerRules()
         self.fresh = batch.false()
 
     def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
@@ -121,217 +117,39 @@ class Controller:
         return self._batch.zero()
 
 
-class PdShear(Controller):
-    """wearer's + kp (T - T0) + kd dT/dt while the load T along the skin exceeds T0; setting: kp.
-
-    T0 = 1 N, a fixed threshold; kd = 5 ms * kp.
-    """
-
-    SETTING = 1.0
-    THRESHOLD_N = 1.0
-    RATE_S = 0.005
-    """kd / kp."""
-
-    def __init__(self, batch: Batch, rate_hz: float, setting: float) -> None:
-        super().__init__(batch, rate_hz, setting)
-        self._load_n = batch.zero()
-
-    def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
-        """The wanted grip, N a side; 0 for none."""
-        batch = self._batch
-        wearers_n = self._wearer.step(sense, given_n)
-
-        # an unknown sample keeps the last load, so that its end makes no jump in the rate
-        load_n = batch.choose(sense.known, sense.load_n, self._load_n)
-        rate_n_s = (load_n - self._load_n) * self._rate_hz
-        self._load_n = load_n
-
-        above_n = load_n - self.THRESHOLD_N + self.RATE_S * rate_n_s
-        self.fresh = (load_n > self.THRESHOLD_N) & batch.no(sense.empty)
-        wanted_n = wearers_n + self._setting * batch.most(above_n, 0.0)
-
-        return batch.choose(self.fresh, wanted_n, 0.0)
-
-
-class SlidingMode(Controller):
-    """r + k sat((r - N) / phi): keeps the grip N at r, the wearer's grip; setting: k, N.
-
-    r is the wearer's grip half a second after contact. There is no provision against slip.
-    """
-
-    SETTING = 2.0
-    BOUNDARY_N = 1.0
-    SETTLED_S = 0.5
-
-    def __init__(self, batch: Batch, rate_hz: float, setting: float) -> None:
-        super().__init__(batch, rate_hz, setting)
-        self._held_s = batch.zero()
-        self._reference_n = batch.zero()
-
-    def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
-        """The wanted grip, N a side; 0 for none."""
-        batch = self._batch
-        # its reference counts as given: from then on it regulates the grip itself
-        wearers_n = self._wearer.step(sense, self._reference_n)
-        self._held_s = batch.choose(sense.empty, 0.0, self._held_s + self._period_s)
-        self.fresh = self._held_s >= self.SETTLED_S
-        kept_n = batch.choose(self._reference_n > 0.0, self._reference_n, wearers_n)
-        self._reference_n = batch.choose(self.fresh, kept_n, 0.0)
-
-        error = (self._reference_n - sense.grip_n) / self.BOUNDARY_N
-        saturated = batch.within(-1.0, error, 1.0)
-        pushed_n = self._reference_n + self._setting * saturated
-
-        return batch.choose(self.fresh, batch.most(pushed_n, 0.0), 0.0)
-
-
-def _slips(sense: GripSense) -> Flag:
-    """The slip signal of the published controllers."""
-    return (sense.p_risky > SLIP_P) & (sense.grip_n > HELD_N) & sense.known
-
-
-class SlipSteps(Controller):
-    """wearer's + one step for each slip event; setting: the step, N."""
-
-    SETTING = 8.0
-
-    def __init__(self, batch: Batch, rate_hz: float, setting: float) -> None:
-        super().__init__(batch, rate_hz, setting)
-        self._slipped = batch.false()
-
-    def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
-        """The wanted grip, N a side; 0 for none."""
-        batch = self._batch
-        wearers_n = self._wearer.step(sense, given_n)
-        slips = _slips(sense)
-        # an event is the first sample of a slip
-        self.fresh = slips & batch.no(self._slipped)
-        self._slipped = batch.choose(sense.known, slips, self._slipped)
-        raised_n = batch.most(given_n, wearers_n) + self._setting
-        return batch.choose(self.fresh, raised_n, given_n)
-
-
-class SlipIntegral(Controller):
-    """wearer's + the integral of the slip signal; setting: N per s of slip."""
-
-    SETTING = 200.0
-
-    def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
-        """The wanted grip, N a side; 0 for none."""
-        batch = self._batch
-        wearers_n = self._wearer.step(sense, given_n)
-        self.fresh = _slips(sense)
-        rise_n = self._setting / self._rate_hz
-        raised_n = batch.most(given_n, wearers_n) + rise_n
-        return batch.choose(self.fresh, raised_n, given_n)
-
-
 @dataclass(frozen=True)
 class AnswerRules:
     """Parameters of the holdfast controller.
 
-    from_p, full_p: p(risky) at which an answer begins, and at which it is a full one. yield_p:
-    p(safe slip) from which the hand gives back, where the load falls by more than a tremor can
-    (LoadSwing) for yield_samples in a row. graded: the lead grows with the evidence; otherwise it
-    is full from half the evidence on, or nothing. revocable: a hand-over ends an answer; otherwise
-    only the empty hand does. margin: what the friction margin needs is kept. rise_n: an answer
-    raises the grip by so much over the wearer's and not further, N a side; inf for no such end.
+    from_p, full_p: p(risky) at which an answer to a slip begins, and at which it is a full one.
+    rise_n: it raises the grip by so much over the wearer's and not further, N a side. follow_n: a
+    load is followed by so much over the wearer's. most_over_n: no target of either is further above
+    it; for fragile work. floor: share of friction in use up to which no
+    load is followed. safe_p: none is where p(safe slip) is as large: another person takes it.
+    detects, follows: whether slips, and loads, are answered; studies leave one out.
     """
 
     from_p: float = DecisionRules.answer_permille / 1000
     full_p: float = DecisionRules.full_answer_permille / 1000
-    yield_p: float = 0.5
-    yield_samples: int = 2
-    graded: bool = True
-    revocable: bool = True
-    margin: bool = True
     rise_n: float = 6.0
+    follow_n: float = 15.0
+    most_over_n: float = math.inf
+    floor: float = 0.2
+    safe_p: float = 0.5
+    detects: bool = True
+    follows: bool = True
 
     @classmethod
     def of(cls, decision: DecisionRules, **others: Any) -> AnswerRules:
-        """Those that come with a model; others: what shall differ from them, for studies."""
+        """Those that come with a model; others: what shall differ from them."""
         usual = cls(
             decision.answer_permille / 1000, decision.full_answer_permille / 1000
         )
         return replace(usual, **others)
 
 
-class LoadSwing:
-    """Whether the load has fallen by more than the hand's tremor can take from it.
-
-    A tremor takes and gives back: within one period it moves the load as far up as down. Another
-    person who takes the object only takes. So the fall of the load within the longest period of a
-    tremor is compared with the largest rise of late. Beyond is what exceeds TIMES of it by SHARE of
-    the load: a fifth within a quarter of a second, which pouring does not reach. A load that rises
-    is no sign: a pull, a tug and added weight begin with it. A tremor that is larger than the load
-    hides its fall; then the load is gone for longer than a period, and so is half of its mean.
-    """
-
-    SMOOTH_S = 0.02
-    """Time constant of the low-pass over the load, which is noisy."""
-    PERIOD_S = 0.25
-    """Tremors have 4 to 12 Hz (Elble & Koller, "Tremor", 1990)."""
-    MEMORY_S = 1.0
-    """Two close frequencies beat: a tremor is not forgotten while it wanes."""
-    TIMES = 1.2
-    """A tremor that grows exceeds its last period by this much, or less."""
-    LEAST_N = 0.15
-    """Below it a change of the sum of six fingers is noise."""
-    SHARE = 0.2
-    """Of the load: what another person takes in a quarter of a second, and pouring does not."""
-    GONE = 0.5
-    """Share of the mean load."""
-
-    def __init__(self, batch: Batch, rate_hz: float) -> None:
-        self._batch = batch
-        self._smooth = 1.0 / (1.0 + self.SMOOTH_S * rate_hz)
-        self._leak = 1.0 / (1.0 + self.PERIOD_S * rate_hz)
-        self._forgets = 1.0 / (1.0 + self.MEMORY_S * rate_hz)
-        self._load_n = batch.zero()
-        self._high_n = batch.zero()
-        self._low_n = batch.zero()
-        self._rises_n = batch.zero()
-        self._mean_n = batch.zero()
-        self._most_n = batch.zero()
-
-    def step(self, load_n: Number, known: Flag) -> Flag:
-        """Whether it has, after one sample; a sample that is not known changes nothing."""
-        batch = self._batch
-        smooth_n = self._load_n + self._smooth * (load_n - self._load_n)
-        # the highest and the lowest load of late: both come back to the load
-        sinking_n = self._high_n + self._leak * (smooth_n - self._high_n)
-        rising_n = self._low_n + self._leak * (smooth_n - self._low_n)
-        high_n = batch.most(smooth_n, sinking_n)
-        low_n = batch.least(smooth_n, rising_n)
-
-        fall_n = high_n - smooth_n
-        rise_n = smooth_n - low_n
-        # Before this sample, so that a change is not compared with itself.
-        mean_n, most_n = self._means_n(smooth_n)
-        share_n = self.SHARE * batch.most(high_n, most_n)
-        least_n = batch.most(share_n, self.LEAST_N)
-        beyond_fall = fall_n > self.TIMES * self._rises_n + least_n
-        gone = most_n - mean_n > batch.most(self.GONE * most_n, self.LEAST_N)
-
-        # What is remembered shrinks slowly, and grows at once.
-        rises_n = batch.most(rise_n, self._rises_n - self._forgets * self._rises_n)
-        self._load_n = batch.choose(known, smooth_n, self._load_n)
-        self._high_n = batch.choose(known, high_n, self._high_n)
-        self._low_n = batch.choose(known, low_n, self._low_n)
-        self._rises_n = batch.choose(known, rises_n, self._rises_n)
-        self._mean_n = batch.choose(known, mean_n, self._mean_n)
-        self._most_n = batch.choose(known, most_n, self._most_n)
-        return beyond_fall | gone
-
-    def _means_n(self, smooth_n: Number) -> tuple[Number, Number]:
-        """The mean load over a period, and its largest value of late."""
-        mean_n = self._mean_n + self._leak * (smooth_n - self._mean_n)
-        sinking_n = self._most_n + self._forgets * (mean_n - self._most_n)
-        return mean_n, self._batch.most(mean_n, sinking_n)
-
-
-class Holdfast(Controller):
-    """Leads the grip by the evidence of a slip, and gives back in a hand-over.
+class SlipAnswer:
+    """Leads the grip by the evidence of a slip.
 
     The wanted grip is N + lead * evidence while a slip is likely, with
 
@@ -339,67 +157,58 @@ class Holdfast(Controller):
     the lead of the wanted grip over the measured one N, so the answer is as fast as the evidence is
     strong. Evidence fades within FADES_S instead of ending at once: the closing hand itself raises
     the normal force, so a slip soon looks like a firm grasp. When it has ended the drive is braked,
-    and the grip stays where it is, or where the friction margin wants it, until the evidence says
-    hand-over. The lead sets the drive's speed. The grip itself rises by rise_n over the wearer's,
-    or to what friction is known to need, and no further. setting: the largest lead, N.
+    and the grip stays where it is, or where the friction margin wants it. The lead sets the drive's
+    speed. The grip itself rises by rise_n over the wearer's, or to what friction is known to need,
+    and no further.
     """
 
-    SETTING = 22.0
     FADES_S = 0.06
     """Within it full evidence becomes none: about the drive's lag, in which no grip rises yet."""
     BRAKE_S = 0.02
     """So long after the evidence, in a known state, the target goes back: the drive coasts."""
 
     def __init__(
-        self,
-        batch: Batch,
-        rate_hz: float,
-        setting: float,
-        rules: AnswerRules | None = None,
+        self, batch: Batch, rate_hz: float, lead_n: float, rules: AnswerRules
     ) -> None:
-        super().__init__(batch, rate_hz, setting)
-        self.rules = rules or AnswerRules()
-        self._swing = LoadSwing(batch, rate_hz)
-        self._safe_run = batch.zero()
+        self._batch = batch
+        self._period_s = 1.0 / rate_hz
+        self._lead_n = lead_n
+        self._rules = rules
         self._quiet_s = batch.zero()
         self._last_evidence = batch.zero()
+        self.fresh = batch.false()
 
-    def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
-        """The wanted grip, N a side; 0 for none."""
+    def step(
+        self, sense: GripSense, wearers_n: Number, given_n: Number, needed_n: Number
+    ) -> Number:
+        """The wanted grip, N a side; 0 for none. given_n, needed_n: as Controller.want."""
         batch = self._batch
-        wearers_n = self._wearer.step(sense, given_n)
         holds = sense.known & batch.no(sense.empty)
         now = batch.choose(holds, self._evidence(sense), 0.0)
         fading = self._last_evidence - self._period_s / self.FADES_S
         evidence = batch.choose(holds, batch.most(now, fading), 0.0)
         rises = evidence > 0.0
-        ahead_n = batch.most(sense.grip_n, wearers_n) + self._setting * evidence
+        ahead_n = batch.most(sense.grip_n, wearers_n) + self._lead_n * evidence
         # A lead without an end would press the object out of the hand.
-        most_n = batch.most(wearers_n + self.rules.rise_n, needed_n)
+        most_n = batch.most(wearers_n + self._rules.rise_n, needed_n)
         ahead_n = batch.choose(sense.grip_n < most_n, ahead_n, most_n)
         kept_n = self._kept_n(sense, wearers_n, given_n, needed_n)
-        wanted_n = batch.choose(rises, ahead_n, kept_n)
-        # a slip that is likely now outweighs a hand-over, and one that fades does not
-        ends = self._handed_over(sense) & batch.no(now > 0.0)
-        remembered = batch.choose(sense.known, evidence, self._last_evidence)
-        self._last_evidence = batch.choose(ends, 0.0, remembered)
+        self._last_evidence = batch.choose(sense.known, evidence, self._last_evidence)
 
         # bounded, so that it does not grow for days; only times below BRAKE_S matter
         later_s = batch.least(self._quiet_s + self._period_s, 1.0)
         quiet_s = batch.choose(rises, 0.0, later_s)
         self._quiet_s = batch.choose(sense.known, quiet_s, self._quiet_s)
         self.fresh = rises
-
-        return batch.choose(ends, 0.0, wanted_n)
+        return batch.choose(rises, ahead_n, kept_n)
 
     def _evidence(self, sense: GripSense) -> Number:
         """0 to 1."""
-        rules = self.rules
-        batch = self._batch
+        rules = self._rules
+        if not rules.detects:
+            return self._batch.zero()
         share = (sense.p_risky - rules.from_p) / (rules.full_p - rules.from_p)
-        if not rules.graded:
-            return batch.choose(share >= 0.5, 1.0, 0.0)
-        return batch.within(0.0, share, 1.0)
+        return self._batch.within(0.0, share, 1.0)
 
     def _kept_n(
         self, sense: GripSense, wearers_n: Number, given_n: Number, needed_n: Number
@@ -410,8 +219,7 @@ class Holdfast(Controller):
         # the one sample at which braking ends
         stops = batch.no(braking) & (self._quiet_s < self.BRAKE_S + self._period_s)
         kept_n = batch.choose(stops, batch.most(sense.grip_n, wearers_n), given_n)
-        if self.rules.margin:
-            kept_n = batch.most(kept_n, needed_n)
+        kept_n = batch.most(kept_n, needed_n)
 
         # no more than the wearer's grip is no target of ours
         kept_n = batch.choose(kept_n > wearers_n, kept_n, 0.0)
@@ -422,26 +230,86 @@ class Holdfast(Controller):
 
         return batch.choose(given_n > 0.0, kept_n, 0.0)
 
-    def _handed_over(self, sense: GripSense) -> Flag:
-        """Whether the evidence says hand-over: safe slip, while the load changes."""
+
+class LoadFollower:
+    """The grip that keeps the share of friction in use where it was: it rises with the load.
+
+    In use is u = T / (2 max(N, LEAST_N)), the force along the skin over the normal force. The
+    reference is what was in use of late while no target was given: the mean of u, and TIMES its
+    mean deviation, over MEAN_S; at least the floor. From ABOVE times the reference on the grip
+    should be T / (2 reference), so that no more is in use than before.
+    """
+
+    MEAN_S = 1.0
+    TIMES = 2.0
+    """A tremor stays below so many times its mean deviation: of a sine the peak is 1.6."""
+    ABOVE = 1.15
+    LEAST_N = 0.5
+    """Below it the ratio of two noisy numbers means little, N a side."""
+
+    def __init__(self, batch: Batch, rate_hz: float, rules: AnswerRules) -> None:
+        self._batch = batch
+        self._rules = rules
+        self._share = 1.0 / (1.0 + self.MEAN_S * rate_hz)
+        self._mean = batch.zero()
+        self._apart = batch.zero()
+
+    def step(self, sense: GripSense, given_n: Number) -> Number:
+        """The grip that the load asks for, N a side; 0 where it does not rise."""
         batch = self._batch
-        rules = self.rules
-        # in a hand-over another person takes or gives weight; a static hold has at most a tremor
-        beyond = self._swing.step(sense.load_n, sense.known)
-        safe = beyond & (sense.p_safe > rules.yield_p)
-        run = batch.choose(safe, self._safe_run + 1.0, 0.0)
-        self._safe_run = batch.choose(sense.known, run, self._safe_run)
-        if not rules.revocable:
-            return batch.false()
+        used = sense.load_n / (2.0 * batch.most(sense.grip_n, self.LEAST_N))
+        usual = self._mean + self.TIMES * self._apart
+        reference = batch.most(usual, self._rules.floor)
+        holds = sense.known & batch.no(sense.empty)
+        rises = holds & (used > self.ABOVE * reference)
+        # another person who takes the object raises the load as well
+        rises = rises & (sense.p_safe < self._rules.safe_p)
+        self._learn(used, holds & (given_n <= 0.0), sense.known & sense.empty)
+        return batch.choose(rises, sense.load_n / (2.0 * reference), 0.0)
 
-        return self._safe_run >= rules.yield_samples
+    def _learn(self, used: Number, learns: Flag, forgets: Flag) -> None:
+        """Mean and deviation; a grip that a target made says nothing about the wearer's hold."""
+        batch = self._batch
+        apart = batch.most(used - self._mean, self._mean - used)
+        mean = self._mean + self._share * (used - self._mean)
+        apart = self._apart + self._share * (apart - self._apart)
+        mean = batch.choose(learns, mean, self._mean)
+        apart = batch.choose(learns, apart, self._apart)
+        self._mean = batch.choose(forgets, 0.0, mean)
+        self._apart = batch.choose(forgets, 0.0, apart)
 
 
-CONTROLLERS: dict[str, type[Controller]] = {
-    "none": Controller,
-    "pd-shear": PdShear,
-    "sliding-mode": SlidingMode,
-    "smsp": SlipSteps,
-    "ismsp": SlipIntegral,
-    "holdfast": Holdfast,
-}
+class Holdfast(Controller):
+    """The larger of two answers: to a slip, and to a load that rises. setting: the lead, N.
+
+    What is fast is seen by its slip alone, what is slow by its load before anything slips.
+    """
+
+    SETTING = 22.0
+
+    def __init__(
+        self,
+        batch: Batch,
+        rate_hz: float,
+        setting: float | None = None,
+        rules: AnswerRules | None = None,
+    ) -> None:
+        super().__init__(batch, rate_hz, setting, rules)
+        self._slip = SlipAnswer(batch, rate_hz, self._setting, self.rules)
+        self._load = LoadFollower(batch, rate_hz, self.rules)
+
+    def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
+        """The wanted grip, N a side; 0 for none."""
+        batch = self._batch
+        wearers_n = self._wearer.step(sense, given_n)
+        wanted_n = self._slip.step(sense, wearers_n, given_n, needed_n)
+        self.fresh = self._slip.fresh
+        if self.rules.follows:
+            asked_n = self._load.step(sense, given_n)
+            asked_n = batch.least(asked_n, wearers_n + self.rules.follow_n)
+            self.fresh = self.fresh | (asked_n > 0.0)
+            wanted_n = batch.most(wanted_n, asked_n)
+        return batch.least(wanted_n, wearers_n + self.rules.most_over_n)
+
+
+CONTROLLERS: dict[str, type[Controller]] = {"none": Controller, "holdfast": Holdfast}

@@ -33,7 +33,6 @@ from holdfast.edge_runtime.grip import (
     AnswerRules,
     Controller,
     GripSense,
-    Holdfast,
     possible,
 )
 from holdfast.edge_runtime.supervisor import (
@@ -148,33 +147,6 @@ class FrictionMargin:
         self.held = batch.choose(gone, 0.0, self.held)
 
 
-FORCE_CONTROLLERS = ("pd-shear", "sliding-mode")
-"""Controllers whose parameters are in N: they need forces, not raw fields."""
-
-
-def controller_of(
-    name: str,
-    batch: Batch,
-    rate_hz: float,
-    setting: float | None = None,
-    rules: AnswerRules | None = None,
-) -> Controller:
-    """A controller by its name; setting: None for its default. Raises UsageError.
-
-    rules: of holdfast, None for the usual ones.
-    """
-    if name not in CONTROLLERS:
-        raise UsageError(
-            f"no controller {name!r}", next_step=f"choose from {', '.join(CONTROLLERS)}"
-        )
-    kind = CONTROLLERS[name]
-    if setting is None:
-        setting = kind.SETTING
-    if kind is Holdfast:
-        return Holdfast(batch, rate_hz, setting, rules)
-    return kind(batch, rate_hz, setting)
-
-
 class GripLoop:
     """Friction margin, controller and supervisor of one hand, or of many."""
 
@@ -209,10 +181,10 @@ class GripControl:
 
     name: of CONTROLLERS. setting: the controller's own, None for its default. unit: of the forces.
     In uT or count there is no N: a friction ratio still means something, a grip in N does not. So
-    controllers that need N are refused, the ceiling is left to the hand, and every command says
-    `reduced`. shear_gain: read over true, of the calibration. thumb: which fingers press from the
-    thumb's side; None where half of all fingers' sum is the grip of a side. rules: those that come
-    with the model (AnswerRules.of). Raises UsageError.
+    the ceiling is left to the hand, and every command says `reduced`. shear_gain: read over true,
+    of the calibration. thumb: which fingers press from the thumb's side; None where half of all
+    fingers' sum is the grip of a side. rules: those that come with the model (AnswerRules.of).
+    Raises UsageError.
     """
 
     def __init__(
@@ -231,10 +203,10 @@ class GripControl:
         self.reduced = unit != "N"
         self._n_fingers = n_fingers
         self._thumb = thumb
-        if self.reduced and name in FORCE_CONTROLLERS:
+        if name not in CONTROLLERS:
             raise UsageError(
-                f"{name} needs forces in N, this model answers in {unit}",
-                next_step="calibrate the sensors (holdfast calibrate), or choose holdfast",
+                f"no controller {name!r}",
+                next_step=f"choose from {', '.join(CONTROLLERS)}",
             )
 
         self.limits = limits or Limits()
@@ -242,8 +214,10 @@ class GripControl:
         if self.reduced:
             # a ceiling in N says nothing about numbers in another unit, and neither does a rise
             within = replace(within, ceiling_n=math.inf)
-            self.rules = replace(self.rules, rise_n=math.inf)
-        controller = controller_of(name, ONE_HAND, rate_hz, setting, self.rules)
+            self.rules = replace(
+                self.rules, rise_n=math.inf, follow_n=math.inf, most_over_n=math.inf
+            )
+        controller = CONTROLLERS[name](ONE_HAND, rate_hz, setting, self.rules)
 
         self._loop = GripLoop(ONE_HAND, rate_hz, controller, within, shear_gain)
 

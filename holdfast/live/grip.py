@@ -35,10 +35,12 @@ def controller_for(
     report: Report,
     *,
     ceiling_n: float | None = None,
+    most_over_n: float | None = None,
     shear_gain: float = 1.0,
 ) -> GripControl:
     """A controller that fits a model. ceiling_n: largest grip of the hand, None for the usual one.
 
+    most_over_n: no target is further above the wearer's grip, None for no such end.
     shear_gain: read over true, of the hand's calibration.
     report: gets one line where it runs in reduced mode. Raises UsageError, ChannelError.
     """
@@ -53,6 +55,7 @@ def controller_for(
             "or run without --grip",
         )
 
+    bounds = {} if most_over_n is None else {"most_over_n": most_over_n}
     limits = Limits() if ceiling_n is None else Limits(ceiling_n=ceiling_n)
     control = GripControl(
         name,
@@ -62,7 +65,7 @@ def controller_for(
         limits=limits,
         shear_gain=shear_gain,
         thumb=thumb,
-        rules=AnswerRules.of(card.decision),
+        rules=AnswerRules.of(card.decision, **bounds),
     )
     # a raw field gives no force in N, so there is no target to command
     if control.reduced:

@@ -85,8 +85,8 @@ class RunOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What may stand in holdfast.toml; what is typed takes its place (holdfast/cli/options.py).
 
     model: a shipped one or a file; hand: the hand card of recordings; library: its C form;
-    ceiling_n: largest grip of the hand, N of either side; feedback: where cues go; cues: their
-    table.
+    ceiling_n: largest grip of the hand, N of either side; most_over_wearers_n: no target is further
+    above the wearer's grip, N of either side; feedback: where cues go; cues: their table.
     """
 
     source: Text = ""
@@ -101,6 +101,7 @@ class RunOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     library: Text | None = None
     controller: Text = "holdfast"
     ceiling_n: Annotated[float, msgspec.Meta(gt=0.0, le=1e4)] | None = None
+    most_over_wearers_n: Annotated[float, msgspec.Meta(gt=0.0, le=1e4)] | None = None
     feedback: Text | None = None
     cues: Text | None = None
 
@@ -367,6 +368,7 @@ class _Run:
             card,
             self.report,
             ceiling_n=options.ceiling_n,
+            most_over_n=options.most_over_wearers_n,
             shear_gain=self._shear_gain or 1.0,
         )
         if not options.moves_scene:

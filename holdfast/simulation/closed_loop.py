@@ -7,7 +7,7 @@ The target of a sample acts from that sample on; delay_samples more are the cost
 computer or bus. The loop of a trial begins a little before the hand closes, so that the model has
 settled, and ends a while after the action.
 
-A grip controller decides by its name (managed), or what a study puts in its place.
+A grip controller decides (managed), or what a study puts in its place.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ import numpy as np
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.edge_runtime.batch import Batch, ManyHands
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
-from holdfast.edge_runtime.grip import AnswerRules, GripSense
-from holdfast.edge_runtime.grip_control import GripLoop, controller_of
+from holdfast.edge_runtime.grip import AnswerRules, Controller, GripSense, Holdfast
+from holdfast.edge_runtime.grip_control import GripLoop
 from holdfast.edge_runtime.supervisor import Limits
-from holdfast.simulation.drive import Actuator, Drive
+from holdfast.simulation.drive import Actuator, Drive, Opening
 from holdfast.simulation.loop_people import (
     Habits,
     LoopOutcome,
@@ -78,26 +78,22 @@ Make = Callable[[Sequence[PlannedTrial], float], LoopController]
 """Makes the controller of a batch: (trials, rate in Hz)."""
 
 
-TrueSlips = Callable[[Sequence[PlannedTrial], float], Any]
-"""Makes the true evidence, something with a `tell`, of a batch: (trials, rate in Hz)."""
-
-
 @dataclass(frozen=True)
 class LoopSettings:
     """What a loop adds to its scene.
 
     drive          of the hand
+    opening        who decides when the wearer opens the hand, of OPENINGS
     habits         of the people
     delay_samples  by so many samples later than they could do targets act
     between        what changes the readings before the model gets them; None: nothing does
-    true_slips     the controller is told these in place of what the model says; None: it is not
     """
 
     drive: Drive = field(default_factory=Drive)
+    opening: Opening = "wearer"
     habits: Habits = field(default_factory=Habits)
     delay_samples: int = 0
     between: Between | None = None
-    true_slips: TrueSlips | None = None
 
 
 def run_loops(
@@ -176,7 +172,7 @@ class ClosedLoop:
         before = model.card.settle_samples + preparation.bias_rows + ROWS_TO_SPARE
         self.spans = spans_of(scene, trials, before, habits)
 
-        self.actuator = Actuator(settings.drive, trials)
+        self.actuator = Actuator(settings.drive, trials, settings.opening)
         steps = scene.step_settings_of(trials)
         self.world = HandsAndObjects(trials, steps, self.spans, self.actuator, habits)
 
@@ -193,10 +189,7 @@ class ClosedLoop:
         self._late = [np.zeros(len(trials))] * settings.delay_samples
         self._agents_n = self.world.state.agents_n.copy()
         self._p_risky = np.zeros(len(trials))
-        self._noted: list[tuple[Any, ...]] = []
-        self._truth: Any = None
-        if settings.true_slips is not None:
-            self._truth = settings.true_slips(trials, self.rate_hz)
+        self._noted: list[list[Any]] = []
 
     def run(self) -> list[LoopOutcome]:
         """Run to the end."""
@@ -213,10 +206,7 @@ class ClosedLoop:
         """Write down one sample period, before the world goes on."""
         drive = self.actuator
         levels = (drive.grip_n, drive.wearers_n, target_n, self._p_risky)
-        touching = self.world.forces_n[:, :, 2] > 0.0
-        thumb = self.trials[0].hand.thumb
-        both = touching[:, :thumb].any(axis=1) & touching[:, thumb:].any(axis=1)
-        self._noted.append((*[level.astype(np.float32) for level in levels], both))
+        self._noted.append([level.astype(np.float32) for level in levels])
 
     def decide(self, period: int) -> FloatArray:
         """[B] targets of the drives at a sample, 0 for none."""
@@ -234,8 +224,6 @@ class ClosedLoop:
         opening = self.wearer.opening(now.t_s)
         overridden = self._overridden(now)
         sense = replace(sense, opening=opening, overridden=overridden)
-        if self._truth is not None:
-            sense = self._truth.tell(sense, now.t_s, self.world.slid)
         self._p_risky = np.where(sense.known, sense.p_risky, 0.0)
         # A queue: what is decided now acts delay_samples later.
         self._late.append(self.controller.step(sense, now))
@@ -295,17 +283,17 @@ class Managed:
 
 def managed(
     scene: Scene,
-    name: str,
+    kind: type[Controller] = Holdfast,
     setting: float | None = None,
     rules: AnswerRules | None = None,
     limits: Limits | None = None,
 ) -> Callable[[Sequence[PlannedTrial], float], Managed]:
-    """A maker of the named controller; rules: of holdfast, None for the usual."""
+    """A maker of a controller; setting, rules: None for the usual."""
     gain = shear_gain_in(scene.file.effects)
 
     def make(trials: Sequence[PlannedTrial], rate_hz: float) -> Managed:
         batch: Batch = ManyHands(len(trials))
-        controller = controller_of(name, batch, rate_hz, setting, rules)
+        controller = kind(batch, rate_hz, setting, rules)
         grip = GripLoop(batch, rate_hz, controller, limits, gain)
         return Managed(grip, len(trials))
 

@@ -2,7 +2,7 @@
 
 The drive is a motor behind a gear that cannot be driven back, so the grip stays as it is wherever
 the object goes. It grips for the larger of its target and the grip that its wearer asks for, in N a
-side, and closes to where that grip would be:
+side, and closes to where that grip would be. While its wearer opens it no target counts:
 
     speed:   v' = (clip((target - x - lag v) / lag, -v_max, v_max) - v) / lag
     grip:    x' = v,    0 <= x <= ceiling,    and backlash between motor and fingers
@@ -19,7 +19,7 @@ Source: Michelangelo hand, 120 mm in 0.37 s and 70 N (thesis, 5.1.1; Front. Syst
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -28,6 +28,12 @@ from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.script import body_of
 
+Opening = Literal["wearer", "larger"]
+OPENINGS: dict[Opening, str] = {
+    "wearer": "the hand obeys its wearer's opening, whatever the target",
+    "larger": "it grips for the larger of both: a hand that cannot tell",
+}
+"""Who decides when the wearer opens the hand."""
 FELT_N_S = 0.5
 FELT_N = 0.05
 """Speed and distance of a grip whose change cannot be felt."""
@@ -58,14 +64,25 @@ class Drive(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Actuator:
     """B drives, which follow the larger of the target and what the wearer's own control wants.
 
+    From the wearer's opening on the target is ignored, until the wearer has closed the hand again;
+    opening, of OPENINGS, says whether the hand can tell.
+
     own_n     [B] the wearer's: the grip that the place of the hand would give, N a side, if no
               target were given. Negative: so far open that this grip would be missing at contact
     motor_n   [B] the same of the motor
     place_n   [B] the same of the fingers behind the backlash
     """
 
-    def __init__(self, drive: Drive, trials: Sequence[PlannedTrial]) -> None:
+    opening: Opening = "wearer"
+
+    def __init__(
+        self,
+        drive: Drive,
+        trials: Sequence[PlannedTrial],
+        opening: Opening = "wearer",
+    ) -> None:
         self.drive = drive
+        self.opening = opening
         # The grip with which the wearer closes the hand.
         self.own_n = np.array([trial.grip_n for trial in trials])
         per_m = stiffness_n_per_m(trials)
@@ -101,10 +118,16 @@ class Actuator:
         away: BoolArray = self.motor_n - self.own_n > FELT_N
         return away | (np.abs(self.speed_n_s) > FELT_N_S)
 
+    def obeyed_n(self, target_n: FloatArray, opens: BoolArray) -> FloatArray:
+        """[B] the targets that count; opens [B]: the wearer opens the hand, or has opened it."""
+        if self.opening == "larger":
+            return target_n
+        return np.where(opens, 0.0, target_n)
+
     def step(
         self, target_n: FloatArray, dt_s: float, own_n: FloatArray | None = None
     ) -> FloatArray:
-        """Follow target_n [B] for dt_s, 0 for none; returns place_n [B].
+        """Follow target_n [B], one that counts, for dt_s, 0 for none; returns place_n [B].
 
         own_n: the wearer's at the end of the step; None: as it was.
         """

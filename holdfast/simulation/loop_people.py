@@ -36,6 +36,8 @@ class Habits:
     missed_share            of the signals: those that the hand's own control sees and we do not
     resisted_n, resisted_s  grip above the wearer's, for so long, in a hand-over: then the wearer
                             overrides
+    mistake_s               the wearer opens the hand by mistake, for so long, MISTAKEN_S before the
+                            action, and closes it again; 0: never
     """
 
     pull_gives_up_s: float = 1.0
@@ -45,6 +47,11 @@ class Habits:
     missed_share: float = 0.1
     resisted_n: float = 1.0
     resisted_s: float = 0.3
+    mistake_s: float = 0.0
+
+
+MISTAKEN_S = 0.8
+"""Before the action, in the quiet of the hold."""
 
 
 class LoopScript(Script):
@@ -61,6 +68,29 @@ class LoopScript(Script):
         self.gives_up_s = first_pull_s + patience_s
         self.lets_go_s = habits.lets_go_s
         self.grip_n = np.array([trial.grip_n for trial in trials])
+        self.mistake_s = habits.mistake_s
+
+    def shut(self, t_s: FloatArray) -> FloatArray:
+        """[n, B] how far the hand is closed, 0 .. 1; less where it is opened by mistake."""
+        shut = super().shut(t_s)
+        if self.mistake_s:
+            # as fast as any opening, and back at the same speed
+            since_s = self._mistaken_s(t_s)
+            back_s = np.minimum(since_s, 2.0 * self.mistake_s - since_s)
+            shut = shut * (1.0 - smooth(back_s / self.drawn("opening_s", 1.0)))
+        return shut
+
+    def opens(self, t_s: FloatArray) -> BoolArray:
+        """[B] whether the wearer opens the hand at t_s [B], or has opened it for good."""
+        opens: BoolArray = t_s >= self.open_s
+        if self.mistake_s:
+            since_s = self._mistaken_s(t_s)
+            opens |= (since_s >= 0.0) & (since_s < self.mistake_s)
+        return opens
+
+    def _mistaken_s(self, t_s: FloatArray) -> FloatArray:
+        """Time since the mistake began."""
+        return t_s - (self.act_s - MISTAKEN_S)
 
     def places_n(self, t_s: FloatArray, closures_m: Sequence[FloatArray]) -> FloatArray:
         """[n, B] grip that the wearer asks for at t_s [n, B], N a side, as Actuator.own_n.
@@ -169,14 +199,12 @@ class LoopRecord:
     own_n       the grip that the wearer asked for
     target_n    the grip that the controller commanded, 0 for none
     p_risky     the evidence that the controller was given, 0 while the state is unknown
-    both_sides  thumb and fingers touch the object
     """
 
     grip_n: npt.NDArray[np.float32]
     own_n: npt.NDArray[np.float32]
     target_n: npt.NDArray[np.float32]
     p_risky: npt.NDArray[np.float32]
-    both_sides: BoolArray
 
     def of_trial(self, k: int, periods: int) -> LoopRecord:
         """The first samples of trial k."""

@@ -20,7 +20,7 @@ from holdfast.simulation.body import Inputs, State
 from holdfast.simulation.core import two_at_least
 from holdfast.simulation.drive import Actuator
 from holdfast.simulation.effect import NO_EFFECTS, some_trials
-from holdfast.simulation.loop_people import Habits, LoopScript
+from holdfast.simulation.loop_people import MISTAKEN_S, Habits, LoopScript
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.script import body_of
@@ -147,7 +147,11 @@ class HandsAndObjects:
         index = spans.begins + np.arange(spans.periods)[:, None]
         self.busy = np.zeros(index.shape, dtype=np.bool_)
         for k, trial in enumerate(trials):
-            more = settings.busy[k] if settings.busy else ()
+            more = [*(settings.busy[k] if settings.busy else ())]
+            if habits.mistake_s:
+                # until the object is at rest again
+                begins_s = Times.of(trial).act - MISTAKEN_S
+                more.append((begins_s, begins_s + MISTAKEN_S))
             rate_hz = settings.rate_hz
             self.busy[:, k] = needs_fine_steps(trial, index[:, k], rate_hz, more)
         self.slid = np.zeros(batch, dtype=np.bool_)
@@ -166,6 +170,8 @@ class HandsAndObjects:
         begun = at >= self.spans.moves
         moves = begun & (at < self.spans.ends)
 
+        rate_hz = self.settings.rate_hz
+        target_n = self.actuator.obeyed_n(target_n, self.script.opens(at / rate_hz))
         # An object that is merely held needs no fine steps: the core is stable at any step.
         eventful = self.busy[period] | self.slid | self.actuator.moving(target_n)
         fine = moves & eventful
@@ -177,7 +183,6 @@ class HandsAndObjects:
             coarse = ~fine
 
         # The drive moves in every piece, whether or not the physics takes it.
-        rate_hz = self.settings.rate_hz
         pieces = self.pieces
         within = (np.arange(pieces)[:, None] + 1) / pieces
         ends_s = (at + within) / rate_hz

@@ -12,14 +12,12 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
 
-import numpy as np
-
-from benchmarks.loop_baselines import CLOSURES, TrueEvidence, oracle, vibration
+from benchmarks.loop_baselines import CLOSURES, oracle, vibration
 from benchmarks.loop_figures import LoopFigures, ThreeRuns, loop_figures
 from holdfast.core.contract import Json
 from holdfast.core.errors import UsageError
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
-from holdfast.edge_runtime.grip import CONTROLLERS, AnswerRules
+from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.edge_runtime.monitor import require_fit
 from holdfast.edge_runtime.supervisor import Limits
 from holdfast.evaluation.jobs import Workers
@@ -33,12 +31,12 @@ from holdfast.simulation.closed_loop import (
     model_of,
     run_batch,
 )
-from holdfast.simulation.drive import Drive
-from holdfast.simulation.effect import effect_named
+from holdfast.simulation.drive import Drive, Opening
 from holdfast.simulation.loop_people import Habits, LoopOutcome
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
+from studies.shared_control.published import CONTROLLERS
 
 ORACLE = "oracle"
 VIBRATION = "vibration"
@@ -51,16 +49,14 @@ BARE = "none"
 class LoopSet:
     """Trials of a card: all of it, or so many in its proportions.
 
-    changes: values of every row. noise: times that of the card's chips; 1: the card as it is.
-    tremor_m_s2: amplitude of the hand's trembling; 0: the card as it is. actions: only rows of
-    these; none given: all.
+    changes: values of every row, two numbers for all between them. tremor_m_s2: amplitude of the
+    hand's trembling; 0: the card as it is. actions: only rows of these; none given: all.
     """
 
     card: str
     trials: int | None
     seed: int
     changes: tuple[tuple[str, object], ...] = ()
-    noise: float = 1.0
     tremor_m_s2: float = 0.0
     actions: tuple[str, ...] = ()
 
@@ -69,23 +65,18 @@ class LoopSet:
 class LoopRequest:
     """One controller with a setting (None: its default) on a set, with a drive.
 
-    The setting of an oracle is how far it closes, one of CLOSURES. evidence_s: the controller gets
-    the true slips, so late; None: what the model says. evidence_of: of an oracle: it begins with
-    the first evidence that this request got in the event, and not with the load onset. rules: names
-    and values of AnswerRules that differ from those that come with the model. most_times: largest
-    command of an oracle over what the load needs.
+    The setting of an oracle is how far it closes, one of CLOSURES. rules: names and values of
+    AnswerRules that differ from those that come with the model.
     """
 
     name: str
     setting: float | None = None
     lag_ms: float = 50.0
+    opening: Opening = "wearer"
     delay_samples: int = 0
     rules: tuple[tuple[str, object], ...] = ()
     habits: Habits = field(default_factory=Habits)
     between: Between | None = None
-    evidence_s: float | None = None
-    evidence_of: LoopRequest | None = None
-    most_times: float = np.inf
 
 
 @lru_cache(maxsize=16)
@@ -97,19 +88,16 @@ def scene_of(of: LoopSet) -> tuple[Scene, tuple[PlannedTrial, ...]]:
         if of.actions and row.action not in of.actions:
             continue
         # A row without an object has none of the values to change.
-        changes = {} if row.action in EMPTY_HANDED else dict(of.changes)
+        changes: dict[str, object] = {}
+        if row.action not in EMPTY_HANDED:
+            for name, value in of.changes:
+                if isinstance(value, tuple):
+                    value = {"uniform": list(value)}
+                changes[name] = value
         values = {**row.values, **changes}
         rows.append(replace(row, values=values))
 
     effects = dict(card.effects)
-    if of.noise != 1.0:
-        # A chip that averages a quarter of the conversions is twice as noisy.
-        chip = effects["hall_noise"]
-        usual = effect_named("hall_noise").parameters["averages"].default
-        # The noise of a mean falls with the root of the conversions that it averages.
-        averages = chip.get("averages", usual) / of.noise**2
-        effects["hall_noise"] = {**chip, "averages": averages}
-
     if of.tremor_m_s2:
         # Each trial's frequency and directions are drawn as the effect has them.
         tremor = dict(effects.get("tremor", {}))
@@ -145,26 +133,15 @@ def run_part(
     scene, trials = scene_of(of)
 
     drive = Drive(lag_ms=request.lag_ms)
-    settings = LoopSettings(drive, request.habits, request.delay_samples)
+    settings = LoopSettings(
+        drive, request.opening, request.habits, request.delay_samples
+    )
     settings = replace(settings, between=request.between)
-    if request.evidence_s is not None:
-        late_s = request.evidence_s
-        tell = partial(_true_slips, dict(onset_s), late_s)
-        settings = replace(settings, true_slips=tell)
     # A controller has a state, so every batch gets controllers of its own.
     opened = model_of(model)
     rules = AnswerRules.of(opened.card.decision, **dict(request.rules))
     make = _maker(scene, request, onset_s, rules)
     return run_batch(scene, trials, batch, opened, make, settings)
-
-
-def _true_slips(
-    danger_s: dict[int, float],
-    late_s: float,
-    trials: Sequence[PlannedTrial],
-    rate_hz: float,
-) -> TrueEvidence:
-    return TrueEvidence(trials, danger_s, late_s, rate_hz)
 
 
 def _maker(
@@ -177,7 +154,7 @@ def _maker(
         # The oracle tightens at each true onset, up to the force that the drive can give.
         closure = CLOSURES[0] if request.setting is None else request.setting
         ceiling_n = Drive().ceiling_n
-        return oracle(dict(onset_s), ceiling_n, closure, request.most_times)
+        return oracle(dict(onset_s), ceiling_n, closure)
 
     # No controller: the wearer feels a vibration and reacts to it.
     if request.name == VIBRATION:
@@ -188,7 +165,7 @@ def _maker(
             next_step=f"choose from {', '.join(CHOICES)}",
         )
 
-    return managed(scene, request.name, request.setting, rules, Limits())
+    return managed(scene, CONTROLLERS[request.name], request.setting, rules, Limits())
 
 
 Run = tuple[LoopSet, LoopRequest]
@@ -209,16 +186,12 @@ class LoopRuns:
         # What each run made of each trial, by its place in the set.
         self._outcomes: dict[Run, dict[int, LoopOutcome]] = {}
 
-    def run(self, wanted: Sequence[Run], *, losses: bool = False) -> None:
-        """Run all of them, with the bare hands and oracles that their figures need.
-
-        losses: also the oracles that tell why an object was lost.
-        """
+    def run(self, wanted: Sequence[Run]) -> None:
+        """Run all of them, with the bare hands and oracles that their figures need."""
         # All figures are differences from the bare hand, or shares of what the oracle keeps.
         bare = [_bare(of) for of, _ in wanted]
         best = list(dict.fromkeys(_best(of, request) for of, request in wanted))
         others = [run for run in wanted if run[1].name != ORACLE]
-        capped = [run for run in wanted if _is_capped_oracle(run[1])]
 
         total = len({*bare, *best, *others})
         share_bare = len(set(bare)) / total
@@ -226,16 +199,8 @@ class LoopRuns:
         self._run(bare, 0.0, share_bare)
         # Few trials are left for each closure, so all of them count as little work.
         for closure in CLOSURES:
-            self._try([*best, *capped], closure, share_bare)
+            self._try(best, closure, share_bare)
         self._run(others, share_bare, 1.0)
-        if not losses:
-            return
-        # Where a controller lost what the oracle keeps: was its evidence in time?
-        by_evidence = [
-            (of, _by_evidence(request)) for of, request in dict.fromkeys(others)
-        ]
-        for closure in CLOSURES:
-            self._try(by_evidence, closure, 1.0)
 
     def _run(self, wanted: Sequence[Run], from_share: float, to_share: float) -> None:
         """Run whole sets, each once, in the order in which they were asked for."""
@@ -251,12 +216,10 @@ class LoopRuns:
         """Run one closure of each oracle, for the drops that no closure before has prevented."""
         places = {}
         for of, request in best:
-            if request.most_times < closure < np.inf:
-                continue
             bare = self._outcomes[_bare(of)]
             # A hand that knows what will come does nothing where the bare hand keeps the object.
             known = self._outcomes.setdefault((of, request), dict(bare))
-            lost = [k for k in self._asked(of, request) if _lost(bare[k], known[k])]
+            lost = [k for k in sorted(bare) if _lost(bare[k], known[k])]
             if lost:
                 places[of, replace(request, setting=closure)] = lost
 
@@ -266,19 +229,6 @@ class LoopRuns:
         for of, request in places:
             tried = self._outcomes.pop((of, request))
             self._outcomes[of, replace(request, setting=None)] |= tried
-
-    def _asked(self, of: LoopSet, request: LoopRequest) -> list[int]:
-        """Trials that an oracle is tried on: all, or those that its controller lost."""
-        if request.evidence_of is None:
-            return sorted(self._outcomes[_bare(of)])
-        outcomes = self._outcomes[of, request.evidence_of]
-        best = self._outcomes[_best(of, request)]
-        bare = self._outcomes[_bare(of)]
-        lost = []
-        for k, outcome in sorted(outcomes.items()):
-            if outcome.dropped and ThreeRuns(bare[k], best[k], outcome).preventable:
-                lost.append(k)
-        return lost
 
     def _run_places(
         self, places: Mapping[Run, list[int]], from_share: float, to_share: float
@@ -304,49 +254,31 @@ class LoopRuns:
             self.done(from_share + (to_share - from_share) * number / len(runs))
 
     def _onset_s(self, of: LoopSet, request: LoopRequest) -> dict[int, float]:
-        """Trial's number -> the onset that an oracle, or true evidence, has of it; else nothing."""
-        if request.evidence_of is not None:
-            others = self._outcomes[of, request.evidence_of].values()
-            return {one.trial.number: one.evidence_s for one in others}
-
-        # At the load onset of the bare hand an oracle begins.
-        bare = self._outcomes[_bare(of)].values() if self._knows_onsets(request) else ()
-        onset_s = {}
-        for one in bare:
-            in_danger = request.name == ORACLE or ThreeRuns(one, one, one).drop
-            onset_s[one.trial.number] = one.onset_s if in_danger else np.inf
-        return onset_s
-
-    @staticmethod
-    def _knows_onsets(request: LoopRequest) -> bool:
-        return request.name == ORACLE or request.evidence_s is not None
+        """Trial's number -> the onset that an oracle has of it; nothing for any other."""
+        if request.name != ORACLE:
+            return {}
+        bare = self._outcomes[_bare(of)].values()
+        return {one.trial.number: one.onset_s for one in bare}
 
     def runs(self, of: LoopSet, request: LoopRequest) -> list[ThreeRuns]:
         """Every trial of a set in its three hands, in the order of the set."""
         bare = self._outcomes[_bare(of)]
         best = self._outcomes[_best(of, request)]
         held = best
-        if request.name != ORACLE or _is_capped_oracle(request):
+        if request.name != ORACLE:
             held = self._outcomes[of, request]
-        early = self._outcomes.get((of, _by_evidence(request)), {})
         # Batches hold trials of similar length, so outcomes are not in the order of the set.
         places = sorted(held)
-        return [ThreeRuns(bare[k], best[k], held[k], early.get(k)) for k in places]
+        return [ThreeRuns(bare[k], best[k], held[k]) for k in places]
 
     def figures(self, of: LoopSet, request: LoopRequest) -> LoopFigures:
-        """Figures of a request on a set; no losses where these were not asked for."""
-        made = loop_figures(self.runs(of, request))
-        asked = (of, _by_evidence(request)) in self._outcomes
-        return made if asked else replace(made, losses={})
+        """Figures of a request on a set."""
+        return loop_figures(self.runs(of, request))
 
 
 def _lost(bare: LoopOutcome, best: LoopOutcome) -> bool:
     """Whether a drop of the bare hand is none that a closure has prevented so far."""
     return ThreeRuns(bare, best, best).drop and best.dropped
-
-
-def _is_capped_oracle(request: LoopRequest) -> bool:
-    return request.name == ORACLE and np.isfinite(request.most_times)
 
 
 def _bare(of: LoopSet) -> Run:
@@ -360,11 +292,6 @@ def _best(of: LoopSet, request: LoopRequest) -> Run:
     return of, LoopRequest(ORACLE, lag_ms=request.lag_ms)
 
 
-def _by_evidence(request: LoopRequest) -> LoopRequest:
-    """The oracle that begins with the evidence which the controller of a request got."""
-    return LoopRequest(ORACLE, lag_ms=request.lag_ms, evidence_of=request)
-
-
 FiguresByCard = dict[str, dict[str, LoopFigures]]
 """Scene -> controller -> its figures."""
 RunsByCard = dict[str, dict[str, list[ThreeRuns]]]
@@ -376,7 +303,7 @@ class LoopComparison:
     """Which controllers run on which scenes.
 
     setting: of every controller, None for the default of each. lag_ms: of the hand's drive.
-    trials: how many of a scene, None for all.
+    trials: how many of a scene, None for all. opening: who decides when the wearer opens.
     """
 
     model: ModelChoice
@@ -386,6 +313,7 @@ class LoopComparison:
     lag_ms: float
     trials: int | None
     seed: int
+    opening: Opening = "wearer"
 
     def require_runnable(self) -> None:
         """Raise what would stop a run: UsageError, CardError, or a model that does not fit."""
@@ -409,7 +337,7 @@ class LoopComparison:
         for card in self.cards:
             loop_set = LoopSet(card, self.trials, self.seed)
             for name in self.controllers:
-                request = LoopRequest(name, self.setting, self.lag_ms)
+                request = LoopRequest(name, self.setting, self.lag_ms, self.opening)
                 wanted.append((loop_set, request))
 
         # All at once: scenes and bare hands that several requests need are run once.
@@ -437,6 +365,7 @@ class LoopComparison:
             "model": model_of(self.model).card.model_id,
             "engine": self.model.engine,
             "lag_ms": self.lag_ms,
+            "opening": self.opening,
             "seed": self.seed,
             "trials": self.trials,
             "setting": self.setting,

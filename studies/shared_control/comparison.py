@@ -69,6 +69,7 @@ def run(args: argparse.Namespace) -> int:
         controllers=tuple(args.controller or ["holdfast"]),
         setting=args.setting,
         lag_ms=lag_ms,
+        opening=args.opening,
         trials=args.trials,
         seed=args.seed or 0,
     )

@@ -1,4 +1,4 @@
-"""The front figure: drops saved against hand-overs blocked, each controller a curve."""
+"""The front figure: drops saved against what it costs, each choice of settings a point."""
 
 from __future__ import annotations
 
@@ -8,56 +8,56 @@ from matplotlib.axes import Axes
 
 from holdfast.core.contract import Json
 from holdfast.evaluation.style import INK, OURS, QUIET, drawing, svg
-from studies.shared_control.plan import CURVE_SETS, LAG_MS, LAGS_MS, SETTINGS
 
-MARKS = {"holdfast": "o", "pd-shear": "s", "smsp": "^", "ismsp": "v"}
-BLOCKED_AIM = 0.05
-SAVED_AIM = 0.9
-Row = Json
+CHOSEN = "both"
+ALONE = ("detection alone", "following alone")
+FORCE_AIM_N = 3.0
+NEED_AIM_N = 10.0
+
+
+def front(rows: Sequence[Json]) -> list[Json]:
+    """A point for each choice: its sets counted together; of force and grip the worst set."""
+    points = []
+    for label in dict.fromkeys(row["controller"] for row in rows):
+        some = [row for row in rows if row["controller"] == label]
+        saved = sum(row["saved"] for row in some)
+        preventable = sum(row["preventable"] for row in some)
+        forces_n = [row["extra_force_n_p95"] for row in some]
+        over_n = [n for row in some for n in row["over_need_n_by_action"].values()]
+        points.append(
+            {
+                "choice": label,
+                "saved": saved,
+                "preventable": preventable,
+                "extra_force_n": max(n for n in forces_n if n is not None),
+                "over_need_n": max(n for n in over_n if n is not None),
+            }
+        )
+    return points
 
 
 def picture(figures: Json) -> str:
-    """The SVG: a panel for each lag of the drive; the sets of the curves are counted together."""
-    rows = [
-        r
-        for r in figures["rows"]
-        if r["part"] in ("curve", "lag") and r["set"] in CURVE_SETS
-    ]
-    with drawing(10.0, 3.8, font_size=11) as drawn:
-        lags = sorted({LAG_MS, *LAGS_MS})
-        for place, lag_ms in enumerate(lags, 1):
-            axes = drawn.add_subplot(1, len(lags), place)
-            _panel(axes, [row for row in rows if row["lag_ms"] == lag_ms], lag_ms)
-            if place == 1:
-                axes.set_ylabel("preventable drops saved")
+    """The SVG: two panels, force on a receiver and grip over need."""
+    rows = [row for row in figures["rows"] if row["part"] == "front"]
+    points = front(rows)
+    with drawing(10.0, 4.2, font_size=11) as drawn:
+        force, grip = drawn.subplots(1, 2, sharey=True)
+        _panel(force, points, "extra_force_n", FORCE_AIM_N)
+        _panel(grip, points, "over_need_n", NEED_AIM_N)
+        force.set(
+            xlabel="receiver's extra force, 95 %, worst set, N",
+            ylabel="preventable drops saved",
+        )
+        grip.set_xlabel("grip over need, median of the worst kind, N")
         return svg(drawn)
 
 
-def _panel(axes: Axes, rows: Sequence[Row], lag_ms: float) -> None:
-    for which in SETTINGS:
-        points = curve([row for row in rows if row["controller"] == which])
-        colour = OURS if which == "holdfast" else QUIET
-        axes.plot(
-            *zip(*points, strict=True), f"{MARKS[which]}-", color=colour, label=which
-        )
-        axes.annotate(which, points[-1], (4, 4), textcoords="offset points", fontsize=9)
-    axes.axvline(BLOCKED_AIM, color=INK, linewidth=0.6, linestyle=":")
-    axes.axhline(SAVED_AIM, color=INK, linewidth=0.6, linestyle=":")
-    title = f"drive with a lag of {lag_ms:g} ms"
-    axes.set(
-        title=title, xlabel="hand-overs blocked", xlim=(-0.02, 0.6), ylim=(-0.03, 1.05)
-    )
-
-
-def curve(rows: Sequence[Row]) -> list[tuple[float, float]]:
-    """(hand-overs blocked, drops saved) for each setting, of all sets together."""
-    settings = sorted({row["setting"] for row in rows})
-    each = [[row for row in rows if row["setting"] == setting] for setting in settings]
-    return [
-        (_share(one, "blocked", "handovers"), _share(one, "saved", "preventable"))
-        for one in each
-    ]
-
-
-def _share(rows: Sequence[Row], part: str, whole: str) -> float:
-    return sum(row[part] for row in rows) / max(1, sum(row[whole] for row in rows))
+def _panel(axes: Axes, points: Sequence[Json], key: str, aim: float) -> None:
+    for point in points:
+        label = point["choice"]
+        at = point[key], point["saved"] / max(1, point["preventable"])
+        colour = OURS if label in (CHOSEN, *ALONE) else QUIET
+        axes.plot(*at, "s" if label in ALONE else "o", color=colour)
+        axes.annotate(label, at, (4, 4), textcoords="offset points", fontsize=8)
+    axes.axvline(aim, color=INK, linewidth=0.6, linestyle=":")
+    axes.margins(0.15)

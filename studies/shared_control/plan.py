@@ -1,74 +1,60 @@
-"""Which controllers run on which trials, with which settings, lags, delays and parts left out."""
+"""Which controllers run on which trials, with which settings, wearers, lags and halves left out."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from holdfast.edge_runtime.grip import CONTROLLERS, AnswerRules
+from holdfast.edge_runtime.grip import Holdfast
+from holdfast.simulation.drive import Opening
 from holdfast.simulation.loop_people import Habits
 from studies.shared_control.closed_loop import ORACLE, VIBRATION, LoopRequest, LoopSet
+from studies.shared_control.published import CONTROLLERS
 
 CARDS = Path(__file__).parent / "cards"
 SHORTER = (("close_at_s", 0.8), ("hold_s", 1.8), ("tail_s", 0.5))
 """Values of shipped cards for this study: the quiet seconds before an action are simulated less."""
-SEED = 7001
+SEED = 7101
 """Of the report: locked (holdfast/core/locked.toml). To choose anything take --seed 100 to 199."""
 UNSEEN = ("p1", "p2", "quick", "slow")
-"""Styles of no card that the model was trained on."""
-OURS = "holdfast"
-OUR_LEAD_N = CONTROLLERS[OURS].SETTING
-LAG_MS = 50.0
-"""Of the drive, unless a row says otherwise; as LoopRequest has it."""
-SETTINGS: dict[str, tuple[float, ...]] = {
-    OURS: (4.0, 8.0, 14.0, 22.0, 32.0),
-    "pd-shear": (0.5, 2.0, 6.0),
-    "smsp": (3.0, 8.0, 20.0),
-    "ismsp": (60.0, 200.0, 600.0),
-}
-"""The curve of each controller: its one setting."""
-WIDEST = ("everyday", "wide")
-"""Sets of everyday actions and of any hold; every controller runs on them."""
-RISES: dict[str, tuple[tuple[str, object], ...]] = {
-    f"grip raised by at most {rise_n:g} N": (("rise_n", rise_n),)
-    for rise_n in (2.0, 4.0, AnswerRules.rise_n, 10.0)
-}
-RISES["without an end"] = (("rise_n", math.inf),)
-"""In the part `cap` an answer raises the grip by less, or by more."""
-ORACLE_CAPS = (2.0, 2.5, 4.0)
-"""There the oracle's commands are at most so many times what the load needs. 2.5 is what the target
-allows (benchmarks/loop_figures.py)."""
-CAP_SETS = ("wide", "author", "tugs", "fragile")
-TRUE_EVIDENCE_S = 0.02
-"""In the part `truth` the controller gets the true slips, so late."""
-CURVE_SETS = ("p1", "quick")
-"""The unseen styles of the curves: what becomes of their objects is counted together."""
+"""Styles of no card that the model was trained on. No choice may see them, at any seed."""
 STYLES = ("author", *UNSEEN)
+OURS = "holdfast"
+OUR_REQUEST = LoopRequest(OURS, Holdfast.SETTING)
+FRONT_SETS = ("author", "tugs", "everyday", "wide")
+"""On these the settings are chosen; what becomes of their objects is counted together."""
+FRONT: dict[str, dict[str, object]] = {
+    "both": {},
+    "detection alone": {"follows": False},
+    "following alone": {"detects": False},
+    "floor 0.15": {"floor": 0.15},
+    "floor 0.3": {"floor": 0.3},
+    "followed by 8 N": {"follow_n": 8.0},
+    "followed by 25 N": {"follow_n": 25.0},
+    "slips raise 3 N": {"rise_n": 3.0},
+    "slips raise 12 N": {"rise_n": 12.0},
+}
+"""Points of the front: rules of the controller that differ from the usual ones."""
 LAGS_MS = (20.0, 100.0)
-DELAYS = (1, 3, 8)
-"""Samples by which targets act later: 7, 20 and 53 ms at 150 Hz."""
-NOISES = (1.0, 2.0, 4.0)
-"""Times the noise of the cards' chips: averages of 32, 8 and 2 conversions."""
 TREMORS_M_S2 = (0.0, 0.3, 1.0, 2.0, 3.0)
 """How strongly the wearer's hand trembles."""
 TREMBLING = ("fall", "pass")
 """Actions of these sets: nearly all preventable drops are falls, and hand-overs may be blocked."""
-OPENS_AFTER_S = {"opens late": 2.0, "never opens": 4.0}
+OPENS_AFTER_S = {"opens late": (0.3, 1.0), "never opens": 4.0}
 """From the first pull of a receiver until the giver opens the hand. A receiver gives up after 3 s,
 so for this receiver a hand that opens after 4 s never opens."""
-LATE_SETS = ("author", "p1")
+LATE_SETS = ("author", "p1", "quick")
+MISSED = {"always": 0.0, "nine in ten": Habits.missed_share, "never": 1.0}
+"""In the part `intent` the board is told of so many openings: share of those that it misses."""
+MISTAKES_S = (0.05, 0.15, 0.3)
+"""In the part `mistake` the wearer opens the hand by mistake, for so long."""
+CANNOT_TELL = "a hand that cannot tell"
+"""It grips for the larger of the target and its wearer's grip, also when the wearer opens it."""
 PARTS = (
-    *("table", "curve", "lag", "delay", "noise", "without", *OPENS_AFTER_S, "tremor"),
-    *("truth", "intent", "cap"),
+    *("table", "front", "lag", *OPENS_AFTER_S),
+    *("intent", "cannot tell", "mistake", "tremor"),
 )
 """Parts of the study; each row belongs to one."""
-WITHOUT = {
-    "graded": (("graded", False),),
-    "revocable": (("revocable", False),),
-    "friction margin": (("margin", False),),
-}
-"""The holdfast controller without one of its parts."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +66,10 @@ class Row:
     label: str
     one: LoopSet
     request: LoopRequest
+
+    def with_opening(self, opening: Opening) -> Row:
+        """The row in hands in which this decides when the wearer opens."""
+        return replace(self, request=replace(self.request, opening=opening))
 
 
 def sets(trials: int, seed: int = SEED) -> dict[str, LoopSet]:
@@ -100,61 +90,40 @@ def sets(trials: int, seed: int = SEED) -> dict[str, LoopSet]:
     }
 
 
-def usual_setting(controller: str) -> float | None:
-    """A controller's own setting, so that its row in a table is a point of its curve."""
-    return CONTROLLERS[controller].SETTING if controller in SETTINGS else None
-
-
 def rows(trials: int, seed: int = SEED) -> list[Row]:
     """Everything that the study runs."""
     by_name = sets(trials, seed)
     every = (*CONTROLLERS, VIBRATION, ORACLE)
-    made = [
-        Row("table", name, which, one, LoopRequest(which, usual_setting(which)))
-        for name, one in by_name.items()
-        for which in (every if name in (*STYLES, *WIDEST) else SETTINGS)
-    ]
-    for name in CURVE_SETS:
-        made += _of_curve_set(name, by_name[name])
+    made = []
+    for name, one in by_name.items():
+        for which in every if name in STYLES else (OURS, ORACLE):
+            request = OUR_REQUEST if which == OURS else LoopRequest(which)
+            made.append(Row("table", name, which, one, request))
+    for name in FRONT_SETS:
+        for label, rules in FRONT.items():
+            request = replace(OUR_REQUEST, rules=tuple(rules.items()))
+            made.append(Row("front", name, label, by_name[name], request))
     for name in LATE_SETS:
         made += _opening_late(name, by_name[name])
-    for name in ("author", *WIDEST):
-        made += _with_more(name, by_name[name])
-    for name in CAP_SETS:
-        made += _capped(name, by_name[name])
+    for name in STYLES:
+        made += _told(name, by_name[name])
+    for lag_ms in LAGS_MS:
+        lagged = replace(OUR_REQUEST, lag_ms=lag_ms)
+        made.append(Row("lag", "author", OURS, by_name["author"], lagged))
+    made += _mistaken(by_name["disturbed holds"])
     return [*made, *_trembling(by_name["author"])]
 
 
-def _with_more(name: str, one: LoopSet) -> list[Row]:
-    """What the controller itself loses, and what the wearer's wish to open brings.
-
-    Part `truth`: it gets the true slips. Part `intent`: the wearer's wish to open reaches it
-    (`--obey-intent`), with its delay and its misses; or it never does; or it alone tells a
-    hand-over, and what the model says does not.
-    """
-    ours = LoopRequest(OURS, OUR_LEAD_N)
-    deaf = replace(ours, habits=replace(Habits(), missed_share=1.0))
-    alone = replace(ours, rules=WITHOUT["revocable"])
-    truth = replace(ours, evidence_s=TRUE_EVIDENCE_S)
-    return [
-        Row("truth", name, OURS, one, truth),
-        Row("intent", name, "is obeyed", one, ours),
-        Row("intent", name, "never comes", one, deaf),
-        Row("intent", name, "alone ends an answer", one, alone),
-    ]
-
-
-def _capped(name: str, one: LoopSet) -> list[Row]:
-    """What a smaller command saves, and what the oracle saves with no larger one."""
-    ours = LoopRequest(OURS, OUR_LEAD_N)
+def _told(name: str, one: LoopSet) -> list[Row]:
+    """Whether the board is told that the wearer opens the hand, and a hand that cannot tell."""
     made = []
-    for label, rules in RISES.items():
-        made.append(Row("cap", name, label, one, replace(ours, rules=rules)))
-    for times in ORACLE_CAPS:
-        label = f"oracle, at most {times:g} x the need"
-        known = LoopRequest(ORACLE, most_times=times)
-        made.append(Row("cap", name, label, one, known))
-    return [*made, Row("cap", name, ORACLE, one, LoopRequest(ORACLE))]
+    for label, share in MISSED.items():
+        habits = replace(Habits(), missed_share=share)
+        made.append(
+            Row("intent", name, label, one, replace(OUR_REQUEST, habits=habits))
+        )
+    larger = replace(OUR_REQUEST, opening="larger")
+    return [*made, Row("cannot tell", name, CANNOT_TELL, one, larger)]
 
 
 def _opening_late(name: str, one: LoopSet) -> list[Row]:
@@ -168,38 +137,22 @@ def _opening_late(name: str, one: LoopSet) -> list[Row]:
     return made
 
 
-def _trembling(one: LoopSet) -> list[Row]:
-    """Falls and hand-overs of a hand that trembles more and more."""
-    ours = LoopRequest(OURS, OUR_LEAD_N)
+def _mistaken(one: LoopSet) -> list[Row]:
+    """Holds in which the wearer opens the hand by mistake."""
     made = []
-    for tremor_m_s2 in TREMORS_M_S2:
-        shaken = replace(one, tremor_m_s2=tremor_m_s2, actions=TREMBLING)
-        made.append(Row("tremor", "author", OURS, shaken, ours))
+    for mistake_s in MISTAKES_S:
+        habits = replace(Habits(), mistake_s=mistake_s)
+        for which in ("none", OURS):
+            request = LoopRequest(which, habits=habits)
+            label = f"{which}, {1e3 * mistake_s:g} ms"
+            made.append(Row("mistake", "disturbed holds", label, one, request))
     return made
 
 
-def _of_curve_set(name: str, one: LoopSet) -> list[Row]:
-    """Everything but the table: settings, lags, delays, noise, and parts left out."""
-    ours = LoopRequest(OURS, OUR_LEAD_N)
-    deaf = replace(Habits(), missed_share=1.0)
+def _trembling(one: LoopSet) -> list[Row]:
+    """Falls and hand-overs of a hand that trembles more and more."""
     made = []
-    for which, settings in SETTINGS.items():
-        for setting in settings:
-            made.append(Row("curve", name, which, one, LoopRequest(which, setting)))
-    for lag_ms in LAGS_MS:
-        for which, settings in SETTINGS.items():
-            for setting in settings[-4::2]:
-                lagged = LoopRequest(which, setting, lag_ms)
-                made.append(Row("lag", name, which, one, lagged))
-    for delay in DELAYS:
-        delayed = replace(ours, delay_samples=delay)
-        made.append(Row("delay", name, OURS, one, delayed))
-    for noise in NOISES:
-        made.append(Row("noise", name, OURS, replace(one, noise=noise), ours))
-    for part, rules in WITHOUT.items():
-        made.append(Row("without", name, part, one, replace(ours, rules=rules)))
-    without_command = replace(ours, habits=deaf)
-    return [
-        *made,
-        Row("without", name, "the wearer's wish to open", one, without_command),
-    ]
+    for tremor_m_s2 in TREMORS_M_S2:
+        shaken = replace(one, tremor_m_s2=tremor_m_s2, actions=TREMBLING)
+        made.append(Row("tremor", "author", OURS, shaken, OUR_REQUEST))
+    return made

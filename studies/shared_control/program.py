@@ -21,6 +21,7 @@ from holdfast.core.locked import locked_sets
 from holdfast.core.trial_layout import read_json
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.simulation.closed_loop import model_of
+from holdfast.simulation.drive import OPENINGS
 from holdfast.training.progress import counted
 from studies.shared_control import comparison
 from studies.shared_control.closed_loop import LoopRuns
@@ -38,12 +39,11 @@ ROW_KEYS = (
     "controller",
     "setting",
     "lag_ms",
+    "opening",
     "delay_samples",
-    "noise",
     "tremor_m_s2",
 )
 """What a row measures: two runs have it once."""
-BEFORE = Path("docs/measured/loop-d86a7e638b14.json")
 FIGURE = Path("docs/shared-control.svg")
 
 
@@ -61,6 +61,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"default {MODEL}",
     )
     add_engine_options(parser)
+    meanings = "; ".join(f"{name}: {text}" for name, text in OPENINGS.items())
+    option(
+        "--opening",
+        choices=tuple(OPENINGS),
+        default="wearer",
+        help=f"{meanings} (default wearer)",
+    )
     option(
         "--trials",
         type=whole(1),
@@ -77,11 +84,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--sets", nargs="+", metavar="SET", help="by their names in the tables")
     option(
         "--controllers", nargs="+", metavar="NAME", help="of the tables' first column"
-    )
-    option(
-        "--losses",
-        action="store_true",
-        help="also say why preventable objects were lost (takes longer)",
     )
     option(
         "--keep",
@@ -104,9 +106,11 @@ def run(args: argparse.Namespace) -> int:
     seed = SEED if args.seed is None else args.seed
     trials = args.trials or TRIALS
     wanted = _chosen(rows(trials, seed), args)
+    if args.opening != "wearer":
+        wanted = [row.with_opening(args.opening) for row in wanted]
     with counted(f"{len(wanted)} rows in a closed loop (simulated)", 1) as done:
         runs = LoopRuns(chosen_model(args), chosen_workers(args), done)
-        runs.run([(row.one, row.request) for row in wanted], losses=args.losses)
+        runs.run([(row.one, row.request) for row in wanted])
     figures = {
         "kind": "simulated",
         "model": model_of(chosen_model(args)).card.model_id,
@@ -121,8 +125,8 @@ def run(args: argparse.Namespace) -> int:
         figures = merged(read_json(args.out / "loop.json"), figures)
     path = write_figures(args.out / "loop.json", figures)
     if args.page:
-        fill(PAGE, tables_of(PAGE, {"loop": figures, **_before()}))
-    if args.page and any(row.part == "curve" for row in wanted):
+        fill(PAGE, tables_of(PAGE, {"loop": figures}))
+    if any(row.part == "front" for row in wanted):
         write_whole(FIGURE, for_any_page(picture(figures)) + "\n")
     sys.stdout.write(f"{path}\n")
     return 0
@@ -150,11 +154,6 @@ def merged(earlier: Json, figures: Json) -> Json:
         said = dict.fromkeys([earlier.get(key), figures.get(key)])
         both[key] = "; ".join(one for one in said if one)
     return {**figures, **both}
-
-
-def _before() -> dict[str, Json]:
-    """The figures before the mends, which stay beside the new ones."""
-    return {"before": read_json(BEFORE)} if BEFORE.is_file() else {}
 
 
 def _locked_on(seed: int) -> str | None:
@@ -191,8 +190,8 @@ def _row(row: Row, runs: LoopRuns) -> Json:
         "controller": row.label,
         "setting": request.setting,
         "lag_ms": request.lag_ms,
+        "opening": request.opening,
         "delay_samples": request.delay_samples,
-        "noise": row.one.noise,
         "tremor_m_s2": row.one.tremor_m_s2,
         **runs.figures(row.one, request).to_json(),
     }

@@ -23,11 +23,9 @@ from benchmarks.world.draws import (
     draw_trial,
     with_intent,
 )
-from benchmarks.world.page import columns
-from benchmarks.world.picture import picture
 from benchmarks.world.program import SEED, seed_line
 from benchmarks.world.ranges import EVENT_N, HELD_N, RANGES, REFUSED_GRIP_N
-from benchmarks.world.scores import beside, table_of
+from benchmarks.world.scores import table_of
 from benchmarks.world.trials_file import TrialsFile
 from holdfast.core.contract import Json
 from holdfast.core.locked import locked_sets
@@ -77,6 +75,7 @@ def test_another_choice_of_signals_changes_the_wearers_signal_and_nothing_else(
             assert with_intent(trial, "wired") is trial
             continue
         assert not with_intent(trial, "none").has_signal
+        assert with_intent(trial, "always").has_signal
         wired = with_intent(trial, "wired")
         assert replace(wired, signal_s=trial.signal_s).numbers == trial.numbers
         if wired.has_signal:
@@ -202,9 +201,6 @@ def test_of_the_oracles_commands_those_below_a_cap_keep_the_fewer_the_lower_it_i
         (3.0, 3, 4),
         (None, 4, 4),
     ]
-    made = tables_of("docs/second-physics.md", {"world": figures_of("a", "b", rows)})
-    assert "| at most 2 | 2 of 4: 0.5 " in made["world-oracle"]
-    assert "| up to the ceiling of 70 N | 4 of 4: 1 " in made["world-oracle"]
 
 
 def test_what_is_to_leave_the_hand_is_no_drop() -> None:
@@ -264,53 +260,10 @@ def figures_of(model: str, code: str = "a", oracle: Any = ()) -> Json:
     }
 
 
-def test_the_page_has_the_old_model_beside_the_new_one() -> None:
-    old, new = figures_of("old"), figures_of("new", "b")
-    tables = tables_of("docs/second-physics.md", {"before": old, "world": new})
-    assert "| pull-fast | old | 1 | 1 | 1 (0.03 to 1.00) |" in tables["world-drops"]
-    assert "| pull-fast | new | 1 | 1 | 1 (0.03 to 1.00) |" in tables["world-drops"]
-    assert "| tug-held | old | 1 | 0 (0.00 to 0.97) |" in tables["world-calm"]
-    assert "| opens, no signal | new | 1 | 0 " in tables["world-hand-overs"]
-    assert "| quiet | old |" in tables["world-quiet"]
-    only_old = tables_of("docs/second-physics.md", {"before": old})
-    assert "new" not in only_old["world-drops"].replace("new drops", "")
-
-
-def test_the_published_controllers_stand_beside_ours_on_the_same_trials() -> None:
-    lost = {"lost_s": 0.2}
-    ours = [record_of("pull-fast", 0, bare=lost, oracle="2")]
-    theirs = [record_of("pull-fast", 0, bare=lost, oracle="2", answered=lost)]
-    ran = [beside("holdfast", ours), beside("smsp", theirs)]
-    figures = {"controllers": {"controllers": ran}}
-    table = tables_of("docs/second-physics.md", figures)["world-controllers"]
-    assert "| holdfast | 1 (0.03 to 1.00) | 1 (" in table
-    assert "| smsp | 0 (0.00 to 0.97) | 0 (" in table
-
-
-def test_hand_overs_and_put_downs_stand_by_the_signals_that_reach_the_run() -> None:
-    late = {"lost_s": 0.8}
-    given = record_of("hand-over", 0, bare=late, answered=late)
-    kept = record_of("hand-over", 0, bare=late)
-    rows = [
-        {"intent": name, **beside("holdfast", [one])}
-        for name, one in (("wired", given), ("none", kept))
-    ]
-    tables = tables_of("docs/second-physics.md", {"intent": {"intents": rows}})
-    assert "| nine in ten | 0 (0.00 to 0.97) | 0 of 1: 0 " in tables["world-intent"]
-    assert "| none | 0 (0.00 to 0.97) | 1 of 1: 1 " in tables["world-intent"]
-
-
-def test_the_same_run_stands_on_the_page_once() -> None:
-    assert len(columns(figures_of("a"), figures_of("a"))) == 1
-    both = columns(figures_of("a"), figures_of("a", "b"))
-    assert [one["label"] for one in both] == ["a, a", "a, b"]
-
-
-def test_the_picture_names_both_models() -> None:
-    drawn = picture(columns(figures_of("old"), figures_of("new", "b")))
-    assert "model old" in drawn
-    assert "model new" in drawn
-    assert "preventable drops saved" in drawn
+def test_the_page_shows_drops_by_event_and_what_receivers_feel() -> None:
+    tables = tables_of("docs/results.md", {"world": figures_of("new")})
+    assert "| all drops | " in tables["world"]
+    assert "| opens, no signal | 1 | 0 " in tables["world-hand-overs"]
 
 
 def test_a_stopped_run_goes_on_where_it_was(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ pytest.importorskip(
 from benchmarks.world.draws import WorldTrial, draw_trial
 from benchmarks.world.hand import World
 from benchmarks.world.outcomes import BareRun, bare_run, closed_from_onset, slid_mm
+from holdfast.simulation.drive import OPENINGS
 
 DEVELOPMENT = 150
 PADS = ("point", "grid")
@@ -150,3 +151,15 @@ def test_a_hand_that_closes_at_load_onset_keeps_what_the_bare_hand_loses() -> No
     assert np.isfinite(run.outcome.lost_s)
     assert np.isinf(closed_from_onset(run, 70.0).lost_s)
     assert np.isfinite(closed_from_onset(run, 0.0).lost_s)
+
+
+def test_the_wearers_opening_ends_a_target_in_a_hand_that_can_tell() -> None:
+    grips_n = {}
+    for opening in OPENINGS:
+        trial = plain("put-down")
+        world = World(trial, "point", opening)
+        while world.t_s < trial.open_s + 0.3:
+            world.advance(20.0 if world.t_s > trial.act_s else 0.0)
+        grips_n[opening] = float(world.drive.grip_n[0])
+    assert grips_n["wearer"] < 1.0
+    assert grips_n["larger"] == pytest.approx(20.0, abs=1.0)

@@ -2,88 +2,19 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from typing import Any
 
 import pytest
 
-from holdfast.drivers.bus import Bus, Reply, Transfer
+from holdfast.drivers import scan
+from holdfast.drivers.bus import Reply, Transfer
 from holdfast.drivers.scan import (
     BusDevice,
-    ScannedBus,
     as_layout,
     look_at,
-    median_scan_s,
-    survey,
 )
-from holdfast.drivers.tmag5273 import REGISTERS, RESULTS
-
-
-@pytest.mark.parametrize(
-    ("scan_s", "model_hz", "what"),
-    [
-        (0.002, 150.0, "a scan takes 2.00 ms (500 Hz): serves a model of 150 Hz"),
-        (
-            0.05,
-            None,
-            "a scan takes 50.00 ms (20 Hz): serves no model, 50 Hz needs another bridge",
-        ),
-    ],
-)
-def test_a_survey_says_how_long_a_scan_takes_and_which_model_that_serves(
-    scan_s: float, model_hz: float | None, what: str
-) -> None:
-    lines = ScannedBus("i2c://1", [], "35,22,78", scan_s, model_hz).lines()
-    assert lines[:1] == ["i2c://1"]
-    assert lines[1].startswith("  layout=35,22,78 (")
-    assert lines[2].startswith(f"  {what}")
-
-
-def test_a_bus_without_a_sensor_has_likely_causes() -> None:
-    (_, cause) = ScannedBus("i2c://1", []).lines()
-    assert "SDA and SCL swapped" in cause
-
-
-def devices(*muxes: int) -> list[BusDevice]:
-    found = [BusDevice(one, None, "mux", "mux (TCA9548A)") for one in muxes]
-    behind = [BusDevice(0x35, 7, "sensor", "TMAG5273 A1", mux=one) for one in muxes]
-    return [*found, *behind, BusDevice(0x50, None, "unknown", "unknown", "of others")]
-
-
-def test_each_chip_has_a_line_with_its_place_as_a_layout_has_it() -> None:
-    lines = ScannedBus("i2c://1", devices(0x70, 0x71)).lines()
-    assert lines[1:6] == [
-        "  70      mux (TCA9548A)",
-        "  71      mux (TCA9548A)",
-        "  7:35    TMAG5273 A1",
-        "  71/7:35 TMAG5273 A1",
-        "  50      unknown                     of others",
-    ]
-
-
-class Timed:
-    """A bus whose scans take what is in `lasts_s`, in turn, by the clock that it stands for."""
-
-    def __init__(self, bus: Bus, lasts_s: Sequence[float]) -> None:
-        self.bus, self.name, self.lasts_s = bus, "timed", list(lasts_s)
-        self.now_s = 0.0
-        self.scans: list[list[Transfer]] = []
-
-    def scan(self, transfers: Sequence[Transfer]) -> list[Reply]:
-        self.scans.append(list(transfers))
-        self.now_s = self.lasts_s[len(self.scans) % len(self.lasts_s)]
-        return self.bus.scan(transfers)
-
-    def clear(self) -> None:
-        self.bus.clear()
-
-    def close(self) -> None:
-        self.bus.close()
-
-    def perf_counter(self) -> float:
-        now_s, self.now_s = self.now_s, 0.0
-        return now_s
+from holdfast.drivers.tmag5273 import REGISTERS
 
 
 @pytest.mark.parametrize(
@@ -103,27 +34,10 @@ def test_a_scan_may_take_four_fifths_of_a_model_s_period(
     make: Any, monkeypatch: Any, scan_s: float, model_hz: float | None
 ) -> None:
     bench = make("native")
-    bus = Timed(bench.bus, [scan_s])
-    monkeypatch.setattr(time, "perf_counter", bus.perf_counter)
-    found = survey("i2c://1", bus, frozenset(), bench.wait_s)
+    monkeypatch.setattr(scan, "median_scan_s", lambda bus, layout: scan_s)
+    found = scan.survey("i2c://1", bench.bus, frozenset(), bench.wait_s)
     assert (found.scan_s, found.model_hz) == (scan_s, model_hz)
     assert found.layout == "0:35,0:22,0:78,0:44,1:35,1:22"
-    read = bytes([RESULTS])
-    assert bus.scans[-1] == [
-        Transfer(0x70, b"\x01"),
-        *(Transfer(one, read, 7) for one in (0x35, 0x22, 0x78, 0x44)),
-        Transfer(0x70, b"\x02"),
-        *(Transfer(one, read, 7) for one in (0x35, 0x22)),
-    ]
-
-
-def test_the_time_of_a_scan_is_the_median_of_twenty(
-    make: Any, monkeypatch: Any
-) -> None:
-    bus = Timed(make("native").bus, [float(k * 7 % 20) for k in range(20)])
-    monkeypatch.setattr(time, "perf_counter", bus.perf_counter)
-    assert median_scan_s(bus, "35,22") == 9.5
-    assert [len(one) for one in bus.scans] == [2] * 20
 
 
 def test_sensors_are_in_the_order_of_muxes_channels_and_fingers() -> None:
@@ -190,17 +104,3 @@ def test_a_chip_that_is_gone_before_it_is_known_is_sent_nothing_to_its_registers
     (named,) = look_at(bus, lambda pause_s: None, frozenset({0x40}))
     assert named.trouble == "does not answer"
     assert [one for one in bus.asked if one.write] == [Transfer(0x40, b"\x0c", 4)] * 2
-
-
-def test_a_place_names_its_mux_where_that_is_not_the_usual_one() -> None:
-    places = [
-        BusDevice(0x35, channel, "sensor", "TMAG5273", mux=mux).place
-        for channel, mux in (
-            (None, 0x70),
-            (None, 0x71),
-            (0, 0x70),
-            (7, 0x71),
-            (1, 0x6F),
-        )
-    ]
-    assert places == ["35", "35", "0:35", "71/7:35", "6f/1:35"]

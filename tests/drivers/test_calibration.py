@@ -22,7 +22,6 @@ from holdfast.core.errors import (
     ChannelError,
     ColumnError,
     DataError,
-    DataNotFound,
     EmptyRecording,
     NotANumber,
     TooFewGroups,
@@ -44,7 +43,6 @@ from holdfast.sessions.known_loads import LoadSet, read_loads
 from holdfast.simulation.magnet import HEIGHT, dipole_ut, place_m, shear_gain
 
 FINITE = st.floats(-1e4, 1e4)
-ANY = st.floats(allow_nan=False, allow_infinity=False)
 FIELDS = arrays(np.float64, (4, 2, 3), elements=FINITE)
 
 
@@ -90,28 +88,9 @@ def test_the_force_of_a_sum_of_fields_is_the_sum_of_their_forces(
     )
 
 
-@given(FIELDS)
-def test_a_batch_is_its_rows_one_by_one(field: FloatArray) -> None:
-    c = made(rest=True)
-    np.testing.assert_allclose(
-        c.apply(field), [c.apply(row) for row in field], rtol=1e-12, atol=1e-9
-    )
-
-
 def test_the_resting_field_is_no_force() -> None:
     c = made(rest=True)
     assert not c.apply(c.rest_ut).any()
-
-
-def test_a_reversed_magnet_pulls_the_way_it_is_pulled() -> None:
-    """Its whole field has the other sign, at rest and under load."""
-    right = made(rest=True)
-    signs = np.array([[1.0], [-1.0]])
-    turned = replace(
-        right, reversed=np.array([False, True]), rest_ut=signs * right.rest_ut
-    )
-    field = np.random.default_rng(2).normal(0.0, 500.0, (5, 2, 3))
-    np.testing.assert_array_equal(turned.apply(signs * field), right.apply(field))
 
 
 def test_a_lost_channel_makes_its_own_sensor_nan_and_no_other() -> None:
@@ -169,15 +148,6 @@ def test_a_held_out_block_is_judged_by_the_others_only() -> None:
     )
 
 
-def test_the_held_out_error_is_the_noise_of_the_loads() -> None:
-    field, matrix, blocks = pressed(1)
-    noise = np.random.default_rng(4).normal(0.0, 0.2, (80, 3))
-    fitted = fit(field, total(matrix, field) + noise, blocks)
-    assert fitted.errors()["normal"].rmse_n == pytest.approx(0.2, rel=0.2)
-    assert fitted.errors()["shear"].rmse_n == pytest.approx(0.2, rel=0.2)
-    assert fitted.calibration.meta.residual_n[0, 2] == pytest.approx(0.2, rel=0.2)
-
-
 @SINGULAR.mark
 def test_loads_one_way_give_no_matrix_for_three() -> None:
     field, matrix, blocks = pressed(1)
@@ -189,57 +159,26 @@ def test_loads_one_way_give_no_matrix_for_three() -> None:
 # Its file
 
 
-@st.composite
-def calibrations(draw: st.DrawFn) -> Calibration:
-    """Any numbers at all, as long as no matrix is singular: each leads with a diagonal of its own
-    size."""
-    n = draw(st.integers(1, 6))
-    residual = draw(arrays(np.float64, (n, 3), elements=st.floats(0.0, 1e3)))
-    meta = CalibrationOrigin(
-        draw(st.text()),
-        draw(st.text()),
-        draw(st.text()),
-        draw(st.integers(0, 10**9)),
-        residual,
-    )
-    rest = draw(arrays(np.float64, (n, 3), elements=ANY))
-    size = draw(st.floats(1e-300, 1e300))
-    matrix = size * (
-        np.eye(3)
-        + 0.1 * draw(arrays(np.float64, (n, 3, 3), elements=st.floats(-1.0, 1.0)))
-    )
-    gain = draw(st.none() | st.floats(0.1, 10.0))
-    return Calibration(matrix, rest, draw(arrays(np.bool_, n)), meta, gain)
+AWKWARD = [0.1 + 0.2, -5e-324, 1.7976931348623157e308]
 
 
-def same_bits(a: FloatArray, b: FloatArray) -> bool:
-    return a.shape == b.shape and a.dtype == b.dtype and a.tobytes() == b.tobytes()
-
-
-@given(calibrations())
-def test_a_calibration_comes_back_bit_for_bit(
-    tmp_path_factory: pytest.TempPathFactory, c: Calibration
-) -> None:
-    back = read_calibration(
-        write_calibration(tmp_path_factory.getbasetemp() / "c.json", c)
-    )
-    assert same_bits(back.matrix, c.matrix)
-    assert same_bits(back.rest_ut, c.rest_ut)
-    assert back.reversed.tolist() == c.reversed.tolist()
-    assert back.shear_gain == c.shear_gain
-    np.testing.assert_array_equal(back.meta.residual_n, c.meta.residual_n)
-    assert replace(back.meta, residual_n=c.meta.residual_n) == c.meta
+def test_a_calibration_comes_back_bit_for_bit(tmp_path: Path) -> None:
+    meta = CalibrationOrigin("a", "2026-01-02", "N", 7, np.full((2, 3), 1.0 / 3.0))
+    flipped = np.array([True, False])
+    c = Calibration(made().matrix, np.array([AWKWARD] * 2), flipped, meta, 1.0 / 3.0)
+    back = read_calibration(write_calibration(tmp_path / "c.json", c))
+    assert back.matrix.tobytes() == c.matrix.tobytes()
+    assert back.rest_ut.tobytes() == c.rest_ut.tobytes()
+    assert back.reversed.tolist() == [True, False]
+    assert back.shear_gain == 1.0 / 3.0
+    np.testing.assert_array_equal(back.meta.residual_n, meta.residual_n)
+    assert replace(back.meta, residual_n=meta.residual_n) == meta
 
 
 BROKEN: list[tuple[dict[str, Any], str]] = [
-    ({"format": 2}, "format = 2; next: allowed: 1"),
     ({"kind": "bias"}, "kind = 'bias'; next: allowed: calibration"),
-    ({"matrix_n_per_ut": [[1.0, 2.0, 3.0]]}, "matrix_n_per_ut"),
-    ({"matrix_n_per_ut": []}, "matrix_n_per_ut"),
     ({"matrix_n_per_ut": [[[1.0], [1.0, 2.0], [1.0]]] * 2}, "matrix_n_per_ut"),
     ({"matrix_n_per_ut": [[[1.0, 2.0, float("nan")]] * 3] * 2}, "NaN is not a finite"),
-    ({"matrix_n_per_ut": [[[1.0, 2.0, "3"]] * 3] * 2}, "= '3'"),
-    ({"matrix_n_per_ut": [[[1.0, 2.0, None]] * 3] * 2}, "= None"),
     ({"matrix_n_per_ut": [[[0.0] * 3] * 3] * 2}, "sensor 1 is singular"),
     (
         {"matrix_n_per_ut": [np.eye(3).tolist(), [[1, 2, 3], [0] * 3, [2, 4, 6]]]},
@@ -247,12 +186,8 @@ BROKEN: list[tuple[dict[str, Any], str]] = [
     ),
     ({"rest_ut": [[0.0, 0.0, 0.0]]}, "rest_ut has 1; next: allowed: 2 rows"),
     ({"reversed": [False] * 3}, "reversed has 3; next: allowed: 2 rows"),
-    ({"reversed": [0, 1]}, "reversed"),
-    ({"n": -1}, "n = -1"),
-    ({"source": None}, "source = None"),
     ({"shear_gain": 0.0999}, "shear_gain = 0.0999"),
     ({"shear_gain": 10.01}, "shear_gain = 10.01"),
-    ({"colour": "red"}, "colour is not known"),
 ]
 
 
@@ -269,31 +204,12 @@ def test_a_broken_calibration_is_refused_with_what_where_and_what_is_allowed(
     assert says in str(caught.value)
 
 
-@pytest.mark.parametrize("key", ["kind", "matrix_n_per_ut", "reversed", "date"])
-def test_a_missing_entry_is_named_and_an_older_file_has_no_shear_gain(
-    tmp_path: Path, key: str
-) -> None:
+def test_an_older_file_has_no_shear_gain(tmp_path: Path) -> None:
     path = write_calibration(tmp_path / "c.json", replace(made(), shear_gain=1.0))
     content = json.loads(path.read_text())
     del content["shear_gain"]
     path.write_text(json.dumps(content))
     assert read_calibration(path).shear_gain is None
-    del content[key]
-    path.write_text(json.dumps(content))
-    with pytest.raises(DataError, match=f"{key} is missing"):
-        read_calibration(path)
-
-
-def test_a_file_that_is_not_there_names_the_command_that_makes_one(
-    tmp_path: Path,
-) -> None:
-    with pytest.raises(DataNotFound, match=r"no such file.*holdfast calibrate"):
-        read_calibration(tmp_path / "none.json")
-    with pytest.raises(DataNotFound, match=r"no such file.*holdfast bias"):
-        read_bias(tmp_path / "none.json")
-    (tmp_path / "c.json").write_text("{")
-    with pytest.raises(DataError, match=r"c.json: not valid JSON"):
-        read_bias(tmp_path / "c.json")
 
 
 # The bias
@@ -314,15 +230,6 @@ def test_the_bias_of_a_quiet_hand_is_its_median_without_a_warning() -> None:
     np.testing.assert_array_equal(bias.values, np.median(rows, axis=0))
     assert (bias.n, bias.unit, bias.reversed.any()) == (300, "uT", False)
     assert bias.spread[2] == pytest.approx(11.0, rel=0.2)
-
-
-def test_a_short_touch_is_a_warning_with_the_channel_and_moves_no_bias() -> None:
-    rows = resting()
-    rows[40:70, 5] += 300.0
-    bias, warned = bias_of(rows, "uT")
-    assert len(warned) == 1
-    assert "noise above 40 uT: Z2;" in warned[0]
-    assert bias.values[5] == pytest.approx(2300.0, abs=5.0)
 
 
 def test_a_channel_lost_for_a_whole_third_is_reported_without_a_warning_of_numpy() -> (
@@ -348,26 +255,13 @@ def test_counts_have_no_usual_noise() -> None:
         bias_of(resting(), "count")
 
 
-@given(st.integers(1, 6), st.data())
-def test_a_bias_comes_back_bit_for_bit(
-    tmp_path_factory: pytest.TempPathFactory, n: int, data: st.DataObject
-) -> None:
-    numbers = arrays(np.float64, 3 * n, elements=ANY)
-    bias = Bias(
-        data.draw(numbers),
-        data.draw(numbers),
-        data.draw(st.integers(0, 2**63 - 1)),
-        "N",
-        data.draw(arrays(np.bool_, n)),
-    )
-    back = read_bias(write_bias(tmp_path_factory.getbasetemp() / "b.json", bias))
-    assert same_bits(back.values, bias.values)
-    assert same_bits(back.spread, bias.spread)
-    assert (back.n, back.unit, back.reversed.tolist()) == (
-        bias.n,
-        bias.unit,
-        bias.reversed.tolist(),
-    )
+def test_a_bias_comes_back_bit_for_bit(tmp_path: Path) -> None:
+    values, spread = np.array(AWKWARD), np.array([1.0 / 3.0, 0.0, 2.0])
+    bias = Bias(values, spread, 30, "N", np.array([True]))
+    back = read_bias(write_bias(tmp_path / "b.json", bias))
+    assert back.values.tobytes() == values.tobytes()
+    assert back.spread.tobytes() == spread.tobytes()
+    assert (back.n, back.unit, back.reversed.tolist()) == (30, "N", [True])
 
 
 @pytest.mark.parametrize(
@@ -375,7 +269,6 @@ def test_a_bias_comes_back_bit_for_bit(
     [
         ({"unit": "g"}, "unit = 'g'; next: allowed: N or uT or count"),
         ({"values": [1.0, 2.0, 3.0]}, "3 values, 18 in spread, and 6 in reversed"),
-        ({"spread": [1.0]}, "18 values, 1 in spread"),
         ({"kind": "calibration"}, "kind = 'calibration'"),
     ],
 )
@@ -492,19 +385,6 @@ def test_presses_without_shear_show_no_shear_gain() -> None:
     assert measured_shear_gain(straight, straight) is None
 
 
-def test_rows_with_a_lost_value_are_left_out_and_counted(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    write_loads(tmp_path / "loads.csv")
-    lines = (tmp_path / "loads.csv").read_text().splitlines()
-    lines[30] = ",".join(
-        ["nan" if k == 2 else cell for k, cell in enumerate(lines[30].split(","))]
-    )
-    (tmp_path / "loads.csv").write_text("\n".join(lines))
-    calibrate_with(tmp_path / "loads.csv", "--out", tmp_path / "c.json")
-    assert "1 row with a lost value left out" in capsys.readouterr().out
-
-
 Change = Callable[[FloatArray], None]
 
 
@@ -567,11 +447,6 @@ def test_one_press_is_too_little_to_hold_one_out(tmp_path: Path) -> None:
         TooFewGroups, match=r"1 probings.*press every fingertip at least twice"
     ):
         calibrate_with(tmp_path / "loads.csv", "--out", tmp_path / "c.json")
-
-
-def test_a_file_of_loads_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(DataNotFound, match=r"none.csv: no such file"):
-        calibrate_with(tmp_path / "none.csv", "--out", tmp_path / "c.json")
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from drawn_frames import (
 )
 from scipy.interpolate import CubicSpline
 
-from holdfast.drivers.camera.recording import read_about, read_tracks
+from holdfast.drivers.camera.recording import read_tracks
 
 # -- tracks and video
 
@@ -84,13 +84,6 @@ print(json.dumps({"same": all(same), "off_s": max(off), "frames": [len(stamps), 
     }
 
 
-def test_a_recording_is_described_in_a_file_beside_it(recorded):
-    about = read_about(recorded)
-    assert (about.fps, about.exposure_ms, about.tag_mm) == (FPS, 2.0, 10.0)
-    assert (about.frames, about.in_video, about.lost) == (N_FRAMES, N_FRAMES, 0)
-    assert (about.clock, about.void, about.quad_decimate) == ("trial", None, 2)
-
-
 def test_a_video_is_written_by_one_thread_and_none_waits_busily_beside_a_hand(tmp_path):
     output = program(
         """
@@ -117,9 +110,8 @@ def test_nothing_recorded_is_written_over(drawn, recorded):
 def test_a_tag_smeared_over_one_cell_is_seen_and_over_two_is_lost(tmp_path):
     output = program(
         """
-from camera_frames import CAMERA, Camera
-defaults = {name: parameter.default for name, parameter in CAMERA.items()}
-one = Camera(**defaults | {"width_px": 240.0, "height_px": 160.0})
+from camera_frames import Camera
+one = Camera(width_px=240.0, height_px=160.0)
 seen = []
 for smear_mm in (1.25, 2.5):
     at = [np.array([0.1 * k, smear_mm * s]) for k in range(5) for s in np.arange(0.0, 1.0, 0.05)]

@@ -27,14 +27,6 @@ def answer(sequence: int, *tags: Any) -> Any:
     )
 
 
-def tag(number: int, *corners: float) -> Any:
-    """A tag as depthai has it: corners top left, top right, bottom right, bottom left."""
-    names = ("topLeft", "topRight", "bottomRight", "bottomLeft")
-    pairs = zip(corners[::2], corners[1::2], strict=True)
-    places = [SimpleNamespace(x=x, y=y) for x, y in pairs]
-    return SimpleNamespace(id=number, **dict(zip(names, places, strict=True)))
-
-
 class Node:
     """Takes every setting; `input` has these sizes in turn."""
 
@@ -151,16 +143,6 @@ def test_a_camera_is_not_waited_for(watched):
     assert script.waited_s == [0.1] * 4
 
 
-def test_two_tags_of_a_number_in_one_frame_are_none(watched, tmp_path):
-    square = (1.5, 2.0, 3.0, 2.25, 3.5, 4.0, 1.0, 4.5)
-    tags = [tag(1, *square), tag(5, *square), tag(5, *square)]
-    watched(Script([answer(0, *tags)]), range(1))
-    tracks = read_tracks(tmp_path)
-    assert tracks.t_s.tolist() == [-0.001]
-    assert list(tracks.corners_px) == [1]
-    assert tracks.of(1).reshape(-1).tolist() == list(square)
-
-
 @pytest.mark.parametrize(
     ("in_video", "last_lost", "missing"),
     [
@@ -186,12 +168,6 @@ def test_only_the_last_frames_of_a_camera_may_be_missing_in_the_video(
     assert (about.void is None) == (missing == 0)
 
 
-def test_a_frame_of_another_time_is_not_the_frame_of_its_number(watched, monkeypatch):
-    monkeypatch.setattr(graph, "STAMP_S", -1.0)
-    with pytest.raises(OutputError, match="4 of 4 frames"):
-        watched(Script([answer(k) for k in range(4)]), range(4))
-
-
 @pytest.mark.parametrize(
     ("script", "where", "frames"),
     [
@@ -215,25 +191,3 @@ def test_a_run_without_a_frame_is_an_error(watched, tmp_path):
     with pytest.raises(EmptyRecording, match="no frame"):
         watched(Script([]), range(0))
     assert "no frame" in str(read_about(tmp_path).void)
-
-
-@pytest.mark.parametrize(
-    ("sizes", "pauses"),
-    [((), 5), ((3, 0, 0, 1, 0, 0, 0, 0, 0, 1), 15), ((1,) * 2000, 1000)],
-)
-def test_a_video_s_queue_is_waited_for_until_it_stays_empty_or_ten_seconds_are_over(
-    watched, sizes, pauses
-):
-    slept: list[float] = []
-    watched(Script([answer(0)], sizes=sizes), range(1), slept)
-    assert slept == [0.01] * pauses
-
-
-@pytest.mark.parametrize(
-    "name", ["camera.mkv", "camera.mcap", "tags.csv", "camera.json"]
-)
-def test_a_folder_with_any_file_of_a_recording_is_left_alone(watched, tmp_path, name):
-    (tmp_path / name).write_text("before")
-    with pytest.raises(OutputError, match=f"holds {name} already"):
-        watched(Script([answer(0)]), range(1))
-    assert [one.read_text() for one in tmp_path.iterdir()] == ["before"]

@@ -7,12 +7,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from drawn_frames import camera, command, two_sizes, write_frames
+from drawn_frames import camera, command, write_frames
 
 from holdfast.cli.main import main
-from holdfast.drivers.camera.recording import read_about, read_tracks
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.simulation.truth import Truth
@@ -52,7 +50,7 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, Tr
     for one in scene.run_together(scene.trials()):
         motion = one.motion
         stamps_s, frames = camera(width_px=240, height_px=160, fps=60).film(
-            motion.t_s, motion.position_m, one.hand_m, np.random.default_rng(0)
+            motion.t_s, motion.position_m, one.hand_m
         )
         action = one.trial.action
         drawn = write_frames(
@@ -88,27 +86,6 @@ def test_a_loaded_hold_has_no_onset_before_the_hand_opens(filmed):
     assert done.returncode == 0, done.stderr
     assert "no onset: the object moved by less than 2.00 mm" in done.stdout
     assert phases_of(held) == []
-
-
-def test_tags_of_two_sizes_are_reported_as_soon_as_they_were_watched_and_what_was_watched_is_kept(
-    tmp_path,
-):
-    done = command(
-        "watch",
-        "--camera",
-        two_sizes(tmp_path / "some.frames.npz"),
-        "--out",
-        tmp_path / "out",
-    )
-    assert done.returncode == 3
-    assert [
-        line
-        for line in done.stderr.splitlines()
-        if "TagError" in line and "12.5" in line
-    ]
-    assert read_about(tmp_path / "out").void is None
-    assert len(read_tracks(tmp_path / "out").t_s) == 30
-    assert (tmp_path / "out/camera.mkv").stat().st_size > 0
 
 
 @pytest.mark.parametrize("side", ["0.00996", "0.996", "996", "0", "nan", "one"])

@@ -86,20 +86,3 @@ def test_a_packet_that_repeats_is_stale_after_twenty_milliseconds(after_ns, why)
     state = lively()
     assert state.judge(plain(count=2), 1_000_000 + after_ns)[1] == why
     assert state.needs_bring_up("stale")
-
-
-@pytest.mark.parametrize(
-    ("after_ns", "why"), [(20_000_000, ""), (20_000_001, "settling")]
-)
-def test_after_a_missing_acknowledge_and_a_longer_pause_a_chip_may_have_slept(
-    after_ns, why
-):
-    state = lively()
-    assert state.judge(Reply(b"", acked=False), 2_000_000)[1] == "nack"
-    assert not state.needs_bring_up("nack")
-    assert state.judge(plain(count=3), 1_000_000 + after_ns)[1] == why
-    for _ in range(2):
-        state.judge(Reply(b"", acked=False), 40_000_000)
-    assert state.needs_bring_up("nack")
-    state.begin(41_000_000)
-    assert (state.nacks, state.ready, state.tried_ns) == (0, False, 41_000_000)

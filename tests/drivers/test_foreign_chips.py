@@ -3,9 +3,7 @@ emulated wire and mux that they are on."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import closing
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -15,16 +13,12 @@ from hazard_marks import FOREIGN_CHIP, WIRING
 
 from holdfast.cli.main import main
 from holdfast.core.errors import DeviceNotFound, WrongDevice
-from holdfast.drivers.bus import Reply, Transfer
 from holdfast.drivers.finger import identify
 from holdfast.drivers.layout import read_layout
 from holdfast.drivers.scan import as_layout, look_at
 from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES
-from holdfast.drivers.virtual.virtual_hand import Mux, Wire
+from holdfast.drivers.virtual.virtual_hand import Mux
 
-EIGHT_BITS = 0x36
-"""DEVICE_CONFIG_1 of a chip that answers packets of 8 bits an axis, which our driver never asks
-for."""
 SIX = "0:35,0:22,0:78,0:44,1:35,1:22"
 
 
@@ -155,174 +149,4 @@ def test_a_named_layout_has_its_mux_where_the_url_says(layout, capsys):
 # -- what tells a sensor in 1-byte mode from another chip
 
 
-class Answers:
-    """A bus with one chip at 0x35: `known` are its registers, and packets are what it sends."""
-
-    name = "script"
-
-    def __init__(self, *answers: bytes | None) -> None:
-        self.answers = list(answers)
-        self.asked: list[Transfer] = []
-
-    def scan(self, transfers: Sequence[Transfer]) -> list[Reply]:
-        self.asked += transfers
-        replies = []
-        for one in transfers:
-            data = self.answers.pop(0) if one.read else b""
-            replies.append(Reply(data or b"", acked=data is not None))
-        return replies
-
-    def clear(self) -> None:
-        """Nothing to do."""
-
-    close = clear
-
-
-def own(version: int = 1, maker: bytes = b"\x49\x54") -> bytes:
-    """Four registers from I2C_ADDRESS on; the upper bits of DEVICE_ID are reserved."""
-    return bytes([0x6A, 0xE0 | version]) + maker
-
-
-NOT_OURS = b"\x01\x02\x03\x04"
-
-
-@pytest.mark.parametrize(
-    ("identity", "version"),
-    [
-        (own(1), 1),
-        (own(2), 2),
-        (own(0), None),
-        (own(3), None),
-        (own(1, b"\x48\x54"), None),
-        (own(1, b"\x4a\x54"), None),
-        (own(1, b"\x49\x53"), None),
-        (own(1, b"\x49\x55"), None),
-    ],
-)
-def test_a_sensor_has_its_maker_s_number_and_one_of_two_versions(
-    identity: bytes, version: int | None
-) -> None:
-    bus = Answers(identity)
-    if version is not None:
-        assert identify(bus, 0x35, lambda pause_s: None) == version
-        assert len(bus.asked) == 1
-        return
-    with pytest.raises(WrongDevice, match="no TMAG5273"):
-        identify(bus, 0x35, lambda pause_s: None)
-
-
-@pytest.mark.parametrize(
-    ("answers", "pauses"), [([own()], 0), ([None, own()], 1), ([None, None], 1)]
-)
-def test_a_chip_that_does_not_answer_is_asked_again_once_it_may_have_woken(
-    answers: list[bytes | None], pauses: int
-) -> None:
-    bus = Answers(*answers)
-    paused: list[float] = []
-    if answers[-1] is None:
-        with pytest.raises(DeviceNotFound, match="0x35: does not answer"):
-            identify(bus, 0x35, paused.append)
-    else:
-        assert identify(bus, 0x35, paused.append) == 1
-    assert paused == [1e-4] * pauses
-    assert bus.asked == [Transfer(0x35, b"\x0c", 4)] * len(answers)
-
-
 # -- the emulated wire and mux
-
-
-class Target:
-    """Answers at one address; says one byte for ever, and notes what comes."""
-
-    def __init__(self, address: int, says: int) -> None:
-        self.address, self.says = address, says
-        self.got: list[int | str] = []
-
-    def addressed(self, address: int, *, read: bool) -> bool:
-        return address == self.address
-
-    def write(self, byte: int) -> bool:
-        self.got.append(byte)
-        return byte != 0xEE
-
-    def read(self) -> int:
-        return self.says
-
-    def stop(self) -> None:
-        self.got.append("stop")
-
-
-def test_a_wire_carries_bytes_to_whom_was_called_and_zeros_win():
-    first, second, other = Target(0x20, 0xF1), Target(0x20, 0x1F), Target(0x21, 0)
-    wire = Wire([first, second, other])
-    wire.start()
-    assert [wire.write(byte) for byte in (0x40, 1, 0xEE, 2)] == [
-        True,
-        True,
-        False,
-        True,
-    ]
-    assert wire.read() == 0xFF  # to them the released line is a byte
-    wire.start()
-    assert (wire.write(0x41), wire.read(), wire.write(3)) == (True, 0x11, False)
-    wire.stop()
-    assert (wire.bits, wire.read(), wire.write(4)) == (3 + 8 * 9, 0xFF, False)
-    assert first.got == second.got == [1, 0xEE, 2, 0xFF, "stop"]
-    assert other.got == ["stop"]
-
-
-def test_a_wire_that_is_held_low_is_free_after_nine_clocks_or_with_new_power():
-    wire = Wire([Target(0x20, 0xFF)])
-    wire.hold_low()
-    for clocks in range(9):
-        wire.start()
-        assert (wire.held_low, wire.write(0x41), wire.read()) == (True, False, 0)
-        assert wire.bits == 20 * clocks + 19
-        wire.clock()
-    assert not wire.held_low
-    wire.start()
-    assert (wire.write(0x41), wire.read()) == (True, 0xFF)
-    wire.hold_low()
-    wire.power_on()
-    assert not wire.held_low
-
-
-def test_a_bit_that_flips_changes_a_byte_or_its_acknowledge():
-    target = Target(0x20, 0x0F)
-    wire = Wire([target])
-    flips = [0, 0b1_0000_0000, 1, 0, 0, 0b10, 1, 0]
-    wire.noise = SimpleNamespace(flips=lambda: flips.pop(0))
-    wire.start()
-    assert [wire.write(byte) for byte in (0x40, 0x01, 0x02)] == [True, True, False]
-    wire.start()
-    answers = [wire.write(0x41), *(wire.read() for _ in range(4))]
-    # what sees no acknowledge sends no more
-    assert answers == [True, 0x0F, 0x0E, 0x0F, 0xFF]
-    assert target.got == [0x81, 0x02]
-
-
-def test_a_mux_switches_at_the_stop_and_passes_on_what_is_not_for_it():
-    behind = [Target(0x20, 0xF0 | k) for k in range(8)]
-    mux = Mux([[one] for one in behind], 0x72)
-    wire = Wire([mux])
-
-    def sends(*data: int) -> list[bool]:
-        wire.start()
-        acked = [wire.write(byte) for byte in data]
-        wire.stop()
-        return acked
-
-    def reads(address: int) -> tuple[bool, int]:
-        wire.start()
-        return wire.write(address << 1 | 1), wire.read()
-
-    assert (sends(0x40), reads(0x72)) == ([False], (True, 0))
-    for k, target in enumerate(behind):
-        assert sends(0xE4, 0xFF, 1 << k) == [True] * 3
-        assert (reads(0x72), reads(0x20)) == ((True, 1 << k), (True, 0xF0 | k))
-        assert sends(0x40, k, 0xEE) == [True, True, False]
-        assert target.got == [k, 0xEE, "stop"]
-    sends(0xE4, 0b110)
-    assert reads(0x20) == (True, 0xF1 & 0xF2)
-    mux.power_on()
-    assert (mux.control, reads(0x20)) == (0, (False, 0xFF))

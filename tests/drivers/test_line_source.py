@@ -20,8 +20,6 @@ from live_bench import go
 
 from holdfast.core.contract import Prediction, channel_names
 from holdfast.core.errors import (
-    AccessDenied,
-    CardError,
     DeviceLost,
     DeviceNotFound,
     RateError,
@@ -41,7 +39,6 @@ from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.model import Model
 from holdfast.live.running import RunClock
 from holdfast.live.sources import open_live
-from holdfast.sessions.bias import read_rows
 
 PERIOD_NS = round(1e9 / 150)
 NAMES = channel_names(6)
@@ -146,18 +143,6 @@ def test_every_line_is_read_once_at_its_arrival() -> None:
     assert said == ["script: 6 sensors in N at 150 Hz, stamps of arrival"]
 
 
-def test_the_rate_is_measured_and_a_bias_is_of_every_line() -> None:
-    clock = VirtualClock()
-    source, feed, said = opened(clock, LineOptions())
-    assert source.rate_hz == pytest.approx(150.0, rel=1e-3)
-    first = feed.next
-    assert said[-1].endswith(f"; {first - 1} samples before that are dropped")
-    rows = read_rows(source, clock, 1.0)
-    expected = [json.loads(feed.line(first - 1 + k)) for k in range(len(rows))]
-    assert len(rows) == 150
-    np.testing.assert_array_equal(rows, [[one[n] for n in NAMES] for one in expected])
-
-
 @STALE_LINES.mark
 def test_a_silent_sender_is_unknown_and_comes_back(model: Model) -> None:
     clock = VirtualClock()
@@ -183,24 +168,6 @@ def test_a_stuck_sender_is_unknown(model: Model) -> None:
     assert {one.why for one in answers if one.t_decided_ns > 320 * PERIOD_NS} == {
         "repeats"
     }
-
-
-@STALE_LINES.mark
-def test_a_burst_after_a_stall_is_dropped_but_for_the_newest() -> None:
-    clock = VirtualClock()
-    burst_ns = 30 * PERIOD_NS
-    source, feed, said = opened(
-        clock,
-        late_ns=lambda k: max(0, burst_ns - k * PERIOD_NS) if 10 <= k < 30 else 0,
-    )
-    readings = [read(source) for _ in range(60)]
-    why = [one.why[:1] for one in readings]
-    assert why.count((LOST,)) >= 15
-    assert why.count((SKIPPED,)) == 1
-    newest = readings[why.index((SKIPPED,)) + 1]
-    assert newest.values[0] == json.loads(feed.line(30))["X1"]
-    # lines 10 to 30 came at once
-    assert said[1:] == ["script: 20 samples dropped: more came than are read"]
 
 
 @STALE_LINES.mark
@@ -290,22 +257,6 @@ def test_a_recording_that_is_there_at_once_goes_at_its_own_pace(model: Model) ->
     assert len(answers) == 300
     assert clock.now_ns() == pytest.approx(300 * PERIOD_NS, abs=3 * PERIOD_NS)
     assert {one.state for one in answers[100:]} == {"nothing"}
-
-
-def test_a_gap_of_a_recording_is_silence() -> None:
-    clock = VirtualClock()
-    gap = range(150, 151)
-    source, _, _ = opened(
-        clock,
-        LineOptions(paced=True),
-        late_ns=lambda k: -k * PERIOD_NS,
-        line=recording(300, gap),
-        ends=300,
-    )
-    readings = list(iter(source.read, None))
-    silent = [one for one in readings if one.why[:1] == (LOST,)]
-    assert len(readings) - len(silent) == 300
-    assert 145 <= len(silent) <= 155
 
 
 # -- bytes
@@ -420,16 +371,6 @@ def test_a_url_that_cannot_be_is_a_usage_error(url: str, says: str) -> None:
     assert says in str(error.value)
 
 
-def test_a_source_that_cannot_be_opened_says_what_to_do(tmp_path: Path) -> None:
-    clock = VirtualClock()
-    with pytest.raises((DeviceNotFound, AccessDenied), match="serial:///dev/tty"):
-        open_live("serial:///dev/ttyNone", clock=clock, report=print)
-    with pytest.raises(CardError, match="no such column map"):
-        open_live(f"stdin://?map={tmp_path}/none", clock=clock, report=print)
-    with pytest.raises(UsageError, match="unit=uT"):
-        open_live("stdin://", clock=clock, report=print, to_force=lambda field: field)
-
-
 # -- exact times
 
 
@@ -516,29 +457,6 @@ def paced(line: Callable[[int], bytes], **options: Any) -> tuple[Any, list[str]]
     readings = list(iter(source.read, None))
     began_ns = readings[0].t_ns
     return [(1e-6 * (r.t_ns - began_ns), r.values[0]) for r in readings], said
-
-
-def test_a_recording_without_a_time_goes_at_the_rate_that_is_named() -> None:
-    found, said = paced(table, rate_hz=100.0)
-    assert found == [(pytest.approx(10.0 * k), k + 1.0) for k in range(29)]
-    assert said[0] == "script: 1 sensors in N at 100 Hz, stamps of the recording"
-    with pytest.raises(RateError, match="no column of time"):
-        paced(table)
-
-
-def test_a_row_of_a_recording_that_is_not_later_than_the_one_before_is_skipped() -> (
-    None
-):
-    """Row 12 has the time of row 11, and row 14 an earlier one."""
-
-    def line(k: int) -> bytes:
-        fields = {"X1": k, "Y1": 0, "Z1": 0, "t_s": {12: 11, 14: 3}.get(k, k) / 100}
-        return json.dumps(fields).encode()
-
-    found, said = paced(line, rate_hz=100.0)
-    rows = [k for k in range(30) if k not in (12, 14)]
-    assert found == [(pytest.approx(10.0 * k), k) for k in rows]
-    assert len([one for one in said if "skipped" in one]) == 1
 
 
 # -- where bytes come from

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import LabelError, TagError
-from holdfast.drivers.camera.motion import FLOOR_PX, Motion, motion
+from holdfast.drivers.camera.motion import Motion, motion
 from holdfast.drivers.camera.onset import (
     HiddenMotion,
     Slip,
@@ -97,17 +97,6 @@ def test_a_hand_that_moves_turns_and_comes_nearer_moves_nothing(seed, side_px):
     np.testing.assert_allclose(moved.place_mm, np.tile(away_mm, (20, 1)), atol=1e-9)
 
 
-def test_millimetres_come_from_the_printed_side():
-    hand = np.tile([100.0, 100.0], (10, 1))
-    thing = hand + np.array([80.0, 0.0]) + np.outer(np.arange(10.0), [0.0, 4.0])
-    for printed_mm in (10.0, 9.7):
-        moved = motion(np.arange(10.0), tag(thing), tag(hand), printed_mm)
-        np.testing.assert_allclose(
-            np.diff(moved.place_mm[:, 1]), 0.1 * printed_mm, atol=1e-9
-        )
-        assert moved.mm_per_px == pytest.approx(printed_mm / 40.0)
-
-
 def test_a_hidden_tag_gives_a_gap_and_never_a_number():
     hand = tag(np.full((20, 2), 100.0))
     thing = tag(np.full((20, 2), [180.0, 100.0]))
@@ -159,21 +148,6 @@ def test_the_fitted_start_is_the_start_and_the_gross_distance_is_reached_when_it
     assert slip.gross_s == pytest.approx(start_s + lasts_s, abs=4e-3)
 
 
-def test_a_threshold_sees_a_slip_late_by_what_the_spec_says():
-    for acceleration in (10.0, 100.0, 1000.0):
-        starts_s = [1.0 + k / 600.0 for k in range(10)]
-        slips = [found(slid(acceleration, s, seed=k)) for k, s in enumerate(starts_s)]
-        late_s = np.mean([slip.seen_s for slip in slips]) - np.mean(starts_s)
-        expected_s = np.sqrt(2.0 * FLOOR_PX * MM_PER_PX / acceleration)
-        assert expected_s - 0.012 < late_s < expected_s + 1.2 / 60.0
-
-
-def test_the_uncertainty_is_never_less_than_a_frame_period_s_and_grows_for_slow_slips():
-    slow, fast = (found(slid(one, 1.0, lasts_s=2.5)) for one in (5.0, 500.0))
-    assert fast.uncertainty_s >= 1.0 / 60.0 / np.sqrt(12.0) - 1e-9
-    assert slow.start_sd_s > 3.0 * fast.start_sd_s
-
-
 def test_where_nothing_moves_there_is_no_onset():
     for seed in range(50):
         assert find_slip(slid(0.0, 1.0, seed=seed, lasts_s=5.0), GROSS_MM) is None
@@ -213,7 +187,7 @@ def test_a_tag_lost_as_the_object_leaves_is_hidden_and_not_no_slip():
     moved = slid(3000.0, 1.0)
     hidden = find_slip(hiding(moved, 61, len(moved.t_s)), GROSS_MM)
     assert isinstance(hidden, HiddenMotion)
-    assert hidden.to_s == pytest.approx(moved.t_s[-1])
+    assert hidden == HiddenMotion(moved.t_s[60], moved.t_s[-1])
     assert find_slip(hiding(moved, 58, len(moved.t_s)), GROSS_MM) is None
 
 
@@ -234,17 +208,6 @@ def test_a_part_of_the_trial_is_looked_at_alone():
     moved = slid(300.0, 2.0)
     assert find_slip(moved.until(1.9), GROSS_MM) is None
     assert found(moved.until(2.4)).start_s == pytest.approx(2.0, abs=5e-3)
-
-
-def test_the_interval_ends_where_the_object_rests_again_or_is_last_seen():
-    moved = slid(300.0, 1.0, lasts_s=2.5)
-    stopped = Motion(
-        moved.t_s,
-        np.where(moved.t_s[:, None] > 1.3, [[0.0, 13.5]], moved.place_mm),
-        MM_PER_PX,
-    )
-    assert found(stopped).end_s == pytest.approx(1.3, abs=0.04)
-    assert found(hiding(moved, 90, len(moved.t_s))).end_s == pytest.approx(90 / 60.0)
 
 
 # -- limits, exactly

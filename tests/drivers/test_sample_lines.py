@@ -52,16 +52,6 @@ def refused(reader: SampleReader, text: bytes, at_ms: int = 0) -> str:
     return error.value.kind
 
 
-def test_an_object_with_the_projects_names_is_a_sample() -> None:
-    reader = SampleReader(unit="uT")
-    sample = taken(reader, line(2.5, t_ms=12, temperature=31.5))
-    assert sample.stamp_ns == 12 * MS
-    assert sample.values.tolist() == [2.5] * 6
-    assert sample.valid.tolist() == [True, True]
-    assert reader.map is not None
-    assert reader.map.unit_of_values == "uT"
-
-
 @pytest.mark.parametrize(
     ("header", "row"),
     [
@@ -101,15 +91,6 @@ def test_a_cell_that_is_no_finite_number_makes_its_sensor_invalid(cell: str) -> 
     reader = SampleReader()
     reader.take(",".join(NAMES).encode(), 0)
     assert taken(reader, f"1,2,3,4,{cell},6".encode()).valid.tolist() == [True, False]
-
-
-def test_null_and_the_flags_of_a_recording_make_a_sensor_invalid() -> None:
-    assert taken(SampleReader(), line(X2=None)).valid.tolist() == [True, False]
-    flagged = line(valid1=0, valid2=1)
-    assert taken(SampleReader(), flagged).valid.tolist() == [False, True]
-    reader = SampleReader()
-    reader.take(b"X1,Y1,Z1,valid1", 0)
-    assert not taken(reader, b"1,2,3,0").valid.any()
 
 
 @pytest.mark.parametrize(

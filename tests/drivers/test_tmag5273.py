@@ -5,30 +5,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
 import pytest
-from bridge_bench import FIRST, ID, IDENTITY, SECOND, SIX, A, Bench
+from bridge_bench import IDENTITY, A, Bench
 from hypothesis import given
 from hypothesis import strategies as st
 
-from holdfast.core.errors import BusStuck, TransferFailed, UsageError
+from holdfast.core.errors import UsageError
 from holdfast.drivers.bus import Transfer
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.tmag5273 import (
-    PACKET_BYTES,
     REGISTERS,
     RESULTS,
-    Packet,
     Setup,
     conversion_s,
     field_ut,
     packet,
-    range_mt,
 )
-from holdfast.drivers.virtual.faults import Fault
-from holdfast.drivers.virtual.virtual_hand import REST_UT, Track
-
-BOTH = Transfer(0x70, bytes([0b11]))
+from holdfast.drivers.virtual.virtual_hand import REST_UT
 
 
 @pytest.fixture
@@ -81,118 +74,15 @@ def test_a_packet_keeps_its_numbers(x, y, z, status):
     assert read.set_count == status >> 5
 
 
-def test_the_default_setup_is_what_the_fact_sheet_recommends():
-    assert Setup().registers() == [
-        (0x08, 0x01),
-        (0x02, 0x70),
-        (0x03, 0x01),
-        (0x07, 0x00),
-        (0x00, 0x34),
-        (0x01, 0x12),
-    ]
-
-
 # -- the chip
-
-
-def answer(bench: Bench, register: int, length: int) -> bytes:
-    """What the chip at A answers to a register read."""
-    return bench.bus.scan([Transfer(A, bytes([register]), length)])[0].data
-
-
-def converted(bench: Bench) -> Packet:
-    """The newest results of the chip at A."""
-    return packet(answer(bench, RESULTS, PACKET_BYTES))
-
-
-def test_read_only_registers_do_not_take_what_is_written(bench):
-    bench.bus.scan([FIRST, Transfer(A, bytes([ID, 0xFF, 0xFF, 0xFF]))])
-    assert answer(bench, ID, 3) == IDENTITY
-
-
-def test_results_are_the_field_in_the_chosen_ranges(bench):
-    bench.configure(A)
-    bench.wait_s(0.01)
-    read_ut = field_ut(converted(bench).raw, range_mt(1))
-    assert read_ut == pytest.approx(REST_UT, abs=1.3)
-
-
-def test_a_field_beyond_the_range_is_clipped():
-    made = Bench("ft232h", track=Track(np.array([0.0]), np.full((1, 6, 3), 5e5)))
-    made.configure(A)
-    made.wait_s(0.01)
-    assert converted(made).raw == (32767,) * 3
-
-
-def test_set_count_rolls_with_every_conversion_and_not_with_every_read(bench):
-    bench.configure(A)
-    bench.wait_s(0.0025)
-    count = converted(bench).set_count
-    assert converted(bench).set_count == count
-    bench.wait_s(0.002425)
-    assert converted(bench).set_count == (count + 1) % 8
-    bench.wait_s(8 * 0.002425 - 0.0002)
-    assert converted(bench).set_count in ((count + 1) % 8, count)
-
-
-def test_the_mean_of_a_conversion_has_the_noise_of_the_data_sheet():
-    made = Bench("ft232h", seed=1)
-    made.configure(A)
-    rows = []
-    for _ in range(600):
-        made.wait_s(0.0025)
-        rows.append(converted(made).raw)
-    spread = np.std(field_ut(rows, range_mt(1)), axis=0)
-    assert spread == pytest.approx([22.1, 22.1, 12.0], rel=0.12)
-
-
-def test_power_on_is_remembered_until_it_is_cleared(bench):
-    bench.configure(A)
-    status = REGISTERS["CONV_STATUS"].address
-    bench.bus.scan([Transfer(A, bytes([status, 0x10]))])
-    assert not answer(bench, status, 1)[0] & 0x10
-    bench.hand.chips[0].power_on()
-    assert answer(bench, status, 1)[0] & 0x10
-
-
-def test_a_sleeping_chip_wakes_by_an_address_it_does_not_acknowledge(bench):
-    bench.bus.scan([FIRST, Transfer(A, bytes([0x01, 0x01]))])
-    assert answer(bench, ID, 1) == b""
-    bench.wait_s(60e-6)
-    assert answer(bench, ID, 1) == IDENTITY[:1]
-
-
-def test_two_chips_at_one_address_answer_together_and_zeros_win(bench):
-    bench.bus.scan([FIRST, Transfer(A, bytes([0x04, 0b1100]))])
-    bench.bus.scan([SECOND, Transfer(A, bytes([0x04, 0b1010]))])
-    bench.bus.scan([BOTH])
-    assert answer(bench, 0x04, 1) == bytes([0b1000])
 
 
 # -- the bridge
 
 
-def test_six_fingers_are_one_transfer_out_and_one_in_and_leave_400_scans_a_second(
-    bench,
-):
-    bench.backend.traffic.transfers = 0
-    before_ns = bench.clock.now_ns()
-    assert all(reply.acked for reply in bench.bus.scan(SIX))
-    assert bench.backend.traffic.transfers == 2
-    assert bench.clock.now_ns() - before_ns < 1e9 / 400
-
-
 def test_a_transfer_that_no_packet_can_answer_is_refused(bench):
     with pytest.raises(UsageError, match="do not fit"):
         bench.bus.scan([Transfer(A, b"\x00", 600)])
-
-
-def test_a_bus_held_low_is_an_error_and_nine_clocks_free_it():
-    made = Bench("ft232h", faults=[Fault("stuck", 0.0)])
-    with pytest.raises(BusStuck):
-        made.bus.scan([FIRST])
-    made.bus.clear()
-    assert made.bus.scan([FIRST, Transfer(A, b"\x0d", 1)])[1].acked
 
 
 # -- an independent client
@@ -281,31 +171,6 @@ def test_a_write_changes_what_the_data_sheet_lets_it_change():
     }
 
 
-def test_a_number_that_does_not_fit_its_field_is_refused():
-    config = REGISTERS["DEVICE_CONFIG_1"]
-    assert config.value(CONV_AVG=7, I2C_RD=0) == 0x1C
-    for number in (8, -1):
-        with pytest.raises(ValueError, match="CONV_AVG"):
-            config.value(CONV_AVG=number)
-
-
-@pytest.mark.parametrize(("averages", "config"), [(1, 0x20), (8, 0x2C)])
-def test_averages_are_in_a_register_of_their_own(averages, config):
-    default = dict(Setup().registers())
-    assert dict(Setup(averages).registers()) == default | {0x00: config}
-
-
-def test_a_packet_has_seven_bytes_and_its_status_says_what_is_wrong():
-    for length in (6, 8):
-        with pytest.raises(ValueError, match=f"{length} bytes, not 7"):
-            packet(bytes(length))
-    found = {
-        status: packet(bytes(6) + bytes([status])) for status in (0x10, 0x02, 0xE1)
-    }
-    states = [(one.set_count, one.reset, one.failing) for one in found.values()]
-    assert states == [(0, True, False), (0, False, True), (7, False, False)]
-
-
 # -- limits of the FT232H
 
 
@@ -320,34 +185,3 @@ def test_the_ft232h_divides_its_clock_by_three_phases(bench, bus_hz, divider):
     for wrong_hz in (9_999, 1_000_001):
         with pytest.raises(UsageError, match="choose 10000 to 1000000 Hz"):
             Ft232h(bench.backend, bus_hz=wrong_hz)
-
-
-def test_an_answer_may_come_after_a_hundred_empty_packets_and_no_more(bench):
-    port = bench.bus._port
-    read, empty = port.read, []
-
-    def late(*given):
-        return empty.pop() if empty else read(*given)
-
-    port.read = late
-    empty[:] = [b"\x32\x60"] * 100
-    assert bench.bus.scan([FIRST])[0].acked
-    for packets, says in (
-        ([b"\x32\x60"] * 101, "0 of 6 bytes"),
-        ([b"\x32"], "of 1 bytes"),
-    ):
-        empty[:] = packets
-        with pytest.raises(TransferFailed, match=says):
-            bench.bus.scan([FIRST])
-        empty.clear()
-        assert bench.bus.scan([FIRST])[0].acked
-
-
-@pytest.mark.parametrize(
-    ("byte", "level"), [(0x80, True), (0xFF, True), (0x7F, False), (0x00, False)]
-)
-def test_an_acknowledge_bit_is_the_highest_of_its_byte(bench, byte, level):
-    levels = []
-    bench.device._lines.acknowledge_out = levels.append
-    bench.device._carry_out(0x13, bytes([0, byte]))
-    assert levels == [level]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import pytest
 from hazard_marks import SILENT_CUES
@@ -12,10 +11,9 @@ from hypothesis import strategies as st
 from made_prediction import prediction
 
 from holdfast.core.contract import Prediction
-from holdfast.core.errors import CardError, DataNotFound
+from holdfast.core.errors import CardError
 from holdfast.live.cues import (
     KINDS,
-    SHIPPED,
     CueRule,
     Cues,
     CueTable,
@@ -23,7 +21,6 @@ from holdfast.live.cues import (
     read_cues,
 )
 
-ROOT = Path(__file__).resolve().parents[2]
 MS = 1_000_000
 SHIPPED_TABLE = read_cues()
 KNOWN = ("nothing", "grasp", "safe_slip", "risky_slip")
@@ -127,12 +124,6 @@ def test_an_urgent_cue_passes_a_limit_that_is_used_up():
     ]
 
 
-def test_a_cue_that_waited_is_sent_only_if_it_still_applies():
-    cards = table(1, grasp=short(), nothing=short())
-    stream = [at(0), at(100, "nothing"), at(500, "safe_slip"), at(1100, "safe_slip")]
-    assert played(cards, stream) == [(0, "grasp")]
-
-
 def test_a_blink_of_a_state_is_no_cue():
     cards = table(grasp=short(after_ms=50))
     blink = [at(0, "nothing"), at(7), at(14), at(21, "nothing")]
@@ -161,11 +152,6 @@ def test_an_unknown_state_has_its_own_cue_also_during_a_request_and_repeats_it()
     )
 
 
-def test_a_request_to_tighten_comes_at_once_with_the_shipped_card():
-    stream = [at(7 * k) for k in range(60)] + [at(420, "risky_slip", act=True)]
-    assert played(SHIPPED_TABLE, stream)[-1] == (420, "act")
-
-
 def test_a_line_is_whole_json_with_every_figure_of_its_pattern():
     line = json.loads(cue_line(812, 5413333333, "act", CueRule(3, 60, 40, 1.0)))
     assert line == {
@@ -185,12 +171,6 @@ def test_a_line_is_whole_json_with_every_figure_of_its_pattern():
 UNKNOWN = "[cues.unknown]\npulses = 1\non_ms = 600\noff_ms = 0\nstrength = 0.5\n"
 ACT = "[cues.act]\npulses = 2\non_ms = 60\noff_ms = 40\nstrength = 1.0\n"
 WHOLE = f"most_per_s = 3\n{UNKNOWN}{ACT}"
-
-
-def test_the_users_own_card_counts(tmp_path):
-    card = tmp_path / "cues.toml"
-    card.write_text(WHOLE, encoding="utf-8")
-    assert read_cues(card).rules["act"] == CueRule(2, 60, 40, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -221,29 +201,3 @@ def test_a_card_that_cannot_be_is_refused_with_its_place(tmp_path, old, new, wha
     with pytest.raises(CardError, match=what) as refused:
         read_cues(card)
     assert "cues.toml" in str(refused.value)
-
-
-def test_a_card_that_is_missing_is_an_error(tmp_path):
-    with pytest.raises(DataNotFound, match="cues"):
-        read_cues(tmp_path / "none.toml")
-
-
-def test_the_shipped_card_has_every_key_that_a_card_may_have():
-    text = SHIPPED.read_text("utf-8")
-    assert all(f"{key} = " in text for key in CueRule.__struct_fields__)
-
-
-def test_the_page_has_the_shipped_table():
-    page = (ROOT / "docs" / "feedback.md").read_text("utf-8")
-    rows = [
-        line.strip("| ").split(" | ")
-        for line in page.splitlines()
-        if line.startswith("| `")
-    ]
-    shown = {row[0].split("`")[1]: row for row in rows if len(row) == 8}
-    assert list(shown) == list(SHIPPED_TABLE.rules)
-    for kind, rule in SHIPPED_TABLE.rules.items():
-        figures = (rule.pulses, rule.on_ms, rule.off_ms, rule.strength, rule.after_ms)
-        assert [float(cell) for cell in shown[kind][2:7]] == list(figures)
-        assert shown[kind][7] == (str(rule.repeat_ms) if rule.repeat_ms else "-")
-        assert ("urgent" in shown[kind][0]) == rule.urgent

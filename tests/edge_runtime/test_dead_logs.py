@@ -3,7 +3,6 @@ disks."""
 
 from __future__ import annotations
 
-import errno
 import fcntl
 import json
 import os
@@ -16,22 +15,21 @@ import subprocess
 import sys
 import termios
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from typing import Any
 
 import pytest
+from grip_bench import until
 from hazard_marks import DEAD_LOG
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from live_bench import ROOT, RUN, Steady, closing_output, go
+from live_bench import ROOT, RUN, Steady, go
 
 from holdfast.core.contract import Prediction
-from holdfast.core.lines import CLOSING_S, STREAM_LINES, LineWriter, Sink, stream_sink
+from holdfast.core.lines import STREAM_LINES, LineWriter, Sink, stream_sink
 from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.edge_runtime.monitor import GripMonitor, Model
-from holdfast.edge_runtime.preparation import Tare
-from holdfast.live.loop import run_live
-from holdfast.live.outputs import LineOutput, SampleFile, file_sink
+from holdfast.edge_runtime.monitor import Model
+from holdfast.live.outputs import LineOutput
 
 LINE = "x" * 800
 LONG_S = 300.0
@@ -69,15 +67,6 @@ def sink_on(handle: int) -> Sink:
         return stream_sink(stream, "stdout")
 
 
-def wait_for(met: Callable[[], bool]) -> None:
-    """Let the other threads go on until it is met."""
-    for _ in range(10_000_000):
-        if met():
-            return
-        os.sched_yield()
-    raise AssertionError("it never happened")
-
-
 def read_until(handle: int, word: bytes) -> bytes:
     """All that comes until the word has come."""
     taken = b""
@@ -111,24 +100,6 @@ class Lines(list[str]):
 
 
 # -- what takes nothing, for a while
-
-
-@DEAD_LOG.mark
-def test_a_terminal_that_is_not_drained_costs_lines_and_its_reader_gets_whole_ones_afterwards(
-    terminal,
-):
-    sink = sink_on(terminal[1])
-    taken = [sink(f"{k}{LINE}") for k in range(1000)]
-    assert not all(taken)
-    result = read_until(
-        terminal[0], b"\n999" + LINE.encode()
-    )  # the newest line of all is not lost
-    sink.close(LONG_S)
-    lines = result.decode().split("\r\n")
-    numbers = [int(line[: -len(LINE)]) for line in lines if line]
-    assert all(line.endswith(LINE) for line in lines if line), "two halves in one line"
-    assert numbers == sorted(set(numbers))
-    assert sink.dropped == 1000 - len(numbers)
 
 
 @DEAD_LOG.mark
@@ -198,8 +169,8 @@ def test_closing_leaves_a_write_that_takes_for_ever_behind_and_nothing_follows_i
     pipe,
 ):
     writer = LineWriter(os.dup(pipe[1]))
-    wait_for(lambda: not writer(LINE))
-    wait_for(lambda: not select.select([], [pipe[1]], [], 0)[1])
+    until(lambda: not writer(LINE))
+    until(lambda: not select.select([], [pipe[1]], [], 0)[1])
     writer.close()  # returns, or this test hangs
     writer.close()
     assert not writer("after the end")
@@ -207,10 +178,6 @@ def test_closing_leaves_a_write_that_takes_for_ever_behind_and_nothing_follows_i
     lines = read_to_end(pipe[0]).decode().splitlines(keepends=True)
     assert set(lines) == {LINE + "\n"}
     assert writer.dropped == writer.offered - writer.written > 0
-
-
-def test_a_stop_closes_three_times_in_a_row_and_has_time_left_in_its_second():
-    assert 3 * CLOSING_S < 0.7
 
 
 # -- what fails
@@ -240,7 +207,7 @@ def test_a_log_that_fails_is_dropped_and_reported_once_and_the_others_get_every_
     result: list[str] = []
     outlets = LineOutput([log, healthy := Lines()], result.append)
     outlets.write(prediction)
-    wait_for(lambda: log.failure is not None)
+    until(lambda: log.failure is not None)
     for _ in range(5):
         outlets.write(prediction)
     outlets.close()
@@ -250,90 +217,6 @@ def test_a_log_that_fails_is_dropped_and_reported_once_and_the_others_get_every_
     ]
     assert outlets.lost() == {"stdout": why}
     assert 1 <= outlets.dropped <= 2
-
-
-@DEAD_LOG.mark
-def test_a_loop_whose_logs_are_all_dead_answers_on(model):
-    log, _ = failing("full disk")
-    outlets = LineOutput([log], lambda line: None)
-    clock = VirtualClock()
-    summary = run_live(
-        Steady(clock, 200),
-        GripMonitor(model, clock.now_ns),
-        Tare(model.card.preparation, 18),
-        clock,
-        lambda prediction, sample, measured: outlets.write(prediction),
-        stopped=lambda: False,
-    )
-    outlets.close()
-    assert summary.samples == 200
-    assert list(outlets.lost()) == ["stdout"]
-
-
-@contextmanager
-def largest_file(n_bytes: int) -> Iterator[None]:
-    """As a disk that is full after so many bytes."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
-@DEAD_LOG.mark
-def test_a_disk_that_fills_up_in_the_middle_of_a_line_keeps_whole_lines_only(tmp_path):
-    with largest_file(10_000), closing(file_sink(tmp_path / "out.jsonl")) as sink:
-        for k in range(20):
-            sink(f"{k:3d}{LINE}")
-        wait_for(lambda: sink.failure is not None)
-    lines = (tmp_path / "out.jsonl").read_text().splitlines(keepends=True)
-    assert lines == [f"{k:3d}{LINE}\n" for k in range(10_000 // (len(LINE) + 4))]
-    assert sink.failure is not None
-    assert sink.failure.errno == errno.EFBIG
-    assert sink.dropped == 20 - len(lines)
-
-
-def test_a_line_that_another_program_wrote_behind_ours_is_not_cut_off(tmp_path):
-    path = tmp_path / "shared"
-    with closing(file_sink(path)) as sink:
-        sink("ours")
-        wait_for(lambda: path.read_text() == "ours\n")
-        path.write_bytes(b"ours\n" + 9_990 * b"t")
-        with largest_file(100):
-            sink(LINE)
-            wait_for(lambda: sink.failure is not None)
-    assert path.stat().st_size == 5 + 9_990
-
-
-@contextmanager
-def no_thread_switch() -> Iterator[None]:
-    """No other thread takes over until this one waits."""
-    before_s = sys.getswitchinterval()
-    sys.setswitchinterval(1000.0)
-    try:
-        yield
-    finally:
-        sys.setswitchinterval(before_s)
-
-
-def test_a_file_of_samples_begins_with_its_header_and_samples_that_a_full_disk_refused_are_dropped(
-    tmp_path, model
-):
-    clock = VirtualClock()
-    _, answers, samples = go(model, Steady(clock, 50), clock)
-    path = tmp_path / "kept.csv"
-    with largest_file(5000), closing_output(SampleFile(path, 18)) as file:
-        wait_for(lambda: path.stat().st_size > 0)
-        with no_thread_switch():  # what comes after the failure would not be counted
-            for sample in samples:
-                file.write(answers[0], sample)
-        wait_for(lambda: file.sink.failure is not None)
-        file.write(answers[0], samples[0])  # after a failure no line is counted
-    lines = path.read_text().splitlines(keepends=True)
-    assert lines[0].startswith("Time,X1,")
-    assert all(line.endswith("\n") and line.count(",") == 26 for line in lines)
-    assert file.sink.dropped == 50 - (len(lines) - 1)
 
 
 # -- whole programs

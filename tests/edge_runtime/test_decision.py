@@ -109,18 +109,6 @@ def test_an_act_without_fresh_evidence_times_out_and_says_so(later: int) -> None
     assert (ended.arm, ended.act, ended.ended) == (False, False, "timed_out")
 
 
-@NO_EVIDENCE.mark
-def test_one_risky_sample_is_fresh_evidence_and_after_a_time_out_a_new_act_needs_a_full_run() -> (
-    None
-):
-    nearly = times(EVIDENCE - 2, GRASP)
-    renewed = (nearly + times(1, RISKY_SLIP)) * 4 + nearly
-    assert after(times(2, RISKY_SLIP) + renewed).act
-    timed_out = times(2, RISKY_SLIP) + times(500, GRASP)
-    assert not after(timed_out + times(1, RISKY_SLIP)).act
-    assert after(timed_out + times(2, RISKY_SLIP)).ended is None
-
-
 def test_it_releases_when_there_has_been_nothing_for_long_enough_and_not_a_sample_sooner() -> (
     None
 ):
@@ -155,26 +143,6 @@ def test_an_override_lasts_for_two_seconds_after_its_last_sample_whatever_is_see
     assert not any(state.arm for state in fed(renewed)[2:])
 
 
-@OVERRIDE.mark
-def test_an_override_ends_early_where_the_hand_has_been_empty() -> None:
-    override = [Given(RISKY_SLIP, override=True)]
-    empty = override + times(RULES.release_samples, NOTHING)
-    assert not after(empty).overridden
-    assert after(empty + times(2, RISKY_SLIP)).act
-    assert after(
-        override + times(RULES.release_samples - 1, NOTHING) + times(1, GRASP)
-    ).overridden
-
-
-@OVERRIDE.mark
-def test_an_override_lasts_through_unknown_samples_and_not_longer_than_its_time() -> (
-    None
-):
-    override = [Given(RISKY_SLIP, override=True)]
-    assert after(override + times(299, UNKNOWN)).overridden
-    assert not after(override + times(301, UNKNOWN)).overridden
-
-
 @OPENING.mark
 def test_opening_the_hand_ends_a_running_act_and_prevents_a_new_one() -> None:
     opening = [Given(RISKY_SLIP, opening=True)]
@@ -183,14 +151,6 @@ def test_opening_the_hand_ends_a_running_act_and_prevents_a_new_one() -> None:
     opened = after(times(2, RISKY_SLIP) + opening)
     assert (opened.act, opened.ended) == (False, "opened")
     assert after(opening * 10 + times(1, RISKY_SLIP)).act
-
-
-def test_a_doubtful_risky_label_ends_a_run_of_risky_ones_and_a_run_of_nothing() -> None:
-    strict = DecisionRules(act_samples=3, min_risky_permille=600)
-    doubtful = times(1, RISKY_SLIP, permille=599)
-    assert not after(times(2, RISKY_SLIP) + doubtful + times(2, RISKY_SLIP), strict).act
-    acting = times(3, RISKY_SLIP)
-    assert after(acting + times(4, NOTHING) + doubtful + times(4, NOTHING), strict).act
 
 
 @given(inputs=any_inputs, rules=any_rules, factor=st.integers(2, 50))
@@ -210,17 +170,6 @@ def test_times_are_of_the_clock_and_not_of_samples(
         assert (a.arm, a.act, a.ended) == (b.arm, b.act, b.ended)
 
 
-def test_the_rules_are_integers_by_their_names_and_a_name_left_out_is_its_default() -> (
-    None
-):
-    chosen = DecisionRules(answer_permille=600, full_answer_permille=800)
-    assert set(chosen.to_json()) == set(LIMITS)
-    assert DecisionRules(**chosen.to_json()) == chosen
-    assert not any("answer" in name for name in RULES.to_json())
-    assert DecisionRules(**RULES.to_json()) == RULES
-    assert RULES.override_ms == RULES.evidence_ms == 2000
-
-
 @pytest.mark.parametrize("name", LIMITS)
 def test_a_rule_outside_its_limits_is_refused(name: str) -> None:
     least, most = LIMITS[name]
@@ -235,17 +184,3 @@ def test_a_rule_outside_its_limits_is_refused(name: str) -> None:
 def test_a_full_answer_is_above_the_least_one() -> None:
     with pytest.raises(ValueError, match="full answer"):
         DecisionRules(answer_permille=850)
-
-
-def test_the_rules_and_their_limits_are_those_of_the_safety_page() -> None:
-    assert {name: (*LIMITS[name], value) for name, value in vars(RULES).items()} == {
-        "arm_samples": (1, 10_000, 1),
-        "act_samples": (1, 10_000, 2),
-        "release_samples": (1, 10_000, 5),
-        "min_risky_permille": (0, 1000, 0),
-        "override_ms": (1, 600_000, 2000),
-        "evidence_ms": (1, 600_000, 2000),
-        "answer_permille": (1, 998, 700),
-        "full_answer_permille": (2, 999, 850),
-    }
-    assert [period_us(one) for one in (150.0, 100.0, 300.0)] == [6667, 10_000, 3333]

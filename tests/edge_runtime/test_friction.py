@@ -7,7 +7,7 @@ import pytest
 from grip_senses import RATE_HZ, sense
 
 from holdfast.edge_runtime.batch import ONE_HAND
-from holdfast.edge_runtime.grip_control import FIRM_N, SAMPLES, SPARE, FrictionMargin
+from holdfast.edge_runtime.grip_control import SPARE, FrictionMargin
 
 GRIP_N = 4.0
 
@@ -42,23 +42,6 @@ def estimates(margin: FrictionMargin) -> tuple[float, float, float]:
     return margin.mu_hat, margin.margin, margin.needed_n
 
 
-def test_nothing_is_known_before_the_first_slip() -> None:
-    margin = margin_of()
-    holding(margin, 0.5)
-    assert estimates(margin) == (0.0, 0.0, 0.0)
-    sliding(margin, 0.5, samples=3)
-    assert estimates(margin) == (0.0, 0.0, 0.0)
-
-
-def test_a_clean_slide_shows_the_friction_and_leaves_no_margin() -> None:
-    margin = margin_of()
-    sliding(margin, 0.6)
-    mu_hat, left, needed_n = estimates(margin)
-    assert mu_hat == pytest.approx(0.6)
-    assert left == pytest.approx(0.0, abs=1e-9)
-    assert needed_n == pytest.approx(SPARE * GRIP_N)
-
-
 @pytest.mark.parametrize("friction", [0.2, 0.5, 0.9])
 @pytest.mark.parametrize("seed", range(5))
 def test_the_estimate_is_right_within_15_percent_under_noise_of_5_percent(
@@ -76,24 +59,6 @@ def test_more_grip_is_more_margin() -> None:
     margin.step(sense(grip_n=2.0 * GRIP_N, load_n=2.0 * GRIP_N * 0.6))
     assert margin.margin == pytest.approx(0.5)
     assert margin.needed_n == pytest.approx(SPARE * GRIP_N)
-
-
-def test_a_ratio_that_changes_is_no_sample_of_friction() -> None:
-    margin = margin_of()
-    for k in range(40):
-        margin.step(sense(grip_n=GRIP_N, load_n=0.3 * 1.1**k, p_risky=1.0))
-    assert margin.mu_hat == 0.0
-
-
-@pytest.mark.parametrize(("samples", "p_risky"), [(SAMPLES - 1, 1.0), (40, 0.8)])
-def test_a_short_or_a_doubtful_slide_is_no_sample_of_friction(
-    samples: int, p_risky: float
-) -> None:
-    margin = margin_of()
-    for _ in range(samples):
-        margin.step(sense(grip_n=GRIP_N, load_n=2.0 * GRIP_N * 0.2, p_risky=p_risky))
-    margin.step(sense(grip_n=GRIP_N, load_n=2.0 * GRIP_N * 0.2))
-    assert margin.mu_hat == 0.0
 
 
 def test_the_largest_ratio_that_stood_still_is_the_friction() -> None:
@@ -123,13 +88,6 @@ def test_before_a_slip_the_grip_that_holds_is_that_of_the_largest_ratio_held() -
     assert margin.holds_n == margin.needed_n
 
 
-def test_a_ratio_while_something_may_slip_is_not_held() -> None:
-    for unquiet in ({"p_risky": 0.3}, {"p_safe": 0.3}, {"known": False}):
-        margin = margin_of()
-        holding(margin, 0.8, **unquiet)
-        assert margin.held == 0.0
-
-
 def test_an_empty_hand_forgets_the_object_and_an_unknown_one_does_not() -> None:
     margin = margin_of()
     holding(margin, 0.5, samples=600)
@@ -149,19 +107,6 @@ def test_sensors_that_read_too_little_along_the_skin_are_corrected() -> None:
     exact = margin_of()
     sliding(exact, 0.3)
     assert margin.needed_n == pytest.approx(exact.needed_n)
-
-
-@pytest.mark.parametrize(
-    ("grip_n", "counts"),
-    [(0.9 * FIRM_N, False), (FIRM_N, False), (1.01 * FIRM_N, True)],
-)
-def test_a_hold_that_is_not_firm_says_nothing_about_friction(
-    grip_n: float, counts: bool
-) -> None:
-    margin = margin_of()
-    for _ in range(60):
-        margin.step(sense(grip_n=grip_n, load_n=grip_n))
-    assert (margin.held > 0.0) == counts
 
 
 @pytest.mark.parametrize(

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import gc
-import sys
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -88,20 +85,6 @@ def test_a_hand_whose_chips_count_their_readings_is_not_judged_by_them(
     assert not any(answer.degraded or answer.why for answer in answered)
 
 
-def test_a_sensor_that_comes_back_is_believed_at_once() -> None:
-    values = noise(600)
-    values[200:300, 3:6] = values[200, 3:6]
-    found = watched(values)
-    assert np.flatnonzero(found[:, 1]).tolist() == [*range(200 + MOST, 300)]
-    assert not found[:, [0, 2, 3, 4, 5]].any()
-
-
-def test_a_hand_that_repeats_as_a_whole_is_left_to_the_other_watch() -> None:
-    values = noise(600)
-    values[200:] = values[199]
-    assert not watched(values).any()
-
-
 @pytest.mark.parametrize("rate_hz", [20.0, 57.0, 150.0, 400.0])
 def test_the_times_hold_at_every_rate(rate_hz: float) -> None:
     since = round(3 * rate_hz)
@@ -132,25 +115,6 @@ def test_noise_below_half_a_step_of_the_converter_is_never_judged(
     # one sensor always lives
     values[:, 17] += 50.0 * rng.normal(size=900)
     assert not watched(values)[:, :5].any()
-
-
-def test_a_sensor_that_repeated_at_rest_is_not_judged_after_a_rough_touch() -> None:
-    rng = np.random.default_rng(4)
-    values = np.zeros((1200, 18))
-    values[:, 15:] = rng.normal(size=(1200, 3))
-    values[300:600, :15] = rng.normal(size=(300, 15))
-    assert not watched(values).any()
-
-
-@pytest.mark.parametrize(("since", "judged"), [(350, False), (700, True)])
-def test_a_repeat_that_ended_by_itself_asks_for_the_noise_again(
-    since: int, judged: bool
-) -> None:
-    values = noise(900)
-    values[300 : 300 + MOST // 2, :3] = values[300, :3]
-    values[since : since + 100, :3] = values[since, :3]
-    found = np.flatnonzero(watched(values)[:, 0]).tolist()
-    assert found == ([*range(since + MOST, since + 100)] if judged else [])
 
 
 # -- the law, by another way
@@ -221,18 +185,6 @@ def test_what_is_called_frozen_is_what_the_rule_says(seed: int, lost: float) -> 
     np.testing.assert_array_equal(watch, by_the_book(values, usable))
 
 
-def test_a_sample_leaves_nothing_in_memory() -> None:
-    watch, rows = FrozenWatch(6, RATE_HZ), noise(2000)
-    rows[1000:, :3] = rows[1000, :3]
-    for row in rows[:500]:
-        watch.frozen(row, ALL)
-    gc.collect()
-    before = sys.getallocatedblocks()
-    for row in rows[500:]:
-        watch.frozen(row, ALL)
-    assert sys.getallocatedblocks() - before < 50
-
-
 # -- on real and simulated hands, nothing that lives is called frozen
 
 
@@ -255,32 +207,3 @@ def test_no_sensor_of_a_real_set_is_called_frozen_also_at_twelve_bits(
         for one in recordings[:: max(1, len(recordings) // 4)]:
             rows = np.rint(one.samples / step) * step if step else one.samples
             assert not watched(rows, one.rate_hz).any(), (one.trial_id, step)
-
-
-@pytest.mark.parametrize("noisy", [True, False])
-def test_no_sensor_of_simulated_trials_at_twelve_bits_is_called_frozen(
-    noisy: bool,
-) -> None:
-    """With the chip's noise, which is about one step, and without, where fingers repeat at rest."""
-    from holdfast.simulation.scene import Scene
-    from holdfast.simulation.scene_file import read_scene_file
-
-    card = read_scene_file("thesis")
-    effects = dict(card.effects)
-    assert {"quantisation", "hall_noise"} <= effects.keys()
-    if not noisy:
-        del effects["hall_noise"]
-    scene = Scene(replace(card, step_s=0.006, effects=effects), 4100)
-    repeats = 0
-    for one in scene.run_together(scene.trials()[::200]):
-        rows = one.signal.values.reshape(len(one.signal.t_s), -1)
-        repeats += int((rows[1:] == rows[:-1]).all(axis=1).sum())
-        assert not watched(rows).any()
-    assert noisy or repeats > 50
-
-
-def test_a_sensor_that_has_never_moved_is_not_called_frozen() -> None:
-    watch = FrozenWatch(2, 150.0)
-    for k in range(100):
-        values = np.array([1.0, 1.0, 1.0, k % 2, 0.0, k % 3])
-        assert not watch.frozen(values, np.ones(2, dtype=np.bool_)).any()

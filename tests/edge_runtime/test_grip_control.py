@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from copy import copy
 from typing import Any
 
 import numpy as np
@@ -13,8 +12,7 @@ from made_prediction import prediction
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.errors import UsageError
-from holdfast.edge_runtime.batch import ONE_HAND
-from holdfast.edge_runtime.grip import Holdfast, LoadSwing
+from holdfast.edge_runtime.grip import Holdfast
 from holdfast.edge_runtime.grip_control import GripControl, sense_of
 from holdfast.edge_runtime.supervisor import (
     EXPIRES_MS,
@@ -139,14 +137,9 @@ def test_a_ceiling_in_newtons_does_not_end_the_grip_on_raw_fields() -> None:
     assert step(control, 1000.0 * HELD).mode == "relax"
 
 
-@pytest.mark.parametrize("name", ["pd-shear", "sliding-mode"])
-def test_a_controller_that_needs_newtons_is_refused_where_there_are_none(
-    name: str,
-) -> None:
-    with pytest.raises(
-        UsageError, match=f"{name} needs forces in N, this model answers in uT"
-    ):
-        GripControl(name, RATE_HZ, unit="uT")
+def test_an_unknown_controller_is_refused_with_the_names_there_are() -> None:
+    with pytest.raises(UsageError, match="choose from none, holdfast"):
+        GripControl("smsp", RATE_HZ)
 
 
 @pytest.mark.parametrize("fingers", [0, 5, 16])
@@ -179,13 +172,12 @@ def test_an_invalid_sensor_counts_as_no_force_whatever_it_reads() -> None:
 def test_no_reading_makes_a_nan_at_its_sample_or_later(value: float, axis: int) -> None:
     forces = HELD.copy()
     forces[axis::3] = value
-    for name in ("holdfast", "pd-shear", "sliding-mode", "smsp", "ismsp"):
-        control = held(name)
-        commands = [step(control, forces, **one) for one in (RISKY, RISKY, {}, UNKNOWN)]
-        commands += [step(control, HELD, **RISKY) for _ in range(6)]
-        for command in commands:
-            assert "NaN" not in (line := to_line(command))
-            assert "Infinity" not in line
+    control = held()
+    commands = [step(control, forces, **one) for one in (RISKY, RISKY, {}, UNKNOWN)]
+    commands += [step(control, HELD, **RISKY) for _ in range(6)]
+    for command in commands:
+        assert "NaN" not in (line := to_line(command))
+        assert "Infinity" not in line
 
 
 # the line
@@ -283,40 +275,3 @@ def test_the_cue_and_the_reason_begin_where_an_answer_begins(
     command = step(control, p_risky=p_risky)
     assert command.mode in ("tighten", "relax")
     assert (command.feedback, command.reason) == (feedback, reason)
-
-
-# -- the swing of the load, by the least fall that is beyond it
-
-QUIET = [3.0] * 900
-
-
-def least_fall_n(before_n: list[float], samples: int) -> float:
-    """The least fall within so many samples, after these loads, that is no tremor's."""
-    settled = LoadSwing(ONE_HAND, RATE_HZ)
-    assert not any([settled.step(load_n, True) for load_n in before_n])
-    below, beyond = 0.0, 3.0
-    while beyond - below > 1e-6:
-        fall_n, swing = 0.5 * (below + beyond), copy(settled)
-        after_n = np.linspace(before_n[-1], before_n[-1] - fall_n, samples).tolist()
-        fell = any([swing.step(load_n, True) for load_n in after_n])
-        below, beyond = (below, fall_n) if fell else (fall_n, beyond)
-    return beyond
-
-
-@pytest.mark.parametrize(
-    ("before_n", "samples", "least_n"),
-    [
-        (QUIET, 2, 2.4946),
-        (QUIET, 12, 0.9368),
-        (QUIET, 60, 1.2071),
-        (QUIET, 240, 2.3357),
-        ([0.5] * 900, 12, 0.23347),
-        ([*QUIET, *np.linspace(3.0, 3.5, 12).tolist()], 12, 1.7261),
-        ([*QUIET, *np.linspace(3.0, 3.5, 12).tolist(), *[3.5] * 75], 12, 1.4666),
-        ([*QUIET, *np.linspace(3.0, 3.5, 12).tolist(), *[3.5] * 450], 12, 1.1139),
-    ],
-)
-def test_the_least_fall_of_the_load_that_is_no_tremor(
-    before_n: list[float], samples: int, least_n: float
-) -> None:
-    assert least_fall_n(before_n, samples) == pytest.approx(least_n, rel=1e-4)

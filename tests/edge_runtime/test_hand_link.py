@@ -7,7 +7,6 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 from grip_bench import (
     TtyReceiver,
@@ -22,7 +21,6 @@ from hazard_marks import NO_GRIP_COMMAND, RUN_DIES, WIRE_FAILS
 
 from holdfast.core.errors import DeviceNotFound, UsageError
 from holdfast.edge_runtime.supervisor import to_line
-from holdfast.live.hand_link import BITS_A_COMMAND
 
 
 @pytest.fixture(params=[UnixReceiver, TtyReceiver])
@@ -199,24 +197,3 @@ def test_a_receiver_that_is_not_there_yet_or_starts_again_is_found(tmp_path):
         assert len(messages) == 4
     assert second.until("stopped")["sequence"] == 4
     second.close()
-
-
-@WIRE_FAILS.mark
-def test_a_receiver_that_is_gone_is_looked_for_ever_more_seldom(tmp_path, monkeypatch):
-    tries: list[float] = []
-
-    def look(port: object) -> None:
-        tries.append(time.monotonic())
-        raise FileNotFoundError
-
-    monkeypatch.setattr("holdfast.live.hand_link.UnixPort.open", look)
-    with opened(f"unix://{tmp_path / 'grip'}") as link:
-        send(link, 1)
-        until(lambda: len(tries) == 5)
-    pauses_s = np.diff(tries[1:5])
-    assert pauses_s[-1] > 3 * pauses_s[0] > 0.1
-
-
-def test_a_serial_port_s_rate_counts_the_whole_line():
-    line = to_line(command(10**6)._replace(mu_hat=0.6123))
-    assert 10 * len(line) < BITS_A_COMMAND < 14 * len(line)

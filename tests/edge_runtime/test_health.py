@@ -3,20 +3,16 @@ under load."""
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from hazard_marks import AMBIGUOUS, DEAD_HAND, LATE_ANSWER, RESTART, WRONG_RATE
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from holdfast.core.contract import Prediction, Sample
-from holdfast.core.errors import TimeError, UnitError
+from holdfast.core.errors import TimeError
 from holdfast.edge_runtime.health import (
     LEAST_SPAN,
     RING,
@@ -24,9 +20,8 @@ from holdfast.edge_runtime.health import (
     RateWatch,
     RepeatWatch,
 )
-from holdfast.edge_runtime.monitor import GripMonitor, Model, require_fit
+from holdfast.edge_runtime.monitor import GripMonitor, Model
 
-DEFAULT = Path(__file__).resolve().parents[2] / "models" / "holdfast-150hz.onnx"
 ALL = np.ones(6, dtype=np.bool_)
 PERIOD_NS = 1e9 / 150
 
@@ -145,11 +140,6 @@ def test_one_live_finger_is_a_live_hand_and_the_stuck_ones_are_found_one_by_one(
     assert watch.stuck(values, np.arange(6) > 0)
 
 
-def test_no_usable_sensor_is_not_called_stuck() -> None:
-    watch = RepeatWatch(6, 10)
-    assert not any(watch.stuck(np.zeros(18), ~ALL) for _ in range(50))
-
-
 @given(st.integers(1, RING), st.lists(st.booleans(), min_size=60, max_size=60))
 def test_losses_only_put_off_the_moment_at_which_a_ring_is_found(
     period: int, there: list[bool]
@@ -192,27 +182,7 @@ def test_a_clock_that_stands_still_later_is_noticed_within_the_history(
     } == {"rate"}
 
 
-@pytest.mark.parametrize("factor", [0.92, 1.08])
-def test_a_rate_within_tolerance_is_good(model: Model, factor: float) -> None:
-    assert "unknown" not in {
-        answer.state
-        for answer in fed(model, noise(400), period_ns=PERIOD_NS / factor)[100:]
-    }
-
-
-@pytest.mark.parametrize(
-    "lost", [lambda k: k % 5 == 0, lambda k: 300 <= k < 330, lambda k: k % 50 == 0]
-)
-@pytest.mark.parametrize("counted", [True, False])
-def test_losses_are_no_other_rate(lost: Callable[[int], bool], counted: bool) -> None:
-    watch = RateWatch(150.0, 76)
-    kept = [k for k in range(600) if not lost(k)]
-    assert all(
-        watch.fits(round(k * PERIOD_NS), k if counted else turn)
-        for turn, k in enumerate(kept)
-    )
-
-
+@settings(max_examples=30)
 @given(st.lists(st.floats(-0.45, 0.45), min_size=300, max_size=300))
 @example([0.45, -0.45] * 150)
 def test_jitter_is_no_other_rate(late: list[float]) -> None:
@@ -224,9 +194,6 @@ def test_jitter_is_no_other_rate(late: list[float]) -> None:
 
 
 # -- late answers
-
-
-OLDEST_NS = round(2e9 / 150.0)
 
 
 class Clock:
@@ -259,34 +226,6 @@ def test_an_answer_older_than_two_periods_or_from_the_future_is_unknown(
 
 
 @LATE_ANSWER.mark
-@pytest.mark.parametrize(
-    ("age_ns", "late", "warns"),
-    [
-        (OLDEST_NS, False, False),
-        (OLDEST_NS + 1, True, False),
-        (-OLDEST_NS, False, False),
-        (60_000_000_000, True, False),
-        (60_000_000_001, True, True),
-        (-60_000_000_001, False, False),
-    ],
-)
-def test_an_answer_is_late_after_two_periods_and_a_recording_s_after_a_minute(
-    model: Model, age_ns: int, late: bool, warns: bool
-) -> None:
-    clock = Clock()
-    clock.now_ns = 10**12 + age_ns
-    monitor = GripMonitor(model, clock)
-    sample = Sample(10**12, np.zeros(18), ALL, 0)
-    with warnings.catch_warnings(record=True) as warned:
-        warnings.simplefilter("always")
-        answer = monitor.feed(sample)
-    assert (answer.late, bool(warned)) == (late, warns)
-    assert answer.latency_us == age_ns / 1000.0
-    # a state that is unknown for a reason of its own keeps it
-    assert answer.why == "settling"
-
-
-@LATE_ANSWER.mark
 def test_a_late_answer_begins_and_ends_no_act(
     model: Model, pulls_and_falls: list[Trial]
 ) -> None:
@@ -308,14 +247,6 @@ def test_a_replay_is_never_late(model: Model) -> None:
 # -- a start under load
 
 
-def test_an_empty_hand_is_seen_empty_and_then_answers_nothing(model: Model) -> None:
-    answers = fed(
-        model, 0.02 * np.random.default_rng(2).normal(size=(200, 18)), bias_known=True
-    )
-    assert not any(answer.started_loaded for answer in answers)
-    assert answers[-1].state == "nothing"
-
-
 @RESTART.mark
 def test_a_start_under_load_is_reported_until_the_hand_has_been_empty(
     model: Model,
@@ -333,28 +264,6 @@ def test_without_a_stored_bias_whether_the_start_was_loaded_is_not_known(
     model: Model,
 ) -> None:
     assert {answer.started_loaded for answer in fed(model, noise(100))} == {None}
-
-
-def test_only_a_larger_force_than_that_of_an_empty_finger_is_a_load() -> None:
-    watch = LoadedStart(0.5, 150.0, 6)
-    for _ in range(1000):
-        watch.take(np.tile([0.0, 0.0, 0.5], 6), np.ones(6, dtype=np.bool_))
-    assert watch.seen_empty
-
-
-@RESTART.mark
-@pytest.mark.parametrize(
-    ("rest_n", "sensors", "loaded"), [(0.31, 6, True), (0.0, 5, False)]
-)
-def test_a_hand_is_not_called_empty_with_a_drifted_bias_or_too_few_sensors(
-    rest_n: float, sensors: int, loaded: bool
-) -> None:
-    """The model's fingers are empty below 0.3 N, and it needs all six of them."""
-    watch = LoadedStart(0.3, 150.0, 6)
-    for _ in range(1000):
-        watch.take(np.tile([0.0, 0.0, rest_n], 6), np.arange(6) < sensors)
-    assert watch.loaded == loaded
-    assert not watch.seen_empty
 
 
 @RESTART.mark
@@ -388,18 +297,6 @@ def acted_in_time(model: Model, trial: Trial, *, restart: bool) -> bool:
     return False
 
 
-def test_every_answer_is_a_line_of_json_with_the_reason(model: Model) -> None:
-    import json
-
-    from holdfast.live.outputs import to_json_line
-
-    answer = GripMonitor(model, None).feed(Sample(0, noise(1)[0], ALL, 0))
-    content = json.loads(to_json_line(replace(answer, commands="expired")))
-    expected = {"why": "settling", "commands": "expired", "late": False}
-    assert expected.items() <= content.items()
-    assert content["state"] == "unknown"
-
-
 @AMBIGUOUS.mark
 @pytest.mark.parametrize("sequence", [0, 2**63, -(2**63)])
 @pytest.mark.parametrize("t_ns", [2**63, 2**63 - 1, -(2**63), 2**200, 2**62, 0])
@@ -416,23 +313,6 @@ def test_a_stamp_that_no_clock_gives_is_refused_and_the_stream_goes_on(
         answers.append(monitor.feed(Sample(stamp_ns, values, ALL, k)).state)
     assert answers[:1] == ["unknown"]
     assert "unknown" not in answers[100:]
-
-
-@AMBIGUOUS.mark
-def test_times_near_the_largest_are_answered_like_any(model: Model) -> None:
-    late_ns = 2**62 - round(500 * PERIOD_NS)
-    states = []
-    for begin_ns in (0, late_ns, -late_ns):
-        monitor = GripMonitor(model, None)
-        states.append(
-            [
-                monitor.feed(
-                    Sample(begin_ns + round(k * PERIOD_NS), values, ALL, k)
-                ).state
-                for k, values in enumerate(noise(300))
-            ]
-        )
-    assert states[0] == states[1] == states[2]
 
 
 # -- the watches alone, at their limits
@@ -488,33 +368,3 @@ def test_a_rate_is_right_where_the_mean_or_the_median_of_the_intervals_is() -> N
     assert all([watch.fits(2 * k * 10**7, 2 * k) for k in range(30)])
     watch = RateWatch(100.0, 10)
     assert not all([watch.fits(2 * k * 10**7, 0) for k in range(30)])
-
-
-@pytest.mark.parametrize("period", [1, 3, RING, RING + 1])
-def test_a_sensor_is_stuck_after_as_many_repeats_as_are_asked_for(period: int) -> None:
-    watch = RepeatWatch(1, 4)
-    usable = np.array([True])
-    readings = [np.array([float(k % period), 0.0, 1.0]) for k in range(30)]
-    found = [watch.stuck(one, usable) for one in readings]
-    assert found == [period <= RING and k >= period + 3 for k in range(30)]
-
-
-def test_a_source_fits_a_model_of_its_unit_wherever_the_word_comes_from(
-    model: Model,
-) -> None:
-    card = replace(model.card, unit="uT")
-    for unit, fits in (("".join(["u", "T"]), True), ("count", False)):
-        facts: dict[str, Any] = {"n_channels": 18, "unit": unit, "rate_hz": 150.0}
-        if fits:
-            require_fit(card, **facts, where="a")
-            continue
-        with pytest.raises(UnitError, match="the source is in count"):
-            require_fit(card, **facts, where="a")
-
-
-def test_a_sample_out_of_order_says_by_how_much(model: Model) -> None:
-    monitor = GripMonitor(model, None)
-    flags = np.ones(6, dtype=np.bool_)
-    monitor.feed(Sample(10_000_000, np.zeros(18), flags, 0))
-    with pytest.raises(TimeError, match=r"a sample 3\.000 ms older"):
-        monitor.feed(Sample(7_000_000, np.zeros(18), flags, 1))

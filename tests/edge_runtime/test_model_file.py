@@ -9,7 +9,6 @@ import json
 import pickle
 import re
 import tomllib
-import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -27,24 +26,20 @@ from small_model import metadata_of, with_metadata
 from holdfast.core.contract import CLASSES, SITUATIONS, Sample
 from holdfast.core.errors import (
     BrokenSeal,
-    DataNotFound,
     GoldenMismatch,
-    HoldfastError,
     ModelError,
     NotAModel,
     RuntimeRefused,
 )
 from holdfast.edge_runtime.decision import DecisionRules
-from holdfast.edge_runtime.model import check_golden, golden_input
+from holdfast.edge_runtime.model import check_golden
 from holdfast.edge_runtime.model_file import (
     CARD_KEY,
     GOLDEN_KEY,
     SEAL_KEY,
     WRONG_RUNTIMES,
     check_runtime,
-    read_card,
     read_sealed,
-    votes_in_all,
 )
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.export.artifact import read_artifact, write_artifact
@@ -168,27 +163,17 @@ class Trap:
         return (exec, ("raise SystemExit('the pickle was read')",))
 
 
-def zipped(path: Path) -> bytes:
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("schema.json", "{}")
-    return path.read_bytes()
-
-
-FOREIGN: dict[str, tuple[Callable[[Path], bytes], str]] = {
-    "a pickle": (lambda _: pickle.dumps(Trap()), "pickle, which Holdfast never reads"),
-    "an old pickle": (
-        lambda _: pickle.dumps(Trap(), protocol=0),
-        "not a sealed Holdfast model",
-    ),
-    "a zip archive": (lambda folder: zipped(folder / "x.zip"), "zip archive"),
-    "text": (lambda _: b"Time,X1,Y1,Z1\n0,1,2,3\n", "not a sealed Holdfast model"),
-    "an empty file": (lambda _: b"", "empty file"),
+FOREIGN: dict[str, tuple[Callable[[], bytes], str]] = {
+    "a pickle": (lambda: pickle.dumps(Trap()), "pickle, which Holdfast never reads"),
+    "a zip archive": (lambda: b"PK\x03\x04" + bytes(99), "zip archive"),
+    "text": (lambda: b"Time,X1,Y1,Z1\n0,1,2,3\n", "not a sealed Holdfast model"),
+    "an empty file": (lambda: b"", "empty file"),
     "noise": (
-        lambda _: np.random.default_rng(0).bytes(5000),
+        lambda: np.random.default_rng(0).bytes(5000),
         "not a sealed Holdfast model",
     ),
     "another tool's ONNX file": (
-        lambda _: onnx.helper.make_model(
+        lambda: onnx.helper.make_model(
             onnx.helper.make_graph([], "g", [], [])
         ).SerializeToString(),
         "not a sealed Holdfast model",
@@ -199,21 +184,10 @@ FOREIGN: dict[str, tuple[Callable[[Path], bytes], str]] = {
 @pytest.mark.parametrize("kind", FOREIGN)
 def test_what_is_no_model_is_called_by_its_name(tmp_path: Path, kind: str) -> None:
     make, message = FOREIGN[kind]
-    error = refused(tmp_path / "holdfast.onnx", make(tmp_path))
+    error = refused(tmp_path / "holdfast.onnx", make())
     assert type(error) is NotAModel
     assert message in str(error)
     assert error.next_step
-
-
-def test_a_folder_and_nothing_at_all_are_no_model_either(tmp_path: Path) -> None:
-    for path, error in (
-        (tmp_path, NotAModel),
-        (tmp_path / "nowhere.onnx", DataNotFound),
-    ):
-        with pytest.raises(HoldfastError) as caught:
-            Model(path)
-        assert type(caught.value) is error
-        assert str(caught.value).startswith(f"{path}: ")
 
 
 @VERSIONS.mark
@@ -235,14 +209,6 @@ def test_the_runtimes_refused_are_the_runtimes_that_are_never_installed() -> Non
     ]
     (onnxruntime,) = [line for line in requirements if line.startswith("onnxruntime")]
     assert sorted(re.findall(r"!=([\d.]+)", onnxruntime)) == sorted(WRONG_RUNTIMES)
-
-
-def test_a_file_sealed_by_the_rule_alone_is_accepted(
-    eight_classes: Built, tmp_path: Path
-) -> None:
-    again = tmp_path / "m.onnx"
-    again.write_bytes(with_metadata(content(eight_classes.model)))
-    assert Model(again).card == Model(eight_classes.model).card
 
 
 @GOLDEN.mark
@@ -273,20 +239,6 @@ def moved(numbers: np.ndarray) -> np.ndarray:
     else:
         numbers[middle] += 3e-5 * max(1.0, abs(number))
     return numbers
-
-
-def test_a_golden_answer_within_its_tolerance_is_accepted(
-    eight_classes: Built, tmp_path: Path
-) -> None:
-    path = tmp_path / "m.onnx"
-    path.write_bytes(
-        with_golden(
-            content(eight_classes.model),
-            "p_class",
-            lambda numbers: np.nextafter(numbers, np.float32(1.0)),
-        )
-    )
-    Model(path)
 
 
 GARBLED: dict[str, dict[str, str | None]] = {
@@ -350,17 +302,6 @@ def test_a_card_that_contradicts_its_graph_is_refused(
     inner[last] = value
     data = with_metadata(data, **{CARD_KEY: json.dumps(card)})
     assert isinstance(refused(tmp_path / "m.onnx", data), NotAModel)
-
-
-def test_golden_input_is_exact_and_holds_every_kind_of_fault() -> None:
-    values, valid = golden_input(18, "N", 26)
-    finite = values[np.isfinite(values)]
-    assert np.isnan(values).any()
-    assert np.isinf(values).any()
-    assert (np.abs(finite) > 1e6).any()
-    assert not valid.all()
-    # exact on any machine: whole multiples of 1/64
-    np.testing.assert_array_equal(finite * 64.0, np.round(finite * 64.0))
 
 
 def test_golden_sequences_meet_settling_loss_and_more_than_one_answer(
@@ -428,72 +369,6 @@ def test_the_decision_rules_of_the_card_are_the_ones_that_decide(
     assert not armed(path)
 
 
-LARGEST = 1.7976931348623157e308
-"""Of a double."""
-RANGES: dict[str, tuple[list[object], list[object]]] = {
-    "spec.n_sensors": ([1, 10_000], [0, 10_001, True, 6.0]),
-    "settle_samples": ([0, 10_000], [-1, 10_001, None]),
-    "gap_samples": ([0, 10_000], [-1, 10_001]),
-    "spec.min_valid_sensors": ([0, 6], [-1, False]),
-    "spec.rate_hz": ([1e-3, 150, 1e5], [0.99e-3, 1.01e5, True, "150"]),
-    "range_limit": ([2.3e-308, LARGEST], [0.0, -1.0, 1e-310, float("inf")]),
-    "normal_floor": ([0.3, 1], [0, True]),
-    "spec.unit": (["N", "uT", "count"], ["mN", None]),
-    "detectors": ([[], ["a"]], ["a", [1], None]),
-    "heads.situation.classes": (
-        [list(CLASSES), list(SITUATIONS)],
-        [list(CLASSES[:7]), "nothing"],
-    ),
-    "decision": ([{}, {"act_samples": 3}], [[], {"acts": 3}]),
-    "format": ([2], [1, 3]),
-}
-
-
-@pytest.mark.parametrize("name", RANGES)
-def test_each_value_of_a_card_has_its_range(eight_classes: Built, name: str) -> None:
-    metadata = metadata_of(content(eight_classes.model))
-    *path, last = name.split(".")
-    for good in (True, False):
-        for value in RANGES[name][not good]:
-            card = json.loads(metadata[CARD_KEY])
-            place = card
-            for key in path:
-                place = place[key]
-            place[last] = value
-            changed = metadata | {CARD_KEY: json.dumps(card)}
-            if good:
-                made = read_card(changed)
-                assert made.model_id == metadata[SEAL_KEY][:12]
-                continue
-            with pytest.raises(NotAModel):
-                read_card(changed)
-
-
-def test_votes_are_trees_times_a_power_of_two_where_the_card_does_not_say() -> None:
-    assert votes_in_all({"trees": 100, "vote_bits": 10}) == 102_400
-    assert votes_in_all({"votes": 7, "trees": 100, "vote_bits": 10}) == 7
-
-
-@pytest.mark.parametrize(
-    ("unit", "size"), [("N", 1.0 / 64.0), ("uT", 2.0), ("count", 8.0)]
-)
-def test_golden_input_has_these_numbers_and_these_faults(
-    unit: str, size: float
-) -> None:
-    values, valid = golden_input(6, unit, 20)
-    numbers = values / size
-    assert numbers.shape == (84, 6)
-    assert numbers[:2].tolist() == [[9, 12, 12, 9, 7, 10], [3, 1, 14, 1, 4, 13]]
-    assert numbers[28].tolist() == [241, 268, 264, 200, 149, 201]
-    assert numbers[19:22, 2].tolist() == [87, 89, 95]
-    assert np.argwhere(~np.isfinite(values)).tolist() == [[29, 1], [31, 2]]
-    assert values[33, 0] == 1e30
-    gone = [[26, 0], *([row, 1] for row in range(35, 60))]
-    assert np.argwhere(~valid).tolist() == gone
-    rest = numbers[np.isfinite(values) & (values < 1e6)]
-    assert rest.sum() == 40137
-
-
 @pytest.mark.parametrize(
     ("dtype", "tolerance"), [("float64", 1e-9), ("float32", 1e-6), ("int64", 0)]
 )
@@ -509,20 +384,3 @@ def test_golden_answers_agree_within_the_tolerance_of_their_type(
             continue
         with pytest.raises(GoldenMismatch, match="'votes' differs"):
             check_golden(stored, other)
-
-
-@pytest.mark.parametrize(
-    "other",
-    [
-        {},
-        {"votes": np.array([1.0, 2.0, 3.0])},
-        {"votes": np.array([[1.0, 2.0]])},
-        {"votes": np.array([1.0, np.nan])},
-        {"votes": np.array([1.0, 2.0]), "more": np.array([1])},
-    ],
-)
-def test_golden_answers_of_another_shape_or_name_do_not_agree(other: Any) -> None:
-    stored = {"votes": np.array([1.0, 2.0])}
-    for one, two in ((stored, other), (other, stored)):
-        with pytest.raises(GoldenMismatch, match="differs"):
-            check_golden(one, two)

@@ -48,37 +48,6 @@ def test_the_priority_ends_with_the_reading_however_it_ends(allowed):
     assert os.sched_getscheduler(0) == before
 
 
-def test_where_it_is_not_allowed_everything_goes_on_as_before(monkeypatch):
-    def refuse(*arguments: object) -> None:
-        raise PermissionError(1, "Operation not permitted")
-
-    monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    before = os.sched_getscheduler(0)
-    with real_time() as yes:
-        assert not yes
-        assert os.sched_getscheduler(0) == before
-
-
-def test_who_may_not_clear_the_mark_of_the_children_still_gives_the_priority_back(
-    monkeypatch, allowed
-):
-    """As for a user with `ulimit -r` and no more."""
-    really = os.sched_setscheduler
-
-    def as_a_user(pid: int, policy: int, param: os.sched_param) -> None:
-        if not policy & os.SCHED_RESET_ON_FORK:
-            raise PermissionError(1, "Operation not permitted")
-        really(pid, policy, param)
-
-    monkeypatch.setattr(os, "sched_setscheduler", as_a_user)
-    before = os.sched_getscheduler(0)
-    with real_time():
-        pass
-    after = os.sched_getscheduler(0)
-    really(0, before, os.sched_param(0))
-    assert after == before | os.SCHED_RESET_ON_FORK
-
-
 def test_a_user_without_the_right_reads_on_and_is_warned_once():
     """A real process that may not: root that gave its rights up, or the user of the tests without
     them."""

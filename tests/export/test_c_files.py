@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import json
 import re
 import shlex
 import shutil
@@ -12,16 +13,16 @@ from dataclasses import replace
 from pathlib import Path
 
 import msgspec
-import onnx
 import pytest
 from c_form import STRICT, require_compiler
 from command_line import fails
-from small_model import card_of, for_the_hand, graph_of, resealed, sealed_bytes
+from small_model import card_of, for_the_hand, graph_of, sealed_bytes, with_metadata
 
 import holdfast
 from holdfast.core.errors import NotCompilable, OutputError
 from holdfast.core.schema import LIBRARY
 from holdfast.core.writing import write_whole
+from holdfast.edge_runtime.model_file import CARD_KEY
 from holdfast.export.c.graph import Node, read_graph
 from holdfast.export.c.source import c_source
 from holdfast.export.exporting import model_card, seal
@@ -136,7 +137,7 @@ def test_a_disk_that_fills_up_leaves_what_was_there(
 
 def test_another_format_and_other_files_are_refused(run: Run, model: Path):
     card = {**card_of(sealed_bytes()), "format": 3}
-    model.write_bytes(resealed(onnx.load_from_string(sealed_bytes()), card))
+    model.write_bytes(with_metadata(sealed_bytes(), **{CARD_KEY: json.dumps(card)}))
     fails(run, 4, "NotAModel", "export", model, "--to", "c", says="has format 3")
     model.write_bytes(b"no model")
     fails(run, 4, "NotAModel", "export", model, "--to", "c")

@@ -18,8 +18,8 @@ from small_model import artifact, graph_of, spec
 
 from holdfast.edge_runtime.batch import ManyHands
 from holdfast.edge_runtime.decision import LIMITS, DecisionRules, DecisionState, decide
-from holdfast.edge_runtime.grip import AnswerRules, GripSense, possible
-from holdfast.edge_runtime.grip_control import GripLoop, controller_of
+from holdfast.edge_runtime.grip import AnswerRules, GripSense, Holdfast, possible
+from holdfast.edge_runtime.grip_control import GripLoop
 from holdfast.edge_runtime.supervisor import Limits
 from holdfast.export.c.constants import RULE_ORDER
 from holdfast.export.c.graph import read_graph
@@ -41,6 +41,8 @@ ENDED = (None, "released", "timed_out", "opened", "overridden")
 NUMBERS = ("target_n", "slew_n_s", "feedback", "mu_hat", "margin", "needed_n")
 COMMAND = np.dtype([("mode", "i4"), *((name, "f8") for name in NUMBERS)], align=True)
 STREAM = 500
+FRAGILE_N = 4.0
+"""Every other hand does fragile work: no target is further above its wearer's grip."""
 GAIN = 0.6
 """Of shear, as the sensors of the scenes read it."""
 Array = npt.NDArray[Any]
@@ -127,17 +129,24 @@ def test_a_decision_in_c_is_that_of_python_at_every_step(form, n):
     assert few.tobytes() == got[:20_000].tobytes()
 
 
+def most_over(hands: int) -> Array:
+    """[hands] how far above the wearer's grip a target may be, N."""
+    return np.where(np.arange(hands) % 2, FRAGILE_N, np.inf)
+
+
 def records_of(senses: list[GripSense], hands: int) -> Array:
     """Records of the harness, one hand after another."""
-    options = (22.0, QUICK.ceiling_n, QUICK.slew_n_s, QUICK.rise_s, QUICK.most_rise_s)
+    limits = (QUICK.ceiling_n, QUICK.slew_n_s, QUICK.rise_s, QUICK.most_rise_s)
     kind = [
-        ("options", "f8", 8),
+        ("options", "f8", 9),
         ("fresh", "u1"),
         ("numbers", "f8", 4),
         ("flags", "u1", 4),
     ]
     given = np.zeros((hands, len(senses)), np.dtype(kind))
-    given["options"] = (*options, QUICK.give_back_s, QUICK.give_back_n_s, GAIN)
+    back = (QUICK.give_back_s, QUICK.give_back_n_s, GAIN)
+    for hand, most_over_n in enumerate(most_over(hands).tolist()):
+        given["options"][hand] = (Holdfast.SETTING, most_over_n, *limits, *back)
     given["fresh"][:, 0] = 1
     for at, one in enumerate(senses):
         numbers = (one.grip_n, one.load_n, one.p_risky, one.p_safe)
@@ -150,8 +159,8 @@ def records_of(senses: list[GripSense], hands: int) -> Array:
 def commanded(senses: list[GripSense], hands: int) -> Array:
     """[hands, samples] what Python commands, on many hands at once."""
     batch = ManyHands(hands)
-    rules = AnswerRules.of(ANSWER)
-    controller = controller_of("holdfast", batch, RATE_HZ, rules=rules)
+    rules = AnswerRules.of(ANSWER, most_over_n=most_over(hands))
+    controller = Holdfast(batch, RATE_HZ, rules=rules)
     loop = GripLoop(batch, RATE_HZ, controller, QUICK, GAIN)
     commands = np.zeros((hands, len(senses)), COMMAND)
     for at, one in enumerate(senses):
@@ -221,7 +230,7 @@ IMPOSSIBLE = (float("nan"), -1.0)
 
 
 @pytest.mark.parametrize("wrong", IMPOSSIBLE)
-@pytest.mark.parametrize("at", range(8))
+@pytest.mark.parametrize("at", range(9))
 def test_an_option_that_is_no_number_from_zero_on_leaves_the_defaults_in_c(
     form, at, wrong
 ):
@@ -229,9 +238,9 @@ def test_an_option_that_is_no_number_from_zero_on_leaves_the_defaults_in_c(
     senses = random_senses(5, 60, 5)
     given = records_of(senses, 5)
     own = Limits()
-    lead_n = given["options"][0, 0, 0]
+    lead_n = (Holdfast.SETTING, AnswerRules.most_over_n)
     limits = (own.ceiling_n, own.slew_n_s, own.rise_s, own.most_rise_s)
-    given["options"] = (lead_n, *limits, own.give_back_s, own.give_back_n_s, 1.0)
+    given["options"] = (*lead_n, *limits, own.give_back_s, own.give_back_n_s, 1.0)
     program = form.program("gcc", "-O2")
     usual = run(program, "grip", given, COMMAND)
     given["options"][..., at] = wrong

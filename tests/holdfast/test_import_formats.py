@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bag_writer import StoragePlugin, Stores, Writer, get_typestore
 from command_line import Run, imported
 from foreign_logs import Made, axes, made, write_sheet, write_text
 from own_data import write_people_folders
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 from xdf_file import clock_offsets, markers, samples, stream_header, xdf_bytes
 
 from holdfast.core.trial_file import read_trial

@@ -348,8 +348,6 @@ def test_a_model_of_a_raw_field_runs_in_reduced_mode_and_says_so(model):
     controller_for("holdfast", replace(model.card, unit="uT"), messages.append)
     assert len(messages) == 1
     assert "reduced mode" in messages[0]
-    with pytest.raises(UsageError, match="calibrate"):
-        controller_for("pd-shear", replace(model.card, unit="uT"), messages.append)
 
 
 def test_a_model_for_another_number_of_fingers_is_refused(model):
@@ -362,7 +360,7 @@ def test_a_model_for_another_number_of_fingers_is_refused(model):
 @pytest.mark.parametrize(
     ("setting", "says"),
     [
-        ('controller = "best"', "ismsp"),
+        ('controller = "smsp"', "choose from none, holdfast"),
         ("ceiling_n = 0", "ceiling_n = 0"),
         ('feedback = "9000"', "feedback"),
         ('feedback = "unix:///run/a"\ncues = "none.toml"', "no such table of cues"),

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from grip_senses import sense
 from loop_bench import (
     ACTIONS,
     WHOLE_BRUSH,
@@ -21,15 +20,15 @@ from loop_bench import (
     scene_of,
 )
 
-from benchmarks.loop_baselines import needed_grip_n, oracle
+from benchmarks.loop_baselines import oracle
+from holdfast.edge_runtime.grip import Controller
 from holdfast.simulation.closed_loop import (
     ClosedLoop,
     LoopSettings,
-    LoopTruth,
     managed,
     run_loops,
 )
-from holdfast.simulation.loop_people import Habits, LoopOutcome, Wearer
+from holdfast.simulation.loop_people import MISTAKEN_S, Habits, LoopOutcome, Wearer
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.script_times import Times
@@ -41,6 +40,8 @@ PATIENT = "wait_s = 0.1\nmove_s = 0.3\ndistance_m = 0.25\narm_n_per_m = 600\n"
 
 HEARD = LoopSettings(habits=Habits(missed_share=0.0, pull_gives_up_s=0.5))
 """No signal is missed, and a puller gives up after half a second."""
+CANNOT_TELL = replace(HEARD, opening="larger")
+"""And the hand holds on while its wearer opens it."""
 
 
 def firm_loop(
@@ -56,6 +57,11 @@ def firm_loop(
     return ClosedLoop(scene, scene.trials(), model(), make, settings), made[0]
 
 
+def firm_of(trials: Sequence[PlannedTrial], rate_hz: float) -> Firm:
+    """The maker of a hand that holds on."""
+    return Firm(trials, 45.0)
+
+
 # a hand that does nothing
 
 
@@ -68,7 +74,7 @@ def idle(
     """One trial of each action with controller none; forces at every sample."""
     text = card_text(*ONE_OF_EACH, effects=request.param)
     scene = scene_of(tmp_path_factory.mktemp("idle"), text)
-    loop = ClosedLoop(scene, scene.trials(), model(), managed(scene, "none"))
+    loop = ClosedLoop(scene, scene.trials(), model(), managed(scene, Controller))
     return scene, loop, forces_in(loop)
 
 
@@ -114,7 +120,7 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, list[LoopOutco
     scene = scene_of(
         tmp_path_factory.mktemp("two"), card_text(row("pull"), row("fall"))
     )
-    return scene, run_loops(scene, scene.trials(), model(), managed(scene, "holdfast"))
+    return scene, run_loops(scene, scene.trials(), model(), managed(scene))
 
 
 def same(one: LoopOutcome, other: LoopOutcome) -> bool:
@@ -128,7 +134,7 @@ def test_a_trial_does_not_depend_on_its_batch_even_alone(
 ) -> None:
     scene, outcomes = two
     trials = scene.trials()
-    make = managed(scene, "holdfast")
+    make = managed(scene)
     (alone,) = run_loops(scene, trials[:1], model(), make)
     assert same(alone, outcomes[0])
     swapped = run_loops(scene, [trials[1], trials[0], trials[1]], model(), make)
@@ -148,7 +154,7 @@ def falls(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[LoopOutcom
     beyond = row("pull", "cap_n = 400\narm_n_per_m = 100000\ndistance_m = 1\n")
     text = card_text(row("fall", "weak_grip = 0.5\n", "egg"), beyond, effects=egg)
     scene = scene_of(tmp_path_factory.mktemp("falls"), text)
-    bare = run_loops(scene, scene.trials(), model(), managed(scene, "none"))
+    bare = run_loops(scene, scene.trials(), model(), managed(scene, Controller))
     onsets = {one.trial.number: one.onset_s for one in bare}
     best = run_loops(scene, scene.trials(), model(), oracle(onsets, 70.0))
     return {"bare": bare, "oracle": best}
@@ -165,23 +171,6 @@ def test_the_oracle_keeps_a_fall_that_the_bare_hand_drops(
     assert best.lost_s == np.inf
     assert best.peak_grip_n > 2.0 * bare.peak_grip_n
     assert 0.0 < best.slip_mm < 50.0
-
-
-@pytest.mark.parametrize("closure", [1.1, np.inf])
-def test_the_commands_of_an_oracle_with_a_cap_stay_below_it(
-    tmp_path: Path, closure: float
-) -> None:
-    scene = scene_of(tmp_path, card_text(row("fall", "weak_grip = 0.5\n")))
-    (trial,) = scene.trials()
-    capped = oracle({trial.number: 1.0}, 70.0, closure, 2.5)([trial], 150.0)
-    commands = []
-    for grip_n in (0.0, 1.0, 60.0):
-        now = LoopTruth(np.array([1.5]), np.array([grip_n]))
-        commands.append(capped.step(sense(), now)[0])
-    most_n = needed_grip_n(trial, 2.5)
-    assert commands[0] == pytest.approx(most_n)
-    assert max(commands) <= most_n < 70.0
-    assert commands[-1] == pytest.approx(needed_grip_n(trial, min(closure, 2.5)))
 
 
 def test_a_puller_stronger_than_the_hand_gets_the_object_and_nothing_is_a_nan(
@@ -219,7 +208,7 @@ def resisted(
         row("pull", "cap_n = 12\nmove_s = 0.5\ntail_s = 1.5\n"),
     ]
     scene = scene_of(tmp_path_factory.mktemp("resisted"), card_text(*rows))
-    loop, firm = firm_loop(scene, settings=HEARD)
+    loop, firm = firm_loop(scene, settings=CANNOT_TELL)
     return loop, firm, loop.run()
 
 
@@ -232,7 +221,7 @@ def test_a_wearer_overrides_a_hand_that_resists_for_a_third_of_a_second(
     assert pull.overrode_s == np.inf
 
 
-def test_a_hand_that_is_told_to_hold_holds_while_its_wearer_opens(
+def test_a_hand_that_cannot_tell_holds_while_its_wearer_opens(
     resisted: tuple[ClosedLoop, Firm, list[LoopOutcome]],
 ) -> None:
     _, weak, _ = resisted[2]
@@ -242,6 +231,39 @@ def test_a_hand_that_is_told_to_hold_holds_while_its_wearer_opens(
     assert (weak.own_n[opened] < 0.5 * weak.trial.grip_n).all()
     assert weak.grip_n[opened] == pytest.approx(45.0, abs=2.0)
     assert weak.lost_s > weak.overrode_s
+
+
+def test_a_hand_obeys_its_wearers_opening_whatever_the_target(tmp_path: Path) -> None:
+    kind = f"{PATIENT}cap_n = 0.5\nopen_after_s = 1.2\n"
+    scene = scene_of(tmp_path, card_text(row("pass", kind)))
+    make = managed(scene, Controller)
+    (bare,) = run_loops(scene, scene.trials(), model(), make, HEARD)
+
+    (held,) = run_loops(scene, scene.trials(), model(), firm_of, HEARD)
+    t_s = held.begin_s + np.arange(len(held.grip_n)) / held.rate_hz
+    before = int(np.searchsorted(t_s, held.opens_s)) - 1
+    assert held.grip_n[before] == pytest.approx(45.0, abs=2.0)
+    # the command stays, and the object is free as soon as the drive has opened
+    assert (held.target_n[t_s > held.opens_s] == 45.0).any()
+    assert held.overrode_s == np.inf
+    assert bare.lost_s < held.lost_s < bare.lost_s + 0.3
+
+
+@pytest.mark.parametrize(("mistake_s", "is_held"), [(0.05, True), (0.3, False)])
+def test_a_hand_that_its_wearer_opens_by_mistake_opens_for_so_long(
+    tmp_path: Path, mistake_s: float, is_held: bool
+) -> None:
+    kind = "hold_s = 1.8\nopening_s = 0.3\n"
+    scene = scene_of(tmp_path, card_text(row("hold", kind)))
+    habits = replace(HEARD.habits, mistake_s=mistake_s)
+    settings = replace(HEARD, habits=habits)
+    (held, _) = run_loops(scene, [*scene.trials()] * 2, model(), firm_of, settings)
+    t_s = held.begin_s + np.arange(len(held.grip_n)) / held.rate_hz
+    begins_s = held.act_s - MISTAKEN_S
+    opened = (t_s > begins_s) & (t_s < begins_s + 2.0 * mistake_s)
+    assert held.own_n[opened].min() < 0.99 * held.trial.grip_n
+    assert (held.lost_s > held.opens_s) == is_held
+    assert held.own_n[t_s > begins_s + 0.7][0] == pytest.approx(held.trial.grip_n)
 
 
 def test_a_puller_gives_up_and_the_object_stays(

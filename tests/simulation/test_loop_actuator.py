@@ -111,6 +111,15 @@ def test_a_hand_grips_for_the_larger_of_the_target_and_what_its_wearer_asks_for(
     assert (actuator.place_n == ways[-1]).all()
 
 
+def test_no_target_counts_while_the_wearer_opens_a_hand_that_can_tell() -> None:
+    targets = np.array([8.0, 0.0, 8.0])
+    opens = np.array([True, True, False])
+    trials = LIVELY[:3]
+    assert drive_of(trials).obeyed_n(targets, opens).tolist() == [0.0, 0.0, 8.0]
+    cannot = Actuator(Drive(), trials, "larger")
+    assert cannot.obeyed_n(targets, opens).tolist() == [8.0, 0.0, 8.0]
+
+
 def test_the_fingers_follow_a_change_of_direction_after_the_backlash() -> None:
     actuator = drive_of(lag_ms=0.0, backlash_mm=0.5)
     up = grips(actuator, actuator.own_n + 5.0, 0.5)[-1]

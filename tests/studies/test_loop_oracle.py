@@ -49,9 +49,6 @@ class Pretended(LoopRuns):
         gone_s = np.inf if closes >= first else times.act + 0.1
         samples = round(2 * 100.0 * times.act)
         grip_n = np.full(samples, 1.0 + min(closes, 99.0), dtype=np.float32)
-        if request.evidence_of is not None:
-            # what began with the evidence was later than the oracle, and too late for a pull
-            gone_s = gone_s if trial.action == "fall" else times.act + 0.1
         p_risky = np.ones(samples, dtype=np.float32)
         return LoopOutcome(
             trial=trial,
@@ -67,7 +64,6 @@ class Pretended(LoopRuns):
             own_n=grip_n,
             target_n=grip_n,
             p_risky=p_risky,
-            both_sides=grip_n > 0.0,
         )
 
 
@@ -107,31 +103,3 @@ def test_the_oracle_is_for_each_event_the_gentlest_closure_that_keeps_the_object
     grips = [float(one.oracle.grip_n[0]) for one in runs.runs(of, LoopRequest(ORACLE))]
     assert grips == [3.0, 100.0, 1.0]
     assert runs.figures(of, LoopRequest(BARE)).saved == 0
-
-
-def test_an_oracle_with_a_cap_closes_no_further_and_stands_beside_the_one_without(
-    pretended: tuple[Pretended, LoopSet],
-) -> None:
-    runs, of = pretended
-    capped = LoopRequest(ORACLE, most_times=1.9)
-    runs.run([(of, capped)])
-    closures = [closure for closure, _ in runs.asked]
-    # without a further closure the last one, which the cap bounds, is what is left
-    assert closures == [None, 1.1, 1.1, 1.5, 1.5, 2.0, 3.0, np.inf, np.inf]
-    made = runs.figures(of, capped)
-    assert made.preventable == runs.figures(of, LoopRequest(ORACLE)).preventable == 2
-
-
-def test_only_what_a_controller_lost_is_tried_again_from_its_evidence_on(
-    pretended: tuple[Pretended, LoopSet],
-) -> None:
-    runs, of = pretended
-    request = LoopRequest("smsp")
-    runs.run([(of, request)])
-    assert runs.figures(of, request).losses == {}
-    runs.run([(of, request)], losses=True)
-    made = runs.figures(of, request)
-    assert made.losses["evidence too late"] == 1
-    assert sum(made.losses.values()) == made.preventable - made.saved == 2
-    assert runs.asked[-1] == (np.inf, ["pull"])
-    assert not any("pass" in actions for closure, actions in runs.asked if closure)

@@ -50,9 +50,6 @@ def outcome(trial: PlannedTrial, **changes: Any) -> LoopOutcome:
     own_n = np.full(len(kept["grip_n"]), trial.grip_n, dtype=np.float32)
     quiet = np.zeros_like(own_n)
     unless: dict[str, Any] = {"own_n": own_n, "target_n": quiet, "p_risky": quiet}
-    until_s = kept["lost_s"]
-    times_s = np.arange(len(own_n)) / RATE_HZ
-    unless |= {"both_sides": times_s < until_s}
     return LoopOutcome(trial=trial, **(unless | kept))
 
 
@@ -264,43 +261,21 @@ def in_event(trial: PlannedTrial, before: float, then: float) -> Any:
     return values
 
 
-def lost(early_drops: bool = False, **held: Any) -> ThreeRuns:
-    """A pull that the bare hand and the controller lose, and the oracle keeps."""
+def test_grip_over_need_is_beyond_the_wearers_too_and_only_while_it_is_held() -> None:
     trial = trial_of("pull")
-    gone = {"lost_s": Times.of(trial).act + 0.3}
-    early = outcome(trial, **(gone if early_drops else {}))
-    return replace(three(trial, gone, {}, gone | held), by_evidence=early)
+    enough_n = max(trial.grip_n, needed_grip_n(trial, 1.0))
+    below, above = (in_event(trial, 0.0, enough_n + n) for n in (-0.1, 4.0))
+    assert three(trial, held={"grip_n": below}).over_need_n == 0.0
+    held = three(trial, held={"grip_n": above})
+    assert held.over_need_n == pytest.approx(4.0, abs=1e-4)
+    gone = {"grip_n": above, "lost_s": Times.of(trial).act - 0.1}
+    assert three(trial, held=gone).over_need_n == 0.0
+    assert figures(held).over_need_n_by_action == {"pull": pytest.approx(4.0, abs=1e-4)}
 
 
-def test_a_loss_is_named_by_the_first_thing_that_was_missing() -> None:
-    trial = trial_of("pull")
-    evidence = in_event(trial, 0.0, 1.0)
-    need_n = needed_grip_n(trial, 1.0)
-    enough = in_event(trial, 0.0, 2.0 * need_n)
-    taken = enough.copy()
-    taken[round((Times.of(trial).act + 0.1) * RATE_HZ) :] = 0.0
-    cases = {
-        "no evidence": {},
-        "evidence too late": {"p_risky": evidence, "early_drops": True},
-        "no answer": {"p_risky": evidence},
-        "target too low": {"p_risky": evidence, "target_n": 0.1 * enough},
-        "taken back": {"p_risky": evidence, "target_n": taken},
-        "drive behind": {"p_risky": evidence, "target_n": enough},
-    }
-    runs = []
-    for name, changes in cases.items():
-        runs.append(lost(**changes))
-        assert runs[-1].loss == name
-    assert figures(*runs, risky(held_drops=False)).losses == dict.fromkeys(cases, 1)
-
-
-def test_a_command_above_the_need_is_above_the_wearers_grip_too() -> None:
-    trial = trial_of("pull")
-    most_n = max(trial.grip_n, 2.5 * needed_grip_n(trial, 1.0))
-    below, above = (in_event(trial, 0.0, share * most_n) for share in (0.99, 1.01))
-    assert not three(trial, held={"target_n": below}).above_need
-    commanded = three(trial, held={"target_n": above})
-    assert commanded.above_need
-    # the drive did not follow
-    assert not commanded.squeezed
-    assert three(trial, held={"target_n": above, "grip_n": above}).squeezed
+def test_drops_are_counted_by_the_wearers_grip() -> None:
+    one = risky(held_drops=False)
+    grip_n = one.held.trial.grip_n
+    (where,) = [name for name, drops in figures(one).by_grip.items() if drops.of_all.of]
+    low, high = map(float, where.split(" to "))
+    assert low <= grip_n < high

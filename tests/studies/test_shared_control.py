@@ -8,7 +8,8 @@ import pytest
 
 from holdfast.core.errors import UsageError
 from studies.shared_control.closed_loop import scene_of
-from studies.shared_control.plan import OURS, PARTS, SEED, rows, sets
+from studies.shared_control.picture import front
+from studies.shared_control.plan import OURS, PARTS, SEED, rows
 from studies.shared_control.program import _chosen, merged
 from studies.shared_control.targets import TARGETS, target_rows
 
@@ -19,9 +20,11 @@ def row(part: str, name: str, controller: str, **figures: Any) -> dict[str, Any]
     whole |= {
         "setting": None,
         "lag_ms": 50.0,
+        "opening": "wearer",
         "delay_samples": 0,
-        "noise": 1.0,
-        "grip_excess": 1.0,
+        "tremor_m_s2": 0.0,
+        "over_need_n_by_action": {"fall": 1.0, "carry": None},
+        "pick_ups_called": {"share": 0.1, "share_ci": [0.0, 1.0]},
     }
     for target in TARGETS:
         whole |= {target.key: target.bound, f"{target.key}_ci": [0.0, 1.0]}
@@ -32,22 +35,48 @@ def reached(*rows_of: dict[str, Any]) -> dict[str, str]:
     return {one["target"]: one["reached"] for one in target_rows(rows_of)}
 
 
-def test_the_noise_of_the_chips_is_that_of_the_card_twice_and_four_times() -> None:
-    noisy = [one for one in rows(100) if one.part == "noise" and one.set_name == "p1"]
-    as_it_is = scene_of(sets(100)["p1"])[0].file.effects["hall_noise"]
-    chips = [scene_of(one.one)[0].file.effects["hall_noise"] for one in noisy]
-    assert [chip.get("averages", 32.0) for chip in chips] == [32.0, 8.0, 2.0]
-    assert chips[0] == as_it_is
-
-
 def test_a_target_is_reached_at_its_bound_and_not_beyond() -> None:
-    at = {"saved_share": 0.95, "blocked_share": 0.02}
+    at = {"saved_share": 0.90, "blocked_share": 0.03, "disturbed_share": 0.03}
+    at |= {"extra_force_n_p95": 3.0, "extra_delay_ms_p95": 60.0}
     assert set(reached(row("table", "author", OURS, **at)).values()) == {"yes"}
-    beyond = row("table", "author", OURS, blocked_share=0.021, saved_share=0.94)
+    at |= {"blocked_share": 0.031, "saved_share": 0.89}
+    over = {"over_need_n_by_action": {"fall": 10.1}}
+    beyond = row("table", "author", OURS, **at, **over)
     assert [t for t, r in reached(beyond).items() if r == "no"] == [
         "drops saved, author's style",
         "hand-overs blocked, author's style",
+        "grip over need, median of the worst kind of event",
     ]
+
+
+def test_a_hand_whose_board_is_never_told_has_targets_of_its_own() -> None:
+    never = row("intent", "quick", "never", extra_force_n_p95=3.9)
+    told = row("table", "quick", OURS, extra_force_n_p95=3.1, blocked_share=0.05)
+    words = "receiver's extra force, 95 %, worst style"
+    found = reached(never, told)
+    assert found[words] == "no"
+    assert found[f"{words}, the board never told"] == "yes"
+
+
+def test_only_a_hand_that_trembles_enough_counts_for_its_tightenings() -> None:
+    def trembling(tremor_m_s2: float) -> dict[str, Any]:
+        more = {"tremor_m_s2": tremor_m_s2, "tightenings_per_min": 3.1}
+        return row("tremor", "author", OURS, **more)
+
+    words = "tightenings a minute, trembling with 1 m/s2 and more, worst"
+    assert words not in reached(trembling(0.3))
+    assert reached(trembling(0.3), trembling(1.0))[words] == "no"
+
+
+def test_a_point_of_the_front_counts_its_sets_together_and_the_worst_force() -> None:
+    made = []
+    for name, force_n, over_n in (("author", 2.0, 7.0), ("tugs", None, 9.0)):
+        more = {"over_need_n_by_action": {"fall": over_n, "carry": None}}
+        counts = {"saved": 3, "preventable": 4, "extra_force_n_p95": force_n}
+        made.append(row("front", name, "both", **counts, **more))
+    (point,) = front(made)
+    assert (point["saved"], point["preventable"]) == (6, 8)
+    assert (point["extra_force_n"], point["over_need_n"]) == (2.0, 9.0)
 
 
 def test_rows_are_chosen_by_part_set_and_controller() -> None:

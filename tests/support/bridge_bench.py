@@ -15,7 +15,6 @@ from holdfast.drivers.tmag5273 import (
     PACKET_BYTES,
     REGISTERS,
     RESULTS,
-    Setup,
 )
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.ft232h import VirtualFt232h
@@ -68,18 +67,6 @@ class Bench:
 
     def wait_s(self, duration_s: float) -> None:
         self.clock.spend(round(1e9 * duration_s))
-
-    def configure(self, address: int, **options: bool) -> None:
-        """Write a chip's settings over the first channel."""
-        self.bus.scan(
-            [
-                FIRST,
-                *(
-                    Transfer(address, bytes(byte))
-                    for byte in Setup(**options).registers()
-                ),
-            ]
-        )
 
 
 Make = Callable[..., Bench]

@@ -2,7 +2,7 @@
    step: double sample[C], uint8 valid[S], uint8 fresh -> float features[F], holdfast_out, state
    answer: float features[F] -> holdfast_out
    decide: int32 rules[6], fresh, situation, permille, period_us, wish -> holdfast_decision
-   grip: double options[8], uint8 fresh; then double sense[4], uint8 flags[4] -> holdfast_command */
+   grip: double options[9], uint8 fresh; then double sense[4], uint8 flags[4] -> holdfast_command */
 #include "holdfast.h"
 
 #include <stdio.h>
@@ -55,7 +55,7 @@ static int decide(void) {
 }
 
 static int grip(void) {
-    double options[8], numbers[4];
+    double options[9], numbers[4];
     uint8_t fresh, flags[4];
     holdfast_grip own;
     holdfast_command command;

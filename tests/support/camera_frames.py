@@ -12,21 +12,18 @@ The tags are AprilTags of the family 36h11. Their code words and bit order are f
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+from scipy.special import ndtr
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import Parameter
 
 Frames = npt.NDArray[np.uint8]
 """Grey levels, 0 to 255: [H, W] one frame, [K, H, W] several."""
-Window = tuple[slice, slice, FloatArray]
-"""Rows and columns of a frame, and what a tag adds to the grey there."""
-
 CODES = (0xD7E00984B, 0xDDA664CA7)
 """Words of tags 0 and 1, 36 bits each."""
 SIDE_CELLS = 8
@@ -48,24 +45,6 @@ FAR_BLURS = 6.0
 """Beyond this many blurs from a tag, less than 1e-9 of it is visible."""
 EXPOSED_AT = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
 """Shares of the exposure at which the moving tags are drawn; the frame is their mean."""
-
-CAMERA = {
-    "fps": Parameter(60.0, "1/s", 1, 255, "frames a second"),
-    "width_px": Parameter(640.0, "px", 64, 4096, "of a frame"),
-    "height_px": Parameter(400.0, "px", 64, 4096, "of a frame"),
-    "px_per_mm": Parameter(4.0, "px/mm", 0.1, 100, "scale in the plane of the tags"),
-    "tag_mm": Parameter(
-        10.0, "mm", 1, 200, "side of a tag, its white margin not counted"
-    ),
-    "exposure_ms": Parameter(
-        2.0, "ms", 0.01, 100, "exposure; the time stamp is its end, as in depthai"
-    ),
-    "blur_px": Parameter(0.7, "px", 0.05, 10, "standard deviation of the lens's blur"),
-    "noise_levels": Parameter(
-        0.0, "", 0, 50, "standard deviation of every pixel's noise, of 255 levels"
-    ),
-}
-"""Numbers of the section [camera] of a scene file."""
 
 
 @cache
@@ -91,118 +70,45 @@ def cells(tag: int) -> FloatArray:
 
 @dataclass(frozen=True)
 class Camera:
-    """One camera with a global shutter; its fields are those of CAMERA, in the same units."""
+    """One camera with a global shutter.
 
-    fps: float
-    width_px: float
-    height_px: float
-    px_per_mm: float
-    tag_mm: float
-    exposure_ms: float
-    blur_px: float
-    noise_levels: float
+    The time stamp is the end of the exposure, as in depthai; tag_mm: the side of a tag, its white
+    margin not counted; blur_px: the standard deviation of the lens's blur.
+    """
 
-    def stamps_s(self, last_s: float) -> FloatArray:
-        """[K] ends of the exposures, s, from the first whole one to the end of a recording."""
-        # An exposure that began before the recording would need a motion that is not there.
-        exposure_frames = 1e-3 * self.exposure_ms * self.fps
-        first = int(np.ceil(exposure_frames))
-        last = int(last_s * self.fps)
-        return np.arange(first, last + 1) / self.fps
+    fps: float = 60.0
+    width_px: float = 640.0
+    height_px: float = 400.0
+    px_per_mm: float = 4.0
+    tag_mm: float = 10.0
+    exposure_ms: float = 2.0
+    blur_px: float = 0.7
 
     def film(
-        self,
-        t_s: FloatArray,
-        object_m: FloatArray,
-        hand_m: FloatArray,
-        rng: np.random.Generator,
+        self, t_s: FloatArray, object_m: FloatArray, hand_m: FloatArray
     ) -> tuple[FloatArray, Frames]:
         """(time stamps [K] in s, frames [K, H, W]) of a trial.
 
         object_m: [T, 3] of the object in the hand, hand_m: [T, 3] of the hand, at t_s [T].
         """
-        stamps_s = self.stamps_s(float(t_s[-1]))
-        size = (int(self.height_px), int(self.width_px))
-        frames = np.empty((len(stamps_s), *size), dtype=np.uint8)
-        shoot = self.shooting(t_s, object_m, hand_m, rng)
-        for frame, end_s in zip(frames, stamps_s, strict=True):
-            frame[:] = shoot(end_s)
-        return stamps_s, frames
-
-    def shooting(
-        self,
-        t_s: FloatArray,
-        object_m: FloatArray,
-        hand_m: FloatArray,
-        rng: np.random.Generator,
-    ) -> Callable[[float], Frames]:
-        """A function: end of an exposure, s -> frame [H, W]; after the trial nothing moves."""
-        # imported here: half of the start-up time of a scene that has no camera
-        from scipy.interpolate import CubicSpline
+        # An exposure that began before the recording would need a motion that is not there.
+        first = int(np.ceil(1e-3 * self.exposure_ms * self.fps))
+        stamps_s = np.arange(first, int(t_s[-1] * self.fps) + 1) / self.fps
+        before_s = 1e-3 * self.exposure_ms * (1.0 - EXPOSED_AT)
 
         # The physics has few samples a frame; motion between them is smooth.
         places = CubicSpline(t_s, np.hstack([object_m + hand_m, hand_m]))
-
-        def shoot(end_s: float) -> Frames:
-            before_s = 1e-3 * self.exposure_ms * (1.0 - EXPOSED_AT)
-            at_s = np.clip(end_s - before_s, t_s[0], t_s[-1])
-            # The exact mean of the exposure, to which the noise of the sensor is added once.
-            exact = self._blurred(1e3 * places(at_s))
-            return self._read(exact, rng)
-
-        return shoot
+        frames = []
+        for end_s in stamps_s:
+            at_mm = 1e3 * places(np.clip(end_s - before_s, t_s[0], t_s[-1]))
+            # The camera looks along y and sees (x, z) of the object and of the hand.
+            exposed = [self.draw(at[[0, 2]], at[[3, 5]]) for at in at_mm]
+            frames.append(np.rint(np.mean(exposed, axis=0)).astype(np.uint8))
+        return stamps_s, np.array(frames)
 
     def draw(self, object_mm: FloatArray, hand_mm: FloatArray) -> FloatArray:
-        """[H, W] exact levels at one instant, without noise; tags moved by (x, z) mm from rest."""
-        size = (int(self.height_px), int(self.width_px))
-        image = np.full(size, GREY)
-        for rows, columns, light in self._tags(object_mm, hand_mm):
-            image[rows, columns] += light
-        return image
-
-    def _blurred(self, at_mm: FloatArray) -> FloatArray:
-        """[H, W] mean of the drawings at [E, 6], computed only where a tag ever is.
-
-        That changes no bit, because everywhere else all drawings are grey.
-        """
-        # The camera looks along y and sees (x, z) of the object and of the hand.
-        drawings = [self._tags(at[[0, 2]], at[[3, 5]]) for at in at_mm]
-        rows, columns = self._reach(drawings)
-        height = rows.stop - rows.start
-        width = columns.stop - columns.start
-        parts = np.full((len(drawings), height, width), GREY)
-
-        for part, tags in zip(parts, drawings, strict=True):
-            for tag_rows, tag_columns, light in tags:
-                tall, wide = light.shape
-                top = tag_rows.start - rows.start
-                left = tag_columns.start - columns.start
-                part[top : top + tall, left : left + wide] += light
-
-        size = (int(self.height_px), int(self.width_px))
-        image = np.full(size, GREY)
-        image[rows, columns] = np.mean(parts, axis=0)
-        return image
-
-    @staticmethod
-    def _reach(drawings: list[list[Window]]) -> tuple[slice, slice]:
-        """The rows and columns that any tag of any drawing reaches."""
-        rows: list[slice] = []
-        columns: list[slice] = []
-        for tags in drawings:
-            for tag_rows, tag_columns, _ in tags:
-                rows.append(tag_rows)
-                columns.append(tag_columns)
-
-        top = min(each.start for each in rows)
-        bottom = max(each.stop for each in rows)
-        left = min(each.start for each in columns)
-        right = max(each.stop for each in columns)
-        return slice(top, bottom), slice(left, right)
-
-    def _tags(self, object_mm: FloatArray, hand_mm: FloatArray) -> list[Window]:
-        """What each tag adds to the grey."""
-        seen = []
+        """[H, W] exact levels at one instant; tags moved by (x, z) mm from rest."""
+        image = np.full((int(self.height_px), int(self.width_px)), GREY)
         for tag, moved_mm in ((OBJECT_TAG, object_mm), (HAND_TAG, hand_mm)):
             column_px, row_px = self.centre_px(tag, moved_mm)
             rows, down = self._seen(row_px, self.height_px)
@@ -213,9 +119,8 @@ class Camera:
 
             # Where a tag covers a pixel in part, the rest of it is grey.
             covered = np.outer(down.sum(axis=1), across.sum(axis=1))
-            seen.append((rows, columns, light - GREY * covered))
-
-        return seen
+            image[rows, columns] += light - GREY * covered
+        return image
 
     def centre_px(self, tag: int, moved_mm: FloatArray) -> tuple[float, float]:
         """(column, row) of a tag's centre; the first pixel reaches from 0 to 1."""
@@ -231,8 +136,6 @@ class Camera:
 
     def _seen(self, centre_px: float, size_px: float) -> tuple[slice, FloatArray]:
         """(the n pixels a tag reaches along one axis, [n, 10] the share of each in every cell)."""
-        from scipy.special import ndtr
-
         # Edges of the ten cells, the margin included.
         cell_px = self.tag_mm * self.px_per_mm / SIDE_CELLS
         # Eight cells and a margin on both sides are ten cells with eleven edges.
@@ -257,12 +160,3 @@ class Camera:
         beyond_edge = np.diff(integral_px, axis=0)
         in_cell = beyond_edge[:, :-1] - beyond_edge[:, 1:]
         return slice(first, stop), in_cell
-
-    def _read(self, exact: FloatArray, rng: np.random.Generator) -> Frames:
-        """[H, W] whole levels with noise; uses up `exact`."""
-        # Single precision is far finer than a level.
-        if self.noise_levels:
-            noise = rng.standard_normal(exact.shape, dtype=np.float32)
-            exact += self.noise_levels * noise
-        np.rint(exact, out=exact)
-        return np.clip(exact, 0, 255, out=exact).astype(np.uint8)

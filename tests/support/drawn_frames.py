@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from camera_frames import CAMERA, GREY, Camera, Frames
+from camera_frames import GREY, Camera, Frames
 from camera_process import CameraProcess
 
 from holdfast.core.contract import FloatArray
@@ -27,13 +27,7 @@ COVERED, TWICE = range(60, 66), range(70, 72)
 
 
 def camera(**changed: float) -> Camera:
-    return Camera(
-        **(
-            {name: parameter.default for name, parameter in CAMERA.items()}
-            | SIZE
-            | changed
-        )
-    )
+    return Camera(**SIZE | changed)
 
 
 def settings(environment: Mapping[str, str] | None = None) -> dict[str, str]:
@@ -94,11 +88,6 @@ def program(text: str, *words: object) -> dict[str, Any]:
     return _json(SHARED.run("-c", PRELUDE + text, *map(str, words)))
 
 
-def fresh_program(text: str, *words: object) -> dict[str, Any]:
-    """The same in a process of its own."""
-    return _json(process("-c", PRELUDE + text, *map(str, words)))
-
-
 def _json(done: subprocess.CompletedProcess[str]) -> dict[str, Any]:
     assert done.returncode == 0, done.stderr
     # a thread of depthai may write a line of its own afterwards: "[date] [error] .."
@@ -141,7 +130,7 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FloatArray, F
     """Frames of a known motion; the hand's tag is covered for a while, and the object's seen twice
     for a while."""
     t_s = np.arange(N_FRAMES + 1) / FPS
-    stamps_s, frames = camera().film(t_s, *motion_m(t_s), np.random.default_rng(0))
+    stamps_s, frames = camera().film(t_s, *motion_m(t_s))
     for k in COVERED:
         frames[k, :, 90:150] = GREY
     for k in TWICE:

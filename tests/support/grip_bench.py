@@ -25,7 +25,27 @@ PATIENCE_S = 60.0
 """A receiver waits this long: only a run that never sends anything fails by it."""
 
 
-class UnixReceiver:
+class Receiver:
+    """Reads lines; those that are not JSON are skipped, as a hand does."""
+
+    def raw(self) -> bytes:
+        """The next line as it came, without its line feed."""
+        raise NotImplementedError
+
+    def next(self) -> dict[str, Any]:
+        while True:
+            with suppress(ValueError):
+                read: dict[str, Any] = json.loads(self.raw())
+                return read
+
+    def until(self, reason: str) -> dict[str, Any]:
+        """Read on to a line with this reason."""
+        while (line := self.next())["reason"] != reason:
+            pass
+        return line
+
+
+class UnixReceiver(Receiver):
     """A socket file of this user."""
 
     def __init__(self, path: str = "") -> None:
@@ -42,7 +62,6 @@ class UnixReceiver:
         self._kept.append(self.socket.recv(65536))
 
     def raw(self) -> bytes:
-        """The next line as it came."""
         return self._kept.popleft() if self._kept else self.socket.recv(65536)
 
     def drain(self, *_: object) -> None:
@@ -53,10 +72,6 @@ class UnixReceiver:
                 self._kept.append(self.socket.recv(65536))
         self.socket.settimeout(PATIENCE_S)
 
-    def next(self) -> dict[str, Any]:
-        line: dict[str, Any] = json.loads(self.raw())
-        return line
-
     def waiting(self) -> list[dict[str, Any]]:
         """What has already come."""
         self.drain()
@@ -64,20 +79,14 @@ class UnixReceiver:
         self._kept.clear()
         return lines
 
-    def until(self, reason: str) -> dict[str, Any]:
-        """Read on to a line with this reason."""
-        while (line := self.next())["reason"] != reason:
-            pass
-        return line
-
     def close(self) -> None:
         self.socket.close()
         Path(self.path).unlink(missing_ok=True)
         self.folder.cleanup()
 
 
-class TtyReceiver:
-    """The other end of a serial port; lines that are not JSON are skipped, as a hand does."""
+class TtyReceiver(Receiver):
+    """The other end of a serial port."""
 
     def __init__(self) -> None:
         self.handle, other = os.openpty()
@@ -86,27 +95,12 @@ class TtyReceiver:
         self._other, self._text = other, b""
 
     def raw(self) -> bytes:
-        """The next line as it came, without its line feed."""
         while b"\n" not in self._text:
             ready, _, _ = select.select([self.handle], [], [], PATIENCE_S)
             assert ready
             self._text += os.read(self.handle, 65536)
         line, _, self._text = self._text.partition(b"\n")
         return line or self.raw()
-
-    def next(self) -> dict[str, Any]:
-        while True:
-            try:
-                read: dict[str, Any] = json.loads(self.raw())
-            except ValueError:
-                continue
-            return read
-
-    def until(self, reason: str) -> dict[str, Any]:
-        """Read on to a line with this reason."""
-        while (line := self.next())["reason"] != reason:
-            pass
-        return line
 
     def close(self) -> None:
         for handle in (self.handle, self._other):

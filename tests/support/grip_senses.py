@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from holdfast.edge_runtime.batch import Batch
-from holdfast.edge_runtime.grip import GripSense
-from holdfast.edge_runtime.grip_control import GripLoop, controller_of
+from holdfast.edge_runtime.grip import Controller, GripSense, Holdfast
+from holdfast.edge_runtime.grip_control import GripLoop
 from holdfast.edge_runtime.supervisor import Limits
 
 RATE_HZ = 150.0
@@ -70,9 +70,11 @@ def of_hands(senses: GripSense, hands: slice) -> GripSense:
     )
 
 
-def loop_of(batch: Batch, name: str, gain: float = 1.0) -> GripLoop:
-    """A named controller with margin and supervisor, under quick limits."""
-    return GripLoop(batch, RATE_HZ, controller_of(name, batch, RATE_HZ), QUICK, gain)
+def loop_of(
+    batch: Batch, kind: type[Controller] = Holdfast, gain: float = 1.0
+) -> GripLoop:
+    """A controller with margin and supervisor, under quick limits."""
+    return GripLoop(batch, RATE_HZ, kind(batch, RATE_HZ), QUICK, gain)
 
 
 def numbers_of(loop: GripLoop) -> list[Any]:

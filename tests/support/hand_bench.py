@@ -10,7 +10,6 @@ from holdfast.drivers.fingers import Reading
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.hand import Hand
 from holdfast.drivers.layout import read_layout
-from holdfast.drivers.tmag5273 import Setup
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.drivers.virtual.faults import read_fault
 from holdfast.drivers.virtual.ft232h import VirtualFt232h
@@ -27,7 +26,6 @@ class Bench:
     faults: tuple[str, ...] = ()
     track: Track | None = None
     layout: str = "mux"
-    setup: Setup = field(default_factory=Setup)
     on_wire: str | None = None
     clock: VirtualClock = field(default_factory=VirtualClock)
 
@@ -47,7 +45,6 @@ class Bench:
         self.hand = Hand(
             self.open_bus,
             read_layout(self.layout),
-            setup=self.setup,
             now_ns=self.clock.now_ns,
             pause=lambda seconds: self.clock.spend(round(1e9 * seconds)),
             say=self.messages.append,
@@ -70,33 +67,6 @@ def started(*faults: str, **options: object) -> Bench:
     bench = Bench(faults=faults, **options)  # type: ignore[arg-type]
     bench.hand.start()
     return bench
-
-
-class Listener:
-    """Hangs on the wire and notes every address, 7 bits; acknowledges none."""
-
-    def __init__(self) -> None:
-        self.addresses: list[int] = []
-
-    def addressed(self, address: int, *, read: bool) -> bool:
-        self.addresses += [] if read else [address]
-        return False
-
-    def write(self, byte: int) -> bool:
-        return False
-
-    def read(self) -> int:
-        return 0xFF
-
-    def stop(self) -> None:
-        """Nothing to do."""
-
-
-def listen(bench: Bench) -> list[int]:
-    """Addresses written to from now on."""
-    listener = Listener()
-    bench.virtual.wire.targets.append(listener)
-    return listener.addresses
 
 
 def bad(readings: list[Reading], finger: int | None = None) -> list[Reading]:

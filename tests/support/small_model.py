@@ -17,9 +17,7 @@ from sklearn.ensemble import RandomForestClassifier
 
 from holdfast.core.contract import CLASSES, SITUATIONS, Unit
 from holdfast.edge_runtime.decision import DecisionRules
-from holdfast.edge_runtime.graph import open_session
-from holdfast.edge_runtime.model import golden_answers, golden_to_json
-from holdfast.edge_runtime.model_file import CARD_KEY, GOLDEN_KEY, SEAL_KEY
+from holdfast.edge_runtime.model_file import CARD_KEY, SEAL_KEY
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.export.artifact import Artifact
 from holdfast.export.exporting import model_card, seal, whole_graph
@@ -126,42 +124,7 @@ def sealed_bytes(eight: bool = True) -> bytes:
 
 def card_of(data: bytes) -> dict[str, Any]:
     """The card inside a model file."""
-    (text,) = [
-        entry.value
-        for entry in onnx.load_from_string(data).metadata_props
-        if entry.key == CARD_KEY
-    ]
-    return dict(json.loads(text))
-
-
-def resealed(
-    model: onnx.ModelProto, card: dict[str, Any] | None = None, golden: bool = False
-) -> bytes:
-    """The file with another card (None: its own) and a seal that holds, made from the rule alone.
-
-    golden: the golden sequences are made again, from what the altered graph answers.
-    """
-    content = {entry.key: entry.value for entry in model.metadata_props}
-    card = json.loads(content[CARD_KEY]) if card is None else card
-    if golden:
-        session = open_session(model.SerializeToString())
-        answers = golden_answers(
-            session,
-            3 * card["spec"]["n_sensors"],
-            card["spec"]["unit"],
-            card["settle_samples"],
-        )
-        content[GOLDEN_KEY] = json.dumps(golden_to_json(answers))
-    content |= {CARD_KEY: json.dumps(card), SEAL_KEY: "0" * 64}
-    onnx.helper.set_model_props(model, content)
-    return sealed_again(model.SerializeToString())
-
-
-def sealed_again(data: bytes) -> bytes:
-    """The bytes with the seal they should have."""
-    at = data.rfind(SEAL_KEY.encode() + b"\x12\x40") + len(SEAL_KEY) + 2
-    zeroed = data[:at] + b"0" * 64 + data[at + 64 :]
-    return zeroed[:at] + hashlib.sha256(zeroed).hexdigest().encode() + zeroed[at + 64 :]
+    return dict(json.loads(metadata_of(data)[CARD_KEY]))
 
 
 def metadata_of(data: bytes) -> dict[str, str]:

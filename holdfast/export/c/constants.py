@@ -12,7 +12,8 @@ from holdfast.edge_runtime.grip import (
     LARGEST,
     AnswerRules,
     Holdfast,
-    LoadSwing,
+    LoadFollower,
+    SlipAnswer,
     WearersGrip,
 )
 from holdfast.edge_runtime.model_file import ModelCard
@@ -21,16 +22,14 @@ from holdfast.export.c.literals import number
 
 RULES = AnswerRules()
 REALS = {
-    "HF_YIELD_P": RULES.yield_p,
-    "HF_SMOOTH_S": LoadSwing.SMOOTH_S,
-    "HF_PERIOD_OF_TREMOR_S": LoadSwing.PERIOD_S,
-    "HF_MEMORY_S": LoadSwing.MEMORY_S,
-    "HF_TIMES_TREMOR": LoadSwing.TIMES,
-    "HF_LEAST_SWING_N": LoadSwing.LEAST_N,
-    "HF_SWING_SHARE": LoadSwing.SHARE,
-    "HF_SWING_GONE": LoadSwing.GONE,
-    "HF_FADES_S": Holdfast.FADES_S,
-    "HF_BRAKE_S": Holdfast.BRAKE_S,
+    "HF_SAFE_P": RULES.safe_p,
+    "HF_FLOOR": RULES.floor,
+    "HF_MEAN_S": LoadFollower.MEAN_S,
+    "HF_TIMES_APART": LoadFollower.TIMES,
+    "HF_ABOVE": LoadFollower.ABOVE,
+    "HF_LEAST_GRIP_N": LoadFollower.LEAST_N,
+    "HF_FADES_S": SlipAnswer.FADES_S,
+    "HF_BRAKE_S": SlipAnswer.BRAKE_S,
     "HF_OWN_S": WearersGrip.TIME_S,
     "HF_FIRM_N": friction.FIRM_N,
     "HF_STEADY": friction.STEADY,
@@ -44,8 +43,6 @@ REALS = {
 """Name in C -> a number that C keeps as double."""
 SHEAR_GAIN = 1.0
 """A file knows no sensors: who links it sets that of the calibration."""
-WHOLE = {"HF_YIELD_SAMPLES": RULES.yield_samples, "HF_RATIOS": friction.SAMPLES}
-"""Name in C -> a whole number."""
 RULE_ORDER = (
     "arm_samples",
     "act_samples",
@@ -64,11 +61,11 @@ def constants(card: ModelCard) -> str:
     rise_n = answer.rise_n if card.unit == "N" else math.inf
     reals = {"HF_FROM_P": answer.from_p, "HF_FULL_P": answer.full_p, **REALS}
     reals["HF_RISE_N"] = rise_n
+    reals["HF_FOLLOW_N"] = answer.follow_n if card.unit == "N" else math.inf
     lines = []
     for name, value in reals.items():
         lines.append(f"#define {name} {number(value, 'double')}\n")
-    for name, count in WHOLE.items():
-        lines.append(f"#define {name} {count}\n")
+    lines.append(f"#define HF_RATIOS {friction.SAMPLES}\n")
     return "".join(lines)
 
 
@@ -81,10 +78,12 @@ def rules_of(card: ModelCard) -> str:
 def options_of(card: ModelCard) -> str:
     """Lead and limits, as an initialiser; forces that are not in N have no ceiling."""
     limits = Limits()
+    in_newtons = card.unit == "N"
     # in the order of the fields of holdfast_grip_options (templates/header.h)
     values = [
         Holdfast.SETTING,
-        limits.ceiling_n if card.unit == "N" else math.inf,
+        RULES.most_over_n,
+        limits.ceiling_n if in_newtons else math.inf,
         limits.slew_n_s,
         limits.rise_s,
         limits.most_rise_s,

@@ -28,56 +28,54 @@ static double hf_kept_n(const holdfast_grip *own, const holdfast_sense *sense) {
     return own->given_n > 0.0 ? kept_n : 0.0;
 }
 
-/* Whether the load has fallen by more than the hand's tremor can take from it. */
-static int hf_beyond_tremor(holdfast_grip *own, double load_n) {
-    const double leak = 1.0 / (1.0 + HF_PERIOD_OF_TREMOR_S * HOLDFAST_RATE_HZ);
-    const double forgets = 1.0 / (1.0 + HF_MEMORY_S * HOLDFAST_RATE_HZ);
-    const double share = 1.0 / (1.0 + HF_SMOOTH_S * HOLDFAST_RATE_HZ);
-    const double smooth_n = own->load_n + share * (load_n - own->load_n);
-    const double high_n = hf_high(smooth_n, own->high_n + leak * (smooth_n - own->high_n));
-    const double low_n = hf_low(smooth_n, own->low_n + leak * (smooth_n - own->low_n));
-    const double fall_n = high_n - smooth_n;
-    const double rise_n = smooth_n - low_n;
-    const double mean_n = own->mean_n + leak * (smooth_n - own->mean_n);
-    const double most_n = hf_high(mean_n, own->most_n + forgets * (mean_n - own->most_n));
-    const double least_n = hf_high(HF_SWING_SHARE * hf_high(high_n, most_n), HF_LEAST_SWING_N);
-    const int gone = most_n - mean_n > hf_high(HF_SWING_GONE * most_n, HF_LEAST_SWING_N);
-    const int beyond_fall = fall_n > HF_TIMES_TREMOR * own->rises_n + least_n;
-    own->load_n = smooth_n;
-    own->high_n = high_n;
-    own->low_n = low_n;
-    own->rises_n = hf_high(rise_n, own->rises_n - forgets * own->rises_n);
-    own->mean_n = mean_n;
-    own->most_n = most_n;
-    return beyond_fall || gone;
-}
-
-/* Whether the evidence says hand-over: safe slip, while the load changes. */
-static int hf_handed_over(holdfast_grip *own, const holdfast_sense *sense) {
-    if (sense->known) {
-        const int beyond = hf_beyond_tremor(own, sense->load_n);
-        own->safe_run = beyond && sense->p_safe > HF_YIELD_P ? own->safe_run + 1.0 : 0.0;
-    }
-    return own->safe_run >= HF_YIELD_SAMPLES;
-}
-
-/* The wanted grip, N a side; 0 for none. */
-static double hf_step_controller(holdfast_grip *own, const holdfast_sense *sense, int *fresh) {
+/* The answer to a slip, N a side; 0 for none. */
+static double hf_answer_slip(holdfast_grip *own, const holdfast_sense *sense, int *fresh) {
     const int holds = sense->known && !sense->empty;
     const double now = holds ? hf_evidence(sense) : 0.0;
     const double fading = own->last_evidence - HF_PERIOD_S / HF_FADES_S;
     const double evidence = holds ? hf_high(now, fading) : 0.0;
-    double most_n, ahead_n, wanted_n;
-    int ends;
-    hf_step_own_grip(own, sense);
+    const double most_n = hf_high(own->own_n + HF_RISE_N, own->needed_n);
+    double wanted_n = hf_high(sense->grip_n, own->own_n) + own->options.lead_n * evidence;
     *fresh = evidence > 0.0;
-    most_n = hf_high(own->own_n + HF_RISE_N, own->needed_n);
-    ahead_n = hf_high(sense->grip_n, own->own_n) + own->options.lead_n * evidence;
-    if (!(sense->grip_n < most_n)) ahead_n = most_n;
-    wanted_n = *fresh ? ahead_n : hf_kept_n(own, sense);
-    ends = hf_handed_over(own, sense) && !(now > 0.0);
-    if (sense->known) own->last_evidence = evidence;
-    if (ends) own->last_evidence = 0.0;
-    if (sense->known) own->quiet_s = *fresh ? 0.0 : hf_low(own->quiet_s + HF_PERIOD_S, 1.0);
-    return ends ? 0.0 : wanted_n;
+    if (!(sense->grip_n < most_n)) wanted_n = most_n;
+    if (!*fresh) wanted_n = hf_kept_n(own, sense);
+    if (sense->known) {
+        own->last_evidence = evidence;
+        own->quiet_s = *fresh ? 0.0 : hf_low(own->quiet_s + HF_PERIOD_S, 1.0);
+    }
+    return wanted_n;
+}
+
+/* Mean and deviation of the share of friction in use, while no target was given. */
+static void hf_learn_use(holdfast_grip *own, const holdfast_sense *sense, double used) {
+    const double share = 1.0 / (1.0 + HF_MEAN_S * HOLDFAST_RATE_HZ);
+    const double apart = hf_high(used - own->mean_used, own->mean_used - used);
+    if (!sense->known) return;
+    if (sense->empty) {
+        own->mean_used = own->apart_used = 0.0;
+    } else if (own->given_n <= 0.0) {
+        own->mean_used = own->mean_used + share * (used - own->mean_used);
+        own->apart_used = own->apart_used + share * (apart - own->apart_used);
+    }
+}
+
+/* The grip that a load which rises asks for, N a side; 0 where it does not rise. */
+static double hf_follow_load(holdfast_grip *own, const holdfast_sense *sense) {
+    const double used = sense->load_n / (2.0 * hf_high(sense->grip_n, HF_LEAST_GRIP_N));
+    const double usual = own->mean_used + HF_TIMES_APART * own->apart_used;
+    const double reference = hf_high(usual, HF_FLOOR);
+    const int rises = sense->known && !sense->empty && used > HF_ABOVE * reference &&
+                      sense->p_safe < HF_SAFE_P;
+    hf_learn_use(own, sense, used);
+    return rises ? sense->load_n / (2.0 * reference) : 0.0;
+}
+
+/* The wanted grip, N a side; 0 for none. */
+static double hf_step_controller(holdfast_grip *own, const holdfast_sense *sense, int *fresh) {
+    double wanted_n, asked_n;
+    hf_step_own_grip(own, sense);
+    wanted_n = hf_answer_slip(own, sense, fresh);
+    asked_n = hf_low(hf_follow_load(own, sense), own->own_n + HF_FOLLOW_N);
+    if (asked_n > 0.0) *fresh = 1;
+    return hf_low(hf_high(wanted_n, asked_n), own->own_n + own->options.most_over_n);
 }

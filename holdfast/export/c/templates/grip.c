@@ -4,8 +4,9 @@ const holdfast_grip_options holdfast_own_options = {@OPTIONS@};
 
 /* Whether every option is a number from 0 on; NaN fails the comparison. */
 static int hf_options_possible(const holdfast_grip_options *options) {
-    const double all[] = {options->lead_n, options->ceiling_n, options->slew_n_s, options->rise_s,
-                          options->most_rise_s, options->give_back_s, options->give_back_n_s};
+    const double all[] = {options->lead_n, options->most_over_n, options->ceiling_n,
+                          options->slew_n_s, options->rise_s, options->most_rise_s,
+                          options->give_back_s, options->give_back_n_s};
     for (size_t k = 0; k < sizeof all / sizeof *all; ++k) {
         if (!(all[k] >= 0.0)) return 0;
     }

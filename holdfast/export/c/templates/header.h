@@ -149,13 +149,14 @@ int holdfast_risky_permille(const holdfast_out *out);
 /* ---- the grip: from answers to one command a sample, by the controller "holdfast" ---- */
 
 /* lead_n: the largest lead of the target over the grip, N a side, while the grip itself has risen by
-   less than HF_RISE_N over the wearer's. The others are the supervisor's:
-   the target stays below ceiling_n; it rises only for rise_s after evidence, and not for longer than
+   less than HF_RISE_N over the wearer's. most_over_n: no target is further above the wearer's grip.
+   The others are the supervisor's: the target stays below ceiling_n; it rises only for rise_s after evidence, and not for longer than
    most_rise_s an answer; after give_back_s without evidence it falls by give_back_n_s. slew_n_s is
    passed on to the drive. shear_gain: shear over normal force as the sensors read it, over the true
    ratio; 1 by default, else from the calibration file. */
 typedef struct {
-    double lead_n, ceiling_n, slew_n_s, rise_s, most_rise_s, give_back_s, give_back_n_s, shear_gain;
+    double lead_n, most_over_n, ceiling_n, slew_n_s, rise_s, most_rise_s, give_back_s, give_back_n_s;
+    double shear_gain;
 } holdfast_grip_options;
 
 /* The defaults; forces that are not in N have no ceiling and no target. */
@@ -189,7 +190,7 @@ typedef struct {
 /* The memory of controller, friction margin and supervisor; its content is private. */
 typedef struct {
     holdfast_grip_options options;
-    double own_n, load_n, high_n, low_n, rises_n, mean_n, most_n, safe_run, quiet_s, last_evidence;
+    double own_n, quiet_s, last_evidence, mean_used, apart_used;
     double given_n, risen_s, since_s;
     double last_ratios[@RATIOS@], slid, quiet_ratio, held_ratio;
     double mu_hat, needed_n, holds_n, margin;
