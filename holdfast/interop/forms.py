@@ -40,7 +40,7 @@ from holdfast.training.datasets.trials import action_of
 PERSON = re.compile(r"(?i)(p|s|vp|sub|subj|subject|person|participant|user)[- ]?\d+")
 NUMBERED = re.compile(
     r"(?i)(trial|run|rep|take|t|r|episode|rec|recording|log|test|nr|no|file|data|session|day|set)?"
-    r"[- ]?\d+"
+    r"([- ]?\d+)+"
 )
 NAMED = {
     "person": {"person", "subject", "participant", "user"},
@@ -183,7 +183,8 @@ class Form:
         rules: dict[str, Any] = {"fingers": self.fingers}
         for key, words in NAMED.items():
             for name, column in columns.items():
-                if not words_of(name) & words or getattr(self.answers, key, ""):
+                is_said = bool(getattr(self.answers, key, ""))
+                if is_said or not words_of(name) & words:
                     continue
                 kinds = set(text_cells(column[::7]))
                 means = key != "action" or all(map(action_of_word, kinds))
@@ -321,9 +322,14 @@ class Form:
         is_known = "person" in fields or self.answers.person or self.answers.object
         if is_known or len(names) < 2 or all(map(_is_object, names)):
             return
-        what = f"are {listed(names, most=6)} people or objects? nothing in the logs says it"
-        answer = ",".join(names)
-        self.found.ask("--person", f"{what}: --person {answer} or --object {answer}")
+        shown, answer = listed(names, most=6), ",".join(names)
+        options = f"--person {answer} or --object {answer}"
+        # held out by trial or by people with a trial each is the same
+        if len(names) == len(words):
+            self.found.add("names", f"{shown}: not used; {options}")
+            return
+        what = f"are {shown} people or objects? nothing in the logs says it"
+        self.found.ask("--person", f"{what}: {options}")
 
 
 def _is_object(word: str) -> bool:

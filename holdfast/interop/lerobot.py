@@ -27,7 +27,6 @@ from holdfast.core.writing import write_whole
 from holdfast.interop.parquet import (
     read_columns,
     write_columns,
-    write_frame,
     write_rows,
 )
 from holdfast.interop.payload import NO_LABEL, UNLABELLED, TrialPayload
@@ -76,7 +75,7 @@ def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
     # the texts are the index, as lerobot looks them up
     numbers = {"task_index": np.arange(len(tasks))}
     table = pd.DataFrame(numbers, index=pd.Index(tasks, name="task"))
-    write_frame(folder / "meta/tasks.parquet", table)
+    table.to_parquet(folder / "meta/tasks.parquet", compression="zstd")
     stats = {key: _stats(values) for key, values in joined.items()}
     _write_json(folder / "meta/stats.json", stats)
     _write_json(folder / INFO, _info(trials, rate_hz, joined, len(tasks)))

@@ -649,8 +649,8 @@ def test_words_that_may_be_people_are_asked_for_where_they_would_be_held_out(
     run: Run, tmp_path: Path
 ) -> None:
     one = made(1)
-    for name in ("anna", "ben"):
-        write_log(tmp_path / f"logs/{name}/1.csv", one)
+    for name in ("anna/1", "anna/2", "ben/1"):
+        write_log(tmp_path / f"logs/{name}.csv", one)
     out = imported(run, tmp_path, *SLIP, code=2)
     assert "are anna, ben people or objects?" in out
     out = imported(run, tmp_path, *SLIP, "--person", "anna,ben")
