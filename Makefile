@@ -51,7 +51,7 @@ loop: setup  ## what holding on costs: grip controllers in a closed loop, into b
 	$(BIN)/python -m studies loop --page $(ARGS)
 
 distortions: setup  ## one set of trials with one nuisance at a time, into build/distortions
-	$(BIN)/python -m studies distortions --page $(ARGS)
+	$(BIN)/python -m studies distortions $(ARGS)
 
 evaluate: setup  ## the default model on unseen simulated sets, with baselines, into build/evaluate
 	$(BIN)/python -m studies evaluate --model $(MODEL) $(ARGS)

@@ -9,12 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from holdfast.core.clock import MonotonicClock
-from holdfast.core.contract import FloatArray, Json, Prediction, Sample
+from holdfast.core.contract import FloatArray, Prediction, Sample
 from holdfast.core.source import SourceReading
 from holdfast.drivers.bridges import BRIDGES, open_virtual
 from holdfast.drivers.bus import Bus, Reply, Transfer
@@ -26,9 +24,8 @@ from holdfast.drivers.virtual.usb_backend import Traffic
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.live.bench import busy_wait, time_in_turns
+from holdfast.live.bench import step_of, time_in_turns
 from holdfast.live.loop import Summary, run_live
-from holdfast.live.running import real_time
 
 FAULTS = {
     "nack:3@3+0.3": "finger 3 does not acknowledge for 0.3 s",
@@ -69,8 +66,6 @@ class ScanCost:
     layout: str
     bus_khz: int
     transfers: float
-    bytes_out: float
-    bytes_in: float
     scan_ms: float
     scans_hz: float
     serves_model_hz: float | None
@@ -78,10 +73,10 @@ class ScanCost:
 
 @dataclass(frozen=True)
 class FaultRow:
-    """What a fault does: its message, its detection, the states meanwhile, the recovery.
+    """What a fault does: its message, its detection, the recovery.
 
-    detected_ms, detected_max_ms: median and longest over the phases of a period. whole_again_ms,
-    settled_again_ms: after the fault's end. ends: the last state of the run.
+    detected_ms, detected_max_ms: median and longest over the phases of a period. settled_again_ms:
+    after the fault's end. ends: the last state of the run.
     """
 
     fault: str
@@ -89,33 +84,9 @@ class FaultRow:
     message: str
     detected_ms: float
     detected_max_ms: float
-    meanwhile: str
-    whole_again_ms: float
     settled_again_ms: float
     samples_lost: int
     ends: str
-
-    def to_json(self) -> Json:
-        """As it stands in hand.json, where the message's key is "said"."""
-        return {
-            "said" if key == "message" else key: value
-            for key, value in vars(self).items()
-        }
-
-
-@dataclass(frozen=True)
-class LiveLatency:
-    """A run of the live loop in real time. latency_us, floor_us: p50, p99 and p99.9.
-
-    latency_us: by stage. floor_us: of the busy wait.
-    """
-
-    rate_hz: float
-    samples: int
-    overruns: int
-    latency_us: dict[str, dict[str, float]]
-    share_of_period: float
-    floor_us: dict[str, float]
 
 
 @dataclass
@@ -126,10 +97,9 @@ class Bench:
     layout: str = "mux"
     bus_hz: int = 400_000
     faults: tuple[str, ...] = ()
-    clock: Any = None
 
     def __post_init__(self) -> None:
-        self.clock = self.clock or VirtualClock()
+        self.clock = VirtualClock()
         self.virtual = VirtualHand(
             self.clock,
             layout=self.layout,
@@ -187,7 +157,7 @@ def _scan_cost(bridge: str, layout: str, bus_hz: int) -> ScanCost:
     bench = Bench(bridge, layout, bus_hz)
     traffic = bench.traffic
     before_ns = bench.clock.now_ns()
-    traffic.transfers = traffic.bytes_out = traffic.bytes_in = 0
+    traffic.transfers = 0
     for _ in range(SCANS):
         bench.hand.read()
     scan_s = 1e-9 * (bench.clock.now_ns() - before_ns) / SCANS
@@ -196,8 +166,6 @@ def _scan_cost(bridge: str, layout: str, bus_hz: int) -> ScanCost:
         layout=layout,
         bus_khz=bus_hz // 1000,
         transfers=traffic.transfers / SCANS,
-        bytes_out=traffic.bytes_out / SCANS,
-        bytes_in=traffic.bytes_in / SCANS,
         scan_ms=1e3 * scan_s,
         scans_hz=1.0 / scan_s,
         serves_model_hz=next(
@@ -206,50 +174,44 @@ def _scan_cost(bridge: str, layout: str, bus_hz: int) -> ScanCost:
     )
 
 
-def fault_table(
-    model_path: Path, compute_ms: float = 0.0, phases: int = PHASES
-) -> list[FaultRow]:
+def fault_table(model_path: Path, phases: int = PHASES) -> list[FaultRow]:
     """One row per fault at the model's rate.
 
-    compute_ms: from the end of a read to the answer, which no virtual clock knows. phases:
-    detection is measured for faults that begin at so many moments of a period, everything else
-    once.
+    phases: detection is measured for faults that begin at so many moments of a period, everything
+    else once.
     """
     model = Model(model_path)
+    # No virtual clock knows how long the step computes.
+    step_us = time_in_turns({"step": step_of(model)})["step"]
+    compute_ms = 1e-3 * float(np.median(step_us))
     return [_fault_row(model, fault, compute_ms, phases) for fault in FAULTS]
 
 
 def _fault_row(model: Model, fault: str, compute_ms: float, phases: int) -> FaultRow:
     bench = Bench(faults=(fault,))
-    rows: list[tuple[float, bool, str]] = []
+    rows: list[tuple[float, str]] = []
 
     def emit(prediction: Prediction, sample: Sample, measured: SourceReading) -> None:
         answered_s = 1e-9 * bench.clock.now_ns() + 1e-3 * compute_ms
-        rows.append((answered_s, bool(sample.valid.all()), _answer(prediction)))
+        rows.append((answered_s, _answer(prediction)))
 
     end_ns = round(1e9 * FAULT_RUN_S)
     summary = _answered(bench, model, emit, lambda: bench.clock.now_ns() >= end_ns)
-    after = [row for row in rows if row[0] >= FAULT_AT_S]
-    bad = [t for t, good, _ in after if not good]
-    not_whole = [t for t, _, state in after if state in LOST]
+    last_lost_s = max(t for t, state in rows if t >= FAULT_AT_S and state in LOST)
     ends_s = FAULT_AT_S + (read_fault(fault).lasts_s if "+" in fault else 0.0)
-    detected_ms = [
-        _detected_ms(model, fault, phase / phases) + compute_ms
-        for phase in range(phases)
-    ]
+    detected_ms = []
+    for phase in range(phases):
+        found_ms = _detected_ms(model, fault, phase / phases)
+        detected_ms.append(found_ms + compute_ms)
     return FaultRow(
         fault=fault,
         what=FAULTS[fault],
         message=bench.messages[0].split(";")[0] if bench.messages else "",
         detected_ms=float(np.median(detected_ms)),
         detected_max_ms=max(detected_ms),
-        meanwhile=", ".join(
-            sorted({state for t, _, state in after if bad[0] <= t <= bad[-1]})
-        ),
-        whole_again_ms=1e3 * (bad[-1] - ends_s),
-        settled_again_ms=1e3 * (not_whole[-1] - ends_s),
+        settled_again_ms=1e3 * (last_lost_s - ends_s),
         samples_lost=summary.overruns,
-        ends=rows[-1][2],
+        ends=rows[-1][1],
     )
 
 
@@ -270,59 +232,12 @@ def _detected_ms(model: Model, fault: str, phase: float) -> float:
             found_s.append(now_s)
 
     end_ns = round(1e9 * (at_s + 1.0))
-    _answered(
-        bench,
-        model,
-        emit,
-        lambda: bool(found_s) or bench.clock.now_ns() >= end_ns,
-    )
+
+    def stopped() -> bool:
+        return bool(found_s) or bench.clock.now_ns() >= end_ns
+
+    _answered(bench, model, emit, stopped)
     return 1e3 * (found_s[0] - at_s) if found_s else float("inf")
-
-
-def latency(model_path: Path, rate_hz: float, seconds: float) -> LiveLatency:
-    """Our share of a period by stage, us: real time on an FT232H whose transfers take no time.
-
-    Reference for each period: a busy wait as long as the whole sample, on the same
-    machine.
-    """
-    model = Model(model_path)
-    model.card.__dict__["rate_hz"] = rate_hz
-    clock = MonotonicClock()
-    bench = Bench(clock=_Instant(clock))
-    end_ns = clock.now_ns() + round(1e9 * seconds)
-    with real_time():
-        summary = _answered(
-            bench, model, lambda *_: None, lambda: clock.now_ns() >= end_ns, clock
-        )
-    stages_us = summary.latency_us()
-    floor = time_in_turns({"floor": busy_wait(stages_us["read to emit"]["p50"])})[
-        "floor"
-    ]
-    return LiveLatency(
-        rate_hz=rate_hz,
-        samples=summary.samples,
-        overruns=summary.overruns,
-        latency_us=stages_us,
-        share_of_period=stages_us["read to emit"]["p50"] * 1e-6 * rate_hz,
-        floor_us={
-            f"p{p:g}": float(np.percentile(floor, p)) for p in (50.0, 99.0, 99.9)
-        },
-    )
-
-
-class _Instant(VirtualClock):
-    """Real time for the chips, and transfers that take none."""
-
-    def __init__(self, clock: MonotonicClock) -> None:
-        super().__init__()
-        self._clock = clock
-
-    def now_ns(self) -> int:
-        """The machine's."""
-        return self._clock.now_ns()
-
-    def spend(self, duration_ns: int) -> None:
-        """Nothing: what is timed is our own computing."""
 
 
 def _answered(
@@ -330,14 +245,11 @@ def _answered(
     model: Model,
     emit: Callable[..., None],
     stopped: Callable[[], bool],
-    clock: Any = None,
 ) -> Summary:
-    clock = clock or bench.clock
     source = LiveHand(bench.hand, _to_force)
-    monitor = GripMonitor(model, clock.now_ns)
-    return run_live(
-        source, monitor, Tare(model.card.preparation, 18), clock, emit, stopped=stopped
-    )
+    monitor = GripMonitor(model, bench.clock.now_ns)
+    tare = Tare(model.card.preparation, 18)
+    return run_live(source, monitor, tare, bench.clock, emit, stopped=stopped)
 
 
 def _to_force(field_ut: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Whether MuJoCo is here: it has an environment of its own (`make peers`, `make world`)."""
+"""Whether MuJoCo is here: it has an environment of its own (`make world`)."""
 
 from __future__ import annotations
 

@@ -38,8 +38,8 @@ PROGRAMS = {
         "build/distortions",
     ),
     "adapt": Program(
-        "studies.adapt.program",
-        "what adapting to a person brings, simulated and on people",
+        "studies.adapt",
+        "what adapting to a person brings, simulated",
         "build/adapt-study",
     ),
     "preliminary": Program(

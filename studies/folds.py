@@ -1,16 +1,10 @@
-"""Folds by group, and a split that is wrong on purpose, to show how far it flatters."""
+"""A split that is wrong on purpose, to show how far it flatters."""
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from holdfast.training.recording import Fold, assign_groups, folds_of
-
-
-def grouped_folds(groups: npt.ArrayLike, n_folds: int, *, seed: int = 0) -> list[Fold]:
-    """Cross-validation by groups [M]. Raises TooFewGroups."""
-    return folds_of(groups, assign_groups(groups, n_folds, seed=seed))
+from holdfast.training.recording import Fold
 
 
 def leaky_folds(n_rows: int, n_folds: int, *, seed: int = 0) -> list[Fold]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import onnx
 
 from benchmarks import touch_to_grip
-from benchmarks.cost.picture import figure, on_hands
+from benchmarks.cost.picture import figure
 from examples.demo import demo_picture
 from holdfast.cli.command import show
 from holdfast.core.contract import Json
@@ -21,7 +21,6 @@ from tools.harness import for_any_page
 
 MODEL = Path("models/holdfast-150hz.onnx")
 COST = "build/bench/cost.json"
-ROBUST = "docs/measured/robust-2026-11-25.json"
 LATENCY = "docs/measured/latency-150hz.json"
 SLOWER = Path("docs/measured/latency-50hz.json")
 EVALUATED = "build/evaluate/figures.json"
@@ -29,10 +28,6 @@ MEASURED: dict[str, tuple[str, Callable[[Json], str]]] = {
     "what-accuracy-costs.svg": (
         COST,
         lambda cost: for_any_page(figure(cost["rows"])),
-    ),
-    "what-robustness-costs.svg": (
-        ROBUST,
-        lambda robust: for_any_page(on_hands(robust["rows"])),
     ),
     "touch-to-grip.svg": (LATENCY, lambda fast: touch_to_grip_of(fast)),
     **{name: (EVALUATED, draw) for name, draw in TIMING.items()},

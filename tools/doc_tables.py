@@ -53,7 +53,6 @@ SOURCES: dict[str, dict[str, str]] = {
         "wide": "docs/measured/wide-080828f74eb1.json",
     },
     "docs/scenes.md": {
-        "effects": "build/bench/effects.json",
         "simulator": "build/bench/simulator.json",
     },
     "docs/shared-control.md": {

@@ -1,8 +1,8 @@
 """What all studies and benchmarks share: how one is started by its name, the scenes that it
 simulates first, and how its figures are written.
 
-    python -m studies adapt --people
-    python -m benchmarks network
+    python -m studies adapt
+    python -m benchmarks cost
 
 A program is a module with `add_arguments(parser)`, for options of its own, and `run(args) -> int`.
 `--out` and `--seed` are options of every program.

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from benchmarks.cost.point import GOOD, README_POINTS, RECOMMENDED, REFERENCE
+from benchmarks.cost.point import README_POINTS
 from holdfast.core.contract import NORMAL_FLOOR, Json
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
 from holdfast.evaluation.formats import DEPLOYED, markdown
@@ -15,7 +15,7 @@ from holdfast.export.spec import StepSpec
 from holdfast.simulation import SCENES, shipped_scenes
 from holdfast.simulation.actions import ACTION_MODULES, COMMON, parameters_of
 from holdfast.simulation.effect import all_effects
-from holdfast.simulation.magnet import residual_n
+from holdfast.simulation.magnet import HEIGHT, dipole_ut, linear_map, loads_n, place_m
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.figures import ABSENT, over
 from studies.row_names import shown
@@ -28,6 +28,16 @@ from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS
 Rows = Sequence[Json]
 SENSORS, RATE_HZ = 6, 58.9
 """What the numbers of the page of features are for."""
+
+
+def calibration_error_n() -> tuple[float, float]:
+    """RMS error of the sensors' linear map over its loads: (normal, shear), N."""
+    loads = loads_n()
+    matrix, rest = linear_map()
+    fields = dipole_ut(place_m(loads, HEIGHT.default)) - rest
+    squares = (fields @ matrix.T - loads) ** 2
+    normal, shear = squares[:, 2].mean(), squares[:, :2].mean()
+    return math.sqrt(normal), math.sqrt(shear)
 
 
 def table(
@@ -191,46 +201,20 @@ def worst_of_unseen(rows: Rows) -> list[Json]:
     ]
 
 
-def reference_point(cost: Json) -> Json:
-    """The row of the surface that all others change one choice of."""
-    return _points(cost)["scenes", REFERENCE]
-
-
-def recommended_points(cost: Json) -> dict[str, Json]:
-    """The rows of the models that have names: tiny, default, best."""
-    points = _points(cost)
-    return {name: points[one.of, one.what] for name, one in RECOMMENDED.items()}
-
-
 def readme_points(cost: Json) -> list[Json]:
     """The README's rows, and whether people or scenes were evaluated."""
-    points, rows = _points(cost), []
+    points = {(row["of"], row["what"]): row for row in cost["rows"]}
+    rows = []
     for one in README_POINTS:
         data = "people, real" if one.of == "human" else "scenes, simulated"
         rows.append({**points[one.of, one.what], "set": data})
     return rows
 
 
-def cost_front(cost: Json, of: str) -> list[Json]:
-    """The points of a set that no other beats, cheapest first, each with what it is unbeaten in."""
-    rows = []
-    for row in cost["rows"]:
-        fronts = cost["fronts"][of].items()
-        unbeaten = [GOOD[good] for good, names in fronts if row["what"] in names]
-        if row["of"] == of and unbeaten:
-            rows.append({**row, "unbeaten_in": ", ".join(unbeaten)})
-    return sorted(rows, key=lambda row: float(row["step_us"]))
-
-
-def _points(cost: Json) -> dict[tuple[str, str], Json]:
-    return {(row["of"], row["what"]): row for row in cost["rows"]}
-
-
 FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "averaged_over": over,
     "cannot_tell": CANNOT_TELL,
-    "calibration_error_n": residual_n,
-    "cost_front": cost_front,
+    "calibration_error_n": calibration_error_n,
     "deployed": DEPLOYED,
     "action_rows": action_rows,
     "effect_rows": effect_rows,
@@ -247,8 +231,6 @@ FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "published_learners": LEARNERS,
     "published_percent": ACCURACY_PERCENT,
     "readme_points": readme_points,
-    "recommended_points": recommended_points,
-    "reference_point": reference_point,
     "scene_titles": scene_titles,
     "shown": shown,
     "table": table,

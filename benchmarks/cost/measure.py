@@ -1,323 +1,276 @@
-"""Points that share a learner: fitted, evaluated on unseen streams, exported for the hand."""
+"""Points with the same features: fitted, evaluated on unseen streams, exported for the hand."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import onnx
 
-from benchmarks.cost.features import everywhere, windows
-from benchmarks.cost.hands import HANDS, UNCHANGED, hand_figures
+from benchmarks.cost.hands import HANDS, UNCHANGED, hand_figures, on_hand
 from benchmarks.cost.point import ON_HANDS, Point
-from benchmarks.cost.recordings import per_recording, read
-from holdfast.core.contract import RISKY_SLIP, FloatArray, Json
-from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
+from benchmarks.cost.recordings import read
+from holdfast.core.contract import RISKY_SLIP, FloatArray, IntArray, Json
+from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.evaluation.alarms import (
     Answers,
     EventMatch,
-    EventScores,
     choose_confidence,
     event_scores,
     match_alarms,
     requests_at,
 )
 from holdfast.export.exporting import whole_graph
-from holdfast.export.heads import Calibration, Head, riskier_argmax, situation_votes
-from holdfast.export.learner import Forest, Learner, forest_of, reference_votes
-from holdfast.export.network import IntArray
+from holdfast.export.features import LAGS_S, SCALED_LAGS, SPANS_S, feature_count
+from holdfast.export.heads import Head, riskier_argmax, situation_votes
+from holdfast.export.learner import Learner, reference_votes
+from holdfast.export.pooled import side_matrix
 from holdfast.export.spec import StepSpec
-from holdfast.training.crossval import (
-    HeldOut,
-    fit_calibration,
-    fit_learner,
-    joined_by_network,
-    main_task,
+from holdfast.training.crossval import HeldOut, fit_learner, main_task, uncalibrated
+from holdfast.training.featurise import (
+    FloatRows,
+    features_everywhere,
+    features_of,
+    spec_for,
 )
-from holdfast.training.featurise import FloatRows
-from holdfast.training.figures import Interval, SituationFigures
 from holdfast.training.fitting import held_out_figures
-from holdfast.training.plan import TrainingPlan
 from holdfast.training.recording import DataSet, Recording, assign_groups
 
 FOLDS = 3
 MOST_FALSE_PER_MIN = 1.0
-
-
-class Grown:
-    """Learners of many sizes for the price of the largest: its first trees are the smaller forests.
-
-    fit is as fit_learner, seed 0.
-    """
-
-    def __init__(self, n_trees: int) -> None:
-        self._n_trees = n_trees
-        self._largest: dict[bytes, Forest] = {}
-
-    def fit(
-        self,
-        data: DataSet,
-        features: FloatRows,
-        plan: TrainingPlan,
-        task: str,
-        rows: IntArray,
-    ) -> Learner:
-        """The plan's learner on these rows."""
-        if plan.learner == "network":
-            return fit_learner(data, features, plan, task, rows, 0)
-        key = rows.tobytes()
-        if key not in self._largest:
-            situation = replace(plan.situation, n_estimators=self._n_trees)
-            largest = replace(plan, learner="forest", situation=situation)
-            forest = forest_of(fit_learner(data, features, largest, task, rows, 0))
-            assert forest is not None
-            self._largest[key] = forest
-        forest = first_trees(self._largest[key], plan.situation.n_estimators)
-        if plan.learner == "forest":
-            return forest
-        given = data.tasks[task]
-        label = given.label[rows]
-        n_classes = len(given.classes)
-        return joined_by_network(
-            forest, plan, task, features[rows], label, n_classes, 0
-        )
-
-
-def first_trees(forest: Forest, n_trees: int) -> Forest:
-    """The forest that a fit of so many trees would have been."""
-    smaller = copy(forest).set_params(n_estimators=n_trees)
-    smaller.estimators_ = forest.estimators_[:n_trees]
-    return smaller
+Votes = list[IntArray]
+"""[T, K] of a learner at every sample of some recordings."""
 
 
 @dataclass(frozen=True)
-class Voted:
-    """Votes [T, K] of a learner at every sample of some unseen streams."""
+class Stream:
+    """One recording and the votes [T, K] of a learner that never saw it."""
 
-    recordings: list[Recording]
-    votes: list[IntArray]
+    recording: Recording
+    votes: IntArray
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """A learner, its figures on unseen windows, its calibration, and its votes.
+    """A learner, its macro F1 with interval on unseen windows, and its votes.
 
-    of: pairs (streams to choose a threshold on, streams to evaluate at it); one pair for scenes, a
-    pair per fold for people. on_hands: the streams to evaluate on, felt by other hands.
+    streams: pairs (to choose a threshold on, to evaluate at it); one pair for scenes, a pair per
+    fold for people. on_hands: the streams to evaluate on, felt by other hands.
     """
 
     learner: Learner
-    figures: SituationFigures
-    calibration: Calibration
-    of: list[tuple[Voted, Voted]]
-    on_hands: dict[str, Voted] = field(default_factory=dict)
+    windows: Json
+    streams: list[tuple[list[Stream], list[Stream]]]
+    on_hands: dict[str, list[Stream]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
-class PointFigures:
-    """Figures of a point on unseen recordings.
+class Measured:
+    """Figures of points that share a learner, and its step graph."""
 
-    macro_f1: over four situations at windows. permille: the least confidence, one for each pair of
-    streams. hands: of points that are asked on other hands, the figures of each.
-    """
-
-    point: Point
-    macro_f1: float | None
-    macro_f1_ci: Interval | None
-    events: EventScores
-    permille: list[int]
-    hands: Json | None = None
-
-    def to_json(self) -> Json:
-        """As it stands in the file of the point."""
-        windows = {"macro_f1": self.macro_f1, "macro_f1_ci": self.macro_f1_ci}
-        figures = windows | asdict(self.events) | {"permille": self.permille}
-        on_hands = {"hands": self.hands}
-        return asdict(self.point) | {"what": self.point.what} | figures | on_hands
+    rows: dict[Point, Json]
+    model: onnx.ModelProto
 
 
-def measure(
-    point: Point, points: Sequence[Point], folder: Path, grown: Grown
-) -> tuple[list[PointFigures], onnx.ModelProto]:
-    """Figures of points that have the learner of this one, and its step graph."""
-    data = read(folder, point.of, point.rate_hz, "train")
-    fitted = (_people if point.of == "human" else _grasps)(point, folder, data, grown)
-    head = Head(
-        "situation",
-        data.tasks[main_task(data)].classes,
-        fitted.learner,
-        fitted.calibration,
-    )
-    return [_decided(one, fitted, point.spec(data)) for one in points], whole_graph(
-        point.spec(data), [head]
-    )
+def measure(points: Sequence[Point], folder: Path) -> dict[Point, Measured]:
+    """Learner's point -> what is found of its points; all points have the same features."""
+    data = read(folder, points[0], "train")
+    spec = points[0].spec(data)
+    learners = list(dict.fromkeys(point.fitted for point in points))
+    fit = _on_people if points[0].of == "human" else _on_scenes
+    found = {}
+    for point, fitted in fit(learners, folder, data).items():
+        alike = [one for one in points if one.fitted == point]
+        rows = {one: _figures(one, fitted, spec) for one in alike}
+        classes = data.tasks[main_task(data)].classes
+        calibration = uncalibrated(len(classes))
+        head = Head("situation", classes, fitted.learner, calibration)
+        found[point] = Measured(rows, whole_graph(spec, [head]))
+    return found
 
 
-def _grasps(point: Point, folder: Path, data: DataSet, grown: Grown) -> Fitted:
-    """Scenes: threshold and calibration from one stream of grasps, figures from another."""
-    every = np.arange(len(data.tasks["classes"]))
-    learner = grown.fit(data, windows(folder, point), point.plan, "classes", every)
-    (chosen_on, choosing), (evaluated, asking) = (
-        _voted(point, folder, part, learner) for part in ("choose", "ask")
-    )
-    calibration = fit_calibration(
-        _held_out(chosen_on, choosing).shares("classes"),
-        choosing.tasks["classes"].label,
-    )
-    figures = held_out_figures(asking, _held_out(evaluated, asking)).situations
-    on_hands = {
-        name: _voted(point, folder, f"ask, {name}", learner)[0]
-        for name in (HANDS if point in ON_HANDS else ())
-    }
-    return Fitted(learner, figures, calibration, [(chosen_on, evaluated)], on_hands)
+def _on_scenes(
+    points: Sequence[Point], folder: Path, data: DataSet
+) -> dict[Point, Fitted]:
+    """Scenes: the threshold from some streams of grasps, figures from others."""
+    spec = points[0].spec(data)
+    windows = features_of(data, spec)["classes"]
+    every = np.arange(len(windows))
+    learners = {}
+    for point in points:
+        rows = seen(windows, spec, point.look_back_s)
+        learners[point] = fit_learner(data, rows, point.plan, "classes", every, 0)
+
+    choosing = read(folder, points[0], "choose")
+    evaluated = read(folder, points[0], "ask")
+    choose = _votes(learners, choosing)
+    ask = _votes(learners, evaluated)
+    thumb = side_matrix(spec_for(evaluated, ("now",)))[:, 0] > 0.0
+    hands = {name: on_hand(evaluated, name, thumb) for name in HANDS}
+    asked = {point: one for point, one in learners.items() if point in ON_HANDS}
+    felt = {name: _votes(asked, hands[name]) for name in HANDS if asked}
+
+    found = {}
+    for point, learner in learners.items():
+        streams = (_streams(choosing, choose[point]), _streams(evaluated, ask[point]))
+        on_hands = {
+            name: _streams(hands[name], votes[point])
+            for name, votes in felt.items()
+            if point in asked
+        }
+        figures = _window_figures(evaluated, ask[point])
+        found[point] = Fitted(learner, figures, [streams], on_hands)
+    return found
 
 
-def _people(point: Point, folder: Path, data: DataSet, grown: Grown) -> Fitted:
+def _on_people(
+    points: Sequence[Point], folder: Path, data: DataSet
+) -> dict[Point, Fitted]:
     """People: each is evaluated by a learner trained without them.
 
     The threshold is chosen on the people of other folds. The learner that is timed is the first
     fold's.
     """
-    features = windows(folder, point)
-    task = data.tasks["situations"]
-    folds = assign_groups(data.group_of("situations"), FOLDS)
-    of_window = np.array([folds[str(group)] for group in data.group_of("situations")])
-    rows = per_recording(data, everywhere(folder, point, "train"))
-    learners = [
-        grown.fit(
-            data, features, point.plan, "situations", np.flatnonzero(of_window != fold)
-        )
-        for fold in range(FOLDS)
-    ]
-    votes: dict[int, IntArray] = {}
-    for fold, learner in enumerate(learners):
-        which = _of_fold(data, folds, fold)
-        votes |= zip(
-            which,
-            _votes(learner, [rows[k] for k in which], len(task.classes)),
-            strict=True,
-        )
-    evaluated = [_of(data, votes, _of_fold(data, folds, fold)) for fold in range(FOLDS)]
-    others = [
-        _of(
-            data,
-            votes,
-            [k for k in range(len(rows)) if k not in set(_of_fold(data, folds, fold))],
-        )
-        for fold in range(FOLDS)
-    ]
-    held = _held_out(_of(data, votes, range(len(rows))), data)
-    calibration = fit_calibration(held.shares("situations"), task.label)
-    figures = held_out_figures(data, held).situations
-    return Fitted(
-        learners[0], figures, calibration, list(zip(others, evaluated, strict=True))
-    )
+    spec = points[0].spec(data)
+    windows = features_of(data, spec)["situations"]
+    everywhere = features_everywhere(data, spec)
+    groups = data.group_of("situations")
+    folds = assign_groups(groups, FOLDS)
+    fold_of_window = np.array([folds[str(group)] for group in groups])
+    fold_of = np.array([folds[one.group] for one in data.recordings])
+    found = {}
+    for point in points:
+        rows = seen(windows, spec, point.look_back_s)
+        learners = []
+        for fold in range(FOLDS):
+            train = np.flatnonzero(fold_of_window != fold)
+            learner = fit_learner(data, rows, point.plan, "situations", train, 0)
+            learners.append(learner)
 
+        votes: Votes = [np.empty(0, np.int64) for _ in everywhere]
+        for fold, learner in enumerate(learners):
+            inside = np.flatnonzero(fold_of == fold)
+            theirs = [seen(everywhere[k], spec, point.look_back_s) for k in inside]
+            counted = _votes_of(learner, theirs, len(data.tasks["situations"].classes))
+            for k, of_recording in zip(inside, counted, strict=True):
+                votes[k] = of_recording
 
-def _held_out(voted: Voted, data: DataSet) -> HeldOut:
-    """The votes at the labelled windows of all recordings."""
-    task = main_task(data)
-    rows = data.tasks[task]
-    return HeldOut(
-        {
-            task: np.array(
-                [voted.votes[t][r] for t, r in zip(rows.trial, rows.row, strict=True)]
+        streams = _streams(data, votes)
+        pairs = []
+        for fold in range(FOLDS):
+            others = [streams[k] for k in np.flatnonzero(fold_of != fold)]
+            pairs.append(
+                (others, [streams[k] for k in np.flatnonzero(fold_of == fold)])
             )
-        }
-    )
+        figures = _window_figures(data, votes)
+        found[point] = Fitted(learners[0], figures, pairs)
+    return found
 
 
-def _of_fold(data: DataSet, folds: dict[str, int], fold: int) -> list[int]:
-    """Places of the recordings of a fold's people."""
-    return [k for k, one in enumerate(data.recordings) if folds[one.group] == fold]
+def _votes(learners: dict[Point, Learner], data: DataSet) -> dict[Point, Votes]:
+    """What learners of the same features vote at every sample; features are computed once."""
+    if not learners:
+        return {}
+    spec = next(iter(learners)).spec(data)
+    each = features_everywhere(data, spec)
+    n_classes = len(data.tasks["classes"].classes)
+    votes = {}
+    for point, learner in learners.items():
+        rows = [seen(features, spec, point.look_back_s) for features in each]
+        votes[point] = _votes_of(learner, rows, n_classes)
+    return votes
 
 
-def _of(data: DataSet, votes: dict[int, IntArray], which: Sequence[int]) -> Voted:
-    return Voted([data.recordings[k] for k in which], [votes[k] for k in which])
+def _votes_of(learner: Learner, each: Sequence[FloatRows], n_classes: int) -> Votes:
+    # All recordings at once: counting the votes of leaves is slow, running is fast.
+    ends = np.cumsum([len(rows) for rows in each])[:-1]
+    return np.split(reference_votes(learner, np.concatenate(each), n_classes), ends)
 
 
-def _voted(
-    point: Point, folder: Path, part: str, learner: Learner
-) -> tuple[Voted, DataSet]:
-    data = read(folder, point.of, point.rate_hz, part)
-    votes = reference_votes(
-        learner, everywhere(folder, point, part), len(data.tasks["classes"].classes)
-    )
-    return Voted(list(data.recordings), per_recording(data, votes)), data
+def _streams(data: DataSet, votes: Votes) -> list[Stream]:
+    pairs = zip(data.recordings, votes, strict=True)
+    return [Stream(recording, of) for recording, of in pairs]
 
 
-def _votes(
-    learner: Learner, rows: Sequence[FloatRows], n_classes: int
-) -> list[IntArray]:
-    """Votes on all recordings at once, since counting leaf votes is slow and running is fast."""
-    ends = np.cumsum([len(one) for one in rows])
-    return np.split(
-        reference_votes(learner, np.concatenate(rows), n_classes), ends[:-1]
-    )
+def _window_figures(data: DataSet, votes: Votes) -> Json:
+    """Macro F1 over four situations at the labelled windows, with its interval."""
+    task = main_task(data)
+    windows = data.tasks[task]
+    places = zip(windows.trial, windows.row, strict=True)
+    at_windows = np.array([votes[trial][row] for trial, row in places])
+    figures = held_out_figures(data, HeldOut({task: at_windows})).situations
+    return {"macro_f1": figures.macro_f1, "macro_f1_ci": figures.macro_f1_ci}
 
 
-def _decided(point: Point, fitted: Fitted, spec: StepSpec) -> PointFigures:
-    """Figures of the votes with a point's decision."""
+def _figures(point: Point, fitted: Fitted, spec: StepSpec) -> Json:
+    """The row of a point: its fitted learner with its decision."""
     matches = []
-    chosen = []
-    for choose, ask in fitted.of:
-        there, here = (
-            _answers(point, voted, fitted.calibration, spec) for voted in (choose, ask)
+    permille = []
+    for choose, ask in fitted.streams:
+        least = choose_confidence(
+            _answers(choose, spec), point.rules, MOST_FALSE_PER_MIN
         )
-        chosen.append(choose_confidence(there, point.rules, MOST_FALSE_PER_MIN))
-        matches += _matches(here, point.rules, chosen[-1])
+        matches += _matches(point, ask, spec, least)
+        permille.append(least)
+
     hands = None
     if point in ON_HANDS:
         hands = {UNCHANGED: hand_figures(matches)}
-        for name, voted in fitted.on_hands.items():
-            here = _answers(point, voted, fitted.calibration, spec)
-            felt = _matches(here, point.rules, chosen[-1])
-            hands[name] = hand_figures(felt)
-    f1, f1_ci = fitted.figures.macro_f1, fitted.figures.macro_f1_ci
-    return PointFigures(point, f1, f1_ci, event_scores(matches), chosen, hands)
+        for name, streams in fitted.on_hands.items():
+            of_hand = _matches(point, streams, spec, permille[0])
+            hands[name] = hand_figures(of_hand)
+    events = asdict(event_scores(matches))
+    chosen = {"what": point.what, **asdict(point), "permille": permille}
+    return {**chosen, **fitted.windows, **events, "hands": hands}
 
 
 def _matches(
-    answers: Sequence[Answers], rules: DecisionRules, permille: int
+    point: Point, streams: Sequence[Stream], spec: StepSpec, permille: int
 ) -> list[EventMatch]:
-    """The events of answered streams, acted on from one confidence on."""
-    requests = requests_at(answers, rules, permille)
+    """The events of streams, acted on from one confidence on."""
+    answers = _answers(streams, spec)
+    requests = requests_at(answers, point.rules, permille)
     pairs = zip(answers, requests, strict=True)
     return [match_alarms(one.recording, on) for one, on in pairs]
 
 
-def _answers(
-    point: Point, voted: Voted, calibration: Calibration, spec: StepSpec
-) -> list[Answers]:
+def _answers(streams: Sequence[Stream], spec: StepSpec) -> list[Answers]:
     answers = []
-    for recording, votes in zip(voted.recordings, voted.votes, strict=True):
-        by_situation = situation_votes(votes)
-        situation = riskier_argmax(by_situation)
+    for one in streams:
+        votes = situation_votes(one.votes)
+        situation = riskier_argmax(votes)
         situation[: spec.settle_samples - 1] = UNKNOWN
-        usable = recording.valid.sum(axis=1)
+        usable = one.recording.valid.sum(axis=1)
         situation[usable < spec.min_valid_sensors] = UNKNOWN
-        risky = (
-            _probability(votes, calibration)
-            if point.confidence == "calibrated"
-            else (by_situation[:, RISKY_SLIP] / by_situation.sum(axis=1))
-        )
-        answers.append(Answers(recording, situation, (1000 * risky).astype(np.int64)))
+        share = votes[:, RISKY_SLIP] / votes.sum(axis=1)
+        permille = (1000 * share).astype(np.int64)
+        answers.append(Answers(one.recording, situation, permille))
     return answers
 
 
-def _probability(votes: IntArray, calibration: Calibration) -> FloatArray:
-    """[T] calibrated probability of a risky slip, light or heavy."""
-    logits = (
-        votes / votes.sum(axis=1, keepdims=True) @ calibration.weights
-        + calibration.bias
-    )
-    odds = np.exp(logits - logits.max(axis=1, keepdims=True))
-    risky: npt.NDArray[Any] = situation_votes(odds / odds.sum(axis=1, keepdims=True))[
-        :, RISKY_SLIP
-    ]
-    return risky
+def seen(rows: FloatRows, spec: StepSpec, look_back_s: float) -> FloatRows:
+    """The rows, features that look further back made constant, so that no tree uses them."""
+    beyond = look_backs_s(spec) > look_back_s + 1e-9
+    return np.where(beyond, np.float32(0.0), rows) if beyond.any() else rows
+
+
+def look_backs_s(spec: StepSpec) -> FloatArray:
+    """[F]: how far back each feature of single fingers looks; 0 for the others."""
+    lags = np.array(LAGS_S)
+    known = {
+        "differences": np.tile(np.repeat(lags, 3), spec.n_sensors),
+        "scaled_differences": np.tile(
+            np.repeat(lags[list(SCALED_LAGS)], 3), spec.n_sensors
+        ),
+        "scaled_sums": np.repeat(lags, 3),
+        "activity": np.repeat(np.array(SPANS_S), 3),
+    }
+    parts = []
+    for name in spec.groups:
+        width = feature_count(
+            StepSpec(spec.n_sensors, spec.rate_hz, spec.unit, (name,))
+        )
+        parts.append(known.get(name, np.zeros(width)))
+    return np.concatenate(parts)

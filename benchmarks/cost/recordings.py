@@ -6,26 +6,20 @@ import json
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from benchmarks.cost.hands import on_hand
-from benchmarks.cost.point import Set
-from holdfast.core.errors import DataError, UsageError
+from benchmarks.cost.point import Point
+from holdfast.core.errors import UsageError
 from holdfast.core.writing import write_whole
-from holdfast.export.pooled import side_matrix
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.datasets import load
-from holdfast.training.featurise import spec_for
 from holdfast.training.recording import DataSet
+from holdfast.training.windows import Choice
 
 Parts = Mapping[str, tuple[str, int, int]]
-"""Part -> card, grasps, seed."""
+"""Part -> scene, grasps, seed."""
 PARTS: Parts = {
     "ask": ("daily", 400, 2),
     "train": ("thesis", 400, 0),
@@ -36,28 +30,13 @@ FASTEST_HZ = 300.0
 HUMAN = "human_slip_uskin"
 
 
-def require_parts(folder: Path, parts: Parts) -> None:
-    """Raise DataError where the folder keeps what was measured on other parts."""
-    path = folder / "parts.json"
-    text = json.dumps(parts)
-    if not path.is_file():
-        folder.mkdir(parents=True, exist_ok=True)
-        write_whole(path, text)
-    if path.read_text("utf-8") != text:
-        raise DataError(
-            "points of other recordings",
-            where=folder,
-            next_step="remove the folder and begin anew",
-        )
-
-
 def simulate(folder: Path, part: str, rates_hz: Sequence[float], parts: Parts) -> None:
     """A part at every rate, if missing: one hand at 300 Hz, and every n-th sample of it."""
-    card, grasps, seed = parts[part]
+    name, grasps, seed = parts[part]
     fastest = _place(folder, FASTEST_HZ, part)
     if not fastest.is_dir():
         half = _emptied(fastest)
-        write_set(Scene(read_scene_file(card, rate_hz=FASTEST_HZ), seed), half, grasps)
+        write_set(Scene(read_scene_file(name, rate_hz=FASTEST_HZ), seed), half, grasps)
         half.replace(fastest)
     for rate_hz in rates_hz:
         slower = _place(folder, rate_hz, part)
@@ -75,50 +54,30 @@ def read_slower(there: Path, here: Path, ratio: float) -> None:
             next_step="a rate that divides it",
         )
     for path in sorted(there.rglob("*.csv")):
-        if not path.name.endswith(".motion.csv"):
-            lines = path.read_bytes().splitlines(keepends=True)
-            write_whole(
-                here / path.relative_to(there),
-                b"".join([lines[0], *lines[1 :: round(ratio)]]),
-            )
+        if path.name.endswith(".motion.csv"):
+            continue
+        head, *lines = path.read_bytes().splitlines(keepends=True)
+        kept = [head, *lines[:: round(ratio)]]
+        write_whole(here / path.relative_to(there), b"".join(kept))
     for path in sorted(there.rglob("*.json")):
         meta = json.loads(path.read_text("utf-8"))
-        changed = (
-            meta | {"rate_hz": meta["rate_hz"] / ratio} if "rate_hz" in meta else meta
-        )
-        write_whole(here / path.relative_to(there), json.dumps(changed))
+        if "rate_hz" in meta:
+            meta["rate_hz"] /= ratio
+        write_whole(here / path.relative_to(there), json.dumps(meta))
 
 
-@cache
-def read(folder: Path, of: Set, rate_hz: float, part: str) -> DataSet:
-    """A part: of scenes balanced (dense) to train on; human_slip_uskin is one part.
-
-    part: "ask, turned" is the part "ask" on another hand (hands.py).
-    """
-    part, _, hand = part.partition(", ")
-    if hand:
-        data = read(folder, of, rate_hz, part)
-        thumb = side_matrix(spec_for(data, ("now",)))[:, 0] > 0.0
-        return on_hand(data, hand, thumb)
-    if of == "human":
+def read(folder: Path, point: Point, part: str) -> DataSet:
+    """A part at a point's rate: windows to train on are balanced. People are one part."""
+    if point.of == "human":
         data = load(HUMAN)
         return replace(data, tasks={"situations": data.tasks["situations"]})
-    return load(
-        _place(folder, rate_hz, part),
-        windows="balanced" if part == "train" else "natural",
-    )
+    windows: Choice = "balanced" if part == "train" else "natural"
+    return load(_place(folder, point.rate_hz, part), windows=windows)
 
 
-def per_recording(data: DataSet, rows: Any) -> list[Any]:
-    """Rows of all recordings -> those of each."""
-    return np.split(rows, starts(data)[1:])
-
-
-def starts(data: DataSet) -> Any:
-    """The row at which each recording begins in rows of them all."""
-    return np.concatenate(
-        [[0], np.cumsum([len(one.samples) for one in data.recordings])[:-1]]
-    )
+def evaluated_part(point: Point) -> str:
+    """The part that a point is evaluated on."""
+    return "train" if point.of == "human" else "ask"
 
 
 def _place(folder: Path, rate_hz: float, part: str) -> Path:

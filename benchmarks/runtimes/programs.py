@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from holdfast.core.errors import HoldfastError, LibraryMissing
@@ -19,8 +19,6 @@ PACKAGES = {
     "arm-none-eabi-gcc": "gcc-arm-none-eabi libnewlib-arm-none-eabi",
     "arm-none-eabi-size": "binutils-arm-none-eabi",
     "qemu-system-arm": "qemu-system-arm",
-    "apt-get": "apt",
-    "dpkg-deb": "dpkg",
 }
 """Program -> Debian's packages that it is in."""
 LONGEST_S = 900.0
@@ -39,24 +37,15 @@ def require(*programs: str) -> None:
 
 
 def called(
-    words: Sequence[str | Path],
-    folder: Path,
-    environment: Mapping[str, str] | None = None,
+    words: Sequence[str | Path], folder: Path
 ) -> subprocess.CompletedProcess[bytes]:
     """A program that ended well. Raises HoldfastError with the last line that it wrote."""
+    command = [str(word) for word in words]
     done = subprocess.run(
-        [str(word) for word in words],
-        cwd=folder,
-        capture_output=True,
-        check=False,
-        timeout=LONGEST_S,
-        env=environment,
+        command, cwd=folder, capture_output=True, check=False, timeout=LONGEST_S
     )
     if done.returncode:
-        lines = (
-            (done.stderr or done.stdout).decode("utf-8", "replace").strip().splitlines()
-        )
-        raise HoldfastError(
-            f"{words[0]} failed: {lines[-1] if lines else done.returncode!s:.300}"
-        )
+        wrote = (done.stderr or done.stdout).decode("utf-8", "replace").splitlines()
+        last = wrote[-1] if wrote else f"it ended with {done.returncode}"
+        raise HoldfastError(f"{words[0]} failed: {last:.300}")
     return done

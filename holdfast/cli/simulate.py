@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     require_json_writable(args)
     # A set is made of one card and one seed; files of two sets must not mix.
     require_new(args.out)
-    file = read_scene_file(args.card, rate_hz=args.rate, rate_option="--rate ")
+    file = read_scene_file(args.card, rate_hz=args.rate)
     scene = Scene(file, args.seed)
     total = len(scene.trials(args.trials))
     card = scene.file

@@ -326,7 +326,7 @@ class Form:
         options = f"--person {answer} or --object {answer}"
         # held out by trial or by people with a trial each is the same
         if len(names) == len(words):
-            self.found.add("names", f"{shown}: not used; {options}")
+            self.found.add("names", f"{shown}: taken as no people; {options}")
             return
         what = f"are {shown} people or objects? nothing in the logs says it"
         self.found.ask("--person", f"{what}: {options}")

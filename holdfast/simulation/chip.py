@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from holdfast.simulation.effect import Effect, Parameter, Rows, Signal
-from holdfast.simulation.rows import Plan, PlanRequest, RowEffect, added
+from holdfast.simulation.effect import SENSORS, Effect, Parameter, Rows, Signal
+from holdfast.simulation.rows import Plan, PlanRequest, RowEffect, added, as_drawn
 
 NOISE_UT = np.array([22.0, 22.0, 11.0])
 """1 sigma at 32 averaged conversions (data sheet SLYS045).
@@ -42,27 +42,20 @@ def noise_plan(request: PlanRequest) -> Plan:
     return {"added": sigma * request.noise()}
 
 
-def range_plan(request: PlanRequest) -> Plan:
-    """The chip's range, +-40 mT in x, y and +-80 mT in z, times a factor."""
-    return {"limit_ut": (RANGE_UT * request["range"])[None, None]}
-
-
 def saturation(rows: Rows, plan: Plan) -> Rows:
-    """Beyond its range the chip reports its limit; the sensor is invalid."""
-    limit = plan["limit_ut"]
+    """Beyond its range the chip reports its limit; the sensor is invalid.
+
+    The range is +-40 mT in x, y and +-80 mT in z, times a factor.
+    """
+    limit = RANGE_UT * plan["range"]
     inside = (np.abs(rows.values) < limit).all(axis=2)
     clipped = np.clip(rows.values, -limit, limit)
     return replace(rows, values=clipped, valid=rows.valid & inside)
 
 
-def bits_plan(request: PlanRequest) -> Plan:
-    """Steps of 2 range / 2^bits: 19.5 uT in x, y and 39 uT in z at 12 effective bits."""
-    return {"step_ut": (2.0 * RANGE_UT / 2.0 ** request["bits"])[None, None]}
-
-
 def quantisation(rows: Rows, plan: Plan) -> Rows:
-    """Rounds to whole steps."""
-    step = plan["step_ut"]
+    """Rounds to steps of 2 range / 2^bits: 19.5 uT in x, y and 39 uT in z at 12 bits."""
+    step = 2.0 * RANGE_UT / 2.0 ** plan["bits"]
     return replace(rows, values=np.rint(rows.values / step) * step)
 
 
@@ -132,10 +125,8 @@ def stale_plan(request: PlanRequest) -> Plan:
     ends_s = request["at_s"] + request["lasts_s"]
 
     stuck = np.zeros((len(request.t_s), request.sensors), dtype=np.bool_)
-    # Sensors are numbered from 1 in a scene file.
-    these = [int(number) - 1 for number in request["sensors"]]
     during = (request.t_s >= begins_s) & (request.t_s < ends_s)
-    stuck[:, these] = during[:, None]
+    stuck[:, request.places] = during[:, None]
 
     # The driver needs a while to see that a reading does not change.
     late = request.t_s - begins_s > STALE_AFTER_S
@@ -172,7 +163,7 @@ TABLE = (
     Effect(
         "saturation",
         "sensor",
-        RowEffect(range_plan, saturation),
+        RowEffect(as_drawn, saturation),
         {"range": Parameter(1.0, "", 0.01, 2, "of the chip's range")},
         needs=("dipole",),
         marks_invalid=True,
@@ -180,7 +171,7 @@ TABLE = (
     Effect(
         "quantisation",
         "sensor",
-        RowEffect(bits_plan, quantisation),
+        RowEffect(as_drawn, quantisation),
         {"bits": Parameter(12.0, "", 4, 24, "of the whole range")},
         needs=("dipole",),
     ),
@@ -203,7 +194,7 @@ TABLE = (
         "sensor",
         RowEffect(stale_plan, stale_sensor, chained=True),
         {
-            "sensors": Parameter([], "", 1, 12, "which sensors", many=True),
+            "sensors": SENSORS,
             "at_s": Parameter({"uniform": [4, 8]}, "s", 0, 1e6, "start"),
             "lasts_s": Parameter({"uniform": [0.1, 1]}, "s", 0, 1e6, "duration"),
         },

@@ -148,6 +148,10 @@ class Parameter:
         return None
 
 
+SENSORS = Parameter([], "", 1, 12, "which sensors", many=True)
+"""Of effects on some sensors."""
+
+
 def _drawn(kind: str, numbers: list[float], rng: np.random.Generator) -> float:
     """One draw of a distribution; its kind is one of DISTRIBUTIONS."""
     if kind == "choice":

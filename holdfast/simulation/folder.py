@@ -39,8 +39,6 @@ TIME_DECIMALS = 6
 """Of a time in s."""
 MOTION_DECIMALS = 3
 """Of a position in mm."""
-SIMULATED_SHARE = 0.8
-"""Share of a trial's time that simulating takes; the rest is for writing it."""
 Recording = tuple[Path, list[PlannedTrial]]
 """Path without its ending, and the trials that are joined in it."""
 
@@ -50,8 +48,8 @@ def write_set(
 ) -> int:
     """Simulate a scene's trials into a new folder; returns the number of recordings.
 
-    done: called now and then with the trials' worth of work that is done. The folder gets its name
-    when all of it is written, so an interrupted run leaves none. Raises OutputError.
+    done: called now and then with the number of trials that are simulated. The folder gets its
+    name when all of it is written, so an interrupted run leaves none. Raises OutputError.
     """
     require_new(out)
     with whole_folder(out) as unfinished:
@@ -107,34 +105,22 @@ def _fill(scene: Scene, out: Path, trials: Sequence[PlannedTrial], done: Done) -
 def _write_recordings(scene: Scene, recordings: Sequence[Recording], done: Done) -> int:
     """Simulate recordings together, and write each as soon as all its trials are there.
 
-    Returns their number of trials; done: called with the trials' worth of work, of which a trial
-    counts a part when simulated and all when written.
+    Returns their number of trials; done: called with the number that is simulated.
     """
     recording_of = {}
+    trials = []
     for path, joined in recordings:
+        trials += joined
         for trial in joined:
             recording_of[trial.number] = path, joined
 
-    simulated_so_far = 0.0
-    written = 0
-
-    def report(simulated: float) -> None:
-        nonlocal simulated_so_far
-        simulated_so_far = simulated
-        done(SIMULATED_SHARE * simulated + (1.0 - SIMULATED_SHARE) * written)
-
     ready: dict[int, SimulatedTrial] = {}
-    trials = []
-    for _, joined in recordings:
-        trials += joined
-    for simulated in scene.run(trials, report):
+    for simulated in scene.run(trials, done):
         path, joined = recording_of[simulated.trial.number]
         ready[simulated.trial.number] = simulated
         if all(trial.number in ready for trial in joined):
             complete = [ready.pop(trial.number) for trial in joined]
             write_recording(path, scene, complete)
-            written += len(joined)
-            report(simulated_so_far)
 
     return len(trials)
 

@@ -203,7 +203,7 @@ class _Loads:
 def _loads(trial: PlannedTrial, motion: HandMotion) -> _Loads:
     """The loads of a hold whose hand is shaken in any direction."""
     along, across = _gravity_shares(trial)
-    mass_kg = 1e-3 * trial.object.mass_g
+    mass_kg = trial.object.mass_kg
     shake_n = mass_kg * (motion.peak_m_s2 + _own_m_s2(trial))
     weight_n = mass_kg * GRAVITY_M_S2
 
@@ -249,9 +249,10 @@ def _own_m_s2(trial: PlannedTrial) -> float:
     """Largest acceleration of the hand by the action itself."""
     if trial.action not in ("lift", "carry"):
         return 0.0
-    weight_n = 1e-3 * trial.object.mass_g * GRAVITY_M_S2
+    mass_kg = trial.object.mass_kg
+    weight_n = mass_kg * GRAVITY_M_S2
     load_n = action_named(trial.action).load_n(trial, weight_n)
-    return (load_n - weight_n) / (1e-3 * trial.object.mass_g)
+    return (load_n - weight_n) / mass_kg
 
 
 def _slopes(trial: PlannedTrial) -> FloatArray:

@@ -5,7 +5,7 @@ And from field back to newtons as in the thesis: one linear map for all sensors,
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Container
 from dataclasses import replace
 from functools import cache
 from typing import TypeVar
@@ -13,8 +13,8 @@ from typing import TypeVar
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import Effect, Parameter, Rows
-from holdfast.simulation.rows import Plan, PlanRequest, RowEffect, scaled
+from holdfast.simulation.effect import SENSORS, Effect, Parameter, Rows
+from holdfast.simulation.rows import Plan, PlanRequest, RowEffect, as_drawn, scaled
 
 UT_PER_T = 1e6
 """Microtesla in a tesla."""
@@ -74,18 +74,15 @@ def place_m(forces_n: FloatArray, height_mm: float | FloatArray) -> FloatArray:
     return place
 
 
-def height_plan(request: PlanRequest) -> Plan:
-    """Distance of the magnet from the chip, unloaded."""
-    return {"height_mm": np.full((1, 1), request["height_mm"])}
-
-
 def dipole(rows: Rows, plan: Plan) -> Rows:
     """Force moves a magnet in silicone; the chip under it reads its dipole field, uT.
 
     The field at rest is included. Displacement F / (k (1 + |F| / 30 N)) for each axis, k 30 N/mm
     inwards and 15 N/mm sideways (a Shore-35A dome); field: dipole_ut.
     """
-    return replace(rows, values=dipole_ut(place_m(rows.values, plan["height_mm"])))
+    return replace(
+        rows, values=dipole_ut(place_m(rows.values, plan["height_mm"][..., 0]))
+    )
 
 
 def leak_plan(request: PlanRequest) -> Plan:
@@ -152,7 +149,7 @@ def reversed_plan(request: PlanRequest) -> Plan:
     sign = np.ones((1, request.sensors, 1))
     if "share" in request.drawn:
         sign[0, request.rng.uniform(size=request.sensors) < request["share"]] = -1.0
-    sign[:, _indices(request["sensors"])] = -1.0
+    sign[:, request.places] = -1.0
     return {"factor": sign}
 
 
@@ -160,7 +157,7 @@ def lost_plan(request: PlanRequest) -> Plan:
     """From at_s on the magnets of these sensors are lost."""
     gone = np.zeros((len(request.t_s), request.sensors, 1), dtype=np.bool_)
     after = request.t_s >= request["at_s"]
-    gone[:, _indices(request["sensors"])] = after[:, None, None]
+    gone[:, request.places] = after[:, None, None]
     return {"gone": gone}
 
 
@@ -182,11 +179,6 @@ def warming_plan(request: PlanRequest) -> Plan:
     remaining = 0.1 if request["compensated"] else 1.0
     share = 0.0012 * remaining
     return {"factor": (1.0 - share * warm)[:, None, None]}
-
-
-def _indices(sensors: Sequence[float]) -> list[int]:
-    """Places of sensors that a scene file numbers from 1."""
-    return [int(number) - 1 for number in sensors]
 
 
 def pad_plan(request: PlanRequest) -> Plan:
@@ -257,14 +249,13 @@ PAD_MAGNET = {
 PAD_NOISE = {"noise": Parameter(1.0, "", 0, 100, "of the chip's noise")}
 """Parameter of the effect `magnetometer`."""
 HEIGHT = Parameter(2.0, "mm", 1.5, 20, "from chip to magnet, unloaded")
-SENSORS = Parameter([], "", 1, 12, "which sensors", many=True)
 SPACING = Parameter(20.0, "mm", 5, 200, "between neighbouring fingertips")
 WARMING = Parameter({"uniform": [0, 10]}, "degC", -50, 80, "final warming")
 TABLE = (
     Effect(
         "dipole",
         "sensor",
-        RowEffect(height_plan, dipole),
+        RowEffect(as_drawn, dipole),
         {"height_mm": HEIGHT},
         gives_unit="uT",
     ),
@@ -380,30 +371,16 @@ def calibrate(rows: Reported) -> Reported:
     return replace(rows, values=newton, unit="N")
 
 
-def _read_n(forces_n: FloatArray) -> FloatArray:
-    """[M, 3] what the calibrated sensor reads of forces [M, 3]."""
-    matrix, rest = linear_map()
-    fields = dipole_ut(place_m(forces_n, HEIGHT.default))
-    return (fields - rest) @ matrix.T
-
-
-def residual_n() -> tuple[float, float]:
-    """RMS error of the map over its loads: (normal, shear), N; hardware: 0.27, 0.12."""
-    error_n = _read_n(loads_n()) - loads_n()
-    squares = error_n**2
-    normal = squares[:, 2].mean()
-    shear = squares[:, :2].mean()
-    return float(np.sqrt(normal)), float(np.sqrt(shear))
-
-
 def shear_gain() -> float:
     """Read over true ratio of shear and normal force, at a light touch of 1 N with 0.5 N of shear.
 
     The map is fitted to loads up to 14 N, and silicone stiffens: a light touch reads too little
     along the skin.
     """
+    matrix, rest = linear_map()
     touch_n = np.array([[0.5, 0.0, 1.0]])
-    shear_n, _, normal_n = _read_n(touch_n)[0]
+    field = dipole_ut(place_m(touch_n, HEIGHT.default)) - rest
+    shear_n, _, normal_n = (field @ matrix.T)[0]
     return float(shear_n / (0.5 * normal_n))
 
 

@@ -85,6 +85,11 @@ class HeldObject:
     crush_n: float = 0.0
 
     @property
+    def mass_kg(self) -> float:
+        """Its mass in kg."""
+        return 1e-3 * self.mass_g
+
+    @property
     def curvature_per_m(self) -> tuple[float, float]:
         """(across the grip, along the axis or at its edge), 1/m."""
         # A cylinder is flat along its axis and curved only at its edge.
@@ -100,45 +105,39 @@ def held_object(name: str, values: Mapping[str, Any]) -> HeldObject:
     return HeldObject(name, **numbers)
 
 
-def _ball(
-    name: str, diameter_mm: float, friction: float, stiffness: float, tall_mm: float = 0
+def _of_thesis(
+    name: str,
+    friction: float,
+    stiffness_n_per_m: float,
+    radius_mm: float,
+    axial_radius_mm: float = 0.0,
+    half_length_mm: float = 0.0,
 ) -> HeldObject:
-    """A ball of the thesis, or an ellipsoid where tall_mm is its diameter along the axis."""
+    """An object of the thesis; its mass is the thesis'."""
     return HeldObject(
         name,
-        mass_g=MASSES_G[name],
-        radius_mm=diameter_mm / 2,
-        axial_radius_mm=(tall_mm or diameter_mm) / 2,
-        half_length_mm=0.0,
-        friction=friction,
+        MASSES_G[name],
+        radius_mm,
+        axial_radius_mm,
+        half_length_mm,
+        friction,
         kinetic_share=0.8,
-        stiffness_n_per_m=stiffness,
+        stiffness_n_per_m=stiffness_n_per_m,
     )
 
 
-def _bottle(name: str, stiffness: float) -> HeldObject:
-    """A bottle of the thesis: a cylinder of 63 mm diameter, straight over 200 mm."""
-    return HeldObject(
-        name,
-        mass_g=MASSES_G[name],
-        radius_mm=31.5,
-        axial_radius_mm=0.0,
-        half_length_mm=100.0,
-        friction=0.6,
-        kinetic_share=0.8,
-        stiffness_n_per_m=stiffness,
-    )
-
-
-OBJECTS = {
-    "soft-ball": _ball("soft-ball", 69.0, 0.8, 1.5e3),
-    "empty-bottle": _bottle("empty-bottle", 3e3),
-    "basket-ball": _ball("basket-ball", 60.0, 0.8, 5e3),
-    "hard-ball": _ball("hard-ball", 60.0, 0.6, 1e5),
-    "full-bottle": _bottle("full-bottle", 2e4),
-    "apple": _ball("apple", 66.5, 0.5, 2e4, tall_mm=86.5),
-}
-"""Shipped objects by name. Balls: diameter in mm, friction, N/m; bottles: stiffness in N/m."""
+_SHIPPED = (
+    # balls, and an apple that is taller than wide
+    _of_thesis("soft-ball", 0.8, 1.5e3, 34.5, 34.5),
+    # bottles: cylinders of 63 mm diameter, straight over 200 mm
+    _of_thesis("empty-bottle", 0.6, 3e3, 31.5, half_length_mm=100.0),
+    _of_thesis("basket-ball", 0.8, 5e3, 30.0, 30.0),
+    _of_thesis("hard-ball", 0.6, 1e5, 30.0, 30.0),
+    _of_thesis("full-bottle", 0.6, 2e4, 31.5, half_length_mm=100.0),
+    _of_thesis("apple", 0.5, 2e4, 33.25, 43.25),
+)
+OBJECTS = {held.name: held for held in _SHIPPED}
+"""Shipped objects by name."""
 NO_OBJECT = held_object("no-object", {"mass_g": 0.1})
 """In the files of an empty hand that is touched: nothing, which weighs next to nothing."""
 

@@ -144,7 +144,7 @@ def least_grip_n(held: HeldObject, friction_factor: float = 1.0) -> float:
     if friction <= 0.0:
         return np.inf
     # Both sides hold the weight, each with friction times its normal force.
-    weight_n = held.mass_g * 1e-3 * GRAVITY_M_S2
+    weight_n = held.mass_kg * GRAVITY_M_S2
     return weight_n / (2.0 * friction)
 
 

@@ -38,6 +38,11 @@ class PlanRequest:
     def __getitem__(self, name: str) -> Any:
         return self.drawn[name]
 
+    @property
+    def places(self) -> list[int]:
+        """Of the sensors that the effect is about; a scene file numbers them from 1."""
+        return [int(number) - 1 for number in self["sensors"]]
+
     def noise(self) -> FloatArray:
         """[T, S, 3] standard normal numbers from the stream."""
         return self.rng.normal(size=(len(self.t_s), self.sensors, 3))
@@ -80,6 +85,11 @@ class RowEffect:
             valid[k] = before.valid[0]
 
         return replace(rows, values=values, valid=valid)
+
+
+def as_drawn(request: PlanRequest) -> Plan:
+    """The parameters themselves, [1, 1, 1] each: nothing random."""
+    return {name: np.full((1, 1, 1), value) for name, value in request.drawn.items()}
 
 
 def added(rows: Rows, plan: Plan) -> Rows:

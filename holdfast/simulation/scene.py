@@ -154,14 +154,12 @@ class Scene:
 
             yield from self._simulated(batch, report)
 
-    def run_together(
-        self, trials: Sequence[PlannedTrial], done: Done = lambda share: None
-    ) -> list[SimulatedTrial]:
-        """One batch, in the order given; done: called now and then with the share stepped."""
-        return list(self._simulated(trials, done))
+    def run_together(self, trials: Sequence[PlannedTrial]) -> list[SimulatedTrial]:
+        """One batch, in the order given."""
+        return list(self._simulated(trials))
 
     def _simulated(
-        self, trials: Sequence[PlannedTrial], done: Done
+        self, trials: Sequence[PlannedTrial], done: Done = lambda share: None
     ) -> Iterator[SimulatedTrial]:
         """Simulate one batch; yields its trials in their order."""
         if len(trials) == 1:  # numpy would sum a single trial in another order

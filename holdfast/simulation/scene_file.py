@@ -44,7 +44,7 @@ from msgspec import Meta
 from holdfast.core.contract import Json, Unit
 from holdfast.core.errors import CardError, UsageError
 from holdfast.core.hand_card import HandCard, read_hand_card
-from holdfast.core.schema import read, text_of
+from holdfast.core.schema import checked, read, text_of
 from holdfast.simulation import STYLES, find_scene_file
 from holdfast.simulation.actions import ACTION_MODULES, EMPTY_HANDED, parameters_of
 from holdfast.simulation.effect import (
@@ -71,8 +71,8 @@ ROW_KEYS = {"objects", "action", "style", "count"}
 """Keys of [[trials]] that are no parameters of the action."""
 MOST_TRIALS = 100_000
 """Of each object in one [[trials]]."""
-RATES_HZ = (40.0, 10_000.0)
-"""Lowest and highest sampling rate."""
+Rate = Annotated[float, Meta(ge=40.0, le=10_000.0)]
+"""A sampling rate, Hz."""
 STEP_S = 0.000834
 """Step where anything can happen, where the file names none."""
 
@@ -80,7 +80,7 @@ STEP_S = 0.000834
 class _Record(msgspec.Struct, forbid_unknown_fields=True):
     """The section [record]; join: trials of an object that make one long recording."""
 
-    rate_hz: Annotated[float, Meta(ge=RATES_HZ[0], le=RATES_HZ[1])] = 150.0
+    rate_hz: Rate = 150.0
     unit: Literal["N", "uT"] = "N"
     join: Annotated[int, Meta(ge=1, le=1000)] = 1
 
@@ -88,7 +88,7 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True):
 class _Physics(msgspec.Struct, forbid_unknown_fields=True):
     """The section [physics]."""
 
-    step_s: Annotated[float, Meta(ge=1e-6, le=1.0)] | None = None
+    step_s: Annotated[float, Meta(ge=1e-6, le=1.0)] = STEP_S
 
 
 class _Hand(msgspec.Struct, forbid_unknown_fields=True):
@@ -153,47 +153,25 @@ class SceneFile:
         return hashlib.sha256(self.text.encode()).hexdigest()
 
 
-def read_scene_file(
-    name: str, *, rate_hz: float | None = None, rate_option: str = "rate_hz="
-) -> SceneFile:
+def read_scene_file(name: str, *, rate_hz: float | None = None) -> SceneFile:
     """Read and check a scene by name or path.
 
-    rate_hz replaces the file's rate; rate_option: the user's word before that number. Raises
-    CardError, and UsageError for a rate_hz that the file does not allow.
+    rate_hz replaces the file's rate. Raises CardError, and UsageError for a rate_hz beyond Rate.
     """
     path = find_scene_file(name)
     tables = read(path, _Tables)
     if rate_hz is not None:
-        low_hz, high_hz = RATES_HZ
-        if not low_hz <= rate_hz <= high_hz:
-            allowed = f"a number from {low_hz:g} to {high_hz:g} Hz"
-            raise _rate_refused(path, rate_option, rate_hz, allowed)
-        tables.record.rate_hz = rate_hz
+        where = "sampling rate, Hz"
+        tables.record.rate_hz = checked(rate_hz, Rate, where, UsageError)
 
     hand = hand_of_counts(tables.hand.thumb, tables.hand.finger)
     if tables.hand.card:
         hand = read_hand_card(tables.hand.card, path.parent)
     try:
-        scene = _scene(tables, path, hand)
+        return _scene(tables, path, hand)
     except ValueError as reason:
         what, _, allowed = str(reason).partition("; ")
         raise CardError(what, where=path, next_step=allowed) from None
-
-    # A chip that averages cannot read faster than it converts.
-    average_s = step_settings(scene.effects).get("average_s")
-    if average_s and scene.rate_hz > 1.0 / average_s:
-        allowed = f"at most {1.0 / average_s:.0f} Hz, which is what the chip delivers"
-        if rate_hz is not None:
-            raise _rate_refused(path, rate_option, rate_hz, allowed)
-        what = f"record.rate_hz = {scene.rate_hz}"
-        raise CardError(what, where=path, next_step=f"allowed: {allowed}")
-    return scene
-
-
-def _rate_refused(path: Path, option: str, rate_hz: float, allowed: str) -> UsageError:
-    """The error for the user's rate, which names the option and not the file."""
-    what = f"{option}{rate_hz:g} is not a sampling rate of {path.stem}"
-    return UsageError(what, next_step=f"give {allowed}")
 
 
 def _scene(tables: _Tables, path: Path, hand: HandCard) -> SceneFile:
@@ -217,7 +195,7 @@ def _scene(tables: _Tables, path: Path, hand: HandCard) -> SceneFile:
         rate_hz=record.rate_hz,
         unit=record.unit,
         join=record.join,
-        step_s=tables.physics.step_s or STEP_S,
+        step_s=tables.physics.step_s,
         rows=tuple(rows),
         effects=_effects(tables.effects),
         objects=objects,
@@ -227,6 +205,12 @@ def _scene(tables: _Tables, path: Path, hand: HandCard) -> SceneFile:
     for name in scene.effects:
         _require_effect_fits(scene, effect_named(name))
     _require_unit_given(scene)
+
+    # A chip that averages cannot read faster than it converts.
+    average_s = step_settings(scene.effects).get("average_s")
+    if average_s and scene.rate_hz > 1.0 / average_s:
+        allowed = f"at most {1.0 / average_s:.0f} Hz, which is what the chip delivers"
+        raise _refused("record.rate_hz", scene.rate_hz, allowed)
     return scene
 
 

@@ -25,6 +25,8 @@ from holdfast.simulation.body import (
 )
 from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial
 from holdfast.simulation.script_times import (
+    ARM_DAMPING,
+    ARM_N_PER_M,
     BOX_GAP_M,
     BOX_OVERSHOOT_M,
     CATCH_S,
@@ -33,8 +35,6 @@ from holdfast.simulation.script_times import (
     smooth,
 )
 
-GIVER_N_PER_M = 800.0
-"""Stiffness of the arm that holds the object out."""
 GIVER_CAP_N = 40.0
 """Largest force of that arm."""
 BOX_N_PER_M = 4e3
@@ -45,8 +45,6 @@ BOX_SIDEWAYS = 300.0
 """Its damping sideways, N s/m: it stands in for friction on the box."""
 NO_BOX_M = -10.0
 """Height of the box of a trial that sets nothing down."""
-DAMPING_RATIO = 0.7
-"""Of an arm that holds an object, over critical damping."""
 LOSS_S = 2e-3
 """Damping of a finger along its normal over its stiffness."""
 
@@ -90,7 +88,7 @@ def body_of(trials: Sequence[PlannedTrial], pressure: FloatArray) -> Body:
     springs = np.broadcast_to(spring, (elements, *finger.shape))
 
     return Body(
-        mass_kg=np.array([held.mass_g * 1e-3 for held in objects]),
+        mass_kg=np.array([held.mass_kg for held in objects]),
         gravity_m_s2=GRAVITY_M_S2 * down,
         curvature_per_m=np.array([held.curvature_per_m for held in objects]).T,
         straight_m=np.array([held.half_length_mm * 1e-3 for held in objects]),
@@ -295,13 +293,13 @@ class Script:
             there = np.where(self.holds, np.maximum(there, back), there)
 
         # Below critical damping, 2 sqrt(k m), as a human arm.
-        critical = np.sqrt(GIVER_N_PER_M * self.body.mass_kg)
-        damping = 2.0 * DAMPING_RATIO * critical
+        critical = np.sqrt(ARM_N_PER_M * self.body.mass_kg)
+        damping = 2.0 * ARM_DAMPING * critical
 
         # The person holds the object where the hand takes it: the target does not move.
         still = np.zeros((len(t_s), *self.push.shape))
         return Pull(
-            stiffness_n_per_m=there * GIVER_N_PER_M,
+            stiffness_n_per_m=there * ARM_N_PER_M,
             damping_n_s_per_m=there * damping,
             # Above zero, because forces are compared with it by division.
             cap_n=there * GIVER_CAP_N + 1e-9,
@@ -328,7 +326,7 @@ class Script:
 
         stiffness = self.drawn("arm_n_per_m", 1.0)
         critical = np.sqrt(stiffness * self.body.mass_kg)
-        damping = 2.0 * DAMPING_RATIO * critical
+        damping = 2.0 * ARM_DAMPING * critical
 
         # A puller bears nothing of the object's weight.
         taking = (t_s - self.act_s) / self.drawn("take_s", 1.0)

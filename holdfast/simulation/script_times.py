@@ -23,6 +23,10 @@ BOX_GAP_M = 0.01
 """Distance of the box from the object when the action begins."""
 BOX_OVERSHOOT_M = 0.003
 """How far the box comes up beyond the first touch."""
+ARM_N_PER_M = 800.0
+"""Stiffness of the arm that holds the object out, or takes it at the end."""
+ARM_DAMPING = 0.7
+"""Of an arm that holds an object, over critical damping."""
 CATCH_S = 0.5
 """Time before the hand opens at which the person of a disturbed hold comes back."""
 

@@ -24,8 +24,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from holdfast.core.contract import FloatArray
 from holdfast.simulation.effect import Effect, Parameter, Rows
-from holdfast.simulation.rows import Plan, PlanRequest, RowEffect, added
+from holdfast.simulation.rows import Plan, PlanRequest, RowEffect, added, as_drawn
 
 
 def gain_plan(request: PlanRequest) -> Plan:
@@ -73,11 +74,6 @@ def mounting(rows: Rows, plan: Plan) -> Rows:
     return replace(rows, values=values)
 
 
-def play_plan(request: PlanRequest) -> Plan:
-    """Half the width of the loop, N."""
-    return {"half_n": np.full((1, 1, 1), 0.5 * request["width_n"])}
-
-
 def hysteresis(rows: Rows, plan: Plan, before: Rows) -> Rows:
     """Play: a reading stays until the force has moved by half the width, then follows at that.
 
@@ -85,17 +81,21 @@ def hysteresis(rows: Rows, plan: Plan, before: Rows) -> Rows:
     depends on the order of the forces and not on their speed (Visintin, "Differential models of
     hysteresis", 1994, chapter 3); the memory with a time of silicone is the effect `lag`.
     """
-    lowest = rows.values - plan["half_n"]
-    highest = rows.values + plan["half_n"]
+    lowest, highest = _play(rows, plan)
     return replace(rows, values=np.clip(before.values, lowest, highest))
+
+
+def _play(rows: Rows, plan: Plan) -> tuple[FloatArray, FloatArray]:
+    """The lowest and the highest reading that a force allows, N."""
+    half_n = 0.5 * plan["width_n"]
+    return rows.values - half_n, rows.values + half_n
 
 
 class _Play(RowEffect):
     """Hysteresis of a whole trial in one loop of two numpy calls a row."""
 
     def _row_by_row(self, rows: Rows, plan: Plan) -> Rows:
-        lowest = rows.values - plan["half_n"]
-        highest = rows.values + plan["half_n"]
+        lowest, highest = _play(rows, plan)
         values = np.empty_like(rows.values)
         reading = rows.values[0]
         for k in range(len(values)):
@@ -157,7 +157,7 @@ TABLE = (
     Effect(
         "hysteresis",
         "sensor",
-        _Play(play_plan, hysteresis, chained=True),
+        _Play(as_drawn, hysteresis, chained=True),
         {
             "width_n": Parameter(
                 {"uniform": [0, 0.1]}, "N", 0, 10, "width of the loop"

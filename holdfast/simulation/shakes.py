@@ -16,6 +16,7 @@ from holdfast.simulation.effect import (
     Parameter,
     PhysicsEffect,
 )
+from holdfast.simulation.script_times import smooth
 
 FOREVER_S = 1e9
 """Longer than any trial."""
@@ -92,10 +93,9 @@ class Arm(PhysicsEffect):
     def motion_m(self, t_s: FloatArray, trial: int) -> FloatArray:
         """[T, 3] position of one trial's hand, from where it began."""
         number, u, direction = self._reach(t_s, trial)
-        gone = u * u * u * (10.0 - u * (15.0 - 6.0 * u))
         # After an odd number of reaches the hand is at the far end.
         before = np.clip(number, 0.0, self.count[trial]) % 2
-        share = before + direction * gone
+        share = before + direction * smooth(u)
         return share[:, None] * self.along[:, trial]
 
     def busy_s(self, trial: int) -> list[Interval]:

@@ -71,53 +71,58 @@ class GainsApart(Scaled):
 
 
 @dataclass(frozen=True)
-class Noise(Memoryless):
-    """White noise, normal, on every axis. rms_n: its standard deviation, N."""
+class Added(Memoryless):
+    """Newtons of its own on every axis, whatever the reading."""
 
-    rms_n: float
+    def newtons(self, request: PlanRequest) -> FloatArray:
+        """[T, S, 3] of every sample."""
+        raise NotImplementedError
 
     def plan(self, request: PlanRequest) -> Plan:
-        """Noise of every sample."""
-        shape = (len(request.t_s), request.sensors, 3)
-        return {"noise_n": self.rms_n * request.rng.normal(size=shape)}
+        """The newtons of every sample."""
+        return {"added_n": self.newtons(request)}
 
     def values(self, values: FloatArray, plan: Plan) -> FloatArray:
-        """Plus the noise."""
-        return values + plan["noise_n"]
+        """Plus the newtons."""
+        return values + plan["added_n"]
 
 
 @dataclass(frozen=True)
-class OffsetStep(Memoryless):
+class Noise(Added):
+    """White noise, normal. rms_n: its standard deviation, N."""
+
+    rms_n: float
+
+    def newtons(self, request: PlanRequest) -> FloatArray:
+        """Noise."""
+        shape = (len(request.t_s), request.sensors, 3)
+        return self.rms_n * request.rng.normal(size=shape)
+
+
+@dataclass(frozen=True)
+class OffsetStep(Added):
     """Every axis moves by step_n up or down, all at one moment of the hold (a cable, a knock)."""
 
     step_n: float
 
-    def plan(self, request: PlanRequest) -> Plan:
-        """The offset of every sample: 0 before the moment."""
+    def newtons(self, request: PlanRequest) -> FloatArray:
+        """0 before the moment."""
         signs = request.rng.choice([-1.0, 1.0], (request.sensors, 3))
         at_s = request.rng.uniform(EARLIEST_S, LATEST_S)
         is_after = request.t_s >= at_s
-        return {"offset_n": self.step_n * is_after[:, None, None] * signs}
-
-    def values(self, values: FloatArray, plan: Plan) -> FloatArray:
-        """Plus the offset."""
-        return values + plan["offset_n"]
+        return self.step_n * is_after[:, None, None] * signs
 
 
 @dataclass(frozen=True)
-class Drift(Memoryless):
+class Drift(Added):
     """Every axis drifts evenly up or down from the first sample on, n_s newtons a second."""
 
     n_s: float
 
-    def plan(self, request: PlanRequest) -> Plan:
-        """The drift at every sample."""
+    def newtons(self, request: PlanRequest) -> FloatArray:
+        """The drift."""
         signs = request.rng.choice([-1.0, 1.0], (request.sensors, 3))
-        return {"offset_n": self.n_s * request.t_s[:, None, None] * signs}
-
-    def values(self, values: FloatArray, plan: Plan) -> FloatArray:
-        """Plus the drift."""
-        return values + plan["offset_n"]
+        return self.n_s * request.t_s[:, None, None] * signs
 
 
 @dataclass(frozen=True)

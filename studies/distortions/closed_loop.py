@@ -34,9 +34,6 @@ KEYS = (
 )
 """Of the loop's figures, those that stay in a row."""
 
-NOT_RUN: Json = {"figures": dict.fromkeys(KEYS), "saved": {}, "blocked": {}}
-"""Of a row whose closed loop was not run."""
-
 
 class DistortedSensors:
     """Sensors of B hands behind a law, read as LoopSensors."""

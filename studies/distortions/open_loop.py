@@ -31,9 +31,7 @@ from studies.distortions.table import by_name
 from studies.distortions.trials import NOTHING_ACTION, felt_set, recording_of
 
 OUTPUTS = ("situation", "votes", "unknown", "detectors", "p_situation")
-LEAD_S = 0.015
-"""A slip with less time from load onset to gross slip is too fast to be asked about."""
-COLUMNS = ("found", "in_time", "called")
+COLUMNS = ("found", "called")
 """Yes-or-no outcomes of single events and actions, which compare pair by pair."""
 
 
@@ -41,19 +39,16 @@ COLUMNS = ("found", "in_time", "called")
 class OpenOutcomes:
     """What became of the set; keys are "trial, number in it".
 
-    found, in_time: of slips, the latter of those with LEAD_S; called: of voluntary actions.
-    empty: share of an open hand's samples that is called nothing, by trial. unknown: share of the
-    samples of all others without an answer. delay_ms: median from load onset to the request.
+    found: of slips; called: of voluntary actions. empty: share of an open hand's samples that is
+    called nothing, by trial. unknown: share of the samples of all others without an answer.
     """
 
     found: dict[str, bool]
-    in_time: dict[str, bool]
     called: dict[str, bool]
     false_per_min: float
     false_per_min_ci: Interval | None
     empty: tuple[float, ...]
     unknown: float
-    delay_ms: float | None = None
 
 
 @dataclass(frozen=True)
@@ -93,7 +88,6 @@ def outcomes_of(
 ) -> OpenOutcomes:
     """What became of trials. requests [T] each: whether an act is requested."""
     found: dict[str, bool] = {}
-    in_time: dict[str, bool] = {}
     called: dict[str, bool] = {}
     matches: list[EventMatch] = []
     held = []
@@ -105,26 +99,19 @@ def outcomes_of(
         match = match_alarms(recording, on)
         matches.append(match)
         for number, event in enumerate(match.outcomes):
-            key = f"{recording.trial_id}, {number}"
-            found[key] = event.alarm_s is not None
-            available_s = event.available_s
-            if available_s is not None and available_s >= LEAD_S:
-                lead_s = event.lead_s
-                in_time[key] = lead_s is not None and lead_s > 0.0
+            found[f"{recording.trial_id}, {number}"] = event.alarm_s is not None
         for number, action in enumerate(voluntary_actions(recording)):
-            key = f"{recording.trial_id}, {number}"
-            called[key] = bool(on[action.first : action.stop].any())
+            was_called = on[action.first : action.stop].any()
+            called[f"{recording.trial_id}, {number}"] = bool(was_called)
 
     scores = event_scores(matches, seed=seed)
     return OpenOutcomes(
         found=found,
-        in_time=in_time,
         called=called,
         false_per_min=scores.false_per_min or 0.0,
         false_per_min_ci=scores.false_per_min_ci,
         empty=_empty(outputs, settle),
         unknown=_unknown(held),
-        delay_ms=None if scores.delay_ms is None else scores.delay_ms.p50,
     )
 
 

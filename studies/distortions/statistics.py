@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.stats import binomtest, t
+from scipy.stats import binomtest, sem, t
 
 from holdfast.training.figures import Interval
 
@@ -41,7 +41,6 @@ def mean_interval(values: Sequence[float]) -> Interval | None:
     n = len(values)
     if n < 2:
         return None
+    half = float(t.ppf(0.975, n - 1) * sem(values))
     mean = float(np.mean(values))
-    error = float(np.std(values, ddof=1)) / np.sqrt(n)
-    half = float(t.ppf(0.975, n - 1)) * error
     return max(0.0, mean - half), min(1.0, mean + half)

@@ -24,34 +24,30 @@ WIDE_IN = 5.6
 
 def late_or_in_time(figures: Json) -> str:
     """Of each set's risky events: acted on before gross slip, later, or not at all."""
-    rows = {name: one["rows"][DEPLOYED] for name, one in figures["sets"].items()}
-    rows = {name: row for name, row in rows.items() if row["events"]}
+    rows = {}
+    for name, one in figures["sets"].items():
+        if one["rows"][DEPLOYED]["events"]:
+            rows[name] = one["rows"][DEPLOYED]
     return _picture(figures, rows, "events", "risky events", _parts)
 
 
 def _parts(axes: Axes, rows: Json) -> None:
-    left = np.zeros(len(rows))
-    for name, colour, share in PARTS:
-        width = [share(row) for row in rows.values()]
-        axes.barh(list(rows), width, 0.62, left, color=colour, label=name)
-        left += width
+    in_time = np.array([row["in_time"] for row in rows.values()])
+    found = np.array([row["recall"] for row in rows.values()])
+    names = list(rows)
+    axes.barh(names, in_time, 0.62, color=OURS, label="before gross slip")
+    axes.barh(names, found - in_time, 0.62, in_time, color=WARNING, label="late")
+    axes.barh(names, 1.0 - found, 0.62, found, color="#bbbbbb", label="not at all")
     axes.set_xlabel("share of risky events")
-
-
-PARTS: tuple[tuple[str, str, Callable[[Json], float]], ...] = (
-    ("before gross slip", OURS, lambda row: row["in_time"]),
-    ("late", WARNING, lambda row: row["recall"] - row["in_time"]),
-    ("not at all", "#bbbbbb", lambda row: 1.0 - row["recall"]),
-)
 
 
 def hand_overs_called(figures: Json) -> str:
     """Of each set's voluntary actions: the share with an alarm, and its 95 % interval."""
-    rows = {
-        name: one["rows"][DEPLOYED]["safe_acts_called"]
-        for name, one in figures["sets"].items()
-    }
-    rows = {name: row for name, row in rows.items() if row and row["n"]}
+    rows = {}
+    for name, one in figures["sets"].items():
+        called = one["rows"][DEPLOYED]["safe_acts_called"]
+        if called and called["n"]:
+            rows[name] = called
     return _picture(figures, rows, "n", "voluntary actions", _shares)
 
 

@@ -29,7 +29,7 @@ from holdfast.training.crossval import splits_of
 from holdfast.training.datasets.human_slip_uskin import MOST_LOADED_TAXELS
 from holdfast.training.featurise import FloatRows
 from holdfast.training.metrics import report
-from holdfast.training.network_fit import fit_members, in_whole_numbers
+from holdfast.training.network_fit import fit_network
 from holdfast.training.plan import TrainingPlan
 from holdfast.training.progress import stages
 from holdfast.training.recording import DataSet, assign_groups, folds_of
@@ -72,32 +72,27 @@ class FoldChoice:
     risky: list[float]
 
 
-Votes = dict[str, IntArray]
-"""Learner -> votes [N, K]."""
-
-
 def learner_votes(
-    data: DataSet,
-    features: FloatRows,
+    one: Considered,
     plan: TrainingPlan,
     task: str,
     train: IntArray,
     test: IntArray,
     seed: int,
-) -> tuple[Votes, FloatArray]:
-    """Votes of every learner on test windows, and the network's shares before quantising."""
-    rows = data.tasks[task]
+) -> dict[str, IntArray]:
+    """Learner -> its votes [N, K] on the test rows of a task, fitted on the training rows."""
+    features = one.features[task]
+    rows = one.data.tasks[task]
     k = len(rows.classes)
     label = rows.label[train]
     forest = plan.forest_for(task).build(seed, n_jobs=1)
     forest.fit(np.asfortranarray(features[train]), label)
-    members = fit_members(plan.network_for(task), features[train], label, seed)
     in_all = votes_of_trees(len(forest.estimators_))
-    network = in_whole_numbers(members, features[train], k, in_all)
+    how = plan.network_for(task)
+    network = fit_network(how, features[train], label, k, seed, in_all)
     trees = forest_votes(forest, features[test], k)
     nets = network_votes(network, features[test])
-    shares = members.shares(features[test], k)
-    return {"forest": trees, "network": nets, "committee": trees + nets}, shares
+    return {"forest": trees, "network": nets, "committee": trees + nets}
 
 
 def chosen_fold(of: Mapping[str, Considered], split: Split, seed: int) -> FoldChoice:
@@ -110,7 +105,7 @@ def chosen_fold(of: Mapping[str, Considered], split: Split, seed: int) -> FoldCh
     one = of[method]
     votes = {}
     for task, (train, test) in split.items():
-        votes[task] = _votes(one, one.plan, task, train, test, seed)[learner]
+        votes[task] = learner_votes(one, one.plan, task, train, test, seed)[learner]
     return FoldChoice(
         method,
         learner,
@@ -137,23 +132,10 @@ def _inner_scores(one: Considered, split: Split, seed: int) -> dict[str, float]:
         for name in LEARNERS:
             votes[name][task] = np.zeros((len(rows), len(task_rows.classes)), np.int64)
         for train, test in folds_of(one.data.group_of(task)[rows], inner):
-            found = _votes(one, plan, task, rows[train], rows[test], seed)
+            found = learner_votes(one, plan, task, rows[train], rows[test], seed)
             for name, of_learner in found.items():
                 votes[name][task][test] = of_learner
     return {name: _score(found, truth) for name, found in votes.items()}
-
-
-def _votes(
-    one: Considered,
-    plan: TrainingPlan,
-    task: str,
-    train: IntArray,
-    test: IntArray,
-    seed: int,
-) -> dict[str, IntArray]:
-    """Votes of every learner on the test rows of a task."""
-    features = one.features[task]
-    return learner_votes(one.data, features, plan, task, train, test, seed)[0]
 
 
 def _score(votes: Mapping[str, IntArray], truth: Mapping[str, IntArray]) -> float:

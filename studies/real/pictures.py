@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap
 from sklearn.metrics import confusion_matrix, precision_recall_curve, roc_curve
 
 from holdfast.core.contract import SITUATIONS
@@ -13,23 +14,24 @@ from holdfast.evaluation.style import (
     INK,
     OURS,
     QUIET,
-    SITUATION_COLOURS,
+    WARNING,
     drawing,
     svg,
 )
-from holdfast.export.network import IntArray
 from holdfast.training.crossval import HeldOut
 from holdfast.training.figures import ABSENT, HeadFigures, Interval
 from holdfast.training.metrics import situation_scores
 from holdfast.training.recording import DataSet
-from studies.bars import Bar, bar, bars
 from studies.real.figures import prediction_of
 from studies.row_names import row_class, shown
 
-TRIALS_SHOWN = 8
+ROW_COLOURS = {"ours": OURS, "warning": WARNING, "": QUIET}
+"""By the class of a row, as the table of the report has it."""
+Bars = Mapping[str, tuple[float | None, Interval | None]]
+"""Row -> a figure and its interval; None where they are not defined."""
 
 
-def table_bars(rows: dict[str, HeadFigures]) -> str:
+def table_bars(rows: Mapping[str, HeadFigures]) -> str:
     """Macro F1 and AUC of every row of the table, with intervals over people."""
     with drawing(8.6, 0.42 * len(rows) + 0.9) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
@@ -37,18 +39,34 @@ def table_bars(rows: dict[str, HeadFigures]) -> str:
         f1 = {name: (one.macro_f1, one.macro_f1_ci) for name, one in situations.items()}
         heads = {name: prediction_of(one) for name, one in rows.items()}
         auc = {name: (one.auc, one.auc_ci) for name, one in heads.items()}
-        bars(left, _bars(f1), "macro F1, four situations", 0.45)
-        bars(right, _bars(auc), "AUC, risky within 0.25 s", 0.5)
+        _bars(left, f1, "macro F1, four situations", 0.45)
+        _bars(right, auc, "AUC, risky within 0.25 s", 0.5)
         left.set_yticks(range(len(rows)), [shown(name) for name in rows])
         left.invert_yaxis()
         return svg(figure)
 
 
-def _bars(rows: dict[str, tuple[float | None, Interval | None]]) -> list[Bar]:
-    return [
-        bar(value, interval, row_class(name))
-        for name, (value, interval) in rows.items()
-    ]
+def _bars(axes: Axes, rows: Bars, title: str, start: float) -> None:
+    """One figure a row with its interval; this model and warnings in colours of their own."""
+    for place, (name, (value, interval)) in enumerate(rows.items()):
+        if value is None or interval is None:
+            continue
+        colour = ROW_COLOURS[row_class(name)]
+        ends = [place, place]
+        axes.plot(interval, ends, color=colour, linewidth=5, alpha=0.35)
+        axes.plot(value, place, "o", color=colour, markersize=6)
+        axes.annotate(
+            f"{value:.3f}",
+            (value, place),
+            (0, 6),
+            textcoords="offset points",
+            ha="center",
+            fontsize=8,
+        )
+    axes.set_xlim(left=start)
+    axes.set_title(title, fontsize=10, loc="left")
+    axes.grid(axis="x", color=GRID)
+    axes.set_axisbelow(True)
 
 
 def confusion(data: DataSet, held_out: HeldOut) -> str:
@@ -122,50 +140,3 @@ def by_person(data: DataSet, held_out: HeldOut) -> str:
         )
         axes.grid(axis="y", color=GRID)
         return svg(figure)
-
-
-def timelines(data: DataSet, held_out: HeldOut) -> str:
-    """Truth above, answer below, for one trial each of several people."""
-    task = data.tasks["situations"]
-    answered = held_out.situations()
-    firsts = {
-        recording.group: index
-        for index, recording in reversed(list(enumerate(data.recordings)))
-    }
-    chosen = sorted(firsts.values())[:TRIALS_SHOWN]
-    with drawing(8.6, 0.62 * len(chosen) + 0.7) as figure:
-        for axes, index in zip(
-            np.atleast_1d(figure.subplots(len(chosen), 1, sharex=True)),
-            chosen,
-            strict=True,
-        ):
-            here = task.trial == index
-            rows = np.stack([task.label[here], answered[here]])
-            end_s = task.row[here][-1] / data.recordings[index].rate_hz
-            start_s = task.row[here][0] / data.recordings[index].rate_hz
-            _strips(axes, rows, start_s, end_s)
-            axes.set_ylabel(
-                f"person {data.recordings[index].group}",
-                rotation=0,
-                ha="right",
-                va="center",
-                fontsize=8,
-            )
-        axes.set_xlabel("time in the trial, s")
-        return svg(figure)
-
-
-def _strips(axes: Axes, rows: IntArray, start_s: float, end_s: float) -> None:
-    colours = ListedColormap(("#ffffff", *SITUATION_COLOURS))
-    axes.imshow(
-        rows,
-        aspect="auto",
-        cmap=colours,
-        vmin=-1,
-        vmax=3,
-        extent=(start_s, end_s, 2, 0),
-        interpolation="nearest",
-    )
-    axes.axhline(1, color="white", linewidth=1.5)
-    axes.set_yticks([0.5, 1.5], ["was", "answered"], fontsize=7)
-    axes.spines[:].set_visible(False)

@@ -43,7 +43,5 @@ def write_real_report(path: Path, evidence: Evidence) -> Path:
         confusion=pictures.confusion(data, held_out),
         by_person=pictures.by_person(data, held_out),
         curves=pictures.curves(data, held_out),
-        trials_shown=pictures.TRIALS_SHOWN,
-        timelines=pictures.timelines(data, held_out),
         checked=figures.streamed_fold.verification,
     )

@@ -43,18 +43,10 @@ def raw(training: FloatArray, windows: FloatArray) -> FloatArray:
 def friction_ratios(training: FloatArray, windows: FloatArray) -> FloatArray:
     """[M, 7, 2 S] x/z and y/z of every sensor, z at least a tenth of the most loaded sensor's."""
     loads = np.quantile(np.abs(training[..., 2::3]), LOADED_QUANTILE, axis=(0, 1))
-    return _by_normal(
-        windows,
-        np.maximum(
-            windows[..., 2::3], max(LEAST_SHARE * loads.max(), np.finfo(float).tiny)
-        ),
-    )
-
-
-def bare_ratios(training: FloatArray, windows: FloatArray) -> FloatArray:
-    """[M, 7, 2 S] x/z and y/z of every sensor, divided as they are; 0 where z is 0."""
-    normal = windows[..., 2::3]
-    return _by_normal(windows, np.where(normal == 0.0, np.inf, normal))
+    least = max(LEAST_SHARE * loads.max(), np.finfo(float).tiny)
+    normal = np.maximum(windows[..., 2::3], least)
+    both = [windows[..., 0::3] / normal, windows[..., 1::3] / normal]
+    return np.stack(both, axis=-1).reshape(*windows.shape[:2], -1)
 
 
 def first_components(training: FloatArray, windows: FloatArray) -> FloatArray:
@@ -68,11 +60,10 @@ def first_components(training: FloatArray, windows: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Case:
-    """A case: `published` is its number in the thesis' tables, None for a row of ours."""
+    """A case. name: its number in the thesis. first, last: samples about the point."""
 
     name: str
     what: str
-    published: str | None
     first: int
     last: int
     classes: tuple[str, ...]
@@ -80,43 +71,21 @@ class Case:
 
     def labels(self, kind: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
         """[M] class of points of these kinds."""
-        return (
-            kind
-            if len(self.classes) == len(KINDS)
-            else (kind == SLIPPING).astype(np.int64)
-        )
+        if len(self.classes) == len(KINDS):
+            return kind
+        return (kind == SLIPPING).astype(np.int64)
 
 
 RISK = ("safe", "risky")
 CASES = (
-    Case("1", "raw, -3 .. +3 samples about the point", "1", -3, 3, RISK, raw),
+    Case("1", "raw, -3 .. +3 samples about the point", -3, 3, RISK, raw),
     Case(
-        "2",
-        "friction ratios, the normal kept from zero",
-        "2",
-        -3,
-        3,
-        RISK,
-        friction_ratios,
+        "2", "friction ratios, the normal kept from zero", -3, 3, RISK, friction_ratios
     ),
-    Case(
-        "2, bare",
-        "friction ratios, divided as they are",
-        None,
-        -3,
-        3,
-        RISK,
-        bare_ratios,
-    ),
-    Case("3", "first principal component and z", "3", -3, 3, RISK, first_components),
-    Case("4", "raw, -7 .. -1: prediction", "4", -7, -1, RISK, raw),
-    Case("5", "as 4, four classes", "5", -7, -1, KINDS, raw),
+    Case("3", "first principal component and z", -3, 3, RISK, first_components),
+    Case("4", "raw, -7 .. -1: prediction", -7, -1, RISK, raw),
+    Case("5", "as 4, four classes", -7, -1, KINDS, raw),
 )
-
-
-def _by_normal(windows: FloatArray, normal: FloatArray) -> FloatArray:
-    both = np.stack([windows[..., 0::3] / normal, windows[..., 1::3] / normal], axis=-1)
-    return both.reshape(*windows.shape[:2], -1)
 
 
 def _direction(channels: FloatArray) -> FloatArray:

@@ -18,29 +18,17 @@ class Repeated:
 
 
 @dataclass(frozen=True)
-class LearnerFigures:
-    """Accuracies of one learner, 0 to 1."""
-
-    accuracy: Repeated
-    balanced_accuracy: Repeated
-
-
-@dataclass(frozen=True)
 class CaseFigures:
-    """Figures of one case. shape: samples and columns of a window. windows: in a repetition.
+    """Figures of one case. windows: in a repetition. chance: one over the number of classes.
 
-    test_windows: in the test of each. chance: one over the number of classes. largest_class: share
-    of the largest class in the tests. learners: by name.
+    accuracy: by learner, 0 to 1.
     """
 
     what: str
-    shape: list[int]
     classes: list[str]
     windows: int
-    test_windows: list[int]
     chance: float
-    largest_class: Repeated
-    learners: dict[str, LearnerFigures]
+    accuracy: dict[str, Repeated]
 
 
 @dataclass(frozen=True)
@@ -48,7 +36,7 @@ class StudiedSet:
     """All figures of a set. points: critical points of each kind. cases: by name.
 
     late: share of the risky predicting windows at whose end the event has begun, 0 to 1, None where
-    no onset is known. leaky: case 1 with windows split at random.
+    no onset is known.
     """
 
     data: str
@@ -61,7 +49,6 @@ class StudiedSet:
     points: dict[str, int]
     late: float | None
     cases: dict[str, CaseFigures]
-    leaky: CaseFigures
 
 
 @dataclass(frozen=True)

@@ -25,5 +25,3 @@ ACCURACY_PERCENT: dict[str, tuple[float | None, ...]] = {
     "5": (73.49, None, None, 71.16, 67.91),
 }
 """By case, in the order of LEARNERS; None: not tried there."""
-SHAPES = {"1": (7, 60), "2": (7, 40), "3": (7, 3), "4": (7, 60), "5": (7, 60)}
-"""Of one window, samples by columns."""

@@ -7,9 +7,7 @@ windows, deals the groups anew into four folds of which one is the test (25 %), 
 learners.
 
 Equal classes: all have the same number of windows, and within "safe" the three kinds have too. So
-accuracy and balanced accuracy say nearly the same, chance is one over the number of classes, and a
-figure in the thesis' % can be read beside ours. The share of the largest class in the test is there
-because the split of groups is not exact.
+chance is one over the number of classes, and a figure in the thesis' % can be read beside ours.
 """
 
 from __future__ import annotations
@@ -21,7 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from sklearn.ensemble import HistGradientBoostingClassifier, RandomForestClassifier
-from sklearn.metrics import accuracy_score, balanced_accuracy_score
+from sklearn.metrics import accuracy_score
 from sklearn.naive_bayes import GaussianNB
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.neural_network import MLPClassifier
@@ -32,12 +30,10 @@ from threadpoolctl import threadpool_limits
 from holdfast.core.errors import ClassMissing
 from holdfast.training.network_fit import interruptible
 from holdfast.training.progress import Say
-from holdfast.training.recording import DataSet, Fold
-from studies.folds import grouped_folds, leaky_folds
+from holdfast.training.recording import DataSet, assign_groups, folds_of
 from studies.thesis_preliminary.cases import CASES, Case
 from studies.thesis_preliminary.figures import (
     CaseFigures,
-    LearnerFigures,
     Repeated,
     StudiedSet,
 )
@@ -53,7 +49,6 @@ from studies.thesis_preliminary.published import LEARNERS
 REPETITIONS = 5
 FOLDS = 4
 Rows = npt.NDArray[np.int64]
-Split = Callable[..., list[Fold]]
 _MAKERS: tuple[Callable[[int], Any], ...] = (
     lambda seed: RandomForestClassifier(n_estimators=100, random_state=seed),
     lambda seed: make_pipeline(StandardScaler(), KNeighborsClassifier()),
@@ -90,8 +85,6 @@ def study(
     for case in cases:
         figures[case.name] = case_figures(data, points, case, seed)
         say(f"{data.name}: case {case.name}")
-    warned = case_figures(data, points, cases[0], seed, leaky=True)
-    say(f"{data.name}: case {cases[0].name}, windows split at random")
     counts = np.bincount(points.kind, minlength=len(KINDS)).tolist()
     return StudiedSet(
         data=data.name,
@@ -104,67 +97,43 @@ def study(
         points=dict(zip(KINDS, counts, strict=True)),
         late=late_share(points),
         cases=figures,
-        leaky=warned,
     )
 
 
-def case_figures(
-    data: DataSet, points: Points, case: Case, seed: int, *, leaky: bool = False
-) -> CaseFigures:
+def case_figures(data: DataSet, points: Points, case: Case, seed: int) -> CaseFigures:
     """Figures of one case: windows, chance, and accuracies of every learner."""
     samples = windows(data, points, case.first, case.last)
     label = case.labels(points.kind)
-    draws = repetitions(points, case, seed, leaky=leaky)
-    scores: dict[str, list[tuple[float, float]]] = {name: [] for name in MAKE}
+    draws = repetitions(points, case, seed)
+    scores: dict[str, list[float]] = {name: [] for name in MAKE}
     with threadpool_limits(1):  # so few rows: threads would wait for each other
         for draw in draws:
             train, test = (
                 case.features(samples[draw.train], samples[rows]).reshape(len(rows), -1)
                 for rows in (draw.train, draw.test)
             )
-            truth = label[draw.test]
             for name, make in MAKE.items():
                 with interruptible():
                     fitted = make(draw.seed).fit(train, label[draw.train])
                 answer = fitted.predict(test)
-                scores[name].append(
-                    (
-                        accuracy_score(truth, answer),
-                        balanced_accuracy_score(truth, answer),
-                    )
-                )
-    largest = [np.bincount(label[draw.test]).max() / len(draw.test) for draw in draws]
+                scores[name].append(accuracy_score(label[draw.test], answer))
     return CaseFigures(
         what=case.what,
-        shape=list(case.features(samples[:1], samples[:1]).shape[1:]),
         classes=list(case.classes),
         windows=len(draws[0].train) + len(draws[0].test),
-        test_windows=[len(draw.test) for draw in draws],
         chance=1.0 / len(case.classes),
-        largest_class=repeated(largest),
-        learners={
-            name: LearnerFigures(
-                *(repeated(values) for values in zip(*each, strict=True))
-            )
-            for name, each in scores.items()
-        },
+        accuracy={name: repeated(each) for name, each in scores.items()},
     )
 
 
-def repetitions(
-    points: Points, case: Case, seed: int, *, leaky: bool = False
-) -> list[Draw]:
-    """The five repetitions of a case. leaky: windows are split at random, wrong on purpose."""
+def repetitions(points: Points, case: Case, seed: int) -> list[Draw]:
+    """The five repetitions of a case."""
     draws = []
     for repetition in range(REPETITIONS):
         own = int(np.random.SeedSequence([seed, repetition]).generate_state(1)[0])
         rows = balanced(points.kind, case, own)
-        folds = (
-            leaky_folds(len(rows), FOLDS, seed=own)
-            if leaky
-            else grouped_folds(points.group[rows], FOLDS, seed=own)
-        )
-        train, test = folds[0]
+        groups = points.group[rows]
+        train, test = folds_of(groups, assign_groups(groups, FOLDS, seed=own))[0]
         draws.append(Draw(rows[train], rows[test], own))
     return draws
 

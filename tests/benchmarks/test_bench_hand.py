@@ -1,11 +1,8 @@
-"""`make bench NAME=hand`: scans counted, faults all green, delays added up, and the page made from
-them."""
+"""`make bench NAME=hand`: scans counted, faults all answered, and the page made from them."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -16,13 +13,9 @@ from benchmarks.hand import (
     FAULTS,
     RATES_HZ,
     fault_table,
-    latency,
     scan_costs,
 )
-from benchmarks.memory import memory
 from holdfast.drivers.bridges import BRIDGES
-from holdfast.live.bench import time_in_turns
-from holdfast.live.loop import STAGES
 
 ROOT = Path(__file__).resolve().parents[2]
 MODEL = ROOT / "models" / "holdfast-150hz.onnx"
@@ -53,14 +46,10 @@ def faults():
     """Runs of 2 s, with faults from 0.75 s to 1.25 s: the hand settles within 0.7 s."""
     early = {fault.replace("@3", "@0.75"): what for fault, what in FAULTS.items()}
     with pytest.MonkeyPatch.context() as patched:
-        for name, value in {
-            "FAULTS": early,
-            "FAULT_AT_S": 0.75,
-            "FAULT_RUN_S": 2.0,
-        }.items():
+        times = {"FAULT_AT_S": 0.75, "FAULT_RUN_S": 2.0, "PHASES_FROM_S": 0.75}
+        for name, value in {"FAULTS": early, **times}.items():
             patched.setattr(hand, name, value)
-        patched.setattr(hand, "PHASES_FROM_S", 0.75)
-        return fault_table(MODEL, compute_ms=0.5, phases=2)
+        return fault_table(MODEL, phases=2)
 
 
 def test_every_fault_is_answered_within_two_samples_or_the_stale_time_or_a_time_out_and_ends_whole(
@@ -81,24 +70,15 @@ def test_a_fault_is_detected_only_once_its_answer_is_out(faults):
     """The next sample, its whole read and computing; the read alone takes more than a
     millisecond."""
     absent = next(row for row in faults if row.fault.startswith("nack"))
-    assert 0.5 + 1.0 < absent.detected_ms < absent.detected_max_ms
+    assert 1.0 < absent.detected_ms < absent.detected_max_ms
 
 
-def test_the_live_loop_has_a_time_for_every_stage_and_the_page_shows_it(
-    scans, faults, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(
-        hand, "time_in_turns", partial(time_in_turns, turns=2, calls_a_turn=20)
-    )
-    live = latency(MODEL, 150.0, 1.0)
-    assert list(live.latency_us) == [*STAGES, "read to emit"]
-    assert live.samples > 100
+def test_the_page_shows_scans_and_faults(scans, faults, tmp_path):
     figures = {
         "scans": [asdict(row) for row in scans],
-        "faults": [row.to_json() for row in faults],
-        "live": [asdict(live)],
-        "memory": [asdict(row) for row in memory(MODEL)],
+        "faults": [asdict(row) for row in faults],
     }
-    written = json.loads(json.dumps(figures))
-    text = filled("docs/on-a-hand.md", {"hand": written}, tmp_path)
+    text = filled("docs/on-a-hand.md", {"hand": figures}, tmp_path)
     assert "| ft232h | mux |" in text
+    for row in faults:
+        assert f"| `{row.fault}` | {row.what} |" in text

@@ -32,7 +32,7 @@ from benchmarks.runtimes.onnx_programs import (
     text_of,
 )
 from benchmarks.runtimes.onnx_programs import answers_of as onnx_answers_of
-from benchmarks.runtimes.programs import called, require
+from benchmarks.runtimes.programs import require
 from benchmarks.runtimes.stream import Stream
 from holdfast.core.errors import HoldfastError, LibraryMissing
 from holdfast.edge_runtime.graph import run_recording
@@ -178,11 +178,6 @@ def test_a_program_that_is_missing_is_named_with_its_package(
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(LibraryMissing, match="gcc-arm-none-eabi libnewlib"):
         require("arm-none-eabi-gcc")
-
-
-def test_a_program_that_fails_says_its_last_line(tmp_path: Path) -> None:
-    with pytest.raises(HoldfastError, match="failed: no such thing"):
-        called(["sh", "-c", "echo first; echo no such thing >&2; exit 3"], tmp_path)
 
 
 def test_the_page_has_a_place_for_every_table(tmp_path: Path) -> None:

@@ -8,17 +8,14 @@ import numpy as np
 import pytest
 
 from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
-from holdfast.core.errors import TooLittleToAdapt
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
 from holdfast.sessions.adapt import (
     LEAST_RECALL,
     Evidence,
     HeldOutFigures,
-    require_enough,
 )
 from holdfast.sessions.adapt_evidence import (
     MOST_NATS,
-    PersonCounts,
     Stream,
     corrected,
     fit_correction,
@@ -156,19 +153,3 @@ def test_better_is_one_action_less_one_slip_more_or_a_hundredth_of_recall(
     assert nothing.startswith("nothing is better: 4 of 8 voluntary actions called")
     worse = replace(BASE, called=5, found=10)
     assert worse.no_better_than(BASE) == worse.worse_than(BASE)
-
-
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        ({"hand_overs": 7}, "7 hand-overs of 8"),
-        ({"holding_s": 12.0}, "12 s of holding of 40"),
-    ],
-)
-def test_too_little_is_refused_with_the_command_that_records_it(change, says) -> None:
-    enough = PersonCounts(16, 8, 60.0, 0)
-    require_enough(enough)
-    with pytest.raises(TooLittleToAdapt, match=says) as error:
-        require_enough(replace(enough, **change))
-    assert "holdfast record" in str(error.value)
-    assert "adapt.toml" in str(error.value)

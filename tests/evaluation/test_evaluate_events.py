@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
 import json
-import re
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +11,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from holdfast.cli.evaluate import add_arguments
 from holdfast.cli.main import main
 from holdfast.core.contract import (
     GRASP,
@@ -380,24 +377,6 @@ def test_every_set_has_every_method_and_says_where_its_threshold_is_from(
     assert figures["all"]["rows"]["perfect intent"]["found"] == sum(events)
 
 
-def test_the_report_of_training_data_says_so_first_and_needs_no_other_file(
-    evaluated: tuple[dict[str, Any], str],
-) -> None:
-    _, page = evaluated
-    # The made-up set is the one the model learned from, so there is no answer in large.
-    assert page.index("Not a judgement") < page.index("<table")
-    assert "src=" not in page
-    assert "href=" not in page.replace("xlink:href=", "")
-    assert page.count("<svg") >= 4
-    titles = (
-        "Trials over time",
-        "beside the baselines",
-        "lead that was left",
-        "limits",
-    )
-    assert [title for title in titles if title not in page] == []
-
-
 def test_a_threshold_chosen_on_what_is_scored_is_refused(
     eight_classes: Built, scenes: Path
 ) -> None:
@@ -405,10 +384,3 @@ def test_a_threshold_chosen_on_what_is_scored_is_refused(
     request = EvaluationRequest((str(scenes),), choose=(f"{scenes}/../set",))
     with pytest.raises(UsageError, match="given both to --choose and to --data"):
         evaluate_events(model, request)
-
-
-def test_evaluate_has_ten_options() -> None:
-    parser = argparse.ArgumentParser(add_help=False)
-    add_arguments(parser)
-    shown = re.findall(r"^  (--[a-z-]+)", parser.format_help(), re.M)
-    assert len(shown) == 10

@@ -116,15 +116,6 @@ def test_false_alarms_of_many_confidences_are_those_that_each_alone_has(result):
     assert false_alarms(recording(EVENT), rows).tolist() == alone
 
 
-def test_an_alarm_between_load_onset_and_the_end_finds_the_event_and_is_not_false():
-    matched = match_at((1.02, 2.0))
-    (found,) = matched.outcomes
-    assert found.delay_s == pytest.approx(0.02)
-    assert found.lead_s == pytest.approx(0.03)
-    assert found.available_s == pytest.approx(0.05)
-    assert matched.false_s == ()
-
-
 @pytest.mark.parametrize(
     ("from_s", "found", "false"),
     [(0.98, 1, 0), (0.97, 0, 1), (1.12, 1, 0), (1.13, 0, 1)],
@@ -153,13 +144,6 @@ def test_counted_sample_by_sample_an_alarm_that_never_ends_finds_every_event():
     always = requests((0.0, 3.0))
     assert always[round(EVENT.onset_s * RATE_HZ) : round(EVENT.end_s * RATE_HZ)].all()
     assert match_at((0.0, 3.0)).outcomes[0].alarm_s is None
-
-
-@EVENTS.mark
-def test_an_alarm_that_ended_just_before_the_event_is_false_and_the_next_one_finds_it():
-    matched = match_at((0.5, 0.97), (1.03, 1.2))
-    assert matched.outcomes[0].delay_s == pytest.approx(0.03)
-    assert matched.false_s == (0.5,)
 
 
 @COLLAR.mark
@@ -223,12 +207,6 @@ def test_streams_without_events_have_no_recall_and_one_group_has_no_interval():
         None,
     )
     assert scores.false_per_min == pytest.approx(20.0)
-
-
-@EVENTS.mark
-def test_no_streams_at_all_are_no_figures():
-    scores = event_scores([])
-    assert (scores.events, scores.recall, scores.false_per_min) == (0, None, None)
 
 
 # -- the threshold

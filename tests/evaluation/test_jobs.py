@@ -6,11 +6,9 @@ import json
 import os
 import select
 import signal
-import socket
 import subprocess
 import sys
-import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -18,13 +16,11 @@ from typing import Any
 
 import pytest
 from command_line import Run
-from dask_cluster import of_this_process
 from loop_bench import SLOWER, card_text, row
-from small_jobs import HELD, dies_at_gate, dies_once, held, square
+from small_jobs import dies_at_gate, square
 
-from holdfast.core.errors import UsageError, WorkersLost
-from holdfast.evaluation import jobs
-from holdfast.evaluation.jobs import Job, NoWorkers, Workers
+from holdfast.core.errors import WorkersLost
+from holdfast.evaluation.jobs import Job, Workers
 
 SUPPORT = Path(__file__).resolve().parents[1] / "support"
 PROGRAM = """
@@ -60,26 +56,6 @@ def test_results_come_in_the_order_of_the_jobs_wherever_these_run(cluster: str) 
     answers, processes = results_of(Workers(2))
     assert answers == squares
     assert os.getpid() not in processes
-
-
-@pytest.mark.filterwarnings(
-    "default"
-)  # of a library that is here for these tests alone
-def test_what_a_killed_worker_computed_is_computed_by_another(tmp_path: Path) -> None:
-    from distributed import LocalCluster  # a second, which not every process needs
-
-    jobs = [partial(dies_once, tmp_path / name) for name in ("one", "two", "three")]
-    (tmp_path / "one").touch()
-    (tmp_path / "three").touch()
-    with LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None
-    ) as local:
-        assert list(Workers(dask=local.scheduler_address).run(jobs)) == [
-            "one",
-            "two",
-            "three",
-        ]
-    assert (tmp_path / "two").exists()
 
 
 @contextmanager
@@ -139,83 +115,6 @@ def test_a_worker_that_is_killed_is_an_error_that_says_how_far_it_came(
     gate.write_bytes(b"")
     with pytest.raises(WorkersLost, match="the first 1 of 3 jobs were finished"):
         list(run)
-
-
-def test_ctrl_c_leaves_a_cluster_although_a_job_runs_and_without_a_traceback(
-    cluster: str, tmp_path: Path
-) -> None:
-    HELD.clear()
-    with held_jobs(tmp_path, 1, cluster) as (program, _):
-        program.send_signal(signal.SIGINT)
-        _, err = program.communicate(timeout=LONGEST_S)
-        HELD.set()
-    assert (program.returncode, err) == (130, "interrupted\n")
-
-
-def when_warned(monkeypatch: pytest.MonkeyPatch, do: Callable[[], object]) -> list[str]:
-    """What NoWorkers says, from now on; each time something is done."""
-    told: list[str] = []
-
-    def show(message: Warning | str, category: type[Warning], *more: object) -> None:
-        if category is NoWorkers:
-            told.append(str(message))
-            do()
-
-    warnings.simplefilter("always", NoWorkers)
-    monkeypatch.setattr(warnings, "showwarning", show)
-    return told
-
-
-def test_a_cluster_without_a_worker_is_told_and_waited_for(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    assert jobs.LOOK_S < 5.0
-    monkeypatch.setattr(jobs, "LOOK_S", 0.01)
-    with of_this_process(n_workers=0) as local:
-        told = when_warned(monkeypatch, lambda: local.scale(1))
-        workers = Workers(dask=local.scheduler_address)
-        assert results_of(workers)[0] == [number * number for number in range(7)]
-        assert len(told) == 1
-        assert f"next: dask worker {local.scheduler_address}" in told[0]
-
-
-def test_a_lost_scheduler_is_an_error_that_says_how_far_the_jobs_came(
-    tmp_path: Path,
-) -> None:
-    HELD.clear()
-    os.mkfifo(tmp_path / "pipe")
-    reading = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
-    with of_this_process(n_workers=1) as local:
-        address = local.scheduler_address
-        both: list[Job[Any]] = [
-            partial(square, 3),
-            partial(held, tmp_path / "pipe"),
-        ]
-        run = Workers(dask=address).run(both)
-        assert next(run)[0] == 9
-        # Its connection to the client ends, as with its process.
-        (comm,) = local.scheduler.client_comms.values()
-        local.loop.add_callback(comm.abort)
-        with pytest.raises(WorkersLost, match="the first 1 of 2") as lost:
-            next(run)
-        HELD.set()
-    os.close(reading)
-    assert f"--dask {address}: the scheduler was lost" in str(lost.value)
-
-
-def test_an_address_without_a_scheduler_is_refused() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-    for address in (f"127.0.0.1:{port}", "nonsense"):
-        with pytest.raises(UsageError, match="no scheduler answers") as refused:
-            list(Workers(dask=address).run([partial(square, 1)]))
-        assert "dask scheduler" in refused.value.next_step
-
-
-def test_zero_processes_are_refused(run: Run) -> None:
-    code, _, err = run("evaluate", SLOWER, "--data", "thesis", "--jobs", 0)
-    assert code == 2
-    assert "'0' is not a number of processes from 1 on" in err
 
 
 def test_sets_scored_on_a_cluster_have_the_figures_of_this_process(

@@ -14,11 +14,9 @@ import pytest
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.alarms import event_scores
 from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
-from holdfast.evaluation.evaluation_lines import evaluation_lines
 from holdfast.evaluation.report import write_event_report
 from holdfast.evaluation.scored_set import Evaluation
 from holdfast.evaluation.statistics import Spread
-from holdfast.training.figures import Share
 from holdfast.training.fixture import write_fixture
 
 if TYPE_CHECKING:
@@ -55,20 +53,6 @@ def page(recorded: Evaluation, tmp_path_factory: pytest.TempPathFactory) -> str:
     return page_of(recorded, tmp_path_factory.mktemp("page"))
 
 
-def test_a_report_of_recordings_says_nothing_of_a_simulation(page: str) -> None:
-    assert "imulated:" not in page
-    assert "simulated fingertip" not in page
-    assert "own: recorded." in page
-    assert "; 1 set, " in page
-
-
-def test_what_recordings_do_not_have_is_absent_and_the_report_says_why(
-    page: str,
-) -> None:
-    assert "No safe slip (hand-over, put-down) is labelled" in page
-    assert "voluntary actions called risky" not in page
-
-
 def test_no_more_than_the_whole_lead_is_used() -> None:
     none = event_scores([])
     late = replace(
@@ -91,42 +75,3 @@ def test_an_evaluation_on_training_data_says_so_first_and_prints_no_big_number(
     assert flattered.index(first) < flattered.index("<table")
     assert '<div class="answer">' not in flattered
     assert "grips that fail, an act" not in flattered
-
-
-def test_safe_slips_are_voluntary_actions_only_where_people_are_known_to_mean_them(
-    recorded: Evaluation, tmp_path: Path
-) -> None:
-    def with_safe_slips(action: str) -> str:
-        some = Share(0.5, (0.1, 0.9), 4)
-        rows = {}
-        for name, row in recorded.rows.items():
-            by_action = {action: some}
-            rows[name] = replace(
-                row, safe_acts_called=some, safe_acts_by_action=by_action
-            )
-        sets = {name: replace(one, rows=rows) for name, one in recorded.sets.items()}
-        return page_of(replace(recorded, rows=rows, sets=sets), tmp_path)
-
-    meant = with_safe_slips("put-down")
-    assert "of 4 voluntary actions called risky" in meant
-    assert "of the hand-overs and put-downs are called risky" in meant
-    slipped = with_safe_slips("baseline")
-    assert "of 4 safe slips called risky" in slipped
-    assert "False alarms on safe slips" in slipped
-    assert not re.search("voluntary|put-downs", slipped)
-
-
-def test_without_a_time_of_any_label_no_alarm_is_judged(
-    recorded: Evaluation, tmp_path: Path
-) -> None:
-    sets = {
-        name: replace(one, card=replace(one.card, timed=False))
-        for name, one in recorded.sets.items()
-    }
-    untimed = replace(recorded, sets=sets)
-    page = page_of(untimed, tmp_path)
-    assert "No label of these recordings has a time" in page
-    assert "false alarms a minute" not in page
-    lines = evaluation_lines(untimed)
-    assert any("own: no label has a time, so none of" in line for line in lines)
-    assert not any("false alarms a minute" in line for line in lines)

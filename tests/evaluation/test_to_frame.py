@@ -11,10 +11,8 @@ import pytest
 
 from holdfast import evaluation
 from holdfast.core.contract import CLASSES, SITUATIONS
-from holdfast.core.errors import RateError
 from holdfast.edge_runtime.monitor import Model
 from holdfast.training.datasets import load
-from holdfast.training.fixture import write_fixture
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -55,11 +53,3 @@ def test_answers_have_a_line_a_sample_with_truth_and_state(
     np.testing.assert_allclose(sums, 1.0, atol=1e-5)
     assert (settled["state"] == settled["truth"]).mean() > 0.8
     assert settled["risky_share"].between(0, 1).all()
-
-
-def test_a_set_at_another_rate_is_refused(eight_classes: Built, tmp_path: Path) -> None:
-    write_fixture(tmp_path, trials_per_cell=1, rate_hz=100.0)
-    with pytest.raises(RateError):
-        evaluation.run_model(
-            Model(eight_classes.model), load(tmp_path, windows="natural")
-        )

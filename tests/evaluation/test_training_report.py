@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from command_line import Run
 
 from holdfast.core.contract import GRASP
 from holdfast.evaluation.report import held_out_trial
 from holdfast.training.datasets import load
 from holdfast.training.fixture import write_fixture
-from holdfast.training.judging import CurvePoint, per_doubling, strictest_hold_out
+from holdfast.training.judging import strictest_hold_out
 from holdfast.training.recording import DataSet
 
 
@@ -62,36 +59,6 @@ def test_a_set_is_held_out_by_person_else_object_else_session_else_trial(
     assert sessions.groups() == ["2026-11-20", "2026-11-21"]
     people = strictest_hold_out(replace(one_object, recordings=named), 2, 0)
     assert people.kind == "person"
-
-
-def test_a_gain_is_read_off_three_points_at_least() -> None:
-    points = [CurvePoint(k, 10.0 * k, 0.1 * k, None) for k in (1.0, 2.0, 4.0)]
-    assert per_doubling(points[:2]) is None
-    assert per_doubling(points) == pytest.approx(0.15)
-
-
-def test_the_headline_is_the_held_out_figure_and_a_curve_shows_fewer_trials(
-    run: Run, tmp_path: Path
-) -> None:
-    write_fixture(tmp_path / "set", trials_per_cell=2)
-    words = ["train", "--data", tmp_path / "set", "--out", tmp_path / "model"]
-    words += ["--size", "tiny", "--learner", "forest", "--windows", "thesis"]
-    words += ["--report", tmp_path / "r.html", "--json", tmp_path / "f.json"]
-    code, _, err = run(*words)
-    assert code == 0, err
-    figures = json.loads((tmp_path / "f.json").read_text("utf-8"))
-    held_out = figures["held_out"]
-    page = (tmp_path / "r.html").read_text("utf-8")
-    value = f"{held_out['situations']['macro_f1']:.3f}"
-    by = held_out["group_kind"]
-    assert f"<h1>Held out by {by}: macro F1 {value}</h1>" in page
-    curve = figures["learning_curve"]
-    assert curve[-1]["macro_f1"] == held_out["situations"]["macro_f1"]
-    groups = [point["n_groups"] for point in curve]
-    assert groups == sorted(set(groups)), "no share of the groups comes twice"
-    trials = [point["n_trials"] for point in figures["learning_curve"]]
-    assert trials == sorted(trials)
-    assert ("<svg" in page) == bool(trials)
 
 
 def test_the_answer_of_a_window_is_drawn_at_its_end_and_not_before(

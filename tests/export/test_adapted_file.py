@@ -21,8 +21,6 @@ from holdfast.export.changed import (
 )
 from holdfast.export.features import feature_count
 
-AREA = "The model file"
-
 
 def rows(n: int = 300) -> np.ndarray:
     return (
@@ -78,17 +76,6 @@ def test_a_correction_takes_risky_votes_gives_them_to_safe_slip_and_keeps_the_su
     assert (taken >= 0).all()
     assert taken.any()
     assert np.array_equal(found[:, 4:6] - votes[:, 4:6], taken)
-
-
-def test_the_card_says_what_it_is_based_on_and_names_no_one() -> None:
-    base = base_of()
-    card = card_of(file_of(base))
-    assert card["adaptation"]["person"] == {"hand_overs": 8}
-    assert len(card["adaptation"]["base_sha256"]) == 64
-    assert (
-        card["heads"]["situation"]["correction"]["inputs"]
-        == 2 * feature_count(spec()) + 8
-    )
 
 
 def test_what_is_not_adapted_or_was_altered_cannot_be_undone() -> None:

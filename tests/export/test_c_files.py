@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import json
 import re
 import shlex
 import shutil
@@ -16,14 +15,13 @@ import msgspec
 import pytest
 from c_form import STRICT, require_compiler
 from command_line import fails
-from small_model import card_of, for_the_hand, graph_of, sealed_bytes, with_metadata
+from small_model import for_the_hand, graph_of, sealed_bytes
 
 import holdfast
 from holdfast.core.errors import NotCompilable, OutputError
 from holdfast.core.schema import LIBRARY
 from holdfast.core.writing import write_whole
-from holdfast.edge_runtime.model_file import CARD_KEY
-from holdfast.export.c.graph import Node, read_graph
+from holdfast.export.c.graph import read_graph
 from holdfast.export.c.source import c_source
 from holdfast.export.exporting import model_card, seal
 
@@ -83,16 +81,6 @@ def test_two_exports_of_a_file_are_the_same_to_the_last_byte(model: Path):
     assert c_source(read_graph(model)).files == c_source(read_graph(model)).files
 
 
-def test_the_header_says_which_file_it_is_of_and_how_much_memory_it_takes(model: Path):
-    graph = read_graph(model)
-    source = c_source(graph)
-    header = source.files["holdfast.h"]
-    assert graph.digest in header
-    assert graph.card.model_id in header
-    assert f"state {source.state_bytes} bytes" in header
-    assert not re.search(r"@[A-Z_]+@", "".join(source.files.values()))
-
-
 def test_an_earlier_export_is_replaced_only_with_force(run: Run, model: Path):
     run("export", model, "--to", "c")
     source = model.parent / "small-c" / "holdfast.c"
@@ -135,15 +123,6 @@ def test_a_disk_that_fills_up_leaves_what_was_there(
         assert path.read_text() == earlier
 
 
-def test_another_format_and_other_files_are_refused(run: Run, model: Path):
-    card = {**card_of(sealed_bytes()), "format": 3}
-    model.write_bytes(with_metadata(sealed_bytes(), **{CARD_KEY: json.dumps(card)}))
-    fails(run, 4, "NotAModel", "export", model, "--to", "c", says="has format 3")
-    model.write_bytes(b"no model")
-    fails(run, 4, "NotAModel", "export", model, "--to", "c")
-    fails(run, 2, "UsageError", "export", model, "--build", says="add --to c")
-
-
 def test_what_has_no_c_form_is_refused_by_its_name(model: Path):
     graph = read_graph(model)
     altered = [
@@ -154,29 +133,6 @@ def test_what_has_no_c_form_is_refused_by_its_name(model: Path):
         NotCompilable, match=r"operator Erf for p_class: it has no C form"
     ):
         c_source(replace(graph, nodes=tuple(altered)))
-
-
-def test_an_output_that_is_only_a_part_of_another_tensor_is_refused(model: Path):
-    graph = read_graph(model)
-    added = Node("Flatten", ("votes",), ("p_more",), {})
-    tensors = {**graph.tensors, "p_more": graph.tensors["votes"]}
-    with pytest.raises(NotCompilable, match="Flatten for p_more"):
-        c_source(
-            replace(
-                graph,
-                nodes=(*graph.nodes, added),
-                tensors=tensors,
-                outputs=(*graph.outputs, "p_more"),
-            )
-        )
-
-
-def test_a_node_that_nothing_reads_is_left_out(model: Path):
-    graph = read_graph(model)
-    added = Node("Softmax", ("votes",), ("p_more",), {})
-    tensors = {**graph.tensors, "p_more": graph.tensors["votes"]}
-    more = replace(graph, nodes=(*graph.nodes, added), tensors=tensors)
-    assert c_source(more).files["holdfast.c"] == c_source(graph).files["holdfast.c"]
 
 
 def script(folder: Path, body: str) -> str:
@@ -203,16 +159,6 @@ def test_a_compiler_that_does_not_do_leaves_nothing_behind(
     monkeypatch.setenv("CC", script(model.parent, body))
     fails(run, 5, "CompilerFailed", "export", model, "--to", "c", "--build", says=says)
     assert names(model.parent) == ["small.onnx", "strange-cc"]
-
-
-@pytest.mark.parametrize("name", ["CC", "PATH"])
-def test_a_compiler_that_is_missing_is_an_error_that_says_so(
-    run: Run, model: Path, monkeypatch: pytest.MonkeyPatch, name: str
-):
-    monkeypatch.delenv("CC", raising=False)
-    monkeypatch.setenv(name, "no-such-compiler")
-    words = ("export", model, "--to", "c", "--build")
-    fails(run, 5, "CompilerFailed", *words, says="no C compiler")
 
 
 def test_a_state_of_another_size_or_model_gives_a_code_and_no_answer(
@@ -258,16 +204,6 @@ def compile_in(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
         capture_output=True,
         text=True,
     )
-
-
-def test_files_of_two_models_do_not_compile_together(
-    run: Run, model: Path, tmp_path: Path
-):
-    run("export", model, "--to", "c", "--out", tmp_path / "one")
-    model.write_bytes(sealed_bytes(False))
-    run("export", model, "--to", "c", "--out", tmp_path / "other")
-    shutil.copy(tmp_path / "other" / "holdfast.h", tmp_path / "one" / "holdfast.h")
-    assert "of another model" in compile_in(tmp_path / "one", "-c", "holdfast.c").stderr
 
 
 @pytest.mark.skipif(shutil.which("nm") is None, reason="no nm")

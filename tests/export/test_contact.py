@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -15,8 +14,7 @@ import onnxruntime as ort
 import pytest
 
 import holdfast
-from holdfast.cli.main import main
-from holdfast.core.contract import CLASSES, SITUATIONS, BoolArray, FloatArray
+from holdfast.core.contract import CLASSES, BoolArray, FloatArray
 from holdfast.core.errors import UsageError
 from holdfast.edge_runtime.graph import StepGraph, open_session, run_recording
 from holdfast.edge_runtime.model import Model
@@ -98,16 +96,6 @@ def test_a_hold_is_seen_and_let_go_within_a_fifth_of_a_second() -> None:
     assert empty[270:].all()
 
 
-def test_between_both_thresholds_the_last_answer_stays() -> None:
-    between = (rule_of().on + rule_of().off) / 2.0
-    values = np.zeros((400, SPEC.n_channels))
-    values[100:] = between / np.sqrt(SPEC.n_channels)
-    values[120:200, 2] += 5.0
-    empty = empty_of(values)
-    assert empty[60:120].all()
-    assert not empty[125:].any()
-
-
 @pytest.mark.parametrize("least", [6, 4])
 def test_the_graph_follows_the_rule_in_plain_python(least: int) -> None:
     spec = msgspec.structs.replace(SPEC, min_valid_sensors=least)
@@ -141,16 +129,6 @@ def test_a_hand_that_is_loaded_from_the_start_keeps_its_zero() -> None:
     assert not zero.any()
 
 
-def test_a_touch_that_grows_more_slowly_than_the_zero_follows_is_missed() -> None:
-    t_s = np.arange(2000) / RATE_HZ
-    seen = []
-    for factor in (0.8, 4.0):
-        values = np.zeros((2000, SPEC.n_channels))
-        values[:, 2] = factor * rule_of().zero_per_s * t_s
-        seen.append(not empty_of(values)[SPEC.settle_samples :].all())
-    assert seen == [False, True]
-
-
 @pytest.mark.parametrize(("step_n", "ends"), [(0.15, True), (0.3, False)])
 def test_a_small_offset_step_is_taken_in_a_large_one_stays_a_touch(
     step_n: float, ends: bool
@@ -166,18 +144,6 @@ def test_a_small_offset_step_is_taken_in_a_large_one_stays_a_touch(
         assert empty_of(values)[760:].all()
 
 
-def test_while_the_zero_stays_0_every_feature_has_its_old_bits() -> None:
-    values = np.zeros((300, SPEC.n_channels))
-    values[100:] = np.random.default_rng(1).normal(1.0, 1.0, (200, SPEC.n_channels))
-    valid = np.ones((300, 6), np.bool_)
-    names = ["features", "detectors"]
-    old = msgspec.structs.replace(SPEC, force_decides=False)
-    by_force = run_recording(session_of(SPEC), values, valid, names)
-    plain = run_recording(session_of(old), values, valid, names)
-    for name in names:
-        assert by_force[name].tobytes() == plain[name].tobytes()
-
-
 def test_votes_of_an_empty_hand_are_for_nothing_and_in_contact_for_anything_else() -> (
     None
 ):
@@ -185,9 +151,6 @@ def test_votes_of_an_empty_hand_are_for_nothing_and_in_contact_for_anything_else
     rule = ByForce("situation", CLASSES, 100)
     assert rule.in_contact(votes).tolist() == [[0, 0, 60, 35, 1, 1, 1, 2]]
     assert rule.without_contact().tolist() == [50, 50, 0, 0, 0, 0, 0, 0]
-    four = ByForce("situation", SITUATIONS, 7)
-    assert four.in_contact(np.array([[3, 2, 1, 1]])).tolist() == [[0, 5, 1, 1]]
-    assert four.without_contact().tolist() == [7, 0, 0, 0]
     question = ByForce("p_risky_250ms", ("no", "yes"), 7)
     assert question.in_contact(np.array([[3, 4]])).tolist() == [[3, 4]]
     assert question.without_contact().tolist() == [7, 0]
@@ -225,46 +188,22 @@ def test_an_older_file_loads_and_warns_once_in_plain_words(
     holdfast.load(eight_classes.model, live=False)
 
 
+def trees_of(data: bytes) -> list[bytes]:
+    """What the nodes of the forest hold."""
+    nodes = onnx.load_from_string(data).graph.node
+    forest = [node for node in nodes if node.op_type == "TreeEnsembleRegressor"]
+    assert forest
+    return [one.SerializeToString() for node in forest for one in node.attribute]
+
+
 def test_an_older_file_is_exported_again_with_its_own_learner(older: Path) -> None:
     old = older.read_bytes()
     card, new = changed(old)
     assert card[CONTACT_KEY] == rule_of(StepSpec.from_json(card["spec"])).to_json()
-    assert learner_digest(old) == learner_digest(new)
+    assert trees_of(old) == trees_of(new)
 
     path = older.with_name("new.onnx")
     path.write_bytes(new)
     assert Model(path).card.decides_by_force
     with pytest.raises(UsageError, match="up to date"):
         changed(new)
-
-
-def learner_digest(data: bytes) -> str:
-    """SHA-256 of all numbers behind the features: trees, weights, calibration."""
-    model = onnx.load_from_string(data)
-    constants = {one.name: one for one in model.graph.initializer}
-    behind = {"features"}
-    digest = hashlib.sha256()
-    for node in model.graph.node:
-        of_rule = "empty" in node.input or (
-            node.op_type == "MatMul" and node.input[0].startswith("learned_")
-        )
-        if behind.isdisjoint(node.input):
-            continue
-        behind.update(node.output)
-        if of_rule:
-            continue
-        digest.update(node.op_type.encode())
-        for attribute in node.attribute:
-            digest.update(attribute.SerializeToString(deterministic=True))
-        for name in node.input:
-            if name in constants:
-                digest.update(onnx.numpy_helper.to_array(constants[name]).tobytes())
-    return digest.hexdigest()
-
-
-def test_a_run_of_an_older_file_says_so_once(
-    older: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["--source", "virtual://ft232h", "--seconds", "0.1"]
-    assert main(["run", str(older), *words]) == 0
-    assert capsys.readouterr().err.count("decides 'nothing' by noise") == 1

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import onnxruntime as ort
 import pytest
-from hard_marks import COLLAR, EVENTS, NORMAL
+from hard_marks import EVENTS, NORMAL
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -71,8 +71,8 @@ def burst(
     return shaken
 
 
-def long_streams() -> dict[str, tuple[FloatArray, BoolArray]]:
-    """Streams of 90 or 100 s, by name: (values, valid)."""
+def long_streams() -> dict[str, FloatArray]:
+    """Streams of 90 or 100 s, by name."""
     small = 40.0 * NOISE_RMS["N"]
     values = {f"{louder:g} times as noisy": quiet(90.0) for louder in LOUDER}
     for louder, name in zip(LOUDER, values, strict=True):
@@ -84,24 +84,15 @@ def long_streams() -> dict[str, tuple[FloatArray, BoolArray]]:
     values |= {
         f"burst on {k}": burst(loud, 85.0, 0.5, small, channel=k) for k in (0, 4)
     }
-    values |= {
-        "noise": noise,
-        "tone": burst(quiet(100.0), 5.0, 95.0, 2.0),
-        "lost": loud,
-    }
-    valid = {
-        name: np.ones((len(one), SENSORS), dtype=np.bool_)
-        for name, one in values.items()
-    }
-    valid["lost"][at(65.0) : at(85.0), 0] = False
-    return {name: (values[name], valid[name]) for name in values}
+    return values | {"noise": noise, "tone": burst(quiet(100.0), 5.0, 95.0, 2.0)}
 
 
 @cache
 def band_pass() -> dict[str, BoolArray]:
     """Name of a long stream -> [T] whether the band-pass detector fires; all in one batch."""
     streams = long_streams()
-    values, valid = (list(part) for part in zip(*streams.values(), strict=True))
+    values = list(streams.values())
+    valid = [np.ones((len(one), SENSORS), dtype=np.bool_) for one in values]
     rows = [np.arange(len(one)) for one in values]
     outputs = run_recordings(session_of("N"), values, valid, ["detectors"], rows)
     column = detector_names(StepSpec(SENSORS, RATE_HZ, "N", ("now",))).index(
@@ -180,15 +171,6 @@ def test_a_critical_point_is_the_first_sample_of_an_excursion_after_enough_quiet
     expect_points(values, RATE_HZ)
 
 
-@pytest.mark.parametrize("rate_hz", [50.0, 58.9])
-def test_so_it_is_at_rates_that_do_not_divide_the_quiet(rate_hz: float) -> None:
-    values = quiet(20.0, rate_hz=rate_hz)
-    rng = np.random.default_rng(1)
-    for start in rng.integers(60, len(values) - 20, size=12):
-        values[start : start + 8, 1] += rng.normal(0.0, 1.5, 8)
-    assert expect_points(values, rate_hz) > 4
-
-
 def expect_points(values: FloatArray, rate_hz: float) -> int:
     detections = detect(values, rate_hz=rate_hz)
     firing, points = detections["band_pass"], detections["band_pass_point"]
@@ -221,19 +203,12 @@ def test_quiet_that_is_exactly_long_enough_is_enough_and_one_sample_less_is_not(
     np.testing.assert_array_equal(points[begins], lasted >= 5)
 
 
-@COLLAR.mark
-def test_one_burst_is_one_critical_point_and_the_next_needs_quiet_before_it() -> None:
-    once = burst(quiet(8.0), 3.0, 0.4, 1.0)
-    assert detect(once)["band_pass_point"].sum() == 1
-    assert detect(burst(once, 3.6, 0.2, 1.0))["band_pass_point"].sum() == 1
-    assert detect(burst(once, 6.0, 0.2, 1.0))["band_pass_point"].sum() == 2
-
-
 def pressed(forces: FloatArray) -> FloatArray:
     """[T, C] long enough to have settled; the forces [K, C] are the last rows."""
     return np.concatenate([np.repeat(forces[:1], at(0.6), axis=0), forces])
 
 
+@NORMAL.mark
 @given(
     forces=st.lists(
         st.lists(
@@ -262,24 +237,6 @@ def test_the_cone_is_more_shear_than_friction_holds_at_some_finger_pressed_hard_
     )
 
 
-@NORMAL.mark
-@pytest.mark.parametrize("normal", [0.0, -0.0, 1e-300, -5.0, 0.5])
-def test_a_finger_that_presses_nothing_is_never_outside_the_cone(normal: float) -> None:
-    forces = np.tile([100.0, -100.0, normal], (40, SENSORS))
-    assert not detect(pressed(forces))["friction_cone"].any()
-
-
-def test_the_cone_opens_with_the_normal_force() -> None:
-    forces = np.tile([0.0, 0.0, 2.0] * SENSORS, (3, 1))
-    forces[:, 0] = [1.59, 1.61, -1.61]
-    np.testing.assert_array_equal(
-        detect(pressed(forces))["friction_cone"][-3:], [False, True, True]
-    )
-    np.testing.assert_array_equal(
-        detect(pressed(2.0 * forces))["friction_cone"][-3:], [False, True, True]
-    )
-
-
 def test_a_finger_that_is_lost_or_not_settled_fires_nothing() -> None:
     forces = np.tile([5.0, 0.0, 1.0] * SENSORS, (120, 1))
     valid = np.ones((120, SENSORS), dtype=np.bool_)
@@ -289,19 +246,6 @@ def test_a_finger_that_is_lost_or_not_settled_fires_nothing() -> None:
     expected = np.arange(120) >= settled_after - 1
     expected[90:92] = False
     np.testing.assert_array_equal(cone, expected)
-
-
-def test_no_vibration_is_reported_before_a_finger_has_settled() -> None:
-    shaken = burst(quiet(3.0), 0.1, 1.4, 5.0)
-    expected_from = at(0.5)  # the first 50 samples are not settled, the 51st is
-    np.testing.assert_array_equal(
-        np.flatnonzero(detect(shaken)["band_pass"])[0], expected_from
-    )
-
-
-def test_the_floor_stands_still_while_a_finger_is_lost() -> None:
-    fired = band_pass()["lost"]
-    assert not fired[at(60.0) :].any()  # as loud as ever after 20 s: nothing new
 
 
 @pytest.mark.parametrize("unit", ["uT", "count"])

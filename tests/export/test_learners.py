@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-import msgspec
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -15,7 +14,7 @@ from small_model import artifact, spec
 
 from holdfast.core.contract import CLASSES, SITUATIONS
 from holdfast.core.errors import HoldfastError
-from holdfast.edge_runtime.graph import open_session, run_recording
+from holdfast.edge_runtime.graph import open_session
 from holdfast.edge_runtime.model import Model
 from holdfast.export.artifact import Artifact, read_artifact, write_artifact
 from holdfast.export.exporting import export_artifact, whole_graph
@@ -33,7 +32,6 @@ from holdfast.export.verify import cut_learners, verify
 from holdfast.training.network_fit import fit_network
 from holdfast.training.plan import ForestPlan, NetworkPlan
 
-AREA = "Learners in whole numbers"
 SPEC = spec(("now", "differences"))
 PLAN = NetworkPlan(hidden=(12, 8), members=2, epochs=4, batch=32)
 FOREST = ForestPlan(kind="random", n_estimators=3, max_depth=4)
@@ -157,41 +155,6 @@ def test_a_row_alone_in_a_batch_and_among_rows_that_are_not_finite_has_the_same_
     assert (together.sum(axis=1) == votes_in_all(made.heads[0].learner)).all()
 
 
-def test_a_class_that_training_never_saw_gets_no_votes_but_what_rounding_leaves():
-    network = learner_of("network", 4, without=1)
-    votes = reference_votes(network, rows_of(200, seed=1), 4)
-    assert votes[:, 1].max() == 0
-    assert riskier_argmax(votes).max() == 3
-
-
-def test_label_weights_change_labels_and_nothing_else():
-    plain, heavy = (
-        made_of("forest", SITUATIONS),
-        made_of("forest", SITUATIONS, (0.01, 1.0, 1.0, 1.0)),
-    )
-    by_votes = msgspec.structs.replace(SPEC, force_decides=False)
-    rng = np.random.default_rng(0)
-    values = 3.0 * rng.normal(size=(200, 6))
-    valid = np.ones((200, 2), np.bool_)
-    names = ["situation", "votes", "p_situation"]
-    one, two = (
-        run_recording(
-            open_session(whole_graph(by_votes, made.heads).SerializeToString()),
-            values,
-            valid,
-            names,
-        )
-        for made in (plain, heavy)
-    )
-    assert (one["situation"] == 0).any()
-    assert not (
-        two["situation"][one["votes"][:, 1:].max(axis=1) * 100 > one["votes"][:, 0]]
-        == 0
-    ).any()
-    assert one["votes"].tobytes() == two["votes"].tobytes()
-    assert one["p_situation"].tobytes() == two["p_situation"].tobytes()
-
-
 def test_the_label_of_the_reference_is_the_riskier_of_equal_weighted_votes():
     head = made_of("forest", SITUATIONS, (1.0, 0.5, 0.25, 1.0)).heads[0]
     votes = np.array([[100, 200, 400, 100], [4, 8, 0, 3]])
@@ -230,15 +193,6 @@ def test_numbers_that_are_not_exact_make_no_network(weight, bias, why):
     )
     with pytest.raises(ValueError, match=why):
         spoil(network, layers=(spoilt, last))
-
-
-@pytest.mark.parametrize(
-    ("knee", "gain", "why"), [(0, 1, "a knee"), (1, 3, "an input")]
-)
-def test_inputs_beyond_their_bounds_make_no_network(knee, gain, why):
-    inputs = random_network(0, 4).inputs
-    with pytest.raises(ValueError, match=why):
-        Inputs(knee * inputs.knee, gain * inputs.gain, inputs.offset)
 
 
 def test_a_committee_s_members_have_equally_many_votes():

@@ -23,7 +23,6 @@ from holdfast.core.errors import UsageError
 from holdfast.edge_runtime.graph import (
     BATCH,
     Outputs,
-    StepGraph,
     open_session,
     run_recording,
     run_recordings,
@@ -218,23 +217,6 @@ def test_the_requested_rows_are_the_rows_that_come(seed: int, wanted: set[int]) 
     assert bits(some) == bits({name: every[name][rows] for name in some})
 
 
-def test_reset_is_a_fresh_start() -> None:
-    graph, stream = StepGraph(whole_step(2)), stream_of(80, 2)
-    first = fed(graph, stream)
-    assert bits(fed(graph, stream)) != bits(first)  # it had a past
-    graph.reset()
-    assert bits(fed(graph, stream)) == bits(first)
-
-
-def fed(graph: StepGraph, stream: Stream) -> Outputs:
-    rows: dict[str, list[np.ndarray]] = {name: [] for name in [*graph.out, "state"]}
-    for sample, ok in zip(*stream, strict=True):
-        graph.sample[0], graph.valid[0] = sample, ok
-        for name, value in {**graph.step(), "state": graph.state}.items():
-            rows[name].append(value.copy())
-    return {name: np.concatenate(parts) for name, parts in rows.items()}
-
-
 def test_an_all_zero_state_is_a_fresh_start_and_reset_forgets_any_other_even_nan() -> (
     None
 ):
@@ -252,18 +234,6 @@ def test_an_all_zero_state_is_a_fresh_start_and_reset_forgets_any_other_even_nan
         )
         answers.append([out.tobytes() for out in session.run(None, given)])
     assert all(answer == answers[0] for answer in answers)
-
-
-def test_reset_of_one_recording_leaves_the_others_of_its_batch_alone() -> None:
-    session = whole_step(2)
-    values, valid = numbers(3, 2), np.ones((3, 2), dtype=np.bool_)
-    past = np.random.default_rng(0).uniform(0.0, 1.0, (3, *state_shape(session)))
-    kept = session.run(None, inputs(values, valid, [False] * 3, past))
-    one = session.run(None, inputs(values, valid, [False, True, False], past))
-    zero = session.run(None, inputs(values, valid, [False] * 3, np.zeros_like(past)))
-    for before, after, fresh in zip(kept, one, zero, strict=True):
-        np.testing.assert_array_equal(after[[0, 2]], before[[0, 2]])
-        np.testing.assert_array_equal(after[1], fresh[1])
 
 
 def last_features(spec: StepSpec, *streams: FloatArray) -> list[bytes]:
@@ -298,68 +268,8 @@ def test_a_group_sees_nothing_older_than_its_stated_memory(
     assert later == before  # no clock either
 
 
-@pytest.mark.parametrize("rate_hz", RATES_HZ)
-@pytest.mark.parametrize("name", FINITE)
-def test_a_group_sees_something_inside_its_stated_memory(
-    name: str, rate_hz: float
-) -> None:
-    spec = StepSpec(2, rate_hz, "N", (name,))
-    values = numbers(120, 2)
-    altered = []
-    every = 1 if name == "window" else 12
-    for back in range(0, inside(GROUPS[name].memory_s, rate_hz) + 1, every):
-        altered.append(values.copy())
-        altered[-1][-1 - back] += 5.0
-    before, *after = last_features(spec, values, *altered)
-    seen = [one != before for one in after]
-    assert seen[0]
-    if name == "window":
-        assert all(seen)
-
-
-def test_a_group_that_rings_for_ever_says_so() -> None:
-    for name in set(GROUPS) - set(FINITE):
-        spec = StepSpec(2, 150.0, "N", (name,))
-        values = numbers(200, 2)
-        altered = values.copy()
-        altered[20] += 5.0
-        assert GROUPS[name].memory_s == math.inf
-        before, after = last_features(spec, values, altered)
-        assert after != before
-
-
-@pytest.mark.parametrize("rate_hz", [*RATES_HZ, 100.0, 300.0])
-def test_no_clock_free_feature_can_see_anything_older_than_half_a_second(
-    rate_hz: float,
-) -> None:
-    spec = StepSpec(2, rate_hz, "N", CLOCK_FREE_GROUPS)
-    values = numbers(500, 2)
-    oldest = len(values) - 1 - inside(HISTORY_S, rate_hz)
-    altered = values.copy()
-    altered[:oldest] += 100.0
-    touched = altered.copy()
-    touched[oldest] += 100.0
-    before, older, within = last_features(spec, values, altered, touched)
-    assert older == before
-    assert within != before
-
-
 def test_the_clock_free_groups_exist_and_none_claims_a_longer_memory() -> None:
     assert max(GROUPS[name].memory_s for name in CLOCK_FREE_GROUPS) <= HISTORY_S
-
-
-@pytest.mark.parametrize(
-    ("rate_hz", "samples"),
-    [(50.0, 6), (58.9, 6), (150.0, 16), (100.0, 11), (20.5, 3), (5.0, 2)],
-)
-def test_the_window_has_its_stated_number_of_samples(
-    rate_hz: float, samples: int
-) -> None:
-    spec = StepSpec(6, rate_hz, "N", ("window",))
-    assert (
-        spec.window_samples == samples == max(2, math.floor(0.10 * rate_hz + 1e-9) + 1)
-    )
-    assert feature_count(spec) == 18 * samples
 
 
 def test_a_rate_a_rounding_error_below_its_name_does_not_cost_the_window_a_sample() -> (

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import ctypes
 import json
-import re
 import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from c_form import SANITISED, STRICT, require_compiler
-from headless_browser import Tab, browser, needs_chromium
 from small_model import for_the_hand, graph_of
 
 from benchmarks.runtimes.c_programs import FLAGS, WASM, compiled
@@ -68,7 +64,6 @@ STORY: list[list[Any]] = [
 ]
 """[sample, call, its numbers]."""
 ROWS = 600
-Rows = npt.NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")
@@ -238,70 +233,3 @@ def test_the_pages_world_has_the_same_bits_in_webassembly_and_on_this_machine(
     wanted = story_in_c(ctypes.CDLL(str(made)), setup)
     assert printed.splitlines() == wanted
     assert len(set(wanted)) == 600
-
-
-@pytest.fixture(scope="module")
-def made_page(model: Path, wasm: Path) -> Path:
-    made = model.parent / "pages"
-    build: list[str | Path] = [
-        sys.executable,
-        EXAMPLES / "browser/build.py",
-        model,
-        made,
-    ]
-    assert subprocess.run(build, capture_output=True).returncode == 0
-    return made / "trial.html"
-
-
-ANSWERS = "shown.answers.map((one) => [one.t, one.load, one.grip, one.risky])"
-
-
-def answers_of(page: Tab) -> Rows:
-    """[T, 4]: time, load, grip and p(risky) that the page shows; zeros until the bias is known."""
-    return np.array(page.value(ANSWERS), dtype=np.float64)
-
-
-@needs_chromium
-def test_the_page_opens_without_a_server_a_request_or_an_error(
-    made_page: Path, tmp_path: Path
-):
-    assert "http" not in re.sub(
-        r'http-equiv|"WASM_BASE64"', "", made_page.read_text("utf-8")[:4000]
-    )
-    with browser(tmp_path) as shown:
-        shown.open(made_page.as_uri(), 1000, 900)
-        summary = shown.wait_until("shown.answers.length && at('summary').textContent")
-        assert re.match(r"\d{4} samples, the hand is (not )?asked to act", summary)
-        assert shown.value("at('problem').textContent") == ""
-        assert shown.value("performance.getEntriesByType('resource').length") == 0
-        assert shown.problems == []
-
-
-@needs_chromium
-def test_dragging_up_answers_what_a_harder_pull_would_do(
-    made_page: Path, tmp_path: Path
-):
-    with browser(tmp_path) as shown:
-        shown.open(made_page.as_uri(), 1000, 900)
-        shown.wait_until("shown.answers.length")
-        before = answers_of(shown)
-        left, top, width = shown.value(
-            "(({ left, top, width }) => [left, top, width])(at('plot').getBoundingClientRect())"
-        )
-        at = left + width / 2, top + 150
-        shown.drag(at, (at[0], at[1] - 120))
-        (since_s,) = re.findall(
-            r"2\.00 times the pull from ([\d.]+) s on",
-            shown.value("at('summary').textContent"),
-        )
-        after, dragged = answers_of(shown), before[:, 0] >= float(since_s) + 0.01
-        assert 0.2 < dragged.mean() < 0.8
-        assert np.array_equal(
-            after[~dragged][:-2], before[~dragged][:-2], equal_nan=True
-        )
-        assert np.allclose(after[dragged, 1], 2.0 * before[dragged, 1])
-        assert np.array_equal(after[dragged, 2], before[dragged, 2])
-        assert (after[dragged, 3] != before[dragged, 3]).any()
-        shown.value("at('undo').click()")
-        assert np.array_equal(answers_of(shown), before, equal_nan=True)
-        assert shown.problems == []

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 
-import pytest
-from command_line import Run, fails
+from command_line import Run
 
 from holdfast.cli.main import VERBS
 
@@ -35,18 +33,3 @@ def test_bash_completes_commands_options_and_choices(run: Run) -> None:
     assert completed(script, "run", "--cali") == {"--calibration"}
     assert completed(script, "run", "--conf") == {"--config"}
     assert completed(script, "run", "--engine", "") == {"auto", "onnxruntime", "c"}
-
-
-def test_without_its_package_completion_names_the_extra(
-    run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "shtab", None)
-    fails(
-        run,
-        6,
-        "LibraryMissing",
-        "doctor",
-        "--completion",
-        "bash",
-        says="holdfast[completion]",
-    )

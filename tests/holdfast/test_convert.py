@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import re
 import shlex
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,7 +19,6 @@ from lossy_set import (
     NEVER_CAME,
     PASS,
     PULL,
-    RATE_HZ,
     ROWS,
     Written,
     write_lossy_set,
@@ -31,18 +28,12 @@ from packages import ROOT
 
 from holdfast.cli.convert import WRITERS
 from holdfast.core.contract import channel_names
-from holdfast.core.errors import LibraryMissing
 from holdfast.interop.payload import read_payloads
 
 Run = Callable[..., tuple[int, str, str]]
 CHANNELS = list(channel_names(6))
 VALID = [f"valid{k}" for k in range(1, 7)]
 PAGE = ROOT / "docs/formats.md"
-STEP_NS = round(1e9 / RATE_HZ)
-LIBRARIES = {
-    "parquet": {"pyarrow"},
-    "mcap": {"mcap", "mcap_protobuf"},
-}
 
 
 @pytest.fixture(scope="module")
@@ -189,17 +180,6 @@ def test_lerobot_s_layout_holds_every_frame_and_nothing_filled(converted, record
     stats = json.loads((folder / "meta/stats.json").read_text())["observation.tactile"]
     together = np.concatenate([one.values for one in recorded[1].values()])
     np.testing.assert_allclose(stats["mean"], np.nanmean(together, axis=0), rtol=1e-5)
-
-
-@pytest.mark.parametrize(("form", "libraries"), LIBRARIES.items())
-def test_a_missing_library_names_its_extra(form, libraries, monkeypatch):
-    module = importlib.import_module(WRITERS[form])
-    for name in libraries:
-        monkeypatch.setitem(sys.modules, name, None)
-    for name in [name for name in sys.modules if name.split(".")[0] in libraries]:
-        monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(LibraryMissing, match=rf"pip install 'holdfast\[{form}\]'"):
-        importlib.reload(module)
 
 
 def test_an_output_that_exists_is_kept_and_an_unknown_trial_is_an_error(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import json
-import os
 import re
 import shutil
 import subprocess
@@ -78,28 +77,6 @@ def test_the_sender_in_python_is_answered(tmp_path: Path) -> None:
     assert answers
 
 
-def test_a_file_of_lines_is_run_at_its_own_pace(tmp_path: Path, c_sender: str) -> None:
-    rows = subprocess.run([c_sender, "3"], capture_output=True, text=True, check=True)
-    header, *_ = rows.stdout.splitlines()
-    cells = ",".join(["0.01"] * 18)
-    table = tmp_path / "trial.csv"
-    body = "".join(f"{k / 150:.6f},{cells}\n" for k in range(90))
-    table.write_text(f"{header}\n{body}", "utf-8")
-    with table.open("rb") as file:
-        run = subprocess.run(
-            [*RUN, "-"],
-            stdin=file,
-            capture_output=True,
-            text=True,
-            cwd=ROOT,
-            check=False,
-        )
-    assert run.returncode == 0, run.stderr
-    answers = [json.loads(line) for line in run.stdout.splitlines()]
-    assert len(answers) == 90
-    assert "stdin: its lines ended after 90 samples" in run.stderr
-
-
 def test_the_node_of_ros_2_prints_lines_that_are_samples() -> None:
     """rclpy is not needed for its lines; the node itself runs where ROS 2 is."""
     line = example("ros2_lines").line
@@ -124,45 +101,9 @@ def test_the_board_sends_rows_below_a_header_of_our_names() -> None:
     assert sample.valid.all()
 
 
-def test_the_page_shows_the_senders_as_they_are() -> None:
-    page = (ROOT / "docs" / "on-a-hand.md").read_text("utf-8")
-    for name in (
-        "line_sender.py",
-        "line_sender.c",
-        "line_sender/line_sender.ino",
-        "ros2_lines.py",
-    ):
-        assert f"(../examples/{name})" in page
-        assert (EXAMPLES / name).is_file()
-
-
 def test_a_study_and_keys_do_not_come_from_the_standard_input_that_is_the_source(
     run, tmp_path: Path
 ) -> None:
     words = ["record", "--source", "-", "--out", tmp_path / "a", "--person", "p01"]
     words += ["--object", "cup", "--action", "pull"]
     fails(run, 2, "UsageError", *words, says="is the source")
-
-
-def test_lines_load_no_library_beyond_the_live_path() -> None:
-    program = (
-        "import json, sys, holdfast.live.sources; print(json.dumps([*sys.modules]))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
-    loaded = {name.partition(".")[0] for name in json.loads(done.stdout)}
-    assert not loaded & {
-        "scipy",
-        "sklearn",
-        "pandas",
-        "onnx",
-        "serial",
-        "pylsl",
-        "rich",
-    }

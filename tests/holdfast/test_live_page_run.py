@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import signal
 import socket
@@ -16,6 +15,7 @@ import numpy as np
 import pytest
 from hazard_marks import PAGE_DELAYS, STALE_PAGE
 from live_bench import ROOT, RUN, Steady
+from made_prediction import prediction
 from page_bench import ABOUT, next_event
 
 from holdfast.core.contract import Sample
@@ -24,6 +24,7 @@ from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.preparation import Tare
+from holdfast.edge_runtime.wearer import Intent, IntentMonitor
 from holdfast.live.loop import run_live
 from holdfast.live.page.link import PageLink, open_page
 from holdfast.live.page.process import follow
@@ -121,6 +122,18 @@ def test_the_page_gets_every_sample_its_answer_and_what_was_lost(model, ends):
     assert "grip" not in samples[0]
 
 
+def test_the_page_gets_the_wearers_own_command(model, ends):
+    ours, theirs = ends
+    page = RunPage(PageLink(ours, print), model.card)
+    said: list[list[Intent]] = [[], [Intent(10**9, "close")]]
+    page.intent = IntentMonitor(lambda: said.pop(0), lambda: 10**9, print)
+    for _ in range(2):
+        page.intent.look()
+    page.write(prediction(), Sample(0, np.zeros(18), VALID, 0), READING)
+    (shown,) = [one["sample"]["intent"] for one in received(theirs)]
+    assert shown == {"wants": "close", "link": "live"}
+
+
 def test_a_page_reads_to_the_end_what_a_run_sent_that_left_an_action_unread(ends):
     ours, theirs = ends
     link, stream = PageLink(ours, print), LiveStream(ABOUT)
@@ -179,31 +192,6 @@ def test_a_page_whose_process_does_not_start_is_an_error(monkeypatch):
         open_page("0", ABOUT, print)
 
 
-def test_a_run_shows_itself_and_ends_as_without_a_page():
-    command = [*RUN, "--to", "web:0"]
-    with subprocess.Popen(
-        command, cwd=ROOT, text=True, stderr=subprocess.PIPE, env=dict(os.environ)
-    ) as run:
-        try:
-            assert run.stderr is not None
-            page = page_in(next(line for line in run.stderr if "live page" in line))
-            events = HTTPConnection("127.0.0.1", page[0], timeout=300)
-            events.request("GET", page[1] + "/events")
-            answer = events.getresponse()
-            while not ((shown := next_event(answer)[1]["sample"]) and all(shown["v"])):
-                pass
-            run.send_signal(signal.SIGTERM)
-            while not (last := next_event(answer)[1])["ended"]:
-                pass
-            events.close()
-            _, err = run.communicate(timeout=300)
-        finally:
-            run.kill()
-    assert shown["answer"]["latency_us"] > 0.0
-    assert last["ended"] == "the run has ended: it was stopped"
-    assert run.returncode == 0, err
-
-
 @STALE_PAGE.mark
 def test_a_run_that_is_killed_ends_its_page():
     command = [*RUN, "--to", "web:0"]
@@ -219,15 +207,3 @@ def test_a_run_that_is_killed_ends_its_page():
             pass
         events.close()
     assert last["ended"] == "the program that ran the loop died"
-
-
-def test_a_port_that_is_taken_is_an_error_before_a_source_is_opened():
-    with socket.create_server(("127.0.0.1", 0)) as other:
-        port = other.getsockname()[1]
-        words = [*RUN[:-1], "usb://ft232h", "--to", f"web:{port}"]
-        done = subprocess.run(
-            words, cwd=ROOT, capture_output=True, text=True, check=False
-        )
-    assert done.returncode == 2
-    (line,) = done.stderr.splitlines()
-    assert line.startswith(f"error: UsageError: web:{port}: address already in use")

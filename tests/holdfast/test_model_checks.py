@@ -18,7 +18,6 @@ from holdfast.edge_runtime.model_file import CARD_KEY
 from holdfast.edge_runtime.monitor import Model
 from holdfast.export.artifact import read_artifact
 from holdfast.export.exporting import seal
-from holdfast.live.model_checks import CHECKS, model_checks
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -80,16 +79,6 @@ def test_the_default_model_holds_line_by_line(default_alone, record_property):
     assert [line[9:39].strip() for line in lines] == EVERY
     assert {line[:9] for line in lines} == {"ok       "}
     record_property("checks", len(lines))
-
-
-def test_a_model_of_four_situations_holds_too_and_json_says_the_same(
-    four_situations: Built,
-):
-    content = json.loads("\n".join(alone(four_situations.model, "--json")[0]))[
-        "findings"
-    ]
-    assert [one["what"] for one in content] == EVERY
-    assert all(one["status"] == "ok" and one["found"] for one in content)
 
 
 def test_it_needs_what_is_on_the_hand_and_nothing_else(default_alone):
@@ -158,25 +147,3 @@ def test_the_check_fails_on_a_model_that_ignores_its_reset(
     content = json.loads(capsys.readouterr().out)["findings"]
     broken = [one["what"] for one in content if one["status"] == "broken"]
     assert "reset forgets" in broken
-
-
-def test_a_file_that_cannot_be_opened_fails_in_its_first_line(tmp_path: Path, capsys):
-    (tmp_path / "m.onnx").write_bytes(DEFAULT.read_bytes()[:-1])
-    assert main(["doctor", str(tmp_path / "m.onnx")]) == 1
-    (line,) = capsys.readouterr().out.splitlines()
-    assert line.startswith("broken   golden rows                   BrokenSeal")
-
-
-def test_a_check_that_cannot_be_carried_out_has_failed_and_the_others_go_on(
-    monkeypatch,
-):
-    def broken(model: Model) -> None:
-        raise ZeroDivisionError("on purpose")
-
-    monkeypatch.setitem(CHECKS, "reset forgets", broken)
-    found = {one.what: one for one in model_checks(DEFAULT)}
-    assert list(found) == EVERY
-    assert [one.what for one in found.values() if one.status != "ok"] == [
-        "reset forgets"
-    ]
-    assert "on purpose" in found["reset forgets"].found

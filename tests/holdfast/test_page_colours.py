@@ -35,13 +35,6 @@ def colours(dark: bool) -> dict[str, str]:
     return shades | dict(re.findall(r"--(\w+): (#\w+)", rest)) if dark else shades
 
 
-def test_the_check_sees_the_classic_confusions() -> None:
-    assert apart("#ff0000", "#008800", "usual") > 100.0
-    # a red and a green that a person without the middle cones confuses
-    assert apart("#a03000", "#606000", "deuteranopia") < FAR
-    assert contrast("#000", "#fff") == pytest.approx(21.0)
-
-
 @pytest.mark.parametrize("vision", VISIONS)
 @pytest.mark.parametrize("place", TOGETHER)
 @pytest.mark.parametrize("dark", [False, True])

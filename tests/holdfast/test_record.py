@@ -21,10 +21,8 @@ from recorder_bench import (
     said,
     session,
 )
-from study_bench import TALK, Study
 
 from holdfast.core.errors import ChannelError, EmptyRecording, TimeError
-from holdfast.core.source import SourceReading
 from holdfast.core.trial_file import read_trial
 from holdfast.drivers.replay import open_replay
 from holdfast.drivers.virtual.clock import VirtualClock
@@ -71,19 +69,6 @@ def test_meta_tells_who_what_how_and_how_good(tmp_path):
     assert (meta["quality"]["lost"], meta["quality"]["invalid_readings"]) == (0, 0)
     assert meta["quality"]["rate_hz"] == pytest.approx(150.0, rel=1e-3)
     assert meta["quality"]["bias_drift"] < 0.2
-
-
-def test_a_trial_of_a_labelled_set_can_be_recorded_again(people, tmp_path):
-    one_pull(tmp_path / "again", source=f"{people}#0")
-    first, again = open_replay(people / TRIAL), open_replay(tmp_path / "again" / TRIAL)
-    assert again.rate_hz == pytest.approx(first.rate_hz, rel=1e-3)
-    assert again.values.shape == (50, 18)
-
-
-def test_a_study_opens_a_trial_of_a_labelled_set_as_its_hand(people, tmp_path):
-    study = Study(tmp_path, TALK, f"{people}#0")
-    study.run("   ")
-    assert said(study.messages, "the hand answers: 6 sensors")
 
 
 def test_the_hand_card_lies_beside_the_recordings_and_that_of_another_hand_is_refused(
@@ -157,29 +142,6 @@ def test_a_finger_that_is_lost_is_written_as_lost_and_the_rest_goes_on(tmp_path)
     assert "0" not in columns["valid2"]
     assert sum(meta_of(folder)["quality"]["why"].values()) == lost.sum()
     assert said(messages, "invalid")
-
-
-def test_a_saturated_finger_and_a_drifted_bias_are_reported(tmp_path):
-    hand = Hand(60)
-    plain = hand.read
-
-    def read() -> SourceReading | None:
-        measured = plain()
-        return measured and SourceReading(
-            measured.t_ns,
-            measured.values + 0.5,
-            measured.valid,
-            ("saturated", *[""] * 5),
-        )
-
-    hand.read = read
-    session(tmp_path, hand, seconds=0.6)
-    quality = meta_of(tmp_path / TRIAL)["quality"]
-    assert quality["saturated_readings"] == 60
-    assert (quality["bias_drift"], quality["bias_drift_channel"]) == (
-        pytest.approx(0.517),
-        "Z6",
-    )
 
 
 # -- clocks that jump

@@ -112,12 +112,6 @@ def test_a_kill_from_outside_leaves_whole_rows_in_their_order(tmp_path):
     assert len(sequence) == whole.rows >= 49
 
 
-def test_where_there_is_no_trial_nothing_can_be_mended(tmp_path, capsys):
-    assert main(["check", "--repair", str(tmp_path)]) == 3
-    assert main(["check", "--repair", str(tmp_path / "nowhere")]) == 3
-    assert "no trial in this folder" in capsys.readouterr().err
-
-
 @pytest.mark.hard_case(
     AREA,
     "a disk that is full in the middle of a trial",

@@ -6,10 +6,7 @@ from __future__ import annotations
 import os
 import pty
 import signal
-import subprocess
-import sys
 import termios
-from collections.abc import Iterator
 from functools import partial
 
 import pytest
@@ -17,15 +14,12 @@ from recorder_bench import (
     AREA,
     PULL,
     REST,
-    ROOT,
     TRIAL,
     Hand,
-    context_of,
     cup_pull,
     events_of,
     meta_of,
     on_terminal,
-    options_of,
     said,
     session,
     start,
@@ -37,11 +31,7 @@ from recorder_bench import (
 )
 
 from holdfast.core.trial_file import read_trial
-from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.live.running import stop_signals
-from holdfast.sessions.recorder.keys import Keys
 from holdfast.sessions.recorder.protocol import Task
-from holdfast.sessions.recorder.recording import record
 from holdfast.training.datasets import load
 
 
@@ -123,72 +113,6 @@ def test_redo_moves_the_trial_away_and_the_same_comes_up_again(tmp_path, pressin
     assert meta_of(tmp_path / TRIAL)["state"] == "kept"
 
 
-def test_after_its_figures_a_kept_trial_can_still_be_done_again(tmp_path, pressing):
-    keys, press = pressing
-    hand = Hand(400, says={50: lambda: press("krr q"), 100: lambda: press("k")})
-    press(" ")
-    kept, messages = session(
-        tmp_path, hand, [PULL, Task("my-cup", "pass")], keys, at_once=False
-    )
-    assert kept == 0, (
-        "space, k; r does it again; the second r finds none; space, q keeps and stops"
-    )
-    assert said(messages, "no trial to repeat yet")
-    (moved,) = (tmp_path / "p01/discarded").rglob("meta.json")
-    assert meta_of(moved.parent)["state"] == "redone", "training reads what is kept"
-
-
-def test_stop_between_trials_stops_and_so_does_an_operator_who_is_gone(
-    tmp_path, pressing
-):
-    keys, press = pressing
-    press("q")
-    assert session(tmp_path, Hand(10), [PULL], keys, at_once=False)[0] == 0
-    kept, messages = session(tmp_path, Hand(10), at_once=False)
-    assert kept == 0
-    assert said(messages, "--at-once")
-    assert not (tmp_path / "p01").exists()
-
-
-def test_a_trial_that_only_a_key_ends_is_interrupted_where_the_keys_end(tmp_path):
-    reading, writing = os.pipe()
-    os.write(writing, b" l")
-    os.close(writing)
-    messages: list[str] = []
-    options = options_of(*cup_pull(tmp_path))
-    record(options, context_of(VirtualClock(), Keys(reading), messages))
-    os.close(reading)
-    assert (
-        "no key can be pressed any more; --seconds ends trials without a key"
-        in messages
-    )
-    assert meta_of(tmp_path / "p01/cup/pull/trial_1")["state"] == "interrupted"
-
-
-TYPED_AHEAD = """
-from holdfast.sessions.recorder.keys import listening
-with listening(0) as keys:
-    print(keys.ended(), keys.pressed(5.0), keys.pressed(5.0))
-"""
-
-
-def test_keys_that_were_typed_ahead_of_the_recorder_count(tmp_path):
-    master, slave = pty.openpty()
-    os.write(master, b" q")
-    done = subprocess.run(
-        [sys.executable, "-c", TYPED_AHEAD],
-        cwd=ROOT,
-        stdin=slave,
-        stdout=subprocess.PIPE,
-        text=True,
-        check=True,
-        preexec_fn=terminal_of_its_own,
-    )
-    assert done.stdout == "False begin stop\n"
-    os.close(master)
-    os.close(slave)
-
-
 @pytest.mark.parametrize("way", ["keys", "SIGTERM", "SIGHUP", "error"])
 def test_a_terminal_is_as_before_on_every_way_out(tmp_path, way):
     master, slave = pty.openpty()
@@ -255,23 +179,3 @@ def test_a_terminal_that_goes_away_ends_the_trial_as_sigterm_does(tmp_path):
     # lost samples are rows there, too
     assert len(read_trial(folder / "tactile.csv").t_s) >= rows
     assert [path.name for path in folder.parent.iterdir()] == ["trial_1"]
-
-
-@pytest.fixture
-def hangup_as_before() -> Iterator[None]:
-    before = signal.getsignal(signal.SIGHUP)
-    yield
-    signal.signal(signal.SIGHUP, before)
-
-
-def test_a_hangup_may_come_twice_and_none_counts_under_nohup(hangup_as_before):
-    with stop_signals() as stopped:
-        assert not stopped()
-        signal.raise_signal(signal.SIGHUP)
-        signal.raise_signal(signal.SIGHUP)
-        assert stopped()
-    signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    with stop_signals() as stopped:
-        signal.raise_signal(signal.SIGHUP)
-        assert not stopped()
-    assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN

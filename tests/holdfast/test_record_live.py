@@ -4,8 +4,6 @@ ends."""
 from __future__ import annotations
 
 import json
-import os
-import pty
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,17 +11,13 @@ import numpy as np
 import pytest
 from hazard_marks import OVERWRITTEN, SOURCE_ENDED
 from recorder_bench import (
-    PULL,
     TRIAL,
     Hand,
     meta_of,
-    on_terminal,
     recorded,
     said,
     session,
     states_in,
-    truth_of,
-    wait_on_terminal_for,
 )
 from recorder_bench import columns_of as read_columns
 
@@ -32,11 +26,9 @@ from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.sessions.recorder.display import (
     OVER_THE_LINE_ABOVE,
     StatusLine,
-    status_text,
 )
 from holdfast.sessions.recorder.protocol import Task
 from holdfast.sessions.recorder.session import Display
-from holdfast.sessions.recorder.trial import Quality, TrialRecorder
 
 SHORT_SCENE = """
 [record]
@@ -87,44 +79,9 @@ def test_a_trial_whose_source_ended_before_it_was_complete_is_not_kept_and_says_
     assert not (folder / "tactile.truth.json").exists()
 
 
-@SOURCE_ENDED.mark
-def test_a_trial_that_finds_no_sample_any_more_is_not_kept(tmp_path):
-    with pytest.raises(EmptyRecording, match="cannot be kept"):
-        session(tmp_path, Hand(120), [PULL, PULL])
-    assert states_in(tmp_path) == ["kept", "interrupted"]
-    assert "the source ended" in meta_of(tmp_path / "p01/soft-ball/pull/trial_2")["why"]
-
-
 def test_a_source_that_ends_with_the_hand_empty_again_leaves_a_kept_trial(tmp_path):
     assert session(tmp_path, Hand(120))[0] == 1
     assert session(tmp_path, Hand(35), [Task("nothing", "nothing")])[0] == 1
-
-
-@pytest.mark.parametrize("samples", [35, 60])
-def test_a_trial_that_ends_by_its_seconds_is_kept_whatever_is_in_it(tmp_path, samples):
-    kept, _ = session(tmp_path, Hand(99), seconds=0.01 * samples)
-    assert (kept, states_in(tmp_path)) == (1, ["kept"])
-
-
-@SOURCE_ENDED.mark
-def test_the_second_trial_of_a_virtual_hand_whose_scene_is_over_is_not_kept(
-    tmp_path, scene
-):
-    words = "--object soft-ball --action pull --trials 2 --seconds 4 --rate 50"
-    with pytest.raises(EmptyRecording, match="cannot be kept"):
-        recorded(
-            tmp_path / "out", *words.split(), source=f"virtual://ft232h?scene={scene}"
-        )
-    assert states_in(tmp_path) == ["kept", "interrupted"]
-    truth = truth_of(tmp_path / "out/p01/soft-ball/pull/trial_1")
-    assert [one["label"] for one in truth["phases"]] == [
-        "nothing",
-        "grasp",
-        "risky_slip",
-        "nothing",
-    ]
-    why = meta_of(tmp_path / "out/p01/soft-ball/pull/trial_2")["why"]
-    assert why == "the scene ended before the trial was complete"
 
 
 def test_a_scene_that_is_recorded_from_end_to_end_is_kept_and_comes_again_with_every_trial(
@@ -165,30 +122,6 @@ def shown(
     session(out, source, seconds=1.2, display=status, bias=bias)
 
 
-def test_time_lost_samples_and_six_forces_are_shown_while_a_trial_runs(tmp_path):
-    terminal = Terminal()
-    shown(tmp_path, terminal, stalls={30: 0.05})
-    free, held = " ".join([" 0.00"] * 6), " ".join([" 3.46"] * 6)
-    assert terminal.drawn == [
-        f"0.0 of 1.2 s, 0 lost; forces {free} N",
-        f"0.2 of 1.2 s, 0 lost; forces {free} N",
-        f"0.5 of 1.2 s, 4 lost; forces {held} N",
-        f"0.8 of 1.2 s, 4 lost; forces {held} N",
-        f"1.0 of 1.2 s, 4 lost; forces {free} N",
-    ]
-
-
-def test_a_line_is_redrawn_in_place_never_wraps_and_needs_a_terminal(tmp_path):
-    narrow, without = Terminal(), Terminal()
-    shown(tmp_path / "a", narrow, columns=40)
-    assert {len(line) for line in narrow.drawn} == {39}
-    shown(tmp_path / "b", without, columns=0)
-    assert without.drawn == []
-    for terminal in (narrow, without):
-        left = [line.partition(" ")[0] for line in terminal.lines]
-        assert left == ["next:", "recording", "kept:"], "redrawn in place"
-
-
 @pytest.mark.parametrize("takes", [0, 1, 3, 5])
 def test_a_terminal_that_takes_nothing_costs_no_sample(tmp_path, takes):
     shown(tmp_path / "a", Terminal())
@@ -196,36 +129,6 @@ def test_a_terminal_that_takes_nothing_costs_no_sample(tmp_path, takes):
     free, stuck = (read_columns(tmp_path / one / TRIAL) for one in "ab")
     assert stuck["sequence"] == free["sequence"]
     assert states_in(tmp_path / "b") == ["kept"]
-
-
-def test_a_finger_that_is_lost_shows_no_force_and_a_field_is_shown_in_its_unit(
-    tmp_path,
-):
-    clock = VirtualClock()
-    source = Hand(9, clock=clock)
-    trial = TrialRecorder(tmp_path, 18, {}, Quality(np.full(18, np.nan), 1e7, "uT"), 0)
-    measured = source.read()
-    assert measured is not None
-    measured.values[:3], measured.valid[4] = (300.0, 400.0, 0.0), False
-    trial.write(0, 0, measured)
-    assert (
-        status_text(trial, measured)
-        == "0.0 s, 0 lost; forces   500     0     0     0     -     0 uT"
-    )
-    trial.close("interrupted")
-
-
-def test_a_terminal_shows_the_line_while_a_trial_runs(tmp_path, monkeypatch):
-    monkeypatch.setenv("TERM", "xterm")
-    master, slave = pty.openpty()
-    words = f"--source virtual://ft232h --out {tmp_path / 'out'} --person p01"
-    trial = "--action nothing --trials 1 --at-once --seconds 0.6"
-    with on_terminal(slave, *words.split(), *trial.split()) as run:
-        screen = wait_on_terminal_for(master, "kept:")
-        assert run.wait(timeout=300) == 0
-    os.close(master)
-    assert b"lost; forces" in screen
-    assert OVER_THE_LINE_ABOVE.encode() + b"kept:" in screen
 
 
 @OVERWRITTEN.mark

@@ -3,7 +3,6 @@ together."""
 
 from __future__ import annotations
 
-import os
 import re
 from collections import Counter
 from pathlib import Path
@@ -12,11 +11,8 @@ import pytest
 from recorder_bench import (
     PROTOCOL,
     REST,
-    context_of,
-    cup_pull,
     meta_of,
     one_pull,
-    options_of,
     recorded,
     said,
 )
@@ -30,16 +26,13 @@ from holdfast.core.errors import (
     UnitError,
     UsageError,
 )
-from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.sessions.recorder.folder import opened
-from holdfast.sessions.recorder.keys import Keys
 from holdfast.sessions.recorder.protocol import (
     ACTIONS,
     Task,
     read_protocol,
     tasks_left,
 )
-from holdfast.sessions.recorder.recording import record
 from holdfast.simulation import actions as simulated
 from holdfast.training.datasets import trials
 
@@ -82,37 +75,6 @@ def test_a_folder_that_is_no_recording_is_left_alone(tmp_path):
         one_pull(tmp_path / "file")
 
 
-@pytest.mark.parametrize(
-    ("words", "says", "add"),
-    [
-        ("", "only a key begins and ends a trial", "--at-once --seconds 8"),
-        ("--seconds 1", "only a key begins a trial", "--at-once"),
-        ("--at-once --trials 1", "only a key ends a trial", "--seconds 8"),
-    ],
-)
-def test_where_no_key_can_be_pressed_what_needs_one_is_refused_before_anything_opens(
-    tmp_path, words, says, add
-):
-    options = options_of(*cup_pull(tmp_path / "out"), *words.split())
-    messages: list[str] = []
-    with open(os.devnull) as at_its_end:
-        context = context_of(VirtualClock(), Keys(at_its_end.fileno()), messages)
-        with pytest.raises(UsageError) as error:
-            record(options, context)
-    assert str(error.value).startswith(f"{says}, and no key can be pressed; ")
-    assert str(error.value).endswith(f"next: run it in a terminal, or add {add}")
-    assert messages == []
-    assert not (tmp_path / "out").exists()
-
-
-def test_a_recording_that_ends_by_itself_needs_no_key_and_no_time(card, tmp_path):
-    words = "--object soft-ball --action pull --trials 1"
-    messages = recorded(
-        tmp_path / "out", *words.split(), source=f"sim://{card}?trial=0"
-    )
-    assert any(line.startswith("kept: ") for line in messages)
-
-
 def test_a_person_is_never_recorded_into_a_second_folder_within_the_recordings(
     tmp_path,
 ):
@@ -122,24 +84,6 @@ def test_a_person_is_never_recorded_into_a_second_folder_within_the_recordings(
             one_pull(tmp_path / within)
     assert [path.parent.name for path in tmp_path.rglob("tactile.csv")] == ["trial_1"]
     one_pull(tmp_path / "out2")
-
-
-def test_an_object_without_a_mass_is_reported_while_it_is_at_hand(
-    tmp_path, two_objects
-):
-    out = tmp_path / "out"
-    cup = "--object cup --action pull --trials 1 --seconds 1"
-    messages = recorded(out, *cup.split())
-    (line,) = [line for line in messages if "no mass given for object 'cup'" in line]
-    assert "cup/meta.json" in line
-    (out / "p01/cup/meta.json").write_text('{"mass_g": 80}')
-    from_protocol = ["--protocol", two_objects, "--seconds", "0.5", "--trials", "1"]
-    for lines in (
-        recorded(out, *cup.split()),
-        one_pull(out),
-        recorded(out, *from_protocol),
-    ):
-        assert not said(lines, "heavy")
 
 
 def test_two_recorders_do_not_share_a_folder(tmp_path):
@@ -217,23 +161,13 @@ def test_actions_are_those_of_scenes_and_of_training():
     [
         ("[[trials", "not valid TOML"),
         ("", "trials is missing"),
-        ("trials = 3", "trials = 3"),
         ("[[trials]]\naction = 'fly'\nobjects = ['a']", "action = 'fly'"),
         ("[[trials]]\naction = 'pull'", "objects = []"),
         ("[[trials]]\naction = 'nothing'\nobjects = ['a']", "objects = ['a']"),
         ("[[trials]]\naction = 'pull'\nobjects = ['../a']", "'../a'"),
-        ("[[trials]]\naction = 'pull'\nobjects = ['a']\ncount = 0", "count = 0"),
-        (
-            "[[trials]]\naction = 'pull'\nobjects = ['a']\ncolour = 1",
-            "trials[0].colour is not known",
-        ),
         (
             "[[trials]]\naction = 'pull'\nobjects = ['a']\n[objects.a]\nmass_g = 0",
             "objects.a.mass_g = 0",
-        ),
-        (
-            "[[trials]]\naction = 'pull'\nobjects = ['a']\n[objects]\na = 3",
-            "objects.a = 3",
         ),
     ],
 )
@@ -243,21 +177,3 @@ def test_a_card_that_cannot_be_is_refused_by_its_key(tmp_path, text, says):
         read_protocol(tmp_path / "bad.toml")
     with pytest.raises(DataNotFound):
         read_protocol(tmp_path / "absent.toml")
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        ("", "no trials given"),
-        ("--object cup", "--object and --action"),
-        ("--action pull", "--object and --action"),
-        ("--object cup --action nothing", "--object and --action"),
-        ("--object a_b --action pull --trials 1", "object 'a_b'"),
-        ("--object cup --action pull --trials 1 --camera oak", "--tag-mm"),
-        ("--object cup --action pull --trials 1 --camera gone.npz", "no such file"),
-    ],
-)
-def test_words_that_do_not_go_together_are_usage_errors(tmp_path, words, says):
-    with pytest.raises(UsageError, match=says):
-        recorded(tmp_path / "out", *words.split())
-    assert not (tmp_path / "out").exists()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import signal
 import subprocess
 from collections.abc import Callable, Iterator
@@ -93,33 +92,3 @@ def test_a_dead_link_is_reported_once_and_no_cue_waits_for_it():
     assert [one for one in messages if "no line arrives" in one] == [messages[0]]
     assert "the wearer feels no cue" in messages[0]
     assert clock.now_ns() == VirtualClock().now_ns()  # nothing slept
-
-
-def test_a_receiver_that_comes_back_gets_the_cue_that_applies(tmp_path):
-    path = str(tmp_path / "cues")
-    receiver = UnixReceiver(path)
-    receiver.close()
-    with opened(receiver.url) as cues:
-        show(cues, 300, **RISKY)
-        again = UnixReceiver(path)
-        until(lambda: cues._link.works)
-        cues.write(prediction(300, t_decided_ns=300 * PERIOD_NS, **RISKY))
-        cues.write(prediction(301, t_decided_ns=301 * PERIOD_NS, **RISKY))
-        lines = [again.next() for _ in range(2)]
-    assert [line["cue"] for line in lines] == ["unknown", "act"]
-    # a device skips what does not rise
-    assert lines[0]["sequence"] < lines[1]["sequence"]
-    again.close()
-
-
-def test_the_users_own_card_is_played(tmp_path):
-    card = tmp_path / "cues.toml"
-    rule = "pulses = 1\noff_ms = 0\nstrength = 1\non_ms"
-    card.write_text(
-        f"most_per_s = 1\n[cues.unknown]\n{rule} = 900\n[cues.act]\n{rule} = 45\n"
-    )
-    receiver = UnixReceiver()
-    with opened(receiver.url, path=card) as cues:
-        show(cues, 1, **RISKY)
-    assert [json.dumps(one["on_ms"]) for one in receiver.waiting()] == ["45", "900"]
-    receiver.close()

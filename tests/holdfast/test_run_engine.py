@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import os
 import shutil
 import subprocess
@@ -23,12 +22,12 @@ from small_model import for_the_hand, graph_of, sealed_bytes
 import holdfast
 from holdfast.core.contract import Prediction
 from holdfast.core.errors import GoldenMismatch
-from holdfast.core.schema import LIBRARY, c_folders
+from holdfast.core.schema import LIBRARY
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.c_engine import CompiledModel
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.model import Model
-from holdfast.export.c.exporting import export_c, folder_for
+from holdfast.export.c.exporting import export_c
 from holdfast.export.exporting import model_card, seal
 from holdfast.live.run import answer
 from holdfast.live.sources import open_live
@@ -124,26 +123,6 @@ def test_a_run_takes_the_c_form_beside_its_model_unless_it_is_declined(model):
     assert "compiled C" not in stderr
 
 
-def test_the_c_form_in_the_working_folder_is_found_second(model, tmp_path):
-    """Where a model's own folder cannot be written, its C form goes to the working folder."""
-    away = tmp_path / "installed" / "small.onnx"
-    away.parent.mkdir()
-    shutil.copy(model, away)
-    shutil.copytree(model.parent / "small-c", tmp_path / "small-c")
-    stdout, stderr = run_of(away, cwd=tmp_path)
-    assert stdout == "0 False\n", stderr
-    assert f"small-c/{LIBRARY}" in stderr
-
-
-def test_a_c_form_that_does_not_fit_is_named_and_onnxruntime_answers(model, tmp_path):
-    other = tmp_path / "small.onnx"
-    other.write_bytes(sealed_bytes())
-    shutil.copytree(model.parent / "small-c", tmp_path / "small-c")
-    monitor = holdfast.load(other, live=False)
-    assert "is of model" in monitor.engine
-    assert "onnxruntime computes the step" in monitor.engine
-
-
 @pytest.mark.skipif(os.getuid() != 0, reason="only root gives files away")
 def test_a_library_of_another_user_is_taken_only_by_its_name(model, tmp_path):
     mine = tmp_path / model.name
@@ -153,14 +132,6 @@ def test_a_library_of_another_user_is_taken_only_by_its_name(model, tmp_path):
     os.chown(tmp_path / "small-c" / LIBRARY, 4242, -1)
     assert "belongs to another user" in holdfast.load(mine).engine
     assert "compiled C" in holdfast.load(mine, engine="c").engine
-
-
-def test_an_export_goes_beside_the_model_or_into_the_working_folder(model, monkeypatch):
-    assert folder_for(model) == model.parent / "small-c"
-    monkeypatch.setattr(os, "access", lambda path, mode: False)
-    assert folder_for(model) == Path("small-c")
-    # a shipped model is looked for where it is, not where one stands
-    assert c_folders("holdfast-150hz")[0].is_absolute()
 
 
 def test_a_library_that_does_not_fit_is_one_clear_error(
@@ -193,18 +164,6 @@ def test_a_library_that_answers_otherwise_is_refused(model: Path, tmp_path: Path
         CompiledModel(model, folder / LIBRARY)
 
 
-def test_a_reset_forgets_all(model: Path):
-    steps = CompiledModel(model).stepper(["settled"])
-    settled = []
-    for _ in range(2):
-        rows = [bool(steps.step()["settled"][0]) for _ in range(100)]
-        settled.append(rows)
-        steps.reset()
-    assert settled[0] == settled[1]
-    assert settled[0][-1]
-    assert not settled[0][0]
-
-
 def test_many_hands_are_each_answered_as_if_alone(model: Path):
     compiled, rng = CompiledModel(model), np.random.default_rng(3)
     names = ("p_situation", "situation", "unknown", "settled")
@@ -225,39 +184,3 @@ def test_many_hands_are_each_answered_as_if_alone(model: Path):
     assert together["settled"].all()
     many.reset()
     assert not many.step()["settled"].any()
-
-
-def test_a_closed_loop_ends_the_same_with_either_engine(
-    study: Run, model: Path, tmp_path: Path
-):
-    card, figures = tmp_path / "two.toml", []
-    card.write_text(
-        card_text(row("fall", "weak_grip = 0.5\n", "hard-ball"), row("pass"))
-    )
-    for engine in ("onnxruntime", "c"):
-        out = tmp_path / f"{engine}.json"
-        words = (
-            "--controller",
-            "pd-shear",
-            "--jobs",
-            1,
-            "--engine",
-            engine,
-            "--json",
-            out,
-        )
-        code, _, err = study("loop", card, "--model", model, *words)
-        assert code == 0, err
-        figures.append(json.loads(out.read_text("utf-8")))
-        assert figures[-1].pop("engine") == engine
-    assert figures[0] == figures[1]
-    assert figures[0]["sets"]["two"]["pd-shear"]["trials"] == 2
-
-
-def test_a_choice_of_an_engine_loads_none() -> None:
-    code = "import sys, holdfast.edge_runtime.engine; print(*sys.modules)"
-    words = [sys.executable, "-c", code]
-    done = subprocess.run(words, capture_output=True, text=True, check=True)
-    loaded = set(done.stdout.split())
-    named = {"graph", "model_file", "model", "c_engine"}
-    assert {f"holdfast.edge_runtime.{name}" for name in named} & loaded == set()

@@ -8,7 +8,6 @@ import signal
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,15 +19,11 @@ from hypothesis import strategies as st
 from live_bench import RUN
 from made_prediction import prediction
 from numbered_lines import numbered_sender
-from recorder_bench import Hand, columns_of, meta_of, one_pull, said, session
+from recorder_bench import Hand, columns_of, said, session
 
-from holdfast.core.contract import Sample
-from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.grip_control import GripControl
-from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.wearer import Intent, IntentMonitor, read_intent
-from holdfast.live.page.run_page import RunPage
 from holdfast.live.wearer import wearer_monitor
 
 Send = Callable[[Any], None]
@@ -70,17 +65,6 @@ def test_a_trial_has_the_wearers_own_command_beside_it_on_the_clock_of_its_sampl
     assert [t_s for t_s, _, _ in rows] == pytest.approx([0.1, 0.2, 0.51], abs=0.002)
     assert rows[0][1] == int(columns_of(folder)["host_ns"][10])
     assert said(messages, "silent")
-
-
-def test_a_trial_without_a_stream_has_no_such_file_and_a_silent_one_has_an_empty_one(
-    tmp_path, wearer
-):
-    one_pull(tmp_path / "without")
-    one_pull(tmp_path / "silent", "--wearer", wearer[0])
-    assert not list((tmp_path / "without").rglob("*.intent.csv"))
-    (path,) = (tmp_path / "silent").rglob("*.intent.csv")
-    assert read_intent(path) == []
-    assert meta_of(path.parent)["configuration"]["intent"].startswith("unix://")
 
 
 def test_a_run_records_the_stream_beside_its_samples_and_an_open_opens(
@@ -145,23 +129,6 @@ def test_while_the_wearer_opens_no_command_has_a_target(said, lasts):
     clock.spend(6_666_667)
     items[:] = [Intent(clock.now_ns(), "stop")]
     assert not intent.command().opening
-
-
-def test_the_page_of_a_run_gets_the_wearers_own_command():
-    sent: list[dict[str, Any]] = []
-    link: Any = SimpleNamespace(send=sent.append, action=lambda: None, unsent=0)
-    page = RunPage(link, Model(ROOT / "models" / "holdfast-150hz.onnx").card)
-    sample = Sample(0, np.zeros(18), np.ones(6, dtype=np.bool_), 0)
-    reading = SourceReading(0, sample.values, sample.valid)
-    page.write(prediction(), sample, reading)
-    items: list[list[Intent]] = [[], [Intent(10**9, "close")]]
-    page.intent = IntentMonitor(lambda: items.pop(0), lambda: 10**9, print)
-    for _ in range(2):
-        page.intent.look()
-    page.write(prediction(), sample, reading)
-    assert "intent" not in sent[0]["sample"]
-    shown = {"wants": "close", "link": "live"}
-    assert sent[1]["sample"]["intent"] == shown
 
 
 def test_an_existing_file_beside_the_samples_is_never_overwritten(

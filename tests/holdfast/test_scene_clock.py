@@ -51,37 +51,6 @@ def test_what_a_scene_cost_is_made_up_for_where_the_loop_waits(
     assert machine.now_ns == 1_800
 
 
-def test_a_machine_that_is_too_slow_takes_longer_and_is_not_late(
-    machine: Machine,
-) -> None:
-    clock = SceneClock()
-    for turn in range(1, 5):
-        with clock.still():
-            machine.now_ns += 900
-        clock.wait_until(1_000 + 600 * turn)
-        assert clock.now_ns() == 1_000 + 600 * turn
-    assert machine.now_ns == 1_000 + 4 * 900
-    assert machine.slept_ns == 0
-
-
-def test_time_that_is_spent_on_the_bus_makes_up_for_the_scene_too(
-    machine: Machine,
-) -> None:
-    clock = SceneClock()
-    with clock.still():
-        machine.now_ns += 100
-    clock.spend(250)
-    assert (clock.now_ns(), machine.slept_ns) == (1_250, 150)
-
-
-def test_a_time_that_has_passed_is_not_waited_for(machine: Machine) -> None:
-    clock = SceneClock()
-    with clock.still():
-        machine.now_ns += 100
-    clock.wait_until(900)
-    assert (clock.now_ns(), machine.slept_ns) == (1_000, 0)
-
-
 def test_the_machine_s_clock_waits_until_a_time_and_for_none_that_has_passed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

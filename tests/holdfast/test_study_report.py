@@ -9,11 +9,8 @@ from typing import Any
 import pytest
 from command_line import Run
 from hazard_marks import ADVERSE_EVENT
-from recorder_bench import said
 from study_bench import TRIALS, Study
 
-from holdfast.core.errors import DataNotFound
-from holdfast.sessions.study.outcome import outcome_of, summary_lines, write_report
 from holdfast.sessions.study.run import write_participant_report
 from holdfast.training.datasets import load
 
@@ -74,55 +71,3 @@ def test_an_adverse_event_comes_before_everything_that_was_recorded(two: Study) 
     assert "shock &amp; &lt;awe&gt;" in page
     assert "<awe>" not in page
     assert "No adverse event was noted" in report_of(two, "p02")[1]
-
-
-def test_trials_are_counted_by_how_they_ended_and_steps_by_what_was_done(
-    two: Study,
-) -> None:
-    figures, page = report_of(two, "p01")
-    counts = {(one["object"], one["action"]): one for one in figures["trials"]}
-    soft = counts["soft-ball", "pass"]
-    assert (soft["planned"], soft["kept"], soft["interrupted"]) == (2, 2, 1)
-    assert counts["soft-ball", "pull"]["kept"] == 0
-    states = [one["state"] for one in figures["parts"]]
-    assert states == ["done"] * 4 + ["skipped"] + ["done"] * 2
-    assert [one["text"] for one in figures["notes"]] == ["first <note>"]
-    assert "first &lt;note&gt;" in page
-
-
-def test_a_study_of_a_scene_says_that_it_is_a_rehearsal(two: Study) -> None:
-    figures, page = report_of(two, "p01")
-    assert figures["rehearsal"]
-    assert "A rehearsal without a participant" in page
-
-
-def test_a_void_film_is_not_counted_and_an_unfinished_study_says_so(
-    tmp_path: Path, card: Path
-) -> None:
-    study = Study(tmp_path, TRIALS, f"sim://{card}")
-    study.run("  " + "   " + "q")
-    for number, void in ((1, None), (2, "the camera was unplugged")):
-        meta = study.home / f"soft-ball/pass/trial_{number}/meta.json"
-        filmed = json.loads(meta.read_text()) | {"camera": {"void": void}}
-        meta.write_text(json.dumps(filmed))
-    outcome = outcome_of(study.out, "p01", study.protocol)
-    counts = [(one.kept, one.filmed) for one in outcome.trials]
-    assert counts == [(2, 1), (0, 0), (0, 0)]
-    page = write_report(study.home, outcome)
-    assert "not finished" in page.read_text()
-    assert said(summary_lines(outcome, page), "2 of 6 trials kept")
-
-
-def test_the_report_of_a_person_can_be_written_again(two: Study, run: Run) -> None:
-    before = (two.out / "p02/report.html").read_bytes()
-    words = f"--out {two.out} --person p02 --report"
-    code, out, err = run("study", two.path, *words.split())
-    assert code == 0, err
-    assert "p02: 6 of 6 trials kept, 0 adverse events" in out
-    assert (two.out / "p02/report.html").read_bytes() == before
-
-
-def test_a_folder_without_a_study_has_no_report(two: Study, tmp_path: Path) -> None:
-    (tmp_path / "p09").mkdir()
-    with pytest.raises(DataNotFound, match="no study of this person"):
-        outcome_of(tmp_path, "p09", two.protocol)

@@ -75,14 +75,6 @@ def test_a_pull_is_kept_with_holdfast_and_lost_without(tab: Tab, folder: Path):
 
 
 @needs_chromium
-def test_a_lost_support_is_caught(tab: Tab, folder: Path):
-    opened(tab, folder)
-    assert said_after(tab, "drop", helped=True).startswith("Kept: called ")
-    assert said_after(tab, "drop", helped=False).startswith("Lost after ")
-    assert tab.problems == []
-
-
-@needs_chromium
 def test_the_hand_lets_go_when_its_wearer_opens_it_whatever_holdfast_asks_for(
     tab: Tab, folder: Path
 ):
@@ -98,65 +90,4 @@ def test_the_hand_lets_go_when_its_wearer_opens_it_whatever_holdfast_asks_for(
     tab.wait_until("now.view.grip > now.action.grip + 5")
     assert re.match(r"Let go \d+ ms after", said_after(tab, "open", helped=True))
     assert tab.value("now.view.touching") == 0
-    assert tab.problems == []
-
-
-@needs_chromium
-def test_a_drag_pulls_the_way_the_pointer_goes_however_the_hand_is_held(
-    tab: Tab, folder: Path
-):
-    opened(tab, folder)
-    middle = "(({ left, top, width, height }) => [left + width / 2, top + height / 2])"
-    for turn in (0, 90, 180):
-        tab.value(f"at('turn').value = {turn}; restart()")
-        x, y = tab.value(f"{middle}(at('stage').getBoundingClientRect())")
-        for kind, place in (("Pressed", (x, y)), ("Moved", (x, y + 60))):
-            event = {"x": place[0], "y": place[1], "button": "left", "buttons": 1}
-            tab.call("Input.dispatchMouseEvent", type=f"mouse{kind}", **event)
-        pull = tab.wait_until(
-            "Math.hypot(...now.view.pull) > 1"
-            " && toPage([now.view.pull[0], now.view.pull[2]], degrees())"
-        )
-        assert abs(pull[0]) < 0.2 * pull[1]
-        tab.call(
-            "Input.dispatchMouseEvent", type="mouseReleased", x=x, y=y, button="left"
-        )
-        tab.wait_until(SAID)
-    assert tab.problems == []
-
-
-@needs_chromium
-def test_a_phone_needs_no_scrolling_sideways_and_keys_pull_too(tab: Tab, folder: Path):
-    opened(tab, folder, 390, 844)
-    assert tab.value("document.documentElement.scrollWidth") <= 390
-    tab.value("at('stage').focus()")
-    for kind in ("keyDown", "keyUp"):
-        tab.call("Input.dispatchKeyEvent", type=kind, key="ArrowDown", code="ArrowDown")
-        if kind == "keyDown":
-            tab.wait_until("now.view.pull[2] < -2")
-    assert tab.wait_until(SAID).startswith("Kept")
-    nameless = tab.value(
-        "[...document.querySelectorAll('input, select, button, canvas, svg')].filter((one) =>"
-        " !(one.labels?.length || one.textContent.trim() || one.getAttribute('aria-label')))"
-        ".map((one) => one.outerHTML)"
-    )
-    assert nameless == []
-    assert tab.problems == []
-
-
-@needs_chromium
-def test_a_page_that_should_not_move_stands_still_until_it_is_pulled(
-    tab: Tab, folder: Path
-):
-    opened(tab, folder)
-    still = [{"name": "prefers-reduced-motion", "value": "reduce"}]
-    tab.call("Emulation.setEmulatedMedia", features=still)
-    twenty_frames = """new Promise((done) => {
-        let left = 20;
-        const look = () => (--left ? requestAnimationFrame(look) : done(now.view.t));
-        look(); })"""
-    before = tab.value(twenty_frames)
-    assert tab.value(twenty_frames) == before
-    assert said_after(tab, "pull", helped=True).startswith("Kept")
-    tab.call("Emulation.setEmulatedMedia", features=[])
     assert tab.problems == []

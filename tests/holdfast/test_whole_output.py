@@ -3,7 +3,6 @@ earlier result."""
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import signal
@@ -19,7 +18,6 @@ from command_line import Run, fails
 from hazard_marks import HALF_FINISHED, OVERWRITTEN, READABLE_BY_OTHERS
 from recorder_bench import one_pull
 
-from holdfast.cli.main import main
 from holdfast.core.errors import OutputError
 from holdfast.core.writing import whole_folder, write_whole
 from holdfast.export.exporting import require_replaceable
@@ -69,14 +67,6 @@ def test_a_file_written_anew_is_readable_by_no_more_people_than_before(tmp_path,
     umask(0o000)
     write_whole(path, '{"mass_g": 80}')
     assert (mode_of(path), path.read_text()) == (0o600, '{"mass_g": 80}')
-
-
-def test_a_file_written_anew_is_readable_by_all_who_could_read_it(tmp_path, umask):
-    path = write_whole(tmp_path / "meta.json", "{}")
-    path.chmod(0o644)
-    umask(0o077)
-    write_whole(path, '{"mass_g": 80}')
-    assert mode_of(path) == 0o644
 
 
 @READABLE_BY_OTHERS.mark
@@ -130,38 +120,6 @@ def test_a_simulation_that_is_ended_leaves_nothing_that_looks_whole(tmp_path, en
         assert "interrupted" in err
 
 
-@HALF_FINISHED.mark
-def test_what_a_killed_run_left_is_named_and_not_touched(tmp_path, capsys):
-    (tmp_path / "set.unfinished").mkdir()
-    (tmp_path / "set.unfinished/card.toml").write_text("half")
-    assert (
-        main(["simulate", "thesis", "--trials", "1", "--out", str(tmp_path / "set")])
-        == 5
-    )
-    assert (
-        "set.unfinished: exists already; likely cause: another run"
-        in capsys.readouterr().err
-    )
-    assert [path.name for path in tmp_path.rglob("*")] == [
-        "set.unfinished",
-        "card.toml",
-    ]
-
-
-def test_a_folder_that_is_there_and_empty_is_filled_and_keeps_its_place(tmp_path):
-    inode = tmp_path.stat().st_ino
-    with whole_folder(tmp_path) as unfinished:
-        write_whole(unfinished / "a/b.csv", "1")
-        assert [path.name for path in tmp_path.iterdir()] == [".unfinished"]
-    assert [
-        str(path.relative_to(tmp_path)) for path in sorted(tmp_path.rglob("*"))
-    ] == [
-        "a",
-        "a/b.csv",
-    ]
-    assert tmp_path.stat().st_ino == inode
-
-
 def test_a_folder_that_another_run_finished_first_is_not_written_over(tmp_path):
     def both_write() -> None:
         with whole_folder(tmp_path / "set") as unfinished:
@@ -212,39 +170,6 @@ def test_training_does_not_replace_an_artifact_without_force(
         tmp_path / "new",
     )
     assert bytes_of(artifact) == before
-
-
-@OVERWRITTEN.mark
-def test_the_bare_command_rebuilds_the_fixture_s_model_and_replaces_no_other(
-    run: Run,
-    artifact: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    fails(run, 2, "UsageError", "train", "--groups", "0", says="0 groups")
-    index = json.loads((artifact / "artifact.json").read_text())
-    index["training"]["kind"] = "recorded"
-    (artifact / "artifact.json").write_text(json.dumps(index))
-    fails(
-        run,
-        5,
-        "OutputError",
-        "train",
-        "--groups",
-        "0",
-        says="build/default: holds an artifact already",
-    )
-    (artifact / "artifact.json").write_text("{")
-    fails(
-        run,
-        5,
-        "OutputError",
-        "train",
-        "--groups",
-        "0",
-        says="build/default: holds an artifact already",
-    )
 
 
 @OVERWRITTEN.mark

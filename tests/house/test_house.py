@@ -23,8 +23,6 @@ from packages import (
     package_of,
 )
 
-from holdfast.core import errors
-
 if TYPE_CHECKING:
     from conftest import Built
 
@@ -239,14 +237,6 @@ def test_the_demo_is_locked_to_a_part_of_what_is_tested_without_the_camera():
     assert requirement_names([*extras["train"], *extras["viz"]]) <= names
 
 
-def test_the_demo_installs_by_its_own_lock_and_removes_nothing():
-    makefile = (ROOT / "Makefile").read_text("utf-8")
-    assert re.search(r"^demo: \.venv/\.demo-stamp ", makefile, re.MULTILINE)
-    recipe = makefile.split("\n.venv/.demo-stamp:")[1].split("\n\n")[0]
-    assert "$(DEMO_LOCKS)" in recipe
-    assert "sync" not in recipe
-
-
 def test_the_version_is_the_same_wherever_it_is_written():
     version = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"][
         "version"
@@ -255,25 +245,6 @@ def test_the_version_is_the_same_wherever_it_is_written():
     assert re.findall(r"^version: \"?([^\"\n]+)\"?$", citation, re.MULTILINE) == [
         version
     ]
-
-
-def test_every_error_stands_in_the_tree_and_below_its_parent() -> None:
-    drawn, path = {}, [""]
-    for bars, name in re.findall(
-        r"^    ([|` -]*)([A-Z]\w+) ", str(errors.__doc__), re.MULTILINE
-    ):
-        depth = len(bars) // 4
-        path[depth:] = [name]
-        drawn[name] = path[depth - 1] if depth else "Exception"
-    ours = [
-        value
-        for value in vars(errors).values()
-        if isinstance(value, type) and issubclass(value, Exception)
-    ]
-    assert drawn == {
-        error.__name__: str(error.__base__.__name__ if error.__base__ else "")
-        for error in ours
-    }
 
 
 def test_nothing_that_opens_a_model_leaves_telemetry_behind(

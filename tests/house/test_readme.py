@@ -36,19 +36,3 @@ def test_the_readme_shows_the_real_output_of_the_demo(
 def test_the_page_of_features_is_written_from_the_groups(tmp_path: Path) -> None:
     text = (ROOT / "docs" / "how-it-works.md").read_text("utf-8")
     assert filled("docs/how-it-works.md", {}, tmp_path) == text
-
-
-def test_the_readme_is_short_and_begins_with_what_it_is_for() -> None:
-    lines = (ROOT / "README.md").read_text("utf-8").splitlines()
-    assert len(lines) <= 100
-    first = " ".join(lines[2:5])
-    for word in ("hand", "slip", "hand-over", "grip"):
-        assert word in first
-    picture = next(k for k, line in enumerate(lines) if line.startswith("!["))
-    assert picture < lines.index("## Try it") < 20
-
-
-def test_every_path_the_readme_points_to_exists() -> None:
-    links = re.findall(r"\]\(([^)#]+)\)", (ROOT / "README.md").read_text())
-    assert links
-    assert [link for link in links if not (ROOT / link).exists()] == []

@@ -28,10 +28,6 @@ LEAST_PULLS = {"holdfast-150hz": 15, "holdfast-150hz-tiny": 13, "holdfast-50hz":
 """Of 16 pulls of an apple: of 80 locked ones they act in 77, 75 and 68 (docs/results.md)."""
 
 
-def test_there_is_a_default_model():
-    assert "holdfast-150hz.onnx" in [path.name for path in MODELS]
-
-
 @pytest.mark.parametrize("path", MODELS, ids=lambda path: path.stem)
 def test_a_released_file_is_the_one_its_card_describes(path):
     data, content = (

@@ -98,19 +98,6 @@ def test_a_loop_that_does_nothing_is_the_open_loop_bit_for_bit(
         assert sampled.any()
 
 
-def test_a_loop_begins_before_the_hand_closes_and_ends_after_the_decision(
-    idle: tuple[Scene, ClosedLoop, np.ndarray],
-) -> None:
-    _, loop, _ = idle
-    for place, trial in enumerate(loop.trials):
-        times = Times.of(trial)
-        assert loop.spans.begins[place] / 150.0 < times.close - 0.1
-        decided_s = {"pull": times.act + 1.2, "fall": times.act + 0.9}
-        assert loop.spans.ends[place] / 150.0 > decided_s.get(
-            trial.action, times.open + 0.3
-        )
-
-
 # a batch
 
 

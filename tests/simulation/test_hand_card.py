@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from small_model import artifact, card_of, graph_of, spec
 
-from holdfast.core.errors import CardError, ChannelError, DataNotFound, NotAModel
+from holdfast.core.errors import CardError, ChannelError, DataNotFound
 from holdfast.core.hand_card import (
     HandCard,
     read_hand_card,
@@ -20,13 +20,11 @@ from holdfast.core.hand_card import (
 from holdfast.edge_runtime.model_file import read_card
 from holdfast.evaluation.model_outputs import require_model_fits
 from holdfast.export.exporting import model_card, seal
-from holdfast.export.spec import StepSpec
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.objects import hand_of_counts, load_factors
 from holdfast.simulation.scene import Scene, SimulatedTrial
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.datasets import join, load
-from holdfast.training.featurise import spec_for
 
 ROWS = """
 [record]
@@ -131,48 +129,22 @@ def test_a_contact_without_a_sensor_presses_and_has_no_channels(tmp_path: Path) 
     [
         (('side = "thumb"', 'side = "palm"'), ["sensors[0].side", "thumb or opposing"]),
         (("along_mm = 0", "along_mm = 1e4"), ["sensors[0].along_mm", "-100 to 100"]),
-        (("along_mm = 0", "along_mm = -101"), ["sensors[0].along_mm", "-100 to 100"]),
         (("along_mm = 0", "along_mm = nan"), ["not valid TOML", "finite"]),
-        (("along_mm = 0", "along_mm = true"), ["sensors[0].along_mm", "number"]),
         (("along_mm = 0\n", ""), ["sensors[0].along_mm", "is missing"]),
         (('side = "opposing"', 'side = "thumb"'), ["one side", "sensed = false"]),
         (('side = "thumb"', 'side = "opposing"'), ["one side", "either side"]),
-        (("along_mm = 0", "along_mm = 0\nsensed = 1"), ["sensed", "true or false"]),
         (("along_mm = 0", "along_mm = 0\nsensed = false"), ["1 sensors", "2 to 12"]),
         (("along_mm = 0", "along_mm = 0\nheight = 1"), ["height", "across_mm"]),
-        (("along_mm = 0", 'along_mm = 0\npad = "p"'), []),
-        (("along_mm = 0", "along_mm = 0\npad = 3"), ["sensors[0].pad", "text"]),
-        (("along_mm = 0", "along_mm = 0\nstiffness = 0"), ["stiffness", "0.01"]),
-        (('name = "mine"', "sensors = 3\n[x]"), ["not valid TOML"]),
     ],
 )
 def test_a_card_that_is_no_hand_is_refused(
     tmp_path: Path, change: tuple[str, str], named: list[str]
 ) -> None:
     text = TWO.replace(*change, 1)
-    if not named:
-        assert card(tmp_path, text).contacts[0].pad == "p"
-        return
     with pytest.raises(CardError) as error:
         card(tmp_path, text)
     for word in named:
         assert word in str(error.value)
-
-
-def test_mixed_sides_and_a_pad_on_both_are_refused(tmp_path: Path) -> None:
-    third = BARE.replace('"opposing"', '"thumb"')
-    with pytest.raises(CardError, match="before all others"):
-        card(tmp_path, TWO + third)
-    with pytest.raises(CardError, match="on one side"):
-        card(tmp_path, TWO.replace("along_mm = 0", 'along_mm = 0\npad = "p"'))
-
-
-@pytest.mark.parametrize("line", ["card = 3\n", 'card = "pinch-pad"\nthumb = 3\n'])
-def test_a_scene_names_one_card_or_counts(tmp_path: Path, line: str) -> None:
-    with pytest.raises(CardError, match="card ="):
-        scene(tmp_path, ROWS + "[hand]\n" + line)
-    with pytest.raises(CardError, match="six-fingertips"):
-        scene(tmp_path, ROWS + hand_line("no-such-hand"))
 
 
 def test_an_effect_on_a_sensor_that_the_hand_lacks_is_refused(tmp_path: Path) -> None:
@@ -281,7 +253,6 @@ def test_a_model_carries_the_card_and_is_not_scored_on_another_hand(
     assert stored.hand is not None
     assert stored.hand.sensor_sides == ("thumb",) * 6
     assert stored.hand.sha256 == read_hand_card("pinch-pad").sha256
-    assert stored.hand.in_words().startswith("hand: pinch-pad, 6 sensors")
 
     class Opened:
         card = replace(stored, rate_hz=60.0)
@@ -294,50 +265,12 @@ def test_a_model_carries_the_card_and_is_not_scored_on_another_hand(
 SEALED = {"holdfast.sha256": "0" * 64}
 
 
-def test_a_card_stays_with_the_step_that_is_trained(sets: dict[str, Path]) -> None:
-    data = load(sets["pinch"], windows="natural")
-    made = spec_for(data, ("now",))
-    assert made.hand == data.hand
-    again = StepSpec.from_json(made.to_json())
-    assert again.hand is not None
-    assert again.hand.contacts == data.hand.contacts  # type: ignore[union-attr]
-    assert (
-        "hand"
-        not in spec_for(load(sets["none"], windows="natural"), ("now",)).to_json()
-    )
-    with pytest.raises(ChannelError, match="the card"):
-        msgspec.structs.replace(made, n_sensors=5, min_valid_sensors=0)
-
-
-def test_a_damaged_card_in_a_model_is_a_typed_error() -> None:
-    made = artifact(spec())
-    data = seal(graph_of(made), model_card(made), made.spec)
-    card = card_of(data)
-    for wrong in (3, {"name": "x"}, {"name": "x", "contacts": [], "sha256": ""}):
-        card["spec"]["hand"] = wrong
-        stored = read_card({"holdfast.card": json.dumps(card), **SEALED})
-        with pytest.raises(NotAModel, match="hand card"):
-            _ = stored.hand
-
-
-def test_a_hand_has_2_to_12_sensors_and_32_contacts(tmp_path: Path) -> None:
-    def hand(sensors: int, bare: int) -> HandCard:
-        rows = [
-            f'[[sensors]]\nname = "{k}"\nside = "{"opposing" if k else "thumb"}"\n'
-            f"along_mm = {k}\n" + ("" if k < sensors else "sensed = false\n")
-            for k in range(sensors + bare)
-        ]
-        (tmp_path / "mine.toml").write_text("\n".join(rows))
-        return read_hand_card("mine.toml", tmp_path)
-
-    for sensors, bare in ((2, 0), (12, 20)):
-        made = hand(sensors, bare)
-        assert (made.n_sensors, made.n_contacts) == (sensors, sensors + bare)
-        assert made.contacts[-1].stiffness == 1.0
-    for sensors, bare, says in (
-        (1, 1, "1 sensors"),
-        (13, 0, "13"),
-        (12, 21, "33 of them"),
-    ):
-        with pytest.raises(CardError, match=says):
-            hand(sensors, bare)
+def test_a_hand_has_at_most_12_sensors_and_32_contacts(tmp_path: Path) -> None:
+    bare = "".join(BARE.replace('"c"', f'"c{k}"') for k in range(31))
+    with pytest.raises(CardError, match="33 of them"):
+        card(tmp_path, TWO + bare)
+    with pytest.raises(CardError, match="sensors"):
+        card(tmp_path, TWO + bare.replace("sensed = false\n", ""))
+    more = bare.replace("sensed = false\n", "", 10)
+    made = card(tmp_path, TWO + more.removesuffix(BARE.replace('"c"', '"c30"')))
+    assert (made.n_sensors, made.n_contacts) == (12, 32)

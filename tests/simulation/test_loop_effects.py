@@ -3,7 +3,7 @@ batch."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -195,16 +195,6 @@ def test_a_held_finger_relaxes_with_the_time_constant_of_its_silicone() -> None:
     t_s = dt_s * np.arange(1, 1201)[:, None]
     expected = FINGERS * DEPTH_M * (1.0 + 0.4 * np.exp(-t_s / time_s))
     assert np.allclose(normal_n, expected, rtol=2e-3)
-
-
-def test_a_finger_that_left_remembers_nothing() -> None:
-    what = body(gravity_m_s2=0.0)
-    lag = make("lag", ratio=0.4, time_s=1.0)
-    effects = PhysicsEffects(lags=(lag,))
-    run(what, 1e-3, 10, effects, state=at_rest(what, shut(depth_m=0.0)))
-    assert (lag.held_n > 0.0).all()
-    run(what, 1e-3, 1, effects, inputs=lambda t: Inputs(shut(depth_m=-1e-3)))
-    assert not lag.held_n.any()
 
 
 # rotation
@@ -442,34 +432,3 @@ def test_no_step_makes_energy_with_rotation_and_texture(
     gains, energy = gains_j(step_s, elements, lagging)
     assert np.isfinite(energy).all()
     assert gains.max() < 1e-12
-
-
-def all_of(numbers: list[int]) -> tuple[PhysicsEffects, Rotation]:
-    """Every effect, of the trials with these numbers."""
-    options: Mapping[str, Any] = {"at_s": 0.1}
-    made = {
-        name: make(name, numbers=numbers, **options)
-        for name in EFFECTS
-        if name != "brush"
-    }
-    shakes = tuple(made[name] for name in ("arm", "tremor", "knock"))
-    effects = PhysicsEffects(
-        shakes, (made["texture"],), (made["lag"],), (made["rotation"],)
-    )
-    return effects, made["rotation"]
-
-
-def test_a_trial_has_the_same_numbers_in_any_batch() -> None:
-    ends: list[dict[int, Any]] = []
-    for numbers in ([0, 1, 2, 3, 4, 5, 6], [3, 5], [5, 2, 3]):
-        effects, turning = all_of(numbers)
-        what = body(len(numbers), 5, per_m=1.0 / 0.03, damping_s=2e-3, mass_kg=0.2)
-        state, _ = run(what, 1e-3, 300, effects)
-        ends.append({})
-        for k, number in enumerate(numbers):
-            place, stretch = state.position_m[:, k], state.stretch_m[..., k]
-            ends[-1][number] = place.tobytes(), stretch.tobytes(), turning.angle[k]
-    assert ends[0][3] == ends[1][3] == ends[2][3]
-    assert ends[0][5] == ends[1][5] == ends[2][5]
-    assert ends[0][2] == ends[2][2]
-    assert ends[0][2] != ends[0][3]

@@ -8,14 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from holdfast.core.errors import CardError, UsageError
-from holdfast.simulation import SCENES, STYLES, shipped_scenes
+from holdfast.core.errors import CardError
+from holdfast.simulation import STYLES, shipped_scenes
 from holdfast.simulation.effect import all_effects
 from holdfast.simulation.protocol import least_grip_n
 from holdfast.simulation.scene import Scene, apportion
 from holdfast.simulation.scene_file import read_scene_file
 
-PROTOCOLS = {"thesis", "apple", "p1", "p2", "perturbed-hold", "daily", "broad"}
 PLAIN = """
 [[trials]]
 objects = ["soft-ball"]
@@ -50,16 +49,10 @@ def test_a_new_card_needs_no_code(tmp_path):
     ("text", "named"),
     [
         (PLAIN.replace("pull", "throw"), ["trials[0].action", "throw", "put-down"]),
-        (
-            PLAIN.replace("soft-ball", "melon"),
-            ["trials[0].objects", "melon", "soft-ball"],
-        ),
         (PLAIN + 'style = "p9"\n', ["trials[0].style", "p9", "author"]),
         (PLAIN + "hold_s = -1\n", ["trials[0].hold_s", "-1", "0.8 to 600 s"]),
         (PLAIN + "hold_s = { uniform = [3, 2] }\n", ["hold_s", "low before high"]),
-        (PLAIN + "hold_s = { gamma = [3, 2] }\n", ["hold_s", "gamma", "uniform"]),
         (PLAIN + "open_after_s = 1\n", ["open_after_s", "not known", "distance_m"]),
-        (PLAIN + "count = 1.5\n", ["trials[0].count", "1.5", "whole number"]),
         (PLAIN + "[effects.magic]\n", ["magic", "not known", "hall_noise"]),
         (PLAIN + "[effects.brush]\nnumber = 3\n", ["effects.brush", "number", "count"]),
         (
@@ -67,7 +60,6 @@ def test_a_new_card_needs_no_code(tmp_path):
             ["effects.hall_noise", "only together with [effects.dipole]"],
         ),
         (PLAIN + '[record]\nunit = "uT"\n', ["record.unit", "uT", "dipole"]),
-        (PLAIN + '[record]\nunit = "lb"\n', ["record.unit", "lb", "N or uT"]),
         (
             PLAIN + '[record]\nunit = "uT"\n[effects.dipole]\n[effects.white_noise]\n',
             ["effects.white_noise", 'record.unit = "N"'],
@@ -76,14 +68,9 @@ def test_a_new_card_needs_no_code(tmp_path):
             PLAIN + "[record]\nrate_hz = 1000\n[effects.averaging]\n",
             ["record.rate_hz", "1000", "412 Hz"],
         ),
-        (PLAIN + "[record]\nrate_hz = 10\n", ["record.rate_hz", "10", "40 to 10000"]),
         (
             PLAIN + "[physics]\nstep_s = 0.01\n[effects.texture]\n",
             ["physics.step_s", "0.01", "0.001 s"],
-        ),
-        (
-            PLAIN + "[objects.stone]\nmass_g = -3\n",
-            ["objects.stone.mass_g", "-3", "0.1 to 5000 g"],
         ),
         (
             "[objects.lead]\nmass_g = 5000\nfriction = 0.3\n"
@@ -92,7 +79,6 @@ def test_a_new_card_needs_no_code(tmp_path):
         ),
         ("title = 'x'", ["trials", "is missing"]),
         ("[trails]\n" + PLAIN, ["trails", "not known", "trials"]),
-        ("[[trials]\n", ["not valid TOML"]),
     ],
 )
 @pytest.mark.hard_case(
@@ -108,27 +94,6 @@ def test_a_card_that_cannot_be_is_refused_in_one_line(tmp_path, text, named):
     assert "mine.toml" in str(error.value)
     for word in named:
         assert word in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("rate_hz", "allowed"), [(-4.0, "40 to 10000 Hz"), (9000.0, "at most 412 Hz")]
-)
-def test_a_rate_that_a_user_gives_is_blamed_on_the_user_s_option_and_not_on_the_card(
-    rate_hz, allowed
-):
-    with pytest.raises(UsageError) as error:
-        read_scene_file("thesis", rate_hz=rate_hz, rate_option="--rate ")
-    message = str(error.value)
-    assert message.startswith(
-        f"--rate {rate_hz:g} is not a sampling rate of thesis; next: give "
-    )
-    assert allowed in message
-    assert "record." not in message
-
-
-def test_a_card_that_is_not_there_names_those_that_are():
-    with pytest.raises(CardError, match="thesis"):
-        read_scene_file("theses")
 
 
 def test_styles_say_only_what_actions_know():
@@ -155,11 +120,6 @@ def test_every_effect_has_a_default_that_is_allowed():
 def test_shares_of_a_total_are_whole_and_add_up():
     assert apportion(10, [60, 60, 1]) == [5, 5, 0]
     assert sum(apportion(17, [3, 5, 7])) == 17
-
-
-def test_no_card_writes_over_the_styles():
-    assert STYLES.parent == SCENES
-    assert "styles" not in shipped_scenes()
 
 
 def test_no_grip_is_gentler_than_a_hand_can_keep_but_where_the_object_must_fall():

@@ -3,7 +3,6 @@ stiff, hit."""
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -49,11 +48,8 @@ def at_the_edge(load_n: float) -> tuple[Body, State, np.ndarray]:
     here="at the limit it sticks, at any step and but for the last bit; a thousandth more slips",
 )
 @EVERY_STEP
-def test_at_the_limit_nothing_moves_below_it_nothing_slips_and_beyond_it_slides(
-    dt_s, record_property
-):
+def test_at_the_limit_nothing_moves_below_it_nothing_slips_and_beyond_it_slides(dt_s):
     moved_m, slipped_m = after(8.0, dt_s)
-    record_property("moved_m", moved_m)
     assert max(moved_m, slipped_m) < 1e-14
     assert after(7.992, dt_s)[1] == 0.0
     assert min(after(8.008, dt_s)) > 1e-7
@@ -161,30 +157,12 @@ def test_an_object_without_mass_is_refused_and_a_tenth_of_a_gram_is_held(
 
 @pytest.mark.hard_case(
     AREA,
-    "zero mass",
-    elsewhere="a force on no mass gives an infinite acceleration",
-    here="a card takes no object under a tenth of a gram, and the core is stable at that",
-    unguarded=True,
-)
-def test_without_mass_and_without_contact_the_core_is_no_longer_finite():
-    held = body(mass_kg=0.0)
-    state = at_rest(held, np.full((6, 2), -0.03))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)
-        go(held, state, Inputs(np.full((6, 2), -0.03)), 1e-3, 1)
-    assert np.isnan(state.velocity_m_s).any()
-
-
-@pytest.mark.hard_case(
-    AREA,
     "517 g on one finger",
     elsewhere="the load of an overdetermined grip is spread by least squares, for ever",
     here="thumb and index alone carry the full bottle, and let go where they cannot",
 )
 @pytest.mark.parametrize(("share", "holds"), [(0.8, True), (1.3, False)])
-def test_the_full_bottle_hangs_on_one_finger_and_the_thumb(
-    share, holds, record_property
-):
+def test_the_full_bottle_hangs_on_one_finger_and_the_thumb(share, holds):
     held = replace(body(mass_kg=0.5173, stiffness=2000.0), straight_m=np.full(2, 0.2))
     grip_n = 0.5173 * G / (2 * 0.6 * share)
     alone = np.array([0.5, 0.5, 1.0, 0.0, 0.0, 0.0])[:, None]
@@ -206,7 +184,6 @@ def test_the_full_bottle_hangs_on_one_finger_and_the_thumb(
         )
     go(held, state, Inputs(grown), 2e-3, 1000)
     shear_n = (held.brush_n_per_m * state.stretch_m[1]).sum(axis=0)
-    record_property("finger_n", float(shear_n[2, 0]))
     assert (np.abs(state.velocity_m_s[2]) < 1e-6).all() == holds
     assert not state.normal_n[3:].any()
     if holds:
@@ -224,9 +201,7 @@ def test_the_full_bottle_hangs_on_one_finger_and_the_thumb(
 )
 @EVERY_STEP
 @pytest.mark.parametrize("stiffness", [600.0, 6e6])
-def test_a_stiff_contact_holds_and_neither_rings_nor_gains_energy(
-    stiffness, dt_s, record_property
-):
+def test_a_stiff_contact_holds_and_neither_rings_nor_gains_energy(stiffness, dt_s):
     held = body(8, stiffness=stiffness)
     closure = closed(held, 8.0)
     state = at_rest(held, closure)
@@ -238,30 +213,10 @@ def test_a_stiff_contact_holds_and_neither_rings_nor_gains_energy(
         after = energy_j(held, state, closure)
         most = max(most, float((after - before).max()))
         before = after
-    record_property("most_gained_j", most)
     assert most < 1e-12
     assert np.isfinite(state.position_m).all()
     if dt_s == 1e-3:
         assert np.abs(state.velocity_m_s).max() < 1e-3
-
-
-@pytest.mark.hard_case(
-    AREA,
-    "a contact ten thousand times stiffer",
-    elsewhere="an explicit step is stable only below 2 sqrt(m / k)",
-    here="one implicit step, stable at any; it holds what the soft contact holds",
-    unguarded=True,
-)
-def test_an_explicit_step_on_the_same_contact_is_no_longer_finite(record_property):
-    position_m = 1e-6
-    velocity_m_s = 0.0
-    steps = 0
-    while abs(position_m) < 1e6 and steps < 300:
-        velocity_m_s -= 1e-3 * 6e6 / 0.2 * position_m
-        position_m += 1e-3 * velocity_m_s
-        steps += 1
-    record_property("steps_until_a_thousand_km", steps)
-    assert steps < 20
 
 
 def fallen_on(

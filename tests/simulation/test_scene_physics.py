@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from holdfast.simulation import core, energy
+from holdfast.simulation import energy
 from holdfast.simulation.body import (
     SIDE,
     Body,
@@ -142,33 +142,6 @@ def test_no_step_from_a_microsecond_to_a_second_gains_energy_or_is_not_finite(
         before = after
 
 
-@pytest.mark.hard_case(AREA, "any step", **any_step, unguarded=True)
-def test_without_the_balance_a_long_step_on_a_ball_gains_energy(monkeypatch):
-    def gained() -> float:
-        rng = np.random.default_rng(0)
-        held = body(400, mass_kg=0.015, ball=True)
-        closure = closed(held, 5.0) * rng.uniform(0.1, 2.0, (6, 400))
-        state = thrown(held, closure, rng, 0.3)
-        most = 0.0
-        before = energy_j(held, state, closure)
-        for _ in range(50):
-            go(held, state, Inputs(closure), 0.1, 1)
-            after = energy_j(held, state, closure)
-            most = max(most, float((after - before).max()))
-            before = after
-        return most
-
-    assert gained() < 1e-9
-
-    def only_keep_the_books(held, old, state, closure_m, given_j):
-        state.offset_m = offset_m(held, state.position_m[1:])
-        state.recess_m = recess_m(held, state.offset_m)
-        state.brush_j = energy.brush_j(held, state)
-
-    monkeypatch.setattr(core, "keep_the_balance", only_keep_the_books)
-    assert gained() > 1e-3
-
-
 SHARES = [0.3, 0.5, 0.65]
 
 
@@ -237,14 +210,6 @@ def test_the_contacts_of_a_held_object_carry_its_weight(gravity):
     assert carried == pytest.approx(held.mass_kg * held.gravity_m_s2, abs=2e-6)
 
 
-def test_an_object_that_no_hand_holds_falls_freely():
-    held = body()
-    state = at_rest(held, np.full((6, 2), -0.03))
-    go(held, state, Inputs(np.full((6, 2), -0.03)), 1e-3, 200)
-    assert state.velocity_m_s[2] == pytest.approx(np.full(2, -G * 0.2))
-    assert state.position_m[2] == pytest.approx(np.full(2, -0.5 * G * 0.04), rel=0.01)
-
-
 def pulled(
     held: Body, closure: np.ndarray, force_n: float, steps: int, dt_s: float = 2e-4
 ) -> State:
@@ -264,15 +229,6 @@ def test_a_pull_beyond_friction_accelerates_by_what_kinetic_friction_leaves():
     after = pulled(held, closure, 30.0, 900)
     gained = (after.velocity_m_s[2] - before.velocity_m_s[2]) / (100 * 2e-4)
     assert gained == pytest.approx((30.0 - 0.5 * 20.0) / 0.2, rel=0.01)
-
-
-def test_a_slow_load_slips_at_the_static_limit_and_not_before():
-    held = body(gravity=(0.0, 0.0, 0.0), elements=1)
-    closure = closed(held, 10.0)
-    still = pulled(held, closure, 0.6 * 20.0 * 0.49, 600, 5e-3)
-    assert np.abs(still.velocity_m_s).max() < 1e-9
-    moving = pulled(held, closure, 0.6 * 20.0 * 1.02, 300, 5e-3)
-    assert moving.position_m[2].min() > 0.05
 
 
 @pytest.mark.hard_case(
@@ -303,19 +259,6 @@ def test_on_a_ball_the_normal_falls_and_squeezes_and_on_a_cylinder_it_does_not()
     assert state.velocity_m_s[2] * 0.2 / 1e-5 == pytest.approx(
         (normal * 0.004 / 0.03).sum(axis=0), rel=1e-3
     )
-
-
-def test_a_box_ends_up_with_the_whole_weight():
-    held = body()
-    closure = closed(held, 8.0)
-    state = at_rest(held, closure)
-    go(held, state, Inputs(closure), 5e-3, 600)
-    floor = Floor(4e3, 40.0, 300.0, np.full(2, 0.001), np.full(2, 50.0))
-    for opened in np.linspace(0.0, 1.0, 400):
-        go(held, state, Inputs(closure - 0.03 * opened, (), floor), 1e-3, 1)
-    go(held, state, Inputs(closure - 0.03, (), floor), 5e-3, 300)
-    assert not state.normal_n.any()
-    assert state.agents_n[2] == pytest.approx(np.full(2, 0.2 * G), rel=1e-6)
 
 
 def test_a_pull_is_never_harder_than_its_cap():
@@ -360,8 +303,8 @@ def slip_time_s(dt_s: float, grips_n: np.ndarray) -> np.ndarray:
     here="the error of the slip time is known: of first order in the step",
 )
 def test_slip_time_is_first_order_in_the_step():
-    grips_n = np.random.default_rng(0).uniform(5.0, 12.0, 40)
-    reference = slip_time_s(1e-4, grips_n)
+    grips_n = np.random.default_rng(0).uniform(5.0, 12.0, 20)
+    reference = slip_time_s(2e-4, grips_n)
     steps = np.array([2e-3, 1e-3, 5e-4])
     errors = [
         np.median(np.abs(slip_time_s(dt_s, grips_n) - reference)) for dt_s in steps

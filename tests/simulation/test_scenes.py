@@ -15,9 +15,6 @@ from holdfast.cli.main import main
 from holdfast.core.contract import SITUATIONS
 from holdfast.core.errors import OutputError
 from holdfast.core.trial_file import read_trial
-from holdfast.drivers.replay import Replay
-from holdfast.live.sources import open_source
-from holdfast.simulation import SCENES
 from holdfast.simulation.effect import EFFECT_MODULES, module_effects
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene, SimulatedTrial
@@ -146,20 +143,6 @@ def test_an_empty_list_of_effects_is_the_core_bit_for_bit_and_calls_nothing(
         assert one.effects == other.effects == {}
 
 
-def test_an_effect_on_the_card_is_called_and_no_other(tmp_path, monkeypatch):
-    called: list[str] = []
-    for name in EFFECT_MODULES:
-        effects = module_effects(name)
-
-        def counted(*args: object, name: str = name, make=effects[name].make) -> object:
-            called.append(name)
-            return make(*args)
-
-        monkeypatch.setitem(effects, name, replace(effects[name], make=counted))
-    trials_of(make(tmp_path, COARSE + "\n[effects.tremor]\n[effects.gain_tilt]\n"))
-    assert set(called) == {"tremor", "gain_tilt"}
-
-
 DRAWN = MAGNET + "[effects.gain_tilt]\n[effects.timing_jitter]\n"
 
 
@@ -181,8 +164,18 @@ def test_adding_an_effect_leaves_the_draws_of_the_others_alone(tmp_path, plain, 
 
 @pytest.mark.usefixtures("texture_in_any_step")
 def test_a_trial_is_the_same_in_any_company(tmp_path):
-    loop = "[effects.brush]\n[effects.texture]\n[effects.lag]\n"
-    scene = make(tmp_path, CORE + loop + MAGNET + "[effects.hall_noise]\n")
+    names = [
+        "brush",
+        "texture",
+        "lag",
+        "rotation",
+        "arm",
+        "tremor",
+        "knock",
+        "hall_noise",
+    ]
+    every = "".join(f"[effects.{name}]\n" for name in names)
+    scene = make(tmp_path, COARSE + MAGNET + every)
     trials = scene.trials()
     together = scene.run_together(trials)
     alone = scene.run_together([trials[0]])[0]
@@ -206,27 +199,6 @@ def test_skipping_quiet_phases_changes_no_slip_time(tmp_path, core, monkeypatch)
                 assert here == pytest.approx(there, abs=1e-3)
 
 
-def test_the_same_card_and_seed_write_the_same_bytes(tmp_path):
-    text = (
-        COARSE
-        + "[effects.brush]\n"
-        + MAGNET
-        + "[effects.hall_noise]\n[effects.saturation]\n"
-    )
-    for name in ("a", "b"):
-        write_set(make(tmp_path, text, seed=3), tmp_path / name)
-    files = sorted(
-        path.relative_to(tmp_path / "a")
-        for path in (tmp_path / "a").rglob("*")
-        if path.is_file()
-    )
-    assert len(files) > 15
-    for file in files:
-        assert (tmp_path / "a" / file).read_bytes() == (
-            tmp_path / "b" / file
-        ).read_bytes()
-
-
 def test_a_folder_of_trials_is_read_and_trained_on_as_it_is(tmp_path):
     text = CORE.replace('"hold"', '"put-down"').replace("load_n = 1.0\ntimes = 1\n", "")
     write_set(make(tmp_path, text.replace("0.003", "0.005")), tmp_path / "set")
@@ -243,29 +215,11 @@ def test_a_folder_of_trials_is_read_and_trained_on_as_it_is(tmp_path):
     sidecar = json.loads(trial.with_suffix(".truth.json").read_text("utf-8"))
     events = {"load_onset_s", "incipient_slip_s", "gross_slip_s", "contact_lost_s"}
     assert {"card", "seed", "slip_mm", *events} <= set(sidecar)
-    assert {phase["provenance"] for phase in sidecar["phases"]} == {"scene"}
-    assert sidecar["phases"][-1]["t1_s"] > read_trial(trial).t_s[-1]
-    assert (
-        read_truth(trial.with_suffix(".truth.json"), read_trial(trial).t_s)[2].situation
-        == 3
-    )
-    assert (
-        (trial.parent / "trial_1.motion.csv")
-        .read_text("utf-8")
-        .startswith("Time,object_x_mm")
-    )
-
-
-def test_trials_of_an_object_join_into_one_long_recording(tmp_path):
-    text = CORE.replace("rate_hz = 100", "rate_hz = 50\njoin = 3")
-    text = text.replace('action = "pull"', 'action = "pull"\ncount = 5')
-    write_set(make(tmp_path, text), tmp_path / "set")
-    trial = tmp_path / "set/soft-ball/daily/trial_1.csv"
-    sidecar = json.loads(trial.with_suffix(".truth.json").read_text("utf-8"))
-    assert len(sidecar["trials"]) == 3
-    stops = [phase["t1_s"] for phase in sidecar["phases"]]
-    assert stops == sorted(stops)
-    assert read_trial(trial).t_s[-1] > 3 * 2.0, "none of the three is shorter than 2 s"
+    t_s = read_trial(trial).t_s
+    phases = read_truth(trial.with_suffix(".truth.json"), t_s)
+    assert SITUATIONS[phases[2].situation] == "risky_slip"
+    motion = (trial.parent / "trial_1.motion.csv").read_text("utf-8")
+    assert motion.startswith("Time,object_x_mm")
 
 
 def test_one_hand_makes_all_the_grasps_of_a_joined_recording(tmp_path):
@@ -288,17 +242,12 @@ def test_one_hand_makes_all_the_grasps_of_a_joined_recording(tmp_path):
     )
 
 
-def test_nothing_is_written_over(tmp_path, capsys):
+def test_nothing_is_written_over(tmp_path):
     (tmp_path / "set").mkdir()
     (tmp_path / "set" / "mine.txt").write_text("precious", encoding="utf-8")
-    assert (
-        main(["simulate", "apple", "--trials", "1", "--out", str(tmp_path / "set")])
-        == 5
-    )
-    assert "exists already" in capsys.readouterr().err
-    assert [path.name for path in (tmp_path / "set").iterdir()] == ["mine.txt"]
-    with pytest.raises(OutputError):
+    with pytest.raises(OutputError, match="exists already"):
         write_set(make(tmp_path), tmp_path / "set")
+    assert [path.name for path in (tmp_path / "set").iterdir()] == ["mine.txt"]
 
 
 @pytest.mark.parametrize(
@@ -308,48 +257,6 @@ def test_simulate_refuses_what_cannot_be_in_one_line(tmp_path, capsys, wrong):
     assert main(["simulate", "apple", "--out", str(tmp_path / "new"), *wrong]) in (2, 3)
     assert capsys.readouterr().err.count("\n") == 1
     assert not (tmp_path / "new").exists()
-
-
-@pytest.fixture
-def apple(tmp_path) -> Path:
-    """The shipped card in long steps."""
-    card = tmp_path / "apple.toml"
-    text = (SCENES / "apple.toml").read_text("utf-8")
-    card.write_text(f"{text}\n[physics]\nstep_s = 0.005\n", encoding="utf-8")
-    return card
-
-
-def test_simulate_says_what_it_made(apple, tmp_path, capsys):
-    command = [
-        "simulate",
-        str(apple),
-        "--trials",
-        "3",
-        "--rate",
-        "50",
-        "--seed",
-        "2",
-        "--out",
-        str(tmp_path / "new"),
-    ]
-    assert main(command) == 0
-    assert "3 recordings at 50 Hz, simulated, seed 2" in capsys.readouterr().out
-    assert len(list((tmp_path / "new").rglob("trial_?.csv"))) == 3
-
-
-def test_a_scene_is_a_source_like_any_other(apple):
-    source = open_source(f"sim://{apple}?seed=1&trial=2&rate_hz=50")
-    assert isinstance(source, Replay)
-    samples = list(source)
-    assert [sample.sequence for sample in samples] == list(range(len(samples)))
-    assert {int(step) for step in np.diff([sample.t_ns for sample in samples])} == {
-        20_000_000
-    }
-    assert samples[0].values.shape == (18,)
-    assert samples[0].valid.shape == (6,)
-    assert source.unit == "N"
-    again = open_source(f"sim://{apple}?seed=1&trial=2&rate_hz=50")
-    assert again.values.tobytes() == source.values.tobytes()
 
 
 def test_truth_comes_from_the_core_and_not_from_a_noisy_channel(tmp_path, core):

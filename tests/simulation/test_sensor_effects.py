@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -15,16 +14,13 @@ from hypothesis import strategies as st
 
 from holdfast.core.contract import FloatArray, Unit
 from holdfast.drivers.virtual.virtual_hand import FORCE_N_PER_UT
-from holdfast.simulation.effect import Rows, Signal, all_effects, stream
+from holdfast.simulation.effect import Signal, all_effects, stream
 from holdfast.simulation.magnet import (
     calibrate,
     dipole_ut,
     linear_map,
     loads_n,
-    residual_n,
 )
-from holdfast.simulation.rows import PlanRequest, RowEffect
-from holdfast.training.datasets.thesis import preparation
 
 MU0 = 4e-7 * np.pi
 MOMENT_A_M2 = 1.35 / MU0 * np.pi * 0.75e-3**2 * 0.5e-3
@@ -194,12 +190,6 @@ def test_no_effect_makes_an_invalid_sample_valid(name: str) -> None:
 # dipole
 
 
-@pytest.mark.parametrize("z_mm", [1.5, 2.0, 5.0, 20.0])
-def test_the_field_on_the_axis_of_a_magnet_is_the_textbooks(z_mm: float) -> None:
-    field = dipole_ut(np.array([0.0, 0.0, 1e-3 * z_mm]), MOMENT_A_M2)
-    assert field == pytest.approx([0.0, 0.0, field_ut(1e-3 * z_mm)], rel=1e-12)
-
-
 @given(st.tuples(*[st.floats(-2e-3, 2e-3)] * 2), st.floats(1.5e-3, 5e-3))
 def test_the_field_of_a_magnet_has_neither_sources_nor_curls(
     aside_m: tuple[float, float], z_m: float
@@ -213,39 +203,28 @@ def test_the_field_of_a_magnet_has_neither_sources_nor_curls(
     assert np.allclose(slope, slope.T, atol=1e-5 * np.abs(slope).max())
 
 
-@pytest.mark.parametrize("height_mm", [1.5, 2.0, 10.0])
-def test_without_force_a_sensor_reads_the_field_of_its_magnet_at_rest(
-    height_mm: float,
-) -> None:
-    read = apply("dipole", forces((0.0, 0.0, 0.0)), height_mm=height_mm)
-    assert read.values[0] == pytest.approx(
-        np.tile([0.0, 0.0, field_ut(1e-3 * height_mm)], (6, 1)), rel=1e-12
-    )
-    assert read.unit == "uT"
-
-
 @pytest.mark.parametrize(
-    ("force_n", "nearer_mm"), [(3.0, 1.0 / 11.0), (15.0, 1.0 / 3.0), (30.0, 0.5)]
+    ("force_n", "nearer_mm"),
+    [(0.0, 0.0), (3.0, 1.0 / 11.0), (15.0, 1.0 / 3.0), (30.0, 0.5)],
 )
+@pytest.mark.parametrize("height_mm", [2.0, 10.0])
 def test_a_press_brings_the_magnet_nearer_by_what_silicone_yields(
-    force_n: float, nearer_mm: float
+    height_mm: float, force_n: float, nearer_mm: float
 ) -> None:
-    read = apply("dipole", forces((0.0, 0.0, force_n)))  # F / (30 N/mm (1 + F / 30 N))
+    # F / (30 N/mm (1 + F / 30 N))
+    read = apply("dipole", forces((0.0, 0.0, force_n)), height_mm=height_mm)
     assert read.values[0, :, 2] == pytest.approx(
-        [field_ut(1e-3 * (2.0 - nearer_mm))] * 6, rel=1e-12
+        [field_ut(1e-3 * (height_mm - nearer_mm))] * 6, rel=1e-12
     )
     assert read.values[0, :, :2] == pytest.approx(0.0, abs=1e-9)
 
 
-@pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_shear_tilts_the_field_its_own_way(axis: int, sign: float) -> None:
-    force = np.zeros(3)
-    force[axis] = sign * 0.01
-    read = apply("dipole", forces(force)).values[0]
+def test_shear_tilts_the_field_its_own_way() -> None:
+    shear_n = 0.01 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    read = apply("dipole", forces(*shear_n)).values[:, 0]
     slope = 3.0 * field_ut(2e-3) / (2.0 * 2e-3)  # of 3 mu0/4pi m x / z^4
-    assert read[:, axis] == pytest.approx([slope * sign * 0.01 / 15e3] * 6, rel=1e-3)
-    assert read[:, 1 - axis] == pytest.approx(0.0, abs=1e-9)
+    expected = slope * shear_n[:, :2] / 15e3
+    assert read[:, :2] == pytest.approx(expected, rel=1e-3, abs=1e-9)
     assert (read[:, 2] < field_ut(2e-3)).all()
 
 
@@ -349,41 +328,6 @@ def test_reversed_magnets_turn_exactly_the_named_sensors(sensors: list[int]) -> 
     assert np.array_equal(after.values, sign * before.values)
 
 
-def pressed(reversed_sensors: list[int]) -> Signal:
-    """20 rows of rest and 20 of 5 N with a little shear, calibrated to newtons."""
-    read = apply("dipole", forces(*[(0.0, 0.0, 0.0)] * 20, *[(1.0, 0.0, 5.0)] * 20))
-    return calibrate(apply("magnet_reversed", read, sensors=reversed_sensors))
-
-
-@pytest.mark.parametrize("sensors", [[1], [2, 5], [1, 2, 3, 4, 5, 6]])
-def test_prepared_a_hand_of_reversed_magnets_is_the_hand_of_upright_ones(
-    sensors: list[int],
-) -> None:
-    """The shear too: a model learns from one hand and runs on the other."""
-    raw = pressed(sensors).values.reshape(40, 18)
-    upright = preparation("N").apply(pressed([]).values.reshape(40, 18))
-    assert preparation("N").apply(raw) == pytest.approx(upright, abs=1e-9)
-    thesis_own = msgspec.structs.replace(preparation("N"), turns="normal").apply(raw)
-    shear = slice(0, 18, 3)
-    sums = thesis_own[20:, shear] + upright[20:, shear]
-    assert np.abs(sums[:, columns(*sensors)]).max() < 1e-9
-
-
-def tared() -> FloatArray:
-    """[40, 18] N: noise of 0.05 N about zero, then 5 N of normal force."""
-    values = np.random.default_rng(3).normal(0.0, 0.05, size=(40, 6, 3))
-    values[20:, :, 2] += 5.0
-    return values.reshape(40, 18)
-
-
-def test_a_stream_that_is_tared_already_is_not_turned_by_its_noise() -> None:
-    first = tared()[0, 2::3]
-    assert (first < 0.0).any()
-    assert (first > 0.0).any()
-    assert np.array_equal(preparation("N").learn(tared())[0], np.ones(18))
-    assert (preparation("N").apply(tared())[20:, 2::3] > 4.5).all()
-
-
 def test_of_a_lost_magnet_only_the_field_of_the_earth_is_left() -> None:
     before = wandering()
     after = apply("magnet_lost", before, sensors=[1, 4], at_s=1.0)
@@ -434,28 +378,16 @@ def test_noise_is_as_the_data_sheet_says_and_falls_with_the_root_of_averages(
     assert noise(averages=averages).std(axis=0) / sigma == pytest.approx(1.0, abs=0.025)
 
 
-def test_noise_has_no_mean_no_memory_and_no_company() -> None:
-    white = noise() / noise().std(axis=0)
-    rows = len(white)
-    assert np.abs(white.mean(axis=0)).max() < 5.0 / rows**0.5
-    assert np.abs(white.T @ white / rows - np.eye(18)).max() < 0.05
-    for lag in (1, 2, 3, 10):
-        assert np.abs(white[lag:].T @ white[:-lag] / rows).max() < 5.0 / rows**0.5
-
-
-@pytest.mark.parametrize(("axis", "limit_ut"), [(0, 40e3), (1, 40e3), (2, 80e3)])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("share", [1.0, 0.25])
-def test_beyond_its_range_a_chip_shows_its_limit_and_is_invalid(
-    axis: int, limit_ut: float, sign: float, share: float
-) -> None:
-    values = np.zeros((3, 6, 3))
-    values[1, 3, axis] = sign * 1.01 * share * limit_ut
-    values[2, 3, axis] = sign * 0.99 * share * limit_ut
-    after = apply("saturation", signal(values), range=share)
-    assert after.values[1, 3, axis] == pytest.approx(sign * share * limit_ut)
-    assert np.array_equal(after.values[2], values[2])
-    assert np.argwhere(~after.valid).tolist() == [[1, 3]]
+def test_beyond_its_range_a_chip_shows_its_limit_and_is_invalid(share: float) -> None:
+    limit_ut = share * np.array([40e3, 40e3, 80e3])
+    rng = np.random.default_rng(2)
+    before = signal(limit_ut * rng.uniform(-1.2, 1.2, (50, 6, 3)))
+    after = apply("saturation", before, range=share)
+    inside = (np.abs(before.values) < limit_ut).all(axis=2)
+    assert np.array_equal(after.valid, inside)
+    assert 0.1 < inside.mean() < 0.9
+    assert np.array_equal(after.values, np.clip(before.values, -limit_ut, limit_ut))
 
 
 @given(
@@ -558,6 +490,11 @@ def newtons(*each_n: Sequence[float] | FloatArray) -> FloatArray:
     return tared_n
 
 
+def residual_n(axes: slice) -> float:
+    """RMS error of the map over the loads that it is fitted to; hardware: 0.12 N shear, 0.27 N."""
+    return float(np.sqrt(np.mean((newtons(*loads_n()) - loads_n())[:, axes] ** 2)))
+
+
 def test_the_rest_field_is_that_of_an_untouched_magnet_and_reads_23_n() -> None:
     assert linear_map()[1] == pytest.approx([0.0, 0.0, field_ut(2e-3)], rel=1e-12)
     assert calibrate(apply("dipole", forces((0.0, 0.0, 0.0)))).values[
@@ -569,31 +506,15 @@ def test_a_virtual_hand_is_calibrated_as_the_scenes_sensors_are() -> None:
     assert linear_map()[0] == pytest.approx(FORCE_N_PER_UT, rel=1e-12, abs=1e-17)
 
 
-def test_no_other_matrix_fits_the_loads_better() -> None:
-    matrix, _ = linear_map()
-    read = apply("dipole", forces((0.0, 0.0, 0.0), *loads_n())).values[:, 0]
-    fields = read[1:] - read[0]
-    error = fields @ matrix.T - loads_n()
-    assert fields.T @ error == pytest.approx(
-        np.zeros((3, 3)), abs=1e-3
-    )  # the normal equations
-
-
-@pytest.mark.parametrize("force_n", [1.0, 2.0, 5.0, 10.0, 14.0])
-def test_a_known_press_comes_back_within_the_residual(force_n: float) -> None:
-    (back,) = newtons((0.0, 0.0, force_n))
-    assert abs(back[2] - force_n) < 1.5 * residual_n()[0]
-    assert back[:2] == pytest.approx(0.0, abs=1e-9)
-
-
 @given(st.floats(0.0, 360.0), st.floats(0.0, 0.5), st.floats(1.0, 14.0))
-def test_a_known_shear_comes_back_on_its_side_within_three_residuals(
+def test_a_known_force_comes_back_on_its_side_within_three_residuals(
     angle_deg: float, share: float, normal_n: float
 ) -> None:
     angle = np.radians(angle_deg)
     shear = share * normal_n * np.array([np.cos(angle), np.sin(angle)])
     (back,) = newtons((float(shear[0]), float(shear[1]), normal_n))
-    assert np.abs(back[:2] - shear).max() < 3.0 * residual_n()[1]
+    assert np.abs(back[:2] - shear).max() < 3.0 * residual_n(slice(2))
+    assert abs(back[2] - normal_n) < 1.5 * residual_n(slice(2, 3))
     assert back[:2] @ shear >= -1e-9
 
 
@@ -629,16 +550,6 @@ def test_play_lags_by_half_its_width_and_turns_only_after_all_of_it() -> None:
     assert read[-1] == pytest.approx(0.2)
 
 
-def test_play_row_by_row_is_play_of_the_whole_trial() -> None:
-    rng = np.random.default_rng(4)
-    wandered = signal(np.cumsum(rng.normal(size=(200, 6, 3)), axis=0), "N")
-    law: Any = SENSOR_EFFECTS["hysteresis"].make
-    plan = law.plan(PlanRequest({"width_n": 2.0}, rng, wandered.t_s, 6))
-    rows = Rows(wandered.values, wandered.valid)
-    whole = law._row_by_row(rows, plan).values
-    assert np.array_equal(whole, RowEffect._row_by_row(law, rows, plan).values)
-
-
 def test_drift_grows_evenly_and_steps_once() -> None:
     rest = signal(np.zeros((1001, 6, 3)), "N")
     read = apply("drift", rest, rate_n_s=0.02, step_n=0.5, step_at_s=4.0).values
@@ -652,12 +563,10 @@ def test_drift_grows_evenly_and_steps_once() -> None:
 
 
 @pytest.mark.parametrize("rms_n", [0.003, 0.04])
-def test_white_noise_has_its_size_and_no_memory(rms_n: float) -> None:
+def test_white_noise_has_its_size(rms_n: float) -> None:
     rest = signal(np.zeros((4000, 6, 3)), "N")
     noise = apply("white_noise", rest, rms_n=rms_n).values.reshape(4000, 18)
     assert noise.std(axis=0) == pytest.approx(np.full(18, rms_n), rel=0.05)
-    memory = (noise[1:] * noise[:-1]).mean(axis=0) / rms_n**2
-    assert np.abs(memory).max() < 0.06
 
 
 def test_by_chance_each_magnet_is_upside_down_as_often_as_the_card_says() -> None:
@@ -674,5 +583,3 @@ def test_by_chance_each_magnet_is_upside_down_as_often_as_the_card_says() -> Non
     assert (turned[:, 2] == -1.0).all()
     others = np.delete(turned, 2, axis=1) < 0.0
     assert others.mean(axis=0) == pytest.approx(np.full(5, 0.3), abs=0.06)
-    # One magnet tells nothing about another.
-    assert np.abs(np.corrcoef(others.T) - np.eye(5)).max() < 0.15

@@ -15,8 +15,7 @@ from holdfast.evaluation.alarms import Answers
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.recording import Recording
 from holdfast.training.timeline import Phase
-from studies.adapt.figures import way_figures
-from studies.adapt.program import STYLES, _adapt_card
+from studies.adapt import STYLES, adapt_card, file_figures
 
 
 def way(called: float) -> dict[str, Any]:
@@ -28,8 +27,6 @@ def way(called: float) -> dict[str, Any]:
         "false_per_min": 0.5,
         "false_per_min_ci": (0.4, 0.6),
         "before_gross_slip": None,
-        "by_person": [(called, 0.98), (called / 2, 0.97)],
-        "macro_f1": {"value": 0.6, "ci": (0.5, 0.7)},
     }
 
 
@@ -45,7 +42,7 @@ def test_every_table_of_the_page_has_its_place(tmp_path: Path) -> None:
 def test_a_person_of_a_style_hands_over_eight_times_in_it(
     style: str, tmp_path: Path
 ) -> None:
-    (tmp_path / "card.toml").write_text(_adapt_card(style), "utf-8")
+    (tmp_path / "card.toml").write_text(adapt_card(style), "utf-8")
     card, shipped = (
         read_scene_file(str(tmp_path / "card.toml")),
         read_scene_file("adapt"),
@@ -70,8 +67,7 @@ def test_a_trial_that_two_persons_files_answer_is_one_group() -> None:
     rules = DecisionRules(act_samples=1)
     one = ([answers(True, "a"), answers(False, "b")], rules)
     other = ([answers(False, "a"), answers(False, "b")], rules)
-    figures = way_figures([one, other])
+    figures = file_figures([one, other])
     assert (figures.called, figures.actions) == (0.25, 4)
-    assert [called for called, _ in figures.by_person] == [0.5, 0.0]
     assert figures.called_ci is not None
     assert figures.called_ci[1] <= 0.5

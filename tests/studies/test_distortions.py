@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,16 +21,14 @@ from studies.distortions.chain import (
     Noise,
     OffsetStep,
     Quantised,
-    Reversed,
     Scaled,
     Smoothed,
 )
-from studies.distortions.closed_loop import BetweenByName, closed_figures
+from studies.distortions.closed_loop import BetweenByName
 from studies.distortions.fingers import DeadFingers, FewerFingers
 from studies.distortions.geometry import (
     AxesTurned,
     HandTurned,
-    Mirrored,
     Tilted,
 )
 from studies.distortions.law import Law, PlanRequest, distorted
@@ -109,25 +106,6 @@ def test_the_hand_turned_takes_the_thumb_the_other_way() -> None:
     np.testing.assert_allclose(made[0, THUMB:, 1], 1.0)
     alike, _ = after(AxesTurned(90.0), np.repeat(values, 2, axis=0))
     np.testing.assert_allclose(alike[0, :, 1], 1.0)
-
-
-@pytest.mark.parametrize("law", [Mirrored(), Reversed(), HandTurned(180.0)], ids=repr)
-def test_a_mirror_a_reversal_and_a_half_turn_undo_themselves(law: Law) -> None:
-    values = readings()
-    once, _ = after(law, values)
-    twice, _ = after(law, once)
-    assert not np.allclose(once, values)
-    np.testing.assert_allclose(twice, values, rtol=0, atol=1e-12)
-
-
-@given(gain=st.floats(0.1, 10.0), factor=st.floats(-3.0, 3.0))
-@settings(max_examples=25, deadline=None)
-def test_gain_and_cross_talk_are_linear(gain: float, factor: float) -> None:
-    values = readings()
-    for law in (Scaled(gain=gain), Scaled(shear=gain), CrossTalk(gain)):
-        made, _ = after(law, values)
-        scaled, _ = after(law, factor * values)
-        np.testing.assert_allclose(scaled, factor * made, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("bits", [8, 12, 16])
@@ -233,16 +211,6 @@ def test_a_loop_meets_the_very_readings_of_the_recording(
         np.testing.assert_array_equal(looped_valid, valid)
 
 
-def test_an_edited_scene_differs_in_its_edit_alone(tmp_path: Path) -> None:
-    faster = read_scene_file(by_name()["rate+7"].card(tmp_path))
-    finer = read_scene_file(by_name()["bits-16"].card(tmp_path))
-    usual = read_scene_file(str(TRIALS))
-    assert faster.rate_hz == pytest.approx(1.07 * usual.rate_hz)
-    assert faster.rows == usual.rows
-    assert finer.effects["quantisation"]["bits"] == 16
-    assert finer.rate_hz == usual.rate_hz
-
-
 def test_the_quiet_hand_has_the_noise_and_the_drift_of_its_row() -> None:
     still = QuietHand(3.0).readings(100, 0, RATE_HZ, 2)
     assert still.shape == (9000, 2, 3)
@@ -263,13 +231,3 @@ def test_a_paired_change_counts_what_changed_and_is_never_too_narrow() -> None:
     assert around is not None
     assert around[0] < 0.0 < around[1]
     assert paired_change({}, before) == (None, None)
-
-
-def test_what_a_loop_saved_is_compared_drop_by_drop() -> None:
-    every = {str(k): k < 90 for k in range(100)}
-    fewer = {str(k): k < 45 for k in range(100)}
-    unchanged = {"figures": {"saved": 90}, "saved": every, "blocked": {}}
-    row = {"figures": {"saved": 45}, "saved": fewer, "blocked": {}}
-    made = closed_figures(row, unchanged)
-    assert made["saved_change"] == pytest.approx(-0.45)
-    assert made["blocked_change"] is None

@@ -150,7 +150,7 @@ def test_the_report_is_one_file_that_loads_nothing_else_and_says_its_caveat(
 ) -> None:
     page = write_real_report(tmp_path / "report.html", evidence).read_text()
     assert re.findall(r"""(?:src|href)=["']?(?!#|data:)[^"'#> ]+""", page) == []
-    assert page.count("<svg") == 5
+    assert page.count("<svg") == 4
     assert evidence.data.caveat in html.unescape(page)
     assert f"{evidence.figures.heads.situations.macro_f1:.3f}" in page
 

@@ -10,10 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from holdfast.core.contract import FloatArray
-from holdfast.core.errors import RateError
 from holdfast.training.critical_points import (
-    band_pass_envelope,
-    band_pass_rows,
     friction_rows,
     offline_critical_points,
 )
@@ -49,27 +46,6 @@ def rows(samples: FloatArray, rate_hz: float = 50.0) -> list[int]:
     return [point.row for point in offline_critical_points(recording(samples, rate_hz))]
 
 
-def test_a_rate_without_any_band_is_refused() -> None:
-    with pytest.raises(RateError, match=r"more than 21\.74 Hz"):
-        band_pass_envelope(np.zeros((60, 6)), 20.0)
-
-
-@pytest.mark.parametrize("rate_hz", RATES_HZ)
-def test_the_differentiator_does_not_ring_on(rate_hz: float) -> None:
-    n = round(rate_hz)
-    nyquist = np.concatenate([np.resize([1.0, -1.0], n), np.zeros(5 * n)])
-    envelope = band_pass_envelope(np.repeat(nyquist[:, None], 3, axis=1), rate_hz)
-    assert envelope[-n:].max() < 1e-3 * envelope.max()
-
-
-def test_no_state_leaks_from_one_sensor_to_the_next() -> None:
-    samples = held_object()
-    quiet = samples.copy()
-    quiet[:, :3] = 0.0
-    both, alone = band_pass_envelope(samples, 50.0), band_pass_envelope(quiet, 50.0)
-    np.testing.assert_array_equal(both[:, 2:], alone[:, 2:])
-
-
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
 def test_the_grasp_and_the_slip_are_found_at_every_rate_and_nothing_else(
     rate_hz: float,
@@ -77,18 +53,6 @@ def test_the_grasp_and_the_slip_are_found_at_every_rate_and_nothing_else(
     points = offline_critical_points(recording(held_object(rate_hz), rate_hz))
     assert [point.t_s for point in points] == pytest.approx([GRASP_S, SLIP_S], abs=0.12)
     assert all(point.t_s == point.row / rate_hz for point in points)
-
-
-def test_a_point_names_the_methods_that_found_it() -> None:
-    t_s = np.arange(450) / 50.0
-    samples = held_object()
-    grasp, slip = offline_critical_points(recording(samples))
-    assert (grasp.source, slip.source) == ("friction", "both"), (
-        "closing shifts the force but hardly shakes"
-    )
-    samples[:, 0] += 0.1 * np.sin(2 * np.pi * 15.0 * t_s) * (abs(t_s - 4.5) < 0.1)
-    _, hum, _ = offline_critical_points(recording(samples))
-    assert hum.source == "band-pass", "a shake that moves nothing"
 
 
 @given(
@@ -144,19 +108,6 @@ def test_points_keep_off_both_ends_and_apart_from_each_other(
     assert np.all(np.diff(times) > 0.5)
 
 
-@COLLAR.mark
-def test_excursions_that_follow_within_three_tenths_of_a_second_are_one() -> None:
-    t_s = np.arange(1500) / 150.0
-    samples = np.random.default_rng(0).normal(0.0, 0.002, (1500, 3))
-    tone = 0.4 * np.sin(2 * np.pi * 10.0 * t_s)
-    # the bank rings on: less than 0.3 s of quiet between them
-    for start_s in (4.0, 4.9, 5.8):
-        samples[:, 0] += ((t_s >= start_s) & (t_s < start_s + 0.6)) * tone
-    assert band_pass_rows(samples, 150.0) == pytest.approx([600], abs=15)
-    samples[:, 0] += ((t_s >= 7.6) & (t_s < 8.0)) * tone
-    assert band_pass_rows(samples, 150.0) == pytest.approx([600, 1140], abs=15)
-
-
 @NORMAL.mark
 def test_a_normal_force_that_crosses_zero_makes_no_friction_point() -> None:
     rng = np.random.default_rng(0)
@@ -176,14 +127,6 @@ def test_of_two_jumps_within_half_a_second_the_larger_is_kept() -> None:
     for jump_s, size in ((5.0, 0.5), (5.3, 1.0), (7.0, 1.0), (7.3, 0.5)):
         samples[:, 0] += size * (t_s >= jump_s)
     assert friction_rows(samples, 50.0)[-2:] == pytest.approx([265, 350], abs=1)
-
-
-def test_a_sudden_loss_of_grip_under_steady_shear_is_a_friction_point() -> None:
-    t_s = np.arange(500) / 50.0
-    samples = np.random.default_rng(0).normal(0.0, 0.002, (500, 3))
-    samples[:, 0] += 1.0 * (t_s >= 2.0)
-    samples[:, 2] += 2.0 * (t_s >= 2.0) - 1.4 * (t_s >= 6.0)
-    assert friction_rows(samples, 50.0)[-1] == pytest.approx(300, abs=1)
 
 
 @DEGENERATE.mark

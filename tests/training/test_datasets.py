@@ -12,11 +12,9 @@ import pytest
 from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
 from holdfast.core.errors import (
     ChannelError,
-    ColumnError,
     DataError,
     DataNotFound,
     LabelError,
-    NotANumber,
     RateError,
     UnitError,
     UsageError,
@@ -100,14 +98,6 @@ def test_kept_groups_come_with_their_windows_and_no_others(tmp_path: Path) -> No
         assert part.recordings[new].trial_id == whole.recordings[old].trial_id
 
 
-def test_groups_are_chosen_by_the_seed(tmp_path: Path) -> None:
-    write_eflesh(tmp_path)
-    seeds = [*range(10), 0]
-    kept = [tuple(load(tmp_path, groups=2, seed=seed).groups()) for seed in seeds]
-    assert kept[0] == kept[-1]
-    assert len(set(kept)) > 1
-
-
 def test_more_groups_than_there_are_cannot_be_kept(tmp_path: Path) -> None:
     write_eflesh(tmp_path)
     with pytest.raises(UsageError, match="4 exist"):
@@ -135,12 +125,6 @@ def test_an_eflesh_trial_is_held_or_tugged(tmp_path: Path) -> None:
     assert data.unit == "uT"
 
 
-def test_labels_that_are_not_zero_or_one_are_refused(tmp_path: Path) -> None:
-    np.savez(tmp_path / "eflesh_slip.npz", X=np.zeros((2, 300, 30)), y=[0, 2])
-    with pytest.raises(LabelError, match="not one 0 or 1"):
-        load(tmp_path)
-
-
 def test_a_slip_is_named_by_how_it_ends() -> None:
     slip = np.array([*"001100110011"]) == "1"
     fail = np.array([*"000000001100"]) == "1"
@@ -156,83 +140,6 @@ def test_pads_give_three_taxels_each_and_every_row_from_30_on(tmp_path: Path) ->
     assert rows.label.tolist() == [GRASP] * 5 + [SAFE_SLIP] * 3 + [GRASP] * 2
     assert x1.tolist() == list(range(40)), "row 0 is the bias"
     assert load(folder.parent).groups() == [folder.name]
-
-
-def rewritten(name: str, change: Callable[[str], str]) -> Callable[[Path], object]:
-    """Changes the text of a file in the folder of a trial."""
-
-    def spoil(folder: Path) -> None:
-        path = folder / name
-        path.write_text(change(path.read_text()))
-
-    return spoil
-
-
-@pytest.mark.parametrize(
-    ("spoil", "error", "says"),
-    [
-        (
-            rewritten("slip_label.csv", lambda _: "slip,fail\n0,0\n"),
-            ColumnError,
-            "1 labels for 40 rows",
-        ),
-        (
-            rewritten(PADS[1], lambda text: text.replace("txl7_z", "other")),
-            ColumnError,
-            "columns missing: txl7_z",
-        ),
-        (
-            rewritten(PADS[0], lambda text: text.replace("\n3.0,", "\nthree,")),
-            NotANumber,
-            "'three'",
-        ),
-        (
-            rewritten(PADS[1], lambda text: text[: text[:-1].rindex("\n") + 1]),
-            ColumnError,
-            "differ in length",
-        ),
-        (
-            lambda folder: (folder / PADS[1]).unlink(),
-            DataNotFound,
-            "xela_sensor2.csv: no such file",
-        ),
-    ],
-)
-def test_a_spoilt_trial_gets_one_clear_line(
-    tmp_path: Path, spoil: Callable[[Path], object], error: type[Exception], says: str
-) -> None:
-    spoil(write_pads(tmp_path, slip="0" * 40, fail="0" * 40))
-    with pytest.raises(error, match=says) as caught:
-        load(tmp_path)
-    assert "\n" not in str(caught.value)
-    assert "next:" in str(caught.value)
-
-
-def test_the_real_eflesh_set_has_103_tugs_in_137_trials(
-    real_set: Callable[[str], Path],
-) -> None:
-    data = load(real_set("eflesh_slip"))
-    tugged = [recording for recording in data.recordings if recording.action == "tug"]
-    assert (len(data.recordings), len(tugged)) == (137, 103)
-
-
-def test_the_real_pads_slip_in_three_of_seven_trials(
-    real_set: Callable[[str], Path],
-) -> None:
-    data = load(real_set("proactive_slip_uskin"))
-    rows = data.tasks["situations"]
-    found = {
-        recording.trial_id[-11:]: set(rows.label[rows.trial == k].tolist())
-        for k, recording in enumerate(data.recordings)
-    }
-    assert {day: labels for day, labels in found.items() if len(labels) > 1} == {
-        "22-08-10-01": {GRASP, RISKY_SLIP},
-        "22-11-23-11": {GRASP, SAFE_SLIP},
-        "22-15-15-00": {GRASP, RISKY_SLIP},
-    }
-    assert len(data.recordings) == 7
-    assert sum(len(recording.samples) for recording in data.recordings) == 2195
-    assert all(59.7 <= recording.rate_hz <= 60.0 for recording in data.recordings)
 
 
 def test_joined_sets_keep_every_recording_and_window_apart_by_name(

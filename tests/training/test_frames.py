@@ -14,7 +14,6 @@ from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP
 from holdfast.core.errors import (
     ColumnError,
     DataError,
-    DataNotFound,
     LabelError,
     NotANumber,
 )
@@ -129,25 +128,3 @@ def test_a_frame_that_cannot_be_used_is_refused_by_its_name(
     with pytest.raises(error) as caught:
         training.recordings_from_frames({PULL: spoil(frames[PULL])}, windows="natural")
     assert says in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    "name", ["p01/soft-ball/drop/trial_1", "pull/1", "trial_1", "../mug/pull/trial_1"]
-)
-def test_a_name_that_is_no_place_in_the_layout_is_refused(
-    frames: dict[str, pd.DataFrame], name: str
-) -> None:
-    with pytest.raises(LabelError, match="name the f"):
-        training.recordings_from_frames({name: frames[PULL]}, windows="natural")
-    with pytest.raises(DataNotFound, match="no data frame"):
-        training.recordings_from_frames({})
-
-
-def test_a_mass_or_a_unit_is_checked(frames: dict[str, pd.DataFrame]) -> None:
-    mug = {"p01/mug/pull/trial_1": frames[PULL]}
-    heavy = training.recordings_from_frames(
-        mug, masses_g={"mug": 320}, windows="natural"
-    )
-    assert set((heavy.tasks["classes"].label % 2).tolist()) == {1}
-    with pytest.raises(LabelError, match="lbf"):
-        training.recordings_from_frames(frames, unit="lbf")  # type: ignore[arg-type]

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from own_data import write_meta, write_people_folders
 
-from holdfast.core.errors import DataError, DataNotFound, LabelError, TooFewGroups
+from holdfast.core.errors import DataNotFound, LabelError, TooFewGroups
 from holdfast.core.trial_layout import truth_path
-from holdfast.training.datasets import join, load
+from holdfast.training.datasets import load
 from holdfast.training.recording import DataSet, assign_groups, folds_of, regrouped
 
 PULL = "soft-ball/pull/trial_1"
@@ -51,17 +50,6 @@ def test_folders_of_people_make_people_the_groups_of_every_split(data: DataSet) 
     assert trial.action == "pull"
 
 
-def test_the_hand_alone_is_that_of_its_person(
-    data: DataSet, small: Path, made: Path
-) -> None:
-    empty = [one for one in data.recordings if one.object_name is None]
-    assert [(one.trial_id, one.group) for one in empty] == [
-        (f"{person}/nothing/trial_1", person) for person in ("p01", "p02")
-    ]
-    shutil.copytree(made / "p01/nothing", small / "p03/nothing")
-    assert load(small, windows="natural").groups() == ["p01", "p02", "p03"]
-
-
 def test_one_person_alone_is_held_out_by_trial(small: Path) -> None:
     shutil.rmtree(small / "p02")
     data = load(small, windows="natural")
@@ -88,11 +76,6 @@ def test_what_cannot_be_held_out_says_what_to_record(made: Path) -> None:
         TooFewGroups, match=r"held out by object.*record another object"
     ):
         regrouped(pulls, "object")
-
-
-def test_sets_held_out_in_two_ways_say_both(data: DataSet) -> None:
-    other = replace(regrouped(data, "trial"), name="other")
-    assert join([data, other]).group_kind == "person and by trial"
 
 
 def test_two_sets_in_one_folder_are_not_two_people(made: Path, tmp_path: Path) -> None:
@@ -145,26 +128,3 @@ def test_the_start_of_the_action_is_that_of_the_trial_then_of_the_set_then_the_s
     truth_path(small / "p02" / f"{PULL}.csv").write_text('{"action_at_s": 6.2}')
     assert starts_s(small) == [6.5, 6.2]
     assert "action from 6.5 s" in load(small, windows="natural").caveat
-
-
-def test_a_trial_off_the_script_is_told_where_to_write_its_start(small: Path) -> None:
-    write_meta(small, unit="N", action_at_s=1.0)
-    with pytest.raises(LabelError, match=r"action_at_s.*to trial_1\.truth\.json"):
-        load(small, windows="natural")
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "says"),
-    [
-        ("action_at_s", "late", "action_at_s = 'late'"),
-        ("action_at_s", -1, "action_at_s = -1; next: allowed: a number above 0"),
-        ("masses_g", 3, "masses_g = 3"),
-        ("masses_g", {"soft-ball": "heavy"}, "'heavy'"),
-    ],
-)
-def test_a_meta_that_cannot_be_is_refused_by_name(
-    small: Path, key: str, value: object, says: str
-) -> None:
-    write_meta(small, **{key: value})
-    with pytest.raises(DataError, match=says):
-        load(small, windows="natural")

@@ -13,7 +13,7 @@ from holdfast.core.contract import SITUATIONS
 from holdfast.export.learner import Committee
 from holdfast.export.network import Network, network_votes
 from holdfast.training.crossval import cross_validate, fit_learner
-from holdfast.training.network_fit import fit_members, fit_network, in_whole_numbers
+from holdfast.training.network_fit import fit_members, in_whole_numbers
 from holdfast.training.plan import ForestPlan, NetworkPlan, TrainingPlan
 from holdfast.training.recording import DataSet
 
@@ -73,14 +73,6 @@ def test_whole_numbers_answer_nearly_what_the_real_ones_do():
     apart = np.abs(votes / network.votes_in_all - members.shares(rows, 4))
     assert apart.mean() < 0.005
     assert np.quantile(apart, 0.99) < 0.03
-
-
-def test_of_two_classes_the_second_gets_the_votes_that_its_rows_deserve():
-    rows = np.random.default_rng(0).normal(size=(400, 3)).astype(np.float32)
-    label = (rows[:, 1] > 0.0).astype(np.int64)
-    plan = replace(SMALL, epochs=40, alpha=1e-4)
-    votes = network_votes(fit_network(plan, rows, label, 2, 0), rows)
-    assert ((votes[:, 1] > votes[:, 0]) == (label == 1)).mean() > 0.95
 
 
 def test_a_fold_s_labels_do_not_depend_on_the_labels_of_its_own_people():

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from holdfast.core.errors import SetLocked
-from holdfast.core.locked import Style, lock_of, locked_sets, require_open
+from holdfast.core.locked import Style, lock_of, locked_sets
 from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
 from holdfast.sessions.adapt import adapt_file
 from holdfast.simulation.scene_file import read_scene_file
@@ -38,12 +38,6 @@ def test_other_seeds_are_open(tmp_path: Path, seed: int) -> None:
     assert lock_of(a_set(tmp_path / "set", seed=seed)) == ""
 
 
-def test_development_seeds_are_open(tmp_path: Path) -> None:
-    development = locked_sets().development
-    assert lock_of(a_set(tmp_path / "a", seed=development.first)) == ""
-    assert lock_of(a_set(tmp_path / "b", seed=development.last)) == ""
-
-
 def test_a_style_is_locked_at_every_seed_by_name_and_content(tmp_path: Path) -> None:
     styles = locked_sets().styles
     (sha,) = [one.sha256 for one in styles if one.scene == "quick"]
@@ -67,11 +61,6 @@ def test_a_part_of_a_locked_set_is_locked(tmp_path: Path) -> None:
     assert lock_of(action.parent)
 
 
-def test_the_nearest_set_says_whether_a_folder_is_locked(tmp_path: Path) -> None:
-    a_set(tmp_path / "set")
-    assert lock_of(a_set(tmp_path / "set" / "mine", seed=100)) == ""
-
-
 def test_recordings_copied_out_of_a_locked_set_are_locked(tmp_path: Path) -> None:
     truth = {"card": "thesis", "card_sha256": "0", "seed": 7001, "phases": []}
     (tmp_path / "mine").mkdir()
@@ -82,14 +71,6 @@ def test_recordings_copied_out_of_a_locked_set_are_locked(tmp_path: Path) -> Non
 def test_recorded_data_are_open_whatever_their_keys_are(tmp_path: Path) -> None:
     (tmp_path / "meta.json").write_text(json.dumps({"name": "p1", "seed": 7001}))
     assert lock_of(tmp_path) == ""
-
-
-def test_the_error_says_what_is_open(tmp_path: Path) -> None:
-    folder = a_set(tmp_path / "set")
-    with pytest.raises(SetLocked) as error:
-        require_open(folder, "a threshold")
-    for words in ("a threshold may not see", "7001", "2026-11-23", "--seed from 100"):
-        assert words in str(error.value)
 
 
 def test_training_refuses_a_locked_set_before_it_reads_one(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@ absent."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import astuple
 from typing import Any
 
@@ -12,20 +11,16 @@ import pytest
 from hard_marks import ABSENT
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_set import made_set, task_of
 from sklearn.metrics import average_precision_score, f1_score, roc_auc_score
 
-from holdfast.core.contract import SITUATIONS
 from holdfast.training.figures import (
     PredictionFigures,
     SituationFigures,
-    situation_lines,
 )
 from holdfast.training.metrics import (
     draw_groups,
     prediction_scores,
     rank,
-    report,
     situation_scores,
 )
 
@@ -113,17 +108,6 @@ def test_intervals_hold_the_figure(seed: int) -> None:
         assert low < figure < high
 
 
-def test_the_seed_decides_the_intervals_and_nothing_else() -> None:
-    a = answers(3)
-    one, same, other = (
-        situation_scores(a["truth"], a["predicted"], a["groups"], n_draws=50, seed=seed)
-        for seed in (0, 0, 1)
-    )
-    assert one == same
-    assert one.macro_f1_ci != other.macro_f1_ci
-    assert one.f1 == other.f1
-
-
 def test_one_group_has_no_intervals() -> None:
     for figure, interval in with_intervals(answers(1, n_groups=1)):
         assert figure is not None
@@ -148,61 +132,3 @@ def test_one_class_only_has_no_auc() -> None:
         np.zeros(4, int), np.arange(4.0), list("abab"), n_draws=10
     )
     assert values == PredictionFigures(None, None, None, None)
-
-
-def test_a_report_has_the_promised_keys_and_is_json() -> None:
-    a = answers(5)
-    trial = a["groups"].astype(np.int64)
-    tasks = {
-        "situations": task_of(trial, a["truth"], SITUATIONS),
-        "predict_250ms": task_of(trial, a["slips"], ("no", "yes")),
-    }
-    data = made_set(8, tasks)
-    made = report(data, a["predicted"], a["score"], n_draws=10).to_json()
-    values = json.loads(json.dumps(made, allow_nan=False))
-    assert (values["n_trials"], values["n_groups"]) == (8, 8)
-    assert list(values["situations"]) == ["macro_f1", "macro_f1_ci", "f1", "f1_ci"]
-    assert list(values["situations"]["f1"]) == list(SITUATIONS)
-    ranking = {"auc", "auc_ci", "average_precision", "average_precision_ci"}
-    assert values["predict_250ms"].keys() == ranking
-    assert "predict_250ms" not in report(data, a["predicted"], n_draws=10).to_json()
-
-
-@pytest.mark.parametrize(
-    ("truth", "predicted", "macro", "each"),
-    [
-        (
-            [0, 1, 1, 3, 3, 1],
-            [0, 1, 2, 3, 3, 1],
-            "macro F1 over nothing, grasp, risky slip alone  0.93",
-            ["1.000", "0.800", "-", "1.000"],
-        ),
-        (
-            [0, 1, 2, 3, 3, 1],
-            [0, 1, 1, 3, 3, 1],
-            "macro F1 over four situations  ",
-            ["1.000", "0.800", "0.000", "1.000"],
-        ),
-    ],
-    ids=["one that is not in the truth is a dash", "one never recognised is a zero"],
-)
-def test_the_macro_f1_says_what_it_is_over(
-    truth: list[int], predicted: list[int], macro: str, each: list[str]
-) -> None:
-    figures = situation_scores(
-        np.array(truth), np.array(predicted), list("ababab"), n_draws=10
-    )
-    first, *others = situation_lines(figures, "trial")
-    assert first.startswith(macro)
-    assert [line.split()[2] for line in others] == each
-
-
-def test_without_a_window_nothing_is_averaged() -> None:
-    nothing = np.zeros(0, dtype=np.int64)
-    assert situation_lines(situation_scores(nothing, nothing, []), "trial") == [
-        "macro F1 over no class alone  -",
-        "  F1 nothing      -",
-        "  F1 grasp        -",
-        "  F1 safe_slip    -",
-        "  F1 risky_slip   -",
-    ]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -54,18 +52,6 @@ def only(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     monkeypatch.setattr(nuisances, "CHANCE", {**chances, name: 1.0})
 
 
-def test_copies_follow_the_recordings_which_stay_as_they_are() -> None:
-    data = a_set()
-    more = with_copies(data, 2, seed=1)
-    assert more.recordings[:2] == data.recordings
-    assert [one.trial_id for one in more.recordings[2:]] == [
-        "one~1",
-        "two~1",
-        "one~2",
-        "two~2",
-    ]
-
-
 def test_a_copy_is_in_the_group_of_its_recording_so_no_split_parts_them() -> None:
     more = with_copies(a_set(), 2, seed=1)
     assert more.groups() == ["one", "two"]
@@ -89,14 +75,6 @@ def test_windows_around_a_jump_have_the_label_of_their_phase_and_weight(
     # a grasp of a light object in the first trial, of a heavy one in the second
     assert set(added.label[added.trial == 2].tolist()) == {2}
     assert set(added.label[added.trial == 3].tolist()) == {3}
-
-
-def test_the_same_seed_disturbs_in_the_same_way_and_another_in_another() -> None:
-    first, again, other = (
-        with_copies(a_set(), 1, seed).recordings[2] for seed in (1, 1, 2)
-    )
-    np.testing.assert_array_equal(first.samples, again.samples)
-    assert not np.array_equal(first.samples, other.samples)
 
 
 @pytest.mark.parametrize("name", nuisances.CHANCE)
@@ -129,12 +107,3 @@ def test_fewer_sensors_leave_one_on_each_side(monkeypatch: pytest.MonkeyPatch) -
         there = np.logical_and.reduce(made.valid, axis=0)
         assert there[THUMB].any()
         assert there[~THUMB].any()
-
-
-def test_a_set_of_raw_fields_is_disturbed_in_its_own_unit(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    only(monkeypatch, "noise")
-    fields = replace(a_recording(), unit="uT")
-    made = disturbed(fields, THUMB, np.random.default_rng(5)).recording
-    assert np.std(made.samples - fields.samples) > 1.0

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import html
 import io
 import json
 import math
-import re
 import shutil
 import warnings
 from collections.abc import Callable
@@ -16,43 +14,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import Run, fails
-from drawn_picture import drawn
+from command_line import Run
 from made_prediction import prediction
-from own_data import write_meta, write_people_folders, write_phases
+from own_data import write_meta, write_phases
 
 from holdfast.cli.main import main
-from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP, Sample, channel_names
-from holdfast.core.source import SourceReading
+from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP, channel_names
 from holdfast.core.trial_layout import truth_path
 from holdfast.drivers.lsl import DECISION, decision_row
-from holdfast.live.view import Shown
-from holdfast.training.datasets import human_slip_uskin, join, load
+from holdfast.training.datasets import join, load
 from holdfast.training.datasets.eflesh_slip import SIX_MAGNETOMETERS
 from holdfast.training.datasets.public_files import channels_of
 from holdfast.training.recording import cannot_tell, learnable
-
-CELLS = ("soft-ball/pull", "hard-ball/fall")
-"""Of generated trials: those with an exact truth of a slip, a light and a heavy object."""
-
-
-@pytest.fixture(scope="module")
-def slips(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two people who grasp and lose two objects whose masses are not known; no other situation."""
-    root = write_people_folders(tmp_path_factory.mktemp("slips"))
-    for path in root.rglob("trial_*.csv"):
-        _person, *cell, _ = path.relative_to(root).parts
-        if "/".join(cell) not in CELLS:
-            path.unlink()
-    for number, name in enumerate(("soft-ball", "hard-ball")):
-        for folder in root.glob(f"p*/{name}"):
-            folder.rename(folder.with_name(f"part-{number}"))
-    # Times are known in all of these.
-    for truth in root.rglob("trial_*.truth.json"):
-        phases = json.loads(truth.read_text())["phases"]
-        kept = [one for one in phases if one["label"] in ("grasp", "risky_slip")]
-        truth.write_text(json.dumps({"phases": kept}))
-    return root
 
 
 def trained(run: Run, data: Path, out: Path, *words: str) -> tuple[str, dict]:
@@ -60,32 +33,6 @@ def trained(run: Run, data: Path, out: Path, *words: str) -> tuple[str, dict]:
     assert code == 0
     artifact: dict = json.loads((out / "artifact.json").read_text())
     return said, artifact["training"]
-
-
-@pytest.mark.filterwarnings("ignore")
-def test_grasp_and_slip_without_masses_train_and_the_model_says_what_is_unknown(
-    run: Run, slips: Path, tmp_path: Path
-) -> None:
-    said, card = trained(run, slips, tmp_path / "model", "--learner", "forest")
-    assert "held out by person: macro F1 over grasp, risky slip alone" in said
-    assert "F1 safe_slip    cannot tell" in said
-    assert "cannot tell safe slip: no voluntary release in the training data" in said
-    assert "cannot tell weight: " in said
-    # In N the contact rule tells an empty hand from a closed one, which no window shows.
-    assert set(card["cannot_tell"]) == {"safe_slip", "weight"}
-    assert card["main_task"] == "situations"
-
-
-def test_masses_alone_make_the_weight_known(slips: Path) -> None:
-    masses = {"part-0": 20, "part-1": 400}
-    write_meta(slips, unit="N", masses_g=masses)
-    data = load(slips)
-    assert list(data.tasks) == ["classes"]
-    # Each object is in trials of both situations, so none gives the weight away.
-    assert list(learnable(data).tasks) == ["classes"]
-    write_meta(slips, unit="N", masses_g={"part-0": 20})
-    assert list(load(slips).tasks) == ["situations"]
-    write_meta(slips, unit="N")
 
 
 def test_a_weight_that_a_situation_gives_away_is_not_learned(tmp_path: Path) -> None:
@@ -99,6 +46,8 @@ def test_a_weight_that_a_situation_gives_away_is_not_learned(tmp_path: Path) -> 
     assert len(learned.tasks["situations"]) == len(data.tasks["classes"])
     not_learned = cannot_tell(learned, by_force=False)
     assert set(not_learned) == {"nothing", "safe_slip", "weight"}
+    # In N the contact rule tells an empty hand from a closed one, which no window shows.
+    assert set(cannot_tell(learned, by_force=True)) == {"safe_slip", "weight"}
 
 
 def write_meta_of(root: Path, masses_g: dict[str, float]) -> None:
@@ -119,23 +68,6 @@ def test_a_set_with_weights_and_one_without_are_learned_together(
         "safe_slip",
         "risky_slip",
     ]
-
-
-def test_one_situation_alone_is_refused_with_what_to_add(
-    run: Run, tmp_path: Path
-) -> None:
-    write_phases(tmp_path / "cup/hold/trial_1.csv", "grasp")
-    fails(
-        run,
-        3,
-        "ClassMissing",
-        "train",
-        "--data",
-        tmp_path,
-        "--out",
-        tmp_path / "out",
-        says="windows of grasp alone",
-    )
 
 
 # -- trials labelled slip or hold as a whole
@@ -234,31 +166,6 @@ def test_real_trials_of_a_gripper_labelled_slip_or_hold_train(
     assert "cannot tell nothing: no empty hand in the training data" in said
 
 
-def words_of(page: Path) -> str:
-    text = re.sub(
-        r"<(style|svg).*?</\1>|<[^>]+>", " ", page.read_text("utf-8"), flags=re.S
-    )
-    return " ".join(html.unescape(text).split())
-
-
-@pytest.mark.filterwarnings("ignore")
-def test_evaluate_and_the_reports_say_cannot_tell_in_place_of_a_figure(
-    run: Run, of_gripper: Gripper, tmp_path: Path
-) -> None:
-    model, page = of_gripper.folder / "holdfast.onnx", tmp_path / "report.html"
-    code, said, _ = run("evaluate", model, "--data", of_gripper.data, "--report", page)
-    assert code == 0
-    assert "macro F1 over grasp, risky slip alone" in said
-    assert "F1 safe_slip    cannot tell" in said
-    assert "cannot tell weight: the training data lack masses" in said
-    # No slip has a time, so no delay is printed.
-    assert re.search(r"recall \d+ of \d+ risky events; ", said)
-    assert "The model cannot tell safe slip: no voluntary release" in words_of(page)
-    trained = words_of(of_gripper.folder.with_name("report.html"))
-    assert "nothing cannot tell: no empty hand in the training data" in trained
-    assert "The model cannot tell weight: " in trained
-
-
 def test_a_model_has_no_figure_for_a_situation_that_the_set_has_and_it_cannot_tell(
     run: Run, of_gripper: Gripper, tmp_path: Path
 ) -> None:
@@ -304,101 +211,3 @@ def test_a_stream_has_nan_for_what_is_unknown() -> None:
     assert math.isnan(sent["p_safe_slip"])
     assert (sent["p_grasp"], sent["p_risky"]) == (1.0, 0.0)
     assert math.isnan(decision_row(prediction(), ["risky_slip"])[5])
-
-
-def test_the_view_has_words_in_place_of_a_bar() -> None:
-    good = np.ones(2, np.bool_)
-    sample = Sample(0, np.zeros(6), good, 0)
-    reading = SourceReading(0, np.zeros(6), good)
-    text = drawn(Shown(prediction(), sample, reading, "uT", not_learned=["safe_slip"]))
-    assert re.search(r"^safe slip +cannot tell", text, re.MULTILINE)
-    assert re.search(r"^grasp .*1\.00 *$", text, re.MULTILINE)
-
-
-@pytest.mark.filterwarnings("ignore")
-def test_people_with_one_situation_each_are_held_out_by_trial(
-    run: Run, of_gripper: Gripper, tmp_path: Path
-) -> None:
-    kept = {"slip": "p01", "hold": "p02"}
-    for action, person in kept.items():
-        trials = sorted(of_gripper.data.rglob(f"{action}/trial_*.csv"))[:4]
-        place = tmp_path / "set" / person / "jar" / action
-        place.mkdir(parents=True)
-        for number, trial in enumerate(trials):
-            shutil.copy(trial, place / f"trial_{number}.csv")
-    write_meta(tmp_path / "set", unit="uT")
-    assert load(tmp_path / "set").group_kind == "person"
-    said, card = trained(
-        run, tmp_path / "set", tmp_path / "model", "--learner", "forest"
-    )
-    # By person, each model would have seen the other situation alone, and be always wrong.
-    assert "held out by trial: macro F1" in said
-    reason = "not held out by person: without p0[12] no (risky slip|grasp) is left"
-    assert re.search(reason, said)
-    code, checked, _ = run("check", tmp_path / "set")
-    assert code == 0
-    assert "held out by trial: 8 trials" in checked
-    assert re.search(reason, checked)
-    assert card["held_out"]["situations"]["macro_f1"] > 0.5
-
-
-@pytest.mark.filterwarnings("ignore")
-def test_two_trials_are_a_warning_that_no_figure_is_to_be_trusted(
-    run: Run, of_gripper: Gripper, tmp_path: Path
-) -> None:
-    for action in ("slip", "hold"):
-        trial = next(of_gripper.data.rglob(f"{action}/trial_*.csv"))
-        place = tmp_path / "set/jar" / action / "trial_1.csv"
-        place.parent.mkdir(parents=True)
-        shutil.copy(trial, place)
-    shutil.copy(of_gripper.data / "meta.json", tmp_path / "set")
-    out = tmp_path / "model"
-    words = ("--learner", "forest", "--size", "tiny")
-    code, _, err = run("train", "--data", tmp_path / "set", "--out", out, *words)
-    assert code == 0
-    assert "some of the trials have a situation to themselves" in err
-
-
-@pytest.mark.filterwarnings("ignore")
-def test_real_grasps_and_slips_of_several_people_train_with_their_times(
-    run: Run, real_set: Callable[[str], Path], tmp_path: Path
-) -> None:
-    kept = people_of_uskin(real_set("human_slip_uskin"), tmp_path / "set")
-    assert kept >= 18
-    data = load(tmp_path / "set", windows="none")
-    assert (data.group_kind, len(data.groups())) == ("person", 3)
-    said, card = trained(
-        run, tmp_path / "set", tmp_path / "model", "--learner", "forest"
-    )
-    assert "held out by person: macro F1 over grasp, risky slip alone" in said
-    # In N force tells the empty hand.
-    assert set(card["cannot_tell"]) == {"safe_slip", "weight"}
-    assert card["held_out"]["situations"]["macro_f1"] > 0.6
-
-
-def people_of_uskin(source: Path, root: Path, trials_each: int = 6) -> int:
-    """Real trials of three people in own folders, with phases of grasp and risky slip alone."""
-    data = human_slip_uskin.load(source)
-    written: dict[str, int] = {}
-    for one in data.recordings:
-        person = one.group
-        number = written.get(person, 0)
-        slips = [phase for phase in one.phases if phase.situation == RISKY_SLIP]
-        if not slips or number == trials_each or len({*written, person}) > 3:
-            continue
-        written[person] = number + 1
-        path = root / f"p{person}" / "book" / "slip" / f"trial_{number}.csv"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        t_s = np.arange(len(one.samples)) / one.rate_hz
-        rows = np.column_stack([t_s, one.samples])
-        header = ",".join(["Time", *channel_names(one.n_sensors)])
-        np.savetxt(path, rows, "%.6g", ",", header=header, comments="")
-        phases = []
-        for phase in one.phases:
-            if phase.situation in (GRASP, RISKY_SLIP):
-                label = "grasp" if phase.situation == GRASP else "risky_slip"
-                ends = (t_s[phase.first], t_s[min(phase.stop, len(t_s) - 1)])
-                phases.append({"t0_s": ends[0], "t1_s": ends[1], "label": label})
-        truth_path(path).write_text(json.dumps({"phases": phases}))
-    write_meta(root, unit=data.unit)
-    return sum(written.values())

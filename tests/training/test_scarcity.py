@@ -11,7 +11,6 @@ from made_set import made_set, task_of
 from holdfast.core.contract import CLASSES
 from holdfast.training.fitting import (
     FEWEST_WINDOWS,
-    FewGroups,
     FewWindows,
     warn_of_scarcity,
 )
@@ -49,13 +48,3 @@ def test_scarce_classes_are_named_with_their_counts_and_what_to_do() -> None:
     assert "made: fewer than 50 windows" in text
     assert "grasp_light" not in text
     assert "next: record or simulate more trials" in text
-
-
-def test_the_undersampled_set_is_left_out_before_more_is_recorded() -> None:
-    with pytest.warns(FewWindows, match="next: leave out --windows thesis, or record"):
-        warn_of_scarcity(a_set(dict.fromkeys(CLASSES, 3), 3), undersampled=True)
-
-
-def test_two_people_are_too_few_to_say_how_a_third_one_fares() -> None:
-    with pytest.warns(FewGroups, match="two people only; .*; next: record more people"):
-        warn_of_scarcity(a_set({}, 2))

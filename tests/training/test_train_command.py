@@ -77,28 +77,6 @@ def test_a_signal_while_a_network_is_fitted_ends_training_and_nothing_is_written
     assert [*tmp_path.rglob("*")] == []
 
 
-def test_the_undersampled_set_of_a_few_trials_is_not_taken_without_a_word(
-    run: Run, fixture_set: Path, tmp_path: Path
-) -> None:
-    words = (
-        "train",
-        "--data",
-        fixture_set,
-        "--out",
-        tmp_path / "out",
-        "--size",
-        "tiny",
-    )
-    code, _, err = run(*words, "--windows", "thesis")
-    assert code == 0, err
-    (warning,) = [
-        line for line in err.splitlines() if line.startswith("warning: FewWindows")
-    ]
-    kept = load(fixture_set, windows="thesis").notes["windows"]["nothing_light"]
-    assert f"fewer than 50 windows of nothing_light ({kept}), " in warning
-    assert "next: leave out --windows thesis, or record" in warning
-
-
 def test_pooled_features_of_slow_recordings_ask_for_less_confidence(
     run: Run, fixture_set: Path, tmp_path: Path
 ) -> None:

@@ -7,47 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holdfast.core.contract import NORMAL_FLOOR
 from holdfast.core.errors import LabelError
 from holdfast.core.trial_layout import (
-    SITUATION_OF_ACTION,
     Mass,
     contact_rows,
-    has_logs,
-    import_command,
-    intent_path,
     is_heavy,
     mass_g,
     mass_of,
     named_mass,
     object_name,
     read_events,
-    truth_path,
 )
-
-
-def test_files_of_a_trial_have_its_name(tmp_path: Path) -> None:
-    assert truth_path(Path("a/trial_3.csv")) == Path("a/trial_3.truth.json")
-    assert intent_path(Path("a/trial_3.csv")) == Path("a/trial_3.intent.csv")
-    assert (
-        import_command(Path("a/log.XDF"))
-        == "holdfast import a/log.XDF --out a/log-trials"
-    )
-    (tmp_path / "deep/er").mkdir(parents=True)
-    assert not has_logs(tmp_path)
-    for name in ("deep/er/a.MCAP", "deep/metadata.yaml"):
-        (tmp_path / name).touch()
-        assert has_logs(tmp_path)
-        (tmp_path / name).unlink()
-    (tmp_path / "a.json").touch()
-    assert not has_logs(tmp_path)
-    assert not has_logs(tmp_path / "a.json")
-
-
-def test_actions_are_of_a_situation() -> None:
-    of = SITUATION_OF_ACTION
-    assert (of["pass"], of["pull"], of["hold"]) == ("safe_slip", "risky_slip", "grasp")
-    assert NORMAL_FLOOR == {"N": 0.3, "uT": 100.0, "count": 300.0}
 
 
 def test_heavy_is_from_150_g_on() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -18,13 +17,12 @@ from holdfast.training.datasets import thesis
 from holdfast.training.fixture import write_fixture
 from holdfast.training.plan import hand_plan
 from holdfast.training.recording import DataSet, Recording
-from holdfast.training.timeline import Phase, whole
+from holdfast.training.timeline import Phase
 from holdfast.training.windows import (
     COLUMNS,
     STRATA,
     TimedTrial,
     labelled_rows,
-    sample_counts,
     undersample,
     windows_of,
 )
@@ -72,11 +70,6 @@ def timed(
     return TimedTrial(replace(shaken(*shaken_s), phases=times), heavy)
 
 
-EMPTY = TimedTrial(
-    replace(shaken(), phases=whole(600, NOTHING), object_name=None), heavy=None
-)
-
-
 def slips(windows: pd.DataFrame) -> list[tuple[int, int]]:
     """(row, label) of the windows that come from critical points."""
     critical = windows[~windows["source"].isin(["keep", "nothing"])]
@@ -116,14 +109,6 @@ def test_all_classes_have_the_same_count_and_their_cells_give_as_equally_as_they
         most = gave[label].max()
         unspent = gave[label][gave[label] < had[label]]
         assert (unspent >= most - 1).all(), "a cell gave less although it had more"
-
-
-def test_a_class_without_a_window_leaves_the_others_as_many_as_their_rarest() -> None:
-    windows = pd.DataFrame(
-        [(0, k, min(k % 7, 5), "a", "b", "c") for k in range(70)], columns=COLUMNS
-    )
-    counts = labelled_rows(undersample(windows, 0)).class_counts()
-    assert list(counts.values()) == [10] * 6 + [0, 0]
 
 
 @pytest.mark.parametrize(
@@ -167,26 +152,6 @@ def test_keep_windows_show_steady_holding_before_and_between_actions() -> None:
     assert kept(5.1, 7.2)["row"].tolist() == [334, 450, 484]
 
 
-def test_a_hold_too_short_to_be_steady_gives_no_keep_window() -> None:
-    times = phases((0, NOTHING), (3, GRASP), (3.6, SAFE_SLIP), (4.5, NOTHING))
-    windows = windows_of([timed(times)], "natural")
-    assert "keep" not in set(windows["source"])
-
-
-def test_nothing_windows_stand_at_both_ends_and_bear_the_weight_of_the_object() -> None:
-    times = phases((0, NOTHING), (3, GRASP), (8, NOTHING))
-    for heavy in (False, True):
-        windows = windows_of([timed(times, 3.1, heavy=heavy)], "natural")
-        nothing = windows[windows["source"] == "nothing"]
-        assert set(nothing["label"]) == {int(heavy)}
-        assert (nothing["row"] < 150).any()
-        assert (nothing["row"] > 400).any()
-
-
-def test_windows_of_the_empty_hand_bear_both_weights_alternately() -> None:
-    assert windows_of([EMPTY], "natural")["label"].tolist() == [0, 1] * 11 + [0]
-
-
 def test_every_window_lies_inside_its_trial_and_no_row_is_used_twice(
     data: DataSet,
 ) -> None:
@@ -197,17 +162,6 @@ def test_every_window_lies_inside_its_trial_and_no_row_is_used_twice(
     assert len(set(zip(task.trial.tolist(), task.row.tolist(), strict=True))) == len(
         task
     )
-
-
-def test_classes_that_were_402_250_760_580_634_433_282_291_in_the_thesis_are_equal_here(
-    data: DataSet,
-) -> None:
-    natural, balanced = data.notes["windows_natural"], data.notes["windows"]
-    assert len(set(natural.values())) > 1, (
-        "the fixture would prove nothing if it were balanced already"
-    )
-    assert set(balanced.values()) == {min(natural.values())}
-    assert np.bincount(data.tasks["classes"].label).tolist() == list(balanced.values())
 
 
 def test_balanced_windows_have_every_risky_sample_and_throw_none_away(
@@ -236,18 +190,6 @@ def test_all_eight_classes_of_the_balanced_windows_weigh_the_same_in_a_forest(
     np.testing.assert_allclose(at_the_root / at_the_root.sum(), 1.0 / len(CLASSES))
 
 
-def test_a_trial_without_an_exact_truth_gives_its_natural_windows(
-    tmp_path: Path,
-) -> None:
-    write_fixture(tmp_path, trials_per_cell=1)
-    for truth in tmp_path.rglob("*.truth.json"):
-        truth.unlink()
-    balanced = thesis.load(tmp_path, windows="balanced").tasks["classes"]
-    natural = thesis.load(tmp_path, windows="natural").tasks["classes"]
-    assert balanced.row.tolist() == natural.row.tolist()
-    assert balanced.label.tolist() == natural.label.tolist()
-
-
 def test_labels_follow_the_mass_of_the_object_and_no_hand_over_is_a_risky_slip(
     data: DataSet,
 ) -> None:
@@ -258,27 +200,3 @@ def test_labels_follow_the_mass_of_the_object_and_no_hand_over_is_a_risky_slip(
             assert label % 2 == is_heavy(MASSES_G[recording.object_name])
         if recording.action in ("pass", "put-down"):
             assert label // 2 != RISKY_SLIP
-
-
-def test_the_seed_alone_decides_the_windows_that_are_drawn(
-    data: DataSet, tmp_path: Path
-) -> None:
-    write_fixture(tmp_path)
-    np.random.seed(1)  # of no consequence: the global generator is not used
-    again = thesis.load(tmp_path, windows="thesis").tasks["classes"]
-    other = thesis.load(tmp_path, seed=1, windows="thesis").tasks["classes"]
-    task = data.tasks["classes"]
-    np.testing.assert_array_equal(
-        [again.trial, again.row, again.label], [task.trial, task.row, task.label]
-    )
-    assert again.row.tolist() != other.row.tolist()
-
-
-def test_samples_are_counted_over_the_whole_time_line() -> None:
-    times = phases((0, NOTHING), (3, GRASP), (7, RISKY_SLIP), (7.5, NOTHING))
-    counts = sample_counts([timed(times, heavy=True), EMPTY])
-    assert counts["nothing_heavy"] == 150 + 225
-    assert (counts["grasp_heavy"], counts["risky_slip_heavy"]) == (200, 25)
-    assert sum(counts.values()) == 600, (
-        "the empty hand has no weight to be counted under"
-    )

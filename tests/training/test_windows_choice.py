@@ -42,13 +42,6 @@ def test_windows_are_two_hundredths_of_a_second_apart_while_a_phase_begins() -> 
     assert begins == list(range(100, 140, 2))
 
 
-def test_later_they_are_as_far_apart_as_without_the_choice() -> None:
-    trial = a_trial(Phase(0, 100, NOTHING), Phase(100, 300, GRASP))
-    usual = windows_of([trial], "balanced")
-    later = usual[(usual.label == 2 * GRASP) & (usual.row >= 140)].row.tolist()
-    assert [row for row in rows_of(trial, GRASP) if row >= 140] == later
-
-
 def test_a_slip_that_lasts_gives_its_first_windows_and_others_evenly_spaced() -> None:
     trial = a_trial(Phase(0, 100, GRASP), Phase(100, 600, RISKY_SLIP))
     rows = rows_of(trial, RISKY_SLIP)

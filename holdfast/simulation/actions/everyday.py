@@ -27,14 +27,13 @@ from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
 from holdfast.simulation.actions import OPENING, Action, Course, action_named
 from holdfast.simulation.actions.everyday_forces import (
     HEEL,
-    TABLE_GAP_M,
     TABLE_OVERSHOOT_M,
     Everyday,
     hit_n,
 )
 from holdfast.simulation.effect import Parameter
 from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial
-from holdfast.simulation.script_times import CATCH_S, Times
+from holdfast.simulation.script_times import BOX_GAP_M, CATCH_S, Times
 from holdfast.simulation.stepper import TrialMotion
 from holdfast.simulation.truth import (
     LOAD_N,
@@ -237,7 +236,7 @@ def _stack_s(drawn: Draws) -> float:
 
 def _table_s(drawn: Draws) -> float:
     """To the table, a stay, and back."""
-    way_m = TABLE_GAP_M + TABLE_OVERSHOOT_M
+    way_m = BOX_GAP_M + TABLE_OVERSHOOT_M
     return 2.0 * way_m / drawn["table_m_s"] + drawn["stay_s"]
 
 
@@ -254,16 +253,15 @@ def _stack_n(trial: PlannedTrial, weight_n: float) -> float:
 
 def _lift_n(trial: PlannedTrial, weight_n: float) -> float:
     """The peak of a minimum-jerk path is 5.77 times its length over its time squared."""
-    mass_kg = trial.object.mass_g * 1e-3
     peak_m_s2 = 5.77 * trial.drawn["height_m"] / trial.drawn["raise_s"] ** 2
-    return weight_n + mass_kg * peak_m_s2
+    return weight_n + trial.object.mass_kg * peak_m_s2
 
 
 def _carry_n(trial: PlannedTrial, weight_n: float) -> float:
     """Both harmonics of a step at once, and forth and back across them."""
-    mass_kg = trial.object.mass_g * 1e-3
     up_m_s2 = (1.0 + HEEL) * trial.drawn["up_m_s2"]
-    return weight_n + mass_kg * float(np.hypot(up_m_s2, trial.drawn["forward_m_s2"]))
+    peak_m_s2 = float(np.hypot(up_m_s2, trial.drawn["forward_m_s2"]))
+    return weight_n + trial.object.mass_kg * peak_m_s2
 
 
 def _table_n(trial: PlannedTrial, weight_n: float) -> float:
@@ -271,15 +269,10 @@ def _table_n(trial: PlannedTrial, weight_n: float) -> float:
     return weight_n + trial.drawn["press_n"]
 
 
-def _weight_n(trial: PlannedTrial, weight_n: float) -> float:
-    """In a turn, and while pouring or gripping anew, there is the weight and nothing else."""
-    return weight_n
-
-
 def _everyday(
     parameters: dict[str, Parameter],
     lasts: Lasts,
-    load_n: Callable[[PlannedTrial, float], float] = _weight_n,
+    load_n: Callable[[PlannedTrial, float], float] = Action.load_n,
     *,
     loaded: bool = False,
 ) -> Action:

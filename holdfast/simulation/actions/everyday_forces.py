@@ -15,18 +15,18 @@ from holdfast.core.contract import FloatArray
 from holdfast.simulation.actions import EVERYDAY
 from holdfast.simulation.body import Body, Changes, Floor, Pull, bearer
 from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial, least_grip_n
-from holdfast.simulation.script_times import CATCH_S, smooth
+from holdfast.simulation.script_times import (
+    ARM_DAMPING,
+    ARM_N_PER_M,
+    BOX_GAP_M,
+    CATCH_S,
+    smooth,
+)
 
 HEEL = 0.3
 """Second harmonic of the steps over the first: the heel strike."""
-TABLE_GAP_M = 0.01
-"""Distance of the table from the object when the action begins."""
 TABLE_OVERSHOOT_M = 0.005
 """How far the table comes beyond the first touch, if the object does not give way."""
-ARM_DAMPING = 0.7
-"""Of the arm of a person, over critical damping."""
-CATCHER_N_PER_M = 800.0
-"""Stiffness that the damping of the person's arm belongs to who takes the object at the end."""
 STARTS_S = 0.5
 """In which walking begins, and in which it ends."""
 
@@ -99,7 +99,7 @@ class Everyday:
         there = np.where(self.any_of_them, smooth(came), 0.0)
 
         # The damping of an arm, as in script.py.
-        critical = np.sqrt(CATCHER_N_PER_M * self.body.mass_kg)
+        critical = np.sqrt(ARM_N_PER_M * self.body.mass_kg)
 
         # Without a spring, a lost object is not pulled back into the hand.
         return bearer(there, there * 2.0 * ARM_DAMPING * critical)
@@ -165,8 +165,9 @@ class Everyday:
 
         # In an accelerated frame everything is as heavy as under gravity less the acceleration.
         gravity = self._turned(t_s) - self._acceleration_m_s2(t_s)
-        hit_n = self._hits_n(t_s)[:, None] * self.down
-        return Changes(self._mass_kg(t_s), gravity, hit_n)
+        # A weight that drops in hits along gravity.
+        hits_n = self.hit_n * np.sin(np.pi * self._done(t_s, "hit_s"))
+        return Changes(self._mass_kg(t_s), gravity, hits_n[:, None] * self.down)
 
     def _mass_kg(self, t_s: FloatArray) -> FloatArray:
         """[n, B] what is left of a poured object, and what was added to one."""
@@ -183,10 +184,6 @@ class Everyday:
         added = smooth(np.where(is_dropped, dropped, by_hand))
         more_kg = np.where(self.is_on["stack"], 1e-3 * self.drawn("added_g"), 0.0)
         return whole * left + more_kg * added
-
-    def _hits_n(self, t_s: FloatArray) -> FloatArray:
-        """[n, B] force of a weight that drops in, along gravity."""
-        return self.hit_n * np.sin(np.pi * self._done(t_s, "hit_s"))
 
     def _turned(self, t_s: FloatArray) -> FloatArray:
         """[n, 3, B] gravity in a hand that turns about an axis across it, and back."""
@@ -239,18 +236,18 @@ class Everyday:
 
         # The hand comes down on the table, stays, and goes up again; in its frame the table moves.
         speed_m_s = self.drawn("table_m_s", 1.0)
-        way_m = TABLE_GAP_M + TABLE_OVERSHOOT_M
+        way_m = BOX_GAP_M + TABLE_OVERSHOOT_M
         since_s = t_s - self.act_s
         leaves_s = way_m / speed_m_s + self.drawn("stay_s")
 
         # Of the way to the table and of that back, how far it has come.
         near_m = np.clip(since_s * speed_m_s, 0.0, way_m)
         left_m = np.maximum((since_s - leaves_s) * speed_m_s, 0.0)
-        height_m = near_m - left_m - TABLE_GAP_M
+        height_m = near_m - left_m - BOX_GAP_M
 
         # Before and after that it is where boxes are that set nothing down.
         here = self.is_on["touch-table"]
-        there = here & (height_m > -TABLE_GAP_M)
+        there = here & (height_m > -BOX_GAP_M)
         return replace(
             box,
             height_m=np.where(there, height_m, box.height_m),

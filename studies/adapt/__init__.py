@@ -1,1 +1,0 @@
-"""What adapting to a person brings: on simulated styles, and on people of a public set."""
