@@ -211,7 +211,7 @@ def test_the_page_s_commands_run_and_name_every_format(run, tmp_path, monkeypatc
 
 
 def test_sign_and_bias_are_those_of_rows_that_are_valid(tmp_path: Path) -> None:
-    t_s = np.arange(300) / RATE_HZ
+    t_s = np.arange(300) / 100.0
     values = np.tile([1.0, 2.0, 20.0], (300, 1))
     values[100:200, 2] += 5.0
     values[:3] = -150.0
