@@ -195,7 +195,7 @@ class TrialImport:
                 taken = "only the empty hand is labelled"
                 labels = _empty_hand(trial, plan)
                 kinds = {"nothing"}
-            self.notes.append(f"{log.name}: when it slips is not known: {taken}")
+            self.notes.append(f"{log.name}: its times are not known: {taken}")
         needs_events = action in UNSCRIPTED and action not in LABELLED_ACTIONS
         if not action or (needs_events and not kinds):
             raise LabelError(

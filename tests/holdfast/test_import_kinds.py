@@ -636,7 +636,7 @@ def test_an_action_without_its_times_is_one_that_check_takes(
     one = made(1)
     write_log(tmp_path / "logs/a.csv", one)
     out = imported(run, tmp_path, "--action", action)
-    assert "when it slips is not known" in out
+    assert "its times are not known" in out
     code, out, err = run("check", tmp_path / "set")
     assert code == 0, out + err
     from holdfast.training.datasets import load
