@@ -607,7 +607,7 @@ def test_labels_that_begin_late_in_a_long_log_are_labels(
     one.values[:, 2] += 3.0 * (one.t_s % 10.0 >= 6.0)
     slips = (one.t_s >= 2067.0) & (one.t_s < 2068.0)
     texts = np.where(slips, "1", "0").tolist()
-    names = ["t", *"xyz", "slip"]
+    names = ["t", *"xyz", "event"]
     write_log(tmp_path / "logs/a.csv", one, names=names, texts=texts)
     imported(run, tmp_path)
     phases = phases_of(tmp_path / "set/object/slip/trial_1.csv")
