@@ -70,7 +70,6 @@ trial = "log"
 start = "from"
 end = "to"
 label = "what"
-rest = "grasp"
 [events.labels]
 "lets go" = "safe_slip"
 "slips" = "risky_slip"

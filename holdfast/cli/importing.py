@@ -131,8 +131,10 @@ def _understood(args: argparse.Namespace) -> Understood:
         key = question.option.removeprefix("--")
         if args.yes or not _on_terminal() or not hasattr(answers, key):
             _write_map(args, found)
-            next_step = f"{_command(args)} {question.option} .."
-            raise UsageError(question.text, next_step=next_step)
+            # all at once, so that the next command is the last one
+            asked = "; ".join(one.text for one in found.questions)
+            options = " ".join(f"{one.option} .." for one in found.questions)
+            raise UsageError(asked, next_step=f"{_command(args)} {options}")
         show(question.text)
         typed = input("> ").strip()
         answer: dict[str, Any] = {key: float(typed) if key == "rate" else typed}

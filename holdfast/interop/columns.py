@@ -75,6 +75,12 @@ TOUCHED = 0.2
 FIRST_ROWS, ONSET_ROWS = 10, 60
 CLEARLY = 3.0
 """How much larger a change is that contradicts the names."""
+PRESS_N = (0.2, 20.0)
+"""Changes of readings in N: a grip of so little in grams holds nothing."""
+TARED = 0.25
+"""Of a change: readings that rest nearer to 0 were tared."""
+PRELOAD_N = (18.0, 32.0)
+"""At which the thesis' fingertips rest, N."""
 
 
 def words_of(name: str) -> set[str]:
@@ -307,6 +313,11 @@ class Touch:
     rows: np.ndarray
     returns: bool
 
+    @classmethod
+    def of_none(cls) -> Touch:
+        """Of a table without readings."""
+        return cls(np.zeros((3, 0)), np.zeros(0, dtype=np.bool_), returns=True)
+
 
 def touch(values: FloatArray) -> Touch:
     """What a hand that begins open reads while it touches something; values [T, C]."""
@@ -389,17 +400,28 @@ def unit_of_sizes(
     names: Sequence[str], values: FloatArray, found: Touch
 ) -> tuple[str, str]:
     """(unit, why) of channels [T, C] by their sizes; "" where several are as likely."""
-    at_rest = found.effects[0]
-    rest = float(np.median(np.abs(at_rest[NORMAL_AXIS::3])))
-    change = float(np.nanquantile(np.abs(values[::7] - at_rest), 0.99))
+    rests = np.abs(found.effects[0]).reshape(-1, 3)
+    rest = float(np.median(rests[:, NORMAL_AXIS]))
+    change = float(np.nanquantile(np.abs(values[::7] - found.effects[0]), 0.99))
     sizes = f"at rest {rest:.3g}, changes of {change:.3g}"
     is_whole = bool((np.nan_to_num(values) % 1 == 0).all())
     if re.search(r"(?i)(?<![a-z])(b[xyz](?![a-z])|mag)", names[0]):
         return ("uT" if rest >= 1500.0 else ""), f"a field, {sizes}"
     if is_whole and np.nanmin(values) >= 0 and rest > change:
         return "count", f"by size: {sizes}, whole numbers above 0"
-    is_force = change < 200.0 and rest < 100.0 and not is_whole
-    return ("N" if is_force else ""), f"by size: {sizes}"
+    is_named = bool(re.search(r"(?i)force|(?<![a-z])f[xyz](?![a-z])", names[0]))
+    is_tared = rest < TARED * change
+    is_force = is_named or is_tared or _is_fingertips(rests)
+    is_press = PRESS_N[0] < change < PRESS_N[1] and not is_whole
+    return ("N" if is_force and is_press else ""), f"by size: {sizes}"
+
+
+def _is_fingertips(rests: FloatArray) -> bool:
+    """Whether sensors rest as the thesis' fingertips do: under a load on the normal alone."""
+    normal = rests[:, NORMAL_AXIS]
+    is_loaded = (normal > PRELOAD_N[0]) & (normal < PRELOAD_N[1])
+    is_straight = rests[:, :NORMAL_AXIS].max(axis=1) < 0.2 * normal
+    return bool(np.mean(is_loaded & is_straight) >= 0.5)
 
 
 def channels(

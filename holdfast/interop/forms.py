@@ -13,22 +13,18 @@ from msgspec.structs import replace as changed
 from holdfast.core.column_map import SensorColumns
 from holdfast.core.contract import AXES, NORMAL_AXIS, UNIT_OF
 from holdfast.core.errors import listed
-from holdfast.core.trial_layout import SITUATION_OF_ACTION
+from holdfast.core.trial_layout import SITUATION_OF_ACTION, named_mass
 from holdfast.interop.columns import (
     Touch,
-    channels,
     normal_axis,
     oriented,
     sensor_of,
-    touch,
     unit_of_names,
-    unit_of_sizes,
     words_of,
 )
 from holdfast.interop.labels import (
     FoundLabels,
     action_of_word,
-    is_mark,
     labels_of,
     rules_of_table,
     unit_and_zero,
@@ -43,7 +39,8 @@ from holdfast.training.datasets.trials import action_of
 
 PERSON = re.compile(r"(?i)(p|s|vp|sub|subj|subject|person|participant|user)[- ]?\d+")
 NUMBERED = re.compile(
-    r"(?i)(trial|run|rep|take|t|r|episode|rec|recording|log|test|nr|no|file|data)?[- ]?\d+"
+    r"(?i)(trial|run|rep|take|t|r|episode|rec|recording|log|test|nr|no|file|data|session|day|set)?"
+    r"([- ]?\d+)+"
 )
 NAMED = {
     "person": {"person", "subject", "participant", "user"},
@@ -52,8 +49,11 @@ NAMED = {
     "column": {"trial", "run", "episode", "rep", "repetition", "recording", "sheet"},
 }
 """Words of columns that hold what a trial is called by, or its number."""
-LONG_GAP_S, LONG_GAP_STEPS = 0.5, 20.0
-"""A step may be a gap between trials from so many seconds and so many usual steps on."""
+OBJECTS = {
+    "ball", "block", "book", "bottle", "bowl", "box", "can", "cube", "cup", "cylinder", "egg",
+    "glass", "mug", "object", "pen", "sponge",
+}  # fmt: skip
+"""Words of objects in paths; others may be people."""
 SOME_ACTIONS = "slip, hold, pull, fall, pass, put-down, nothing, .."
 
 
@@ -78,9 +78,7 @@ class Form:
         names = f"{', '.join(first.form[:3])} to {', '.join(first.form[-3:])}"
         found.add("sensors", f"{len(first.sensors)}, {first.why}: {names}")
         rules = self._trial_rules()
-        self.touched = [
-            touch(channels(one.columns, one.sensors)) for one in self.samples
-        ]
+        self.touched = [one.touched for one in self.samples]
         events = self._events(rules)
         unit, sensors = self._hand(events)
         path, actions = self._path(has_events=events is not None)
@@ -88,9 +86,6 @@ class Form:
             for word in set(text_cells(sample.columns[rules.action])):
                 actions[word] = action_of_word(word) or word
         rules = changed(rules, path=path)
-        gap_s = self._gap_s()
-        if gap_s and not rules.column:
-            rules = changed(rules, gap_s=gap_s)
         about = all(one.log.about.get("action") for one in self.samples)
         if not (
             events or answers.action or about or rules.action or "{action}" in path
@@ -178,8 +173,7 @@ class Form:
         named = unit_of_names(first.form)
         if named:
             return named, "by the names"
-        values = channels(first.columns, first.sensors)
-        return unit_of_sizes(first.form, values, self.touched[0])
+        return first.size
 
     # -- trials
 
@@ -189,32 +183,18 @@ class Form:
         rules: dict[str, Any] = {"fingers": self.fingers}
         for key, words in NAMED.items():
             for name, column in columns.items():
+                is_said = bool(getattr(self.answers, key, ""))
+                if is_said or not words_of(name) & words:
+                    continue
                 kinds = set(text_cells(column[::7]))
                 means = key != "action" or all(map(action_of_word, kinds))
                 few = len(kinds) <= max(1, len(column) // 20)
-                if (
-                    words_of(name) & words
-                    and means
-                    and few
-                    and not getattr(self.answers, key, "")
-                ):
+                if means and few:
                     rules.setdefault(key, name)
         return TrialRules(**rules)
 
     def _named_columns(self, rules: TrialRules) -> set[str]:
         return {rules.column, rules.person, rules.object, rules.action} - {""}
-
-    def _gap_s(self) -> float:
-        """How long a gap between trials is: nothing is touched before and after it; 0 for none."""
-        idle: list[float] = []
-        busy = [0.0]
-        for sample, touched in zip(self.samples, self.touched, strict=True):
-            steps = np.diff(sample.stamps_s)
-            long_s = max(LONG_GAP_S, LONG_GAP_STEPS * float(np.median(steps)))
-            for at in np.flatnonzero(steps > long_s).tolist():
-                around = touched.rows[max(0, at - 5) : at + 6]
-                (busy if around.mean() > 0.5 else idle).append(float(steps[at]))
-        return float(f"{max(0.5 * min(idle), 1.01 * max(busy)):.2g}") if idle else 0.0
 
     # -- labels
 
@@ -225,15 +205,12 @@ class Form:
             return events
         known = self._known()
         first = self.samples[0]
-        stamped = [one for one in first.log.streams if one.t_ns is not None]
-        streams = {
-            name: column for one in stamped for name, column in one.columns.items()
-        }
         taken = {*first.form, LOG_TIME, first.time.time.column if first.time else ""}
         labels: list[FoundLabels] = []
-        for name, column in {**streams, **first.columns}.items():
+        for name in dict.fromkeys(key for one in self.samples for key in one.columns):
             is_name = any(words_of(name) & words for words in NAMED.values())
-            if name not in taken and not is_name and is_mark(name, column):
+            is_mark = any(name in one.marks for one in self.samples)
+            if name not in taken and not is_name and is_mark:
                 cells, touched = self._cells(name)
                 one = labels_of(name, cells, touched, known)
                 labels += [one] if one else []
@@ -269,12 +246,6 @@ class Form:
             if name in sample.columns:
                 cells += text_cells(sample.columns[name])
                 touched.append(found.rows)
-                continue
-            for stream in sample.log.streams:
-                if name in stream.columns and stream.t_ns is not None:
-                    at = np.searchsorted(sample.columns[LOG_TIME], stream.t_ns)
-                    cells += text_cells(stream.columns[name])
-                    touched.append(found.rows[np.clip(at, 0, len(found.rows) - 1)])
         return np.array(cells, dtype=object), np.concatenate(touched)
 
     def _of_tables(self, rules: TrialRules) -> EventRules | None:
@@ -306,7 +277,6 @@ class Form:
             latest = float(np.nanmax(stream.columns[events.start].astype(np.float64)))
             first_s, last_s = float(first.stamps_s[0]), float(first.stamps_s[-1])
             unit, zero = unit_and_zero(events, latest, first_s, last_s)
-            zero = "trial" if events.trial and zero == "log" and rules.column else zero
             chosen = changed(events, unit=unit, zero=zero)
             what = [events.start, events.end, events.label, events.trial]
             self.found.add(
@@ -324,7 +294,11 @@ class Form:
         if any(len(one) != len(first) or one[1::2] != first[1::2] for one in split):
             return "", actions
         tokens = [[one[k] for one in split] for k in range(0, len(first), 2)]
-        fields = _fields(tokens, self.answers, has_events=has_events)
+        fields, unclear = _fields(tokens, self.answers, has_events=has_events)
+        for k in unclear:
+            is_folder = "/" in "".join(first[2 * k :])
+            if is_folder or k in fields.values():
+                self._ask_person(tokens[k], fields)
         if not set(fields) - {"trial"}:
             return "", actions
         at = {k: key for key, k in fields.items()}
@@ -342,6 +316,26 @@ class Form:
         path = "".join(a + b for a, b in zip(parts, [*first[1::2], ""], strict=True))
         return path, actions
 
+    def _ask_person(self, words: list[str], fields: dict[str, int]) -> None:
+        """Ask whether words of the paths are people, where that changes what is held out."""
+        names = list(dict.fromkeys(words))
+        is_known = "person" in fields or self.answers.person or self.answers.object
+        if is_known or len(names) < 2 or all(map(_is_object, names)):
+            return
+        shown, answer = listed(names, most=6), ",".join(names)
+        options = f"--person {answer} or --object {answer}"
+        # held out by trial or by people with a trial each is the same
+        if len(names) == len(words):
+            self.found.add("names", f"{shown}: taken as no people; {options}")
+            return
+        what = f"are {shown} people or objects? nothing in the logs says it"
+        self.found.ask("--person", f"{what}: {options}")
+
+
+def _is_object(word: str) -> bool:
+    """Whether a word of a path is an object that is known."""
+    return bool(words_of(word) & OBJECTS) or named_mass(word) is not None
+
 
 def tokens_of(name: str) -> list[str]:
     """The words of a path."""
@@ -350,9 +344,10 @@ def tokens_of(name: str) -> list[str]:
 
 def _fields(
     tokens: list[list[str]], answers: Answers, *, has_events: bool
-) -> dict[str, int]:
-    """Person, object, action and trial -> which of the words of the paths it is."""
+) -> tuple[dict[str, int], list[int]]:
+    """(person, object, action and trial -> which of the words of the paths it is; unclear ones)."""
     fields: dict[str, int] = {}
+    unclear = []
     free = [key for key in NAMES if not getattr(answers, key)]
     for k, values in enumerate(tokens):
         said = [
@@ -375,6 +370,7 @@ def _fields(
         elif values[0] and "object" in free:
             # what is left beside a person or an action is what was held
             fields.setdefault("object", k)
+            unclear.append(k)
     if not {"action", "person"} & fields.keys() and "object" in free:
         fields.pop("object", None)
-    return fields
+    return fields, unclear

@@ -140,6 +140,8 @@ def is_mark(name: str, column: Column) -> bool:
     if is_text(column):
         return len(set(column.tolist())) <= MOST_LABELS
     cells = column[np.isfinite(column)]
+    if (cells[:1000] % 1 != 0).any():
+        return False
     kinds = np.unique(cells)
     is_few = len(kinds) <= 8 and bool((kinds % 1 == 0).all())
     is_named = bool(words_of(name) & LABEL_WORDS)
@@ -187,9 +189,7 @@ def _binary(name: str, cells: np.ndarray, touched: np.ndarray) -> FoundLabels | 
             return _found(name, {on: "grasp", off: "nothing"}, ": the contact")
     if marked.any() and marked.sum() <= 2 * begins:
         ends = ": the slip, from there to the end of the contact"
-        rules = EventRules(
-            column=name, hold=True, rest="grasp", labels={on: "risky_slip"}
-        )
+        rules = EventRules(column=name, hold=True, labels={on: "risky_slip"})
         return FoundLabels(rules, f"column {name}, {on!r} marks{ends}")
     return _found(name, {on: "risky_slip", off: ""}, f": {on!r} marks the slip")
 
@@ -228,14 +228,8 @@ def _found(
         for label, one in labels.items()
         if one
     ]
-    rules = EventRules(column=name, hold=hold, rest=rest_of(labels), labels=labels)  # type: ignore[arg-type]
+    rules = EventRules(column=name, hold=hold, labels=labels)  # type: ignore[arg-type]
     return FoundLabels(rules, f"column {name}, {listed(shown, most=8)}{why}", unknown)
-
-
-def rest_of(labels: Mapping[str, str]) -> str:
-    """What a closed hand does where no label says it; "" where the labels say it all."""
-    situations = set(labels.values())
-    return "" if "grasp" in situations and "" not in situations else "grasp"
 
 
 def held(cells: Sequence[str]) -> list[str]:
@@ -299,7 +293,6 @@ def rules_of_table(
         end=_named(numbers, END_WORDS) or next(iter(after), ""),
         label=label,
         situation="" if label else about,  # type: ignore[arg-type]
-        rest=rest_of(labels),  # type: ignore[arg-type]
         labels=labels,  # type: ignore[arg-type]
     )
 

@@ -27,7 +27,6 @@ from holdfast.core.writing import write_whole
 from holdfast.interop.parquet import (
     read_columns,
     write_columns,
-    write_frame,
     write_rows,
 )
 from holdfast.interop.payload import NO_LABEL, UNLABELLED, TrialPayload
@@ -47,6 +46,7 @@ CHUNK_FILES, DATA_MB, VIDEO_MB = 1000, 100, 200
 DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 """Statistics that lerobot keeps of each feature, by its names."""
+INFO = "meta/info.json"
 TACTILE = "observation.tactile"
 VALID = "observation.tactile_valid"
 TIME = "observation.time_s"
@@ -57,50 +57,36 @@ SITUATION = "situation"
 def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
     """The whole set. Raises RateError or ChannelError where trials differ."""
     rate_hz = common_rate([trial.recording for trial in trials])
-    fps = round(rate_hz)
-
-    tasks: list[str] = []
-    episodes = []
+    tasks = list(dict.fromkeys(map(_task, trials)))
     parts = []
+    episodes = []
     first = 0
     for number, trial in enumerate(trials):
-        task = _task(trial)
-        if task not in tasks:
-            tasks.append(task)
-
-        columns = _frames(trial, number, first, fps, tasks.index(task))
+        columns = _frames(trial, number, first, round(rate_hz))
+        columns["task_index"] = np.full(len(trial.t_s), tasks.index(_task(trial)))
         parts.append(columns)
         episodes.append(_episode(trial, number, first, columns))
         first += len(trial.t_s)
-
-    # One table for the whole set: a set of ours stays below the size at which lerobot starts a new
-    # file.
-    joined = {}
-    for key in parts[0]:
-        joined[key] = np.concatenate([columns[key] for columns in parts])
-
+    # a set of ours stays below the size at which lerobot starts a new file
+    joined = {key: np.concatenate([one[key] for one in parts]) for key in parts[0]}
     path = DATA_PATH.format(chunk_index=0, file_index=0)
     write_columns(folder / path, joined)
-
-    # The table of episodes has the same chunks and files as the data.
     write_rows(folder / path.replace("data/", "meta/episodes/", 1), episodes)
-
-    _write_tasks(folder, tasks)
+    # the texts are the index, as lerobot looks them up
+    numbers = {"task_index": np.arange(len(tasks))}
+    table = pd.DataFrame(numbers, index=pd.Index(tasks, name="task"))
+    table.to_parquet(folder / "meta/tasks.parquet", compression="zstd")
     stats = {key: _stats(values) for key, values in joined.items()}
     _write_json(folder / "meta/stats.json", stats)
-    _write_json(folder / "meta/info.json", _info(trials, rate_hz, len(tasks)))
+    _write_json(folder / INFO, _info(trials, rate_hz, joined, len(tasks)))
 
 
 def _task(trial: TrialPayload) -> str:
     """The task of an episode, such as `pull soft-ball`; the empty hand has no object."""
-    action = str(trial.about["action"])
-    name = trial.about["object"]
-    return f"{action} {name}" if name else action
+    return f"{trial.about['action']} {trial.about['object'] or ''}".strip()
 
 
-def _frames(
-    trial: TrialPayload, number: int, first: int, fps: int, task: int
-) -> Columns:
+def _frames(trial: TrialPayload, number: int, first: int, fps: int) -> Columns:
     """The frames of an episode by column. first: the number of its first frame in the set."""
     rows = np.arange(len(trial.t_s))
     return {
@@ -108,32 +94,12 @@ def _frames(
         VALID: trial.valid,
         TIME: trial.t_s,
         SITUATION: trial.label.astype(np.int64),
-        # lerobot checks that stamps are exactly frame / fps; TIME has the true ones.
+        # lerobot checks that stamps are exactly frame / fps; TIME has the true ones
         "timestamp": (rows / fps).astype(np.float32),
         "frame_index": rows,
         "episode_index": np.full(len(rows), number),
         "index": first + rows,
-        "task_index": np.full(len(rows), task),
     }
-
-
-def _features(n_sensors: int) -> Json:
-    """The columns as meta/info.json describes them."""
-    channels = list(channel_names(n_sensors))
-    sensors = [f"valid{sensor + 1}" for sensor in range(n_sensors)]
-    # The format has no scalars: a single number has shape [1].
-    scalar = {"shape": [1], "names": None}
-    features: Json = {
-        TACTILE: {"dtype": "float32", "shape": [len(channels)], "names": channels},
-        VALID: {"dtype": "bool", "shape": [n_sensors], "names": sensors},
-        TIME: {"dtype": "float64", **scalar},
-        SITUATION: {"dtype": "int64", **scalar},
-        "timestamp": {"dtype": "float32", **scalar},
-    }
-
-    for key in ("frame_index", "episode_index", "index", "task_index"):
-        features[key] = {"dtype": "int64", **scalar}
-    return features
 
 
 def _episode(trial: TrialPayload, number: int, first: int, columns: Columns) -> Json:
@@ -143,17 +109,14 @@ def _episode(trial: TrialPayload, number: int, first: int, columns: Columns) -> 
         "episode_index": number,
         "tasks": [_task(trial)],
         "length": length,
-        "data/chunk_index": 0,
-        "data/file_index": 0,
         "dataset_from_index": first,
         "dataset_to_index": first + length,
-        "meta/episodes/chunk_index": 0,
-        "meta/episodes/file_index": 0,
         "holdfast": json.dumps(trial.about),
     }
-
-    # An episode carries its own statistics, so that a reader can join sets without reading the
-    # data.
+    for place in ("data", "meta/episodes"):
+        episode[f"{place}/chunk_index"] = 0
+        episode[f"{place}/file_index"] = 0
+    # an episode carries its own statistics, so that sets are joined without reading the data
     for key, values in columns.items():
         for name, figures in _stats(values).items():
             episode[f"stats/{key}/{name}"] = figures
@@ -162,43 +125,44 @@ def _episode(trial: TrialPayload, number: int, first: int, columns: Columns) -> 
 
 def _stats(values: npt.NDArray[Any]) -> dict[str, list[float]]:
     """Statistics over axis 0 without nan, by lerobot's names; 0 where nothing is left."""
-    table = values.reshape(len(values), -1).astype(np.float64)
-    # JSON has no nan: a channel that was lost from end to end is 0 in all figures.
-    is_lost = np.isnan(table).all(axis=0)
-    table[:, is_lost] = 0.0
-
+    table = pd.DataFrame(values.reshape(len(values), -1).astype(np.float64))
     figures = {
-        "min": np.nanmin(table, axis=0),
-        "max": np.nanmax(table, axis=0),
-        "mean": np.nanmean(table, axis=0),
-        "std": np.nanstd(table, axis=0),
+        "min": table.min(),
+        "max": table.max(),
+        "mean": table.mean(),
+        "std": table.std(ddof=0),
     }
     for name, share in QUANTILES.items():
-        figures[name] = np.nanquantile(table, share, axis=0)
-
-    stats = {name: row.tolist() for name, row in figures.items()}
+        figures[name] = table.quantile(share)
+    # JSON has no nan
+    stats = {name: row.fillna(0.0).tolist() for name, row in figures.items()}
     stats["count"] = [len(table)]
     return stats
 
 
-def _info(trials: Sequence[TrialPayload], rate_hz: float, n_tasks: int) -> Json:
+def _info(
+    trials: Sequence[TrialPayload], rate_hz: float, frames: Columns, n_tasks: int
+) -> Json:
     """The content of meta/info.json; what stands under `holdfast` is ours."""
-    n_frames = sum(len(trial.t_s) for trial in trials)
-
-    first = trials[0]
-
-    # What the format has no place for stands under a key of our own.
-    ours = {
-        "unit": first.unit,
-        "rate_hz": rate_hz,
-        "situations": list(SITUATIONS),
-        "no_label": NO_LABEL,
+    n_sensors = trials[0].n_sensors
+    names = {
+        TACTILE: list(channel_names(n_sensors)),
+        VALID: [f"valid{sensor + 1}" for sensor in range(n_sensors)],
     }
+    features: Json = {}
+    for key, column in frames.items():
+        # the format has no scalars: a single number has shape [1]
+        shape = list(column.shape[1:]) or [1]
+        features[key] = {
+            "dtype": column.dtype.name,
+            "shape": shape,
+            "names": names.get(key),
+        }
     return {
         "codebase_version": VERSION,
         "robot_type": "holdfast",
         "total_episodes": len(trials),
-        "total_frames": n_frames,
+        "total_frames": len(frames[TIME]),
         "total_tasks": n_tasks,
         "chunks_size": CHUNK_FILES,
         "data_files_size_in_mb": DATA_MB,
@@ -207,23 +171,20 @@ def _info(trials: Sequence[TrialPayload], rate_hz: float, n_tasks: int) -> Json:
         "splits": {"train": f"0:{len(trials)}"},
         "data_path": DATA_PATH,
         "video_path": None,
-        "features": _features(first.n_sensors),
-        "holdfast": ours,
+        "features": features,
+        "holdfast": {
+            "unit": trials[0].unit,
+            "rate_hz": rate_hz,
+            "situations": list(SITUATIONS),
+            "no_label": NO_LABEL,
+        },
     }
-
-
-def _write_tasks(folder: Path, tasks: list[str]) -> None:
-    """The tasks with their numbers; the texts are the index, as lerobot looks them up."""
-    names = pd.Index(tasks, name="task")
-    numbers = {"task_index": np.arange(len(tasks))}
-    write_frame(folder / "meta/tasks.parquet", pd.DataFrame(numbers, index=names))
 
 
 def _write_json(path: Path, value: Json) -> None:
     write_whole(path, json.dumps(value, indent=4, allow_nan=False) + "\n")
 
 
-INFO = "meta/info.json"
 EPISODE, TASK_INDEX = "episode_index", "task_index"
 
 
@@ -234,7 +195,7 @@ def read_log(folder: Path, name: str) -> ForeignLog:
     task; of a set of `holdfast convert` there are also `person`, `object` and `action`, and
     `situation` by name. Raises DataError.
     """
-    info = _info_of(folder)
+    info: Json = {"features": {}, **read(folder / INFO, Json, NotANumber)}
     parts = [read_columns(path)[0] for path in sorted(folder.glob("data/**/*.parquet"))]
     if not parts:
         raise EmptyRecording("no data of an episode", where=folder / "data")
@@ -248,12 +209,6 @@ def read_log(folder: Path, name: str) -> ForeignLog:
     if TIME in columns:
         columns.pop("timestamp", None)
     return ForeignLog(folder, name, (Stream(columns),), info.get("holdfast", {}))
-
-
-def _info_of(folder: Path) -> Json:
-    """meta/info.json. Raises NotANumber."""
-    info = read(folder / INFO, Json, NotANumber)
-    return {"features": {}, **info}
 
 
 def _with_names(columns: Columns, info: Json) -> Columns:

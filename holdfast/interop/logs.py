@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from holdfast.core.contract import IntArray
 from holdfast.core.errors import DataNotFound, EmptyRecording
 from holdfast.core.trial_layout import LOG_MARKS, LOG_SUFFIXES
 from holdfast.interop.streams import (
@@ -131,8 +132,8 @@ def counted(name: str) -> list[tuple[int, int, str]]:
     ]
 
 
-def read_log(place: LogPlace, most_rows: int | None = None) -> ForeignLog:
-    """Read a log; most_rows: of a text table, its first rows.
+def read_log(place: LogPlace) -> ForeignLog:
+    """Read a log.
 
     Raises LibraryMissing for its extra, or a DataError that names the file.
     """
@@ -149,7 +150,7 @@ def read_log(place: LogPlace, most_rows: int | None = None) -> ForeignLog:
         return replace(log, streams=tuple(_once(streams)))
     from holdfast.interop.tables import read_text_table
 
-    table = read_text_table(place.path, most_rows)
+    table = read_text_table(place.path)
     return ForeignLog(place.path, place.name, (table,))
 
 
@@ -216,20 +217,39 @@ def _in_turn(first: Stream, later: Stream) -> Stream:
 
 
 def table_of(log: ForeignLog, names: Collection[str]) -> Columns:
-    """All columns of the streams that have one of these names, on one clock.
+    """All columns of the streams that have one of these names, on one clock, with the labels.
 
     A name that no stream has is left out. The clock is that of the slowest of several streams; what
-    was not sent about a row is nan there.
+    was not sent about a row is nan there. Labels of a stream of their own hold until the next one.
     """
     used = [one for one in log.streams if one.columns.keys() & set(names)]
     if not used:
         return {}
     stamped = [one for one in used if one.t_ns is not None]
     if len(used) > 1 and len(stamped) == len(used):
-        return joined(used)
-    columns = dict(used[0].columns)
-    if used[0].t_ns is not None:
-        columns[LOG_TIME] = used[0].t_ns
+        columns = joined(used)
+    else:
+        columns = dict(used[0].columns)
+        if used[0].t_ns is not None:
+            columns[LOG_TIME] = used[0].t_ns
+    for stream in log.streams if LOG_TIME in columns else ():
+        if not stream.columns.keys() & set(names):
+            columns = _held(stream, columns[LOG_TIME]) | columns
+    return columns
+
+
+def _held(stream: Stream, t_ns: IntArray) -> Columns:
+    """The texts and whole numbers of another stream that were sent last at stamps [T]."""
+    if stream.t_ns is None:
+        return {}
+    order = np.argsort(stream.t_ns, kind="stable")
+    last = np.searchsorted(stream.t_ns[order], t_ns, side="right") - 1
+    columns: Columns = {}
+    for name, column in stream.columns.items():
+        if is_text(column):
+            columns[name] = np.where(last < 0, "", column[order][last])
+        elif not (column % 1 > 0).any():
+            columns[name] = np.where(last < 0, np.nan, column[order][last])
     return columns
 
 

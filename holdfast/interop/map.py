@@ -4,9 +4,7 @@
 path = "{person}/{object}_{action}_{trial}"   # what the paths of the logs say; * is any text
 fingers = ["thumb", "index"]     # words of the files of one trial, a file for each finger
 column = "run"                   # a trial for each of its values
-gap_s = 0.5                      # a trial ends where no row comes for so long
 person = "subject"               # columns that hold names; also object, action
-skip = ["pilot/*"]
 
 [facts]                          # what is the same in all trials; further keys go to meta.json
 person = "p01"
@@ -20,10 +18,8 @@ mug = 198
 [events]                         # when it slips: a column of the log, or a table of events
 column = "state"
 hold = true                      # a label holds until the next one; an empty cell says nothing
-rest = "grasp"                   # what a closed hand does where no label says it
 # instead of column: file = "events.xlsx" (or "{name}_events.csv"), its columns trial, start,
-# end and label, unit = "s" (or ms, us, ns, row) and zero = "log" (the log's first row, "trial"
-# or "clock")
+# end and label, unit = "s" (or ms, us, ns, row) and zero = "log" (the trial's first row) or "clock"
 
 [events.labels]                  # labels -> situations, "" for none
 "slipping" = "risky_slip"
@@ -63,11 +59,9 @@ class TrialRules(
     path: Name = ""
     fingers: tuple[str, ...] = ()
     column: Name = ""
-    gap_s: Annotated[float, Meta(ge=0.0, le=1e6)] = 0.0
     person: Name = ""
     object: Name = ""
     action: Name = ""
-    skip: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         fields = PATH_FIELDS.findall(self.path)
@@ -93,7 +87,7 @@ class TrialRules(
             raise LabelError(
                 f"{name} is not {self.path} (trials.path)",
                 where=where,
-                next_step="correct trials.path in the map, or leave it out: [trials] skip",
+                next_step="correct trials.path in the map",
             )
         return {key: text for key, text in match.groupdict().items() if key in NAMES}
 
@@ -133,10 +127,9 @@ class EventRules(
     end: Name = ""
     label: Name = ""
     unit: Literal["s", "ms", "us", "ns", "row"] = "s"
-    zero: Literal["log", "trial", "clock"] = "log"
+    zero: Literal["log", "clock"] = "log"
     hold: bool = False
     situation: Situation = ""
-    rest: Situation = ""
     labels: dict[str, Situation] = {}
 
     def __post_init__(self) -> None:
@@ -144,6 +137,12 @@ class EventRules(
             raise ValueError("file and column; allowed: one of both")
         if self.file and not (self.start and (self.label or self.situation)):
             raise ValueError("file; allowed: with start, and label or situation")
+
+    @property
+    def rest(self) -> Situation:
+        """What a closed hand does where no label says it; "" where the labels say it all."""
+        situations = set(self.labels.values())
+        return "" if "grasp" in situations and "" not in situations else "grasp"
 
 
 class ImportMap(ColumnMap, frozen=True, forbid_unknown_fields=True, omit_defaults=True):

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +26,8 @@ from holdfast.interop.streams import ForeignLog, streams_of
 
 with needs_extra("mcap"):
     from google.protobuf.json_format import MessageToDict
-    from mcap.records import Channel, Message, Metadata, Schema
-    from mcap.stream_reader import StreamReader
+    from mcap.reader import NonSeekingReader
+    from mcap.records import Schema
     from mcap.writer import Writer
     from mcap_protobuf.decoder import DecoderFactory
 
@@ -120,61 +119,48 @@ PICTURES = ("SceneUpdate", "Image", "Video", "PointCloud", "Grid", "LaserScan")
 Decode = Callable[[bytes], Any]
 
 
-@dataclass
-class _Read:
-    """What was read of a file: channels and schemas by number, messages and stamps by topic."""
-
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
-    decoders: dict[int, Decode | None] = field(default_factory=dict)
-    messages: dict[str, list[Any]] = field(default_factory=dict)
-    stamps: dict[str, list[int]] = field(default_factory=dict)
-    about: Json = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-
-    def take(self, record: Any) -> None:
-        """One record, in the order of the file."""
-        if isinstance(record, Schema):
-            self.schemas[record.id] = record
-        elif isinstance(record, Channel):
-            self.channels[record.id] = record
-            schema = self.schemas.get(record.schema_id)
-            self.decoders[record.id] = _decoder(record.message_encoding, schema)
-        elif isinstance(record, Message):
-            decode = self.decoders[record.channel_id]
-            if decode is not None:
-                topic = self.channels[record.channel_id].topic
-                self.messages.setdefault(topic, []).append(decode(record.data))
-                self.stamps.setdefault(topic, []).append(record.log_time)
-        elif isinstance(record, Metadata) and record.name == "holdfast":
-            self.about = {key: json_of(text) for key, text in record.metadata.items()}
-
-
 def read_log(path: Path, name: str) -> ForeignLog:
     """Any MCAP file as a log: a stream a topic, without pictures. Raises NotANumber.
 
     A file that was cut off is read as far as it goes, and noted.
     """
-    found = _Read()
+    messages: dict[str, list[Any]] = {}
+    stamps: dict[str, list[int]] = {}
+    decoders: dict[int, Decode | None] = {}
+    about: Json = {}
+    notes: tuple[str, ...] = ()
+    is_bag = False
     try:
         with path.open("rb") as file:
-            for record in StreamReader(file, validate_crcs=True).records:
-                found.take(record)
+            reader = NonSeekingReader(file, validate_crcs=True)
+            for schema, channel, message in reader.iter_messages(log_time_order=False):
+                is_bag |= schema is not None and schema.encoding == "ros2msg"
+                if channel.id not in decoders:
+                    decoders[channel.id] = _decoder(channel.message_encoding, schema)
+                decode = decoders[channel.id]
+                if decode is not None:
+                    messages.setdefault(channel.topic, []).append(decode(message.data))
+                    stamps.setdefault(channel.topic, []).append(message.log_time)
+            file.seek(0)
+            for record in NonSeekingReader(file).iter_metadata():
+                if record.name == "holdfast":
+                    about = {
+                        key: json_of(value) for key, value in record.metadata.items()
+                    }
     except Exception as error:  # mcap and protobuf raise whatever their parsing meets
-        if not found.messages:
+        if not messages:
             raise NotANumber(
                 f"cannot be read as MCAP ({type(error).__name__}: {str(error)[:120]})",
                 where=path,
                 cause="an interrupted recording or copy, or another format",
                 next_step="mcap recover FILE writes what is left",
             ) from None
-        found.notes = ("cut off: read as far as it goes",)
-    if any(schema.encoding == "ros2msg" for schema in found.schemas.values()):
+        notes = ("cut off: read as far as it goes",)
+    if is_bag:
         from holdfast.interop.ros2 import read_log as read_bag
 
         return read_bag(path, name)
-    streams = streams_of(found.messages, found.stamps, found.notes)
-    return ForeignLog(path, name, streams, found.about)
+    return ForeignLog(path, name, streams_of(messages, stamps, notes), about)
 
 
 def _decoder(encoding: str, schema: Schema | None) -> Decode | None:

@@ -79,11 +79,6 @@ def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
     write_table(path, pa.table(arrays))
 
 
-def write_frame(path: Path, frame: Any) -> None:
-    """A pandas data frame with its index."""
-    write_table(path, pa.Table.from_pandas(frame))
-
-
 def _column(values: Any) -> Any:
     """A pyarrow array of an array [T], or of lists of k from an array [T, k]."""
     array = np.asarray(values)

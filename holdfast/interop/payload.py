@@ -166,7 +166,7 @@ def _payload(path: Path, timed: TimedTrial, raw: bool) -> TrialPayload:
         meta = read_json(path.with_name(META))
 
     # Sign and bias travel with the values, so that either form can be had from the other.
-    sign, bias = preparation(recording.unit).learn(trial.raw)
+    sign, bias = preparation(recording.unit).learn(trial.raw, trial.valid)
 
     about = {
         "trial": recording.trial_id,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,10 @@ from holdfast.core.errors import ColumnError
 Column = npt.NDArray[Any]
 """[T] numbers, nan for none; or texts as objects, "" for none."""
 Columns = dict[str, Column]
+FEWEST_ROWS = 10
+"""Of a trial."""
+GAP_STEPS = 5.0
+"""A step of so many usual ones is a gap."""
 LOG_TIME = "log_time"
 """The column of a log's own stamps, ns, where it has such."""
 
@@ -125,3 +130,37 @@ def text_cells(column: Column) -> list[str]:
         is_number = np.isfinite(cell)
         cells.append(f"{cell:.10g}" if is_number else "")
     return cells
+
+
+# -- an even clock
+
+
+def unwrapped(stamps: IntArray, unit_ns: float) -> IntArray:
+    """Stamps of a counter of 8, 16 or 32 bits that began anew, on one line."""
+    steps = np.diff(stamps)
+    for bits in (8, 16, 32):
+        period = int(unit_ns * 2.0**bits)
+        back = steps < -0.9 * period
+        if back.any() and (steps[back] > -1.01 * period).all():
+            return stamps + period * np.concatenate([[0], np.cumsum(back)])
+    return stamps
+
+
+def evened(stamps: IntArray, step: float) -> IntArray:
+    """Stamps [T] that arrive in bursts, or far from evenly, on a line through each unbroken run."""
+    steps = np.diff(stamps).astype(np.float64)
+    is_even = np.mean(np.abs(steps - step) <= 0.5 * step) > 0.9
+    if is_even and (steps > 0).all():
+        return stamps
+    usual = float(np.median(steps[steps > 0]))
+    gaps = np.flatnonzero(steps > max(GAP_STEPS * step, 3.0 * usual)) + 1
+    even = np.zeros(len(stamps))
+    for first, stop in pairwise([0, *gaps.tolist(), len(stamps)]):
+        k = np.arange(stop - first)
+        run = stamps[first] + step * k
+        if len(k) > 2 * FEWEST_ROWS:
+            run += np.mean(stamps[first:stop] - run)
+        # the line of a run may begin before the one before it ends
+        least = even[first - 1] + step if first else -np.inf
+        even[first:stop] = run + max(0.0, least - run[0])
+    return np.round(even).astype(np.int64)

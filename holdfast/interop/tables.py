@@ -40,14 +40,14 @@ NO_STAMP = np.iinfo(np.int64).min
 """What pandas has for a time that is missing."""
 
 
-def read_text_table(path: Path, most_rows: int | None = None) -> Stream:
-    """A table, or its first rows. Raises a DataError that names the file."""
+def read_text_table(path: Path) -> Stream:
+    """A table. Raises a DataError that names the file."""
     try:
         with path.open("rb") as file:
             head = file.read(HEAD_BYTES)
         encoding = encoding_of(head)
         layout = layout_of(_lines(head, encoding))
-        return _read(path, layout, encoding, most_rows)
+        return _read(path, layout, encoding)
     except DataError as error:
         raise type(error)(
             error.what,
@@ -101,9 +101,7 @@ def _lines(head: bytes, encoding: str) -> list[str]:
     return lines[:HEAD_LINES]
 
 
-def _read(
-    path: Path, layout: TableLayout, encoding: str, most_rows: int | None
-) -> Stream:
+def _read(path: Path, layout: TableLayout, encoding: str) -> Stream:
     """All columns. Raises ColumnError or EmptyRecording."""
     notes: list[str] = []
     source: Path | io.StringIO = path
@@ -111,16 +109,16 @@ def _read(
     if layout.form.is_odd or layout.comment == "//":
         source, skipped = _plain(path, layout, encoding, notes), 0
     try:
-        table = _parsed(source, layout, encoding, skipped, most_rows)
+        table = _parsed(source, layout, encoding, skipped)
     except UnicodeDecodeError:
         # bytes that are not UTF-8 may come late in the file
         if encoding == WESTERN:
             raise
-        return _read(path, layout, WESTERN, most_rows)
+        return _read(path, layout, WESTERN)
     except (pd.errors.ParserError, pd.errors.ParserWarning):
         # lines with more cells than the others
         whole = _plain(path, layout, encoding, notes)
-        table = _parsed(whole, layout, encoding, 0, most_rows)
+        table = _parsed(whole, layout, encoding, 0)
     return cleaned(table, layout.form.decimal, notes, is_cut=_is_cut(path, layout))
 
 
@@ -129,7 +127,6 @@ def _parsed(
     layout: TableLayout,
     encoding: str,
     skipped: int,
-    most_rows: int | None,
 ) -> Columns:
     parts: dict[str, list[Column]] = {name: [] for name in layout.names}
     with warnings.catch_warnings():
@@ -144,7 +141,6 @@ def _parsed(
             names=list(layout.names),
             index_col=False,
             skiprows=skipped,
-            nrows=most_rows,
             chunksize=CHUNK_ROWS,
             comment=layout.comment if len(layout.comment) == 1 else None,
             encoding=encoding,

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from fnmatch import fnmatch
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,18 +16,26 @@ import numpy as np
 from holdfast.core.contract import SITUATIONS, FloatArray, IntArray
 from holdfast.core.errors import LabelError, TimeError, count_of, listed
 from holdfast.core.trial_file import Trial, implausible_rate, places_by_time
-from holdfast.core.trial_layout import LABELLED_ACTIONS, UNSCRIPTED, truth_path
+from holdfast.core.trial_layout import (
+    LABELLED_ACTIONS,
+    SITUATION_OF_ACTION,
+    UNSCRIPTED,
+    truth_path,
+)
 from holdfast.core.writing import write_whole
-from holdfast.interop.columns import find_time, usual_step
+from holdfast.interop.columns import find_time, touch, usual_step
 from holdfast.interop.labels import Event, held, in_ns, read_events, runs_of
 from holdfast.interop.logs import LogPlace, read_log, table_of
 from holdfast.interop.map import NAMES, ImportMap
 from holdfast.interop.streams import (
-    LOG_TIME,
+    FEWEST_ROWS,
+    GAP_STEPS,
     ForeignLog,
     Stream,
+    evened,
     first_stream,
     text_cells,
+    unwrapped,
 )
 from holdfast.interop.writing import NO_LABEL, truth_of, write_csv
 from holdfast.training.datasets.thesis import prepared
@@ -38,9 +45,12 @@ from holdfast.training.timeline import ACTION_S, contact
 
 JUMP_S, BACK_S = 60.0, 0.5
 """A clock that jumps on by so much, or back, begins a new trial."""
-GAP_STEPS, MOST_FILLED = 5.0, 20
+LONG_GAP_S, LONG_GAP_STEPS = 0.5, 20.0
+"""A gap with the open hand ends a trial from so many seconds and so many usual steps on."""
+MOST_FILLED = 20
 """A trial has at most so many rows for each row of its log."""
-FEWEST_ROWS = 10
+TIMED = ("pull", "fall", "pass", "put-down")
+"""Actions whose times a log gives, else the thesis' script."""
 Files = dict[str, list[LogPlace]]
 """Name of a log -> its file, or a file for each finger."""
 
@@ -80,16 +90,13 @@ class TrialImport:
         """The logs of one map. part: receives the share that is read. Raises a DataError."""
         events: Counter[Path] = Counter()
         for number, (name, group) in enumerate(files.items(), 1):
-            if any(fnmatch(name, skip) for skip in plan.trials.skip):
-                continue
             log = read_joined(group, plan.trials.fingers, name)
             for stream in log.streams:
                 self.notes += [f"{name}: {note}" for note in stream.notes]
             path, of_file = read_events(source, plan.events, group[0].path)
             whole = self._rows(log, plan)
-            # a long log is large: only labels of a stream of their own are still needed
-            if plan.events is None or plan.events.column in whole.cells:
-                log = replace(log, streams=())
+            # a long log is large
+            log = replace(log, streams=())
             for rows in self._cuts(whole, plan, name):
                 events[path] += self._write(log, rows, plan, of_file)
             part(number / len(files))
@@ -152,11 +159,11 @@ class TrialImport:
         for at in np.flatnonzero(ends)[:3].tolist():
             jump = f"the clock jumps by {steps[at]:.4g} s in row {at + 2}"
             self.notes.append(f"{name}: {jump}: a new trial")
-        if plan.trials.gap_s:
-            ends |= steps > plan.trials.gap_s
         column = rows.cells.get(plan.trials.column)
         if column is not None:
             ends |= column[1:] != column[:-1]
+        else:
+            ends |= _pauses(rows, max(LONG_GAP_S, LONG_GAP_STEPS * 1e-9 * step))
         for first, stop in pairwise([0, *(np.flatnonzero(ends) + 1), len(ends) + 1]):
             if column is not None and not column[first]:
                 continue
@@ -181,9 +188,14 @@ class TrialImport:
         labels, n_used = labels_of_rows(log, rows, trial, plan, events)
         kinds = {SITUATIONS[k] for k in labels if k != NO_LABEL}
         action = names["action"] or _action_of(kinds)
-        if action in ("pull", "fall") and not kinds and not _is_scripted(trial, plan):
-            self.notes.append(f"{log.name}: when it slips is not known: taken as slip")
-            action = "slip"
+        if action in TIMED and not kinds and not _is_scripted(trial, plan):
+            if SITUATION_OF_ACTION[action] == "risky_slip":
+                taken, action = "taken as slip", "slip"
+            else:
+                taken = "only the empty hand is labelled"
+                labels = _empty_hand(trial, plan)
+                kinds = {"nothing"}
+            self.notes.append(f"{log.name}: its times are not known: {taken}")
         needs_events = action in UNSCRIPTED and action not in LABELLED_ACTIONS
         if not action or (needs_events and not kinds):
             raise LabelError(
@@ -229,6 +241,19 @@ class TrialImport:
         return Trial(where, every_s, whole, valid)
 
 
+def _pauses(rows: Rows, longest_s: float) -> np.ndarray:
+    """[T - 1] where no row comes for longer, and nothing is touched before and after."""
+    steps = 1e-9 * np.diff(rows.stamps)
+    pauses = steps > longest_s
+    if pauses.any():
+        touched = touch(rows.values).rows
+        for at in np.flatnonzero(pauses).tolist():
+            if touched[max(0, at - 5) : at + 6].mean() > 0.5:
+                # a step within a touch is none, nor is one of its length
+                longest_s = max(longest_s, 1.01 * float(steps[at]))
+    return steps > longest_s
+
+
 def _first_whole(values: FloatArray) -> int:
     """The first row in which every sensor that ever sends has sent; 0 if that is late."""
     there = np.isfinite(values)
@@ -237,12 +262,24 @@ def _first_whole(values: FloatArray) -> int:
     return first if first < len(values) // 2 else 0
 
 
+def _contact(trial: Trial, plan: ImportMap) -> tuple[int, int]:
+    """(first row with the hand closed on something, the row after the last such)."""
+    return contact(trial.t_s, prepared(trial, plan.unit_of_values, "").samples)
+
+
 def _is_scripted(trial: Trial, plan: ImportMap) -> bool:
     """Whether the hand is closed when the thesis' script begins the action."""
-    samples = prepared(trial, plan.unit_of_values, "").samples
-    first, stop = contact(trial.t_s, samples)
+    first, stop = _contact(trial, plan)
     at_s = plan.facts.action_at_s or ACTION_S
     return bool(trial.t_s[first] < at_s < trial.t_s[stop - 1])
+
+
+def _empty_hand(trial: Trial, plan: ImportMap) -> np.ndarray:
+    """[T] the labels of a trial of which only the time of its contact is seen."""
+    first, stop = _contact(trial, plan)
+    labels = np.full(len(trial.t_s), SITUATIONS.index("nothing"), dtype=np.int8)
+    labels[first:stop] = NO_LABEL
+    return labels
 
 
 def _action_of(kinds: set[str]) -> str:
@@ -290,40 +327,6 @@ def read_joined(
         named = {f"{word}.{key}": column for key, column in columns.items()}
         streams.append(Stream(named, t_ns, word))
     return ForeignLog(places[0].path, name, tuple(streams))
-
-
-# -- an even clock
-
-
-def unwrapped(stamps: IntArray, unit_ns: float) -> IntArray:
-    """Stamps of a counter of 8, 16 or 32 bits that began anew, on one line."""
-    steps = np.diff(stamps)
-    for bits in (8, 16, 32):
-        period = int(unit_ns * 2.0**bits)
-        back = steps < -0.9 * period
-        if back.any() and (steps[back] > -1.01 * period).all():
-            return stamps + period * np.concatenate([[0], np.cumsum(back)])
-    return stamps
-
-
-def evened(stamps: IntArray, step: float) -> IntArray:
-    """Stamps [T] that arrive in bursts, or far from evenly, on a line through each unbroken run."""
-    steps = np.diff(stamps).astype(np.float64)
-    is_even = np.mean(np.abs(steps - step) <= 0.5 * step) > 0.9
-    if is_even and (steps > 0).all():
-        return stamps
-    usual = float(np.median(steps[steps > 0]))
-    gaps = np.flatnonzero(steps > max(GAP_STEPS * step, 3.0 * usual)) + 1
-    even = np.zeros(len(stamps))
-    for first, stop in pairwise([0, *gaps.tolist(), len(stamps)]):
-        k = np.arange(stop - first)
-        run = stamps[first] + step * k
-        if len(k) > 2 * FEWEST_ROWS:
-            run += np.mean(stamps[first:stop] - run)
-        # the line of a run may begin before the one before it ends
-        least = even[first - 1] + step if first else -np.inf
-        even[first:stop] = run + max(0.0, least - run[0])
-    return np.round(even).astype(np.int64)
 
 
 # -- names and labels of a trial
@@ -402,8 +405,7 @@ def labels_of_rows(
             n_used += ends_s[0] > -0.01
             labels[first:stop] = SITUATIONS.index(situation)
     if rules.rest:
-        samples = prepared(trial, plan.unit_of_values, "").samples
-        first, stop = contact(trial.t_s, samples)
+        first, stop = _contact(trial, plan)
         within = labels[first:stop]
         within[within == NO_LABEL] = SITUATIONS.index(rules.rest)
         # a mark without an end lasts to that of the contact
@@ -421,11 +423,11 @@ def _events(
     if rules.column in rows.cells:
         cells = rows.cells[rules.column].tolist()
         if rules.hold:
-            cells = held([cell if cell in rules.labels else "" for cell in cells])
+            # the value of most rows says that nothing begins there
+            usual, _ = Counter(cells).most_common(1)[0]
+            off = {usual} - rules.labels.keys()
+            cells = held(["" if cell in off else cell for cell in cells])
         return runs_of(cells, rows.stamps)
-    for stream in log.streams:
-        if rules.column in stream.columns and stream.t_ns is not None:
-            return _of_stream(log, plan, stream, rules.column)
     keys = {"", *log.keys, *map(str.casefold, rows.cells.get(plan.trials.column, []))}
     zero_ns = 0 if rules.zero == "clock" else int(rows.stamps[0])
     ours = []
@@ -433,18 +435,3 @@ def _events(
         if event.trial.casefold() in keys:
             ours.append(in_ns(event, rules, rows.stamps, zero_ns))
     return ours
-
-
-def _of_stream(
-    log: ForeignLog, plan: ImportMap, stream: Stream, column: str
-) -> list[Event]:
-    """The texts of a topic of their own; its stamps are those of the log."""
-    times = stream.t_ns
-    columns = table_of(log, plan.channels)
-    assert times is not None
-    if plan.time.column != LOG_TIME and LOG_TIME in columns:
-        # the samples have stamps of their sender
-        at_ns = columns[LOG_TIME]
-        apart = plan.stamps_ns(columns, len(at_ns), log.path) - at_ns
-        times = times + np.interp(times, at_ns, apart).astype(np.int64)
-    return runs_of(text_cells(stream.columns[column]), times)

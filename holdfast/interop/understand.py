@@ -7,7 +7,7 @@ answer on the command line, is asked.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,8 +15,11 @@ import numpy as np
 
 from holdfast.core.errors import listed
 from holdfast.interop.columns import (
+    channels,
     find_sensors,
     find_time,
+    touch,
+    unit_of_sizes,
 )
 from holdfast.interop.forms import NUMBERED, Form, tokens_of
 from holdfast.interop.labels import (
@@ -35,8 +38,8 @@ from holdfast.interop.understood import Answers, Sample, Understood
 from holdfast.training.progress import Part, ignored
 
 FINGERS = ("thumb", "index", "middle", "ring", "little", "pinky", "palm", "finger")
-JUDGED_ROWS = 200_000
-"""Of a log; what it holds is seen from so many."""
+KEPT_ROWS = 1000
+"""Of readings, once it is known what a touch does to them."""
 FINGER = re.compile(
     rf"(?i){'|'.join(FINGERS)}|(sensor|pad|taxel|tip|jaw|ch|f|s)[-_ ]?\d|left|right"
 )
@@ -53,9 +56,7 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
     places, others = find_logs(source)
     samples = []
     for number, place in enumerate(places, 1):
-        samples.append(
-            _sample([place], _begin_of(read_log(place, JUDGED_ROWS)), answers)
-        )
+        samples.append(_sample([place], read_log(place), answers))
         part(number / len(places))
     tables = []
     for sample in list(samples):
@@ -77,8 +78,7 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
         files = files_of([one.files[0] for one in samples], fingers)
         samples = []
         for name, group in files.items():
-            log = _begin_of(read_joined(group, fingers, name))
-            samples.append(_sample(group, log, answers))
+            samples.append(_sample(group, read_joined(group, fingers, name), answers))
     forms: dict[tuple[str, ...], list[Sample]] = {}
     for sample in samples:
         forms.setdefault(sample.form, []).append(sample)
@@ -124,21 +124,26 @@ def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample:
             and (has_texts or longest.rows < 100)
         ):
             sensors = []
-    names = [name for sensor in sensors for name in sensor.axes] or list(merged)
-    columns = table_of(log, names)
-    return Sample(files, log, columns, find_time(columns, answers.rate), sensors, why)
+    names = [name for sensor in sensors for name in sensor.axes]
+    columns = table_of(log, names or list(merged))
+    time = find_time(columns, answers.rate)
+    if not names:
+        return Sample(files, log, columns, time, sensors, why)
+    values = channels(columns, sensors)
+    touched = touch(values)
+    size = unit_of_sizes(names, values, touched)
+    marks = _marks(columns)
+    streams = [replace(one, columns=_short(one.columns, names)) for one in log.streams]
+    log, columns = replace(log, streams=tuple(streams)), _short(columns, names)
+    return Sample(files, log, columns, time, sensors, why, marks, touched, size)
 
 
-def _begin_of(log: ForeignLog) -> ForeignLog:
-    """The first rows of a log, so that a long one does not stay in the memory."""
-    streams = []
-    for one in log.streams:
-        columns = {
-            name: cells[:JUDGED_ROWS].copy() for name, cells in one.columns.items()
-        }
-        t_ns = None if one.t_ns is None else one.t_ns[:JUDGED_ROWS].copy()
-        streams.append(replace(one, columns=columns, t_ns=t_ns))
-    return replace(log, streams=tuple(streams))
+def _short(columns: Columns, readings: Collection[str]) -> Columns:
+    """Columns with the first rows of the readings, so that long logs do not fill the memory."""
+    short = {}
+    for name, cells in columns.items():
+        short[name] = cells[:KEPT_ROWS].copy() if name in readings else cells
+    return short
 
 
 def _marks(columns: Columns) -> set[str]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from holdfast.core.column_map import SensorColumns
-from holdfast.interop.columns import FoundTime
+from holdfast.interop.columns import FoundTime, Touch
 from holdfast.interop.logs import LogPlace
 from holdfast.interop.map import ImportMap
 from holdfast.interop.streams import Columns, ForeignLog
@@ -69,7 +69,11 @@ class Understood:
 
 @dataclass
 class Sample:
-    """A log and what it is: its columns on one clock, its time and sensors; none of a table."""
+    """A log and what it is: its columns on one clock, its time and sensors; none of a table.
+
+    Of the readings only the first rows are kept. marks: columns that may hold labels.
+    touched: what a touch does, over all rows. size: the unit by size, and why.
+    """
 
     files: list[LogPlace]
     log: ForeignLog
@@ -77,6 +81,9 @@ class Sample:
     time: FoundTime | None
     sensors: list[SensorColumns]
     why: str
+    marks: set[str] = field(default_factory=set)
+    touched: Touch = field(default_factory=Touch.of_none)
+    size: tuple[str, str] = ("", "")
 
     @property
     def form(self) -> tuple[str, ...]:
@@ -86,7 +93,7 @@ class Sample:
     @property
     def stamps_s(self) -> np.ndarray:
         """[T] on the log's clock."""
-        rows = np.arange(len(next(iter(self.columns.values()))))
+        rows = np.arange(max(map(len, self.columns.values())))
         if self.time is None:
             return rows.astype(np.float64)
         time = self.time.time

@@ -28,6 +28,7 @@ from packages import ROOT
 
 from holdfast.cli.convert import WRITERS
 from holdfast.core.contract import channel_names
+from holdfast.interop.payload import read_payloads
 
 Run = Callable[..., tuple[int, str, str]]
 CHANNELS = list(channel_names(6))
@@ -207,3 +208,18 @@ def test_the_page_s_commands_run_and_name_every_format(run, tmp_path, monkeypatc
         ["set", *WRITERS]
     )
     assert all(f"| `{form}` |" in page for form in WRITERS)
+
+
+def test_sign_and_bias_are_those_of_rows_that_are_valid(tmp_path: Path) -> None:
+    t_s = np.arange(300) / 100.0
+    values = np.tile([1.0, 2.0, 20.0], (300, 1))
+    values[100:200, 2] += 5.0
+    values[:3] = -150.0
+    columns = {"Time": t_s, **dict(zip(channel_names(1), values.T, strict=True))}
+    columns["valid1"] = (np.arange(300) >= 3).astype(float)
+    path = tmp_path / "set/mug/hold/trial_1.csv"
+    path.parent.mkdir(parents=True)
+    pd.DataFrame(columns).to_csv(path, index=False)
+    (payload,) = read_payloads(tmp_path / "set")
+    assert payload.about["sign"] == [1.0, 1.0, 1.0]
+    assert payload.about["bias"] == [1.0, 2.0, 20.0]

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import Run, fails
+from command_line import Run, fails, imported
 from foreign_logs import axes, made, write_sheet, write_text
 
 from holdfast.core.errors import LibraryMissing
@@ -121,13 +121,6 @@ def test_a_word_that_is_no_action_is_answered_on_the_command_line(
     assert "2 trials: 1 hold, 1 slip" in out
 
 
-def test_a_binary_file_among_the_logs_is_refused(run: Run, tmp_path: Path) -> None:
-    logs(tmp_path / "logs")
-    (tmp_path / "logs/b.csv").write_bytes(bytes(300))
-    words = ("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
-    fails(run, 3, "NotANumber", *words, says="b.csv")
-
-
 def test_lines_of_another_length_are_left_out_and_counted(
     run: Run, tmp_path: Path
 ) -> None:
@@ -138,10 +131,7 @@ def test_lines_of_another_length_are_left_out_and_counted(
         "\n".join([*lines[:90], lines[90] + ",1,2", *lines[91:], lines[1][:20]])
     )
     (tmp_path / "logs/a_slip_2.csv").unlink()
-    code, out, err = run(
-        "import", tmp_path / "logs", "--out", tmp_path / "set", "--yes"
-    )
-    assert code == 0, out + err
+    out = imported(run, tmp_path)
     assert "2 lines of another number of cells left out" in out
 
 
@@ -177,10 +167,7 @@ def test_what_lasts_shorter_lies_within_what_lasts_longer(
     ]
     logs(tmp_path / "logs")
     write_sheet(tmp_path / "logs/events.xlsx", rows, "Notes")
-    code, out, err = run(
-        "import", tmp_path / "logs", "--out", tmp_path / "set", "--yes"
-    )
-    assert code == 0, out + err
+    imported(run, tmp_path)
     (truth, _) = sorted((tmp_path / "set").rglob("*.truth.json"))
     phases = [
         (p["t0_s"], p["t1_s"], p["label"])

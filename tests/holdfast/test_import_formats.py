@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import Run
+from command_line import Run, imported
 from foreign_logs import Made, axes, made, write_sheet, write_text
 from own_data import write_people_folders
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -177,9 +177,7 @@ def test_a_plain_file_of_others_becomes_a_trial(
     source.mkdir()
     PLAIN[form](source / "p03_cup_slip", one)
     (source / "notes.md").write_text("no log")
-    words = ("import", source, "--out", tmp_path / "set", "--yes")
-    code, out, err = run(*words)
-    assert code == 0, out + err
+    out = imported(run, tmp_path)
     (place,) = (tmp_path / "set").rglob("trial_1.csv")
     trial = read_trial(place)
     wanted = one.values.copy()
@@ -286,8 +284,7 @@ def test_a_corner_of_another_tool_is_one_whole_trial(
     source = tmp_path / "logs"
     source.mkdir()
     left = CORNERS[corner](source / "p03_cup_slip", made(4))
-    code, out, err = run("import", source, "--out", tmp_path / "set", "--yes")
-    assert code == 0, out + err
+    out = imported(run, tmp_path)
     assert "1 trial: 1 " in out
     (place,) = (tmp_path / "set").rglob("trial_1.csv")
     raw = read_trial(place).raw
@@ -301,10 +298,7 @@ def test_logs_of_two_formats_are_one_set(run: Run, tmp_path: Path) -> None:
     source.mkdir()
     sheet_of_a_lab(source / "p01_cup_slip", made(1))
     parquet_of_lists(source / "p02_cup_hold", made(2))
-    code, out, err = run(
-        "import", source, "--out", tmp_path / "set", "--yes", "--unit", "N"
-    )
-    assert code == 0, out + err
+    out = imported(run, tmp_path, "--unit", "N")
     assert "2 trials: 1 slip, 1 hold" in out
     assert (tmp_path / "set/p02/cup/hold/trial_1.csv").is_file()
 
@@ -327,7 +321,5 @@ def test_a_damaged_file_is_refused_by_name(
     path = tmp_path / "logs" / name
     path.parent.mkdir(parents=True)
     path.write_bytes(data)
-    code, _, err = run("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
-    assert code == 3
-    assert f"{tmp_path}/logs/{name.split('/')[0]}" in err
-    assert not (tmp_path / "set").exists()
+    refused = imported(run, tmp_path, code=3)
+    assert f"{tmp_path}/logs/{name.split('/')[0]}" in refused

@@ -10,12 +10,13 @@ from pathlib import Path
 import numpy as np
 import openpyxl
 import pytest
-from command_line import Run
-from foreign_logs import Made, axes, made, write_sheet, write_text
+from command_line import Run, imported
+from foreign_logs import Made, axes, made, write_log, write_sheet, write_text
 
 from holdfast.core.trial_file import read_trial
 
 Trials = list[Made]
+SLIP = ("--action", "slip")
 CLOCK_S = 50_531.0
 """14:02:11, in s from midnight."""
 
@@ -178,13 +179,8 @@ def test_readings_of_any_form_are_the_same_trials_and_the_action_is_asked(
     trials = [made(k) for k in (1, 2)]
     (tmp_path / "logs").mkdir()
     READINGS[form](tmp_path / "logs", trials)
-    words = ("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
-    code, _, err = run(*words)
-    assert code == 2
-    assert "what happens in these trials?" in err
-    assert not (tmp_path / "set").exists()
-    code, out, err = run(*words, "--action", "slip")
-    assert code == 0, out + err
+    assert "what happens in these trials?" in imported(run, tmp_path, code=2)
+    out = imported(run, tmp_path, *SLIP)
     for k, one in enumerate(trials, 1):
         trial = read_trial(tmp_path / f"set/object/slip/trial_{k}.csv")
         np.testing.assert_allclose(trial.raw, one.values, atol=2e-4)
@@ -202,9 +198,8 @@ def labelled(
 ) -> None:
     """A column of labels beside the readings."""
     for k, one in enumerate(trials, 1):
-        rows = np.column_stack([one.t_s, one.values])
         names = ["time_s", *axes(5), name]
-        write_text(logs / f"log{k}.csv", names, rows, texts=words(one))
+        write_log(logs / f"log{k}.csv", one, names=names, texts=words(one))
 
 
 def sparse(one: Made, *words: str) -> list[str]:
@@ -222,7 +217,6 @@ def moment(one: Made) -> list[str]:
     return ["1" if k == begin else "0" for k in range(len(one.t_s))]
 
 
-GRASP, SLIP = [1.0, 3.0, "grasp"], [3.0, 3.5, "risky_slip"]
 COLUMNS: dict[str, tuple[str, Callable[[Made], list[str]]]] = {
     "binary": ("slip", lambda one: one.words("0", "0", "1")),
     "yes and no": ("is_slipping", lambda one: one.words("no", "no", "yes")),
@@ -243,10 +237,7 @@ def test_a_column_of_labels_says_when_it_slips(
 ) -> None:
     name, words = COLUMNS[form]
     labelled(tmp_path / "logs", [made(1), made(2)], words, name)
-    code, out, err = run(
-        "import", tmp_path / "logs", "--out", tmp_path / "set", "--yes"
-    )
-    assert code == 0, out + err
+    out = imported(run, tmp_path)
     assert "2 trials: 2 slip" in out
     for k in (1, 2):
         phases = phases_of(tmp_path / f"set/object/slip/trial_{k}.csv")
@@ -264,13 +255,9 @@ def phases_of(trial: Path) -> list[tuple[float, float, str]]:
 def test_trials_without_the_mark_of_a_slip_are_held(run: Run, tmp_path: Path) -> None:
     labelled(tmp_path / "logs", [made(1)], lambda one: one.words("0", "0", "1"), "slip")
     one = made(2)
-    rows = np.column_stack([one.t_s, one.values])
-    texts = ["0"] * len(rows)
-    write_text(
-        tmp_path / "logs/log2.csv", ["time_s", *axes(5), "slip"], rows, texts=texts
-    )
-    code, out, _ = run("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
-    assert code == 0
+    names = ["time_s", *axes(5), "slip"]
+    write_log(tmp_path / "logs/log2.csv", one, names=names, texts=["0"] * len(one.t_s))
+    out = imported(run, tmp_path)
     assert "2 trials: 1 slip, 1 hold" in out
 
 
@@ -278,8 +265,7 @@ def test_a_mark_in_one_row_lasts_to_the_end_of_the_touch(
     run: Run, tmp_path: Path
 ) -> None:
     labelled(tmp_path / "logs", [made(1)], moment, "slip_onset")
-    code, out, _ = run("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
-    assert code == 0
+    out = imported(run, tmp_path)
     assert "from there to the end of the contact" in out
     *_, slip = phases_of(tmp_path / "set/object/slip/trial_1.csv")
     assert slip == (3.0, pytest.approx(4.0, abs=0.06), "risky_slip")
@@ -292,19 +278,12 @@ def test_what_only_the_action_explains_is_asked_once(
     labelled(
         tmp_path / "logs", [made(1), made(2)], lambda one: one.words(*words), "zustand"
     )
-    command = ("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
-    code, _, err = run(*command)
-    assert code == 2
-    assert f"what is '{words[2]}' in column zustand?" in err
+    asked = imported(run, tmp_path, code=2)
+    assert f"what is '{words[2]}' in column zustand?" in asked
     for answer in ("slip", f"{words[2]}=slip"):
-        out_dir = tmp_path / answer
-        code, out, err = run(
-            *command[:2], "--out", out_dir, "--yes", "--action", answer
-        )
-        assert code == 0, out + err
-        slips = [
-            p for p in phases_of(out_dir / "object/slip/trial_1.csv") if "risky" in p[2]
-        ]
+        imported(run, tmp_path, "--action", answer, out=answer)
+        phases = phases_of(tmp_path / answer / "object/slip/trial_1.csv")
+        slips = [phase for phase in phases if "risky" in phase[2]]
         assert slips == [(3.0, 3.5, "risky_slip")]
 
 
@@ -343,10 +322,7 @@ def test_a_table_of_events_says_when_it_slips(
         before = here.read_text() if here.exists() else head
         body = "".join(lines).format(a=name, n=name[-1])
         here.write_text(before + body)
-    code, out, err = run(
-        "import", tmp_path / "logs", "--out", tmp_path / "set", "--yes"
-    )
-    assert code == 0, out + err
+    out = imported(run, tmp_path)
     assert "2 trials: 2 slip" in out
     (first, second) = sorted((tmp_path / "set").rglob("trial_?.csv"))
     for trial in (first, second):
@@ -383,17 +359,7 @@ def test_one_file_is_cut_into_its_trials(run: Run, tmp_path: Path, form: str) ->
     trials = [made(k) for k in (1, 2, 3)]
     begins_s, columns = MANY[form]
     in_one_file(tmp_path / "logs", trials, begins_s, **columns)
-    words = (
-        "import",
-        tmp_path / "logs",
-        "--out",
-        tmp_path / "set",
-        "--yes",
-        "--action",
-        "slip",
-    )
-    code, out, err = run(*words)
-    assert code == 0, out + err
+    out = imported(run, tmp_path, *SLIP)
     assert "3 trials: 3 slip" in out
     for k, one in enumerate(trials, 1):
         trial = read_trial(tmp_path / f"set/object/slip/trial_{k}.csv")
@@ -408,8 +374,7 @@ def test_columns_name_who_does_what(run: Run, tmp_path: Path) -> None:
         "condition": ["slip", "no slip"],
     }
     in_one_file(tmp_path / "logs", trials, [0.0, 5.0], **columns)
-    code, _, _ = run("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")
-    assert code == 0
+    imported(run, tmp_path)
     assert (tmp_path / "set/anna/object/slip/trial_1.csv").is_file()
     assert (tmp_path / "set/ben/object/hold/trial_1.csv").is_file()
 
@@ -434,29 +399,12 @@ def test_paths_and_answers_name_person_object_and_action(
 ) -> None:
     answers, place = PATHS[path]
     one = made(1)
-    rows = np.column_stack([one.t_s, one.values])
-    write_text(tmp_path / f"logs/{path}.csv", ["time_s", *axes(5)], rows)
-    words = ("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes", *answers)
-    code, out, err = run(*words)
-    assert code == 0, out + err
+    write_log(tmp_path / f"logs/{path}.csv", one)
+    out = imported(run, tmp_path, *answers)
     assert (tmp_path / f"set/{place}/trial_1.csv").is_file(), out
 
 
 # -- what cannot be known is asked, and nothing is silently wrong
-
-
-def ask(run: Run, tmp_path: Path, *answer: object) -> tuple[int, str]:
-    words = (
-        "import",
-        tmp_path / "logs",
-        "--out",
-        tmp_path / "set",
-        "--yes",
-        "--action",
-        "slip",
-    )
-    code, out, err = run(*words, *answer)
-    return code, out + err
 
 
 def test_the_rate_is_asked_and_a_counter_is_a_clock_with_it(
@@ -467,11 +415,9 @@ def test_the_rate_is_asked_and_a_counter_is_a_clock_with_it(
     there = (count < 150) | (count >= 170)
     rows = np.column_stack([count % 256, one.values])[there]
     write_text(tmp_path / "logs/a.csv", ["seq", *axes(5)], rows)
-    code, out = ask(run, tmp_path)
-    assert code == 2
+    out = imported(run, tmp_path, *SLIP, code=2)
     assert "how many rows a second" in out
-    code, out = ask(run, tmp_path, "--rate", 100)
-    assert code == 0, out
+    out = imported(run, tmp_path, *SLIP, "--rate", 100)
     trial = read_trial(tmp_path / "set/object/slip/trial_1.csv")
     assert trial.t_s[-1] == pytest.approx(one.t_s[-1])
     assert np.isnan(trial.raw[150:170]).all()
@@ -480,25 +426,19 @@ def test_the_rate_is_asked_and_a_counter_is_a_clock_with_it(
 
 def test_a_unit_that_sizes_do_not_tell_is_asked(run: Run, tmp_path: Path) -> None:
     one = made(1)
-    rows = np.column_stack([one.t_s, 1e3 * one.values + 364.2])
-    write_text(tmp_path / "logs/a.csv", ["t", *axes(5)], rows)
-    code, out = ask(run, tmp_path)
-    assert code == 2
+    write_log(tmp_path / "logs/a.csv", one, 1e3 * one.values + 364.2)
+    out = imported(run, tmp_path, *SLIP, code=2)
     assert "what unit have the readings" in out
-    assert ask(run, tmp_path, "--unit", "mN")[0] == 0
+    imported(run, tmp_path, *SLIP, "--unit", "mN")
 
 
 def test_an_axis_that_contradicts_the_names_is_asked(run: Run, tmp_path: Path) -> None:
     one = made(1)
     turned = np.roll(one.values.reshape(-1, 5, 3), 1, axis=2).reshape(-1, 15)
-    write_text(
-        tmp_path / "logs/a.csv", ["t", *axes(5)], np.column_stack([one.t_s, turned])
-    )
-    code, out = ask(run, tmp_path)
-    assert code == 2
+    write_log(tmp_path / "logs/a.csv", one, turned)
+    out = imported(run, tmp_path, *SLIP, code=2)
     assert "a touch moves x most, the names say z" in out
-    code, out = ask(run, tmp_path, "--normal", "x")
-    assert code == 0, out
+    out = imported(run, tmp_path, *SLIP, "--normal", "x")
     trial = read_trial(tmp_path / "set/object/slip/trial_1.csv")
     np.testing.assert_allclose(trial.raw[:, 2::3], one.values[:, 2::3])
 
@@ -518,10 +458,10 @@ def test_a_press_raises_every_normal_whatever_the_polarity(
     one = made(1)
     rests, polarity = np.repeat(SIGNS[rest], 3), np.repeat(POLARITY, 3)
     counts = np.round(rests + 300.0 * polarity * one.values)
-    rows = np.column_stack([one.t_s, counts])
-    write_text(tmp_path / "logs/a.csv", ["t", *axes(5, "adc{k}{axis}")], rows)
-    code, out = ask(run, tmp_path, "--unit", "count")
-    assert code == 0, out
+    write_log(tmp_path / "logs/a.csv", one, counts)
+    # whole numbers that rest above 0 can be nothing else
+    unit = () if rest == "counts above 0" else ("--unit", "count")
+    imported(run, tmp_path, *SLIP, *unit)
     from holdfast.training.datasets import load
 
     (recording,) = load(tmp_path / "set", windows="none").recordings
@@ -533,15 +473,13 @@ def test_missing_cells_are_counted_and_gaps_become_lost_samples(
     run: Run, tmp_path: Path
 ) -> None:
     one = made(1)
-    rows = np.column_stack([one.t_s, one.values])
-    path = write_text(tmp_path / "logs/a.csv", ["t", *axes(5)], rows)
+    path = write_log(tmp_path / "logs/a.csv", one)
     lines = path.read_text().splitlines()
     for k, word in ((40, "-"), (41, "n/a"), (42, ""), (43, "#N/A"), (44, "NaN")):
         cells = lines[k].split(",")
         lines[k] = ",".join([*cells[:4], word, *cells[5:]])
     path.write_text("\n".join([*lines[:200], *lines[220:]]))
-    code, out = ask(run, tmp_path)
-    assert code == 0, out
+    out = imported(run, tmp_path, *SLIP)
     assert "missing    samples of s2_x: 5" in out
     assert "gaps       1 of 0.21 to 0.21 s: lost samples" in out
     trial = read_trial(tmp_path / "set/object/slip/trial_1.csv")
@@ -556,10 +494,8 @@ def test_gauss_and_grams_are_two_units(run: Run, tmp_path: Path) -> None:
     for letter, size, folder in (("G", 100.0, "a"), ("g", 0.00980665, "b")):
         one = made(1)
         names = ["t", *axes(5, "s{k}{axis} [" + letter + "]")]
-        rows = np.column_stack([one.t_s, one.values])
-        write_text(tmp_path / f"{folder}/logs/a.csv", names, rows)
-        code, out = ask(run, tmp_path / folder)
-        assert code == 0, out
+        write_log(tmp_path / f"{folder}/logs/a.csv", one, names=names)
+        imported(run, tmp_path / folder, *SLIP)
         raw = read_trial(tmp_path / f"{folder}/set/object/slip/trial_1.csv").raw
         np.testing.assert_allclose(raw, size * one.values, atol=1e-6)
 
@@ -567,10 +503,8 @@ def test_gauss_and_grams_are_two_units(run: Run, tmp_path: Path) -> None:
 def test_trials_of_one_sensor_are_no_fingers(run: Run, tmp_path: Path) -> None:
     for k in (1, 2, 3):
         one = made(k, sensors=1)
-        rows = np.column_stack([one.t_s, one.values])
-        write_text(tmp_path / f"logs/slip{k}.csv", ["t", *"xyz"], rows)
-    code, out = ask(run, tmp_path)
-    assert code == 0, out
+        write_log(tmp_path / f"logs/slip{k}.csv", one)
+    out = imported(run, tmp_path, *SLIP)
     assert "3 trials: 3 slip" in out
 
 
@@ -578,8 +512,7 @@ def test_a_dead_sensor_without_a_heading_is_a_sensor(run: Run, tmp_path: Path) -
     one = made(1)
     one.values[:, 3:6] = 0.0
     write_text(tmp_path / "logs/a.csv", [], np.column_stack([one.t_s, one.values]))
-    code, out = ask(run, tmp_path)
-    assert code == 0, out
+    out = imported(run, tmp_path, *SLIP)
     assert "sensors    5, no axes in the names" in out
 
 
@@ -593,8 +526,7 @@ def test_sheets_of_the_same_columns_are_a_trial_each(run: Run, tmp_path: Path) -
             sheet.append(row)
     (tmp_path / "logs").mkdir()
     book.save(tmp_path / "logs/all.xlsx")
-    code, out = ask(run, tmp_path)
-    assert code == 0, out
+    out = imported(run, tmp_path, *SLIP)
     assert "2 trials: 2 slip" in out
 
 
@@ -605,8 +537,7 @@ def test_columns_that_are_not_used_are_named(run: Run, tmp_path: Path) -> None:
     rows = np.column_stack([one.t_s, one.values, *more])
     names = ["t", *axes(5), "temperature", "imu_acc_x", "imu_acc_y", "imu_acc_z"]
     write_text(tmp_path / "logs/a.csv", names, rows)
-    code, out = ask(run, tmp_path)
-    assert code == 0
+    out = imported(run, tmp_path, *SLIP)
     assert "not used   temperature, imu_acc_x, imu_acc_y, imu_acc_z" in out
 
 
@@ -614,9 +545,7 @@ def test_a_changed_map_stays_and_one_that_nobody_changed_is_written_over(
     run: Run, tmp_path: Path
 ) -> None:
     one = made(1)
-    write_text(
-        tmp_path / "logs/a.csv", ["t", *axes(5)], np.column_stack([one.t_s, one.values])
-    )
+    write_log(tmp_path / "logs/a.csv", one)
     words = ("import", tmp_path / "logs", "--out", tmp_path / "set")
     path = tmp_path / "set-map.toml"
     for _ in range(2):
@@ -649,8 +578,80 @@ def test_an_import_ends_with_a_picture_and_the_words_of_check(
 def test_two_hands_in_a_folder_are_not_one_set(run: Run, tmp_path: Path) -> None:
     for k, sensors in ((1, 5), (2, 4)):
         one = made(k, sensors)
-        rows = np.column_stack([one.t_s, one.values])
-        write_text(tmp_path / f"logs/a{k}.csv", ["t", *axes(sensors)], rows)
-    code, out = ask(run, tmp_path)
-    assert code == 2
+        write_log(tmp_path / f"logs/a{k}.csv", one)
+    out = imported(run, tmp_path, *SLIP, code=2)
     assert "4 sensors in N and 5 sensors in N: import each hand on its own" in out
+
+
+SAME_SIZE = {
+    "mT": lambda one: one.values + np.tile([1.1, -2.3, 7.2], 5),
+    "g": lambda one: 10.0 * one.values,
+}
+
+
+@pytest.mark.parametrize("unit", SAME_SIZE)
+def test_readings_of_the_size_of_newtons_that_may_be_others_are_asked_for(
+    run: Run, tmp_path: Path, unit: str
+) -> None:
+    one = made(1)
+    write_log(tmp_path / "logs/a.csv", one, SAME_SIZE[unit](one))
+    out = imported(run, tmp_path, *SLIP, code=2)
+    assert "what unit have the readings" in out
+    imported(run, tmp_path, *SLIP, "--unit", "mT")
+
+
+def test_labels_that_begin_late_in_a_long_log_are_labels(
+    run: Run, tmp_path: Path
+) -> None:
+    one = made(1, sensors=1, lasts_s=2100.0)
+    one.values[:, 2] += 3.0 * (one.t_s % 10.0 >= 6.0)
+    slips = (one.t_s >= 2067.0) & (one.t_s < 2068.0)
+    texts = np.where(slips, "1", "0").tolist()
+    names = ["t", *"xyz", "event"]
+    write_log(tmp_path / "logs/a.csv", one, names=names, texts=texts)
+    imported(run, tmp_path)
+    phases = phases_of(tmp_path / "set/object/slip/trial_1.csv")
+    slip = [phase for phase in phases if phase[2] == "risky_slip"]
+    assert slip == [(pytest.approx(2067.0), pytest.approx(2068.0), "risky_slip")]
+
+
+def test_a_word_that_a_map_does_not_know_is_never_passed_over(
+    run: Run, tmp_path: Path
+) -> None:
+    words = ("import", tmp_path / "logs", "--out")
+    labelled(tmp_path / "logs", [made(1)], moment, "slip_onset")
+    assert run(*words, tmp_path / "set", "--yes")[0] == 0
+    labelled(
+        tmp_path / "logs", [made(1)], lambda one: one.words("0", "0", "7"), "slip_onset"
+    )
+    code, _, err = run(*words, tmp_path / "new", "--map", tmp_path / "set/import.toml")
+    assert code == 3
+    assert "the label '7' is no situation" in err
+
+
+@pytest.mark.parametrize("action", ["pass", "put-down"])
+def test_an_action_without_its_times_is_one_that_check_takes(
+    run: Run, tmp_path: Path, action: str
+) -> None:
+    one = made(1)
+    write_log(tmp_path / "logs/a.csv", one)
+    out = imported(run, tmp_path, "--action", action)
+    assert "its times are not known" in out
+    code, out, err = run("check", tmp_path / "set")
+    assert code == 0, out + err
+    from holdfast.training.datasets import load
+
+    (recording,) = load(tmp_path / "set", windows="none").recordings
+    assert {phase.situation for phase in recording.phases} == {0}
+
+
+def test_words_that_may_be_people_are_asked_for_where_they_would_be_held_out(
+    run: Run, tmp_path: Path
+) -> None:
+    one = made(1)
+    for name in ("anna/1", "anna/2", "ben/1"):
+        write_log(tmp_path / f"logs/{name}.csv", one)
+    out = imported(run, tmp_path, *SLIP, code=2)
+    assert "are anna, ben people or objects?" in out
+    out = imported(run, tmp_path, *SLIP, "--person", "anna,ben")
+    assert (tmp_path / "set/ben/object/slip/trial_1.csv").is_file()

@@ -6,6 +6,7 @@ import re
 import warnings
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 import pytest
 
@@ -54,3 +55,14 @@ def fails(run: Run, code: int, kind: str, *words: object, says: str = "") -> Non
     assert lines[0].startswith(f"error: {kind}: "), err
     assert says in lines[0]
     assert "Traceback" not in err
+
+
+def imported(
+    run: Run, tmp_path: Path, *words: object, out: str = "set", code: int = 0
+) -> str:
+    """What `holdfast import logs --out set --yes` prints; code: that it must end with."""
+    command = ("import", tmp_path / "logs", "--out", tmp_path / out, "--yes")
+    found, printed, errors = run(*command, *words)
+    assert found == code, printed + errors
+    assert (tmp_path / out).exists() == (code == 0)
+    return printed + errors

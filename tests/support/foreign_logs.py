@@ -71,6 +71,19 @@ def write_text(
     return path
 
 
+def write_log(
+    path: Path,
+    one: Made,
+    values: np.ndarray | None = None,
+    names: Sequence[str] = (),
+    texts: Sequence[str] | None = None,
+) -> Path:
+    """A table of a grasp: seconds, then its values, or others; names: of all columns."""
+    values = one.values if values is None else values
+    names = names or ["t", *axes(values.shape[1] // 3)]
+    return write_text(path, names, np.column_stack([one.t_s, values]), texts=texts)
+
+
 def write_sheet(path: Path, rows: Sequence[Sequence[object]], sheet: str = "A") -> Path:
     """A workbook of one sheet."""
     book = openpyxl.Workbook()
