@@ -27,8 +27,6 @@ EDGE_X = {
     ("guard", "features"): 395,
     ("bank", "detectors"): 100,
     ("bank", "contact"): 170,
-    ("detectors", "contact"): 140,
-    ("features", "contact"): 240,
     ("features", "trees"): 330,
     ("features", "networks"): 460,
     ("contact", "answer"): 205,
@@ -53,7 +51,7 @@ def stages(graph: onnx.GraphProto) -> dict[str, list[onnx.NodeProto]]:
     sample needs.
     """
     by_output = {name: node for node in graph.node for name in node.output}
-    bank = _before(["bank_out"], by_output)
+    bank = _before(["part_bands"], by_output)
     features = _before(["features"], by_output)
     flags = _before(["settled", "unknown", "usable_sensors"], by_output)
     # The sum of all votes belongs to the answer, and so does what contact makes of it.

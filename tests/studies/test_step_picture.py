@@ -36,6 +36,6 @@ def test_an_edge_without_a_place_is_an_error(graph: onnx.GraphProto) -> None:
     first = next(
         node for node in changed.node if node.op_type == "TreeEnsembleRegressor"
     )
-    first.input.append("bank_out")
+    first.input.append("part_bands")
     with pytest.raises(KeyError, match="bank"):
         picture(changed)
