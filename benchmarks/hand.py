@@ -14,12 +14,10 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray, Prediction, Sample
 from holdfast.core.source import SourceReading
-from holdfast.drivers.bridges import BRIDGES, open_virtual
-from holdfast.drivers.bus import Bus, Reply, Transfer
+from holdfast.drivers.bridges import BRIDGES, Bus, Reply, Transfer, open_virtual
 from holdfast.drivers.hand import Hand, LiveHand
 from holdfast.drivers.layout import read_layout
-from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.drivers.virtual.faults import read_fault
+from holdfast.drivers.virtual.faults import VirtualClock, read_fault
 from holdfast.drivers.virtual.usb_backend import Traffic
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 from holdfast.edge_runtime.monitor import GripMonitor, Model

@@ -21,7 +21,7 @@ from holdfast.core.trial_layout import (
     HELD_ACTIONS,
     SITUATION_OF_ACTION,
 )
-from holdfast.evaluation.statistics import share
+from holdfast.evaluation.formats import share
 from holdfast.simulation.loop_people import LoopOutcome
 from holdfast.training.figures import Interval
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from holdfast.evaluation.html import write_page
+from holdfast.evaluation.style import write_page
 from holdfast.training.figures import Interval, over
 from studies.row_names import row_class, shown
 

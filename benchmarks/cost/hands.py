@@ -13,7 +13,7 @@ import numpy as np
 
 from holdfast.core.contract import BoolArray, Json
 from holdfast.evaluation.alarms import EventMatch, event_scores
-from holdfast.evaluation.statistics import share
+from holdfast.evaluation.formats import share
 from holdfast.training.recording import DataSet, Recording
 
 SEED = 0

@@ -12,7 +12,7 @@ from benchmarks.loop_figures import BLOCKED_N, BLOCKED_S
 from benchmarks.world.draws import FALLS, HAND_OVERS, KINDS, PULLS, RISKY
 from benchmarks.world.outcomes import CEILING, CLOSURES
 from holdfast.core.contract import Json
-from holdfast.evaluation.statistics import share
+from holdfast.evaluation.formats import share
 
 Records = Sequence[Json]
 GROUPS = {

@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.live.hand_files import force_of
     from holdfast.live.running import RunClock, say
     from holdfast.live.sources import open_live
-    from holdfast.sessions.bias import measure_bias, require_good
+    from holdfast.sessions.calibrate import measure_bias, require_good
 
     require_writable(args.out.parent)
     require_json_writable(args)

@@ -79,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Evaluate, print the figures in words, write them as JSON and as a report."""
     from holdfast.evaluation.evaluate import EvaluationRequest
-    from holdfast.evaluation.evaluation_lines import evaluation_lines
+    from holdfast.evaluation.report import evaluation_lines
     from holdfast.training.progress import Stages
 
     require_json_writable(args)

@@ -2,12 +2,29 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from holdfast.core.contract import BoolArray, FloatArray, Unit
+from holdfast.core.contract import SINCE_BOOT, BoolArray, FloatArray, Unit
+
+# Real time: a monotonic clock that cannot be set and that also counts while the machine sleeps.
+
+
+class MonotonicClock:
+    """Time since the machine was started, and waiting until a time."""
+
+    def now_ns(self) -> int:
+        """ns since the machine was started."""
+        return time.clock_gettime_ns(SINCE_BOOT)
+
+    def wait_until(self, t_ns: int) -> None:
+        """Sleep until t_ns; return at once where it has passed."""
+        # A sleep runs on another clock, which may end it a little early: then the rest follows.
+        while (remaining_ns := t_ns - self.now_ns()) > 0:
+            time.sleep(1e-9 * remaining_ns)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from holdfast.evaluation.alarms import (
     event_scores,
     match_alarms,
 )
-from holdfast.evaluation.statistics import share
+from holdfast.evaluation.formats import share
 from holdfast.evaluation.trials import DISTURBANCES, LabelledTrial, voluntary_actions
 from holdfast.training.figures import Interval, Share
 

@@ -17,6 +17,7 @@ from holdfast.core.trial_layout import read_json
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.evaluation.alarms import EventTimes, event_times
 from holdfast.evaluation.baselines import Baseline, Thresholds, requests_of
+from holdfast.evaluation.formats import McNemar, mcnemar
 from holdfast.evaluation.methods import (
     MethodFigures,
     TrialOutcome,
@@ -26,7 +27,6 @@ from holdfast.evaluation.methods import (
 )
 from holdfast.evaluation.model_outputs import ModelOutputs, WindowFigures
 from holdfast.evaluation.states import StateFigures, risky_states, state_figures
-from holdfast.evaluation.statistics import McNemar, mcnemar
 from holdfast.evaluation.trials import (
     AnsweredTrial,
     LabelledTrial,

@@ -16,8 +16,8 @@ import numpy.typing as npt
 from holdfast.core.contract import CLASSES, RISKY_SLIP, SITUATIONS, BoolArray
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.evaluation.alarms import EventMatch, event_scores, match_alarms
+from holdfast.evaluation.formats import Spread, share
 from holdfast.evaluation.model_outputs import ModelOutputs
-from holdfast.evaluation.statistics import Spread, share
 from holdfast.evaluation.trials import voluntary_actions, without_samples
 from holdfast.training.figures import Share, SituationFigures
 from holdfast.training.metrics import situation_scores

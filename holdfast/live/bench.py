@@ -28,9 +28,9 @@ from pathlib import Path
 import numpy as np
 
 from holdfast import edge_runtime
-from holdfast.core.clock import MonotonicClock
 from holdfast.core.contract import BoolArray, FloatArray, Json, Sample
 from holdfast.core.lines import LineWriter
+from holdfast.core.source import MonotonicClock
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.grip_control import GripControl
 from holdfast.edge_runtime.model import Model, answers_of, golden_input

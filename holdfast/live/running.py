@@ -19,8 +19,8 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
-from holdfast.core.clock import MonotonicClock
 from holdfast.core.errors import visible_lines
+from holdfast.core.source import MonotonicClock
 
 if TYPE_CHECKING:
     from holdfast.core.contract import Prediction

@@ -35,8 +35,7 @@ from holdfast.core.writing import write_whole
 
 if TYPE_CHECKING:
     from holdfast.core.contract import Json
-    from holdfast.drivers.camera.motion import Motion
-    from holdfast.drivers.camera.onset import Slip
+    from holdfast.drivers.camera.onset import Motion, Slip
 
 OBJECT_TAG = 0
 """Number of the tag on the object."""
@@ -64,7 +63,7 @@ class WatchedTrial:
 
 def read_motion(folder: Path, tag_mm: float | None = None) -> WatchedTrial:
     """The object's motion in the hand, from a watched folder. Raises a DataError."""
-    from holdfast.drivers.camera.motion import motion
+    from holdfast.drivers.camera.onset import motion
     from holdfast.drivers.camera.recording import TAGS, read_about, read_tracks
 
     if not folder.is_dir():

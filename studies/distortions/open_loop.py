@@ -16,13 +16,13 @@ from holdfast.evaluation.alarms import (
     match_alarms,
 )
 from holdfast.evaluation.baselines import requests_of
+from holdfast.evaluation.formats import share
 from holdfast.evaluation.model_outputs import (
     ModelOutputs,
     everywhere,
     read_outputs,
     steps_with,
 )
-from holdfast.evaluation.statistics import share
 from holdfast.evaluation.trials import voluntary_actions
 from holdfast.simulation.closed_loop import model_of
 from holdfast.training.figures import Interval

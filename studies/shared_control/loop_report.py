@@ -10,8 +10,15 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from benchmarks.loop_figures import ThreeRuns
-from holdfast.evaluation.html import write_page
-from holdfast.evaluation.style import INK, OURS, QUIET, WARNING, labelled, svg
+from holdfast.evaluation.style import (
+    INK,
+    OURS,
+    QUIET,
+    WARNING,
+    labelled,
+    svg,
+    write_page,
+)
 from holdfast.simulation.closed_loop import model_of
 from studies.report import TEMPLATES
 from studies.shared_control.closed_loop import FiguresByCard, LoopComparison, RunsByCard

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from holdfast.core.schema import DEFAULT_MODEL, model_path
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.model import Model
 from holdfast.live import bench
 from holdfast.live.bench import (

@@ -18,7 +18,7 @@ from holdfast.core.errors import (
     UsageError,
     WrongDevice,
 )
-from holdfast.drivers.bus import Transfer
+from holdfast.drivers.bridges import Transfer
 from holdfast.drivers.finger import STALE_NS
 from holdfast.drivers.layout import (
     LAYOUTS,
@@ -26,7 +26,7 @@ from holdfast.drivers.layout import (
     ScanPlanner,
     read_layout,
 )
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.drivers.virtual.virtual_hand import Track
 
 

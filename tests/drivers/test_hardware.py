@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 
-from holdfast.core.clock import MonotonicClock
+from holdfast.core.source import MonotonicClock
 from holdfast.drivers.scan import look_at
 from holdfast.live.running import RunClock
 from holdfast.live.sources import open_bus, open_live

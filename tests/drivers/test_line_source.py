@@ -35,7 +35,7 @@ from holdfast.drivers.line_source import (
     LineSource,
 )
 from holdfast.drivers.sample_lines import SampleReader
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.model import Model
 from holdfast.live.running import RunClock
 from holdfast.live.sources import open_live

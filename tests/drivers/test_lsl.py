@@ -35,7 +35,7 @@ from holdfast.drivers.lsl import (
     decision_row,
 )
 from holdfast.drivers.lsl_library import LslInlet, open_answers
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 
 RATE_HZ = 150.0

@@ -26,11 +26,10 @@ from holdfast.core.errors import (
     TransferFailed,
     UsageError,
 )
-from holdfast.drivers.bridges import open_bus
-from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer, freeing
+from holdfast.drivers.bridges import NOT_ACKED, Reply, Transfer, freeing, open_bus
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.native_i2c import NativeI2C
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.drivers.virtual.ft232h import (
     IN_ENDPOINT,
     OUT_ENDPOINT,

@@ -28,7 +28,7 @@ from holdfast.drivers.line_source import LineOptions, LineSource
 from holdfast.drivers.lsl import LslSource
 from holdfast.drivers.replay import zero_of
 from holdfast.drivers.sample_lines import SampleReader
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.model import Model
 from holdfast.live.outputs import SampleFile, emit_to
 from holdfast.live.run import answer

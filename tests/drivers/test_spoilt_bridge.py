@@ -12,7 +12,7 @@ import usb.core
 from holdfast.core.errors import HoldfastError
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.hand import Hand
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.drivers.virtual.ft232h import VirtualFt232h
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
 from holdfast.drivers.virtual.virtual_hand import VirtualHand

@@ -17,8 +17,7 @@ from holdfast.drivers.tmag5273 import (
     XYZ,
 )
 from holdfast.drivers.virtual.chip import Chip
-from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.drivers.virtual.faults import Fault, Faults
+from holdfast.drivers.virtual.faults import Fault, Faults, VirtualClock
 from holdfast.drivers.virtual.virtual_hand import Wire
 
 A = FACTORY_ADDRESSES[0]

@@ -27,7 +27,7 @@ from live_bench import ROOT, RUN, Steady, go
 
 from holdfast.core.contract import Prediction
 from holdfast.core.lines import STREAM_LINES, LineWriter, Sink, stream_sink
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.monitor import Model
 from holdfast.live.outputs import LineOutput
 

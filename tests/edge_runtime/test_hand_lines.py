@@ -14,7 +14,7 @@ from holdfast.core.hand_lines import (
     printable,
     sequence_of,
 )
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import VirtualClock
 
 # -- the rule
 

@@ -30,7 +30,7 @@ from holdfast.core.errors import (
     UsageError,
 )
 from holdfast.core.source import SourceReading
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.monitor import Model
 from holdfast.edge_runtime.preparation import Preparation, Tare
 from holdfast.edge_runtime.wearer import Command

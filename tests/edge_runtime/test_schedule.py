@@ -17,16 +17,15 @@ from hypothesis import strategies as st
 from live_bench import Steady, go
 from numbered_lines import numbered_sender
 
-from holdfast.core import clock as clock_module
-from holdfast.core.clock import MonotonicClock
+from holdfast.core import source as clock_module
 from holdfast.core.contract import Sample
 from holdfast.core.errors import TimeError
 from holdfast.core.hand_lines import MOST_A_CALL
 from holdfast.core.lines import stream_sink
-from holdfast.core.source import SourceReading
+from holdfast.core.source import MonotonicClock, SourceReading
 from holdfast.core.trial_file import read_trial
 from holdfast.drivers.replay import PacedReplay, Replay
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.loop import run_live

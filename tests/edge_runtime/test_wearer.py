@@ -21,7 +21,7 @@ from numbered_lines import numbered_sender
 from holdfast.core.errors import DeviceLost, NotANumber, UsageError
 from holdfast.core.hand_lines import SILENCE_NS
 from holdfast.drivers.lsl import LslIntent, StreamFacts
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.wearer import (
     INTENT_HEADER,
     Command,

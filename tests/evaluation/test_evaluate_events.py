@@ -38,6 +38,7 @@ from holdfast.evaluation.baselines import (
     oracle_requests,
 )
 from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
+from holdfast.evaluation.formats import mcnemar
 from holdfast.evaluation.methods import MethodFigures, method_figures, outcomes_of
 from holdfast.evaluation.model_outputs import (
     NO_CLASS,
@@ -48,7 +49,6 @@ from holdfast.evaluation.model_outputs import (
 from holdfast.evaluation.states import LabelledSamples, changes_per_s
 from holdfast.evaluation.states import calibration as calibration_of
 from holdfast.evaluation.states import confusion as confusion_of
-from holdfast.evaluation.statistics import mcnemar
 from holdfast.evaluation.trials import (
     LabelledTrial,
     VoluntaryAction,

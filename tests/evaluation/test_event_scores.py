@@ -30,7 +30,7 @@ from holdfast.evaluation.alarms import (
     match_alarms,
     requests_at,
 )
-from holdfast.evaluation.statistics import Spread
+from holdfast.evaluation.formats import Spread
 from holdfast.training.recording import Recording
 from holdfast.training.timeline import RiskyEvent
 

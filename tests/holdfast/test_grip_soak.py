@@ -25,7 +25,7 @@ from live_bench import DEFAULT
 from test_run_grip import FALL
 
 from holdfast.core.contract import GripCommand
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.model import Model
 from holdfast.live.grip import GripOutput, controller_for
 from holdfast.live.outputs import emit_to

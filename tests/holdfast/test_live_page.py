@@ -216,7 +216,7 @@ def test_a_port_that_is_taken_and_a_host_that_is_not_ours_are_refused():
 
 def test_the_process_that_serves_the_page_loads_the_standard_library_only():
     program = (
-        "import sys; before = set(sys.modules); import holdfast.live.page.process; "
+        "import sys; before = set(sys.modules); import holdfast.live.page.server; "
         "print(*set(sys.modules) - before - sys.stdlib_module_names)"
     )
     command = [sys.executable, "-c", program]

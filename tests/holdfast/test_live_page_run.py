@@ -21,7 +21,7 @@ from page_bench import ABOUT, next_event
 from holdfast.core.contract import Sample
 from holdfast.core.errors import OutputError
 from holdfast.core.source import SourceReading
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.edge_runtime.wearer import Intent, IntentMonitor

@@ -22,7 +22,7 @@ from holdfast.core.errors import (
     visible,
 )
 from holdfast.core.trial_file import read_trial
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.export.exporting import export_artifact
 from holdfast.live.sources import open_bus, open_live, open_source
 

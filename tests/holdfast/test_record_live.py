@@ -22,7 +22,7 @@ from recorder_bench import (
 from recorder_bench import columns_of as read_columns
 
 from holdfast.core.errors import EmptyRecording
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.sessions.recorder.display import (
     OVER_THE_LINE_ABOVE,
     StatusLine,

@@ -14,7 +14,7 @@ from hazard_marks import SILENT_CUES
 from live_bench import RUN, closing_output
 from made_prediction import prediction
 
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.live.cues import QUIET_NS, CueOutput, open_cues, read_cues
 
 PERIOD_NS = 6_666_667

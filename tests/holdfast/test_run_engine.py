@@ -23,7 +23,7 @@ import holdfast
 from holdfast.core.contract import Prediction
 from holdfast.core.errors import GoldenMismatch
 from holdfast.core.schema import LIBRARY
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.c_engine import CompiledModel
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.model import Model

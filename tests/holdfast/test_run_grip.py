@@ -26,7 +26,7 @@ from holdfast.drivers.calibration import (
     CalibrationOrigin,
     write_calibration,
 )
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime import grip_control
 from holdfast.edge_runtime.model import Model
 from holdfast.live.grip import (

@@ -32,8 +32,7 @@ from hazard_marks import TROUBLE_EVERY_SECOND
 
 from holdfast.core.contract import Prediction
 from holdfast.core.source import Source, SourceReading
-from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.drivers.virtual.faults import KINDS, OF_A_SENSOR
+from holdfast.drivers.virtual.faults import KINDS, OF_A_SENSOR, VirtualClock
 from holdfast.drivers.virtual.virtual_hand import Track
 from holdfast.edge_runtime.model import Model
 from holdfast.live.grip import GripOutput, controller_for, grip_to_link

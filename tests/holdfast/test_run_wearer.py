@@ -21,7 +21,7 @@ from made_prediction import prediction
 from numbered_lines import numbered_sender
 from recorder_bench import Hand, columns_of, said, session
 
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.grip_control import GripControl
 from holdfast.edge_runtime.wearer import Intent, IntentMonitor, read_intent
 from holdfast.live.wearer import wearer_monitor

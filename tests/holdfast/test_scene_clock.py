@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from holdfast.core.clock import MonotonicClock
+from holdfast.core.source import MonotonicClock
 from holdfast.live.scene import SceneClock
 
 

@@ -11,7 +11,7 @@ from live_bench import DEFAULT, ROOT, run_on
 
 from holdfast.cli.main import main
 from holdfast.core.errors import UsageError
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.model import Model
 from holdfast.live.grip import controller_for, grip_to_scene
 from holdfast.live.hand_files import shear_gain_of

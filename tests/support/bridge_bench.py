@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from holdfast.drivers.bus import Bus, Transfer
+from holdfast.drivers.bridges import Bus, Transfer
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.native_i2c import NativeI2C
 from holdfast.drivers.tmag5273 import (
@@ -16,7 +16,7 @@ from holdfast.drivers.tmag5273 import (
     REGISTERS,
     RESULTS,
 )
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.drivers.virtual.ft232h import VirtualFt232h
 from holdfast.drivers.virtual.native import VirtualI2cDev
 from holdfast.drivers.virtual.usb_backend import VirtualBackend

@@ -5,13 +5,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from holdfast.drivers.bus import Bus
+from holdfast.drivers.bridges import Bus
 from holdfast.drivers.fingers import Reading
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.hand import Hand
 from holdfast.drivers.layout import read_layout
-from holdfast.drivers.virtual.clock import VirtualClock
-from holdfast.drivers.virtual.faults import read_fault
+from holdfast.drivers.virtual.faults import VirtualClock, read_fault
 from holdfast.drivers.virtual.ft232h import VirtualFt232h
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
 from holdfast.drivers.virtual.virtual_hand import Track, VirtualHand

@@ -15,7 +15,7 @@ import pytest
 
 from holdfast.core.contract import Prediction, Sample
 from holdfast.core.source import SourceReading
-from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.live.grip import GripOutput

@@ -28,8 +28,7 @@ from holdfast.drivers.tmag5273 import (
     Register,
     conversion_s,
 )
-from holdfast.drivers.virtual.clock import Clock
-from holdfast.drivers.virtual.faults import Faults
+from holdfast.drivers.virtual.faults import Clock, Faults
 
 FieldSource = Callable[[float], Sequence[float]]
 """Time in s -> the field at the chip, [3] in uT."""

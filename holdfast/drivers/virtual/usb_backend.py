@@ -16,8 +16,7 @@ from typing import Any
 import usb.backend
 import usb.core
 
-from holdfast.drivers.virtual.clock import Clock
-from holdfast.drivers.virtual.faults import Faults
+from holdfast.drivers.virtual.faults import Clock, Faults
 from holdfast.drivers.virtual.usb_device import Device, stall
 
 BUSY = 16

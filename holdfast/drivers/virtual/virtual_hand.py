@@ -18,8 +18,7 @@ from holdfast.core.errors import UsageError
 from holdfast.drivers.layout import LAYOUTS, Finger
 from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES
 from holdfast.drivers.virtual.chip import Chip, FieldSource
-from holdfast.drivers.virtual.clock import Clock
-from holdfast.drivers.virtual.faults import Fault, Faults
+from holdfast.drivers.virtual.faults import Clock, Fault, Faults
 
 BITS_OF_A_BYTE = 9
 RELEASED = 0xFF

@@ -10,7 +10,7 @@ from pathlib import Path
 from holdfast.core.errors import DataNotFound, count_of
 from holdfast.core.trial_layout import META
 from holdfast.core.writing import write_whole
-from holdfast.evaluation.html import write_page
+from holdfast.evaluation.style import write_page
 from holdfast.sessions.recorder.folder import KEPT, REDONE
 from holdfast.sessions.recorder.labels import read_meta
 from holdfast.sessions.study.console import clock_text
