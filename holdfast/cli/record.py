@@ -27,7 +27,7 @@ from holdfast.core.errors import command, count_of
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
 
 if TYPE_CHECKING:
-    from holdfast.sessions.recorder.recording import RecordOptions
+    from holdfast.sessions.recorder.plan import RecordOptions
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -86,12 +86,8 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.core.lines import stream_sink
     from holdfast.live.running import RunClock, stop_signals
     from holdfast.live.sources import is_standard_input
-    from holdfast.sessions.recorder.display import (
-        Keys,
-        StatusLine,
-        columns_of,
-        listening,
-    )
+    from holdfast.sessions.recorder.display import StatusLine, columns_of
+    from holdfast.sessions.recorder.keys import Keys, listening
     from holdfast.sessions.recorder.recording import record
     from holdfast.sessions.recorder.session import RunContext
 
@@ -116,6 +112,6 @@ def run(args: argparse.Namespace) -> int:
 
 def options_of(args: argparse.Namespace) -> RecordOptions:
     """What the recorder gets of the words on the command line."""
-    from holdfast.sessions.recorder.recording import RecordOptions
+    from holdfast.sessions.recorder.plan import RecordOptions
 
     return RecordOptions.of(args)

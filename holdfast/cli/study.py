@@ -65,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """List the protocol, run the study, write its report, or delete a person."""
-    from holdfast.sessions.recorder.recording import RecordOptions
+    from holdfast.sessions.recorder.plan import RecordOptions
     from holdfast.sessions.study.protocol import read_study
     from holdfast.sessions.study.run import (
         Ending,

@@ -22,9 +22,9 @@ from holdfast.cli import record
 from holdfast.cli.command import Parser
 from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.faults import VirtualClock
-from holdfast.sessions.recorder.display import Keys
+from holdfast.sessions.recorder.keys import Keys
+from holdfast.sessions.recorder.plan import RecordOptions
 from holdfast.sessions.recorder.protocol import Task
-from holdfast.sessions.recorder.recording import RecordOptions
 from holdfast.sessions.recorder.recording import record as record_trials
 from holdfast.sessions.recorder.session import Display, RunContext, Session
 

@@ -25,7 +25,6 @@ from holdfast.drivers.replay import PacedReplay
 from holdfast.edge_runtime.wearer import IntentMonitor
 from holdfast.live.loop import ANOTHER_CLOCK_NS, Stamps
 from holdfast.sessions.camera import CameraProcess
-from holdfast.sessions.recorder.display import HELP_READY, HELP_TRIAL, Keys
 from holdfast.sessions.recorder.folder import (
     INTERRUPTED,
     KEPT,
@@ -33,9 +32,10 @@ from holdfast.sessions.recorder.folder import (
     discard,
     new_trial,
 )
+from holdfast.sessions.recorder.keys import HELP_READY, HELP_TRIAL, Keys
 from holdfast.sessions.recorder.labels import MARKS, TruthEvents, read_meta
+from holdfast.sessions.recorder.plan import RecordOptions
 from holdfast.sessions.recorder.protocol import NOTHING, Task
-from holdfast.sessions.recorder.recording import RecordOptions
 from holdfast.sessions.recorder.trial import Quality, TrialRecorder
 
 READY_WAIT_S = 0.1

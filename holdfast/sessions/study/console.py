@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import StrEnum
 
 from holdfast.core.errors import visible
-from holdfast.sessions.recorder.display import ESCAPE
+from holdfast.sessions.recorder.keys import ESCAPE
 from holdfast.sessions.recorder.session import RunContext
 
 

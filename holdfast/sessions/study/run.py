@@ -20,10 +20,12 @@ from holdfast.core.trial_layout import checked_name
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.live.running import RunClock, StopRequest, stop_signals
 from holdfast.live.sources import is_standard_input
-from holdfast.sessions.recorder.display import StatusLine, columns_of, listening
+from holdfast.sessions.recorder.display import StatusLine, columns_of
 from holdfast.sessions.recorder.folder import alone, require_ours, reserved
+from holdfast.sessions.recorder.keys import listening
+from holdfast.sessions.recorder.plan import RecordOptions
 from holdfast.sessions.recorder.protocol import Task
-from holdfast.sessions.recorder.recording import RecordOptions, kind_of
+from holdfast.sessions.recorder.recording import kind_of
 from holdfast.sessions.recorder.session import RunContext
 from holdfast.sessions.study.console import ADVERSE, HELP, Console, Key, clock_text
 from holdfast.sessions.study.journal import (

@@ -20,13 +20,9 @@ from holdfast.sessions.recorder.folder import (
     task_folder,
     trials_of,
 )
+from holdfast.sessions.recorder.plan import Plan, RecordOptions
 from holdfast.sessions.recorder.protocol import Task
-from holdfast.sessions.recorder.recording import (
-    Plan,
-    RecordOptions,
-    kind_of,
-    record_plan,
-)
+from holdfast.sessions.recorder.recording import kind_of, record_plan
 from holdfast.sessions.recorder.session import RunContext
 from holdfast.sessions.set_source import read_set_trial
 from holdfast.sessions.study.console import ADVERSE
