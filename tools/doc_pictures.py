@@ -20,7 +20,7 @@ from studies.doc_pictures.timing import PICTURES as TIMING
 from tools.harness import for_any_page
 
 MODEL = Path("models/holdfast-150hz.onnx")
-COST = "build/bench/cost.json"
+COST = "docs/measured/cost.json"
 LATENCY = "docs/measured/latency-150hz.json"
 SLOWER = Path("docs/measured/latency-50hz.json")
 EVALUATED = "build/evaluate/figures.json"

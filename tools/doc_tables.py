@@ -28,7 +28,7 @@ from tools import table_rows
 TEMPLATES = Path(__file__).with_name("tables")
 SOURCES: dict[str, dict[str, str]] = {
     "README.md": {
-        "cost": "build/bench/cost.json",
+        "cost": "docs/measured/cost.json",
         "distortions": "docs/measured/distortions-080828f74eb1.json",
         "wide": "docs/measured/wide-080828f74eb1.json",
         "loop": "docs/measured/loop-2026-11-28.json",
@@ -61,7 +61,7 @@ SOURCES: dict[str, dict[str, str]] = {
     },
     "docs/thesis.md": {"preliminary": "build/preliminary/preliminary.json"},
     "docs/what-accuracy-costs.md": {
-        "cost": "build/bench/cost.json",
+        "cost": "docs/measured/cost.json",
         "on_hands": "docs/measured/robust-2026-11-25.json",
         "latency": "docs/measured/latency-150hz.json",
     },

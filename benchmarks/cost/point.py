@@ -139,11 +139,9 @@ POINTS = (
 )
 """One change of the reference at a time, and the models that are shipped."""
 README_POINTS = (
-    Point(),
     Point(debounce=2),
-    COMMITTEE,
+    Point(),
     SHIPPED,
     Point(rate_hz=50.0),
-    Point("human", learner="committee"),
 )
 """What the README shows of them."""
