@@ -14,7 +14,8 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray, Prediction, Sample
 from holdfast.core.source import SourceReading
-from holdfast.drivers.bridges import BRIDGES, Bus, Reply, Transfer, open_virtual
+from holdfast.drivers.bridges import BRIDGES, open_virtual
+from holdfast.drivers.bus import Bus, Reply, Transfer
 from holdfast.drivers.hand import Hand, LiveHand
 from holdfast.drivers.layout import read_layout
 from holdfast.drivers.virtual.faults import VirtualClock, read_fault

@@ -10,7 +10,8 @@ from benchmarks.cost.point import README_POINTS
 from holdfast.core.contract import NORMAL_FLOOR, Json
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
 from holdfast.evaluation.formats import DEPLOYED, markdown
-from holdfast.export.features import GROUPS, LAGS_S, feature_count, feature_graph
+from holdfast.export.features import GROUPS, feature_count, feature_graph
+from holdfast.export.history import LAGS_S
 from holdfast.export.spec import StepSpec
 from holdfast.simulation import SCENES, shipped_scenes
 from holdfast.simulation.actions import ACTION_MODULES, COMMON, parameters_of

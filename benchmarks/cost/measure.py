@@ -23,8 +23,9 @@ from holdfast.evaluation.alarms import (
     requests_at,
 )
 from holdfast.export.exporting import whole_graph
-from holdfast.export.features import LAGS_S, SCALED_LAGS, SPANS_S, feature_count
+from holdfast.export.features import SCALED_LAGS, SPANS_S, feature_count
 from holdfast.export.heads import Head, riskier_argmax, situation_votes
+from holdfast.export.history import LAGS_S
 from holdfast.export.learner import Learner, reference_votes
 from holdfast.export.pooled import side_matrix
 from holdfast.export.spec import StepSpec

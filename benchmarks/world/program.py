@@ -26,8 +26,8 @@ from benchmarks.world.trials_file import ROOT, TrialsFile, code_sha256, file_sha
 from holdfast.cli.command import path_argument, seed, show
 from holdfast.cli.options import CORES, add_job_options, chosen_workers
 from holdfast.core.contract import Json
+from holdfast.core.locked import locked_sets
 from holdfast.core.schema import model_path
-from holdfast.core.trial_layout import locked_sets
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.simulation.drive import OPENINGS
 

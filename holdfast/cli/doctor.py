@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
 
         findings = examine(_settings)
     else:
-        from holdfast.live.doctor import model_checks
+        from holdfast.live.model_checks import model_checks
 
         findings = model_checks(args.model)
 

@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
 
     An interrupted run leaves no folder.
     """
-    from holdfast.core.trial_layout import lock_of
+    from holdfast.core.locked import lock_of
     from holdfast.simulation.folder import require_new, write_set
     from holdfast.simulation.scene import Scene
     from holdfast.simulation.scene_file import read_scene_file

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from holdfast.core.errors import DeviceNotFound, WrongDevice
-from holdfast.drivers.bridges import Bus, Reply, Transfer
+from holdfast.drivers.bus import Bus, Reply, Transfer
 from holdfast.drivers.layout import Finger
 from holdfast.drivers.tmag5273 import (
     MANUFACTURER_ID,

@@ -21,7 +21,7 @@ import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.errors import DeviceError, DeviceNotFound, WrongDevice
-from holdfast.drivers.bridges import Bus, Reply, Transfer
+from holdfast.drivers.bus import Bus, Reply, Transfer
 from holdfast.drivers.finger import (
     TRY_AGAIN_NS,
     FingerState,

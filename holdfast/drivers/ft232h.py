@@ -14,7 +14,7 @@ from functools import lru_cache
 from typing import Any
 
 from holdfast.core.errors import BusStuck, TransferFailed, UsageError
-from holdfast.drivers.bridges import NOT_ACKED, Reply, Transfer
+from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
 from holdfast.drivers.usb import UsbPort
 
 OUT_ENDPOINT = 0x02

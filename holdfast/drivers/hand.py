@@ -22,7 +22,7 @@ import numpy as np
 from holdfast.core.contract import FloatArray, Unit
 from holdfast.core.errors import BusStuck, DeviceError, TransferFailed
 from holdfast.core.source import SourceReading
-from holdfast.drivers.bridges import Bus, freeing
+from holdfast.drivers.bus import Bus, freeing
 from holdfast.drivers.finger import TRY_AGAIN_NS
 from holdfast.drivers.fingers import Fingers, Reading
 from holdfast.drivers.layout import LAYOUTS, Finger

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from holdfast.core.errors import UsageError
-from holdfast.drivers.bridges import Bus, Reply, Transfer
+from holdfast.drivers.bus import Bus, Reply, Transfer
 
 MUX_ADDRESSES = range(0x70, 0x78)
 MUX_ADDRESS = MUX_ADDRESSES[0]

@@ -20,7 +20,7 @@ from holdfast.core.errors import (
     DeviceNotFound,
     TransferFailed,
 )
-from holdfast.drivers.bridges import NOT_ACKED, Reply, Transfer
+from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
 
 NACK_ERRORS = (errno.ENXIO, errno.EREMOTEIO)
 """The errors with which controllers report a missing acknowledge."""

@@ -16,7 +16,7 @@ from statistics import median
 from typing import Literal
 
 from holdfast.core.errors import DeviceNotFound, WrongDevice
-from holdfast.drivers.bridges import Bus, Transfer, freeing
+from holdfast.drivers.bus import Bus, Transfer, freeing
 from holdfast.drivers.finger import identify
 from holdfast.drivers.layout import (
     ADDRESSES,

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from functools import partial
 
 from holdfast.core.errors import UsageError, count_of
-from holdfast.core.trial_layout import read_json, require_open
+from holdfast.core.locked import require_open
+from holdfast.core.trial_layout import read_json
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.evaluation import MOST_FALSE_PER_MIN
 from holdfast.evaluation.alarms import choose_confidence

@@ -93,9 +93,11 @@ def _draw_states(
         span = (phase.first * step_s, (phase.stop - phase.first) * step_s)
         colour = SITUATION_COLOURS[phase.situation]
         axes.broken_barh([span], truth, color=colour, alpha=alpha, linewidth=0)
+
     for situation, colour in enumerate(SITUATION_COLOURS):
         here = spans(row.situation == situation, step_s)
         axes.broken_barh(here, answer, color=colour, linewidth=0)
+
     draw_unknown(axes, row.situation, step_s, answer)
     axes.spines[:].set_visible(False)
 
@@ -196,6 +198,7 @@ def _shown_s(recording: Recording, last_s: float) -> tuple[float, float]:
             at_s = phase.first / recording.rate_hz
             before_s, after_s = AROUND_S
             return max(0.0, at_s + before_s), min(last_s, at_s + after_s)
+
     return 0.0, min(last_s, MOST_SHOWN_S)
 
 

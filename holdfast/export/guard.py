@@ -83,6 +83,7 @@ def add_guard(graph: GraphBuilder, spec: StepSpec) -> GuardOutputs:
     if spec.contact is not None:
         zero = graph.state("zero", 1)
         reading = graph.node("Sub", "sample", zero)
+
     # chosen, not multiplied: NaN x 0 is NaN
     now = graph.node("Where", good, reading, last)
 
@@ -160,6 +161,7 @@ def _publish(graph: GraphBuilder, spec: StepSpec, flags: str) -> str:
     if spec.is_pooled:
         members = np.hstack([members, side_matrix(spec)])
         needed += [1, 1]
+
     counts = graph.node("MatMul", flags, np.kron(members, [[1.0], [0.0], [0.0]]))
     least = np.outer([1.0, SETTLED], needed)
     enough = graph.node("GreaterOrEqual", counts, least)
@@ -197,6 +199,7 @@ def _reference_enough(usable: BoolArray, spec: StepSpec) -> BoolArray:
     if spec.is_pooled:
         for side in side_matrix(spec).T:
             enough = enough & usable[:, side > 0.0].any(axis=1)
+
     return enough
 
 

@@ -44,7 +44,7 @@ from holdfast.export.pooled import (
 )
 
 if TYPE_CHECKING:
-    from holdfast.export.features import History
+    from holdfast.export.history import History
 
 
 class Number(NamedTuple):

@@ -109,11 +109,13 @@ def find_time(columns: Columns, rate_hz: float | None = None) -> FoundTime | Non
     if LOG_TIME in columns:
         hz = 1e9 / usual_step(columns[LOG_TIME].astype(np.float64))
         return FoundTime(TimeColumn(LOG_TIME, "ns"), hz, "stamps of the log")
+
     found = []
     for name, column in columns.items():
         candidate = None if is_text(column) else _time_of(name, column)
         if candidate is not None:
             found.append(candidate)
+
     if found:
         rank, best = min(found, key=lambda one: one[0])
         is_counter = rank[0] == 1
@@ -122,9 +124,11 @@ def find_time(columns: Columns, rate_hz: float | None = None) -> FoundTime | Non
         if rate_hz:
             why = f"{best.time.column} counts samples, {rate_hz:g} Hz as given"
             return FoundTime(TimeColumn(best.time.column, None, rate_hz), rate_hz, why)
+
     if rate_hz:
         why = f"rows are counted, {rate_hz:g} Hz as given"
         return FoundTime(TimeColumn(rate_hz=rate_hz), rate_hz, why)
+
     return None
 
 
@@ -176,6 +180,7 @@ def usual_step(values: FloatArray) -> float:
     if np.mean(steps == 0) > 0.2 and len(changes) > 1:
         first, last = changes[0], changes[-1]
         step = float(values[last] - values[first]) / float(last - first)
+
     return step
 
 
@@ -233,6 +238,7 @@ def _by_axes(names: Sequence[str]) -> list[SensorColumns]:
             if set(groups[key]) == set(AXES):
                 sensors.append(sensor_of([groups[key][axis] for axis in AXES]))
         best = max(best, sensors, key=len)
+
     return best
 
 
@@ -260,9 +266,11 @@ def _by_count(names: Sequence[str], columns: Columns) -> list[str]:
         steps = np.diff(columns[name].astype(np.float64))
         if len(np.unique(steps[np.isfinite(steps)])) > 1:
             moving.append(name)
+
     for chosen in (longest, names, moving):
         if len(chosen) >= 3 and len(chosen) % 3 == 0:
             return list(chosen)
+
     return []
 
 
@@ -283,6 +291,7 @@ def _order(values: FloatArray) -> np.ndarray:
         is_clear = share >= 0.8
         if is_clear and share > best[0] + 0.2:
             best = (share, np.roll(order, NORMAL_AXIS - axis, axis=1))
+
     return best[1]
 
 
@@ -373,6 +382,7 @@ def oriented(
         if wrong[k] and is_far[k]:
             zero = float(f"{2.0 * rest[k] / size:.4g}")
             turned[k] = sensor_of(axes, zero)
+
     return turned
 
 
@@ -387,6 +397,7 @@ def unit_of_names(names: Sequence[str]) -> str | None:
         for texts in (in_brackets, behind):
             if all(words & _unit_words(text) for text in texts):
                 return unit
+
     return None
 
 

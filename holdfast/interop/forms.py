@@ -1,4 +1,12 @@
-"""Logs of one form: their map, what was understood of them in words, and what is asked."""
+"""Logs of one form: their map, what was understood of them in words, and what is asked.
+
+A form is a set of columns. Folders of a study often hold logs of two forms, such as those of two
+hands, or those before and after a change of the firmware. Each form gets a map of its own.
+
+The order in which a map is made: time and sensors, then the columns that name trials, then labels,
+then unit and signs, then the words of the paths. Each needs what comes before it: a label says when
+the hand is empty, and the unit says how far a reading is from rest.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +70,12 @@ SOME_ACTIONS = "slip, hold, pull, fall, pass, put-down, nothing, .."
 
 @dataclass
 class Form:
-    """Logs of one form, to be understood."""
+    """Logs of one form, to be understood.
+
+    found: where lines and questions are added. source: the folder or the file that was given.
+    samples: the logs, shortened. tables: what lies beside them and holds no readings. fingers: the
+    words of the files of one trial, () where a trial is one file. answers: of the command line.
+    """
 
     found: Understood
     source: Path
@@ -72,7 +85,10 @@ class Form:
     answers: Answers
 
     def understand(self) -> None:
-        """Add the map of the logs, its lines and its questions."""
+        """Add the map of the logs, its lines and its questions.
+
+        No map is added while the time or the unit is asked for: it could not be written down.
+        """
         first, answers, found = self.samples[0], self.answers, self.found
         found.add("time", first.time.why if first.time else "not known")
         names = f"{', '.join(first.form[:3])} to {', '.join(first.form[-3:])}"
@@ -85,6 +101,7 @@ class Form:
         for sample in self.samples if rules.action else ():
             for word in set(text_cells(sample.columns[rules.action])):
                 actions[word] = action_of_word(word) or word
+
         rules = changed(rules, path=path)
         about = all(one.log.about.get("action") for one in self.samples)
         if not (
@@ -92,6 +109,7 @@ class Form:
         ):
             what = "what happens in these trials? nothing in the logs says it"
             found.ask("--action", f"{what}: {SOME_ACTIONS}")
+
         used = {
             *first.form,
             events.column if events else "",
@@ -128,10 +146,12 @@ class Form:
         if first.time is None:
             what = "how many rows a second have the logs? nothing says it"
             found.ask("--rate", f"{what}: a number in Hz")
+
         effects = np.median([one.effects for one in self.touched], axis=0)
         if self._begins_held(events):
             # what a touch changes is not seen
             effects[1:] = 0.0
+
         returns = all(one.returns for one in self.touched)
         of_all = Touch(effects, self.touched[0].rows, returns)
         sensors = first.sensors
@@ -145,11 +165,13 @@ class Form:
         elif axis != NORMAL_AXIS:
             what = f"a touch moves {AXES[axis]} most, the names say z: which axis is normal?"
             found.ask("--normal", f"{what} x, y, z")
+
         unit, why = self._unit()
         if not unit:
             what = f"what unit have the readings ({why})? nothing says it"
             found.ask("--unit", f"{what}: {', '.join(UNIT_OF)}")
             return "", sensors
+
         found.add("unit", f"{unit}, {why}")
         signed = oriented(sensors, of_all, unit)
         if signed != sensors:
@@ -191,6 +213,7 @@ class Form:
                 few = len(kinds) <= max(1, len(column) // 20)
                 if means and few:
                     rules.setdefault(key, name)
+
         return TrialRules(**rules)
 
     def _named_columns(self, rules: TrialRules) -> set[str]:
@@ -199,7 +222,11 @@ class Form:
     # -- labels
 
     def _events(self, rules: TrialRules) -> EventRules | None:
-        """Labels from a table of events, else from a column; what only the action says is asked."""
+        """Labels from a table of events, else from a column; what only the action says is asked.
+
+        Of several columns that may hold labels, the one with the fewest labels without a meaning
+        is taken. One label without a meaning is what the action says, where that is given.
+        """
         events = self._of_tables(rules)
         if events is not None:
             return events
@@ -214,6 +241,7 @@ class Form:
                 cells, touched = self._cells(name)
                 one = labels_of(name, cells, touched, known)
                 labels += [one] if one else []
+
         if not labels:
             return None
         best = min(labels, key=lambda one: len(one.unknown))
@@ -229,6 +257,7 @@ class Form:
             self.found.ask(
                 "--action", f'{what}: "{best.unknown[0]}=slip" (or pass, hold, ..)'
             )
+
         of_action = {best.unknown[0]: situation or ""}
         return changed(best.rules, labels={**best.rules.labels, **of_action})
 
@@ -246,10 +275,15 @@ class Form:
             if name in sample.columns:
                 cells += text_cells(sample.columns[name])
                 touched.append(found.rows)
+
         return np.array(cells, dtype=object), np.concatenate(touched)
 
     def _of_tables(self, rules: TrialRules) -> EventRules | None:
-        """Rules of the first table of events; tables that hold none are named."""
+        """Rules of the first table of events; tables that hold none are named.
+
+        A table is a file beside the logs, or a stream of the log that has no readings. Its trials
+        are called by what the logs are called by, or by what stands in their column of trials.
+        """
         first, root = self.samples[0], self.source
         root = root if root.is_dir() else root.parent
         keys: set[str] = set()
@@ -263,6 +297,7 @@ class Form:
                 is_readings = bool({*first.form} & stream.columns.keys())
                 if not is_readings and stream.t_ns is None:
                     others.append((table.log.path, stream))
+
         chosen: EventRules | None = None
         for path, stream in others:
             file = path.relative_to(root).as_posix()
@@ -282,12 +317,16 @@ class Form:
             self.found.add(
                 "labels", f"{path.name}: {listed([*filter(None, what)])}, in {unit}"
             )
+
         return chosen
 
     # -- names
 
     def _path(self, *, has_events: bool) -> tuple[str, dict[str, str]]:
-        """([trials] path where all names are built alike and say something, [actions])."""
+        """([trials] path where all names are built alike and say something, [actions]).
+
+        >>> # p3/ball/slip_1 and p4/ball/pass_2 give "{person}/{object}/{action}_{trial}"
+        """
         actions: dict[str, str] = {}
         split = [re.split(r"([/_ .]+)", one.log.name) for one in self.samples]
         first = split[0]
@@ -299,6 +338,7 @@ class Form:
             is_folder = "/" in "".join(first[2 * k :])
             if is_folder or k in fields.values():
                 self._ask_person(tokens[k], fields)
+
         if not set(fields) - {"trial"}:
             return "", actions
         at = {k: key for key, k in fields.items()}
@@ -306,6 +346,7 @@ class Form:
         for k, values in enumerate(tokens):
             same = values[0] if len(set(values)) == 1 else "*"
             parts.append(f"{{{at[k]}}}" if k in at else same)
+
         for key, k in fields.items():
             names = list(dict.fromkeys(tokens[k]))
             self.found.add("names", f"{key}: {listed(names, most=6)}")
@@ -313,6 +354,7 @@ class Form:
                 meant = action_of_word(word, has_events=has_events) or word
                 if action_of(word) != meant:
                     actions[word] = meant
+
         path = "".join(a + b for a, b in zip(parts, [*first[1::2], ""], strict=True))
         return path, actions
 
@@ -328,6 +370,7 @@ class Form:
         if len(names) == len(words):
             self.found.add("names", f"{shown}: taken as no people; {options}")
             return
+
         what = f"are {shown} people or objects? nothing in the logs says it"
         self.found.ask("--person", f"{what}: {options}")
 
@@ -345,7 +388,12 @@ def tokens_of(name: str) -> list[str]:
 def _fields(
     tokens: list[list[str]], answers: Answers, *, has_events: bool
 ) -> tuple[dict[str, int], list[int]]:
-    """(person, object, action and trial -> which of the words of the paths it is; unclear ones)."""
+    """(person, object, action and trial -> which of the words of the paths it is; unclear ones).
+
+    tokens: for each place in the paths, the words of all logs there. What the command line names
+    comes first, then actions, then people such as `p07`, then the number of the trial; one place
+    that is left may be the object.
+    """
     fields: dict[str, int] = {}
     unclear = []
     free = [key for key in NAMES if not getattr(answers, key)]
@@ -371,6 +419,7 @@ def _fields(
             # what is left beside a person or an action is what was held
             fields.setdefault("object", k)
             unclear.append(k)
+
     if not {"action", "person"} & fields.keys() and "object" in free:
         fields.pop("object", None)
     return fields, unclear

@@ -109,6 +109,7 @@ def situation_of_word(label: str) -> str | None:
     for situation, stems in SITUATION_STEMS:
         if any(re.search(rf"\b{stem}", plain) for stem in stems):
             return situation
+
     return None
 
 
@@ -170,6 +171,7 @@ def labels_of(
         lost = [value for value, situation in by_word.items() if situation is None]
         no_meaning = f"; without a meaning: {listed(lost, most=6)}" if lost else ""
         return _found(name, labels, no_meaning, hold=hold)
+
     held_cells = np.array(held(cells.tolist()) if hold else cells)
     return _by_content(name, held_cells, touched, values, hold=hold)
 
@@ -187,10 +189,12 @@ def _binary(name: str, cells: np.ndarray, touched: np.ndarray) -> FoundLabels | 
             return None
         if marked[touched].mean() > 0.8:
             return _found(name, {on: "grasp", off: "nothing"}, ": the contact")
+
     if marked.any() and marked.sum() <= 2 * begins:
         ends = ": the slip, from there to the end of the contact"
         rules = EventRules(column=name, hold=True, labels={on: "risky_slip"})
         return FoundLabels(rules, f"column {name}, {on!r} marks{ends}")
+
     return _found(name, {on: "risky_slip", off: ""}, f": {on!r} marks the slip")
 
 
@@ -202,7 +206,11 @@ def _by_content(
     *,
     hold: bool,
 ) -> FoundLabels | None:
-    """Words or numbers that say nothing, by when they stand."""
+    """Words or numbers that say nothing, by when they stand.
+
+    Those that stand while nothing is touched mean the empty hand, and the most frequent one of a
+    touch means the grasp. What is left is told as unknown, because a slip cannot be seen so.
+    """
     shares = {value: float(touched[cells == value].mean()) for value in values}
     counts = Counter(cells[touched].tolist())
     grasp = max(values, key=lambda value: counts[value])
@@ -238,6 +246,7 @@ def held(cells: Sequence[str]) -> list[str]:
     for cell in cells:
         last = cell or last
         kept.append(last)
+
     return kept
 
 
@@ -247,6 +256,7 @@ def runs_of(cells: Sequence[str], stamps: IntArray) -> list[Event]:
     for k, cell in enumerate(cells):
         if not k or cell != cells[k - 1]:
             events.append(Event(float(stamps[k]), np.nan, cell))
+
     return with_ends(events)
 
 
@@ -258,6 +268,8 @@ def rules_of_table(
 ) -> EventRules | None:
     """What the columns of a table of events are; None where it has no start or no label.
 
+    A row is an event: when it starts, when it ends or how long it lasts, what it is, and which
+    trial it is of. A table without labels is of one kind, by the name of the column or the file.
     keys: what logs are called, in small letters. Unit and zero come later.
     """
     trial = ""
@@ -268,11 +280,13 @@ def rules_of_table(
             cells <= keys if is_named else is_text(column) and len(cells & keys) > 1
         ):
             trial = trial or name
+
     numbers: list[str] = []
     texts: list[str] = []
     for name, column in columns.items():
         if name != trial:
             (texts if is_text(column) else numbers).append(name)
+
     start = _named(numbers, START_WORDS | ROW_WORDS) or next(iter(numbers), "")
     label = _named(texts, LABEL_WORDS) or next(iter(texts), "")
     about = situation_of_word(start) or situation_of_word(Path(file).stem) or ""
@@ -304,7 +318,11 @@ def _named(names: Sequence[str], words: set[str]) -> str:
 def unit_and_zero(
     rules: EventRules, latest: float, first_s: float, last_s: float
 ) -> tuple[str, str]:
-    """The unit of a table's times, and whether they count from a log's begin or on its clock."""
+    """The unit of a table's times, and whether they count from a log's begin or on its clock.
+
+    latest: the last time in the table, in its unit. first_s, last_s: of the log. The first unit
+    counts with which the last event lies within the log.
+    """
     if words_of(rules.start) & ROW_WORDS:
         return ROW, "log"
     lasts_s = last_s - first_s
@@ -315,6 +333,7 @@ def unit_and_zero(
             return unit, "log"
         if first_s < latest_s <= last_s + 0.1 * lasts_s:
             return unit, "clock"
+
     return named or "s", "log"
 
 
@@ -333,6 +352,7 @@ def read_events(
         path = log.parent / rules.file.replace("{name}", log.stem)
         if not path.is_file():
             return Path(), []
+
     streams = read_log(LogPlace(path, path.stem, path.suffix.lower())).streams
     with_start = [one for one in streams if rules.start in one.columns]
     columns = (with_start or streams)[0].columns
@@ -345,6 +365,7 @@ def read_events(
             cause=f"its columns are {listed(list(columns), most=40)}",
             next_step="correct [events] of the column map",
         )
+
     return path, _events(columns, rules, path)
 
 
@@ -370,6 +391,7 @@ def _events(columns: Columns, rules: EventRules, path: Path) -> list[Event]:
                 where=path,
                 next_step="correct that line",
             )
+
     return with_ends(sorted(found, key=lambda event: (event.trial, event.start)))
 
 
@@ -380,6 +402,7 @@ def with_ends(events: Sequence[Event]) -> list[Event]:
         follows = whole and whole[-1].trial == event.trial
         end = whole[-1].start if follows else FOR_EVER
         whole.append(replace(event, end=end) if np.isnan(event.end) else event)
+
     return whole[::-1]
 
 
@@ -394,4 +417,5 @@ def in_ns(event: Event, rules: EventRules, stamps: IntArray, zero_ns: int) -> Ev
             times.append(float(stamps[row]))
         else:
             times.append(zero_ns + time * NS_OF[rules.unit])
+
     return replace(event, start=times[0], end=times[1])

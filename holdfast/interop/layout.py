@@ -64,6 +64,7 @@ class Form:
             cells = next(csv.reader([line.strip()], delimiter=mark), [])
         except csv.Error:
             return []
+
         return [cell.strip() for cell in cells]
 
 
@@ -82,7 +83,11 @@ class TableLayout:
 
 
 def layout_of(lines: Sequence[str]) -> TableLayout:
-    """The layout of a text table by its first lines. Raises ColumnError for what is none."""
+    """The layout of a text table by its first lines. Raises ColumnError for what is none.
+
+    Each separator is tried with each decimal sign. The pair is taken that makes most cells of the
+    last of these lines numbers, and of equal ones that with the most columns.
+    """
     comment = next((one for one in COMMENTS if _begins(lines, one)), "")
     bare = [_uncommented(line, comment) for line in lines]
     data = [not (comment and line.lstrip().startswith(comment)) for line in lines]
@@ -102,6 +107,7 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
             share = _share_of_numbers(judged, decimal) * len(judged) / len(body)
             if share and (round(share, 3), wide) > best:
                 best, chosen = (round(share, 3), wide), (form, rows)
+
     if chosen is None:
         raise ColumnError(
             "no table of several columns",
@@ -109,6 +115,7 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
             "a comma or spaces",
             next_step="save it as CSV",
         )
+
     form, rows = chosen
     first = first_of_data(rows, form.decimal, data)
     above = [_named_cells(line, bare[first], form) for line in bare[:first]]
@@ -137,11 +144,15 @@ def first_of_data(
             and any(is_number(cell, decimal) for cell in row)
         ):
             return k
+
     raise ColumnError("no row of numbers", next_step="give a table with numbers")
 
 
 def heading(rows: Sequence[Cells]) -> tuple[tuple[str, ...], int]:
-    """(names of the columns, index of the first row of data) by the rows up to the first data."""
+    """(names of the columns, index of the first row of data) by the rows up to the first data.
+
+    At most three rows above the data belong to the heading: groups, names, units.
+    """
     first, wide = len(rows) - 1, len(rows[-1])
     if _counts_columns(rows[first]):
         return unique_names(rows[first]), first + 1
@@ -152,6 +163,7 @@ def heading(rows: Sequence[Cells]) -> tuple[tuple[str, ...], int]:
             above.append(cells)
         elif row:
             break
+
     if not above:
         return tuple(f"column{k}" for k in range(1, wide + 1)), first
     names = above.pop()
@@ -168,6 +180,7 @@ def _as_wide(row: Cells, data: Cells) -> list[str] | None:
     if len(cells) == len(data) - 1 and len(cells) > 1:
         # pandas and R write no name above row names; others end their rows by a separator
         cells = [*cells, ""] if data[-1] in ("", None) else ["", *cells]
+
     return cells if len(cells) == len(data) and any(cells) else None
 
 
@@ -180,6 +193,7 @@ def _under(above: list[str], below: list[str]) -> list[str]:
         last = name if name or is_unit else last
         shown = f"[{cell.strip(' []()')}]" if is_unit and cell else cell
         names.append(" ".join(filter(None, [last, shown])))
+
     return names
 
 
@@ -196,6 +210,7 @@ def _named_cells(line: str, data: str, form: Form) -> Cells:
     for name, cell in zip(cells, below, strict=True):
         numbers = range(int(cell[1:])) if cell.startswith("\0") else ()
         wide += [f"{name}.{k}" for k in numbers] or [name]
+
     return wide
 
 
@@ -208,6 +223,7 @@ def unique_names(cells: Sequence[Any]) -> tuple[str, ...]:
         while unique in names:
             unique, again = f"{name}.{again}", again + 1
         names[unique] = None
+
     return tuple(names)
 
 
@@ -224,6 +240,7 @@ def is_number(cell: Any, decimal: str) -> bool:
         float(text.replace(",", ".") if decimal == "," else text)
     except ValueError:
         return False
+
     return "_" not in text and text.lower().lstrip("+-") not in (
         "nan",
         "inf",
@@ -259,6 +276,7 @@ def _share_of_numbers(rows: Sequence[Cells], decimal: str) -> float:
         for cell in row:
             filled += cell not in MISSING
             numbers += is_number(cell, decimal)
+
     return numbers / filled if filled else 0.0
 
 

@@ -67,6 +67,7 @@ def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
         parts.append(columns)
         episodes.append(_episode(trial, number, first, columns))
         first += len(trial.t_s)
+
     # a set of ours stays below the size at which lerobot starts a new file
     joined = {key: np.concatenate([one[key] for one in parts]) for key in parts[0]}
     path = DATA_PATH.format(chunk_index=0, file_index=0)
@@ -116,10 +117,12 @@ def _episode(trial: TrialPayload, number: int, first: int, columns: Columns) -> 
     for place in ("data", "meta/episodes"):
         episode[f"{place}/chunk_index"] = 0
         episode[f"{place}/file_index"] = 0
+
     # an episode carries its own statistics, so that sets are joined without reading the data
     for key, values in columns.items():
         for name, figures in _stats(values).items():
             episode[f"stats/{key}/{name}"] = figures
+
     return episode
 
 
@@ -158,6 +161,7 @@ def _info(
             "shape": shape,
             "names": names.get(key),
         }
+
     return {
         "codebase_version": VERSION,
         "robot_type": "holdfast",
@@ -203,6 +207,7 @@ def read_log(folder: Path, name: str) -> ForeignLog:
     for key in parts[0]:
         if all(key in part for part in parts):
             columns[key] = np.concatenate([part[key] for part in parts])
+
     columns = _with_names(columns, info)
     _add_texts(columns, folder, info)
     # the stamps of the format are those of a camera; the true ones are beside them
@@ -218,6 +223,7 @@ def _with_names(columns: Columns, info: Json) -> Columns:
         names = about.get("names") if isinstance(about, dict) else None
         for k, label in enumerate(names if isinstance(names, list) else ()):
             renamed[f"{feature}.{k}"] = f"{feature}.{label}"
+
     return {renamed.get(key, key): column for key, column in columns.items()}
 
 
@@ -232,6 +238,7 @@ def _add_texts(columns: Columns, folder: Path, info: Json) -> None:
     for key in ("person", "object", "action"):
         known = {number: str(about[key] or "") for number, about in episodes.items()}
         _look_up(columns, EPISODE, key, known)
+
     names = dict(enumerate(SITUATIONS)) | {NO_LABEL: UNLABELLED}
     _look_up(columns, SITUATION, SITUATION, names)
 
@@ -243,6 +250,7 @@ def _texts(paths: Iterable[Path], number: str, text: str) -> dict[int, str]:
         table, _ = read_columns(path)
         if number in table and text in table:
             found |= zip(table[number].tolist(), table[text].tolist(), strict=True)
+
     return found
 
 

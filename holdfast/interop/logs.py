@@ -98,10 +98,12 @@ def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
     if kind is not None:
         name = source.stem if source.is_file() else source.name
         return [LogPlace(source, name, kind)], []
+
     if not source.is_dir():
         raise DataNotFound(
             "no such file or folder", where=source, next_step="check the path"
         )
+
     from holdfast.interop.tables import is_table
 
     places: list[LogPlace] = []
@@ -115,12 +117,14 @@ def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
             others.append(f"{place.path.name} (as {first.path.name})")
         else:
             places.append(place)
+
     if not places:
         raise DataNotFound(
             "no log in this folder",
             where=source,
             next_step=f"give a folder with files that end in {', '.join(LOG_SUFFIXES)}",
         )
+
     return places, others
 
 
@@ -141,6 +145,7 @@ def read_log(place: LogPlace) -> ForeignLog:
         from holdfast.interop.workbook import read_workbook
 
         return ForeignLog(place.path, place.name, tuple(read_workbook(place.path)))
+
     if place.kind in MODULES:
         reader = import_module(MODULES[place.kind])
         log: ForeignLog = reader.read_log(place.path, place.name)
@@ -148,6 +153,7 @@ def read_log(place: LogPlace) -> ForeignLog:
         if not streams:
             raise EmptyRecording("no stream with a sample", where=place.path)
         return replace(log, streams=tuple(_once(streams)))
+
     from holdfast.interop.tables import read_text_table
 
     table = read_text_table(place.path)
@@ -172,9 +178,11 @@ def _kind_of(path: Path) -> str | None:
     if path.is_file():
         suffix = path.suffix.lower()
         return suffix if suffix in (*LOG_SUFFIXES, *NO_LOGS) else ""
+
     for mark in (BAG, LEROBOT):
         if (path / mark).is_file():
             return mark
+
     return None
 
 
@@ -202,6 +210,7 @@ def _once(streams: Sequence[Stream]) -> list[Stream]:
             note = f"{stream.name or 'a stream'} is there twice: the longer one is used"
             longer = max(first, stream, key=lambda one: one.rows)
             kept[same[0]] = replace(longer, notes=(*longer.notes, note))
+
     return kept
 
 
@@ -232,9 +241,11 @@ def table_of(log: ForeignLog, names: Collection[str]) -> Columns:
         columns = dict(used[0].columns)
         if used[0].t_ns is not None:
             columns[LOG_TIME] = used[0].t_ns
+
     for stream in log.streams if LOG_TIME in columns else ():
         if not stream.columns.keys() & set(names):
             columns = _held(stream, columns[LOG_TIME]) | columns
+
     return columns
 
 
@@ -250,6 +261,7 @@ def _held(stream: Stream, t_ns: IntArray) -> Columns:
             columns[name] = np.where(last < 0, "", column[order][last])
         elif not (column % 1 > 0).any():
             columns[name] = np.where(last < 0, np.nan, column[order][last])
+
     return columns
 
 
@@ -285,6 +297,7 @@ def joined(streams: Sequence[Stream]) -> Columns:
                 if is_text(column)
                 else cells.to_numpy(np.float64)
             )
+
     return columns
 
 

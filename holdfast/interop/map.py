@@ -82,6 +82,7 @@ class TrialRules(
             is_field = part.startswith("{")
             any_text = "[^/]*" if part == "*" else re.escape(part)
             pattern += f"(?P<{part[1:-1]}>[^/]+?)" if is_field else any_text
+
         match = re.fullmatch(pattern, name)
         if match is None:
             raise LabelError(
@@ -89,6 +90,7 @@ class TrialRules(
                 where=where,
                 next_step="correct trials.path in the map",
             )
+
         return {key: text for key, text in match.groupdict().items() if key in NAMES}
 
 
@@ -190,6 +192,7 @@ def read_import_map(path: Path) -> ImportMap:
         raise UsageError(
             "no such column map", where=path, next_step="check the path"
         ) from None
+
     plan.hand_card(path.parent)
     return plan
 
@@ -225,6 +228,7 @@ def _lines(table: Mapping[str, Any], name: str) -> list[str]:
                 within += ["", f"[[{whole}]]", *_lines(one, whole)]
         elif value is not None:
             lines.append(f"{key} = {_text(value)}")
+
     return lines + within
 
 

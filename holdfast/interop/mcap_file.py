@@ -111,6 +111,7 @@ def _fingers(trial: TrialPayload, row: int) -> list[Json]:
         for axis, value in zip(AXES, reading, strict=True):
             finger[axis] = value if np.isfinite(value) else None
         fingers.append(finger)
+
     return fingers
 
 
@@ -156,10 +157,12 @@ def read_log(path: Path, name: str) -> ForeignLog:
                 next_step="mcap recover FILE writes what is left",
             ) from None
         notes = ("cut off: read as far as it goes",)
+
     if is_bag:
         from holdfast.interop.ros2 import read_log as read_bag
 
         return read_bag(path, name)
+
     return ForeignLog(path, name, streams_of(messages, stamps, notes), about)
 
 
@@ -176,4 +179,5 @@ def _decoder(encoding: str, schema: Schema | None) -> Decode | None:
             preserving_proto_field_name=True,
             always_print_fields_with_no_presence=True,
         )
+
     return None

@@ -51,6 +51,7 @@ def table_of(trial: TrialPayload) -> Any:
         # Null says "no value" in every reader; nan is a float like any other.
         array = pa.array(values, mask=~np.isfinite(values))
         add(name, array, {"unit": trial.unit})
+
     for sensor in range(trial.n_sensors):
         add(f"valid{sensor + 1}", pa.array(trial.valid[:, sensor]))
 
@@ -124,6 +125,7 @@ def read_columns(path: Path) -> tuple[Columns, Json]:
             cause="another format, or an interrupted copy",
             next_step="open it with another reader to see what is left",
         ) from None
+
     return columns, about
 
 
@@ -142,6 +144,7 @@ def _cells(name: str, array: Any) -> Columns:
         return {name: text_column(array.to_pylist())}
     elif not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
         return {}
+
     # pyarrow makes floats of whole numbers with a null
     column = array.to_numpy(zero_copy_only=False)
     is_whole = column.dtype.kind in "iu"
@@ -158,4 +161,5 @@ def _of_lists(name: str, array: Any) -> Columns:
     for inner in _cells(name, array.flatten()).values():
         rows = inner.reshape(-1, wide)
         columns = {f"{name}.{k}": rows[:, k] for k in range(wide)}
+
     return columns

@@ -137,6 +137,7 @@ def read_payloads(
             where=root,
             next_step=f"its trials are {names}, ..",
         )
+
     return [_payload(reader.place.path, reader.read(), raw) for reader in chosen]
 
 
@@ -198,5 +199,6 @@ def _start_ns(meta: Json) -> int:
         start = strptime(str(meta[START_KEY]), "%Y-%m-%dT%H:%M:%SZ")
     except (KeyError, ValueError):
         return 0
+
     # timegm, not mktime: the time is UTC.
     return timegm(start) * 1_000_000_000

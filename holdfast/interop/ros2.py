@@ -73,6 +73,7 @@ def plain_message(message: Any) -> Any:
         if value.keys() == {"sec", "nanosec"}:
             return value["sec"] * NS + value["nanosec"]
         return value
+
     if isinstance(message, np.ndarray):
         return message.tolist() if message.size <= MOST_LIST else None
     if isinstance(message, list | tuple):

@@ -94,6 +94,7 @@ def streams_of(
             continue  # an image, or the like
         t_ns = np.array(stamps[topic], dtype=np.uint64).astype(np.int64)
         streams.append(Stream(columns, t_ns, topic, notes))
+
     return tuple(streams)
 
 
@@ -105,6 +106,7 @@ def column_of(cells: Sequence[Any]) -> Column:
             return np.array(cells, dtype=np.int64)
         except OverflowError:
             return np.array(cells, dtype=np.float64)
+
     if kinds <= {int, float, bool, type(None)}:
         return np.array(cells, dtype=np.float64)
     return text_column(cells)
@@ -129,6 +131,7 @@ def text_cells(column: Column) -> list[str]:
     for cell in column.tolist():
         is_number = np.isfinite(cell)
         cells.append(f"{cell:.10g}" if is_number else "")
+
     return cells
 
 
@@ -143,6 +146,7 @@ def unwrapped(stamps: IntArray, unit_ns: float) -> IntArray:
         back = steps < -0.9 * period
         if back.any() and (steps[back] > -1.01 * period).all():
             return stamps + period * np.concatenate([[0], np.cumsum(back)])
+
     return stamps
 
 
@@ -163,4 +167,5 @@ def evened(stamps: IntArray, step: float) -> IntArray:
         # the line of a run may begin before the one before it ends
         least = even[first - 1] + step if first else -np.inf
         even[first:stop] = run + max(0.0, least - run[0])
+
     return np.round(even).astype(np.int64)

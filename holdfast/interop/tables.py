@@ -1,4 +1,8 @@
-"""Text tables by pandas: any separator, decimal sign, encoding, comments, names anywhere on top."""
+"""Text tables by pandas: any separator, decimal sign, encoding, comments, names anywhere on top.
+
+Lines that pandas cannot read as they stand (a time of arrival in front, vectors in brackets, more
+cells than names) are made plain first, and those that are left out are told.
+"""
 
 from __future__ import annotations
 
@@ -70,6 +74,7 @@ def is_table(path: Path) -> bool:
         columns = list(read_text_table(path).columns.values())
     except DataError:
         return False
+
     n_numbers = sum(not is_text(column) for column in columns)
     return len(columns[0]) >= FEWEST_ROWS and 2 * n_numbers >= len(columns)
 
@@ -82,11 +87,13 @@ def encoding_of(head: bytes) -> str:
         zeros = head[first::2].count(0)
         if zeros > len(head) // 4 and not head[1 - first :: 2].count(0):
             return name
+
     try:
         # the last character may be cut
         codecs.getincrementaldecoder(UTF8)().decode(head)
     except UnicodeDecodeError:
         return WESTERN
+
     return UTF8
 
 
@@ -119,6 +126,7 @@ def _read(path: Path, layout: TableLayout, encoding: str) -> Stream:
         # lines with more cells than the others
         whole = _plain(path, layout, encoding, notes)
         table = _parsed(whole, layout, encoding, 0)
+
     return cleaned(table, layout.form.decimal, notes, is_cut=_is_cut(path, layout))
 
 
@@ -151,6 +159,7 @@ def _parsed(
         for chunk in chunks:
             for name, column in parts.items():
                 column.append(chunk[name].to_numpy(copy=True))
+
     columns = {}
     for name in layout.names:
         columns[name] = np.concatenate(parts.pop(name))
@@ -173,6 +182,7 @@ def _plain(
             kept.append(mark.join(f'"{cell}"' for cell in cells))
         elif line.strip() and not is_comment:
             n_torn += 1
+
     if n_torn:
         notes.append(f"{n_torn} lines of another number of cells left out")
     return io.StringIO("\n".join(kept))
@@ -183,6 +193,7 @@ def _is_cut(path: Path, layout: TableLayout) -> bool:
     with path.open("rb") as file:
         file.seek(max(0, path.stat().st_size - (64 << 10)))
         tail = file.read()
+
     if tail.endswith((b"\n", b"\r", b"\n\0")):
         return False
     last = re.split(rb"[\r\n]", tail)[-1].decode("latin-1")
@@ -203,10 +214,12 @@ def cleaned(
         # behind a separator at the end of every line
         if not (name.startswith("column") and is_empty):
             columns[name] = column
+
     there = np.zeros(len(column), dtype=np.bool_)
     for column in columns.values():
         if not is_text(column):
             there |= np.isfinite(column)
+
     if is_cut:
         there[-1:] = False
     n_lost = int(np.count_nonzero(~there))
@@ -215,6 +228,7 @@ def cleaned(
     if n_lost:
         columns = {name: column[there] for name, column in columns.items()}
         notes.append(f"{n_lost} lines without a number, or cut off, left out")
+
     return Stream(columns, notes=tuple(notes))
 
 

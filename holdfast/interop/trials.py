@@ -100,6 +100,7 @@ class TrialImport:
             for rows in self._cuts(whole, plan, name):
                 events[path] += self._write(log, rows, plan, of_file)
             part(number / len(files))
+
         for path, n_used in events.items():
             if path != Path() and not n_used:
                 raise LabelError(
@@ -117,6 +118,7 @@ class TrialImport:
         if self.gaps_s:
             ends = f"{min(self.gaps_s):.3g} to {max(self.gaps_s):.3g} s"
             lines.append(f"gaps       {len(self.gaps_s)} of {ends}: lost samples")
+
         people, _, actions = zip(*self.trials, strict=True)
         counts = [f"{n} {action}" for action, n in Counter(actions).items()]
         n_trials = count_of(len(self.trials), "trial")
@@ -148,6 +150,7 @@ class TrialImport:
             lost = count_of(int(np.count_nonzero(~there)), "row")
             self.notes.append(f"{log.name}: {lost} without a time left out")
             rows, columns = rows.part(there), {plan.time.column: time[there]}
+
         stamps = plan.stamps_ns(columns, len(rows.values), log.path)
         return replace(rows, stamps=unwrapped(stamps, plan.time.unit_ns))
 
@@ -159,11 +162,13 @@ class TrialImport:
         for at in np.flatnonzero(ends)[:3].tolist():
             jump = f"the clock jumps by {steps[at]:.4g} s in row {at + 2}"
             self.notes.append(f"{name}: {jump}: a new trial")
+
         column = rows.cells.get(plan.trials.column)
         if column is not None:
             ends |= column[1:] != column[:-1]
         else:
             ends |= _pauses(rows, max(LONG_GAP_S, LONG_GAP_STEPS * 1e-9 * step))
+
         for first, stop in pairwise([0, *(np.flatnonzero(ends) + 1), len(ends) + 1]):
             if column is not None and not column[first]:
                 continue
@@ -196,6 +201,7 @@ class TrialImport:
                 labels = _empty_hand(trial, plan)
                 kinds = {"nothing"}
             self.notes.append(f"{log.name}: its times are not known: {taken}")
+
         needs_events = action in UNSCRIPTED and action not in LABELLED_ACTIONS
         if not action or (needs_events and not kinds):
             raise LabelError(
@@ -203,6 +209,7 @@ class TrialImport:
                 where=log.path,
                 next_step="--action slip, or another action; or its events",
             )
+
         thing = "" if action == EMPTY_HAND else names["object"] or "object"
         parts = [names["person"], thing, action]
         place = "/".join(filter(None, parts))
@@ -222,6 +229,7 @@ class TrialImport:
         if first:
             lost = f"{count_of(first, 'row')} before all sensors sent left out"
             self.notes.append(f"{where.name}: {lost}")
+
         t_s = 1e-9 * (rows.stamps[first:] - rows.stamps[first])
         step_s = max(1e-12, float(np.median(np.diff(t_s))))
         wrong = implausible_rate(1.0 / step_s)

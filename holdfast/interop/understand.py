@@ -2,6 +2,10 @@
 
 Everything is taken from what columns hold, then from names. What nothing in the logs says, and no
 answer on the command line, is asked.
+
+Steps: find the logs; read each once and keep its first readings; join the files of one trial; sort
+the logs by their columns; make a map for each such form (forms.py). trials.py then reads the logs a
+second time by the maps, one after the other.
 """
 
 from __future__ import annotations
@@ -51,18 +55,24 @@ OVERLAP = 0.7
 
 
 def understand(source: Path, answers: Answers, part: Part = ignored) -> Understood:
-    """What the logs of a source are. Raises a DataError where no log can be read at all."""
+    """What the logs of a source are.
+
+    source: a folder or a file. answers: what the command line says, which wins over what is seen.
+    part: receives the share that is read. Raises a DataError where no log can be read at all.
+    """
     found = Understood()
     places, others = find_logs(source)
     samples = []
     for number, place in enumerate(places, 1):
         samples.append(_sample([place], read_log(place), answers))
         part(number / len(places))
+
     tables = []
     for sample in list(samples):
         if not sample.sensors:
             samples.remove(sample)
             tables.append(sample)
+
     unread = f"; not read: {listed(others, most=6)}" if others else ""
     found.add("logs", f"{len(samples)}{unread}")
     if not samples:
@@ -70,6 +80,7 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
         what = f"which columns of {tables[0].log.name} are x, y and z of each sensor? ({names})"
         found.ask("--map", f"{what}; a map names them (docs/your-data.md)")
         return found
+
     fingers = _fingers(samples)
     if fingers:
         found.add(
@@ -79,6 +90,7 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
         samples = []
         for name, group in files.items():
             samples.append(_sample(group, read_joined(group, fingers, name), answers))
+
     forms: dict[tuple[str, ...], list[Sample]] = {}
     for sample in samples:
         forms.setdefault(sample.form, []).append(sample)
@@ -88,6 +100,7 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
     if len(hands) > 1:
         words = " and ".join(f"{n} sensors in {unit}" for unit, n in sorted(hands))
         found.ask("SOURCE", f"logs of {words}: import each hand on its own")
+
     return found
 
 
@@ -100,6 +113,7 @@ def of_map(source: Path, plan: ImportMap) -> Understood:
             name = place.path.name
             if name.startswith(begin) and name.endswith(end):
                 places.remove(place)
+
     found = Understood(plans=[(plan, files_of(places, plan.trials.fingers))])
     found.add("sensors", f"{len(plan.sensors)}, by the map")
     found.add("unit", f"{plan.unit}, by the map")
@@ -124,6 +138,7 @@ def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample:
             and (has_texts or longest.rows < 100)
         ):
             sensors = []
+
     names = [name for sensor in sensors for name in sensor.axes]
     columns = table_of(log, names or list(merged))
     time = find_time(columns, answers.rate)
@@ -154,7 +169,11 @@ def _marks(columns: Columns) -> set[str]:
 
 
 def _fingers(samples: Sequence[Sample]) -> list[str]:
-    """The words by which the files of one trial differ, a file for each finger; [] for none."""
+    """The words by which the files of one trial differ, a file for each finger; [] for none.
+
+    Such files have one sensor each, are named alike but for one word, and run at the same time.
+    The word names a finger; or the clock is that of the day, so that overlap is no accident.
+    """
     tokens = [tokens_of(one.log.name) for one in samples]
     if any(len(one.sensors) > 1 for one in samples) or len(set(map(len, tokens))) != 1:
         return []
@@ -176,6 +195,7 @@ def _fingers(samples: Sequence[Sample]) -> list[str]:
             and all(map(_overlap, groups.values()))
         ):
             return sorted(words, key=_finger_order)
+
     return []
 
 
@@ -192,4 +212,5 @@ def _overlap(group: Sequence[Sample]) -> bool:
     for one in group:
         firsts.append(float(np.nanmin(one.stamps_s)))
         lasts.append(float(np.nanmax(one.stamps_s)))
+
     return min(lasts) - max(firsts) > OVERLAP * (max(lasts) - min(firsts))

@@ -36,6 +36,7 @@ def read_workbook(path: Path) -> list[Stream]:
         for number, block in enumerate(_blocks(rows), 1):
             name = sheet if number == 1 else f"{sheet} ({number})"
             streams += _stream(block, name)
+
     if not streams:
         raise EmptyRecording("no row of data", where=path, next_step="fill the sheet")
     return _joined(streams)
@@ -56,6 +57,7 @@ def _joined(streams: list[Stream]) -> list[Stream]:
             sheets = [one.name for one in alike for _ in range(one.rows)]
             table = Stream({**columns, SHEET: np.array(sheets, dtype=object)})
         tables.append(table)
+
     return tables
 
 
@@ -69,6 +71,7 @@ def _stream(rows: Rows, name: str) -> list[Stream]:
         found = cleaned(table, ".", [])
     except DataError:
         return []
+
     return [Stream(found.columns, name=name, notes=found.notes)]
 
 

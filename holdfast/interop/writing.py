@@ -55,6 +55,7 @@ def truth_of(trial: Trial, labels: np.ndarray) -> str:
                 "provenance": PROVENANCE,
             }
             phases.append(phase)
+
     return json.dumps({"phases": phases}, indent=1) + "\n"
 
 
@@ -74,6 +75,7 @@ def write_beside(folder: Path, plan: ImportMap, maps: Path, written: Json) -> No
     if card:
         write_whole(folder / HAND_FILE, card)
         plan = msgspec.structs.replace(plan, hand=HAND_FILE)
+
     write_whole(folder / MAP_FILE, map_text(plan))
 
 
@@ -100,4 +102,5 @@ def hand_card_text(plan: ImportMap, maps: Path) -> str:
             name = f'"sensor-{1 + sum(line.startswith("side") for line in lines)}"'
             lines += ["", "[[sensors]]", f"name = {name}", f'side = "{side}"']
             lines.append(f"along_mm = {along_mm:.1f}")
+
     return "\n".join(lines) + "\n"

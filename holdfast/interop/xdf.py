@@ -41,6 +41,7 @@ def read_log(path: Path, name: str) -> ForeignLog:
             cause="another format, or an interrupted copy",
             next_step="open it with another XDF reader to see what is left",
         ) from None
+
     return ForeignLog(path, name, tuple(streams))
 
 
@@ -59,6 +60,7 @@ def _stream(loaded: Any) -> Stream:
         values = np.asarray(rows, dtype=np.float64)
         for k, label in enumerate(_labels(info, values.shape[1])):
             columns[f"{name}.{label or k}"] = values[:, k]
+
     return Stream(columns, np.round(t_s * 1e9).astype(np.int64), name)
 
 

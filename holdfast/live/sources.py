@@ -42,7 +42,7 @@ from holdfast.live.running import say
 
 if TYPE_CHECKING:
     from holdfast.core.column_map import ColumnMap
-    from holdfast.drivers.bridges import Bus
+    from holdfast.drivers.bus import Bus
     from holdfast.drivers.hand import LiveHand
     from holdfast.drivers.line_feeds import Feed
     from holdfast.drivers.virtual.virtual_hand import VirtualHand

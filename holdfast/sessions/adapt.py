@@ -16,7 +16,7 @@ import onnx
 
 from holdfast.core.contract import RISKY_SLIP, BoolArray
 from holdfast.core.errors import TooLittleToAdapt, UsageError, WorseThanBase, count_of
-from holdfast.core.trial_layout import require_open
+from holdfast.core.locked import require_open
 from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.model import Model

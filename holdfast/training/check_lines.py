@@ -54,6 +54,7 @@ def report_lines(report: FolderReport) -> list[str]:
         verdict = f"ready for holdfast evaluate; {needs}"
     elif report.layout not in FORMATS:
         verdict = "a public set, read as it is"
+
     return [*lines, "", verdict]
 
 
@@ -64,6 +65,7 @@ def _kinds(missing: Sequence[Missing]) -> list[list[Missing]]:
     for one in missing:
         kind = re.sub(r"[0-9.]+", "#", f"{one.level} {one.what}")
         found.setdefault(kind, []).append(one)
+
     return list(found.values())
 
 
@@ -76,6 +78,7 @@ def _summary(report: FolderReport, held_out_by: str) -> list[str]:
         trials += cell.trials
         seconds += cell.seconds
         people.add(cell.person)
+
     people.discard(None)
     of = f" of {counted(len(people), 'person')}" if people else ""
     found = f"{counted(trials, 'trial')}{of}, {seconds / 60.0:.1f} min"
@@ -117,4 +120,5 @@ def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
     for row in rows:
         cells = [f"{cell:<{n}}" for cell, n in zip(row, widths, strict=True)]
         lines.append("  ".join(cells).rstrip())
+
     return lines

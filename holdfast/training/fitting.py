@@ -217,7 +217,7 @@ def _held_out(
 def _require_open(names: Sequence[str]) -> None:
     """Raise SetLocked for a set that is kept for a last test, before any is read."""
     # The generated set is open by its making, so a run without data does not load this.
-    from holdfast.core.trial_layout import require_open
+    from holdfast.core.locked import require_open
 
     for name in names:
         require_open(find(name), "a model")

@@ -175,6 +175,7 @@ def write_example(folder: Path) -> None:
         raise OutputError(
             "exists and is not empty", where=folder, next_step="name a new folder"
         )
+
     require_writable(folder)
     trials = folder / TRIALS
     two: Json = {"trials_per_cell": 1, "objects": ["soft-ball", "hard-ball"]}
@@ -183,6 +184,7 @@ def write_example(folder: Path) -> None:
         write_fixture(own, seed=seed, rest_s=EARLY_REST_S, **two)
         # The mass of a mug is in no table.
         (own / "hard-ball").rename(own / "mug")
+
     for path in trials.rglob("*.json"):
         path.unlink()
 

@@ -147,6 +147,7 @@ def disturbed(recording: Recording, thumb: BoolArray, rng: np.random.Generator) 
     if _strikes("noise", rng):
         rms = rng.uniform(0.0, NOISE * floor)
         values = values + rms * rng.normal(size=shape)
+
     if _strikes("coarse steps", rng):
         step = COARSE_STEP * floor
         values = np.rint(values / step) * step
@@ -191,6 +192,7 @@ def _scaled(values: FloatArray, rng: np.random.Generator) -> FloatArray:
     if _strikes("own gain", rng):
         low, high = np.log(OWN_GAIN)
         gain *= np.exp(rng.uniform(low, high, (len(gain), 1)))
+
     if _strikes("shear gain", rng):
         gain[:, :2] *= rng.uniform(*SHEAR_GAIN)
     return values * gain
@@ -213,11 +215,13 @@ def _lagging(
             last = np.clip(last, now - half, now + half)
             followed[row] = last
         values = followed
+
     if _strikes("smoothing", rng):
         share = 1.0 - np.exp(-1.0 / (rate_hz * rng.uniform(*SMOOTHING_S)))
         # from the first reading on, as if it had always been there
         before = (1.0 - share) * values[:1]
         values = lfilter([share], [1.0, share - 1.0], values, axis=0, zi=before)[0]
+
     return values
 
 
@@ -244,6 +248,7 @@ def _dying(
     elif fault == 1:
         noise = rng.normal(size=(len(values) - at, len(which), 3))
         values[at:, which] = DEAD_NOISE * floor * noise
+
     return values, valid
 
 

@@ -17,7 +17,8 @@ from holdfast.cli.options import (
 )
 from holdfast.core.contract import Json
 from holdfast.core.errors import UsageError
-from holdfast.core.trial_layout import locked_sets, read_json
+from holdfast.core.locked import locked_sets
+from holdfast.core.trial_layout import read_json
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.simulation.closed_loop import model_of
 from holdfast.simulation.drive import OPENINGS

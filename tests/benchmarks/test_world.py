@@ -28,7 +28,7 @@ from benchmarks.world.ranges import EVENT_N, HELD_N, RANGES, REFUSED_GRIP_N
 from benchmarks.world.scores import table_of
 from benchmarks.world.trials_file import TrialsFile
 from holdfast.core.contract import Json
-from holdfast.core.trial_layout import locked_sets
+from holdfast.core.locked import locked_sets
 from tools.doc_tables import tables_of
 
 DEVELOPMENT = 150

@@ -17,7 +17,7 @@ from bridge_bench import (
 )
 
 from holdfast.core.errors import BusStuck, DeviceLost, DeviceNotFound, TransferFailed
-from holdfast.drivers.bridges import Reply, Transfer
+from holdfast.drivers.bus import Reply, Transfer
 from holdfast.drivers.virtual.faults import Fault
 
 

@@ -21,7 +21,7 @@ from bridge_bench import (
     every_bridge,
 )
 
-from holdfast.drivers.bridges import NOT_ACKED, Reply, Transfer
+from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
 
 # -- what every bridge does
 

@@ -11,7 +11,7 @@ from hand_bench import Bench, started
 from hazard_marks import BRIDGE_FAULT, SLOW_REPAIR, STUCK_BUS, WIRING
 
 from holdfast.core.errors import BusStuck, DeviceError, TransferFailed
-from holdfast.drivers.bridges import Transfer
+from holdfast.drivers.bus import Transfer
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.virtual.ft232h import (
     IN_ENDPOINT,

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from holdfast.drivers import scan
-from holdfast.drivers.bridges import Reply, Transfer
+from holdfast.drivers.bus import Reply, Transfer
 from holdfast.drivers.scan import (
     BusDevice,
     as_layout,

@@ -7,7 +7,7 @@ from hazard_marks import CORRUPT_READING
 from hypothesis import given
 from hypothesis import strategies as st
 
-from holdfast.drivers.bridges import Reply
+from holdfast.drivers.bus import Reply
 from holdfast.drivers.finger import (
     FingerState,
 )

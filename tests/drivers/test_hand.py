@@ -18,7 +18,7 @@ from holdfast.core.errors import (
     UsageError,
     WrongDevice,
 )
-from holdfast.drivers.bridges import Transfer
+from holdfast.drivers.bus import Transfer
 from holdfast.drivers.finger import STALE_NS
 from holdfast.drivers.layout import (
     LAYOUTS,

@@ -9,7 +9,7 @@ import pytest
 from hand_bench import Bench, bad, started
 
 from holdfast.core.errors import BusStuck, DeviceLost, TransferFailed
-from holdfast.drivers.bridges import Reply, Transfer
+from holdfast.drivers.bus import Reply, Transfer
 
 
 class Scripted:

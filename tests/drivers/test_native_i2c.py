@@ -26,7 +26,8 @@ from holdfast.core.errors import (
     TransferFailed,
     UsageError,
 )
-from holdfast.drivers.bridges import NOT_ACKED, Reply, Transfer, freeing, open_bus
+from holdfast.drivers.bridges import open_bus
+from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer, freeing
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.native_i2c import NativeI2C
 from holdfast.drivers.virtual.faults import VirtualClock

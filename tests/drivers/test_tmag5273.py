@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from holdfast.core.errors import UsageError
-from holdfast.drivers.bridges import Transfer
+from holdfast.drivers.bus import Transfer
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.tmag5273 import (
     REGISTERS,

@@ -24,7 +24,7 @@ from holdfast.export.exporting import (
 )
 from holdfast.export.pooled import FAMILIES
 from holdfast.export.spec import StepSpec
-from holdfast.live.doctor import model_checks
+from holdfast.live.model_checks import model_checks
 
 HANDS = ("two-pad-gripper", "three-fingertips", "twelve-sensors", "pinch-pad")
 """The self-check that reads the wall clock, which a busy machine may fail."""

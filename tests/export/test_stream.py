@@ -31,12 +31,12 @@ from holdfast.edge_runtime.monitor import Model
 from holdfast.export.detectors import sections
 from holdfast.export.features import (
     GROUPS,
-    LAGS_S,
     SPANS_S,
     feature_count,
     feature_graph,
     features_alone,
 )
+from holdfast.export.history import LAGS_S
 from holdfast.export.pooled import FAMILIES
 from holdfast.export.spec import StepSpec
 from holdfast.training.plan import CLOCK_FREE_GROUPS

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from holdfast.drivers.bridges import Bus
+from holdfast.drivers.bus import Bus
 from holdfast.drivers.fingers import Reading
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.hand import Hand

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from holdfast.core.errors import SetLocked
-from holdfast.core.trial_layout import Style, lock_of, locked_sets
+from holdfast.core.locked import Style, lock_of, locked_sets
 from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
 from holdfast.sessions.adapt import adapt_file
 from holdfast.simulation.scene_file import read_scene_file

@@ -78,7 +78,7 @@ def listen(text: str, token: str) -> tuple[socket.socket, str]:
     return listener, f"http://{shown}:{listener.getsockname()[1]}/{token}/"
 
 
-PROCESS = "holdfast.live.page.server"
+PROCESS = "holdfast.live.page.process"
 READY = b"ready"
 WAITING_BYTES = 200 << 10
 """Room for messages that wait: more than a second of samples at 150 Hz."""
