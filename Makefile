@@ -44,27 +44,22 @@ demo: .venv/.demo-stamp  ## simulate, train, export, watch trials go by that the
 test: setup  ## run the tests
 	$(BIN)/python -m pytest $(ACROSS) $(ARGS)
 
-real: setup  ## train, export and evaluate on the public recordings, into build/real
-	$(BIN)/python -m studies real $(ARGS)
-
 loop: setup  ## what holding on costs: grip controllers in a closed loop, into build/loop and docs/shared-control.md
 	$(BIN)/python -m studies loop --page $(ARGS)
 
+real: setup  ## train, export and evaluate on the public recordings, into build/real
 distortions: setup  ## one set of trials with one nuisance at a time, into build/distortions
-	$(BIN)/python -m studies distortions $(ARGS)
-
 evaluate: setup  ## the default model on unseen simulated sets, with baselines, into build/evaluate
-	$(BIN)/python -m studies evaluate --model $(MODEL) $(ARGS)
+real distortions evaluate:
+	$(BIN)/python -m studies $@ $(if $(filter evaluate,$@),--model $(MODEL)) $(ARGS)
 
 study: setup  ## one study: make study NAME=adapt; without NAME the list
 	$(BIN)/python -m studies $(NAME) $(ARGS)
 
 models: setup  ## rebuild the default model from scenes, into models; RATE=50 for slow bridges, SIZE=tiny
 	rm -rf $(MADE)
-	$(BIN)/holdfast simulate thesis --rate $(RATE) --out $(MADE)/thesis
-	$(BIN)/holdfast simulate broad --rate $(RATE) --out $(MADE)/broad
-	$(BIN)/holdfast simulate wide --rate $(RATE) --trials 500 --out $(MADE)/wide
-	$(BIN)/holdfast simulate everyday --rate $(RATE) --trials 200 --out $(MADE)/everyday
+	for set in thesis broad "wide --trials 500" "everyday --trials 200"; do \
+	    $(BIN)/holdfast simulate $$set --rate $(RATE) --out $(MADE)/$${set%% *} || exit; done
 	$(BIN)/holdfast train --data $(MADE)/thesis $(MADE)/broad $(MADE)/wide $(MADE)/everyday \
 	    --features pooled --windows dense --hold-out trial $(if $(filter-out default,$(SIZE)),--size $(SIZE)) --out $(MADE)
 	$(BIN)/holdfast export $(MADE) --force --out models/holdfast-$(RATE)hz$(if $(filter-out default,$(SIZE)),-$(SIZE)).onnx
@@ -98,8 +93,7 @@ latency: setup  ## a step as deployed at 150 and 50 Hz, minutes on a quiet machi
 	$(BIN)/holdfast bench latency holdfast-150hz --out build/bench/150hz $(if $(OLDER),--older $(OLDER)) $(ARGS)
 	$(BIN)/holdfast bench latency holdfast-50hz --out build/bench/50hz $(ARGS)
 	for rate in 150hz 50hz; do cp build/bench/$$rate/latency.json docs/measured/latency-$$rate.json; done
-	$(BIN)/python -m tools.doc_tables
-	$(BIN)/python -m tools.doc_pictures
+	$(MAKE) docs
 
 browser: setup .venv-browser/.stamp  ## a simulated hand to pull at, with the default model, as a page that needs no server, into build/browser
 	$(BIN)/python examples/browser/build.py $(MODEL) build/browser
