@@ -142,11 +142,6 @@ class PooledFeature:
     name: str
     ratios: tuple[Ratio, ...]
 
-    @property
-    def is_largest(self) -> bool:
-        """Whether it is the largest of several numbers; of fingers, each has one."""
-        return len(self.ratios) > 1 or self.ratios[0].pool == FINGERS
-
 
 def _one(
     name: str, signal: str, row: Row, pool: str = "T+O", over: str = "0"

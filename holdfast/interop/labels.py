@@ -209,7 +209,7 @@ def _by_content(
     """Words or numbers that say nothing, by when they stand.
 
     Those that stand while nothing is touched mean the empty hand, and the most frequent one of a
-    touch means the grasp. What is left is told as unknown, because a slip cannot be seen so.
+    touch means the grasp. What is left is listed as unknown, because a slip cannot be seen so.
     """
     shares = {value: float(touched[cells == value].mean()) for value in values}
     counts = Counter(cells[touched].tolist())

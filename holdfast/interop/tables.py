@@ -1,7 +1,7 @@
 """Text tables by pandas: any separator, decimal sign, encoding, comments, names anywhere on top.
 
 Lines that pandas cannot read as they stand (a time of arrival in front, vectors in brackets, more
-cells than names) are made plain first, and those that are left out are told.
+cells than names) are made plain first, and those that are left out are counted.
 """
 
 from __future__ import annotations

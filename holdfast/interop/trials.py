@@ -1,6 +1,6 @@
 """Logs become trials by a map: joined, cut, put on an even clock, named, labelled, written.
 
-Log by log, so that only one is in the memory. What was left out or filled is counted and told.
+Log by log, so that only one is in the memory. What was left out or filled is counted and printed.
 """
 
 from __future__ import annotations
