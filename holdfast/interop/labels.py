@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -308,35 +308,29 @@ def read_events(source: Path, plan: ImportMap, log: Path) -> tuple[Path, pd.Data
 
     # an event without an end lasts to the next one of its trial
     following = events.groupby("trial")["start"].shift(-1)
-    return path, events.fillna({"end": following}).fillna({"end": np.inf})
+    events = events.fillna({"end": following}).fillna({"end": np.inf})
+    # what lasts shorter lies within what lasts longer
+    lengths = events["end"] - events["start"]
+    return path, events.loc[lengths.sort_values(ascending=False, kind="stable").index]
 
 
-def events_of_table(
-    events: pd.DataFrame, rules: EventRules, stamps: IntArray, keys: Collection[str]
-) -> pd.DataFrame:
-    """Those of one trial, ns on the clock of its rows [T]. keys: what it may be called by."""
-    ours = events[events["trial"].str.casefold().isin({"", *keys})]
-    times = ours[["start", "end"]].to_numpy(np.float64)
+def clock_of(rules: EventRules, stamps: IntArray) -> np.ndarray:
+    """[T] the time of a trial's rows as its table of events has it. stamps [T]: ns."""
     if rules.unit == ROW:
-        at = np.interp(times, np.arange(len(stamps)), stamps, right=np.inf)
-    else:
-        zero_ns = 0 if rules.zero == "clock" else int(stamps[0])
-        at = zero_ns + times * NS_OF[rules.unit]
-    return ours.assign(start=at[:, 0], end=at[:, 1])
+        return np.arange(len(stamps))
+    zero_ns = 0 if rules.zero == "clock" else stamps[0]
+    # as exact as an event is written
+    return np.round((stamps - zero_ns) / NS_OF[rules.unit], 6)
 
 
-def events_of_column(
-    cells: np.ndarray, rules: EventRules, stamps: IntArray
-) -> pd.DataFrame:
-    """Runs of equal cells [T], ns on the clock of the rows."""
-    if rules.hold:
-        # the value of most rows says that nothing begins there
-        usual, _ = Counter(cells.tolist()).most_common(1)[0]
-        is_off = (cells == usual) & (usual not in rules.labels)
-        cells = held(np.where(is_off, "", cells))
-    begins = np.flatnonzero(np.append(True, cells[1:] != cells[:-1]))
-    ends = np.append(stamps[begins[1:]].astype(np.float64), np.inf)
-    return pd.DataFrame({"start": stamps[begins], "end": ends, "label": cells[begins]})
+def marks_of(cells: np.ndarray, rules: EventRules) -> np.ndarray:
+    """A column of labels [T]; one that stands only where something begins lasts to the next."""
+    if not rules.hold:
+        return cells
+    # the value of most rows says that nothing begins there
+    usual, _ = Counter(cells.tolist()).most_common(1)[0]
+    is_off = (cells == usual) & (usual not in rules.labels)
+    return held(np.where(is_off, "", cells))
 
 
 def held(cells: np.ndarray) -> np.ndarray:

@@ -25,7 +25,7 @@ from holdfast.core.trial_layout import (
 )
 from holdfast.core.writing import write_whole
 from holdfast.interop.columns import find_time, touch, usual_step
-from holdfast.interop.labels import events_of_column, events_of_table, read_events
+from holdfast.interop.labels import clock_of, marks_of, read_events
 from holdfast.interop.logs import LogPlace, read_log, table_of
 from holdfast.interop.map import NAMES, ImportMap
 from holdfast.interop.streams import (
@@ -172,8 +172,14 @@ class TrialImport:
             self.notes.append(f"{name}: {jump}: a new trial")
         column = rows.cells.get(plan.trials.column)
         if column is None:
-            ends |= steps > _longest_gap_s(rows, steps, 1e-9 * step)
             column = np.full(len(rows.stamps), name, object)
+            longest_s = max(LONG_GAP_S, 1e-9 * LONG_GAP_STEPS * step)
+            if (steps > longest_s).any():
+                touched = touch(rows.values).rows
+                within = touched[1:] & touched[:-1] & ~ends
+                # a step within a touch is no pause, nor is one of its length
+                longest_s = max(longest_s, 1.01 * steps[within].max(initial=0.0))
+            ends |= steps > longest_s
         ends |= column[1:] != column[:-1]
         for first, stop in pairwise([0, *(np.flatnonzero(ends) + 1), len(column)]):
             n_rows = stop - first
@@ -191,11 +197,16 @@ class TrialImport:
     ) -> int:
         """Write a trial; how many of the events it has. Raises LabelError, TimeError."""
         names = names_of(log, rows, plan)
-        trial = self._trial(rows, log.path)
+        of_rows, n_used = labels_of_rows(log, rows, plan, events)
+        trial, labels = self._trial(rows, of_rows, log.path)
         samples = prepared(trial, plan.unit_of_values, "").samples
         first, stop = contact(trial.t_s, samples)
-        closed = slice(first, stop)
-        labels, n_used = labels_of_rows(log, rows, trial, plan, events, closed)
+        if plan.events and plan.events.rest:
+            closed = labels[first:stop]
+            closed[closed == NO_LABEL] = SITUATIONS.index(plan.events.rest)
+            # a mark without an end lasts to that of the contact
+            if plan.events.hold:
+                labels[stop:] = NO_LABEL
         kinds = {SITUATIONS[k] for k in np.unique(labels) if k != NO_LABEL}
         fits = (action for needed, action in ACTION_OF_LABELS if needed <= kinds)
         action = names["action"] or next(fits, "")
@@ -207,7 +218,7 @@ class TrialImport:
             else:
                 taken, kinds = "only the empty hand is labelled", {"nothing"}
                 labels[:] = SITUATIONS.index("nothing")
-                labels[closed] = NO_LABEL
+                labels[first:stop] = NO_LABEL
             self.notes.append(f"{log.name}: its times are not known: {taken}")
 
         needs_events = action in UNSCRIPTED and action not in LABELLED_ACTIONS
@@ -229,15 +240,23 @@ class TrialImport:
         self.written[place] = log.name
         return n_used
 
-    def _trial(self, rows: Rows, where: Path) -> Trial:
-        """The trial of some rows: rows that never came are nan. Raises TimeError."""
+    def _trial(
+        self, rows: Rows, labels: np.ndarray, where: Path
+    ) -> tuple[Trial, np.ndarray]:
+        """The trial of some rows and its labels [T]; rows that never came are nan.
+
+        labels: of the rows. Raises TimeError.
+        """
         values = np.where(np.isfinite(rows.values), rows.values, np.nan)
-        first = _first_whole(values)
+        # the first row in which every sensor that ever sends has sent
+        first = int(np.isfinite(values).argmax(axis=0).max())
+        first = first if first < len(values) // 2 else 0
         if first:
             lost = f"{count_of(first, 'row')} before all sensors sent left out"
             self.notes.append(f"{where.name}: {lost}")
         t_s = 1e-9 * (rows.stamps[first:] - rows.stamps[first])
-        step_s = max(1e-12, float(np.median(np.diff(t_s))))
+        steps = np.diff(t_s)
+        step_s = max(1e-12, float(np.median(steps)))
         wrong = implausible_rate(1.0 / step_s)
         place = places_by_time(t_s)
         if wrong or place[-1] > MOST_FILLED * len(place):
@@ -246,32 +265,14 @@ class TrialImport:
                 where=where,
                 next_step="--rate HZ; or correct [time] of the map",
             )
-        steps = np.diff(t_s)
         is_gap = (np.diff(place) > 1) & (steps > GAP_STEPS * step_s)
         self.gaps_s += steps[is_gap].tolist()
-        whole = np.full((place[-1] + 1, values.shape[1]), np.nan)
-        whole[place] = values[first:]
-        every_s = np.interp(np.arange(len(whole)), place, t_s)
-        valid = np.ones((len(whole), values.shape[1] // 3), dtype=np.bool_)
-        return Trial(where, every_s, whole, valid)
-
-
-def _longest_gap_s(rows: Rows, steps: FloatArray, step_s: float) -> float:
-    """What lasts longer between two rows ends a trial; a step within a touch is none."""
-    longest_s = max(LONG_GAP_S, LONG_GAP_STEPS * step_s)
-    if (steps <= longest_s).all():
-        return longest_s
-    touched = touch(rows.values).rows
-    within = steps[touched[1:] & touched[:-1] & (steps < JUMP_S)]
-    # nor is one of its length
-    return max(longest_s, 1.01 * float(within.max(initial=0.0)))
-
-
-def _first_whole(values: FloatArray) -> int:
-    """The first row in which every sensor that ever sends has sent; 0 if that is late."""
-    there = np.isfinite(values)
-    first = int(there.argmax(axis=0).max())
-    return first if first < len(values) // 2 else 0
+        every = np.arange(place[-1] + 1)
+        whole = pd.DataFrame(values[first:], place).reindex(every).to_numpy()
+        held = pd.Series(labels[first:], place).reindex(every, method="ffill")
+        valid = np.ones((len(every), whole.shape[1] // 3), dtype=np.bool_)
+        trial = Trial(where, np.interp(every, place, t_s), whole, valid)
+        return trial, held.to_numpy(copy=True)
 
 
 # -- files of one trial
@@ -353,51 +354,34 @@ def safe_name(text: str) -> str:
 
 
 def labels_of_rows(
-    log: ForeignLog,
-    rows: Rows,
-    trial: Trial,
-    plan: ImportMap,
-    table: pd.DataFrame,
-    closed: slice,
+    log: ForeignLog, rows: Rows, plan: ImportMap, events: pd.DataFrame
 ) -> tuple[np.ndarray, int]:
-    """([T] the situation of each row of a trial, -1 for none; how many events it has).
+    """([T] the situation of each row of a trial, -1 for none; how many events begin in it).
 
-    table: events of this and other trials. closed: the rows with the hand closed on something.
-    Raises LabelError.
+    events: of this and other trials, those that last longest first. Raises LabelError.
     """
-    labels = np.full(len(trial.t_s), NO_LABEL, dtype=np.int8)
-    rules = plan.events
-    if rules is None:
-        return labels, 0
-    if rules.column in rows.cells:
-        events = events_of_column(rows.cells[rules.column], rules, rows.stamps)
-    else:
+    labels = np.full(len(rows.stamps), None, dtype=object)
+    rules, n_used = plan.events, 0
+    if rules and rules.column in rows.cells:
+        labels = marks_of(rows.cells[rules.column], rules)
+    elif rules:
         of_column = map(str.casefold, rows.cells.get(plan.trials.column, ()))
-        keys = {*log.keys, *of_column}
-        events = events_of_table(table, rules, rows.stamps, keys)
-    begin = rows.stamps[-1] - 1e9 * trial.t_s[-1]
-    ends_s = 1e-9 * (events[["start", "end"]].to_numpy(np.float64) - begin) - 1e-6
-    places = np.searchsorted(trial.t_s, ends_s).tolist()
-    n_used = 0
-    # what lasts shorter lies within what lasts longer
-    for k in np.argsort(ends_s[:, 0] - ends_s[:, 1], kind="stable").tolist():
-        first, stop = places[k]
-        label = str(events["label"].iloc[k])
-        situation = plan.situation(label) if stop > first else ""
+        is_ours = events["trial"].str.casefold().isin({"", *log.keys, *of_column})
+        clock = clock_of(rules, rows.stamps)
+        for event in events[is_ours].itertuples():
+            first, stop = np.searchsorted(clock, [event.start, event.end])
+            n_used += int(clock[0] <= event.start <= clock[-1])
+            labels[first:stop] = event.label
+
+    codes = {}
+    for label in {*labels} - {None}:
+        situation = plan.situation(label)
         if situation is None:
             raise LabelError(
                 f"the label {label!r:.60} is no situation",
                 where=log.path,
                 next_step=f'--action "{label:.60}=slip" (or hold, pass, ..)',
             )
-        if situation:
-            n_used += int(ends_s[k, 0] > -0.01)
-            labels[first:stop] = SITUATIONS.index(situation)
-
-    if rules.rest:
-        within = labels[closed]
-        within[within == NO_LABEL] = SITUATIONS.index(rules.rest)
-        # a mark without an end lasts to that of the contact
-        if rules.hold:
-            labels[closed.stop :] = NO_LABEL
-    return labels, n_used
+        codes[label] = SITUATIONS.index(situation) if situation else NO_LABEL
+    of_rows = pd.Series(labels).map(codes).fillna(NO_LABEL)
+    return of_rows.to_numpy(np.int8), n_used
