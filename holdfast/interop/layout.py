@@ -68,7 +68,7 @@ class Form:
         if self.separator == SPACES:
             return re.sub(r"(\d) (?=\d\d?:\d\d:)", r"\1T", line).split()
         try:
-            cells = next(csv.reader([line.strip()], delimiter=mark), [])
+            cells = next(csv.reader([line.strip(" \r\n")], delimiter=mark), [])
         except csv.Error:
             return []
 

@@ -10,12 +10,13 @@ import re
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from holdfast.core.contract import IntArray
-from holdfast.core.errors import DataNotFound, EmptyRecording
+from holdfast.core.errors import DataError, DataNotFound, EmptyRecording, NotANumber
 from holdfast.core.trial_layout import LOG_MARKS, LOG_SUFFIXES
 from holdfast.interop.streams import (
     LOG_TIME,
@@ -25,59 +26,22 @@ from holdfast.interop.streams import (
     is_text,
 )
 
-BAG, LEROBOT = LOG_MARKS
-TEXT, SHEET = (".csv", ".tsv"), (".xlsx", ".xlsm")
 PROSE = (".txt", ".dat", ".log", "")
 """Endings that other files have too: such a file in a folder is a log if it is a table."""
-NO_LOGS = [
-    ".md",
-    ".py",
-    ".json",
-    ".toml",
-    ".yaml",
-    ".yml",
-    ".html",
-    ".pdf",
-    ".png",
-    ".jpg",
-    ".jpeg",
-    ".svg",
-    ".gif",
-    ".mp4",
-    ".avi",
-    ".mov",
-    ".zip",
-    ".gz",
-    ".npz",
-    ".npy",
-    ".pkl",
-    ".pt",
-    ".onnx",
-    ".docx",
-    ".doc",
-    ".pptx",
-    ".ino",
-    ".c",
-    ".h",
-    ".cpp",
-    ".m",
-    ".ipynb",
-    ".xml",
-    ".url",
-    ".db3",
-    ".jsonl",
-]
+NO_LOGS = (
+    ".json", ".jsonl", ".toml", ".yaml", ".yml", ".md", ".html", ".svg", ".xml", ".ipynb", ".py",
+    ".m", ".c", ".h", ".cpp", ".ino",
+)  # fmt: skip
+"""Texts that may look like tables."""
 MODULES = {
-    ".parquet": "holdfast.interop.parquet",
-    ".mcap": "holdfast.interop.mcap_file",
-    ".xdf": "holdfast.interop.xdf",
-    ".xdfz": "holdfast.interop.xdf",
-    BAG: "holdfast.interop.ros2",
-    LEROBOT: "holdfast.interop.lerobot",
-}
-"""Ending or marking file -> the module that has `read_log` and alone imports its library."""
+    ".xlsx": "workbook", ".xlsm": "workbook", ".parquet": "parquet", ".mcap": "mcap_file",
+    ".xdf": "xdf", ".xdfz": "xdf", LOG_MARKS[0]: "ros2", LOG_MARKS[1]: "lerobot",
+}  # fmt: skip
+"""Ending or marking file -> the module that alone imports its library; of others it is `tables`."""
 NEAR_STEPS = 0.6
 """A value of another clock belongs to a row if it is so many steps away."""
+SHEET = "sheet"
+"""The column that names the sheet of a row, where several are one table."""
 
 
 @dataclass(frozen=True)
@@ -99,33 +63,27 @@ def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
         name = source.stem if source.is_file() else source.name
         return [LogPlace(source, name, kind)], []
 
-    if not source.is_dir():
-        raise DataNotFound(
-            "no such file or folder", where=source, next_step="check the path"
-        )
-
     from holdfast.interop.tables import is_table
 
-    places: list[LogPlace] = []
     others: list[str] = []
-    by_name: dict[str, LogPlace] = {}
+    found: dict[str, LogPlace] = {}
     for place in sorted(_below(source, source), key=lambda one: counted(one.name)):
-        first = by_name.setdefault(place.name, place)
+        first = found.get(place.name)
         if place.kind in NO_LOGS or (place.kind in PROSE and not is_table(place.path)):
             others.append(place.path.name)
-        elif first is not place and first.kind != place.kind:
+        elif first is not None:
             others.append(f"{place.path.name} (as {first.path.name})")
         else:
-            places.append(place)
+            found[place.name] = place
 
-    if not places:
+    if not found:
         raise DataNotFound(
-            "no log in this folder",
+            "no log in this folder" if source.exists() else "no such file or folder",
             where=source,
             next_step=f"give a folder with files that end in {', '.join(LOG_SUFFIXES)}",
         )
 
-    return places, others
+    return list(found.values()), others
 
 
 def counted(name: str) -> list[tuple[int, int, str]]:
@@ -141,23 +99,28 @@ def read_log(place: LogPlace) -> ForeignLog:
 
     Raises LibraryMissing for its extra, or a DataError that names the file.
     """
-    if place.kind in SHEET:
-        from holdfast.interop.workbook import read_workbook
-
-        return ForeignLog(place.path, place.name, tuple(read_workbook(place.path)))
-
-    if place.kind in MODULES:
-        reader = import_module(MODULES[place.kind])
+    reader = import_module(f"holdfast.interop.{MODULES.get(place.kind, 'tables')}")
+    try:
         log: ForeignLog = reader.read_log(place.path, place.name)
-        streams = [one for one in log.streams if one.rows]
-        if not streams:
-            raise EmptyRecording("no stream with a sample", where=place.path)
-        return replace(log, streams=tuple(_once(streams)))
+    except DataError as error:
+        error.where = error.where or str(place.path)
+        error.args = (str(error._line()),)
+        raise
+    except Exception as error:  # each library raises whatever its parsing meets
+        raise NotANumber(
+            f"cannot be read as a log ({type(error).__name__}: {str(error)[:120]})",
+            where=place.path,
+            cause="another format, or an interrupted recording or copy",
+            next_step="open it with the program that wrote it, and save it again or as CSV",
+        ) from None
 
-    from holdfast.interop.tables import read_text_table
-
-    table = read_text_table(place.path)
-    return ForeignLog(place.path, place.name, (table,))
+    streams = [one for one in log.streams if one.rows]
+    if not streams:
+        raise EmptyRecording("no row of data", where=place.path)
+    same: dict[tuple[str, ...], list[Stream]] = {}
+    for stream in streams:
+        same.setdefault(tuple(stream.columns), []).append(stream)
+    return replace(log, streams=tuple(map(_united, same.values())))
 
 
 def _below(folder: Path, source: Path) -> Iterator[LogPlace]:
@@ -178,51 +141,38 @@ def _kind_of(path: Path) -> str | None:
     if path.is_file():
         suffix = path.suffix.lower()
         return suffix if suffix in (*LOG_SUFFIXES, *NO_LOGS) else ""
-
-    for mark in (BAG, LEROBOT):
-        if (path / mark).is_file():
-            return mark
-
-    return None
+    return next((mark for mark in LOG_MARKS if (path / mark).is_file()), None)
 
 
 # -- streams of one log
 
 
-def _once(streams: Sequence[Stream]) -> list[Stream]:
-    """Each stream once: one that was recorded twice, or that began anew, is one stream."""
-    kept: list[Stream] = []
-    for stream in streams:
-        same = [
-            k
-            for k, one in enumerate(kept)
-            if one.columns.keys() == stream.columns.keys()
-        ]
-        if not same or stream.t_ns is None or kept[same[0]].t_ns is None:
-            kept.append(stream)
-            continue
-        first = kept[same[0]]
-        at_ns = [one.t_ns for one in (first, stream) if one.t_ns is not None]
-        if at_ns[0][-1] < at_ns[1][0] or at_ns[1][-1] < at_ns[0][0]:
-            order = (first, stream) if at_ns[0][0] < at_ns[1][0] else (stream, first)
-            kept[same[0]] = _in_turn(*order)
-        else:
-            note = f"{stream.name or 'a stream'} is there twice: the longer one is used"
-            longer = max(first, stream, key=lambda one: one.rows)
-            kept[same[0]] = replace(longer, notes=(*longer.notes, note))
+def _united(same: list[Stream]) -> Stream:
+    """Streams of the same columns as one.
 
-    return kept
+    One that began anew goes on; of one that was recorded twice the longer is used; sheets get a
+    column with their names.
+    """
+    first = max(same, key=lambda one: one.rows)
+    if len(same) == 1:
+        return first
+    stamps = [one.t_ns for one in same if one.t_ns is not None]
+    order = sorted(range(len(stamps)), key=lambda k: int(stamps[k][0]))
+    for before, later in pairwise(order):
+        if stamps[later][0] <= stamps[before][-1]:
+            note = f"{first.name or 'a stream'} is there twice: the longer one is used"
+            return replace(first, notes=(*first.notes, note))
 
-
-def _in_turn(first: Stream, later: Stream) -> Stream:
-    columns = {
-        name: np.concatenate([first.columns[name], later.columns[name]])
-        for name in first.columns
-    }
-    assert first.t_ns is not None
-    assert later.t_ns is not None
-    t_ns = np.concatenate([first.t_ns, later.t_ns])
-    return replace(first, columns=columns, t_ns=t_ns)
+    same = [same[k] for k in order] or same
+    columns = {}
+    for name in first.columns:
+        columns[name] = np.concatenate([one.columns[name] for one in same])
+    if stamps:
+        t_ns = np.concatenate([stamps[k] for k in order])
+        return replace(first, columns=columns, t_ns=t_ns)
+    names = np.array([one.name for one in same], dtype=object)
+    columns[SHEET] = names.repeat([one.rows for one in same])
+    return replace(first, columns=columns)
 
 
 def table_of(log: ForeignLog, names: Collection[str]) -> Columns:
@@ -234,75 +184,56 @@ def table_of(log: ForeignLog, names: Collection[str]) -> Columns:
     used = [one for one in log.streams if one.columns.keys() & set(names)]
     if not used:
         return {}
-    stamped = [one for one in used if one.t_ns is not None]
-    if len(used) > 1 and len(stamped) == len(used):
-        columns = joined(used)
-    else:
-        columns = dict(used[0].columns)
-        if used[0].t_ns is not None:
-            columns[LOG_TIME] = used[0].t_ns
-
-    for stream in log.streams if LOG_TIME in columns else ():
-        if not stream.columns.keys() & set(names):
-            columns = _held(stream, columns[LOG_TIME]) | columns
+    columns = dict(used[0].columns)
+    stamps = [one.t_ns for one in used if one.t_ns is not None]
+    if len(stamps) < len(used):
+        return columns
+    columns[LOG_TIME] = t_ns = stamps[0] if len(used) == 1 else _clock(stamps)
+    reach_ns = NEAR_STEPS * max(map(step_ns, stamps))
+    for stream in log.streams:
+        if stream not in used:
+            columns = _at(stream, t_ns) | columns
+        elif len(used) > 1:
+            columns |= _at(stream, t_ns, reach_ns)
 
     return columns
 
 
-def _held(stream: Stream, t_ns: IntArray) -> Columns:
-    """The texts and whole numbers of another stream that were sent last at stamps [T]."""
+def _clock(stamps: Sequence[IntArray]) -> IntArray:
+    """The stamps of the slowest of several streams, of the longest of equally slow ones."""
+    slowest = max(map(step_ns, stamps))
+    slow = [one for one in stamps if step_ns(one) > 0.9 * slowest]
+    longest = max(slow, key=len)
+    # stamps that all streams share are one clock; others are as many clocks as streams
+    grid = np.unique(np.concatenate(slow))
+    return grid if len(grid) < 1.5 * len(longest) else np.unique(longest)
+
+
+def step_ns(stamps: IntArray) -> float:
+    """The usual step of stamps [T], 0 of one alone."""
+    steps = np.diff(np.unique(stamps))
+    return float(np.median(steps)) if len(steps) else 0.0
+
+
+def _at(stream: Stream, t_ns: IntArray, reach_ns: float | None = None) -> Columns:
+    """The cells of a stream at stamps [T], "" and nan for none: the nearest ones within a reach.
+
+    Without a reach the last ones before, of texts and of whole numbers alone.
+    """
     if stream.t_ns is None:
         return {}
     order = np.argsort(stream.t_ns, kind="stable")
-    last = np.searchsorted(stream.t_ns[order], t_ns, side="right") - 1
+    own = stream.t_ns[order]
+    row = np.searchsorted(own, t_ns, side="right") - 1
+    is_there = row >= 0
+    if reach_ns is not None:
+        row = np.searchsorted(own[:-1] + np.diff(own) // 2, t_ns)
+        is_there = np.abs(own[row] - t_ns) <= max(1.0, reach_ns)
+
     columns: Columns = {}
     for name, column in stream.columns.items():
-        if is_text(column):
-            columns[name] = np.where(last < 0, "", column[order][last])
-        elif not (column % 1 > 0).any():
-            columns[name] = np.where(last < 0, np.nan, column[order][last])
+        none = "" if is_text(column) else np.nan
+        if reach_ns is not None or none == "" or not (column % 1 > 0).any():
+            columns[name] = np.where(is_there, column[order][row], none)
 
     return columns
-
-
-def joined(streams: Sequence[Stream]) -> Columns:
-    """Streams with stamps on the clock of the slowest one, the longest of equal ones."""
-    from holdfast.interop.tables import pd
-
-    steps = [step_ns(one) for one in streams]
-    slowest = max(steps)
-    slow = [
-        one for one, step in zip(streams, steps, strict=True) if step > 0.9 * slowest
-    ]
-    stamps = [one.t_ns for one in slow if one.t_ns is not None]
-    grid = np.unique(np.concatenate(stamps))
-    # stamps that all streams share are one clock; others are as many clocks as streams
-    if len(grid) > 1.5 * max(map(len, stamps)):
-        grid = np.unique(max(stamps, key=len))
-    columns: Columns = {LOG_TIME: grid}
-    left = pd.DataFrame({LOG_TIME: grid})
-    for stream, step in zip(streams, steps, strict=True):
-        right = pd.DataFrame(stream.columns).assign(**{LOG_TIME: stream.t_ns})
-        near = pd.merge_asof(
-            left,
-            right.sort_values(LOG_TIME, kind="stable"),
-            on=LOG_TIME,
-            direction="nearest",
-            tolerance=max(1, int(NEAR_STEPS * max(slowest, step))),
-        )
-        for name, column in stream.columns.items():
-            cells = near[name]
-            columns[name] = (
-                cells.fillna("").to_numpy(object)
-                if is_text(column)
-                else cells.to_numpy(np.float64)
-            )
-
-    return columns
-
-
-def step_ns(stream: Stream) -> float:
-    """The usual step of a stream's own stamps; that of a stream of one row is 0."""
-    assert stream.t_ns is not None
-    steps = np.diff(np.unique(stream.t_ns))
-    return float(np.median(steps)) if len(steps) else 0.0

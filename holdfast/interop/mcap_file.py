@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.contract import AXES, Json
-from holdfast.core.errors import NotANumber, needs_extra
+from holdfast.core.errors import needs_extra
 from holdfast.core.schema import json_of
 from holdfast.interop.payload import TrialPayload
 from holdfast.interop.streams import ForeignLog, streams_of
@@ -121,49 +121,45 @@ Decode = Callable[[bytes], Any]
 
 
 def read_log(path: Path, name: str) -> ForeignLog:
-    """Any MCAP file as a log: a stream a topic, without pictures. Raises NotANumber.
+    """Any MCAP file as a log: a stream a topic, without pictures.
 
     A file that was cut off is read as far as it goes, and noted.
     """
-    messages: dict[str, list[Any]] = {}
-    stamps: dict[str, list[int]] = {}
+    messages: dict[str, list[tuple[int, Any]]] = {}
     decoders: dict[int, Decode | None] = {}
     about: Json = {}
     notes: tuple[str, ...] = ()
-    is_bag = False
     try:
         with path.open("rb") as file:
             reader = NonSeekingReader(file, validate_crcs=True)
             for schema, channel, message in reader.iter_messages(log_time_order=False):
-                is_bag |= schema is not None and schema.encoding == "ros2msg"
+                if schema is not None and schema.encoding == "ros2msg":
+                    return _of_bag(path, name)
                 if channel.id not in decoders:
                     decoders[channel.id] = _decoder(channel.message_encoding, schema)
                 decode = decoders[channel.id]
                 if decode is not None:
-                    messages.setdefault(channel.topic, []).append(decode(message.data))
-                    stamps.setdefault(channel.topic, []).append(message.log_time)
+                    sent = messages.setdefault(channel.topic, [])
+                    sent.append((message.log_time, decode(message.data)))
+
             file.seek(0)
             for record in NonSeekingReader(file).iter_metadata():
                 if record.name == "holdfast":
                     about = {
                         key: json_of(value) for key, value in record.metadata.items()
                     }
-    except Exception as error:  # mcap and protobuf raise whatever their parsing meets
+    except Exception:  # mcap and protobuf raise whatever their parsing meets
         if not messages:
-            raise NotANumber(
-                f"cannot be read as MCAP ({type(error).__name__}: {str(error)[:120]})",
-                where=path,
-                cause="an interrupted recording or copy, or another format",
-                next_step="mcap recover FILE writes what is left",
-            ) from None
+            raise
         notes = ("cut off: read as far as it goes",)
 
-    if is_bag:
-        from holdfast.interop.ros2 import read_log as read_bag
+    return ForeignLog(path, name, streams_of(messages, notes), about)
 
-        return read_bag(path, name)
 
-    return ForeignLog(path, name, streams_of(messages, stamps, notes), about)
+def _of_bag(path: Path, name: str) -> ForeignLog:
+    from holdfast.interop.ros2 import read_log as read_bag
+
+    return read_bag(path, name)
 
 
 def _decoder(encoding: str, schema: Schema | None) -> Decode | None:

@@ -70,46 +70,33 @@ def first_stream(log: ForeignLog) -> Stream:
     return max(log.streams, key=lambda one: one.rows)
 
 
-def columns_of(messages: Sequence[Any], prefix: str) -> Columns:
-    """Columns of messages: nested objects flattened, one name for each number or text.
-
-    Raises ColumnError.
-    """
-    rows = [flat_fields(message, prefix) for message in messages]
-    names = dict.fromkeys(name for row in rows for name in row)
-    return {name: column_of([row.get(name) for row in rows]) for name in names}
-
-
 def streams_of(
-    messages: Mapping[str, Sequence[Any]],
-    stamps: Mapping[str, Sequence[int]],
-    notes: tuple[str, ...] = (),
+    messages: Mapping[str, Sequence[tuple[int, Any]]], notes: tuple[str, ...] = ()
 ) -> tuple[Stream, ...]:
-    """A stream for each topic whose messages are small enough to be columns; stamps in ns."""
+    """A stream for each topic whose messages are small enough to be columns.
+
+    messages: (stamp in ns, message) of each topic. Nested objects are flattened, a column for each
+    number or text.
+    """
     streams = []
-    for topic, rows in messages.items():
+    for topic, sent in messages.items():
         try:
-            columns = columns_of(rows, topic)
+            rows = [flat_fields(message, topic) for _, message in sent]
         except ColumnError:
             continue  # an image, or the like
-        t_ns = np.array(stamps[topic], dtype=np.uint64).astype(np.int64)
+        t_ns = np.array([stamp for stamp, _ in sent], dtype=np.int64)
+        names = dict.fromkeys(name for row in rows for name in row)
+        columns = {name: column_of([row.get(name) for row in rows]) for name in names}
         streams.append(Stream(columns, t_ns, topic, notes))
 
     return tuple(streams)
 
 
 def column_of(cells: Sequence[Any]) -> Column:
-    """Whole numbers as int64, others as float64 with nan for None; else texts, "" for None."""
+    """Numbers, nan for None; else texts, "" for None."""
     kinds = {type(cell) for cell in cells}
-    if kinds <= {int}:
-        try:
-            return np.array(cells, dtype=np.int64)
-        except OverflowError:
-            return np.array(cells, dtype=np.float64)
-
-    if kinds <= {int, float, bool, type(None)}:
-        return np.array(cells, dtype=np.float64)
-    return text_column(cells)
+    is_number = kinds <= {int, float, bool, type(None)}
+    return np.array(cells, dtype=np.float64) if is_number else text_column(cells)
 
 
 def text_column(cells: Sequence[Any]) -> Column:
@@ -127,12 +114,7 @@ def text_cells(column: Column) -> list[str]:
     """The cells as texts; a whole number without its point, nan as ""."""
     if is_text(column):
         return [str(cell).strip() for cell in column.tolist()]
-    cells = []
-    for cell in column.tolist():
-        is_number = np.isfinite(cell)
-        cells.append(f"{cell:.10g}" if is_number else "")
-
-    return cells
+    return [f"{cell:.10g}" if np.isfinite(cell) else "" for cell in column.tolist()]
 
 
 # -- an even clock

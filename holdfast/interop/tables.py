@@ -10,7 +10,7 @@ import codecs
 import io
 import re
 import warnings
-from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -21,15 +21,15 @@ from holdfast.core.errors import (
     NotANumber,
     needs_extra,
 )
-from holdfast.interop.layout import (
-    MISSING,
-    SPACES,
-    STAMP,
-    TableLayout,
-    is_number,
-    layout_of,
+from holdfast.interop.layout import MISSING, SPACES, STAMP, TableLayout, layout_of
+from holdfast.interop.streams import (
+    Column,
+    Columns,
+    ForeignLog,
+    Stream,
+    is_text,
+    text_column,
 )
-from holdfast.interop.streams import Column, Columns, Stream, is_text, text_column
 
 with needs_extra("train"):
     import pandas as pd
@@ -38,40 +38,33 @@ HEAD_BYTES, HEAD_LINES = 256 << 10, 240
 """Of the beginning, from which the layout is found."""
 FEWEST_ROWS = 3
 CHUNK_ROWS = 100_000
-UTF8, WESTERN = "utf-8-sig", "cp1252"
-DAY_NS, SECOND_NS = 86_400 * 10**9, 10**9
-NO_STAMP = np.iinfo(np.int64).min
-"""What pandas has for a time that is missing."""
+DAY_NS = 86_400 * 10**9
+EPOCH = pd.Timestamp(0, tz="UTC")
 
 
-def read_text_table(path: Path) -> Stream:
-    """A table. Raises a DataError that names the file."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(HEAD_BYTES)
-        encoding = encoding_of(head)
-        layout = layout_of(_lines(head, encoding))
-        return _read(path, layout, encoding)
-    except DataError as error:
-        raise type(error)(
-            error.what,
-            where=error.where or path,
-            cause=error.cause,
-            next_step=error.next_step,
-        ) from None
-    except (OSError, UnicodeError) as error:
-        raise NotANumber(
-            f"cannot be read as text ({type(error).__name__})",
-            where=path,
-            cause="a binary file, or another encoding",
-            next_step="save it as CSV in UTF-8",
-        ) from None
+def read_log(path: Path, name: str) -> ForeignLog:
+    """A file of text as a log of one table. Raises a DataError."""
+    with path.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+        file.seek(-min(len(head), 4), io.SEEK_END)
+        is_cut = not re.search(rb"[\r\n]\0*$", file.read())
+
+    encoding = encoding_of(head)
+    text = head.decode(encoding, errors="replace")
+    if "\0" in text:
+        raise NotANumber("a binary file", next_step="give a text table")
+    lines = re.split(r"\r\n?|\n", text)
+    if len(head) == HEAD_BYTES:
+        # the last one may be cut
+        lines.pop()
+    table = read_table(path, lines, encoding, is_cut=is_cut)
+    return ForeignLog(path, name, (table,))
 
 
 def is_table(path: Path) -> bool:
     """Whether a file is a table of numbers, and no prose."""
     try:
-        columns = list(read_text_table(path).columns.values())
+        columns = list(read_log(path, "").streams[0].columns.values())
     except DataError:
         return False
 
@@ -80,62 +73,55 @@ def is_table(path: Path) -> bool:
 
 
 def encoding_of(head: bytes) -> str:
-    """By its mark, by the zeros of UTF-16, else UTF-8, else that of Western Europe."""
+    """UTF-16 by its mark or its zeros, else UTF-8, else that of Western Europe."""
     if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
-    for name, first in (("utf-16-le", 1), ("utf-16-be", 0)):
-        zeros = head[first::2].count(0)
-        if zeros > len(head) // 4 and not head[1 - first :: 2].count(0):
-            return name
-
+    if b"\0" in head[:2]:
+        return "utf-16-be" if head.startswith(b"\0") else "utf-16-le"
     try:
         # the last character may be cut
-        codecs.getincrementaldecoder(UTF8)().decode(head)
+        codecs.getincrementaldecoder("utf-8")().decode(head)
     except UnicodeDecodeError:
-        return WESTERN
+        return "cp1252"
 
-    return UTF8
-
-
-def _lines(head: bytes, encoding: str) -> list[str]:
-    """The first lines, without the last one, which may be cut."""
-    text = codecs.getincrementaldecoder(encoding)(errors="replace").decode(head)
-    if "\0" in text:
-        raise NotANumber("a binary file", next_step="give a text table")
-    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    if len(head) == HEAD_BYTES:
-        lines = lines[:-1]
-    return lines[:HEAD_LINES]
+    return "utf-8-sig"
 
 
-def _read(path: Path, layout: TableLayout, encoding: str) -> Stream:
-    """All columns. Raises ColumnError or EmptyRecording."""
+def read_table(
+    source: Path | str,
+    lines: list[str],
+    encoding: str = "utf-8",
+    *,
+    is_cut: bool = False,
+) -> Stream:
+    """A table of a file or of a text. Raises ColumnError or EmptyRecording.
+
+    lines: its first ones. is_cut: whether the last one has no end, so that its last number may be
+    cut.
+    """
+    layout = layout_of(lines[:HEAD_LINES])
     notes: list[str] = []
-    source: Path | io.StringIO = path
-    skipped = layout.first_row
-    if layout.form.is_odd or layout.comment == "//":
-        source, skipped = _plain(path, layout, encoding, notes), 0
-    try:
-        table = _parsed(source, layout, encoding, skipped)
-    except UnicodeDecodeError:
-        # bytes that are not UTF-8 may come late in the file
-        if encoding == WESTERN:
-            raise
-        return _read(path, layout, WESTERN)
-    except (pd.errors.ParserError, pd.errors.ParserWarning):
-        # lines with more cells than the others
-        whole = _plain(path, layout, encoding, notes)
-        table = _parsed(whole, layout, encoding, 0)
+    table: Columns = {}
+    if isinstance(source, Path) and not layout.form.is_odd and layout.comment != "//":
+        # lines of more cells than the others need the slow way
+        with suppress(pd.errors.ParserError, pd.errors.ParserWarning):
+            table = _parsed(source, layout, layout.first_row, encoding)
+    if not table:
+        is_file = isinstance(source, Path)
+        text = source.read_text(encoding, "replace") if is_file else source
+        table = _parsed(_plain(text, layout, notes), layout, 0, encoding)
 
-    return cleaned(table, layout.form.decimal, notes, is_cut=_is_cut(path, layout))
+    last = table[layout.names[-1]][-1:]
+    if is_cut and (pd.isna(last) | (last == "")).any():
+        notes.append("the last line is cut off, and left out")
+        table = {name: column[:-1] for name, column in table.items()}
+    return _numeric(table, layout.form.decimal, notes)
 
 
 def _parsed(
-    source: Path | io.StringIO,
-    layout: TableLayout,
-    encoding: str,
-    skipped: int,
+    source: Path | io.StringIO, layout: TableLayout, skipped: int, encoding: str
 ) -> Columns:
+    """The cells as pandas reads them."""
     parts: dict[str, list[Column]] = {name: [] for name in layout.names}
     with warnings.catch_warnings():
         # rows of more cells than names: pandas warns, and would drop them
@@ -152,6 +138,7 @@ def _parsed(
             chunksize=CHUNK_ROWS,
             comment=layout.comment if len(layout.comment) == 1 else None,
             encoding=encoding,
+            encoding_errors="replace",
             skipinitialspace=True,
             keep_default_na=False,
             na_values={name: list(MISSING) for name in layout.numeric},
@@ -160,27 +147,21 @@ def _parsed(
             for name, column in parts.items():
                 column.append(chunk[name].to_numpy(copy=True))
 
-    columns = {}
-    for name in layout.names:
-        columns[name] = np.concatenate(parts.pop(name))
-    return columns
+    return {name: np.concatenate(parts.pop(name)) for name in layout.names}
 
 
-def _plain(
-    path: Path, layout: TableLayout, encoding: str, notes: list[str]
-) -> io.StringIO:
+def _plain(text: str, layout: TableLayout, notes: list[str]) -> io.StringIO:
     """The lines of data with plain cells; those of another number of cells are left out."""
-    text = path.read_text(encoding, errors="replace")
     mark = " " if layout.form.separator == SPACES else layout.form.separator
     kept: list[str] = []
     n_torn = 0
     for line in text.splitlines()[layout.first_row :]:
-        is_comment = bool(layout.comment) and line.startswith(layout.comment)
+        if not line.strip() or (layout.comment and line.startswith(layout.comment)):
+            continue
         cells = layout.form.cells(line)
-        is_whole = len(cells) == len(layout.names)
-        if is_whole and not is_comment:
+        if len(cells) == len(layout.names):
             kept.append(mark.join(f'"{cell}"' for cell in cells))
-        elif line.strip() and not is_comment:
+        else:
             n_torn += 1
 
     if n_torn:
@@ -188,93 +169,69 @@ def _plain(
     return io.StringIO("\n".join(kept))
 
 
-def _is_cut(path: Path, layout: TableLayout) -> bool:
-    """Whether the last line ends before its last cell: a number there may be cut too."""
-    with path.open("rb") as file:
-        file.seek(max(0, path.stat().st_size - (64 << 10)))
-        tail = file.read()
-
-    if tail.endswith((b"\n", b"\r", b"\n\0")):
-        return False
-    last = re.split(rb"[\r\n]", tail)[-1].decode("latin-1")
-    return len(layout.form.cells(last)) < len(layout.names)
-
-
-def cleaned(
-    table: Columns, decimal: str, notes: list[str], *, is_cut: bool = False
-) -> Stream:
+def _numeric(table: Columns, decimal: str, notes: list[str]) -> Stream:
     """The columns as numbers or texts; rows without a number are left out, and noted.
 
     Raises EmptyRecording.
     """
     columns: Columns = {}
+    there = np.zeros(len(next(iter(table.values()))), dtype=np.bool_)
     for name in list(table):
         column = _typed(table.pop(name), decimal, name, notes)
-        is_empty = not any(column) if is_text(column) else np.isnan(column).all()
-        # behind a separator at the end of every line
-        if not (name.startswith("column") and is_empty):
-            columns[name] = column
-
-    there = np.zeros(len(column), dtype=np.bool_)
-    for column in columns.values():
         if not is_text(column):
             there |= np.isfinite(column)
+        elif name.startswith("column") and not any(column):
+            # behind a separator at the end of every line
+            continue
+        columns[name] = column
 
-    if is_cut:
-        there[-1:] = False
-    n_lost = int(np.count_nonzero(~there))
     if not there.any():
         raise EmptyRecording("no row of data", next_step="record it again")
-    if n_lost:
+    if not there.all():
+        notes.append(f"{np.sum(~there)} lines without a number left out")
         columns = {name: column[there] for name, column in columns.items()}
-        notes.append(f"{n_lost} lines without a number, or cut off, left out")
-
     return Stream(columns, notes=tuple(notes))
 
 
 def _typed(column: Column, decimal: str, name: str, notes: list[str]) -> Column:
     """A column as numbers, as ns of its dates or times of day, or as texts."""
     if column.dtype.kind in "iufb":
-        return column.astype(np.float64) if column.dtype.kind in "ub" else column
-    there = pd.notna(column)
-    cells = text_column(np.where(there, column, "").tolist())
-    filled = cells[cells != ""]
-    if len(filled) and STAMP.fullmatch(filled[0]):
+        return column if column.dtype.kind in "if" else column.astype(np.float64)
+    cells = pd.Series(text_column(np.where(pd.notna(column), column, "").tolist()))
+    filled = cells[~cells.isin(MISSING)]
+    if len(filled) and STAMP.fullmatch(filled.iloc[0]):
         return stamps_of(cells)
-    words = [cell for cell in filled.tolist() if not is_number(cell, decimal)]
-    numbers = len(filled) - len(words)
-    if not len(filled) or numbers < max(1, len(filled) // 2):
-        return cells
-    texts = pd.Series(cells)
-    if decimal == ",":
-        texts = texts.str.replace(",", ".", regex=False)
-    for word, count in Counter(words).most_common(3):
+    texts = filled.str.replace(",", ".") if decimal == "," else filled
+    numbers = pd.to_numeric(texts, errors="coerce")
+    words = filled[numbers.isna()]
+    if not len(filled) or 2 * len(words) > len(filled):
+        return cells.to_numpy(object)
+    for word, count in words.value_counts().head(3).items():
         notes.append(f"{name}: {count} cells {word!r:.20} are missing samples")
-    found: Column = pd.to_numeric(texts, errors="coerce").to_numpy(np.float64)
+    found: Column = numbers.reindex(cells.index).to_numpy(np.float64)
     return np.where(np.isfinite(found), found, np.nan)
 
 
-def stamps_of(cells: Column) -> Column:
+def stamps_of(cells: pd.Series) -> Column:
     """[T] dates, or times of day over midnight, as ns; nan where a cell is none."""
     first = next(cell for cell in cells if cell)
-    if not re.match(r"\d+[./-]\d+[./-]\d+", first):
-        return _times_of_day(cells)
-    form = "ISO8601" if re.match(r"\d{4}-", first) else "mixed"
-    texts = pd.Series(cells).str.replace(",", ".", regex=False)
-    dates = pd.to_datetime(
-        texts, format=form, dayfirst=form == "mixed", utc=True, errors="coerce"
-    )
-    ns: Column = dates.to_numpy(dtype="datetime64[ns]").astype(np.int64)
-    return np.where(ns == NO_STAMP, np.nan, ns) if (ns == NO_STAMP).any() else ns
+    # some write a comma or a colon before the fraction of a second
+    texts = cells.str.replace(r",|(?<=:\d\d):(?=\d{3})", ".", regex=True)
+    date = re.match(r"(\d{4}-)|\d+[./-]\d+[./-]\d", first)
+    if date:
+        form = "ISO8601" if date[1] else "mixed"
+        dates = pd.to_datetime(
+            texts, format=form, dayfirst=not date[1], utc=True, errors="coerce"
+        )
+        spans = dates - EPOCH
+    else:
+        clock = texts.str.extract(r"([\d:.]+)")[0]
+        clock = clock.where(clock.str.count(":") > 1, "0:" + clock)
+        spans = pd.to_timedelta(clock, errors="coerce")
 
-
-def _times_of_day(cells: Column) -> Column:
-    parts = pd.Series(cells).str.extract(r"(?:(\d+):)?(\d+):(\d\d)(?:[.,:](\d+))?")
-    hours, minutes, seconds = (pd.to_numeric(parts[k]).fillna(0.0) for k in range(3))
-    fraction_ns = pd.to_numeric(parts[3].fillna("0").str.ljust(9, "0").str[:9])
-    whole_s = (hours * 60.0 + minutes) * 60.0 + seconds
-    ns: Column = np.array(whole_s * SECOND_NS + fraction_ns, dtype=np.float64)
-    ns[parts[2].isna().to_numpy()] = np.nan
+    ns: Column = spans.to_numpy("m8[ns]").astype(np.int64)
+    if spans.isna().any():
+        ns = np.where(spans.isna(), np.nan, ns)
     # a step of nearly a day back is midnight
     steps = np.nan_to_num(np.diff(ns, prepend=ns[:1]))
-    return ns + DAY_NS * np.cumsum(steps < -DAY_NS / 2)
+    return ns if date else ns + DAY_NS * np.cumsum(steps < -DAY_NS / 2)

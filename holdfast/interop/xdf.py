@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.core.errors import NotANumber, TimeError, needs_extra
+from holdfast.core.errors import TimeError, needs_extra
 from holdfast.core.trial_file import LATEST_S
 from holdfast.interop.streams import Columns, ForeignLog, Stream, text_column
 
@@ -24,55 +24,45 @@ with needs_extra("xdf"):
 def read_log(path: Path, name: str) -> ForeignLog:
     """Any XDF file, also compressed, as a log: a stream with columns `stream.channel`.
 
-    A stream of markers has one column of texts. Raises NotANumber or TimeError.
+    A stream of markers has one column of texts. Raises TimeError.
     """
     opened = gzip.open if path.suffix == ".xdfz" else open
-    try:
-        # damaged stamps may overflow in pyxdf; they are refused below
-        with opened(path, "rb") as file, np.errstate(all="ignore"):
-            loaded = pyxdf.load_xdf(file, dejitter_timestamps=False)[0]
-        streams = [_stream(one) for one in loaded if len(one["time_stamps"])]
-    except TimeError as error:
-        raise TimeError(error.what, where=path) from None
-    except Exception as error:  # pyxdf raises whatever its parsing meets
-        raise NotANumber(
-            f"cannot be read as XDF ({type(error).__name__}: {error})",
-            where=path,
-            cause="another format, or an interrupted copy",
-            next_step="open it with another XDF reader to see what is left",
-        ) from None
+    # damaged stamps may overflow in pyxdf; they are refused below
+    with opened(path, "rb") as file, np.errstate(all="ignore"):
+        loaded = pyxdf.load_xdf(file, dejitter_timestamps=False)[0]
 
+    streams = [_stream(one) for one in loaded if len(one["time_stamps"])]
     return ForeignLog(path, name, tuple(streams))
 
 
 def _stream(loaded: Any) -> Stream:
     """A stream of pyxdf as columns. Raises TimeError."""
-    info = loaded["info"]
+    info, rows = loaded["info"], loaded["time_series"]
     name = str(info["name"][0])
     t_s = np.asarray(loaded["time_stamps"], dtype=np.float64)
     if not (np.abs(t_s) < LATEST_S).all():
         raise TimeError(f"stamps of {name:.60} are no times")
-    rows = loaded["time_series"]
+
     columns: Columns = {}
     if info["channel_format"][0] == "string":
         columns[name] = text_column([row[0] if len(row) else "" for row in rows])
     else:
         values = np.asarray(rows, dtype=np.float64)
         for k, label in enumerate(_labels(info, values.shape[1])):
-            columns[f"{name}.{label or k}"] = values[:, k]
+            columns[f"{name}.{label}"] = values[:, k]
 
     return Stream(columns, np.round(t_s * 1e9).astype(np.int64), name)
 
 
 def _labels(info: Any, n_channels: int) -> list[str]:
-    """The labels of the channels, "" for one without.
+    """The labels of the channels, their numbers where the header has no label for each.
 
-    Every level of an XDF header is a list, which may be absent, empty or hold None.
+    Every level of an XDF header is a list.
     """
-    described = (info.get("desc") or [None])[0] or {}
-    groups = (described.get("channels") or [None])[0] or {}
-    channels = groups.get("channel") or []
-    # a list of another length cannot say which name belongs to which channel
-    if len(channels) != n_channels:
-        return [""] * n_channels
-    return [str((channel.get("label") or [""])[0] or "") for channel in channels]
+    try:
+        channels = info["desc"][0]["channels"][0]["channel"]
+        labels = [str(channel["label"][0]) for channel in channels]
+    except (KeyError, IndexError, TypeError):
+        labels = []
+
+    return labels if len(labels) == n_channels else [str(k) for k in range(n_channels)]
