@@ -15,8 +15,6 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
-from typing import Any
 
 from holdfast.core.errors import ColumnError
 
@@ -46,10 +44,9 @@ UNITS = {
 """What a row of units below the names holds."""
 GAP = r"[\s,;]+"
 """Between the numbers of a vector."""
-NO_FIT = (0.0, 1)
 MOST_HEADING_ROWS = 3
 """Groups, names and units."""
-Cells = list[Any]
+Cells = list[str]
 
 
 @dataclass(frozen=True)
@@ -74,6 +71,15 @@ class Form:
 
         return [cell.strip() for cell in cells]
 
+    def share(self, cells: Sequence[str]) -> float:
+        """How many of the cells that hold something are numbers, dates or times of day."""
+        filled = [cell for cell in cells if cell not in MISSING]
+        numbers = 0
+        for cell in filled:
+            plain = cell.replace(",", ".") if self.decimal == "," else cell
+            numbers += bool(NUMBER.fullmatch(plain) or STAMP.fullmatch(plain))
+        return numbers / len(filled) if filled else 0.0
+
 
 @dataclass(frozen=True)
 class TableLayout:
@@ -97,12 +103,15 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
     """
     comment = next((one for one in COMMENTS if _begins(lines, one)), "")
     data = ["" if comment and _begins([line], comment) else line for line in lines]
+    judged = list(filter(str.strip, data))[-JUDGED_ROWS:]
     forms = []
     for separator in SEPARATORS:
         forms += [Form(separator, decimal) for decimal in ".," if decimal != separator]
-    judged = list(filter(str.strip, data))[-JUDGED_ROWS:]
     form = max(forms, key=lambda one: _fit(one, judged))
-    if _fit(form, judged) == NO_FIT:
+    share, wide = _fit(form, judged)
+    rows = [form.cells(line) for line in data]
+    starts = [k for k, row in enumerate(rows) if len(row) == wide and form.share(row)]
+    if not share or not starts:
         raise ColumnError(
             "no table of several columns",
             cause="another kind of file, or a separator that is not a tab, a semicolon, a bar, "
@@ -110,74 +119,73 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
             next_step="save it as CSV",
         )
 
-    first = first_of_data([form.cells(line) for line in data], form.decimal)
+    first = starts[0]
+    is_odd = any(ARRIVAL.match(one) or VECTOR.search(one) for one in data[first:][:20])
     above = [_heading_cells(line, comment, data[first], form) for line in lines[:first]]
-    names, first = heading([*above, form.cells(data[first])])
-    rows = [form.cells(line) for line in data[first:]]
-    whole = [row for row in rows if len(row) == len(names)]
+    # pandas names columns without names 0, 1, 2, .., and writes nothing above the index
+    counted = [*map(str, range(wide))]
+    is_heading = wide > 3 and rows[first] in (counted, ["", *counted[:-1]])
+    names = rows[first] if is_heading else _heading(above, rows[first])
+    first += is_heading
+    whole = [row for row in rows[first:] if len(row) == wide]
+    names = _unique(names)
     numeric = []
-    for k, name in enumerate(names):
-        if _share_of_numbers([row[k] for row in whole], form.decimal) >= 0.5:
+    for name, *cells in zip(names, *whole, strict=True):
+        if form.share(cells) >= 0.5:
             numeric.append(name)
 
-    is_odd = any(ARRIVAL.match(one) or VECTOR.search(one) for one in data[first:][:20])
     is_later = bool(comment) and _begins(lines[first:], comment)
     form = replace(form, is_odd=is_odd)
-    return TableLayout(form, names, first, tuple(numeric), comment if is_later else "")
+    return TableLayout(
+        form, tuple(names), first, tuple(numeric), comment if is_later else ""
+    )
+
+
+def _begins(lines: Sequence[str], comment: str) -> bool:
+    """Whether some lines begin with a sign of comments, but not most of several."""
+    n_begin = sum(line.lstrip().startswith(comment) for line in lines)
+    return 0 < n_begin <= max(1, len(lines) // 2)
 
 
 def _fit(form: Form, lines: Sequence[str]) -> tuple[float, int]:
-    """(the share of cells that are numbers, columns) of lines that a form reads."""
+    """(the share of numbers in lines that a form reads, how many cells most of them have)."""
     rows = [form.cells(line) for line in lines]
-    wide = usual_width(rows)
-    judged = [row for row in rows if len(row) == wide]
-    if wide < 2:
-        return NO_FIT
-    share = _share_of_numbers([*chain(*judged)], form.decimal) * len(judged) / len(rows)
-    return (round(share, 3), wide) if share else NO_FIT
+    counts = Counter(map(len, rows))
+    wide = max(counts, key=lambda cells: (counts[cells], cells), default=0)
+    cells = [cell for row in rows for cell in row if len(row) == wide]
+    share = form.share(cells) * counts[wide] / max(1, len(rows)) if wide > 1 else 0.0
+    return round(share, 3), wide
 
 
-def first_of_data(rows: Sequence[Cells], decimal: str) -> int:
-    """Index of the first row of numbers. Raises ColumnError."""
-    wide = usual_width([row for row in rows if row][-JUDGED_ROWS:])
-    for k, row in enumerate(rows):
-        if len(row) == wide and any(is_number(cell, decimal) for cell in row):
-            return k
-
-    raise ColumnError("no row of numbers", next_step="give a table with numbers")
+# -- names
 
 
-def heading(rows: Sequence[Cells]) -> tuple[tuple[str, ...], int]:
-    """(names of the columns, index of the first row of data) by the rows up to the first data."""
-    *before, data = rows
-    # as pandas writes columns without names, and nothing at the place of the index
-    counted = [*map(str, range(len(data)))]
-    if len(data) > 3 and data in (counted, ["", *counted[:-1]]):
-        return unique_names(data), len(rows)
-    names: list[str] = []
+def _heading(above: Sequence[Cells], data: Cells) -> Cells:
+    """A name for each cell of the first row of data, by the rows above it."""
+    names: Cells = []
     n_rows = 0
-    for row in reversed(before):
+    for row in reversed(above):
         cells = _as_wide(row, data)
-        if cells and n_rows < MOST_HEADING_ROWS:
+        if any(cells) and n_rows < MOST_HEADING_ROWS:
             names, n_rows = _under(cells, names) if names else cells, n_rows + 1
         elif row:
             break
 
-    return unique_names(names or [""] * len(data)), len(before)
+    return names or [""] * len(data)
 
 
-def _as_wide(row: Cells, data: Cells) -> list[str]:
+def _as_wide(row: Cells, data: Cells) -> Cells:
     """A row above the data as names, one a column; [] where it is no heading."""
-    cells = [str("" if cell is None else cell).strip() for cell in row]
-    if len(cells) == len(data) + 1 and not cells[-1]:
-        cells.pop()
-    if len(cells) == len(data) - 1 and len(cells) > 1:
+    missing = len(data) - len(row)
+    if missing == -1 and not row[-1]:
+        return row[:-1]
+    if missing == 1 < len(row):
         # pandas and R write no name above row names; others end their rows by a separator
-        cells.insert(len(cells) if data[-1] in ("", None) else 0, "")
-    return cells if len(cells) == len(data) and any(cells) else []
+        return ["", *row] if data[-1] else [*row, ""]
+    return row if not missing else []
 
 
-def _under(above: list[str], below: list[str]) -> list[str]:
+def _under(above: Cells, below: Cells) -> Cells:
     """Names in two rows as one: units below names, or axes below a merged heading."""
     bare = [cell.strip(" []()") for cell in below]
     is_unit = {*bare} - {""} <= UNITS
@@ -193,7 +201,9 @@ def _under(above: list[str], below: list[str]) -> list[str]:
 
 def _heading_cells(line: str, comment: str, data: str, form: Form) -> Cells:
     """The cells of a heading, with a name for each number of a vector below: force.0, force.1."""
-    bare = line.strip().lstrip(comment or " ").strip(" ") if comment else line
+    bare = line.strip("\r\n")
+    if comment and _begins([line], comment):
+        bare = bare.lstrip().lstrip(comment).strip(" ")
     cells = form.cells(bare)
     # a vector of three is *3 here
     counts = VECTOR.sub(lambda found: f"*{len(re.split(GAP, found[1]))}", data)
@@ -208,42 +218,13 @@ def _heading_cells(line: str, comment: str, data: str, form: Form) -> Cells:
     return wide
 
 
-def unique_names(cells: Sequence[str]) -> tuple[str, ...]:
+def _unique(cells: Cells) -> Cells:
     """Names for columns: an empty cell gets a number, a name that occurs again another."""
-    names: list[str] = []
+    names: Cells = []
     counts: Counter[str] = Counter()
     for k, cell in enumerate(cells, 1):
         name = cell.strip(' "') or f"column{k}"
         counts[name] += 1
         names.append(f"{name}.{counts[name]}" if counts[name] > 1 else name)
 
-    return tuple(names)
-
-
-def is_number(cell: Any, decimal: str) -> bool:
-    """Whether a cell is a number, or a date or a time of day."""
-    if isinstance(cell, int | float):
-        return not isinstance(cell, bool)
-    text = str(cell).strip()
-    if decimal == ",":
-        text = text.replace(",", ".")
-    return bool(NUMBER.fullmatch(text) or STAMP.fullmatch(text))
-
-
-def usual_width(rows: Sequence[Cells]) -> int:
-    """How many cells most rows have, the most of several; 0 without rows."""
-    counts = Counter(map(len, rows))
-    return max(counts, key=lambda wide: (counts[wide], wide), default=0)
-
-
-def _begins(lines: Sequence[str], comment: str) -> bool:
-    """Whether some lines begin with a sign of comments, but not most of several."""
-    n_begin = sum(line.lstrip().startswith(comment) for line in lines)
-    return 0 < n_begin <= max(1, len(lines) // 2)
-
-
-def _share_of_numbers(cells: Cells, decimal: str) -> float:
-    """Of the cells that hold something."""
-    filled = [cell for cell in cells if cell not in MISSING]
-    numbers = [cell for cell in filled if is_number(cell, decimal)]
-    return len(numbers) / len(filled) if filled else 0.0
+    return names

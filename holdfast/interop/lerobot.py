@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from holdfast.core.contract import SITUATIONS, Json, channel_names
-from holdfast.core.errors import EmptyRecording, NotANumber, needs_extra
+from holdfast.core.errors import NotANumber, needs_extra
 from holdfast.core.schema import json_of, read
 from holdfast.core.writing import write_whole
 from holdfast.interop.parquet import (
@@ -198,8 +198,6 @@ def read_log(folder: Path, name: str) -> ForeignLog:
     """
     info: Json = {"features": {}, **read(folder / INFO, Json, NotANumber)}
     table = _table(folder, "data/**/*.parquet").rename(columns=_names(info["features"]))
-    if table.empty:
-        raise EmptyRecording("no data of an episode", where=folder / "data")
     tasks = _table(folder, "meta/tasks*.parquet")
     if "task" in tasks:
         texts = tasks.set_index("task_index")["task"]

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.contract import Json, channel_names
-from holdfast.core.errors import NotANumber, needs_extra
+from holdfast.core.errors import needs_extra
 from holdfast.core.schema import json_of
 from holdfast.core.trial_file import TIME_COLUMN
 from holdfast.interop.payload import NO_LABEL, TrialPayload
@@ -87,7 +87,7 @@ def write_table(path: Path, table: Any) -> None:
 
 
 def read_log(path: Path, name: str) -> ForeignLog:
-    """Any Parquet file as a log of one table. Raises NotANumber."""
+    """Any Parquet file as a log of one table."""
     columns, about = read_columns(path)
     return ForeignLog(path, name, (Stream(columns),), about)
 
@@ -96,25 +96,16 @@ def read_columns(path: Path) -> tuple[Columns, Json]:
     """(columns, what `holdfast convert` says of the trial) of a Parquet file.
 
     A column of lists of one length, or of structs, becomes `name.0`, `name.1`, .. or `name.field`;
-    a null is nan or "". Raises NotANumber for a file that is none.
+    a null is nan or "". Raises what pyarrow and json raise.
     """
+    # the path itself may look like a set in pieces (a=1/), which only a folder is
+    table = pq.ParquetFile(path).read()
+    about = json_of((table.schema.metadata or {}).get(KEY.encode(), b"{}"))
+    while any(pa.types.is_struct(field.type) for field in table.schema):
+        table = table.flatten()
     columns: Columns = {}
-    try:
-        # the path itself may look like a set in pieces (a=1/), which only a folder is
-        table = pq.ParquetFile(path).read()
-        about = json_of((table.schema.metadata or {}).get(KEY.encode(), b"{}"))
-        while any(pa.types.is_struct(field.type) for field in table.schema):
-            table = table.flatten()
-        for name, column in zip(table.column_names, table.columns, strict=True):
-            columns |= _cells(name, column)
-    except Exception as error:  # pyarrow raises whatever its parsing meets
-        raise NotANumber(
-            f"cannot be read as Parquet ({type(error).__name__})",
-            where=path,
-            cause="another format, or an interrupted copy",
-            next_step="open it with another reader to see what is left",
-        ) from None
-
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        columns |= _cells(name, column)
     return columns, about
 
 
