@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from holdfast.core.column_map import SensorColumns
+from holdfast.core.column_map import SensorColumns, TimeColumn
 from holdfast.interop.columns import FoundTime, Touch
 from holdfast.interop.logs import LogPlace
 from holdfast.interop.map import ImportMap
@@ -94,7 +94,5 @@ class Sample:
     def stamps_s(self) -> np.ndarray:
         """[T] on the log's clock."""
         rows = np.arange(max(map(len, self.columns.values())))
-        if self.time is None:
-            return rows.astype(np.float64)
-        time = self.time.time
+        time = self.time.time if self.time else TimeColumn(rate_hz=1.0)
         return self.columns.get(time.column, rows) * (1e-9 * time.unit_ns)
