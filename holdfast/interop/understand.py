@@ -23,7 +23,7 @@ from holdfast.interop.columns import (
     find_sensors,
     find_time,
     touch,
-    unit_of_sizes,
+    unit_of,
 )
 from holdfast.interop.forms import NUMBERED, Form, tokens_of
 from holdfast.interop.labels import (
@@ -146,7 +146,7 @@ def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample:
         return Sample(files, log, columns, time, sensors, why)
     values = channels(columns, sensors)
     touched = touch(values)
-    size = unit_of_sizes(names, values, touched)
+    size = unit_of(names, values, touched)
     marks = _marks(columns)
     streams = [replace(one, columns=_short(one.columns, names)) for one in log.streams]
     log, columns = replace(log, streams=tuple(streams)), _short(columns, names)
