@@ -17,14 +17,14 @@
 
 A message is flattened into columns: {"imu": {"f": [1, 2]}} has `imu.f.0` and `imu.f.1`.
 
-Further tables (IMPORT_TABLES) say how files become trials; `holdfast import` reads them, and a live
+Further tables say how files become trials; `holdfast import` reads them, and a live
 source leaves them alone. Errors name the file and the key.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -40,8 +40,6 @@ from holdfast.core.trial_file import TimeUnit
 
 NS_OF = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 """A unit of time -> nanoseconds."""
-IMPORT_TABLES = ("trials", "facts", "actions", "masses_g", "events")
-"""What `holdfast import` reads besides."""
 MINUS = "-"
 LATEST_NS = 1 << 62
 """Of a stamp: 146 years."""
@@ -146,19 +144,6 @@ class ColumnMap(
         return tuple(name.removeprefix(MINUS) for name in self.signed)
 
     @property
-    def factors(self) -> FloatArray:
-        """[C] from a column to its channel: the sign, and the factor of the unit."""
-        size = UNIT_OF[self.unit][1]
-        return np.array([-size if name[0] == MINUS else size for name in self.signed])
-
-    @property
-    def zeros(self) -> FloatArray:
-        """[C] what is taken from a column before that."""
-        zeros: FloatArray = np.zeros(3 * len(self.sensors))
-        zeros[2::3] = [sensor.z_zero for sensor in self.sensors]
-        return zeros
-
-    @property
     def columns(self) -> tuple[str, ...]:
         """All columns that must be there: of time, if it has one, and of the sensors."""
         return (*filter(None, [self.time.column]), *self.channels)
@@ -167,7 +152,7 @@ class ColumnMap(
         self,
         there: Collection[str],
         where: str | Path,
-        names: Collection[str] | None = None,
+        names: Iterable[str] | None = None,
     ) -> None:
         """Raise ColumnError unless a table or a message has the columns.
 
@@ -195,30 +180,31 @@ class ColumnMap(
         if len({cell.shape for cell in cells}) > 1:
             raise NotANumber("a list in a column of numbers", where=where)
         values: FloatArray = np.stack(cells, axis=-1)
+        size = UNIT_OF[self.unit][1]
         # in place: a long log is large
-        values -= self.zeros
-        values *= self.factors
+        values[..., 2::3] -= [sensor.z_zero for sensor in self.sensors]
+        values *= [-size if name[0] == MINUS else size for name in self.signed]
         return values
 
-    def stamp_ns(
-        self, row: Mapping[str, Any], number: int, where: str | Path = ""
-    ) -> int | None:
-        """The time of the number-th row or message; None for times of arrival.
+    def stamp_ns(self, row: Mapping[str, Any], where: str | Path = "") -> int | None:
+        """The time of a row or message; None where no column has it.
 
         Raises ColumnError or NotANumber.
         """
-        if self.time.arrival:
-            return None
         name = self.time.column
         if not name:
-            return round(number * self.time.unit_ns)
+            return None
         self.require_columns(row, where, [name])
-        return _stamp_ns(row[name], self.time.unit_ns, name, where)
+        cell = row[name]
+        if isinstance(cell, str) and re.fullmatch(r"\s*-?[0-9]+\s*", cell):
+            # all digits of a whole number, which a float has not
+            cell = int(cell)
+        return int(self.stamps_ns({name: [cell]}, 1, where)[0])
 
     def stamps_ns(
         self, columns: Mapping[str, Any], rows: int, where: str | Path = ""
     ) -> IntArray:
-        """[T] the same of a table with so many rows, as exact as its column.
+        """[T] the times of a table with so many rows, as exact as its column.
 
         Raises ColumnError or NotANumber, and ColumnError for a map of arrival.
         """
@@ -229,14 +215,19 @@ class ColumnMap(
                 next_step="name the column of time, or write rate_hz",
             )
         name, unit_ns = self.time.column, self.time.unit_ns
-        stamps = np.arange(rows)
-        if name:
-            self.require_columns(columns, where, [name])
-            stamps = np.asarray(columns[name])
+        self.require_columns(columns, where, filter(None, [name]))
+        stamps = np.asarray(columns[name]) if name else np.arange(rows)
         in_ns = _numbers(stamps, name, where) * unit_ns
-        _require_stamps(in_ns, name, where)
+        # nan fails the comparison
+        bad = np.flatnonzero(~(np.abs(in_ns) < LATEST_NS))
+        if len(bad):
+            raise NotANumber(
+                f"row {bad[0] + 1}, column {name}: no time, or impossibly large",
+                where=where,
+                cause="an empty cell, or another unit of time",
+                next_step="correct the row, or [time] of the column map",
+            )
         if stamps.dtype.kind in "iu" and not self.time.rate_hz:
-            # all digits of a whole number, which a float has not
             return stamps.astype(np.int64) * int(unit_ns)
         return np.round(in_ns).astype(np.int64)
 
@@ -271,24 +262,19 @@ def flat_fields(message: Any, prefix: str = "") -> dict[str, Any]:
     >>> flat_fields({"t": 1, "f": [{"x": 2.5}]})
     {'t': 1, 'f.0.x': 2.5}
     """
+    if not isinstance(message, dict | list | tuple):
+        return {prefix: message}
+    inner = message.items() if isinstance(message, dict) else enumerate(message)
     fields: dict[str, Any] = {}
-    for name, value in _leaves(message, prefix):
-        fields[name] = value
+    for key, value in inner:
+        fields |= flat_fields(value, f"{prefix}.{key}" if prefix else str(key))
         if len(fields) > MOST_FIELDS:
             raise ColumnError(
                 f"more than {MOST_FIELDS} fields in a message",
                 next_step="send only what is needed",
             )
+
     return fields
-
-
-def _leaves(value: Any, name: str) -> Iterator[tuple[str, Any]]:
-    if not isinstance(value, dict | list | tuple):
-        yield name, value
-        return
-    inner = value.items() if isinstance(value, dict) else enumerate(value)
-    for key, one in inner:
-        yield from _leaves(one, f"{name}.{key}" if name else str(key))
 
 
 def _numbers(cells: Any, name: str, where: str | Path) -> FloatArray:
@@ -304,28 +290,3 @@ def _numbers(cells: Any, name: str, where: str | Path) -> FloatArray:
             cause="text in the data, a decimal comma, or another column",
             next_step="correct the column map",
         ) from None
-
-
-def _stamp_ns(cell: Any, unit_ns: float, name: str, where: str | Path) -> int:
-    """One stamp; a whole number keeps all its digits. Raises NotANumber."""
-    text = cell.strip() if isinstance(cell, str) else cell
-    if isinstance(text, str) and re.fullmatch("-?[0-9]{1,19}", text):
-        text = int(text)
-    if isinstance(text, int | np.integer) and abs(int(text) * unit_ns) < LATEST_NS:
-        return round(int(text) * unit_ns)
-    in_ns = _numbers(text, name, where) * unit_ns
-    _require_stamps(np.atleast_1d(in_ns), name, where)
-    return round(float(in_ns))
-
-
-def _require_stamps(in_ns: FloatArray, name: str, where: str | Path) -> None:
-    """Raise NotANumber for a stamp that is none."""
-    # nan fails the comparison
-    bad = np.flatnonzero(~(np.abs(in_ns) < LATEST_NS))
-    if len(bad):
-        raise NotANumber(
-            f"row {bad[0] + 1}, column {name}: no time, or impossibly large",
-            where=where,
-            cause="an empty cell, or another unit of time",
-            next_step="correct the row, or [time] of the column map",
-        )

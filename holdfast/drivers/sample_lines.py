@@ -156,9 +156,7 @@ class SampleReader:
         self.zero, unit = prepared_by(columns)
         self._unit = unit or self._unit
         column_map = self._known_map(columns)
-        stamp_ns = None
-        if column_map.time.column:
-            stamp_ns = column_map.stamp_ns(columns, 0)
+        stamp_ns = column_map.stamp_ns(columns)
         sequence = _sequence(columns)
         values = column_map.values_of(columns)
         valid = _valid(values, columns)

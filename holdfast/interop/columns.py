@@ -8,8 +8,7 @@ names three columns each, in their order.
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,42 +20,36 @@ from holdfast.interop.logs import counted
 from holdfast.interop.streams import LOG_TIME, Column, Columns, is_text
 
 TIME_WORDS = {
-    "time", "timestamp", "stamp", "t", "clock", "elapsed", "millis", "micros", "seconds", "secs",
-    "sec", "ms", "us", "ns", "when", "date", "datetime",
+    "time", "timestamp", "stamp", "t", "clock", "elapsed", "when", "date", "datetime"
 }  # fmt: skip
-UNIT_WORDS = {
-    "s": {"s", "sec", "secs", "second", "seconds"},
-    "ms": {"ms", "msec", "millis", "millisecond", "milliseconds"},
-    "us": {"us", "usec", "micros", "microsecond", "microseconds", "µs", "μs"},
-    "ns": {"ns", "nsec", "nanos", "nanosecond", "nanoseconds"},
+TIME_UNITS = {
+    "s": "s|secs?|seconds?",
+    "ms": "ms|msec|millis|milliseconds?",
+    "us": "[uµμ]s|usec|micros|microseconds?",
+    "ns": "ns|nsec|nanos|nanoseconds?",
 }
 SIGNAL_UNITS = {
-    "N": {"N", "newton", "newtons"},
-    "mN": {"mn", "millinewton", "millinewtons"},
-    "gf": {"gf", "g", "gram", "grams"},
-    "uT": {"ut", "µt", "μt", "microtesla"},
-    "mT": {"mt", "millitesla"},
-    "G": {"G", "gauss", "gs"},
-    "T": {"T", "tesla"},
-    "count": {"count", "counts", "raw", "adc", "lsb", "digits"},
+    "N": "N|(?i:newtons?)",
+    "mN": "(?i:mn|millinewtons?)",
+    "gf": "g|(?i:gf|grams?)",
+    "uT": "(?i:[uµμ]t|microteslas?)",
+    "mT": "(?i:mt|milliteslas?)",
+    "G": "G|(?i:gs|gauss)",
+    "T": "T|(?i:teslas?)",
+    "count": "(?i:counts?|raw|adc|lsb|digits)",
 }
+"""Unit -> its words; G is gauss and g is gram."""
 NO_SENSOR = {
     "torque", "translation", "rotation", "quaternion", "orientation", "covariance", "gyro", "pose",
     "position", "pos", "angular", "velocity", "vel", "acc", "accel", "acceleration", "imu", "joint",
     "marker", "transform", "action", "state",
 }  # fmt: skip
 """Words of three axes that are no reading of a fingertip."""
-TOUCH_WORDS = {
-    "tactile",
-    "force",
-    "touch",
-    "taxel",
-    "finger",
-    "pressure",
-    "hall",
-    "ft",
-    "sensor",
-}
+TOUCH = re.compile(
+    r"(?i)tactile|force|touch|taxel|finger|pressure|hall|sensor|\bft(?![a-z])"
+)
+FIELD = re.compile(r"(?i)(?<![a-z])(b[xyz](?![a-z])|mag)")
+FORCE = re.compile(r"(?i)force|(?<![a-z])f[xyz](?![a-z])")
 AXIS_FORMS = (
     re.compile(r"(?i)(?<![a-z])[fb]?([xyz])(?![a-z])"),
     re.compile(r"(?<=[a-z0-9])([XYZ])(?![a-zA-Z])"),
@@ -72,7 +65,7 @@ AXIS_WORDS = (
 """Words for axes."""
 TOUCHED = 0.2
 """A hand touches something while its readings are so far from rest, of their 95 % quantile."""
-FIRST_ROWS, ONSET_ROWS = 10, 60
+FIRST_ROWS = 10
 CLEARLY = 3.0
 """How much larger a change is that contradicts the names."""
 PRESS_N = (0.2, 20.0)
@@ -89,26 +82,30 @@ def words_of(name: str) -> set[str]:
     return {word.lower() for word in re.findall(r"[^\W\d_]+", f"{name} {parted}")}
 
 
+def _unit_in(words: Iterable[str], units: Mapping[str, str]) -> str | None:
+    """The unit that words name."""
+    for unit, form in units.items():
+        if any(re.fullmatch(form, word) for word in words):
+            return unit
+
+    return None
+
+
 # -- time
 
 
 @dataclass(frozen=True)
 class FoundTime:
-    """A column of time, or one that counts samples: then its rate is not known.
-
-    rate_hz: 0 where it is not known. why: in words.
-    """
+    """A column of time, or one that counts samples at a rate. why: in words."""
 
     time: TimeColumn
-    rate_hz: float
     why: str
 
 
 def find_time(columns: Columns, rate_hz: float | None = None) -> FoundTime | None:
     """The time of a table; None where nothing runs like one and no rate is given."""
     if LOG_TIME in columns:
-        hz = 1e9 / usual_step(columns[LOG_TIME].astype(np.float64))
-        return FoundTime(TimeColumn(LOG_TIME, "ns"), hz, "stamps of the log")
+        return FoundTime(TimeColumn(LOG_TIME, "ns"), "stamps of the log")
 
     found = []
     for name, column in columns.items():
@@ -116,28 +113,26 @@ def find_time(columns: Columns, rate_hz: float | None = None) -> FoundTime | Non
         if candidate is not None:
             found.append(candidate)
 
-    if found:
-        rank, best = min(found, key=lambda one: one[0])
-        is_counter = rank[0] == 1
-        if not is_counter:
-            return best
-        if rate_hz:
-            why = f"{best.time.column} counts samples, {rate_hz:g} Hz as given"
-            return FoundTime(TimeColumn(best.time.column, None, rate_hz), rate_hz, why)
-
+    best = min(found, key=lambda one: one[0])[1] if found else TimeColumn(arrival=True)
+    if best.unit:
+        hz = 1e9 / (best.unit_ns * usual_step(columns[best.column].astype(np.float64)))
+        return FoundTime(
+            best, f"{best.column}, {hz:.4g} Hz, in {best.unit} by its steps"
+        )
     if rate_hz:
-        why = f"rows are counted, {rate_hz:g} Hz as given"
-        return FoundTime(TimeColumn(rate_hz=rate_hz), rate_hz, why)
+        what = f"{best.column} counts samples" if best.column else "rows are counted"
+        time = TimeColumn(best.column, None, rate_hz)
+        return FoundTime(time, f"{what}, {rate_hz:g} Hz as given")
 
     return None
 
 
-def _time_of(name: str, column: Column) -> tuple[tuple[float, ...], FoundTime] | None:
+def _time_of(name: str, column: Column) -> tuple[tuple[float, ...], TimeColumn] | None:
     """(rank, time) of a column that rises in steps of a hand's rate, or counts; else None."""
-    values = column[:50_000].astype(np.float64)
-    values = values[np.isfinite(values)]
+    first = column[:50_000].astype(np.float64)
+    values = first[np.isfinite(first)]
     steps = np.diff(values)
-    if len(values) < 0.9 * len(column[:50_000]) or not len(steps) or not steps.any():
+    if len(values) < 0.9 * len(first) or not steps.any():
         return None
     step = usual_step(values)
     if np.mean(steps < 0) > 0.05 or step <= 0.0:
@@ -148,27 +143,19 @@ def _time_of(name: str, column: Column) -> tuple[tuple[float, ...], FoundTime] |
     # counts of trials and the like rise too, but rarely
     if even < 0.6 and not is_named and len(np.unique(values)) < len(values) / 50:
         return None
-    if float(np.mean(steps == 1.0)) > 0.9 and not unit:
-        return (1.0, -even), FoundTime(TimeColumn(name), 0.0, "")
-    if unit is None or not _fits(step, unit):
-        unit = next((one for one in NS_OF if _fits(step, one)), None)
-    if unit is None:
-        return None
-    hz = 1e9 / (step * NS_OF[unit])
-    why = f"{name}, {hz:.4g} Hz, in {unit} by its steps"
-    return (0.0, not is_named, -even), FoundTime(TimeColumn(name, unit), hz, why)  # type: ignore[arg-type]
+    if np.mean(steps == 1.0) > 0.9 and not unit:
+        return (1.0, -even), TimeColumn(name)
+    for one in (unit, *NS_OF):
+        # steps make a rate that a hand has
+        if one and SLOWEST_HZ <= 1e9 / (step * NS_OF[one]) <= FASTEST_HZ:
+            return (0.0, not is_named, -even), TimeColumn(name, one)  # type: ignore[arg-type]
+
+    return None
 
 
 def unit_of_time(name: str) -> str | None:
     """The unit that a name of time has."""
-    return next(
-        (unit for unit, words in UNIT_WORDS.items() if words_of(name) & words), None
-    )
-
-
-def _fits(step: float, unit: str) -> bool:
-    """Whether steps in a unit make a rate that a hand has."""
-    return SLOWEST_HZ <= 1e9 / (step * NS_OF[unit]) <= FASTEST_HZ
+    return _unit_in(words_of(name), TIME_UNITS)
 
 
 def usual_step(values: FloatArray) -> float:
@@ -191,24 +178,25 @@ def find_sensors(
     columns: Columns, taken: Collection[str]
 ) -> tuple[list[SensorColumns], str]:
     """(the sensors of a table, why), in the order in which people count; none for another table."""
-    names = [
-        name for name in columns if name not in taken and not is_text(columns[name])
-    ]
-    names = [name for name in names if name != LOG_TIME]
+    names = []
+    for name, column in columns.items():
+        is_free = name != LOG_TIME and name not in taken
+        # an IMU beside the fingers has axes too
+        if is_free and not is_text(column) and not words_of(name) & NO_SENSOR:
+            names.append(name)
+
     sensors = _by_axes(names)
     if sensors:
         return sensors, "by the axes in their names"
     rest = _by_count(names, columns)
-    if len(rest) < 3:
+    if not rest:
         return [], ""
-    values = np.stack([columns[name].astype(np.float64) for name in rest], axis=1)
-    order = _order(values)
-    found = [sensor_of([rest[k] for k in row]) for row in order.tolist()]
-    by = (
-        "three columns each"
-        if (order.ravel() == np.arange(len(rest))).all()
-        else "by the touch"
+    order = _order(
+        np.stack([columns[name].astype(np.float64) for name in rest], axis=1)
     )
+    is_plain = (np.diff(order.ravel()) == 1).all()
+    by = "three columns each" if is_plain else "by the touch"
+    found = [sensor_of([rest[k] for k in row]) for row in order.tolist()]
     return found, f"no axes in the names: x, y, z {by}, {rest[0]} to {rest[-1]}"
 
 
@@ -227,24 +215,22 @@ def _by_axes(names: Sequence[str]) -> list[SensorColumns]:
             bare = re.sub(r"[\[(].*?[\])]", "", name)
             for word, axis in AXIS_WORDS:
                 bare = word.sub(axis, bare)
-            match = list(form.finditer(bare))
-            # an IMU beside the fingers has axes too
-            if match and not words_of(name) & NO_SENSOR:
-                at = match[-1]
+            *_, at = [None, *form.finditer(bare)]
+            if at:
                 key = f"{bare[: at.start()]}*{bare[at.end() :]}"
                 groups.setdefault(key, {}).setdefault(at[1].lower(), name)
-        sensors = []
-        for key in _as_counted(groups):
-            if set(groups[key]) == set(AXES):
-                sensors.append(sensor_of([groups[key][axis] for axis in AXES]))
-        best = max(best, sensors, key=len)
+
+        whole = [key for key, group in groups.items() if set(group) == set(AXES)]
+        if len(whole) > len(best):
+            ordered = [groups[key] for key in _as_counted(whole)]
+            best = [sensor_of([group[axis] for axis in AXES]) for group in ordered]
 
     return best
 
 
-def _as_counted(keys: Collection[str]) -> list[str]:
+def _as_counted(keys: Sequence[str]) -> list[str]:
     """Names as people count, 2 before 10; those of a thumb first, other words as they stand."""
-    texts = list(dict.fromkeys(re.sub(r"\d+", "#", key) for key in keys))
+    texts = [re.sub(r"\d+", "#", key) for key in keys]
 
     def place(key: str) -> tuple[bool, int, list[tuple[int, int, str]]]:
         text = re.sub(r"\d+", "#", key)
@@ -253,59 +239,51 @@ def _as_counted(keys: Collection[str]) -> list[str]:
     return sorted(keys, key=place)
 
 
-def _by_count(names: Sequence[str], columns: Columns) -> list[str]:
-    """The columns of readings, 3 n of them: the longest series, all, or those that change."""
+def _by_count(names: Sequence[str], columns: Columns) -> Sequence[str]:
+    """The columns of readings, 3 n of them: the longest series, all, or those that change.
+
+    A series are columns that differ in a number; those of touch come first.
+    """
     series: dict[str, list[str]] = {}
-    for name in names:
-        series.setdefault(re.sub(r"\d+", "#", name), []).append(name)
-    all_series: list[list[str]] = [[], *series.values()]
-    first: list[str] = max(all_series, key=_rank)
-    longest = sorted(first, key=counted)
     moving = []
+    for name in sorted(names, key=counted):
+        series.setdefault(re.sub(r"\d+", "#", name), []).append(name)
     for name in names:
         steps = np.diff(columns[name].astype(np.float64))
         if len(np.unique(steps[np.isfinite(steps)])) > 1:
             moving.append(name)
 
-    for chosen in (longest, names, moving):
-        if len(chosen) >= 3 and len(chosen) % 3 == 0:
-            return list(chosen)
+    longest = max(series, key=lambda one: (bool(TOUCH.search(one)), len(series[one])))
+    for chosen in (series[longest], names, moving):
+        if chosen and len(chosen) % 3 == 0:
+            return chosen
 
     return []
 
 
-def _rank(series: list[str]) -> tuple[bool, int]:
-    """Of columns that differ in a number: those of touch first, then the most."""
-    return bool(words_of(" ".join(series)) & TOUCH_WORDS), len(series)
-
-
 def _order(values: FloatArray) -> np.ndarray:
-    """[S, 3] places of x, y and z of columns without names [T, 3 S], by what a touch moves."""
+    """[S, 3] places of x, y and z of columns without names [T, 3 S]: sensor by sensor.
+
+    Or axis by axis, where a touch moves the last of three columns only then.
+    """
     by_sensor = np.arange(values.shape[1]).reshape(-1, 3)
     by_axis = by_sensor.reshape(3, -1).T
-    change = touch(values).effects[2]
-    best = (0.0, by_sensor)
+    change = touch(values).effects[1]
+    shares = []
     for order in (by_sensor, by_axis):
         axis, share = _leading(change[order])
-        # z is the last of three columns unless a touch clearly moves another
-        is_clear = share >= 0.8
-        if is_clear and share > best[0] + 0.2:
-            best = (share, np.roll(order, NORMAL_AXIS - axis, axis=1))
-
-    return best[1]
+        shares.append(share if axis == NORMAL_AXIS else 0.0)
+    return by_axis if shares[1] > max(0.8, shares[0] + 0.2) else by_sensor
 
 
-def _leading(change: FloatArray) -> tuple[int, float]:
-    """(the axis that a touch moves most, of how large a share of the sensors); change [S, 3]."""
-    is_touched = change.sum(axis=1) > TOUCHED * change.sum(axis=1).max()
-    change = change[is_touched]
-    ordered = np.sort(change, axis=1)
-    clear = ordered[:, 2] > CLEARLY * ordered[:, 1]
-    axes = Counter(change.argmax(axis=1)[clear].tolist())
-    if not axes:
-        return NORMAL_AXIS, 0.0
-    ((axis, count),) = axes.most_common(1)
-    return axis, count / len(change)
+def _leading(changes: FloatArray) -> tuple[int, float]:
+    """(the axis that a touch moves most, of how large a share of the sensors); changes [S, 3]."""
+    change = np.abs(changes)
+    change = change[change.sum(axis=1) > TOUCHED * change.sum(axis=1).max()]
+    _, second, most = np.sort(change, axis=1).T
+    axes = np.bincount(change.argmax(axis=1)[most > CLEARLY * second], minlength=3)
+    axis = int(axes.argmax()) if axes.any() else NORMAL_AXIS
+    return axis, axes[axis] / max(1, len(change))
 
 
 # -- what a touch does
@@ -313,7 +291,7 @@ def _leading(change: FloatArray) -> tuple[int, float]:
 
 @dataclass(frozen=True)
 class Touch:
-    """effects [3, C]: the readings at rest; their usual change while touched; its size at first.
+    """effects [2, C]: the readings at rest, and their usual change while something is touched.
 
     rows [T]: where something is touched. returns: whether the readings end near their rest.
     """
@@ -322,10 +300,9 @@ class Touch:
     rows: np.ndarray
     returns: bool
 
-    @classmethod
-    def of_none(cls) -> Touch:
-        """Of a table without readings."""
-        return cls(np.zeros((3, 0)), np.zeros(0, dtype=np.bool_), returns=True)
+
+NO_TOUCH = Touch(np.zeros((2, 0)), np.zeros(0, dtype=np.bool_), returns=True)
+"""Of a table without readings."""
 
 
 def touch(values: FloatArray) -> Touch:
@@ -336,10 +313,8 @@ def touch(values: FloatArray) -> Touch:
         load += np.abs(np.nan_to_num(channel - at_rest))
     rows = load > TOUCHED * max(np.quantile(load, 0.95), 1e-300)
     where = np.flatnonzero(rows)
-    begins = int(where[0]) if len(where) else 0
-    onset = _middle(values[begins + ONSET_ROWS // 4 : begins + ONSET_ROWS])
     pressed = _middle(values[where[:: max(1, len(where) // 5000)]])
-    effects = np.stack([rest, pressed - rest, np.abs(onset - rest)])
+    effects = np.stack([rest, pressed - rest])
     return Touch(effects, rows, not rows[-FIRST_ROWS:].any())
 
 
@@ -351,7 +326,7 @@ def _middle(values: FloatArray) -> FloatArray:
 
 def normal_axis(found: Touch) -> int:
     """The axis that most sensors clearly change along when they are touched; 2 where none is."""
-    axis, share = _leading(found.effects[2].reshape(-1, 3))
+    axis, share = _leading(found.effects[1].reshape(-1, 3))
     return axis if share >= 0.8 else NORMAL_AXIS
 
 
@@ -364,24 +339,22 @@ def oriented(
     has its z the other way; where some must be, their magnets are upside down.
     """
     ours, size = UNIT_OF[unit]
-    rest, pressed, _ = size * found.effects[:, NORMAL_AXIS::3]
-    is_turned_later = rest < -NORMAL_FLOOR[ours]
+    rest, pressed = size * found.effects[:, NORMAL_AXIS::3]
     is_far = np.abs(rest) > NORMAL_FLOOR[ours]
+    is_turned_later = is_far & (rest < 0.0)
     touched = np.abs(pressed) > TOUCHED * np.abs(pressed).max()
     wrong = touched & (np.where(is_turned_later, -pressed, pressed) < 0.0)
     # a press raises a field whatever its sign; counts above 0 hide the sign
     is_hidden = ours == "count" and bool((rest >= 0).all()) and found.returns
     wrong &= (np.abs(rest) < np.abs(pressed)) | is_hidden
-    turned = []
-    for k, sensor in enumerate(sensors):
-        axes = list(sensor.axes)
-        if wrong[k] and not is_turned_later[k]:
-            which = (NORMAL_AXIS,) if wrong.all() else range(3)
-            axes = [f"-{name}" if n in which else name for n, name in enumerate(axes)]
-        turned.append(sensor_of(axes))
-        if wrong[k] and is_far[k]:
-            zero = float(f"{2.0 * rest[k] / size:.4g}")
-            turned[k] = sensor_of(axes, zero)
+    turned = list(sensors)
+    for k in np.flatnonzero(wrong).tolist():
+        axes = list(sensors[k].axes)
+        first = NORMAL_AXIS if wrong.all() else 0
+        if not is_turned_later[k]:
+            axes[first:] = [f"-{name}" for name in axes[first:]]
+        zero = float(f"{2.0 * rest[k] / size:.4g}") if is_far[k] else 0.0
+        turned[k] = sensor_of(axes, zero)
 
     return turned
 
@@ -389,50 +362,39 @@ def oriented(
 # -- units
 
 
-def unit_of_names(names: Sequence[str]) -> str | None:
-    """The unit in the names of channels, such as `thumb_x [mN]`, or behind the axis."""
-    for unit, words in SIGNAL_UNITS.items():
-        in_brackets = [" ".join(re.findall(r"[\[(](.*?)[\])]", name)) for name in names]
-        behind = [re.split(r"(?i)[xyz](?![a-z])", name)[-1] for name in names]
-        for texts in (in_brackets, behind):
-            if all(words & _unit_words(text) for text in texts):
-                return unit
+def unit_of(names: Sequence[str], values: FloatArray, found: Touch) -> tuple[str, str]:
+    """(unit, why) of channels [T, C] by their names, such as `thumb_x [mN]`, else by their sizes.
 
-    return None
+    The unit is "" where several are as likely.
+    """
+    units = set()
+    for name in names:
+        # in brackets, or behind the axis
+        behind = re.split(r"(?i)[xyz](?![a-z])", name)[-1]
+        texts = [*re.findall(r"[\[(](.*?)[\])]", name), behind]
+        units.add(_unit_in(re.findall(r"[^\W\d_]+", " ".join(texts)), SIGNAL_UNITS))
+    named = units.pop()
+    if named and not units:
+        return named, "by the names"
 
-
-def _unit_words(text: str) -> set[str]:
-    """Words as they stand, where G is gauss and g is gram; longer ones in small letters too."""
-    words = set(re.findall(r"[^\W\d_]+", text))
-    return words | {word.lower() for word in words if len(word) > 1}
-
-
-def unit_of_sizes(
-    names: Sequence[str], values: FloatArray, found: Touch
-) -> tuple[str, str]:
-    """(unit, why) of channels [T, C] by their sizes; "" where several are as likely."""
     rests = np.abs(found.effects[0]).reshape(-1, 3)
     rest = float(np.median(rests[:, NORMAL_AXIS]))
     change = float(np.nanquantile(np.abs(values[::7] - found.effects[0]), 0.99))
     sizes = f"at rest {rest:.3g}, changes of {change:.3g}"
     is_whole = bool((np.nan_to_num(values) % 1 == 0).all())
-    if re.search(r"(?i)(?<![a-z])(b[xyz](?![a-z])|mag)", names[0]):
+    if FIELD.search(names[0]):
         return ("uT" if rest >= 1500.0 else ""), f"a field, {sizes}"
     if is_whole and np.nanmin(values) >= 0 and rest > change:
         return "count", f"by size: {sizes}, whole numbers above 0"
-    is_named = bool(re.search(r"(?i)force|(?<![a-z])f[xyz](?![a-z])", names[0]))
+    # the thesis' fingertips rest under a load on the normal alone
+    loaded = (rests[:, NORMAL_AXIS] > PRELOAD_N[0]) & (
+        rests[:, NORMAL_AXIS] < PRELOAD_N[1]
+    )
+    straight = rests[:, :NORMAL_AXIS].max(axis=1) < 0.2 * rests[:, NORMAL_AXIS]
     is_tared = rest < TARED * change
-    is_force = is_named or is_tared or _is_fingertips(rests)
+    is_force = FORCE.search(names[0]) or is_tared or np.mean(loaded & straight) >= 0.5
     is_press = PRESS_N[0] < change < PRESS_N[1] and not is_whole
     return ("N" if is_force and is_press else ""), f"by size: {sizes}"
-
-
-def _is_fingertips(rests: FloatArray) -> bool:
-    """Whether sensors rest as the thesis' fingertips do: under a load on the normal alone."""
-    normal = rests[:, NORMAL_AXIS]
-    is_loaded = (normal > PRELOAD_N[0]) & (normal < PRELOAD_N[1])
-    is_straight = rests[:, :NORMAL_AXIS].max(axis=1) < 0.2 * normal
-    return bool(np.mean(is_loaded & is_straight) >= 0.5)
 
 
 def channels(

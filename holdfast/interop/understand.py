@@ -24,6 +24,7 @@ from holdfast.interop.columns import (
     find_sensors,
     find_time,
     touch,
+    unit_of,
 )
 from holdfast.interop.forms import NUMBERED, Form, tokens_of
 from holdfast.interop.labels import (

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from holdfast.core.column_map import SensorColumns, TimeColumn
-from holdfast.interop.columns import FoundTime, Touch
+from holdfast.interop.columns import NO_TOUCH, FoundTime, Touch
 from holdfast.interop.logs import LogPlace
 from holdfast.interop.map import ImportMap
 from holdfast.interop.streams import Columns, ForeignLog
@@ -82,7 +82,7 @@ class Sample:
     sensors: list[SensorColumns]
     why: str
     marks: set[str] = field(default_factory=set)
-    touched: Touch = field(default_factory=Touch.of_none)
+    touched: Touch = NO_TOUCH
     size: tuple[str, str] = ("", "")
 
     @property
