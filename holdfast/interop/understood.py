@@ -40,21 +40,16 @@ class Answers:
         return "" if "=" in self.action else self.action
 
 
-@dataclass(frozen=True)
-class Question:
-    """What nothing in the logs says. option: of `holdfast import` that answers it."""
-
-    option: str
-    text: str
-
-
 @dataclass
 class Understood:
-    """Maps, each with its logs, in words, and what is left to be asked."""
+    """Maps, each with its logs, in words, and what is left to be asked.
+
+    questions: the option of `holdfast import` that answers it, and what nothing in the logs says.
+    """
 
     plans: list[tuple[ImportMap, Files]] = field(default_factory=list)
     lines: list[str] = field(default_factory=list)
-    questions: list[Question] = field(default_factory=list)
+    questions: list[tuple[str, str]] = field(default_factory=list)
 
     def add(self, name: str, text: str) -> None:
         """A line of the table."""
@@ -64,7 +59,7 @@ class Understood:
 
     def ask(self, option: str, text: str) -> None:
         """A question."""
-        self.questions.append(Question(option, text))
+        self.questions.append((option, text))
 
 
 @dataclass

@@ -55,10 +55,10 @@ def truth_of(trial: Trial, labels: np.ndarray) -> str:
     return json.dumps({"phases": phases}, indent=1) + "\n"
 
 
-def write_beside(folder: Path, plan: ImportMap, maps: Path, written: Json) -> None:
+def write_beside(folder: Path, plan: ImportMap, near: Path, written: Json) -> None:
     """Write meta.json, the map and the hand card of a set.
 
-    maps: the folder of the map, from which its hand card is seen. written: trial -> its log.
+    near: a path in whose folder the hand card of the map may be. written: trial -> its log.
     """
     facts = msgspec.to_builtins(plan.facts)
     known = {key: value for key, value in facts.items() if key not in NAMES}
@@ -67,7 +67,7 @@ def write_beside(folder: Path, plan: ImportMap, maps: Path, written: Json) -> No
         meta[MASSES_KEY] = plan.masses_g
     text = json.dumps({**meta, "imported": written}, indent=1) + "\n"
     write_whole(folder / META, text)
-    card = hand_card_text(plan, maps)
+    card = hand_card_text(plan, near)
     if card:
         write_whole(folder / HAND_FILE, card)
         plan = msgspec.structs.replace(plan, hand=HAND_FILE)
@@ -75,13 +75,13 @@ def write_beside(folder: Path, plan: ImportMap, maps: Path, written: Json) -> No
     write_whole(folder / MAP_FILE, map_text(plan))
 
 
-def hand_card_text(plan: ImportMap, maps: Path) -> str:
+def hand_card_text(plan: ImportMap, near: Path) -> str:
     """The hand card of a set: what the map names, else one that is proposed for its sensors.
 
     "" for six sensors without a card, which are the fingertips, and where no card has so many.
     """
     if plan.hand:
-        return find_hand_card(plan.hand, maps).read_text("utf-8")
+        return find_hand_card(plan.hand, near.parent).read_text("utf-8")
     n_sensors = len(plan.sensors)
     if n_sensors == THESIS_SENSORS or not FEWEST_SENSORS <= n_sensors <= MOST_SENSORS:
         return ""
