@@ -9,12 +9,11 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contract import SITUATIONS, FloatArray, IntArray
+from holdfast.core.contract import SITUATIONS
 from holdfast.core.errors import LabelError, TimeError, count_of, listed
 from holdfast.core.trial_file import Trial, implausible_rate, places_by_time
 from holdfast.core.trial_layout import (
@@ -63,20 +62,6 @@ ACTION_OF_LABELS = (
 """The situations of a trial -> its action where nothing else says it; the first that fits."""
 Files = dict[str, list[LogPlace]]
 """Name of a log -> its file, or a file for each finger."""
-
-
-@dataclass(frozen=True)
-class Rows:
-    """Rows of a log: stamps [T] ns, values [T, C] in the model's unit, cells [T] of columns."""
-
-    stamps: IntArray
-    values: FloatArray
-    cells: dict[str, np.ndarray]
-
-    def part(self, rows: slice | np.ndarray) -> Rows:
-        """Some of the rows."""
-        cells = {name: column[rows] for name, column in self.cells.items()}
-        return Rows(self.stamps[rows], self.values[rows], cells)
 
 
 @dataclass
@@ -140,65 +125,71 @@ class TrialImport:
 
     # -- rows of a log, and where a trial ends
 
-    def _rows(self, log: ForeignLog, plan: ImportMap) -> Rows:
-        """The readings of a log; rows without a time are left out. Raises ColumnError, .."""
+    def _rows(self, log: ForeignLog, plan: ImportMap) -> pd.DataFrame:
+        """The readings of a log in the model's unit, and cells of other columns, by stamps in ns.
+
+        Rows without a time are left out. Raises ColumnError, ..
+        """
         columns = table_of(log, plan.channels)
         rules = plan.trials
         further = {rules.column, rules.person, rules.object, rules.action} - {""}
         plan.require_columns(columns, log.path, {*plan.columns, *further})
         if plan.events is not None:
             further |= {plan.events.column} & columns.keys()
-        if plan.time.column:
-            there = pd.notna(columns[plan.time.column])
-            lost = count_of(int(np.count_nonzero(~there)), "row")
-            if not there.all():
-                self.notes.append(f"{log.name}: {lost} without a time left out")
-                columns = {name: column[there] for name, column in columns.items()}
-        cells = {name: np.array(text_cells(columns[name]), object) for name in further}
+        there = pd.notna(columns.get(plan.time.column, np.zeros(1)))
+        if not there.all():
+            lost = count_of(int(np.sum(~there)), "row")
+            self.notes.append(f"{log.name}: {lost} without a time left out")
+            columns = {name: column[there] for name, column in columns.items()}
         values = plan.values_of(columns, log.path)
-        self.rows += len(values)
-        for name, channel in zip(plan.channels, values.T, strict=True):
-            self.missing[name] += int(np.count_nonzero(~np.isfinite(channel)))
-        stamps = plan.stamps_ns(columns, len(values), log.path)
-        return Rows(unwrapped(stamps, plan.time.unit_ns), values, cells)
+        values[~np.isfinite(values)] = np.nan
+        rows = pd.DataFrame(values, columns=list(plan.channels), copy=False)
+        self.rows += len(rows)
+        self.missing.update(rows.isna().sum().to_dict())
+        for name in further:
+            rows[name] = np.array(text_cells(columns[name]), dtype=object)
+        stamps = plan.stamps_ns(columns, len(rows), log.path)
+        return rows.set_axis(unwrapped(stamps, plan.time.unit_ns))
 
-    def _cuts(self, rows: Rows, plan: ImportMap, name: str) -> Iterator[Rows]:
+    def _cuts(
+        self, rows: pd.DataFrame, plan: ImportMap, name: str
+    ) -> Iterator[pd.DataFrame]:
         """The rows of each trial, on an even clock."""
-        step = usual_step(rows.stamps.astype(np.float64))
-        steps = 1e-9 * np.diff(rows.stamps)
+        stamps = rows.index.to_numpy()
+        step = usual_step(stamps.astype(np.float64))
+        steps = 1e-9 * np.diff(stamps)
         ends = (steps < -BACK_S) | (steps > JUMP_S)
         for at in np.flatnonzero(ends)[:3].tolist():
             jump = f"the clock jumps by {steps[at]:.4g} s in row {at + 2}"
             self.notes.append(f"{name}: {jump}: a new trial")
-        column = rows.cells.get(plan.trials.column)
-        if column is None:
-            column = np.full(len(rows.stamps), name, object)
-            longest_s = max(LONG_GAP_S, 1e-9 * LONG_GAP_STEPS * step)
-            if (steps > longest_s).any():
-                touched = touch(rows.values).rows
-                within = touched[1:] & touched[:-1] & ~ends
-                # a step within a touch is no pause, nor is one of its length
-                longest_s = max(longest_s, 1.01 * steps[within].max(initial=0.0))
-            ends |= steps > longest_s
-        ends |= column[1:] != column[:-1]
-        for first, stop in pairwise([0, *(np.flatnonzero(ends) + 1), len(column)]):
-            n_rows = stop - first
-            if column[first] and n_rows < FEWEST_ROWS:
-                self.notes.append(f"{name}: {n_rows} rows between trials left out")
-            elif column[first]:
-                order = first + np.argsort(rows.stamps[first:stop], kind="stable")
-                part = rows.part(order)
-                yield replace(part, stamps=evened(part.stamps, step))
+        column = plan.trials.column
+        longest_s = max(LONG_GAP_S, 1e-9 * LONG_GAP_STEPS * step)
+        if column:
+            ends |= (rows[column] != rows[column].shift()).to_numpy()[1:]
+        elif (steps > longest_s).any():
+            touched = touch(rows[[*plan.channels]].to_numpy()).rows
+            within = touched[1:] & touched[:-1] & ~ends
+            # a step within a touch is no pause, nor is one of its length
+            ends |= steps > max(longest_s, 1.01 * steps[within].max(initial=0.0))
+        for _, part in rows.groupby(np.append(0, np.cumsum(ends))):
+            if column and not part[column].iloc[0]:
+                continue
+            if len(part) < FEWEST_ROWS:
+                self.notes.append(f"{name}: {len(part)} rows between trials left out")
+                continue
+            part = part.sort_index(kind="stable")
+            yield part.set_axis(evened(part.index.to_numpy(), step))
 
     # -- one trial
 
     def _write(
-        self, log: ForeignLog, rows: Rows, plan: ImportMap, events: pd.DataFrame
+        self, log: ForeignLog, rows: pd.DataFrame, plan: ImportMap, events: pd.DataFrame
     ) -> int:
         """Write a trial; how many of the events it has. Raises LabelError, TimeError."""
         names = names_of(log, rows, plan)
         of_rows, n_used = labels_of_rows(log, rows, plan, events)
-        trial, labels = self._trial(rows, of_rows, log.path)
+        trial, places = self._trial(rows[[*plan.channels]], log.path)
+        labels = of_rows[places]
         samples = prepared(trial, plan.unit_of_values, "").samples
         first, stop = contact(trial.t_s, samples)
         if plan.events and plan.events.rest:
@@ -240,21 +231,19 @@ class TrialImport:
         self.written[place] = log.name
         return n_used
 
-    def _trial(
-        self, rows: Rows, labels: np.ndarray, where: Path
-    ) -> tuple[Trial, np.ndarray]:
-        """The trial of some rows and its labels [T]; rows that never came are nan.
+    def _trial(self, rows: pd.DataFrame, where: Path) -> tuple[Trial, np.ndarray]:
+        """The trial of some readings; rows that never came are nan. Raises TimeError.
 
-        labels: of the rows. Raises TimeError.
+        With it [T] which of the rows each row of the trial is, or follows.
         """
-        values = np.where(np.isfinite(rows.values), rows.values, np.nan)
         # the first row in which every sensor that ever sends has sent
-        first = int(np.isfinite(values).argmax(axis=0).max())
-        first = first if first < len(values) // 2 else 0
+        first = int(rows.notna().to_numpy().argmax(axis=0).max())
+        first = first if first < len(rows) // 2 else 0
         if first:
             lost = f"{count_of(first, 'row')} before all sensors sent left out"
             self.notes.append(f"{where.name}: {lost}")
-        t_s = 1e-9 * (rows.stamps[first:] - rows.stamps[first])
+        stamps = rows.index.to_numpy()[first:]
+        t_s = 1e-9 * (stamps - stamps[0])
         steps = np.diff(t_s)
         step_s = max(1e-12, float(np.median(steps)))
         wrong = implausible_rate(1.0 / step_s)
@@ -268,11 +257,10 @@ class TrialImport:
         is_gap = (np.diff(place) > 1) & (steps > GAP_STEPS * step_s)
         self.gaps_s += steps[is_gap].tolist()
         every = np.arange(place[-1] + 1)
-        whole = pd.DataFrame(values[first:], place).reindex(every).to_numpy()
-        held = pd.Series(labels[first:], place).reindex(every, method="ffill")
+        whole = rows[first:].set_axis(place).reindex(every).to_numpy()
         valid = np.ones((len(every), whole.shape[1] // 3), dtype=np.bool_)
         trial = Trial(where, np.interp(every, place, t_s), whole, valid)
-        return trial, held.to_numpy(copy=True)
+        return trial, first + np.searchsorted(place, every, side="right") - 1
 
 
 # -- files of one trial
@@ -290,8 +278,11 @@ def files_of(places: Sequence[LogPlace], fingers: Sequence[str]) -> Files:
 
 def without(name: str, word: str) -> str:
     """A name without the word of a finger."""
-    parts = [part.strip("_-. /") for part in name.split(word)] if word else [name]
-    return "_".join(filter(None, parts)) or "log"
+    if not word:
+        return name
+    return (
+        re.sub(rf"[_\-. /]*{re.escape(word)}[_\-. /]*", "_", name).strip("_") or "log"
+    )
 
 
 def read_joined(
@@ -315,7 +306,7 @@ def read_joined(
 # -- names and labels of a trial
 
 
-def names_of(log: ForeignLog, rows: Rows, plan: ImportMap) -> dict[str, str]:
+def names_of(log: ForeignLog, rows: pd.DataFrame, plan: ImportMap) -> dict[str, str]:
     """Person, object and action of a trial: by columns, by the path, by what is always so.
 
     Raises LabelError.
@@ -324,8 +315,9 @@ def names_of(log: ForeignLog, rows: Rows, plan: ImportMap) -> dict[str, str]:
     of_path = plan.trials.names_of(log.name, log.path)
     for key in NAMES:
         fact = getattr(plan.facts, key) or log.about.get(key) or ""
-        cells = rows.cells.get(getattr(plan.trials, key), ())
-        of_trial = list(filter(None, dict.fromkeys(cells)))
+        of_trial = list(
+            filter(None, dict.fromkeys(rows.get(getattr(plan.trials, key), ())))
+        )
         if len(of_trial) > 1:
             raise LabelError(
                 f"several values of trials.{key} in one trial: {listed(of_trial)}",
@@ -354,20 +346,20 @@ def safe_name(text: str) -> str:
 
 
 def labels_of_rows(
-    log: ForeignLog, rows: Rows, plan: ImportMap, events: pd.DataFrame
+    log: ForeignLog, rows: pd.DataFrame, plan: ImportMap, events: pd.DataFrame
 ) -> tuple[np.ndarray, int]:
     """([T] the situation of each row of a trial, -1 for none; how many events begin in it).
 
     events: of this and other trials, those that last longest first. Raises LabelError.
     """
-    labels = np.full(len(rows.stamps), None, dtype=object)
+    labels = np.full(len(rows), None, dtype=object)
     rules, n_used = plan.events, 0
-    if rules and rules.column in rows.cells:
-        labels = marks_of(rows.cells[rules.column], rules)
+    if rules and rules.column in rows:
+        labels = marks_of(rows[rules.column].to_numpy(object), rules)
     elif rules:
-        of_column = map(str.casefold, rows.cells.get(plan.trials.column, ()))
+        of_column = map(str.casefold, rows.get(plan.trials.column, ()))
         is_ours = events["trial"].str.casefold().isin({"", *log.keys, *of_column})
-        clock = clock_of(rules, rows.stamps)
+        clock = clock_of(rules, rows.index.to_numpy())
         for event in events[is_ours].itertuples():
             first, stop = np.searchsorted(clock, [event.start, event.end])
             n_used += int(clock[0] <= event.start <= clock[-1])
