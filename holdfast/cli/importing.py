@@ -86,17 +86,21 @@ def run(args: argparse.Namespace) -> int:
         for plan, files in found.plans:
             reading.take(args.source, plan, files, begin.part)
         write_beside(folder, found.plans[0][0], args.map or args.out, reading.written)
-        lines = [*found.lines, *reading.lines()]
+        reading.report(found)
         # nothing is kept where the block is left by an error
         if not args.yes and args.map is None:
-            show("\n".join(lines))
+            show("\n".join(found.lines))
             if _typed("import this? [y/N]").lower() not in ("y", "yes"):
                 _refuse(args, found, "no trial is written yet", "--yes")
 
     first, *_, verdict = report_lines(examine(args.out))
-    shown = [*lines, "", *_picture(args), first, verdict]
+    shown = [*found.lines, "", *_picture(args), first, verdict]
     shown.append(f"next: {command('check', args.out)}")
-    words = {"understood": lines, "trials": reading.written, "notes": reading.notes}
+    words = {
+        "understood": found.lines,
+        "trials": reading.written,
+        "notes": reading.notes,
+    }
     show_found(args, "\n".join(shown), {"out": str(args.out), **words})
     return 0
 

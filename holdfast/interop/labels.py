@@ -140,10 +140,10 @@ def _of_two(name: str, cells: np.ndarray, touched: np.ndarray) -> FoundLabels | 
     marked = cells == on
     if not re.search("(?i)slip", name):
         is_inside = marked.any() and touched[marked].mean() > 0.9
-        if not marked.any() or not (is_inside or words_of(name) & LABEL_WORDS):
-            return None
-        if marked[touched].mean() > 0.8:
-            return _found(name, {on: "grasp", off: "nothing"}, ": the contact")
+        is_named = marked.any() and words_of(name) & LABEL_WORDS
+        contact = _by_content(name, cells, touched, [off, on])
+        if contact or not (is_inside or is_named):
+            return contact
 
     begins = np.count_nonzero(np.diff(marked.astype(np.int8)) == 1)
     if 0 < marked.sum() <= 2 * begins:
@@ -158,19 +158,17 @@ def _by_content(
     touched: np.ndarray,
     values: Sequence[str],
     *,
-    hold: bool,
+    hold: bool = False,
 ) -> FoundLabels | None:
     """Words or numbers that say nothing, by when they stand.
 
     Those that stand while nothing is touched mean the empty hand, and the most frequent one of a
     touch means the grasp. What is left is listed as unknown, because a slip cannot be seen so.
     """
-    shares = pd.Series(touched).groupby(cells).mean()[list(values)]
-    grasp = (
-        Counter(cells[touched].tolist()).most_common(1)[0][0] if touched.any() else ""
-    )
+    shares = pd.Series(touched).groupby(cells).mean().reindex(values)
     empty = shares.index[shares < 0.3].tolist()
-    if values[0] not in empty or shares.get(grasp, 0.0) < 0.5 or len(values) > 8:
+    grasp = pd.Series(cells[touched]).value_counts().idxmax() if touched.any() else ""
+    if values[0] not in empty or not shares.get(grasp, 0.0) > 0.5 or len(values) > 8:
         return None
     labels = {**dict.fromkeys(empty, "nothing"), grasp: "grasp"}
     unknown = tuple(value for value in values if value not in labels)
@@ -279,12 +277,11 @@ def read_events(source: Path, plan: ImportMap, log: Path) -> tuple[Path, pd.Data
     rules = plan.events
     if rules is None or not rules.file:
         return Path(), NO_EVENTS
-    path = (source if source.is_dir() else source.parent) / rules.file
-    if "{name}" in rules.file:
-        path = log.parent / rules.file.replace("{name}", log.stem)
-        if not path.is_file():
-            return Path(), NO_EVENTS
-
+    of_log = "{name}" in rules.file
+    root = source if source.is_dir() else source.parent
+    path = (log.parent if of_log else root) / rules.file.replace("{name}", log.stem)
+    if of_log and not path.is_file():
+        return Path(), NO_EVENTS
     streams = read_log(LogPlace(path, path.stem, path.suffix.lower())).streams
     columns = max(streams, key=lambda one: rules.start in one.columns).columns
     needed = {rules.start, rules.end, rules.label, rules.trial} - {""}
@@ -297,7 +294,10 @@ def read_events(source: Path, plan: ImportMap, log: Path) -> tuple[Path, pd.Data
     events["label"] = text_cells(columns[rules.label]) if rules.label else ""
     events["trial"] = text_cells(columns[rules.trial]) if rules.trial else ""
     # a trial without an event has an empty row
-    events = events.dropna(subset="start").sort_values(["trial", "start"])
+    events = events.dropna(subset="start")
+    # what lasts shorter lies within what lasts longer
+    order = {"trial": True, "start": True, "end": False}
+    events = events.sort_values([*order], ascending=[*order.values()])
     for _, event in events[events["end"] < events["start"]].iterrows():
         raise LabelError(
             f"{event['label']!r:.60} from {event['start']:g} to {event['end']:g} "
@@ -308,10 +308,7 @@ def read_events(source: Path, plan: ImportMap, log: Path) -> tuple[Path, pd.Data
 
     # an event without an end lasts to the next one of its trial
     following = events.groupby("trial")["start"].shift(-1)
-    events = events.fillna({"end": following}).fillna({"end": np.inf})
-    # what lasts shorter lies within what lasts longer
-    lengths = events["end"] - events["start"]
-    return path, events.loc[lengths.sort_values(ascending=False, kind="stable").index]
+    return path, events.fillna({"end": following}).fillna({"end": np.inf})
 
 
 def clock_of(rules: EventRules, stamps: IntArray) -> np.ndarray:

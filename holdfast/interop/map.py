@@ -50,9 +50,13 @@ Situation = Literal["", "nothing", "grasp", "safe_slip", "risky_slip"]
 Mass = Annotated[float, Meta(gt=0.0, le=1e6)]
 
 
-class TrialRules(
+class Table(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True
 ):
+    """A table of a map."""
+
+
+class TrialRules(Table, frozen=True):
     """[trials]: which rows of which files are a trial, and what it is called."""
 
     path: Name = ""
@@ -87,9 +91,7 @@ class TrialRules(
         return {key: text for key, text in match.groupdict().items() if key in NAMES}
 
 
-class Facts(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True
-):
+class Facts(Table, frozen=True):
     """[facts]: what is the same in all trials."""
 
     person: Name = ""
@@ -99,9 +101,7 @@ class Facts(
     action_at_s: Annotated[float, Meta(gt=0.0, le=1e6)] | None = None
 
 
-class EventRules(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True
-):
+class EventRules(Table, frozen=True):
     """[events]: where the labels of a trial come from."""
 
     column: Name = ""
@@ -128,7 +128,7 @@ class EventRules(
         return "" if "grasp" in situations and "" not in situations else "grasp"
 
 
-class ImportMap(ColumnMap, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class ImportMap(ColumnMap, frozen=True):
     """A column map with its tables."""
 
     trials: TrialRules = TrialRules()
@@ -151,9 +151,9 @@ class ImportMap(ColumnMap, frozen=True, forbid_unknown_fields=True, omit_default
         """The situation of a label, "" for none; None for a label that is not known."""
         labels = self.events.labels if self.events else {}
         of_action = SITUATION_OF_ACTION.get(self.action(label) or "", "")
-        plain = label.strip().lower().replace(" ", "_").replace("-", "_")
-        known = {"": "", **dict.fromkeys(self.actions, of_action), **labels}
-        return known.get(label, plain if plain in SITUATIONS else None)
+        known = {name: name for name in ("", *SITUATIONS)}
+        known |= dict.fromkeys(self.actions, of_action) | labels
+        return known.get(label)
 
 
 # -- as a file
@@ -192,19 +192,14 @@ def toml_text(table: Mapping[str, Any], name: str = "") -> str:
     """A table of TOML: its own keys, then the tables within it, and lists of tables."""
     lines, within = [], []
     for key, value in table.items():
-        key = key if re.fullmatch("[A-Za-z0-9_-]+", key) else _text(key)
+        key = key if re.fullmatch("[A-Za-z0-9_-]+", key) else json.dumps(key)
         whole = f"{name}.{key}" if name else key
         if isinstance(value, dict):
             within += [f"\n[{whole}]\n{toml_text(value, whole)}"] if value else []
         elif isinstance(value, list | tuple) and isinstance(value[0], dict):
             within += [f"\n[[{whole}]]\n{toml_text(one, whole)}" for one in value]
         else:
-            lines.append(f"{key} = {_text(value)}\n")
+            # a text, a number or a list of such is written as in JSON
+            lines.append(f"{key} = {json.dumps(value, ensure_ascii=False)}\n")
 
     return "".join(lines + within)
-
-
-def _text(value: Any) -> str:
-    """A text, a number, true, false or a list of such, as TOML writes it."""
-    # JSON's escapes are TOML's, but for DEL, which JSON leaves as it is
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.core.contract import Json, channel_names
+from holdfast.core.contract import SITUATIONS, Json, channel_names
 from holdfast.core.errors import needs_extra
 from holdfast.core.schema import json_of
 from holdfast.core.trial_file import TIME_COLUMN
@@ -47,9 +47,8 @@ def table_of(trial: TrialPayload) -> Any:
         columns[f"valid{sensor}"] = pa.array(valid)
 
     # Texts that repeat in every row are stored once, by a dictionary.
-    names = np.array(trial.situations(), dtype=object)
-    labels = pa.array(names, pa.string(), mask=trial.label == NO_LABEL)
-    columns["label"] = labels.dictionary_encode()
+    codes = pa.array(trial.label, mask=trial.label == NO_LABEL)
+    columns["label"] = pa.DictionaryArray.from_arrays(codes, list(SITUATIONS))
     for key in ("trial", "person", "object", "action"):
         text = pa.scalar(trial.about[key], pa.string())
         columns[key] = pa.repeat(text, len(trial.t_s)).dictionary_encode()

@@ -15,7 +15,7 @@ import numpy as np
 
 from holdfast.core.contract import SITUATIONS
 from holdfast.core.errors import LabelError, TimeError, count_of, listed
-from holdfast.core.trial_file import Trial, implausible_rate, places_by_time
+from holdfast.core.trial_file import Trial, implausible_rate
 from holdfast.core.trial_layout import (
     LABELLED_ACTIONS,
     RISKY_ACTIONS,
@@ -38,6 +38,7 @@ from holdfast.interop.streams import (
     unwrapped,
 )
 from holdfast.interop.tables import pd
+from holdfast.interop.understood import Files, Understood
 from holdfast.interop.writing import NO_LABEL, truth_of, write_csv
 from holdfast.training.datasets.thesis import prepared
 from holdfast.training.datasets.trials import EMPTY_HAND
@@ -48,8 +49,6 @@ JUMP_S, BACK_S = 60.0, 0.5
 """A clock that jumps on by so much, or back, begins a new trial."""
 LONG_GAP_S, LONG_GAP_STEPS = 0.5, 20.0
 """A gap with the open hand ends a trial from so many seconds and so many usual steps on."""
-MOST_FILLED = 20
-"""A trial has at most so many rows for each row of its log."""
 TIMED = ("pull", "fall", "pass", "put-down")
 """Actions whose times a log gives, else the thesis' script."""
 ACTION_OF_LABELS = (
@@ -60,8 +59,6 @@ ACTION_OF_LABELS = (
     ({"nothing"}, EMPTY_HAND),
 )
 """The situations of a trial -> its action where nothing else says it; the first that fits."""
-Files = dict[str, list[LogPlace]]
-"""Name of a log -> its file, or a file for each finger."""
 
 
 @dataclass
@@ -105,23 +102,23 @@ class TrialImport:
                     next_step="correct unit and zero of [events] in the map",
                 )
 
-    def lines(self) -> list[str]:
-        """The end of the table of what was understood."""
-        lines = [f"rows       {self.rows}"]
+    def report(self, found: Understood) -> None:
+        """Add the end of the table of what was understood."""
+        found.add("rows", str(self.rows))
         missing = [f"{name}: {n}" for name, n in self.missing.most_common() if n]
         if missing:
-            lines.append(f"missing    samples of {listed(missing, most=8)}")
+            found.add("missing", f"samples of {listed(missing, most=8)}")
         if self.gaps_s:
             ends = f"{min(self.gaps_s):.3g} to {max(self.gaps_s):.3g} s"
-            lines.append(f"gaps       {len(self.gaps_s)} of {ends}: lost samples")
+            found.add("gaps", f"{len(self.gaps_s)} of {ends}: lost samples")
         people, _, actions = zip(*self.trials, strict=True)
         counts = [f"{n} {action}" for action, n in Counter(actions).items()]
         n_trials = count_of(len(self.trials), "trial")
-        lines.append(f"trials     {n_trials}: {listed(counts)}")
+        found.add("trials", f"{n_trials}: {listed(counts)}")
         if any(people):
-            named = list(filter(None, dict.fromkeys(people)))
-            lines.append(f"people     {listed(named, most=12)}")
-        return lines + [f"note       {note}" for note in self.notes[:12]]
+            found.add("people", listed([*filter(None, dict.fromkeys(people))], most=12))
+        for note in self.notes[:12]:
+            found.add("note", note)
 
     # -- rows of a log, and where a trial ends
 
@@ -188,8 +185,14 @@ class TrialImport:
         """Write a trial; how many of the events it has. Raises LabelError, TimeError."""
         names = names_of(log, rows, plan)
         of_rows, n_used = labels_of_rows(log, rows, plan, events)
-        trial, places = self._trial(rows[[*plan.channels]], log.path)
-        labels = of_rows[places]
+        values = rows[[*plan.channels]]
+        # the first row in which every sensor that ever sends has sent
+        first = int(values.notna().to_numpy().argmax(axis=0).max())
+        first = first if first < len(rows) // 2 else 0
+        if first:
+            lost = f"{count_of(first, 'row')} before all sensors sent left out"
+            self.notes.append(f"{log.path.name}: {lost}")
+        trial, labels = self._trial(values[first:], log.path), of_rows[first:]
         samples = prepared(trial, plan.unit_of_values, "").samples
         first, stop = contact(trial.t_s, samples)
         if plan.events and plan.events.rest:
@@ -231,36 +234,19 @@ class TrialImport:
         self.written[place] = log.name
         return n_used
 
-    def _trial(self, rows: pd.DataFrame, where: Path) -> tuple[Trial, np.ndarray]:
-        """The trial of some readings; rows that never came are nan. Raises TimeError.
-
-        With it [T] which of the rows each row of the trial is, or follows.
-        """
-        # the first row in which every sensor that ever sends has sent
-        first = int(rows.notna().to_numpy().argmax(axis=0).max())
-        first = first if first < len(rows) // 2 else 0
-        if first:
-            lost = f"{count_of(first, 'row')} before all sensors sent left out"
-            self.notes.append(f"{where.name}: {lost}")
-        stamps = rows.index.to_numpy()[first:]
+    def _trial(self, rows: pd.DataFrame, where: Path) -> Trial:
+        """The trial of some readings. Raises TimeError."""
+        stamps = rows.index.to_numpy()
         t_s = 1e-9 * (stamps - stamps[0])
         steps = np.diff(t_s)
         step_s = max(1e-12, float(np.median(steps)))
         wrong = implausible_rate(1.0 / step_s)
-        place = places_by_time(t_s)
-        if wrong or place[-1] > MOST_FILLED * len(place):
-            raise TimeError(
-                wrong or "more gaps than rows",
-                where=where,
-                next_step="--rate HZ; or correct [time] of the map",
-            )
-        is_gap = (np.diff(place) > 1) & (steps > GAP_STEPS * step_s)
-        self.gaps_s += steps[is_gap].tolist()
-        every = np.arange(place[-1] + 1)
-        whole = rows[first:].set_axis(place).reindex(every).to_numpy()
-        valid = np.ones((len(every), whole.shape[1] // 3), dtype=np.bool_)
-        trial = Trial(where, np.interp(every, place, t_s), whole, valid)
-        return trial, first + np.searchsorted(place, every, side="right") - 1
+        if wrong:
+            next_step = "--rate HZ; or correct [time] of the map"
+            raise TimeError(wrong, where=where, next_step=next_step)
+        self.gaps_s += steps[steps > GAP_STEPS * step_s].tolist()
+        valid = np.ones((len(rows), rows.shape[1] // 3), dtype=np.bool_)
+        return Trial(where, t_s, rows.to_numpy(), valid)
 
 
 # -- files of one trial
@@ -268,21 +254,15 @@ class TrialImport:
 
 def files_of(places: Sequence[LogPlace], fingers: Sequence[str]) -> Files:
     """The files of each log: one, or one for each finger in the order of `fingers`."""
-    files: Files = {}
-    for word in fingers or ("",):
+    files: Files = {} if fingers else {place.name: [place] for place in places}
+    for word in fingers:
         for place in places:
             if word in place.name:
-                files.setdefault(without(place.name, word), []).append(place)
+                # a name without the word of a finger
+                gap = rf"[_\-. /]*{re.escape(word)}[_\-. /]*"
+                name = re.sub(gap, "_", place.name).strip("_") or "log"
+                files.setdefault(name, []).append(place)
     return files
-
-
-def without(name: str, word: str) -> str:
-    """A name without the word of a finger."""
-    if not word:
-        return name
-    return (
-        re.sub(rf"[_\-. /]*{re.escape(word)}[_\-. /]*", "_", name).strip("_") or "log"
-    )
 
 
 def read_joined(
@@ -350,7 +330,7 @@ def labels_of_rows(
 ) -> tuple[np.ndarray, int]:
     """([T] the situation of each row of a trial, -1 for none; how many events begin in it).
 
-    events: of this and other trials, those that last longest first. Raises LabelError.
+    events: of this and other trials, what lies within another one behind it. Raises LabelError.
     """
     labels = np.full(len(rows), None, dtype=object)
     rules, n_used = plan.events, 0

@@ -11,7 +11,9 @@ from holdfast.interop.columns import NO_TOUCH, FoundTime, Touch
 from holdfast.interop.logs import LogPlace
 from holdfast.interop.map import ImportMap
 from holdfast.interop.streams import Columns, ForeignLog
-from holdfast.interop.trials import Files
+
+Files = dict[str, list[LogPlace]]
+"""Name of a log -> its file, or a file for each finger."""
 
 
 @dataclass(frozen=True)
