@@ -94,25 +94,15 @@ def _messages(trial: TrialPayload) -> Iterable[tuple[str, int, Json]]:
         }
         yield "/situation", stamps[first], situation
 
-    for row, t_ns in enumerate(stamps):
-        fingers = {"unit": trial.unit, "fingers": _fingers(trial, row)}
-        yield "/tactile/fingers", t_ns, fingers
-
-
-def _fingers(trial: TrialPayload, row: int) -> list[Json]:
-    """The readings of a sample; JSON has no nan, so a lost value is None."""
-    fingers: list[Json] = []
-
-    readings = trial.values[row].reshape(-1, len(AXES)).tolist()
-    are_valid = trial.valid[row].tolist()
-
-    for reading, valid in zip(readings, are_valid, strict=True):
-        finger: Json = {"valid": valid}
-        for axis, value in zip(AXES, reading, strict=True):
-            finger[axis] = value if np.isfinite(value) else None
-        fingers.append(finger)
-
-    return fingers
+    # JSON has no nan, so a lost value is None
+    values = trial.values.astype(object)
+    values[~np.isfinite(trial.values)] = None
+    readings = values.reshape(len(stamps), -1, len(AXES)).tolist()
+    for t_ns, of_row, valid in zip(stamps, readings, trial.valid.tolist(), strict=True):
+        fingers: list[Json] = []
+        for reading, is_valid in zip(of_row, valid, strict=True):
+            fingers.append({"valid": is_valid, **dict(zip(AXES, reading, strict=True))})
+        yield "/tactile/fingers", t_ns, {"unit": trial.unit, "fingers": fingers}
 
 
 PICTURES = ("SceneUpdate", "Image", "Video", "PointCloud", "Grid", "LaserScan")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.column_map import flat_fields
-from holdfast.core.contract import IntArray, Json
+from holdfast.core.contract import FloatArray, IntArray, Json
 from holdfast.core.errors import ColumnError
 
 Column = npt.NDArray[Any]
@@ -140,14 +139,14 @@ def evened(stamps: IntArray, step: float) -> IntArray:
         return stamps
     usual = float(np.median(steps[steps > 0]))
     gaps = np.flatnonzero(steps > max(GAP_STEPS * step, 3.0 * usual)) + 1
-    even = np.zeros(len(stamps))
-    for first, stop in pairwise([0, *gaps.tolist(), len(stamps)]):
-        k = np.arange(stop - first)
-        run = stamps[first] + step * k
-        if len(k) > 2 * FEWEST_ROWS:
-            run += np.mean(stamps[first:stop] - run)
-        # the line of a run may begin before the one before it ends
-        least = even[first - 1] + step if first else -np.inf
-        even[first:stop] = run + max(0.0, least - run[0])
+    lines: list[FloatArray] = []
+    for run in np.split(stamps, gaps):
+        line = run[0] + step * np.arange(len(run))
+        if len(run) > 2 * FEWEST_ROWS:
+            line += np.mean(run - line)
+        if lines:
+            # the line of a run may begin before the one before it ends
+            line += max(0.0, lines[-1][-1] + step - line[0])
+        lines.append(line)
 
-    return np.round(even).astype(np.int64)
+    return np.round(np.concatenate(lines)).astype(np.int64)
