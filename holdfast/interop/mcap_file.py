@@ -22,7 +22,7 @@ from holdfast.core.contract import AXES, Json
 from holdfast.core.errors import needs_extra
 from holdfast.core.schema import json_of
 from holdfast.interop.payload import TrialPayload
-from holdfast.interop.streams import ForeignLog, streams_of
+from holdfast.interop.streams import ForeignLog
 
 with needs_extra("mcap"):
     from google.protobuf.json_format import MessageToDict
@@ -124,7 +124,9 @@ def read_log(path: Path, name: str) -> ForeignLog:
             reader = NonSeekingReader(file, validate_crcs=True)
             for schema, channel, message in reader.iter_messages(log_time_order=False):
                 if schema is not None and schema.encoding == "ros2msg":
-                    return _of_bag(path, name)
+                    from holdfast.interop.ros2 import read_log as read_bag
+
+                    return read_bag(path, name)
                 if channel.id not in decoders:
                     decoders[channel.id] = _decoder(channel.message_encoding, schema)
                 decode = decoders[channel.id]
@@ -143,13 +145,9 @@ def read_log(path: Path, name: str) -> ForeignLog:
             raise
         notes = ("cut off: read as far as it goes",)
 
+    from holdfast.interop.tables import streams_of
+
     return ForeignLog(path, name, streams_of(messages, notes), about)
-
-
-def _of_bag(path: Path, name: str) -> ForeignLog:
-    from holdfast.interop.ros2 import read_log as read_bag
-
-    return read_bag(path, name)
 
 
 def _decoder(encoding: str, schema: Schema | None) -> Decode | None:

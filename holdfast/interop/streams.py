@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,9 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.column_map import flat_fields
 from holdfast.core.contract import FloatArray, IntArray, Json
-from holdfast.core.errors import ColumnError
 
 Column = npt.NDArray[Any]
 """[T] numbers, nan for none; or texts as objects, "" for none."""
@@ -67,35 +65,6 @@ class ForeignLog:
 def first_stream(log: ForeignLog) -> Stream:
     """The longest stream of a log."""
     return max(log.streams, key=lambda one: one.rows)
-
-
-def streams_of(
-    messages: Mapping[str, Sequence[tuple[int, Any]]], notes: tuple[str, ...] = ()
-) -> tuple[Stream, ...]:
-    """A stream for each topic whose messages are small enough to be columns.
-
-    messages: (stamp in ns, message) of each topic. Nested objects are flattened, a column for each
-    number or text.
-    """
-    streams = []
-    for topic, sent in messages.items():
-        try:
-            rows = [flat_fields(message, topic) for _, message in sent]
-        except ColumnError:
-            continue  # an image, or the like
-        t_ns = np.array([stamp for stamp, _ in sent], dtype=np.int64)
-        names = dict.fromkeys(name for row in rows for name in row)
-        columns = {name: column_of([row.get(name) for row in rows]) for name in names}
-        streams.append(Stream(columns, t_ns, topic, notes))
-
-    return tuple(streams)
-
-
-def column_of(cells: Sequence[Any]) -> Column:
-    """Numbers, nan for None; else texts, "" for None."""
-    kinds = {type(cell) for cell in cells}
-    is_number = kinds <= {int, float, bool, type(None)}
-    return np.array(cells, dtype=np.float64) if is_number else text_column(cells)
 
 
 def text_column(cells: Sequence[Any]) -> Column:

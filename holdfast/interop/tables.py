@@ -10,12 +10,16 @@ import codecs
 import io
 import re
 import warnings
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from holdfast.core.column_map import flat_fields
 from holdfast.core.errors import (
+    ColumnError,
     EmptyRecording,
     NotANumber,
     needs_extra,
@@ -27,7 +31,6 @@ from holdfast.interop.streams import (
     ForeignLog,
     Stream,
     is_text,
-    text_column,
 )
 
 with needs_extra("train"):
@@ -89,7 +92,7 @@ def read_table(text: str, layout: TableLayout) -> Stream:
     mark = " " if layout.form.separator == SPACES else layout.form.separator
     kept: list[str] = []
     n_torn = 0
-    for line in text.splitlines()[layout.first_row :]:
+    for line in text.split("\n")[layout.first_row :]:
         if not line.strip() or (layout.comment and line.startswith(layout.comment)):
             continue
         cells = layout.form.cells(line)
@@ -103,9 +106,30 @@ def read_table(text: str, layout: TableLayout) -> Stream:
     return _numeric(table, layout, notes)
 
 
+def streams_of(
+    messages: Mapping[str, Sequence[tuple[int, Any]]], notes: tuple[str, ...] = ()
+) -> tuple[Stream, ...]:
+    """A stream for each topic whose messages are small enough to be columns.
+
+    messages: (stamp in ns, message) of each topic. Nested objects are flattened, a column for each
+    number or text.
+    """
+    streams = []
+    for topic, sent in messages.items():
+        try:
+            table = pd.DataFrame([flat_fields(message, topic) for _, message in sent])
+        except ColumnError:
+            continue  # an image, or the like
+        columns = {name: _typed(table[name], ".", []) for name in table}
+        t_ns = np.array([stamp for stamp, _ in sent], dtype=np.int64)
+        streams.append(Stream(columns, t_ns, topic, notes))
+
+    return tuple(streams)
+
+
 def _parsed(
     source: Path | io.StringIO, layout: TableLayout, skipped: int, encoding: str
-) -> Columns:
+) -> pd.DataFrame:
     """The cells as pandas reads them."""
     with warnings.catch_warnings():
         # rows of more cells than names: pandas warns, and would drop them
@@ -127,20 +151,18 @@ def _parsed(
             keep_default_na=False,
             na_values={name: list(MISSING) for name in layout.numeric},
         )
-        table = pd.concat(chunks, ignore_index=True)
-
-    return {name: table[name].to_numpy() for name in layout.names}
+        return pd.concat(chunks, ignore_index=True)
 
 
-def _numeric(table: Columns, layout: TableLayout, notes: list[str]) -> Stream:
+def _numeric(table: pd.DataFrame, layout: TableLayout, notes: list[str]) -> Stream:
     """The columns as numbers or texts; rows without a number are left out, and noted.
 
     Raises EmptyRecording.
     """
     columns: Columns = {}
-    there = np.zeros(len(next(iter(table.values()))), dtype=np.bool_)
-    for name in list(table):
-        column = _typed(table.pop(name), layout.form.decimal, name, notes)
+    there = np.zeros(len(table), dtype=np.bool_)
+    for name in layout.names:
+        column = _typed(table[name], layout.form.decimal, notes)
         if not is_text(column):
             there |= np.isfinite(column)
         elif name.startswith("column") and not any(column):
@@ -156,11 +178,11 @@ def _numeric(table: Columns, layout: TableLayout, notes: list[str]) -> Stream:
     return Stream(columns, notes=tuple(notes))
 
 
-def _typed(column: Column, decimal: str, name: str, notes: list[str]) -> Column:
+def _typed(cells: pd.Series, decimal: str, notes: list[str]) -> Column:
     """A column as numbers, as ns of its dates or times of day, or as texts."""
-    if column.dtype.kind in "iufb":
-        return column if column.dtype.kind in "if" else column.astype(np.float64)
-    cells = pd.Series(text_column(np.where(pd.notna(column), column, "").tolist()))
+    if cells.dtype.kind in "iufb":
+        return cells.to_numpy() if cells.dtype.kind in "if" else cells.to_numpy(float)
+    cells = cells.fillna("").astype(str).str.strip()
     filled = cells[~cells.isin(MISSING)]
     if len(filled) and STAMP.fullmatch(filled.iloc[0]):
         return stamps_of(cells)
@@ -170,7 +192,7 @@ def _typed(column: Column, decimal: str, name: str, notes: list[str]) -> Column:
     if not len(filled) or 2 * len(words) > len(filled):
         return cells.to_numpy(object)
     for word, count in words.value_counts().head(3).items():
-        notes.append(f"{name}: {count} cells {word!r:.20} are missing samples")
+        notes.append(f"{cells.name}: {count} cells {word!r:.20} are missing samples")
     found: Column = numbers.reindex(cells.index).to_numpy(np.float64)
     return np.where(np.isfinite(found), found, np.nan)
 
