@@ -259,15 +259,12 @@ def _by_count(names: Sequence[str], columns: Columns) -> Sequence[str]:
 def _order(values: FloatArray) -> np.ndarray:
     """[S, 3] places of x, y and z of columns without names [T, 3 S]: sensor by sensor.
 
-    Or axis by axis, where a touch moves the last of three columns only then.
+    Or axis by axis, where a touch moves one of three columns only then.
     """
     by_sensor = np.arange(values.shape[1]).reshape(-1, 3)
     by_axis = by_sensor.reshape(3, -1).T
     change = touch(values).effects[1]
-    shares = []
-    for order in (by_sensor, by_axis):
-        axis, share = _leading(change[order])
-        shares.append(share if axis == NORMAL_AXIS else 0.0)
+    shares = [_leading(change[order])[1] for order in (by_sensor, by_axis)]
     return by_axis if shares[1] > max(0.8, shares[0] + 0.2) else by_sensor
 
 

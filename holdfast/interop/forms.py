@@ -254,21 +254,16 @@ class Form:
                     names = listed(list(stream.columns), most=8)
                     self.found.add("not used", f"{log.path.name} (columns {names})")
                     continue
-                chosen = self._timed(events, stream.columns[events.start])
+                latest = np.nanmax(stream.columns[events.start].astype(np.float64))
+                unit, zero = unit_and_zero(
+                    events, latest, first.stamps_s[0], first.stamps_s[-1]
+                )
+                chosen = changed(events, unit=unit, zero=zero)
                 what = [events.start, events.end, events.label, events.trial]
-                shown = f"{listed([*filter(None, what)])}, in {chosen.unit}"
+                shown = f"{listed([*filter(None, what)])}, in {unit}"
                 self.found.add("labels", f"{log.path.name}: {shown}")
 
         return chosen
-
-    def _timed(self, events: EventRules, starts: np.ndarray) -> EventRules:
-        """The rules of a table with the unit and the zero of its times."""
-        stamps_s = self.samples[0].stamps_s
-        latest = float(np.nanmax(starts.astype(np.float64)))
-        unit, zero = unit_and_zero(
-            events, latest, float(stamps_s[0]), float(stamps_s[-1])
-        )
-        return changed(events, unit=unit, zero=zero)
 
     # -- names
 

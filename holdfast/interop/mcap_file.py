@@ -64,22 +64,19 @@ def write_trials(trials: Iterable[TrialPayload], folder: Path) -> None:
         with path.open("wb") as file:
             writer = Writer(file)
             writer.start(library="holdfast")
-            channels = {topic: _channel(writer, topic) for topic in TOPICS}
+            channels = {}
+            for topic, (name, fields) in TOPICS.items():
+                # Foxglove names a JSON schema by its title.
+                form = {"title": name, "type": "object", "properties": fields}
+                schema = json.dumps(form).encode()
+                number = writer.register_schema(name, "jsonschema", schema)
+                channels[topic] = writer.register_channel(topic, "json", number)
             for topic, t_ns, message in _messages(trial):
                 # allow_nan=False: the browser's JSON parser refuses a bare NaN.
                 data = json.dumps(message, allow_nan=False).encode()
                 writer.add_message(channels[topic], t_ns, data, publish_time=t_ns)
             writer.add_metadata("holdfast", about)
             writer.finish()
-
-
-def _channel(writer: Writer, topic: str) -> int:
-    """The number of a topic's channel."""
-    name, fields = TOPICS[topic]
-    # Foxglove names a JSON schema by its title.
-    schema = {"title": name, "type": "object", "properties": fields}
-    number = writer.register_schema(name, "jsonschema", json.dumps(schema).encode())
-    return int(writer.register_channel(topic, "json", number))
 
 
 def _messages(trial: TrialPayload) -> Iterable[tuple[str, int, Json]]:
