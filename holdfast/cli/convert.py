@@ -11,7 +11,8 @@ from importlib import import_module
 from typing import Any
 
 from holdfast.cli.command import add_json_option, path_argument, show_found
-from holdfast.core.errors import LibraryMissing, OutputError, count_of
+from holdfast.core.errors import LibraryMissing, count_of
+from holdfast.core.writing import require_new, whole_folder
 
 WRITERS = {
     "parquet": "holdfast.interop.parquet",
@@ -51,17 +52,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read all trials, then write all of them or nothing."""
-    from holdfast.core.writing import whole_folder
-
     writer = _writer(args.to)
     from holdfast.interop.payload import read_payloads
 
     # Files of two conversions in one folder could not be told apart.
-    if args.out.exists() and (not args.out.is_dir() or any(args.out.iterdir())):
-        raise OutputError(
-            "exists and is not empty", where=args.out, next_step="name a new folder"
-        )
-
+    require_new(args.out)
     trials = read_payloads(args.source, args.only, raw=args.raw)
     # All or nothing: a conversion that fails leaves no folder behind.
     with whole_folder(args.out) as folder:

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NoReturn
 
 from holdfast.cli.command import (
     add_json_option,
@@ -20,19 +18,22 @@ from holdfast.cli.command import (
     show,
     show_found,
 )
-from holdfast.core.errors import (
-    DataError,
-    LibraryMissing,
-    OutputError,
-    UsageError,
-)
-from holdfast.core.writing import whole_folder, write_whole
+from holdfast.core.errors import DataError, LibraryMissing, UsageError, command
+from holdfast.core.writing import require_new, whole_folder, write_whole
 
 if TYPE_CHECKING:
     from holdfast.interop.understood import Understood
 
-MAP_SUFFIX = "-map.toml"
-"""Of a map, beside the set that it is for."""
+ANSWERS = {
+    "action": (
+        "ACTION",
+        "what happens in the trials: slip, hold, pull, ..; or WORD=ACTION,WORD=ACTION",
+    ),
+    "person": ("NAME", "who holds, or which names in the paths are people"),
+    "object": ("NAME", "what is held, in the same way"),
+    "unit": ("UNIT", "of the readings: N, mN, uT, .."),
+}
+"""Option that answers a question -> what it takes, and its help."""
 PICTURE = "first-trial.svg"
 """In the set: the first trial over its time, with its labels."""
 
@@ -56,20 +57,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="column map (docs/your-data.md); without it one is found",
     )
     option("--yes", action="store_true", help="take what was understood without asking")
-    option(
-        "--action",
-        default="",
-        metavar="ACTION",
-        help="what happens in the trials: slip, hold, pull, ..; or WORD=ACTION,WORD=ACTION",
-    )
-    option(
-        "--person",
-        default="",
-        metavar="NAME",
-        help="who holds, or which names in the paths are people",
-    )
-    option("--object", default="", metavar="NAME", help="what is held, in the same way")
-    option("--unit", default="", metavar="UNIT", help="of the readings: N, mN, uT, ..")
+    for name, (takes, about) in ANSWERS.items():
+        option(f"--{name}", default="", metavar=takes, help=about)
     option(
         "--rate",
         type=positive,
@@ -82,13 +71,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Say what was understood, ask what is left, then write all trials, or none."""
-    if args.out.exists() and (not args.out.is_dir() or any(args.out.iterdir())):
-        raise OutputError(
-            "exists and is not empty", where=args.out, next_step="name a new folder"
-        )
+    require_new(args.out)
     found = _understood(args)
     from holdfast.interop.trials import TrialImport
     from holdfast.interop.writing import write_beside
+    from holdfast.training.check import examine
+    from holdfast.training.check_lines import report_lines
     from holdfast.training.progress import Stages
 
     with whole_folder(args.out) as folder:
@@ -97,18 +85,22 @@ def run(args: argparse.Namespace) -> int:
         reading = TrialImport(folder)
         for plan, files in found.plans:
             reading.take(args.source, plan, files, begin.part)
-        maps = args.map.parent if args.map else args.out.parent
-        write_beside(folder, found.plans[0][0], maps, reading.written)
-        lines = [*found.lines, *reading.lines()]
+        write_beside(folder, found.plans[0][0], args.map or args.out, reading.written)
+        reading.report(found)
         # nothing is kept where the block is left by an error
-        _require_wanted(args, found, lines)
-    from holdfast.training.check import examine
-    from holdfast.training.check_lines import report_lines
+        if not args.yes and args.map is None:
+            show("\n".join(found.lines))
+            if _typed("import this? [y/N]").lower() not in ("y", "yes"):
+                _refuse(args, found, "no trial is written yet", "--yes")
 
     first, *_, verdict = report_lines(examine(args.out))
-    shown = [*lines, "", *_picture(args.out), first, verdict]
-    shown.append(f"next: holdfast check {args.out}")
-    words = {"understood": lines, "trials": reading.written, "notes": reading.notes}
+    shown = [*found.lines, "", *_picture(args), first, verdict]
+    shown.append(f"next: {command('check', args.out)}")
+    words = {
+        "understood": found.lines,
+        "trials": reading.written,
+        "notes": reading.notes,
+    }
     show_found(args, "\n".join(shown), {"out": str(args.out), **words})
     return 0
 
@@ -121,70 +113,55 @@ def _understood(args: argparse.Namespace) -> Understood:
 
     if args.map is not None:
         return of_map(args.source, read_import_map(args.map))
-    answers = Answers(
-        args.action, args.person, args.object, args.unit, args.rate, args.normal
-    )
-    found = understand(args.source, answers)
-    while found.questions:
-        question = found.questions[0]
+    while True:
+        given = {key: getattr(args, key) for key in (*ANSWERS, "rate", "normal")}
+        found = understand(args.source, Answers(**given))
+        if not found.questions:
+            return found
         show("\n".join(found.lines))
-        key = question.option.removeprefix("--")
-        if args.yes or not _on_terminal() or not hasattr(answers, key):
-            _write_map(args, found)
+        option, text = found.questions[0]
+        key = option.removeprefix("--")
+        typed = "" if args.yes or key not in given else _typed(text)
+        if not typed:
             # all at once, so that the next command is the last one
-            asked = "; ".join(one.text for one in found.questions)
-            options = " ".join(f"{one.option} .." for one in found.questions)
-            raise UsageError(asked, next_step=f"{_command(args)} {options}")
-        show(question.text)
-        typed = input("> ").strip()
-        answer: dict[str, Any] = {key: float(typed) if key == "rate" else typed}
-        answers = replace(answers, **answer)
-        found = understand(args.source, answers)
-    return found
+            options, asked = zip(*found.questions, strict=True)
+            _refuse(args, found, "; ".join(asked), " .. ".join([*options, ""]).strip())
+        setattr(args, key, positive(typed) if key == "rate" else typed)
 
 
-def _on_terminal() -> bool:
-    return sys.stdin.isatty() and sys.stdout.isatty()
+def _typed(question: str) -> str:
+    """What a person answers on a terminal; "" without one."""
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+        return ""
+    show(question)
+    return input("> ").strip()
 
 
-def _command(args: argparse.Namespace) -> str:
-    return f"holdfast import {args.source} --out {args.out}"
-
-
-def _write_map(args: argparse.Namespace, found: Understood) -> None:
-    """Write the map for the next time, unless it was changed by hand; and say so."""
+def _refuse(
+    args: argparse.Namespace, found: Understood, what: str, options: str
+) -> NoReturn:
+    """Write the map for the next time, unless it was changed by hand. Raises UsageError."""
     from holdfast.interop.map import is_changed, map_text
 
-    path = args.out.with_name(args.out.name + MAP_SUFFIX)
+    path = args.out.with_name(f"{args.out.name}-map.toml")
     if found.plans and is_changed(path):
         show(f"{path}: was changed by hand, and stays; use it: --map {path}")
     elif found.plans:
         write_whole(path, map_text(found.plans[0][0]))
         show(f"{path}: what is known so far, as a map")
+    again = command("import", args.source, "--out", args.out)
+    raise UsageError(what, next_step=f"{again} {options}")
 
 
-def _require_wanted(
-    args: argparse.Namespace, found: Understood, lines: list[str]
-) -> None:
-    """Show what was found. Raises UsageError where it is not wanted."""
-    if args.yes or args.map is not None:
-        return
-    show("\n".join(lines))
-    if _on_terminal() and input("import this? [y/N] ").strip().lower() in ("y", "yes"):
-        return
-    _write_map(args, found)
-    raise UsageError("no trial is written yet", next_step=f"{_command(args)} --yes")
-
-
-def _picture(out: Path) -> list[str]:
+def _picture(args: argparse.Namespace) -> list[str]:
     """Draw the first trial, where matplotlib is there and a trial can be read; in words."""
     from holdfast.training.datasets.thesis import readers
 
     try:
         from holdfast.evaluation.pictures import recording
 
-        first = readers(out)[0].read().recording
+        first = readers(args.out)[0].read().recording
     except (LibraryMissing, DataError):
         return []
-    write_whole(out / PICTURE, recording(first, "imported"))
-    return [f"picture of {first.trial_id}: {out / PICTURE}"]
+    write_whole(args.out / PICTURE, recording(first, "imported"))
+    return [f"picture of {first.trial_id}: {args.out / PICTURE}"]

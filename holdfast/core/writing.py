@@ -92,6 +92,14 @@ def _give_name(unfinished: Path, folder: Path) -> None:
         raise _unwritable(folder, error) from None
 
 
+def require_new(folder: Path) -> None:
+    """Raise OutputError where a folder holds something, or is a file."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise OutputError(
+            "exists and is not empty", where=folder, next_step="name a new folder"
+        )
+
+
 def require_writable(folder: str | Path) -> None:
     """Check, before long work starts, that a folder or the place for it takes a file.
 

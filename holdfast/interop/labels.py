@@ -2,7 +2,8 @@
 
 Two values in a column mark the slip; English words name situations in any column; other words are
 known by when they stand: while the hand is empty, and for most of a touch. A label that stands only
-in the row where something begins holds until the next one.
+in the row where something begins holds until the next one. Whatever marks it, the events of a trial
+are one table: `start` and `end`, and the `label` that lasts from one to the other.
 """
 
 from __future__ import annotations
@@ -10,19 +11,20 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from holdfast.core.column_map import NS_OF
-from holdfast.core.contract import SITUATIONS, IntArray
-from holdfast.core.errors import ColumnError, LabelError, listed
+from holdfast.core.contract import IntArray
+from holdfast.core.errors import LabelError, listed
 from holdfast.core.trial_layout import LABELLED_ACTIONS, UNSCRIPTED
 from holdfast.interop.columns import unit_of_time, words_of
 from holdfast.interop.logs import LogPlace, read_log
-from holdfast.interop.map import EventRules
+from holdfast.interop.map import EventRules, ImportMap
 from holdfast.interop.streams import Column, Columns, is_text, text_cells
+from holdfast.interop.tables import pd
 from holdfast.training.datasets.trials import action_of
 
 ROW = "row"
@@ -33,48 +35,18 @@ LABEL_WORDS = {
 }  # fmt: skip
 TRIAL_WORDS = {"trial", "file", "log", "run", "recording", "episode", "name"}
 START_WORDS = {"start", "begin", "from", "onset", "t0", "time", "at"}
-END_WORDS = {
-    "end",
-    "stop",
-    "to",
-    "until",
-    "offset",
-    "finish",
-    "duration",
-    "length",
-    "t1",
-}
-SITUATION_STEMS = (
-    ("", ("unlabel", "unknown", "none", "ignore")),
-    (
-        "nothing",
-        ("nothing", "no contact", "open", "empty", "idle", "rest", "free", "no touch"),
-    ),
-    (
-        "grasp",
-        (
-            "no slip",
-            "noslip",
-            "non slip",
-            "not slip",
-            "stable",
-            "still",
-            "static",
-            "steady",
-        ),
-    ),
-    (
-        "safe_slip",
-        ("safe", "release", "handover", "hand over", "hand-over", "put down", "place"),
-    ),
-    (
-        "risky_slip",
-        ("slip", "slid", "drop", "fall", "fell", "fail", "lost", "tug", "pull", "torn"),
-    ),
-    ("grasp", ("grasp", "hold", "held", "grip", "contact", "lift", "carry", "touch")),
+LENGTH_WORDS = {"duration", "length"}
+END_WORDS = {"end", "stop", "to", "until", "offset", "finish", "t1"} | LENGTH_WORDS
+SITUATION_WORDS = (
+    ("", r"unlabel|unknown|none|ignore"),
+    ("nothing", r"nothing|no contact|open|empty|idle|rest|free|no touch"),
+    ("grasp", r"no slip|noslip|non slip|not slip|stable|still|static|steady"),
+    ("safe_slip", r"safe|release|hand ?over|put down|place"),
+    ("risky_slip", r"slip|slid|drop|fall|fell|fail|lost|tug|pull|torn"),
+    ("grasp", r"grasp|hold|held|grip|contact|lift|carry|touch"),
 )
 """Beginnings of words in labels, the first that fits counts."""
-ENDS = ("end", "stop", "finish", "over", "off")
+ENDS = {"end", "stop", "finish", "off"}
 ACTION_OF_SITUATION = {
     "grasp": "hold",
     "risky_slip": "slip",
@@ -84,30 +56,17 @@ ACTION_OF_SITUATION = {
 NEED_EVENTS = tuple(name for name in UNSCRIPTED if name not in LABELLED_ACTIONS)
 """Actions that follow no script: what happens when is known by events alone."""
 MOST_LABELS = 40
-FOR_EVER = 2.0**62
-
-
-@dataclass(frozen=True)
-class Event:
-    """A label that lasts, ns on the log's clock, or in the unit of its table. trial: "" for any."""
-
-    start: float
-    end: float
-    label: str
-    trial: str = ""
+NO_EVENTS = pd.DataFrame(columns=["start", "end", "label", "trial"], dtype=object)
 
 
 def situation_of_word(label: str) -> str | None:
     """The situation that a label means by its words, "" for none; None where they say nothing."""
     parted = re.sub(r"([a-z])([A-Z])", r"\1 \2", label).lower()
-    plain = " ".join(re.findall(r"[a-z]+", parted))
-    if plain.replace(" ", "_") in SITUATIONS:
-        return plain.replace(" ", "_")
-    words = plain.split()
-    if len(words) > 1 and (words[0] in ENDS or words[-1] in ENDS):
+    words = re.findall(r"[a-z]+", parted)
+    if len(words) > 1 and ENDS & {words[0], words[-1]}:
         return ""
-    for situation, stems in SITUATION_STEMS:
-        if any(re.search(rf"\b{stem}", plain) for stem in stems):
+    for situation, beginnings in SITUATION_WORDS:
+        if re.search(rf"\b({beginnings})", " ".join(words)):
             return situation
 
     return None
@@ -124,7 +83,7 @@ def action_of_word(word: str, *, has_events: bool = False) -> str | None:
     return ACTION_OF_SITUATION.get(situation_of_word(word) or "")
 
 
-# -- columns of labels
+# -- what a column of labels means
 
 
 @dataclass(frozen=True)
@@ -139,15 +98,14 @@ class FoundLabels:
 def is_mark(name: str, column: Column) -> bool:
     """Whether a column can hold labels: texts, or few whole numbers that seldom change."""
     if is_text(column):
-        return len(set(column.tolist())) <= MOST_LABELS
+        return len(pd.unique(column)) <= MOST_LABELS
     cells = column[np.isfinite(column)]
-    if (cells[:1000] % 1 != 0).any():
+    if (cells % 1 != 0).any():
         return False
-    kinds = np.unique(cells)
-    is_few = len(kinds) <= 8 and bool((kinds % 1 == 0).all())
+    kinds = len(pd.unique(cells))
     is_named = bool(words_of(name) & LABEL_WORDS)
     seldom = np.count_nonzero(np.diff(cells)) < 0.1 * len(cells)
-    return is_few and bool(seldom) and (len(kinds) > 1 or is_named)
+    return bool(seldom) and (1 < kinds <= 8 or (kinds == 1 and is_named))
 
 
 def labels_of(
@@ -158,43 +116,39 @@ def labels_of(
     cells, touched [T]: of all logs, one after the other; touched: whether the hand touches
     something. known: label -> situation, as given.
     """
-    values = [value for value in dict.fromkeys(cells.tolist()) if value]
-    by_word = {value: known.get(value, situation_of_word(value)) for value in values}
-    n_kinds = len(set(cells.tolist()))
-    if not values or n_kinds > MOST_LABELS:
+    values = list(dict.fromkeys(cells.tolist()))
+    meanings = {}
+    for value in filter(None, values):
+        meanings[value] = known.get(value, situation_of_word(value))
+    if not meanings or len(values) > MOST_LABELS:
         return None
-    if n_kinds <= 2 and not all(by_word.values()):
-        return _binary(name, cells, touched)
+    if len(values) <= 2 and not all(meanings.values()):
+        return _of_two(name, cells, touched)
     hold = bool(np.mean(cells == "") > 0.5)
-    if any(one is not None for one in by_word.values()):
-        labels = {value: situation or "" for value, situation in by_word.items()}
-        lost = [value for value, situation in by_word.items() if situation is None]
-        no_meaning = f"; without a meaning: {listed(lost, most=6)}" if lost else ""
-        return _found(name, labels, no_meaning, hold=hold)
-
-    held_cells = np.array(held(cells.tolist()) if hold else cells)
-    return _by_content(name, held_cells, touched, values, hold=hold)
+    lost = [value for value, meaning in meanings.items() if meaning is None]
+    if len(lost) < len(meanings):
+        labels = {value: meaning or "" for value, meaning in meanings.items()}
+        why = f"; without a meaning: {listed(lost, most=6)}" if lost else ""
+        return _found(name, labels, why, hold=hold)
+    return _by_content(name, held(cells) if hold else cells, touched, lost, hold=hold)
 
 
-def _binary(name: str, cells: np.ndarray, touched: np.ndarray) -> FoundLabels | None:
+def _of_two(name: str, cells: np.ndarray, touched: np.ndarray) -> FoundLabels | None:
     """Two values: the one in which logs begin, and the one that marks the slip."""
     off = cells[0]
     on = next((value for value in cells.tolist() if value != off), "1")
     marked = cells == on
-    is_slip = bool(re.search("(?i)slip", name))
+    if not re.search("(?i)slip", name):
+        is_inside = marked.any() and touched[marked].mean() > 0.9
+        is_named = marked.any() and words_of(name) & LABEL_WORDS
+        contact = _by_content(name, cells, touched, [off, on])
+        if contact or not (is_inside or is_named):
+            return contact
+
     begins = np.count_nonzero(np.diff(marked.astype(np.int8)) == 1)
-    if not is_slip:
-        inside = marked.any() and touched[marked].mean() > 0.9
-        if not (inside or (words_of(name) & LABEL_WORDS and marked.any())):
-            return None
-        if marked[touched].mean() > 0.8:
-            return _found(name, {on: "grasp", off: "nothing"}, ": the contact")
-
-    if marked.any() and marked.sum() <= 2 * begins:
-        ends = ": the slip, from there to the end of the contact"
-        rules = EventRules(column=name, hold=True, labels={on: "risky_slip"})
-        return FoundLabels(rules, f"column {name}, {on!r} marks{ends}")
-
+    if 0 < marked.sum() <= 2 * begins:
+        why = f": {on!r} marks the slip, from there to the end of the contact"
+        return _found(name, {on: "risky_slip"}, why, hold=True)
     return _found(name, {on: "risky_slip", off: ""}, f": {on!r} marks the slip")
 
 
@@ -204,18 +158,17 @@ def _by_content(
     touched: np.ndarray,
     values: Sequence[str],
     *,
-    hold: bool,
+    hold: bool = False,
 ) -> FoundLabels | None:
     """Words or numbers that say nothing, by when they stand.
 
     Those that stand while nothing is touched mean the empty hand, and the most frequent one of a
     touch means the grasp. What is left is listed as unknown, because a slip cannot be seen so.
     """
-    shares = {value: float(touched[cells == value].mean()) for value in values}
-    counts = Counter(cells[touched].tolist())
-    grasp = max(values, key=lambda value: counts[value])
-    empty = [value for value in values if shares[value] < 0.3]
-    if values[0] not in empty or shares[grasp] < 0.5 or len(values) > 8:
+    shares = pd.Series(touched).groupby(cells).mean().reindex(values)
+    empty = shares.index[shares < 0.3].tolist()
+    grasp = pd.Series(cells[touched]).value_counts().idxmax() if touched.any() else ""
+    if values[0] not in empty or not shares.get(grasp, 0.0) > 0.5 or len(values) > 8:
         return None
     labels = {**dict.fromkeys(empty, "nothing"), grasp: "grasp"}
     unknown = tuple(value for value in values if value not in labels)
@@ -231,36 +184,15 @@ def _found(
     hold: bool = False,
 ) -> FoundLabels:
     labels.pop("", None)
-    shown = [
-        label if label == one else f"{label} = {one}"
-        for label, one in labels.items()
-        if one
-    ]
+    shown = []
+    for label, situation in labels.items():
+        if situation:
+            shown.append(label if label == situation else f"{label} = {situation}")
     rules = EventRules(column=name, hold=hold, labels=labels)  # type: ignore[arg-type]
     return FoundLabels(rules, f"column {name}, {listed(shown, most=8)}{why}", unknown)
 
 
-def held(cells: Sequence[str]) -> list[str]:
-    """Cells in which an empty one repeats the one before."""
-    last, kept = "", []
-    for cell in cells:
-        last = cell or last
-        kept.append(last)
-
-    return kept
-
-
-def runs_of(cells: Sequence[str], stamps: IntArray) -> list[Event]:
-    """Runs of equal cells [T] as events, ns."""
-    events = []
-    for k, cell in enumerate(cells):
-        if not k or cell != cells[k - 1]:
-            events.append(Event(float(stamps[k]), np.nan, cell))
-
-    return with_ends(events)
-
-
-# -- tables of events
+# -- what a table of events means
 
 
 def rules_of_table(
@@ -272,47 +204,44 @@ def rules_of_table(
     trial it is of. A table without labels is of one kind, by the name of the column or the file.
     keys: what logs are called, in small letters. Unit and zero come later.
     """
-    trial = ""
-    for name, column in columns.items():
-        cells = set(map(str.casefold, text_cells(column))) - {""}
-        is_named = bool(words_of(name) & TRIAL_WORDS)
-        if cells and (
-            cells <= keys if is_named else is_text(column) and len(cells & keys) > 1
-        ):
-            trial = trial or name
-
-    numbers: list[str] = []
-    texts: list[str] = []
-    for name, column in columns.items():
-        if name != trial:
-            (texts if is_text(column) else numbers).append(name)
-
-    start = _named(numbers, START_WORDS | ROW_WORDS) or next(iter(numbers), "")
-    label = _named(texts, LABEL_WORDS) or next(iter(texts), "")
-    about = situation_of_word(start) or situation_of_word(Path(file).stem) or ""
-    if not (start and (label or about)):
+    trials = [name for name in columns if _names_trials(name, columns[name], keys)]
+    rest = {name: columns[name] for name in columns if name not in trials[:1]}
+    texts = [name for name, column in rest.items() if is_text(column)]
+    numbers = [name for name in rest if name not in texts]
+    start = _named(numbers, START_WORDS | ROW_WORDS)
+    label = _named(texts, LABEL_WORDS)
+    about = situation_of_word(start) or situation_of_word(Path(file).stem)
+    if not start or not (label or about):
         return None
     numbers.remove(start)
-    after = [name for name in numbers if (columns[name] >= columns[start]).all()]
-    labels = {}
-    for cell in text_cells(columns[label]) if label else []:
+    after = [name for name in numbers if (rest[name] >= rest[start]).all()]
+    ends = [name for name in numbers if words_of(name) & END_WORDS]
+    labels = {} if label else {"": about or ""}
+    for cell in filter(None, text_cells(rest[label]) if label else []):
         labels[cell] = known.get(cell) or situation_of_word(cell) or ""
-    labels.pop("", None)
-    if len(labels) > MOST_LABELS or (label and not any(labels.values())):
+    if len(labels) > MOST_LABELS or not any(labels.values()):
         return None
     return EventRules(
         file=file,
-        trial=trial,
+        trial="".join(trials[:1]),
         start=start,
-        end=_named(numbers, END_WORDS) or next(iter(after), ""),
+        end=next(iter([*ends, *after]), ""),
         label=label,
-        situation="" if label else about,  # type: ignore[arg-type]
         labels=labels,  # type: ignore[arg-type]
     )
 
 
+def _names_trials(name: str, column: Column, keys: set[str]) -> bool:
+    """Whether cells are what logs are called by; numbers are so only by the column's name."""
+    cells = {*map(str.casefold, text_cells(column))} - {""}
+    if words_of(name) & TRIAL_WORDS or not is_text(column):
+        return bool(cells) and cells <= keys and bool(words_of(name) & TRIAL_WORDS)
+    return len(cells & keys) > 1
+
+
 def _named(names: Sequence[str], words: set[str]) -> str:
-    return next((name for name in names if words_of(name) & words), "")
+    """The first name with one of the words, else the first one; "" for none."""
+    return next((name for name in names if words_of(name) & words), "".join(names[:1]))
 
 
 def unit_and_zero(
@@ -337,85 +266,71 @@ def unit_and_zero(
     return named or "s", "log"
 
 
-def read_events(
-    source: Path, rules: EventRules | None, log: Path
-) -> tuple[Path, list[Event]]:
+# -- the events of a trial
+
+
+def read_events(source: Path, plan: ImportMap, log: Path) -> tuple[Path, pd.DataFrame]:
     """(the file of a log's events, they, in the unit of the rules); none without such a file.
 
-    Raises ColumnError, NotANumber or LabelError.
+    The table has `start`, `end`, `label` and `trial`. Raises ColumnError or LabelError.
     """
+    rules = plan.events
     if rules is None or not rules.file:
-        return Path(), []
+        return Path(), NO_EVENTS
+    of_log = "{name}" in rules.file
     root = source if source.is_dir() else source.parent
-    path = root / rules.file
-    if "{name}" in rules.file:
-        path = log.parent / rules.file.replace("{name}", log.stem)
-        if not path.is_file():
-            return Path(), []
-
+    path = (log.parent if of_log else root) / rules.file.replace("{name}", log.stem)
+    if of_log and not path.is_file():
+        return Path(), NO_EVENTS
     streams = read_log(LogPlace(path, path.stem, path.suffix.lower())).streams
-    with_start = [one for one in streams if rules.start in one.columns]
-    columns = (with_start or streams)[0].columns
+    columns = max(streams, key=lambda one: rules.start in one.columns).columns
     needed = {rules.start, rules.end, rules.label, rules.trial} - {""}
-    missing = sorted(needed - columns.keys())
-    if missing or is_text(columns[rules.start]):
-        raise ColumnError(
-            f"no column {listed(missing or [rules.start])} of the events",
+    plan.require_columns(columns, path, needed)
+    events = pd.DataFrame({"start": columns[rules.start]})
+    events["end"] = columns.get(rules.end, np.nan)
+    events = events.apply(pd.to_numeric, errors="coerce")
+    if words_of(rules.end) & LENGTH_WORDS:
+        events["end"] += events["start"]
+    events["label"] = text_cells(columns[rules.label]) if rules.label else ""
+    events["trial"] = text_cells(columns[rules.trial]) if rules.trial else ""
+    # a trial without an event has an empty row
+    events = events.dropna(subset="start")
+    # what lasts shorter lies within what lasts longer
+    order = {"trial": True, "start": True, "end": False}
+    events = events.sort_values([*order], ascending=[*order.values()])
+    for _, event in events[events["end"] < events["start"]].iterrows():
+        raise LabelError(
+            f"{event['label']!r:.60} from {event['start']:g} to {event['end']:g} "
+            f"{rules.unit} is impossible",
             where=path,
-            cause=f"its columns are {listed(list(columns), most=40)}",
-            next_step="correct [events] of the column map",
+            next_step="correct that line",
         )
 
-    return path, _events(columns, rules, path)
+    # an event without an end lasts to the next one of its trial
+    following = events.groupby("trial")["start"].shift(-1)
+    return path, events.fillna({"end": following}).fillna({"end": np.inf})
 
 
-def _events(columns: Columns, rules: EventRules, path: Path) -> list[Event]:
-    starts = columns[rules.start].astype(np.float64)
-    ends = (
-        columns[rules.end].astype(np.float64)
-        if rules.end
-        else np.full(len(starts), np.nan)
-    )
-    if words_of(rules.end) & {"duration", "length"}:
-        ends = starts + ends
-    labels = text_cells(columns[rules.label]) if rules.label else [""] * len(starts)
-    trials = text_cells(columns[rules.trial]) if rules.trial else [""] * len(starts)
-    rows = zip(starts.tolist(), ends.tolist(), labels, trials, strict=True)
-    # a trial without an event has an empty row
-    found = [Event(*row) for row in rows if np.isfinite(row[0])]
-    for event in found:
-        if event.end < event.start:
-            raise LabelError(
-                f"{event.label!r:.60} from {event.start:g} to {event.end:g} {rules.unit} "
-                "is impossible",
-                where=path,
-                next_step="correct that line",
-            )
-
-    return with_ends(sorted(found, key=lambda event: (event.trial, event.start)))
+def clock_of(rules: EventRules, stamps: IntArray) -> np.ndarray:
+    """[T] the time of a trial's rows as its table of events has it. stamps [T]: ns."""
+    if rules.unit == ROW:
+        return np.arange(len(stamps))
+    zero_ns = 0 if rules.zero == "clock" else stamps[0]
+    # as exact as an event is written
+    return np.round((stamps - zero_ns) / NS_OF[rules.unit], 6)
 
 
-def with_ends(events: Sequence[Event]) -> list[Event]:
-    """Each event without an end lasts to the next one of its trial."""
-    whole: list[Event] = []
-    for event in reversed(events):
-        follows = whole and whole[-1].trial == event.trial
-        end = whole[-1].start if follows else FOR_EVER
-        whole.append(replace(event, end=end) if np.isnan(event.end) else event)
+def marks_of(cells: np.ndarray, rules: EventRules) -> np.ndarray:
+    """A column of labels [T]; one that stands only where something begins lasts to the next."""
+    if not rules.hold:
+        return cells
+    # the value of most rows says that nothing begins there
+    usual, _ = Counter(cells.tolist()).most_common(1)[0]
+    is_off = (cells == usual) & (usual not in rules.labels)
+    return held(np.where(is_off, "", cells))
 
-    return whole[::-1]
 
-
-def in_ns(event: Event, rules: EventRules, stamps: IntArray, zero_ns: int) -> Event:
-    """An event with times on the log's clock, ns. stamps [T]: of the rows that `row` counts."""
-    times = []
-    for time in (event.start, event.end):
-        if time >= FOR_EVER:
-            times.append(FOR_EVER)
-        elif rules.unit == ROW:
-            row = min(max(int(time), 0), len(stamps) - 1)
-            times.append(float(stamps[row]))
-        else:
-            times.append(zero_ns + time * NS_OF[rules.unit])
-
-    return replace(event, start=times[0], end=times[1])
+def held(cells: np.ndarray) -> np.ndarray:
+    """Cells [T] in which an empty one repeats the one before."""
+    begins = np.where(cells != "", np.arange(len(cells)), 0)
+    return cells[np.maximum.accumulate(begins)]

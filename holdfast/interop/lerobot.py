@@ -14,14 +14,15 @@ the episodes of all files, one after the other.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from holdfast.core.contract import SITUATIONS, Json, channel_names
-from holdfast.core.errors import EmptyRecording, NotANumber, needs_extra
+from holdfast.core.errors import NotANumber, needs_extra
 from holdfast.core.schema import json_of, read
 from holdfast.core.writing import write_whole
 from holdfast.interop.parquet import (
@@ -44,42 +45,48 @@ VERSION = "v3.0"
 CHUNK_FILES, DATA_MB, VIDEO_MB = 1000, 100, 200
 """lerobot's own defaults; a set of ours stays in one file."""
 DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
-QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
-"""Statistics that lerobot keeps of each feature, by its names."""
+QUANTILES = {
+    "min": 0,
+    "q01": 0.01,
+    "q10": 0.1,
+    "q50": 0.5,
+    "q90": 0.9,
+    "q99": 0.99,
+    "max": 1,
+}
+"""Statistics that lerobot keeps of each feature, by its names; beside mean, std and count."""
 INFO = "meta/info.json"
 TACTILE = "observation.tactile"
 VALID = "observation.tactile_valid"
 TIME = "observation.time_s"
-SITUATION = "situation"
+SITUATION, EPISODE = "situation", "episode_index"
 """Columns of a frame: the names that start with `observation.` are lerobot's convention."""
 
 
 def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
     """The whole set. Raises RateError or ChannelError where trials differ."""
     rate_hz = common_rate([trial.recording for trial in trials])
-    tasks = list(dict.fromkeys(map(_task, trials)))
-    parts = []
+    numbers, tasks = pd.factorize(np.array([_task(trial) for trial in trials]))
+    ends = np.cumsum([0, *(len(trial.t_s) for trial in trials)]).tolist()
+    frames = _frames(trials, round(rate_hz))
+    frames["task_index"] = numbers[frames[EPISODE]]
     episodes = []
-    first = 0
-    for number, trial in enumerate(trials):
-        columns = _frames(trial, number, first, round(rate_hz))
-        columns["task_index"] = np.full(len(trial.t_s), tasks.index(_task(trial)))
-        parts.append(columns)
-        episodes.append(_episode(trial, number, first, columns))
-        first += len(trial.t_s)
+    for number, (first, stop) in enumerate(pairwise(ends)):
+        part = {key: column[first:stop] for key, column in frames.items()}
+        about = {"dataset_from_index": first, "dataset_to_index": stop}
+        episodes.append(about | _episode(trials[number], number, part))
 
     # a set of ours stays below the size at which lerobot starts a new file
-    joined = {key: np.concatenate([one[key] for one in parts]) for key in parts[0]}
     path = DATA_PATH.format(chunk_index=0, file_index=0)
-    write_columns(folder / path, joined)
+    write_columns(folder / path, frames)
     write_rows(folder / path.replace("data/", "meta/episodes/", 1), episodes)
     # the texts are the index, as lerobot looks them up
-    numbers = {"task_index": np.arange(len(tasks))}
-    table = pd.DataFrame(numbers, index=pd.Index(tasks, name="task"))
+    index = pd.Index(tasks, name="task")
+    table = pd.DataFrame({"task_index": np.arange(len(tasks))}, index=index)
     table.to_parquet(folder / "meta/tasks.parquet", compression="zstd")
-    stats = {key: _stats(values) for key, values in joined.items()}
+    stats = {key: _stats(values) for key, values in frames.items()}
     _write_json(folder / "meta/stats.json", stats)
-    _write_json(folder / INFO, _info(trials, rate_hz, joined, len(tasks)))
+    _write_json(folder / INFO, _info(trials, rate_hz, frames, len(tasks)))
 
 
 def _task(trial: TrialPayload) -> str:
@@ -87,31 +94,29 @@ def _task(trial: TrialPayload) -> str:
     return f"{trial.about['action']} {trial.about['object'] or ''}".strip()
 
 
-def _frames(trial: TrialPayload, number: int, first: int, fps: int) -> Columns:
-    """The frames of an episode by column. first: the number of its first frame in the set."""
-    rows = np.arange(len(trial.t_s))
+def _frames(trials: Sequence[TrialPayload], fps: int) -> Columns:
+    """The frames of all episodes by column, but for the number of the task."""
+    rows = [np.arange(len(trial.t_s)) for trial in trials]
+    frame = np.concatenate(rows)
     return {
-        TACTILE: trial.values.astype(np.float32),
-        VALID: trial.valid,
-        TIME: trial.t_s,
-        SITUATION: trial.label.astype(np.int64),
+        TACTILE: np.concatenate([trial.values for trial in trials], dtype=np.float32),
+        VALID: np.concatenate([trial.valid for trial in trials]),
+        TIME: np.concatenate([trial.t_s for trial in trials]),
+        SITUATION: np.concatenate([trial.label for trial in trials], dtype=np.int64),
         # lerobot checks that stamps are exactly frame / fps; TIME has the true ones
-        "timestamp": (rows / fps).astype(np.float32),
-        "frame_index": rows,
-        "episode_index": np.full(len(rows), number),
-        "index": first + rows,
+        "timestamp": (frame / fps).astype(np.float32),
+        "frame_index": frame,
+        EPISODE: np.repeat(np.arange(len(trials)), [*map(len, rows)]),
+        "index": np.arange(len(frame)),
     }
 
 
-def _episode(trial: TrialPayload, number: int, first: int, columns: Columns) -> Json:
-    """A row of meta/episodes: where its frames are, their statistics, and what the trial was."""
-    length = len(trial.t_s)
+def _episode(trial: TrialPayload, number: int, frames: Columns) -> Json:
+    """A row of meta/episodes: in which file its frames are, their statistics, and the trial."""
     episode: Json = {
-        "episode_index": number,
+        EPISODE: number,
         "tasks": [_task(trial)],
-        "length": length,
-        "dataset_from_index": first,
-        "dataset_to_index": first + length,
+        "length": len(trial.t_s),
         "holdfast": json.dumps(trial.about),
     }
     for place in ("data", "meta/episodes"):
@@ -119,7 +124,7 @@ def _episode(trial: TrialPayload, number: int, first: int, columns: Columns) -> 
         episode[f"{place}/file_index"] = 0
 
     # an episode carries its own statistics, so that sets are joined without reading the data
-    for key, values in columns.items():
+    for key, values in frames.items():
         for name, figures in _stats(values).items():
             episode[f"stats/{key}/{name}"] = figures
 
@@ -129,18 +134,13 @@ def _episode(trial: TrialPayload, number: int, first: int, columns: Columns) -> 
 def _stats(values: npt.NDArray[Any]) -> dict[str, list[float]]:
     """Statistics over axis 0 without nan, by lerobot's names; 0 where nothing is left."""
     table = pd.DataFrame(values.reshape(len(values), -1).astype(np.float64))
-    figures = {
-        "min": table.min(),
-        "max": table.max(),
-        "mean": table.mean(),
-        "std": table.std(ddof=0),
-    }
-    for name, share in QUANTILES.items():
-        figures[name] = table.quantile(share)
+    figures = table.quantile([*QUANTILES.values()]).set_axis([*QUANTILES])
+    figures.loc["mean"], figures.loc["std"] = table.mean(), table.std(ddof=0)
     # JSON has no nan
-    stats = {name: row.fillna(0.0).tolist() for name, row in figures.items()}
-    stats["count"] = [len(table)]
-    return stats
+    stats = dict(
+        zip(figures.index, figures.fillna(0.0).to_numpy().tolist(), strict=True)
+    )
+    return {**stats, "count": [len(table)]}
 
 
 def _info(
@@ -189,9 +189,6 @@ def _write_json(path: Path, value: Json) -> None:
     write_whole(path, json.dumps(value, indent=4, allow_nan=False) + "\n")
 
 
-EPISODE, TASK_INDEX = "episode_index", "task_index"
-
-
 def read_log(folder: Path, name: str) -> ForeignLog:
     """A set of any robot as a log of one table, its episodes in their order.
 
@@ -200,62 +197,39 @@ def read_log(folder: Path, name: str) -> ForeignLog:
     `situation` by name. Raises DataError.
     """
     info: Json = {"features": {}, **read(folder / INFO, Json, NotANumber)}
-    parts = [read_columns(path)[0] for path in sorted(folder.glob("data/**/*.parquet"))]
-    if not parts:
-        raise EmptyRecording("no data of an episode", where=folder / "data")
-    columns: Columns = {}
-    for key in parts[0]:
-        if all(key in part for part in parts):
-            columns[key] = np.concatenate([part[key] for part in parts])
-
-    columns = _with_names(columns, info)
-    _add_texts(columns, folder, info)
+    table = _table(folder, "data/**/*.parquet").rename(columns=_names(info["features"]))
+    tasks = _table(folder, "meta/tasks*.parquet")
+    if "task" in tasks:
+        texts = tasks.set_index("task_index")["task"]
+        table["task"] = table["task_index"].map(texts).fillna("")
+    if "holdfast" in info:
+        episodes = _table(folder, "meta/episodes/**/*.parquet").set_index(EPISODE)
+        about = pd.DataFrame(map(json_of, episodes["holdfast"]), episodes.index)
+        for key in ("person", "object", "action"):
+            table[key] = table[EPISODE].map(about[key]).fillna("")
+        names = dict(enumerate(SITUATIONS)) | {NO_LABEL: UNLABELLED}
+        table[SITUATION] = table[SITUATION].map(names)
     # the stamps of the format are those of a camera; the true ones are beside them
-    if TIME in columns:
-        columns.pop("timestamp", None)
+    if TIME in table:
+        table = table.drop(columns="timestamp")
+    columns = {str(key): column.to_numpy() for key, column in table.items()}
     return ForeignLog(folder, name, (Stream(columns),), info.get("holdfast", {}))
 
 
-def _with_names(columns: Columns, info: Json) -> Columns:
-    """`observation.state.0` by its name in info.json, where that names each number."""
-    renamed = {}
-    for feature, about in info["features"].items():
-        names = about.get("names") if isinstance(about, dict) else None
-        for k, label in enumerate(names if isinstance(names, list) else ()):
-            renamed[f"{feature}.{k}"] = f"{feature}.{label}"
-
-    return {renamed.get(key, key): column for key, column in columns.items()}
+def _table(folder: Path, pattern: str) -> pd.DataFrame:
+    """The tables of some files, one after the other, with the columns that all of them have."""
+    paths = sorted(folder.glob(pattern))
+    parts = [pd.DataFrame(read_columns(path)[0]) for path in paths]
+    empty = pd.DataFrame()
+    return pd.concat(parts, join="inner", ignore_index=True) if parts else empty
 
 
-def _add_texts(columns: Columns, folder: Path, info: Json) -> None:
-    """The columns of texts that the numbers of a frame stand for."""
-    tasks = _texts(folder.glob("meta/tasks*.parquet"), TASK_INDEX, "task")
-    _look_up(columns, TASK_INDEX, "task", tasks)
-    if "holdfast" not in info:
-        return
-    rows = _texts(folder.glob("meta/episodes/**/*.parquet"), EPISODE, "holdfast")
-    episodes = {number: json_of(text) for number, text in rows.items()}
-    for key in ("person", "object", "action"):
-        known = {number: str(about[key] or "") for number, about in episodes.items()}
-        _look_up(columns, EPISODE, key, known)
+def _names(features: Json) -> dict[str, str]:
+    """`observation.state.0` -> its name in info.json, where that names each number."""
+    names = {}
+    for feature, about in features.items():
+        labels = about.get("names")
+        for k, label in enumerate(labels if isinstance(labels, list) else ()):
+            names[f"{feature}.{k}"] = f"{feature}.{label}"
 
-    names = dict(enumerate(SITUATIONS)) | {NO_LABEL: UNLABELLED}
-    _look_up(columns, SITUATION, SITUATION, names)
-
-
-def _texts(paths: Iterable[Path], number: str, text: str) -> dict[int, str]:
-    """Number -> text, of tables; the index of pandas may hold the text."""
-    found: dict[int, str] = {}
-    for path in sorted(paths):
-        table, _ = read_columns(path)
-        if number in table and text in table:
-            found |= zip(table[number].tolist(), table[text].tolist(), strict=True)
-
-    return found
-
-
-def _look_up(columns: Columns, number: str, name: str, texts: dict[int, str]) -> None:
-    """Add a column of the texts that a column of numbers stands for, where there are any."""
-    if number in columns and any(texts.values()):
-        cells = [texts.get(one, "") for one in columns[number].tolist()]
-        columns[name] = np.array(cells, dtype=object)
+    return names

@@ -6,8 +6,8 @@ fingers = ["thumb", "index"]     # words of the files of one trial, a file for e
 column = "run"                   # a trial for each of its values
 person = "subject"               # columns that hold names; also object, action
 
-[facts]                          # what is the same in all trials; further keys go to meta.json
-person = "p01"
+[facts]                          # what is the same in all trials; also object, action, and for
+person = "p01"                   # meta.json kind and action_at_s
 
 [actions]                        # words of the logs -> actions
 "torn away" = "pull"
@@ -21,8 +21,8 @@ hold = true                      # a label holds until the next one; an empty ce
 # instead of column: file = "events.xlsx" (or "{name}_events.csv"), its columns trial, start,
 # end and label, unit = "s" (or ms, us, ns, row) and zero = "log" (the trial's first row) or "clock"
 
-[events.labels]                  # labels -> situations, "" for none
-"slipping" = "risky_slip"
+[events.labels]                  # labels -> situations, "" for none; the label "" where there is
+"slipping" = "risky_slip"        # no column of labels
 """
 
 from __future__ import annotations
@@ -48,12 +48,15 @@ NAMES = ("person", "object", "action")
 """What a trial is called by."""
 Situation = Literal["", "nothing", "grasp", "safe_slip", "risky_slip"]
 Mass = Annotated[float, Meta(gt=0.0, le=1e6)]
-PATH_FIELDS = re.compile(r"\{([^}]*)\}")
 
 
-class TrialRules(
+class Table(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True
 ):
+    """A table of a map."""
+
+
+class TrialRules(Table, frozen=True):
     """[trials]: which rows of which files are a trial, and what it is called."""
 
     path: Name = ""
@@ -64,9 +67,8 @@ class TrialRules(
     action: Name = ""
 
     def __post_init__(self) -> None:
-        fields = PATH_FIELDS.findall(self.path)
-        known = all(field in (*NAMES, "trial") for field in fields)
-        if not known or len(set(fields)) < len(fields):
+        fields = re.findall(r"\{(.*?)\}", self.path)
+        if len({*fields} & {*NAMES, "trial"}) < len(fields):
             raise ValueError(
                 f"path = {self.path!r}; allowed: {{person}}, {{object}}, {{action}} and {{trial}}, "
                 "each once"
@@ -76,13 +78,8 @@ class TrialRules(
         """What the path of a log says by the pattern. Raises LabelError."""
         if not self.path:
             return {}
-        parts = re.split(r"(\{\w+\}|\*)", self.path)
-        pattern = ""
-        for part in parts:
-            is_field = part.startswith("{")
-            any_text = "[^/]*" if part == "*" else re.escape(part)
-            pattern += f"(?P<{part[1:-1]}>[^/]+?)" if is_field else any_text
-
+        pattern = re.escape(self.path).replace(r"\*", "[^/]*")
+        pattern = re.sub(r"\\{(\w+)\\}", r"(?P<\1>[^/]+?)", pattern)
         match = re.fullmatch(pattern, name)
         if match is None:
             raise LabelError(
@@ -94,32 +91,17 @@ class TrialRules(
         return {key: text for key, text in match.groupdict().items() if key in NAMES}
 
 
-class Facts(
-    msgspec.Struct,
-    frozen=True,
-    forbid_unknown_fields=True,
-    omit_defaults=True,
-    rename={"recordings_by": "recordings by"},
-):
+class Facts(Table, frozen=True):
     """[facts]: what is the same in all trials."""
 
     person: Name = ""
     object: Name = ""
     action: Name = ""
-    name: Name = ""
     kind: Name = ""
-    recordings_by: Name = ""
-    redistributable: bool = False
     action_at_s: Annotated[float, Meta(gt=0.0, le=1e6)] | None = None
 
-    def __post_init__(self) -> None:
-        if self.action and action_of(self.action) is None:
-            raise ValueError(f"action = {self.action!r}; allowed: {', '.join(FOLDERS)}")
 
-
-class EventRules(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True
-):
+class EventRules(Table, frozen=True):
     """[events]: where the labels of a trial come from."""
 
     column: Name = ""
@@ -131,14 +113,13 @@ class EventRules(
     unit: Literal["s", "ms", "us", "ns", "row"] = "s"
     zero: Literal["log", "clock"] = "log"
     hold: bool = False
-    situation: Situation = ""
     labels: dict[str, Situation] = {}
 
     def __post_init__(self) -> None:
         if bool(self.file) == bool(self.column):
             raise ValueError("file and column; allowed: one of both")
-        if self.file and not (self.start and (self.label or self.situation)):
-            raise ValueError("file; allowed: with start, and label or situation")
+        if self.file and not (self.start and (self.label or self.labels)):
+            raise ValueError("file; allowed: with start, and label or labels")
 
     @property
     def rest(self) -> Situation:
@@ -147,7 +128,7 @@ class EventRules(
         return "" if "grasp" in situations and "" not in situations else "grasp"
 
 
-class ImportMap(ColumnMap, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class ImportMap(ColumnMap, frozen=True):
     """A column map with its tables."""
 
     trials: TrialRules = TrialRules()
@@ -158,11 +139,9 @@ class ImportMap(ColumnMap, frozen=True, forbid_unknown_fields=True, omit_default
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for word, action in self.actions.items():
+        for action in (*self.actions.values(), self.facts.action or FOLDERS[0]):
             if action_of(action) is None:
-                raise ValueError(
-                    f"actions.{word} = {action!r}; allowed: {', '.join(FOLDERS)}"
-                )
+                raise ValueError(f"action {action!r}; allowed: {', '.join(FOLDERS)}")
 
     def action(self, word: str) -> str | None:
         """The action that a word of the log stands for; None for one that is not known."""
@@ -170,15 +149,11 @@ class ImportMap(ColumnMap, frozen=True, forbid_unknown_fields=True, omit_default
 
     def situation(self, label: str) -> str | None:
         """The situation of a label, "" for none; None for a label that is not known."""
-        rules = self.events or EventRules(column="-")
-        if label in rules.labels:
-            return rules.labels[label]
-        if not label:
-            return rules.situation
-        if label in self.actions:
-            return SITUATION_OF_ACTION.get(self.action(label) or "", "")
-        plain = label.strip().lower().replace(" ", "_").replace("-", "_")
-        return plain if plain in SITUATIONS else None
+        labels = self.events.labels if self.events else {}
+        of_action = SITUATION_OF_ACTION.get(self.action(label) or "", "")
+        known = {name: name for name in ("", *SITUATIONS)}
+        known |= dict.fromkeys(self.actions, of_action) | labels
+        return known.get(label)
 
 
 # -- as a file
@@ -199,40 +174,32 @@ def read_import_map(path: Path) -> ImportMap:
 
 def map_text(plan: ColumnMap) -> str:
     """A map as TOML, with a mark of its content in its first line."""
-    body = "\n".join(_lines(msgspec.json.decode(msgspec.json.encode(plan)), "")) + "\n"
-    digest = sha256(body.encode()).hexdigest()[:16]
-    return f"# Written by holdfast import, {digest}: a changed file is not written over.\n{body}"
+    return _marked(toml_text(msgspec.to_builtins(plan)))
 
 
 def is_changed(path: Path) -> bool:
     """Whether a file that is there is no map of ours, or was changed by hand."""
-    if not path.exists():
-        return False
-    head, _, body = path.read_text("utf-8", errors="replace").partition("\n")
-    return sha256(body.encode()).hexdigest()[:16] not in head
+    text = path.read_text("utf-8", errors="replace") if path.exists() else _marked("")
+    return text != _marked(text.partition("\n")[2])
 
 
-def _lines(table: Mapping[str, Any], name: str) -> list[str]:
-    """A table of TOML: its own keys, then the tables within it."""
+def _marked(body: str) -> str:
+    mark = sha256(body.encode()).hexdigest()[:16]
+    return f"# Written by holdfast import, {mark}: a changed file is kept.\n{body}"
+
+
+def toml_text(table: Mapping[str, Any], name: str = "") -> str:
+    """A table of TOML: its own keys, then the tables within it, and lists of tables."""
     lines, within = [], []
     for key, value in table.items():
-        key = key if re.fullmatch("[A-Za-z0-9_-]+", key) else _text(key)
+        key = key if re.fullmatch("[A-Za-z0-9_-]+", key) else json.dumps(key)
         whole = f"{name}.{key}" if name else key
-        is_list = isinstance(value, list) and value and isinstance(value[0], dict)
-        if value == {}:
-            continue
         if isinstance(value, dict):
-            within += ["", f"[{whole}]", *_lines(value, whole)]
-        elif is_list:
-            for one in value:
-                within += ["", f"[[{whole}]]", *_lines(one, whole)]
-        elif value is not None:
-            lines.append(f"{key} = {_text(value)}")
+            within += [f"\n[{whole}]\n{toml_text(value, whole)}"] if value else []
+        elif isinstance(value, list | tuple) and isinstance(value[0], dict):
+            within += [f"\n[[{whole}]]\n{toml_text(one, whole)}" for one in value]
+        else:
+            # a text, a number or a list of such is written as in JSON
+            lines.append(f"{key} = {json.dumps(value, ensure_ascii=False)}\n")
 
-    return lines + within
-
-
-def _text(value: Any) -> str:
-    """A text, a number, true, false or a list of such, as TOML writes it."""
-    # JSON's escapes are TOML's, but for DEL, which JSON leaves as it is
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return "".join(lines + within)

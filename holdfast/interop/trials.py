@@ -5,26 +5,26 @@ Log by log, so that only one is in the memory. What was left out or filled is co
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contract import SITUATIONS, FloatArray, IntArray
+from holdfast.core.contract import SITUATIONS
 from holdfast.core.errors import LabelError, TimeError, count_of, listed
-from holdfast.core.trial_file import Trial, implausible_rate, places_by_time
+from holdfast.core.trial_file import Trial, implausible_rate
 from holdfast.core.trial_layout import (
     LABELLED_ACTIONS,
-    SITUATION_OF_ACTION,
+    RISKY_ACTIONS,
     UNSCRIPTED,
     truth_path,
 )
 from holdfast.core.writing import write_whole
 from holdfast.interop.columns import find_time, touch, usual_step
-from holdfast.interop.labels import Event, held, in_ns, read_events, runs_of
+from holdfast.interop.labels import clock_of, marks_of, read_events
 from holdfast.interop.logs import LogPlace, read_log, table_of
 from holdfast.interop.map import NAMES, ImportMap
 from holdfast.interop.streams import (
@@ -37,6 +37,8 @@ from holdfast.interop.streams import (
     text_cells,
     unwrapped,
 )
+from holdfast.interop.tables import pd
+from holdfast.interop.understood import Files, Understood
 from holdfast.interop.writing import NO_LABEL, truth_of, write_csv
 from holdfast.training.datasets.thesis import prepared
 from holdfast.training.datasets.trials import EMPTY_HAND
@@ -47,33 +49,24 @@ JUMP_S, BACK_S = 60.0, 0.5
 """A clock that jumps on by so much, or back, begins a new trial."""
 LONG_GAP_S, LONG_GAP_STEPS = 0.5, 20.0
 """A gap with the open hand ends a trial from so many seconds and so many usual steps on."""
-MOST_FILLED = 20
-"""A trial has at most so many rows for each row of its log."""
 TIMED = ("pull", "fall", "pass", "put-down")
 """Actions whose times a log gives, else the thesis' script."""
-Files = dict[str, list[LogPlace]]
-"""Name of a log -> its file, or a file for each finger."""
-
-
-@dataclass(frozen=True)
-class Rows:
-    """Rows of a log: stamps [T] ns, values [T, C] in the model's unit, cells [T] of columns."""
-
-    stamps: IntArray
-    values: FloatArray
-    cells: dict[str, np.ndarray]
-
-    def part(self, rows: slice | np.ndarray) -> Rows:
-        """Some of the rows."""
-        cells = {name: column[rows] for name, column in self.cells.items()}
-        return Rows(self.stamps[rows], self.values[rows], cells)
+ACTION_OF_LABELS = (
+    ({"safe_slip", "risky_slip"}, "daily"),
+    ({"risky_slip"}, "slip"),
+    ({"safe_slip"}, "pass"),
+    ({"grasp"}, "hold"),
+    ({"nothing"}, EMPTY_HAND),
+)
+"""The situations of a trial -> its action where nothing else says it; the first that fits."""
 
 
 @dataclass
 class TrialImport:
     """Reads logs by a map and writes their trials into a folder.
 
-    written: trial -> its log. missing: column -> cells. gaps_s: of lost samples.
+    written: trial -> its log. missing: column -> cells. gaps_s: of lost samples. trials: person,
+    object and action of each.
     """
 
     folder: Path
@@ -81,125 +74,145 @@ class TrialImport:
     rows: int = 0
     missing: Counter[str] = field(default_factory=Counter)
     gaps_s: list[float] = field(default_factory=list)
-    trials: list[list[str]] = field(default_factory=list)
+    trials: list[tuple[str, ...]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     def take(
         self, source: Path, plan: ImportMap, files: Files, part: Part = ignored
     ) -> None:
         """The logs of one map. part: receives the share that is read. Raises a DataError."""
-        events: Counter[Path] = Counter()
+        used: Counter[Path] = Counter()
         for number, (name, group) in enumerate(files.items(), 1):
             log = read_joined(group, plan.trials.fingers, name)
             for stream in log.streams:
                 self.notes += [f"{name}: {note}" for note in stream.notes]
-            path, of_file = read_events(source, plan.events, group[0].path)
+            path, events = read_events(source, plan, group[0].path)
             whole = self._rows(log, plan)
             # a long log is large
             log = replace(log, streams=())
             for rows in self._cuts(whole, plan, name):
-                events[path] += self._write(log, rows, plan, of_file)
+                used[path] += self._write(log, rows, plan, events)
             part(number / len(files))
 
-        for path, n_used in events.items():
-            if path != Path() and not n_used:
+        for path, n_used in used.items():
+            if path.name and not n_used:
                 raise LabelError(
                     "no event of it lies in a log",
                     where=path,
                     next_step="correct unit and zero of [events] in the map",
                 )
 
-    def lines(self) -> list[str]:
-        """The end of the table of what was understood."""
-        lines = [f"rows       {self.rows}"]
+    def report(self, found: Understood) -> None:
+        """Add the end of the table of what was understood."""
+        found.add("rows", str(self.rows))
         missing = [f"{name}: {n}" for name, n in self.missing.most_common() if n]
         if missing:
-            lines.append(f"missing    samples of {listed(missing, most=8)}")
+            found.add("missing", f"samples of {listed(missing, most=8)}")
         if self.gaps_s:
             ends = f"{min(self.gaps_s):.3g} to {max(self.gaps_s):.3g} s"
-            lines.append(f"gaps       {len(self.gaps_s)} of {ends}: lost samples")
-
+            found.add("gaps", f"{len(self.gaps_s)} of {ends}: lost samples")
         people, _, actions = zip(*self.trials, strict=True)
         counts = [f"{n} {action}" for action, n in Counter(actions).items()]
         n_trials = count_of(len(self.trials), "trial")
-        lines.append(f"trials     {n_trials}: {listed(counts)}")
-        named = list(filter(None, dict.fromkeys(people)))
-        if named:
-            lines.append(f"people     {listed(named, most=12)}")
-        return lines + [f"note       {note}" for note in self.notes[:12]]
+        found.add("trials", f"{n_trials}: {listed(counts)}")
+        if any(people):
+            found.add("people", listed([*filter(None, dict.fromkeys(people))], most=12))
+        for note in self.notes[:12]:
+            found.add("note", note)
 
     # -- rows of a log, and where a trial ends
 
-    def _rows(self, log: ForeignLog, plan: ImportMap) -> Rows:
-        """The readings of a log; rows without a time are left out. Raises ColumnError, .."""
+    def _rows(self, log: ForeignLog, plan: ImportMap) -> pd.DataFrame:
+        """The readings of a log in the model's unit, and cells of other columns, by stamps in ns.
+
+        Rows without a time are left out. Raises ColumnError, ..
+        """
         columns = table_of(log, plan.channels)
         rules = plan.trials
         further = {rules.column, rules.person, rules.object, rules.action} - {""}
         plan.require_columns(columns, log.path, {*plan.columns, *further})
         if plan.events is not None:
             further |= {plan.events.column} & columns.keys()
-        cells = {name: np.array(text_cells(columns[name]), object) for name in further}
-        values = plan.values_of(columns, log.path)
-        self.rows += len(values)
-        for name, channel in zip(plan.channels, values.T, strict=True):
-            self.missing[name] += int(np.count_nonzero(~np.isfinite(channel)))
-        rows = Rows(np.zeros(len(values), dtype=np.int64), values, cells)
-        time = columns.get(plan.time.column)
-        if time is not None and not np.isfinite(time).all():
-            there = np.isfinite(time)
-            lost = count_of(int(np.count_nonzero(~there)), "row")
+        there = pd.notna(columns.get(plan.time.column, np.zeros(1)))
+        if not there.all():
+            lost = count_of(int(np.sum(~there)), "row")
             self.notes.append(f"{log.name}: {lost} without a time left out")
-            rows, columns = rows.part(there), {plan.time.column: time[there]}
+            columns = {name: column[there] for name, column in columns.items()}
+        values = plan.values_of(columns, log.path)
+        values[~np.isfinite(values)] = np.nan
+        rows = pd.DataFrame(values, columns=list(plan.channels), copy=False)
+        self.rows += len(rows)
+        self.missing.update(rows.isna().sum().to_dict())
+        for name in further:
+            rows[name] = np.array(text_cells(columns[name]), dtype=object)
+        stamps = plan.stamps_ns(columns, len(rows), log.path)
+        return rows.set_axis(unwrapped(stamps, plan.time.unit_ns))
 
-        stamps = plan.stamps_ns(columns, len(rows.values), log.path)
-        return replace(rows, stamps=unwrapped(stamps, plan.time.unit_ns))
-
-    def _cuts(self, rows: Rows, plan: ImportMap, name: str) -> Iterator[Rows]:
+    def _cuts(
+        self, rows: pd.DataFrame, plan: ImportMap, name: str
+    ) -> Iterator[pd.DataFrame]:
         """The rows of each trial, on an even clock."""
-        step = usual_step(rows.stamps.astype(np.float64))
-        steps = 1e-9 * np.diff(rows.stamps)
+        stamps = rows.index.to_numpy()
+        step = usual_step(stamps.astype(np.float64))
+        steps = 1e-9 * np.diff(stamps)
         ends = (steps < -BACK_S) | (steps > JUMP_S)
         for at in np.flatnonzero(ends)[:3].tolist():
             jump = f"the clock jumps by {steps[at]:.4g} s in row {at + 2}"
             self.notes.append(f"{name}: {jump}: a new trial")
-
-        column = rows.cells.get(plan.trials.column)
-        if column is not None:
-            ends |= column[1:] != column[:-1]
-        else:
-            ends |= _pauses(rows, max(LONG_GAP_S, LONG_GAP_STEPS * 1e-9 * step))
-
-        for first, stop in pairwise([0, *(np.flatnonzero(ends) + 1), len(ends) + 1]):
-            if column is not None and not column[first]:
+        column = plan.trials.column
+        longest_s = max(LONG_GAP_S, 1e-9 * LONG_GAP_STEPS * step)
+        if column:
+            ends |= (rows[column] != rows[column].shift()).to_numpy()[1:]
+        elif (steps > longest_s).any():
+            touched = touch(rows[[*plan.channels]].to_numpy()).rows
+            within = touched[1:] & touched[:-1] & ~ends
+            # a step within a touch is no pause, nor is one of its length
+            ends |= steps > max(longest_s, 1.01 * steps[within].max(initial=0.0))
+        for _, part in rows.groupby(np.append(0, np.cumsum(ends))):
+            if column and not part[column].iloc[0]:
                 continue
-            if stop - first < FEWEST_ROWS:
-                self.notes.append(
-                    f"{name}: {stop - first} rows between trials left out"
-                )
+            if len(part) < FEWEST_ROWS:
+                self.notes.append(f"{name}: {len(part)} rows between trials left out")
                 continue
-            part = rows.part(slice(first, stop))
-            order = np.argsort(part.stamps, kind="stable")
-            part = part.part(order)
-            yield replace(part, stamps=evened(part.stamps, step))
+            part = part.sort_index(kind="stable")
+            yield part.set_axis(evened(part.index.to_numpy(), step))
 
     # -- one trial
 
     def _write(
-        self, log: ForeignLog, rows: Rows, plan: ImportMap, events: Sequence[Event]
+        self, log: ForeignLog, rows: pd.DataFrame, plan: ImportMap, events: pd.DataFrame
     ) -> int:
         """Write a trial; how many of the events it has. Raises LabelError, TimeError."""
         names = names_of(log, rows, plan)
-        trial = self._trial(rows, log.path)
-        labels, n_used = labels_of_rows(log, rows, trial, plan, events)
-        kinds = {SITUATIONS[k] for k in labels if k != NO_LABEL}
-        action = names["action"] or _action_of(kinds)
-        if action in TIMED and not kinds and not _is_scripted(trial, plan):
-            if SITUATION_OF_ACTION[action] == "risky_slip":
+        of_rows, n_used = labels_of_rows(log, rows, plan, events)
+        values = rows[[*plan.channels]]
+        # the first row in which every sensor that ever sends has sent
+        first = int(values.notna().to_numpy().argmax(axis=0).max())
+        first = first if first < len(rows) // 2 else 0
+        if first:
+            lost = f"{count_of(first, 'row')} before all sensors sent left out"
+            self.notes.append(f"{log.path.name}: {lost}")
+        trial, labels = self._trial(values[first:], log.path), of_rows[first:]
+        samples = prepared(trial, plan.unit_of_values, "").samples
+        first, stop = contact(trial.t_s, samples)
+        if plan.events and plan.events.rest:
+            closed = labels[first:stop]
+            closed[closed == NO_LABEL] = SITUATIONS.index(plan.events.rest)
+            # a mark without an end lasts to that of the contact
+            if plan.events.hold:
+                labels[stop:] = NO_LABEL
+        kinds = {SITUATIONS[k] for k in np.unique(labels) if k != NO_LABEL}
+        fits = (action for needed, action in ACTION_OF_LABELS if needed <= kinds)
+        action = names["action"] or next(fits, "")
+        at_s = plan.facts.action_at_s or ACTION_S
+        is_scripted = trial.t_s[first] < at_s < trial.t_s[stop - 1]
+        if action in TIMED and not kinds and not is_scripted:
+            if action in RISKY_ACTIONS:
                 taken, action = "taken as slip", "slip"
             else:
-                taken = "only the empty hand is labelled"
-                labels = _empty_hand(trial, plan)
-                kinds = {"nothing"}
+                taken, kinds = "only the empty hand is labelled", {"nothing"}
+                labels[:] = SITUATIONS.index("nothing")
+                labels[first:stop] = NO_LABEL
             self.notes.append(f"{log.name}: its times are not known: {taken}")
 
         needs_events = action in UNSCRIPTED and action not in LABELLED_ACTIONS
@@ -211,92 +224,29 @@ class TrialImport:
             )
 
         thing = "" if action == EMPTY_HAND else names["object"] or "object"
-        parts = [names["person"], thing, action]
-        place = "/".join(filter(None, parts))
-        number = 1 + self.trials.count(parts)
-        path = self.folder / place / f"trial_{number}.csv"
-        write_csv(path, trial)
-        if kinds and action != EMPTY_HAND:
-            write_whole(truth_path(path), truth_of(trial, labels))
+        parts = names["person"], thing, action
         self.trials.append(parts)
-        self.written[f"{place}/{path.name}"] = log.name
+        name = f"trial_{self.trials.count(parts)}.csv"
+        place = "/".join(filter(None, [*parts, name]))
+        write_csv(self.folder / place, trial)
+        if kinds and action != EMPTY_HAND:
+            write_whole(truth_path(self.folder / place), truth_of(trial, labels))
+        self.written[place] = log.name
         return n_used
 
-    def _trial(self, rows: Rows, where: Path) -> Trial:
-        """The trial of some rows: rows that never came are nan. Raises TimeError."""
-        values = np.where(np.isfinite(rows.values), rows.values, np.nan)
-        first = _first_whole(values)
-        if first:
-            lost = f"{count_of(first, 'row')} before all sensors sent left out"
-            self.notes.append(f"{where.name}: {lost}")
-
-        t_s = 1e-9 * (rows.stamps[first:] - rows.stamps[first])
-        step_s = max(1e-12, float(np.median(np.diff(t_s))))
+    def _trial(self, rows: pd.DataFrame, where: Path) -> Trial:
+        """The trial of some readings. Raises TimeError."""
+        stamps = rows.index.to_numpy()
+        t_s = 1e-9 * (stamps - stamps[0])
+        steps = np.diff(t_s)
+        step_s = max(1e-12, float(np.median(steps)))
         wrong = implausible_rate(1.0 / step_s)
-        place = places_by_time(t_s)
-        if wrong or place[-1] > MOST_FILLED * len(place):
-            raise TimeError(
-                wrong or "more gaps than rows",
-                where=where,
-                next_step="--rate HZ; or correct [time] of the map",
-            )
-        lost = np.diff(t_s)[np.diff(place) > 1]
-        self.gaps_s += lost[lost > GAP_STEPS * step_s].tolist()
-        whole = np.full((place[-1] + 1, values.shape[1]), np.nan)
-        whole[place] = values[first:]
-        every_s = np.interp(np.arange(len(whole)), place, t_s)
-        valid = np.ones((len(whole), values.shape[1] // 3), dtype=np.bool_)
-        return Trial(where, every_s, whole, valid)
-
-
-def _pauses(rows: Rows, longest_s: float) -> np.ndarray:
-    """[T - 1] where no row comes for longer, and nothing is touched before and after."""
-    steps = 1e-9 * np.diff(rows.stamps)
-    pauses = steps > longest_s
-    if pauses.any():
-        touched = touch(rows.values).rows
-        for at in np.flatnonzero(pauses).tolist():
-            if touched[max(0, at - 5) : at + 6].mean() > 0.5:
-                # a step within a touch is none, nor is one of its length
-                longest_s = max(longest_s, 1.01 * float(steps[at]))
-    return steps > longest_s
-
-
-def _first_whole(values: FloatArray) -> int:
-    """The first row in which every sensor that ever sends has sent; 0 if that is late."""
-    there = np.isfinite(values)
-    sends = there.any(axis=0)
-    first = int(there[:, sends].argmax(axis=0).max(initial=0))
-    return first if first < len(values) // 2 else 0
-
-
-def _contact(trial: Trial, plan: ImportMap) -> tuple[int, int]:
-    """(first row with the hand closed on something, the row after the last such)."""
-    return contact(trial.t_s, prepared(trial, plan.unit_of_values, "").samples)
-
-
-def _is_scripted(trial: Trial, plan: ImportMap) -> bool:
-    """Whether the hand is closed when the thesis' script begins the action."""
-    first, stop = _contact(trial, plan)
-    at_s = plan.facts.action_at_s or ACTION_S
-    return bool(trial.t_s[first] < at_s < trial.t_s[stop - 1])
-
-
-def _empty_hand(trial: Trial, plan: ImportMap) -> np.ndarray:
-    """[T] the labels of a trial of which only the time of its contact is seen."""
-    first, stop = _contact(trial, plan)
-    labels = np.full(len(trial.t_s), SITUATIONS.index("nothing"), dtype=np.int8)
-    labels[first:stop] = NO_LABEL
-    return labels
-
-
-def _action_of(kinds: set[str]) -> str:
-    """The action of a trial of which only situations are known; "" where none is."""
-    if {"safe_slip", "risky_slip"} <= kinds:
-        return "daily"
-    of_kind = {"risky_slip": "slip", "safe_slip": "pass", "grasp": "hold"}
-    named = [action for kind, action in of_kind.items() if kind in kinds]
-    return named[0] if named else EMPTY_HAND if kinds else ""
+        if wrong:
+            next_step = "--rate HZ; or correct [time] of the map"
+            raise TimeError(wrong, where=where, next_step=next_step)
+        self.gaps_s += steps[steps > GAP_STEPS * step_s].tolist()
+        valid = np.ones((len(rows), rows.shape[1] // 3), dtype=np.bool_)
+        return Trial(where, t_s, rows.to_numpy(), valid)
 
 
 # -- files of one trial
@@ -304,18 +254,15 @@ def _action_of(kinds: set[str]) -> str:
 
 def files_of(places: Sequence[LogPlace], fingers: Sequence[str]) -> Files:
     """The files of each log: one, or one for each finger in the order of `fingers`."""
-    files: Files = {}
-    for word in fingers or ("",):
+    files: Files = {} if fingers else {place.name: [place] for place in places}
+    for word in fingers:
         for place in places:
             if word in place.name:
-                files.setdefault(without(place.name, word), []).append(place)
+                # a name without the word of a finger
+                gap = rf"[_\-. /]*{re.escape(word)}[_\-. /]*"
+                name = re.sub(gap, "_", place.name).strip("_") or "log"
+                files.setdefault(name, []).append(place)
     return files
-
-
-def without(name: str, word: str) -> str:
-    """A name without the word of a finger."""
-    parts = [part.strip("_-. /") for part in name.split(word)] if word else [name]
-    return "_".join(filter(None, parts)) or "log"
 
 
 def read_joined(
@@ -327,21 +274,20 @@ def read_joined(
     streams = []
     for word, place in zip(fingers, places, strict=True):
         columns = dict(first_stream(read_log(place)).columns)
-        time = find_time(columns)
-        if time is None:
+        found = find_time(columns)
+        if found is None:
             raise TimeError("no column of time to join files by", where=place.path)
-        stamps = columns.pop(time.time.column).astype(np.float64)
-        t_ns = np.round(stamps * time.time.unit_ns).astype(np.int64)
+        t_ns = columns.pop(found.time.column) * found.time.unit_ns
         named = {f"{word}.{key}": column for key, column in columns.items()}
-        streams.append(Stream(named, t_ns, word))
+        streams.append(Stream(named, np.round(t_ns).astype(np.int64), word))
     return ForeignLog(places[0].path, name, tuple(streams))
 
 
 # -- names and labels of a trial
 
 
-def names_of(log: ForeignLog, rows: Rows, plan: ImportMap) -> dict[str, str]:
-    """Person, object and action of a trial: by the path, by columns, by what is always so.
+def names_of(log: ForeignLog, rows: pd.DataFrame, plan: ImportMap) -> dict[str, str]:
+    """Person, object and action of a trial: by columns, by the path, by what is always so.
 
     Raises LabelError.
     """
@@ -349,17 +295,16 @@ def names_of(log: ForeignLog, rows: Rows, plan: ImportMap) -> dict[str, str]:
     of_path = plan.trials.names_of(log.name, log.path)
     for key in NAMES:
         fact = getattr(plan.facts, key) or log.about.get(key) or ""
-        names[key] = str(of_path.get(key, fact))
-        column = rows.cells.get(getattr(plan.trials, key))
-        if column is not None:
-            of_trial = [cell for cell in dict.fromkeys(column) if cell]
-            if len(of_trial) > 1:
-                raise LabelError(
-                    f"several values of trials.{key} in one trial: {listed(of_trial)}",
-                    where=log.path,
-                    next_step="split the log there: [trials] column",
-                )
-            names[key] = (of_trial or [names[key]])[0]
+        of_trial = list(
+            filter(None, dict.fromkeys(rows.get(getattr(plan.trials, key), ())))
+        )
+        if len(of_trial) > 1:
+            raise LabelError(
+                f"several values of trials.{key} in one trial: {listed(of_trial)}",
+                where=log.path,
+                next_step="split the log there: [trials] column",
+            )
+        names[key] = [*of_trial, of_path.get(key, fact)][0]
     word = names["action"]
     action = plan.action(word) if word else ""
     if action is None:
@@ -368,7 +313,7 @@ def names_of(log: ForeignLog, rows: Rows, plan: ImportMap) -> dict[str, str]:
             where=log.path,
             next_step=f'--action "{word:.60}=slip" (or hold, pass, pull, ..)',
         )
-    return {key: safe_name(value) for key, value in names.items()} | {"action": action}
+    return {key: safe_name(name) for key, name in names.items()} | {"action": action}
 
 
 def safe_name(text: str) -> str:
@@ -377,69 +322,38 @@ def safe_name(text: str) -> str:
     >>> safe_name("Soft ball #2")
     'Soft-ball-2'
     """
-    plain = "".join(
-        c if c.isascii() and (c.isalnum() or c in "_-") else " " for c in text
-    )
-    return "-".join(plain.split()).strip("-_")[:60]
+    return "-".join(re.findall("[A-Za-z0-9_-]+", text)).strip("-_")[:60]
 
 
 def labels_of_rows(
-    log: ForeignLog, rows: Rows, trial: Trial, plan: ImportMap, events: Sequence[Event]
+    log: ForeignLog, rows: pd.DataFrame, plan: ImportMap, events: pd.DataFrame
 ) -> tuple[np.ndarray, int]:
-    """([T] the situation of each row of a trial, -1 for none; how many events it has).
+    """([T] the situation of each row of a trial, -1 for none; how many events begin in it).
 
-    Raises LabelError.
+    events: of this and other trials, what lies within another one behind it. Raises LabelError.
     """
-    labels = np.full(len(trial.t_s), NO_LABEL, dtype=np.int8)
-    rules = plan.events
-    if rules is None:
-        return labels, 0
-    begin = float(rows.stamps[-1]) - 1e9 * float(trial.t_s[-1])
-    n_used = 0
-    # what lasts shorter lies within what lasts longer
-    for event in sorted(
-        _events(log, rows, plan, events), key=lambda one: one.start - one.end
-    ):
-        ends_s = 1e-9 * (np.array([event.start, event.end]) - begin) - 1e-6
-        first, stop = np.searchsorted(trial.t_s, ends_s)
-        situation = plan.situation(event.label)
-        if situation is None and event.label and stop > first:
+    labels = np.full(len(rows), None, dtype=object)
+    rules, n_used = plan.events, 0
+    if rules and rules.column in rows:
+        labels = marks_of(rows[rules.column].to_numpy(object), rules)
+    elif rules:
+        of_column = map(str.casefold, rows.get(plan.trials.column, ()))
+        is_ours = events["trial"].str.casefold().isin({"", *log.keys, *of_column})
+        clock = clock_of(rules, rows.index.to_numpy())
+        for event in events[is_ours].itertuples():
+            first, stop = np.searchsorted(clock, [event.start, event.end])
+            n_used += int(clock[0] <= event.start <= clock[-1])
+            labels[first:stop] = event.label
+
+    codes = {}
+    for label in {*labels} - {None}:
+        situation = plan.situation(label)
+        if situation is None:
             raise LabelError(
-                f"the label {event.label!r:.60} is no situation",
+                f"the label {label!r:.60} is no situation",
                 where=log.path,
-                next_step=f'--action "{event.label:.60}=slip" (or hold, pass, ..)',
+                next_step=f'--action "{label:.60}=slip" (or hold, pass, ..)',
             )
-        if situation and stop > first:
-            n_used += ends_s[0] > -0.01
-            labels[first:stop] = SITUATIONS.index(situation)
-    if rules.rest:
-        first, stop = _contact(trial, plan)
-        within = labels[first:stop]
-        within[within == NO_LABEL] = SITUATIONS.index(rules.rest)
-        # a mark without an end lasts to that of the contact
-        if rules.hold:
-            labels[stop:] = NO_LABEL
-    return labels, n_used
-
-
-def _events(
-    log: ForeignLog, rows: Rows, plan: ImportMap, events: Sequence[Event]
-) -> list[Event]:
-    """The events of a trial, ns on the clock of its rows; events: those of its table."""
-    rules = plan.events
-    assert rules is not None
-    if rules.column in rows.cells:
-        cells = rows.cells[rules.column].tolist()
-        if rules.hold:
-            # the value of most rows says that nothing begins there
-            usual, _ = Counter(cells).most_common(1)[0]
-            off = {usual} - rules.labels.keys()
-            cells = held(["" if cell in off else cell for cell in cells])
-        return runs_of(cells, rows.stamps)
-    keys = {"", *log.keys, *map(str.casefold, rows.cells.get(plan.trials.column, []))}
-    zero_ns = 0 if rules.zero == "clock" else int(rows.stamps[0])
-    ours = []
-    for event in events:
-        if event.trial.casefold() in keys:
-            ours.append(in_ns(event, rules, rows.stamps, zero_ns))
-    return ours
+        codes[label] = SITUATIONS.index(situation) if situation else NO_LABEL
+    of_rows = pd.Series(labels).map(codes).fillna(NO_LABEL)
+    return of_rows.to_numpy(np.int8), n_used

@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
@@ -62,16 +63,12 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
     """
     found = Understood()
     places, others = find_logs(source)
-    samples = []
+    samples: list[Sample] = []
+    tables: list[Sample] = []
     for number, place in enumerate(places, 1):
-        samples.append(_sample([place], read_log(place), answers))
+        sample = _sample([place], read_log(place), answers)
+        (samples if sample.sensors else tables).append(sample)
         part(number / len(places))
-
-    tables = []
-    for sample in list(samples):
-        if not sample.sensors:
-            samples.remove(sample)
-            tables.append(sample)
 
     unread = f"; not read: {listed(others, most=6)}" if others else ""
     found.add("logs", f"{len(samples)}{unread}")
@@ -83,9 +80,8 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
 
     fingers = _fingers(samples)
     if fingers:
-        found.add(
-            "joined", f"the files {listed(fingers)} of each trial, on the slowest clock"
-        )
+        each = f"the files {listed(fingers)} of each trial"
+        found.add("joined", f"{each}, on the slowest clock")
         files = files_of([one.files[0] for one in samples], fingers)
         samples = []
         for name, group in files.items():
@@ -100,20 +96,15 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
     if len(hands) > 1:
         words = " and ".join(f"{n} sensors in {unit}" for unit, n in sorted(hands))
         found.ask("SOURCE", f"logs of {words}: import each hand on its own")
-
     return found
 
 
 def of_map(source: Path, plan: ImportMap) -> Understood:
     """The logs of a source by a map; tables of events are none. Raises DataNotFound."""
     places, _ = find_logs(source)
-    if plan.events is not None and plan.events.file:
-        begin, _, end = Path(plan.events.file).name.partition("{name}")
-        for place in list(places):
-            name = place.path.name
-            if name.startswith(begin) and name.endswith(end):
-                places.remove(place)
-
+    if plan.events is not None:
+        table = Path(plan.events.file).name.replace("{name}", "*")
+        places = [one for one in places if not fnmatch(one.path.name, table)]
     found = Understood(plans=[(plan, files_of(places, plan.trials.fingers))])
     found.add("sensors", f"{len(plan.sensors)}, by the map")
     found.add("unit", f"{plan.unit}, by the map")
@@ -122,21 +113,17 @@ def of_map(source: Path, plan: ImportMap) -> Understood:
 
 def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample:
     """A log with its time and its sensors, by names over all streams, else by count in one."""
-    longest = first_stream(log)
     merged: Columns = {}
     for one in log.streams:
         merged |= one.columns
     sensors, why = find_sensors(merged, _marks(merged))
     if not why.startswith("by"):
+        longest = first_stream(log)
         time = find_time(table_of(log, longest.columns), answers.rate)
         taken = {*_marks(longest.columns), time.time.column if time else ""}
         sensors, why = find_sensors(longest.columns, taken)
-        has_texts = any(map(is_text, longest.columns.values()))
-        if (
-            not why.startswith("by")
-            and time is None
-            and (has_texts or longest.rows < 100)
-        ):
+        is_notes = any(map(is_text, longest.columns.values())) or longest.rows < 100
+        if time is None and is_notes and not why.startswith("by"):
             sensors = []
 
     names = [name for sensor in sensors for name in sensor.axes]
@@ -175,42 +162,31 @@ def _fingers(samples: Sequence[Sample]) -> list[str]:
     The word names a finger; or the clock is that of the day, so that overlap is no accident.
     """
     tokens = [tokens_of(one.log.name) for one in samples]
-    if any(len(one.sensors) > 1 for one in samples) or len(set(map(len, tokens))) != 1:
+    if any(len(one.sensors) > 1 for one in samples) or len({*map(len, tokens)}) > 1:
         return []
-    for k in range(len(tokens[0])):
-        words = list(dict.fromkeys(one[k] for one in tokens))
+    # trials that begin at 0 each seem to run at the same time
+    is_clock = min(one.stamps_s[0] for one in samples) > CLOCK_S
+    for k, words in enumerate(map(dict.fromkeys, zip(*tokens, strict=True))):
         groups: dict[tuple[str, ...], list[Sample]] = {}
         for sample, one in zip(samples, tokens, strict=True):
             groups.setdefault((*one[:k], *one[k + 1 :]), []).append(sample)
-        is_whole = all(len(group) == len(words) for group in groups.values())
         is_finger = all(map(FINGER.search, words))
-        is_trial = all(map(NUMBERED.fullmatch, words))
-        # trials that begin at 0 each seem to run at the same time
-        is_clock = min(float(one.stamps_s[0]) for one in samples) > CLOCK_S
-        may_join = is_finger or (is_clock and not is_trial)
-        if (
-            len(words) > 1
-            and is_whole
-            and may_join
-            and all(map(_overlap, groups.values()))
-        ):
+        may_join = is_finger or (is_clock and not all(map(NUMBERED.fullmatch, words)))
+        is_whole = {*map(len, groups.values())} == {len(words)}
+        is_joined = may_join and is_whole and all(map(_overlap, groups.values()))
+        if len(words) > 1 and is_joined:
             return sorted(words, key=_finger_order)
 
     return []
 
 
 def _finger_order(word: str) -> tuple[int, list[tuple[int, int, str]]]:
-    at = next(
-        (k for k, finger in enumerate(FINGERS) if finger in word.lower()), len(FINGERS)
-    )
-    return at, counted(word)
+    named = [k for k, finger in enumerate(FINGERS) if finger in word.lower()]
+    return min(named, default=len(FINGERS)), counted(word)
 
 
 def _overlap(group: Sequence[Sample]) -> bool:
     """Whether logs run at the same time."""
-    firsts, lasts = [], []
-    for one in group:
-        firsts.append(float(np.nanmin(one.stamps_s)))
-        lasts.append(float(np.nanmax(one.stamps_s)))
-
-    return min(lasts) - max(firsts) > OVERLAP * (max(lasts) - min(firsts))
+    firsts = [np.nanmin(one.stamps_s) for one in group]
+    lasts = [np.nanmax(one.stamps_s) for one in group]
+    return bool(min(lasts) - max(firsts) > OVERLAP * (max(lasts) - min(firsts)))

@@ -6,12 +6,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from holdfast.core.column_map import SensorColumns
+from holdfast.core.column_map import SensorColumns, TimeColumn
 from holdfast.interop.columns import NO_TOUCH, FoundTime, Touch
 from holdfast.interop.logs import LogPlace
 from holdfast.interop.map import ImportMap
 from holdfast.interop.streams import Columns, ForeignLog
-from holdfast.interop.trials import Files
+
+Files = dict[str, list[LogPlace]]
+"""Name of a log -> its file, or a file for each finger."""
 
 
 @dataclass(frozen=True)
@@ -40,21 +42,16 @@ class Answers:
         return "" if "=" in self.action else self.action
 
 
-@dataclass(frozen=True)
-class Question:
-    """What nothing in the logs says. option: of `holdfast import` that answers it."""
-
-    option: str
-    text: str
-
-
 @dataclass
 class Understood:
-    """Maps, each with its logs, in words, and what is left to be asked."""
+    """Maps, each with its logs, in words, and what is left to be asked.
+
+    questions: the option of `holdfast import` that answers it, and what nothing in the logs says.
+    """
 
     plans: list[tuple[ImportMap, Files]] = field(default_factory=list)
     lines: list[str] = field(default_factory=list)
-    questions: list[Question] = field(default_factory=list)
+    questions: list[tuple[str, str]] = field(default_factory=list)
 
     def add(self, name: str, text: str) -> None:
         """A line of the table."""
@@ -64,7 +61,7 @@ class Understood:
 
     def ask(self, option: str, text: str) -> None:
         """A question."""
-        self.questions.append(Question(option, text))
+        self.questions.append((option, text))
 
 
 @dataclass
@@ -94,7 +91,5 @@ class Sample:
     def stamps_s(self) -> np.ndarray:
         """[T] on the log's clock."""
         rows = np.arange(max(map(len, self.columns.values())))
-        if self.time is None:
-            return rows.astype(np.float64)
-        time = self.time.time
+        time = self.time.time if self.time else TimeColumn(rate_hz=1.0)
         return self.columns.get(time.column, rows) * (1e-9 * time.unit_ns)

@@ -20,7 +20,7 @@ from holdfast.core.trial_file import TIME_COLUMN, Trial
 from holdfast.core.trial_layout import HAND_FILE, MASSES_KEY, META
 from holdfast.core.writing import write_whole
 from holdfast.interop.columns import words_of
-from holdfast.interop.map import NAMES, ImportMap, map_text
+from holdfast.interop.map import NAMES, ImportMap, map_text, toml_text
 from holdfast.interop.tables import pd
 
 MAP_FILE = "import.toml"
@@ -43,35 +43,31 @@ def write_csv(path: Path, trial: Trial) -> None:
 
 def truth_of(trial: Trial, labels: np.ndarray) -> str:
     """The phases of a trial: runs of equal labels [T]."""
-    changes = (np.flatnonzero(np.diff(labels)) + 1).tolist()
-    times_s = [*trial.t_s.tolist(), float(trial.t_s[-1]) + 1.0 / trial.rate_hz]
+    ends_s = np.append(trial.t_s, trial.t_s[-1] + 1.0 / trial.rate_hz).round(6)
+    changes = np.flatnonzero(np.diff(labels)) + 1
     phases = []
     for first, stop in pairwise([0, *changes, len(labels)]):
         if labels[first] != NO_LABEL:
-            phase = {
-                "t0_s": round(times_s[first], 6),
-                "t1_s": round(times_s[stop], 6),
-                "label": SITUATIONS[labels[first]],
-                "provenance": PROVENANCE,
-            }
-            phases.append(phase)
+            times = {"t0_s": float(ends_s[first]), "t1_s": float(ends_s[stop])}
+            label = SITUATIONS[labels[first]]
+            phases.append({**times, "label": label, "provenance": PROVENANCE})
 
     return json.dumps({"phases": phases}, indent=1) + "\n"
 
 
-def write_beside(folder: Path, plan: ImportMap, maps: Path, written: Json) -> None:
+def write_beside(folder: Path, plan: ImportMap, near: Path, written: Json) -> None:
     """Write meta.json, the map and the hand card of a set.
 
-    maps: the folder of the map, from which its hand card is seen. written: trial -> its log.
+    near: a path in whose folder the hand card of the map may be. written: trial -> its log.
     """
-    facts = msgspec.json.decode(msgspec.json.encode(plan.facts))
+    facts = msgspec.to_builtins(plan.facts)
     known = {key: value for key, value in facts.items() if key not in NAMES}
     meta: Json = {"unit": plan.unit_of_values, "kind": "recorded", **known}
     if plan.masses_g:
-        meta[MASSES_KEY] = dict(plan.masses_g)
+        meta[MASSES_KEY] = plan.masses_g
     text = json.dumps({**meta, "imported": written}, indent=1) + "\n"
     write_whole(folder / META, text)
-    card = hand_card_text(plan, maps)
+    card = hand_card_text(plan, near)
     if card:
         write_whole(folder / HAND_FILE, card)
         plan = msgspec.structs.replace(plan, hand=HAND_FILE)
@@ -79,28 +75,26 @@ def write_beside(folder: Path, plan: ImportMap, maps: Path, written: Json) -> No
     write_whole(folder / MAP_FILE, map_text(plan))
 
 
-def hand_card_text(plan: ImportMap, maps: Path) -> str:
+def hand_card_text(plan: ImportMap, near: Path) -> str:
     """The hand card of a set: what the map names, else one that is proposed for its sensors.
 
     "" for six sensors without a card, which are the fingertips, and where no card has so many.
     """
     if plan.hand:
-        return find_hand_card(plan.hand, maps).read_text("utf-8")
+        return find_hand_card(plan.hand, near.parent).read_text("utf-8")
     n_sensors = len(plan.sensors)
     if n_sensors == THESIS_SENSORS or not FEWEST_SENSORS <= n_sensors <= MOST_SENSORS:
         return ""
     # the thumb's side comes first in a card: by the names, else a third of the sensors
     named = sum("thumb" in words_of(sensor.x) for sensor in plan.sensors)
     n_thumb = named if 0 < named < n_sensors else max(1, n_sensors // 3)
-    lines = [
-        f'name = "imported-{n_sensors}-sensors"',
-        'about = "Proposed by holdfast import: correct sides and places"',
-    ]
-    sides = [("thumb", n_thumb), ("opposing", n_sensors - n_thumb)]
-    for side, count in sides:
+    sensors = []
+    for side, count in (("thumb", n_thumb), ("opposing", n_sensors - n_thumb)):
         for along_mm in np.linspace(FINGERS_AT_MM[0], FINGERS_AT_MM[-1], count):
-            name = f'"sensor-{1 + sum(line.startswith("side") for line in lines)}"'
-            lines += ["", "[[sensors]]", f"name = {name}", f'side = "{side}"']
-            lines.append(f"along_mm = {along_mm:.1f}")
+            name = f"sensor-{len(sensors) + 1}"
+            place = {"name": name, "side": side, "along_mm": round(along_mm, 1)}
+            sensors.append(place)
 
-    return "\n".join(lines) + "\n"
+    about = "Proposed by holdfast import: correct sides and places"
+    name = f"imported-{n_sensors}-sensors"
+    return toml_text({"name": name, "about": about, "sensors": sensors})

@@ -15,10 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.core.contract import AXES, FloatArray, Json, channel_names
-from holdfast.core.errors import OutputError
 from holdfast.core.trial_file import TIME_COLUMN
 from holdfast.core.trial_layout import MASSES_G, META, is_heavy, truth_path
-from holdfast.core.writing import require_writable
+from holdfast.core.writing import require_new, require_writable
 
 KIND = "generated fixture"
 FIXTURE_OBJECTS = tuple(MASSES_G)[:5]
@@ -171,11 +170,7 @@ def write_example(folder: Path) -> None:
     They are `trials/<person>/<object>/<action>/trial_1.csv` and one log. Same bytes every time.
     Raises OutputError for a folder that holds something.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise OutputError(
-            "exists and is not empty", where=folder, next_step="name a new folder"
-        )
-
+    require_new(folder)
     require_writable(folder)
     trials = folder / TRIALS
     two: Json = {"trials_per_cell": 1, "objects": ["soft-ball", "hard-ball"]}

@@ -141,7 +141,7 @@ def test_lines_of_another_length_are_left_out_and_counted(
         ("at,what\n0.5,grasp\n3,sliding\n", 3, "the label 'sliding' is no situation"),
         ("at,what\n-1,nothing\n3,grasp\n", 0, ""),
         ("at,to,what\n3,2,grasp\n", 3, "from 3 to 2 s is impossible"),
-        ("begin,what\n3,grasp\n", 3, "no column at of the events"),
+        ("begin,what\n3,grasp\n", 3, "e.csv: no column at; "),
     ],
 )
 def test_an_event_that_cannot_be_is_named(
