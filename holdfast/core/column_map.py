@@ -177,8 +177,6 @@ class ColumnMap(
         """
         self.require_columns(columns, where, self.channels)
         cells = [_numbers(columns[name], name, where) for name in self.channels]
-        if len({cell.shape for cell in cells}) > 1:
-            raise NotANumber("a list in a column of numbers", where=where)
         values: FloatArray = np.stack(cells, axis=-1)
         size = UNIT_OF[self.unit][1]
         # in place: a long log is large

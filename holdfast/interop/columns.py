@@ -8,14 +8,15 @@ names three columns each, in their order.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from holdfast.core.column_map import NS_OF, SensorColumns, TimeColumn
 from holdfast.core.contract import AXES, NORMAL_AXIS, NORMAL_FLOOR, UNIT_OF, FloatArray
-from holdfast.core.trial_file import FASTEST_HZ, SLOWEST_HZ
+from holdfast.core.trial_file import FASTEST_HZ, SLOWEST_HZ, TimeUnit
 from holdfast.interop.logs import counted
 from holdfast.interop.streams import LOG_TIME, Column, Columns, is_text
 
@@ -93,6 +94,8 @@ def _unit_in(words: Iterable[str], units: Mapping[str, str]) -> str | None:
 
 # -- time
 
+Candidate = tuple[tuple[float, ...], str, TimeUnit | None, float]
+
 
 @dataclass(frozen=True)
 class FoundTime:
@@ -107,50 +110,50 @@ def find_time(columns: Columns, rate_hz: float | None = None) -> FoundTime | Non
     if LOG_TIME in columns:
         return FoundTime(TimeColumn(LOG_TIME, "ns"), "stamps of the log")
 
-    found = []
+    found: list[Candidate] = []
     for name, column in columns.items():
-        candidate = None if is_text(column) else _time_of(name, column)
-        if candidate is not None:
-            found.append(candidate)
+        if not is_text(column):
+            found += _times_of(name, column)
 
-    best = min(found, key=lambda one: one[0])[1] if found else TimeColumn(arrival=True)
-    if best.unit:
-        hz = 1e9 / (best.unit_ns * usual_step(columns[best.column].astype(np.float64)))
-        return FoundTime(
-            best, f"{best.column}, {hz:.4g} Hz, in {best.unit} by its steps"
-        )
+    _, name, unit, hz = min(found, default=((), "", None, 0.0))
+    if unit:
+        why = f"{name}, {hz:.4g} Hz, in {unit} by its steps"
+        return FoundTime(TimeColumn(name, unit), why)
     if rate_hz:
-        what = f"{best.column} counts samples" if best.column else "rows are counted"
-        time = TimeColumn(best.column, None, rate_hz)
+        what = f"{name} counts samples" if name else "rows are counted"
+        time = TimeColumn(name, None, rate_hz)
         return FoundTime(time, f"{what}, {rate_hz:g} Hz as given")
 
     return None
 
 
-def _time_of(name: str, column: Column) -> tuple[tuple[float, ...], TimeColumn] | None:
-    """(rank, time) of a column that rises in steps of a hand's rate, or counts; else None."""
+def _times_of(name: str, column: Column) -> Iterator[Candidate]:
+    """(rank, name, unit, rate) of a column that rises in steps of a hand's rate.
+
+    The unit is None where it counts samples.
+    """
     first = column[:50_000].astype(np.float64)
     values = first[np.isfinite(first)]
     steps = np.diff(values)
     if len(values) < 0.9 * len(first) or not steps.any():
-        return None
+        return
     step = usual_step(values)
     if np.mean(steps < 0) > 0.05 or step <= 0.0:
-        return None
+        return
     even = float(np.mean(np.abs(steps - step) <= 0.6 * step))
-    unit = unit_of_time(name)
-    is_named = bool(unit or words_of(name) & TIME_WORDS)
+    named = unit_of_time(name)
+    is_named = bool(named or words_of(name) & TIME_WORDS)
     # counts of trials and the like rise too, but rarely
     if even < 0.6 and not is_named and len(np.unique(values)) < len(values) / 50:
-        return None
-    if np.mean(steps == 1.0) > 0.9 and not unit:
-        return (1.0, -even), TimeColumn(name)
-    for one in (unit, *NS_OF):
-        # steps make a rate that a hand has
-        if one and SLOWEST_HZ <= 1e9 / (step * NS_OF[one]) <= FASTEST_HZ:
-            return (0.0, not is_named, -even), TimeColumn(name, one)  # type: ignore[arg-type]
-
-    return None
+        return
+    if np.mean(steps == 1.0) > 0.9 and not named:
+        yield (2.0, -even), name, None, 0.0
+        return
+    for unit in filter(None, (named, *NS_OF)):
+        hz = 1e9 / (step * NS_OF[unit])
+        if SLOWEST_HZ <= hz <= FASTEST_HZ:
+            yield (not is_named, -even), name, unit, hz  # type: ignore[misc]
+            return
 
 
 def unit_of_time(name: str) -> str | None:
@@ -196,14 +199,8 @@ def find_sensors(
     )
     is_plain = (np.diff(order.ravel()) == 1).all()
     by = "three columns each" if is_plain else "by the touch"
-    found = [sensor_of([rest[k] for k in row]) for row in order.tolist()]
+    found = [SensorColumns(*(rest[k] for k in row)) for row in order.tolist()]
     return found, f"no axes in the names: x, y, z {by}, {rest[0]} to {rest[-1]}"
-
-
-def sensor_of(axes: Sequence[str], z_zero: float = 0.0) -> SensorColumns:
-    """A sensor of the columns of its three axes."""
-    x, y, z = axes
-    return SensorColumns(x, y, z, z_zero) if z_zero else SensorColumns(x, y, z)
 
 
 def _by_axes(names: Sequence[str]) -> list[SensorColumns]:
@@ -222,8 +219,10 @@ def _by_axes(names: Sequence[str]) -> list[SensorColumns]:
 
         whole = [key for key, group in groups.items() if set(group) == set(AXES)]
         if len(whole) > len(best):
-            ordered = [groups[key] for key in _as_counted(whole)]
-            best = [sensor_of([group[axis] for axis in AXES]) for group in ordered]
+            best = [
+                SensorColumns(**groups[key])  # type: ignore[arg-type]
+                for key in _as_counted(whole)
+            ]
 
     return best
 
@@ -232,9 +231,9 @@ def _as_counted(keys: Sequence[str]) -> list[str]:
     """Names as people count, 2 before 10; those of a thumb first, other words as they stand."""
     texts = [re.sub(r"\d+", "#", key) for key in keys]
 
-    def place(key: str) -> tuple[bool, int, list[tuple[int, int, str]]]:
-        text = re.sub(r"\d+", "#", key)
-        return "thumb" not in words_of(key), texts.index(text), counted(key)
+    def place(key: str) -> tuple[Any, ...]:
+        is_thumb = "thumb" in words_of(key)
+        return not is_thumb, texts.index(re.sub(r"\d+", "#", key)), counted(key)
 
     return sorted(keys, key=place)
 
@@ -245,13 +244,9 @@ def _by_count(names: Sequence[str], columns: Columns) -> Sequence[str]:
     A series are columns that differ in a number; those of touch come first.
     """
     series: dict[str, list[str]] = {}
-    moving = []
     for name in sorted(names, key=counted):
         series.setdefault(re.sub(r"\d+", "#", name), []).append(name)
-    for name in names:
-        steps = np.diff(columns[name].astype(np.float64))
-        if len(np.unique(steps[np.isfinite(steps)])) > 1:
-            moving.append(name)
+    moving = [name for name in names if len(np.unique(np.diff(columns[name]))) > 1]
 
     longest = max(series, key=lambda one: (bool(TOUCH.search(one)), len(series[one])))
     for chosen in (series[longest], names, moving):
@@ -264,15 +259,12 @@ def _by_count(names: Sequence[str], columns: Columns) -> Sequence[str]:
 def _order(values: FloatArray) -> np.ndarray:
     """[S, 3] places of x, y and z of columns without names [T, 3 S]: sensor by sensor.
 
-    Or axis by axis, where a touch moves the last of three columns only then.
+    Or axis by axis, where a touch moves one of three columns only then.
     """
     by_sensor = np.arange(values.shape[1]).reshape(-1, 3)
     by_axis = by_sensor.reshape(3, -1).T
     change = touch(values).effects[1]
-    shares = []
-    for order in (by_sensor, by_axis):
-        axis, share = _leading(change[order])
-        shares.append(share if axis == NORMAL_AXIS else 0.0)
+    shares = [_leading(change[order])[1] for order in (by_sensor, by_axis)]
     return by_axis if shares[1] > max(0.8, shares[0] + 0.2) else by_sensor
 
 
@@ -331,15 +323,16 @@ def normal_axis(found: Touch) -> int:
 
 
 def oriented(
-    sensors: Sequence[SensorColumns], found: Touch, unit: str
+    sensors: Sequence[SensorColumns], found: Touch, unit: str, axis: int = NORMAL_AXIS
 ) -> list[SensorColumns]:
     """The sensors with signs and zeros such that a press raises their prepared normal.
 
     Preparation turns a sensor round whose normal rests below 0. Where all must be turned, the log
-    has its z the other way; where some must be, their magnets are upside down.
+    has its z the other way; where some must be, their magnets are upside down. axis: the normal one
+    of what was found.
     """
     ours, size = UNIT_OF[unit]
-    rest, pressed = size * found.effects[:, NORMAL_AXIS::3]
+    rest, pressed = size * found.effects[:, axis::3]
     is_far = np.abs(rest) > NORMAL_FLOOR[ours]
     is_turned_later = is_far & (rest < 0.0)
     touched = np.abs(pressed) > TOUCHED * np.abs(pressed).max()
@@ -353,8 +346,8 @@ def oriented(
         first = NORMAL_AXIS if wrong.all() else 0
         if not is_turned_later[k]:
             axes[first:] = [f"-{name}" for name in axes[first:]]
-        zero = float(f"{2.0 * rest[k] / size:.4g}") if is_far[k] else 0.0
-        turned[k] = sensor_of(axes, zero)
+        zero = [float(f"{2.0 * rest[k] / size:.4g}")] if is_far[k] else []
+        turned[k] = SensorColumns(*axes, *zero)  # type: ignore[arg-type]
 
     return turned
 
@@ -378,7 +371,8 @@ def unit_of(names: Sequence[str], values: FloatArray, found: Touch) -> tuple[str
         return named, "by the names"
 
     rests = np.abs(found.effects[0]).reshape(-1, 3)
-    rest = float(np.median(rests[:, NORMAL_AXIS]))
+    normal = rests[:, NORMAL_AXIS]
+    rest = float(np.median(normal))
     change = float(np.nanquantile(np.abs(values[::7] - found.effects[0]), 0.99))
     sizes = f"at rest {rest:.3g}, changes of {change:.3g}"
     is_whole = bool((np.nan_to_num(values) % 1 == 0).all())
@@ -387,12 +381,10 @@ def unit_of(names: Sequence[str], values: FloatArray, found: Touch) -> tuple[str
     if is_whole and np.nanmin(values) >= 0 and rest > change:
         return "count", f"by size: {sizes}, whole numbers above 0"
     # the thesis' fingertips rest under a load on the normal alone
-    loaded = (rests[:, NORMAL_AXIS] > PRELOAD_N[0]) & (
-        rests[:, NORMAL_AXIS] < PRELOAD_N[1]
-    )
-    straight = rests[:, :NORMAL_AXIS].max(axis=1) < 0.2 * rests[:, NORMAL_AXIS]
+    loaded = (normal > PRELOAD_N[0]) & (normal < PRELOAD_N[1])
+    loaded &= rests[:, :NORMAL_AXIS].max(axis=1) < 0.2 * normal
     is_tared = rest < TARED * change
-    is_force = FORCE.search(names[0]) or is_tared or np.mean(loaded & straight) >= 0.5
+    is_force = FORCE.search(names[0]) or is_tared or np.mean(loaded) >= 0.5
     is_press = PRESS_N[0] < change < PRESS_N[1] and not is_whole
     return ("N" if is_force and is_press else ""), f"by size: {sizes}"
 

@@ -22,7 +22,7 @@ from holdfast.core.column_map import SensorColumns
 from holdfast.core.contract import AXES, NORMAL_AXIS, UNIT_OF
 from holdfast.core.errors import listed
 from holdfast.core.trial_layout import SITUATION_OF_ACTION, named_mass
-from holdfast.interop.columns import normal_axis, oriented, sensor_of, words_of
+from holdfast.interop.columns import normal_axis, oriented, words_of
 from holdfast.interop.labels import (
     FoundLabels,
     action_of_word,
@@ -106,15 +106,16 @@ class Form:
             meant = action_of_word(word, has_events=events is not None) or word
             if action_of(word) != meant:
                 actions[word] = meant
-        facts = {"person": answers.person, "object": answers.object}
+        facts = {
+            key: getattr(answers, key) for key in NAMES if f"{{{key}}}" not in path
+        }
         facts["action"] = answers.whole_action
-        free = {key: fact for key, fact in facts.items() if f"{{{key}}}" not in path}
         plan = ImportMap(
             unit=unit,  # type: ignore[arg-type]
             time=time,
             sensors=tuple(sensors),
             trials=changed(rules, path=path),
-            facts=Facts(**free),
+            facts=Facts(**facts),
             actions={**actions, **answers.actions},
             events=events,
         )
@@ -141,9 +142,8 @@ class Form:
         if answers.normal:
             axis = AXES.index(answers.normal)
             order = [(axis + 1) % 3, (axis + 2) % 3, axis]
-            sensors = [sensor_of([one.axes[k] for k in order]) for one in sensors]
-            effects = effects.reshape(len(effects), -1, 3)[..., order]
-            of_all = replace(of_all, effects=effects.reshape(len(effects), -1))
+            axes = [[one.axes[k] for k in order] for one in sensors]
+            sensors = [SensorColumns(*one) for one in axes]  # type: ignore[arg-type]
         elif axis != NORMAL_AXIS:
             what = f"a touch moves {AXES[axis]} most, the names say z: which axis is normal?"
             found.ask("--normal", f"{what} x, y, z")
@@ -159,7 +159,7 @@ class Form:
             return "", sensors
 
         found.add("unit", f"{unit}, {why}")
-        signed = oriented(sensors, of_all, unit)
+        signed = oriented(sensors, of_all, unit, axis)
         if signed != sensors:
             found.add("signs", "turned where a press lowers the normal reading")
         return unit, signed
@@ -171,7 +171,7 @@ class Form:
         rules: dict[str, str] = {}
         for name, column in self.samples[0].columns.items():
             key = _key_of(name)
-            if not key or getattr(self.answers, key, ""):
+            if not key or bool(getattr(self.answers, key, "")):
                 continue
             kinds = set(text_cells(column[::7]))
             means = key != "action" or all(map(action_of_word, kinds))
@@ -254,21 +254,16 @@ class Form:
                     names = listed(list(stream.columns), most=8)
                     self.found.add("not used", f"{log.path.name} (columns {names})")
                     continue
-                chosen = self._timed(events, stream.columns[events.start])
+                latest = np.nanmax(stream.columns[events.start].astype(np.float64))
+                unit, zero = unit_and_zero(
+                    events, latest, first.stamps_s[0], first.stamps_s[-1]
+                )
+                chosen = changed(events, unit=unit, zero=zero)
                 what = [events.start, events.end, events.label, events.trial]
-                shown = f"{listed([*filter(None, what)])}, in {chosen.unit}"
+                shown = f"{listed([*filter(None, what)])}, in {unit}"
                 self.found.add("labels", f"{log.path.name}: {shown}")
 
         return chosen
-
-    def _timed(self, events: EventRules, starts: np.ndarray) -> EventRules:
-        """The rules of a table with the unit and the zero of its times."""
-        stamps_s = self.samples[0].stamps_s
-        latest = float(np.nanmax(starts.astype(np.float64)))
-        unit, zero = unit_and_zero(
-            events, latest, float(stamps_s[0]), float(stamps_s[-1])
-        )
-        return changed(events, unit=unit, zero=zero)
 
     # -- names
 
@@ -301,7 +296,7 @@ class Form:
         if not fields.keys() - {"trial"}:
             return "", []
         parts = [one[0] if len(set(one)) == 1 else "*" for one in words]
-        for key, k in fields.items():
+        for k, key in sorted((k, key) for key, k in fields.items()):
             parts[k] = f"{{{key}}}"
             self.found.add(
                 "names", f"{key}: {listed(list(dict.fromkeys(words[k])), 6)}"

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -38,6 +39,8 @@ MODULES = {
     ".xdf": "xdf", ".xdfz": "xdf", LOG_MARKS[0]: "ros2", LOG_MARKS[1]: "lerobot",
 }  # fmt: skip
 """Ending or marking file -> the module that alone imports its library; of others it is `tables`."""
+FEWEST_ROWS = 3
+"""Of a table."""
 NEAR_STEPS = 0.6
 """A value of another clock belongs to a row if it is so many steps away."""
 SHEET = "sheet"
@@ -63,13 +66,11 @@ def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
         name = source.stem if source.is_file() else source.name
         return [LogPlace(source, name, kind)], []
 
-    from holdfast.interop.tables import is_table
-
     others: list[str] = []
     found: dict[str, LogPlace] = {}
     for place in sorted(_below(source, source), key=lambda one: counted(one.name)):
         first = found.get(place.name)
-        if place.kind in NO_LOGS or (place.kind in PROSE and not is_table(place.path)):
+        if place.kind in NO_LOGS or (place.kind in PROSE and not _is_table(place)):
             others.append(place.path.name)
         elif first is not None:
             others.append(f"{place.path.name} (as {first.path.name})")
@@ -86,12 +87,10 @@ def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
     return list(found.values()), others
 
 
-def counted(name: str) -> list[tuple[int, int, str]]:
-    """A key by which trial_2 comes before trial_10."""
-    parts = re.split(r"(\d+)", name)
-    return [
-        (int(p), 0, "") if p.isdecimal() and len(p) < 18 else (0, 1, p) for p in parts
-    ]
+def counted(name: str) -> list[Any]:
+    """A key by which trial_2 comes before trial_10: texts and numbers in turn."""
+    parts = enumerate(re.split(r"(\d+)", name))
+    return [int(part) if k % 2 else part for k, part in parts]
 
 
 def read_log(place: LogPlace) -> ForeignLog:
@@ -103,9 +102,12 @@ def read_log(place: LogPlace) -> ForeignLog:
     try:
         log: ForeignLog = reader.read_log(place.path, place.name)
     except DataError as error:
-        error.where = error.where or str(place.path)
-        error.args = (str(error._line()),)
-        raise
+        raise type(error)(
+            error.what,
+            where=error.where or place.path,
+            cause=error.cause,
+            next_step=error.next_step,
+        ) from None
     except Exception as error:  # each library raises whatever its parsing meets
         raise NotANumber(
             f"cannot be read as a log ({type(error).__name__}: {str(error)[:120]})",
@@ -121,6 +123,17 @@ def read_log(place: LogPlace) -> ForeignLog:
     for stream in streams:
         same.setdefault(tuple(stream.columns), []).append(stream)
     return replace(log, streams=tuple(map(_united, same.values())))
+
+
+def _is_table(place: LogPlace) -> bool:
+    """Whether a file is a table of numbers, and no prose."""
+    try:
+        columns = list(read_log(place).streams[0].columns.values())
+    except DataError:
+        return False
+
+    n_numbers = sum(not is_text(column) for column in columns)
+    return len(columns[0]) >= FEWEST_ROWS and 2 * n_numbers >= len(columns)
 
 
 def _below(folder: Path, source: Path) -> Iterator[LogPlace]:
@@ -153,26 +166,22 @@ def _united(same: list[Stream]) -> Stream:
     One that began anew goes on; of one that was recorded twice the longer is used; sheets get a
     column with their names.
     """
-    first = max(same, key=lambda one: one.rows)
-    if len(same) == 1:
-        return first
+    same.sort(key=lambda one: 0 if one.t_ns is None else int(one.t_ns[0]))
+    longest = max(same, key=lambda one: one.rows)
     stamps = [one.t_ns for one in same if one.t_ns is not None]
-    order = sorted(range(len(stamps)), key=lambda k: int(stamps[k][0]))
-    for before, later in pairwise(order):
-        if stamps[later][0] <= stamps[before][-1]:
-            note = f"{first.name or 'a stream'} is there twice: the longer one is used"
-            return replace(first, notes=(*first.notes, note))
-
-    same = [same[k] for k in order] or same
+    if any(later[0] <= before[-1] for before, later in pairwise(stamps)):
+        note = f"{longest.name or 'a stream'} is there twice: the longer one is used"
+        return replace(longest, notes=(*longest.notes, note))
+    if len(same) == 1:
+        return longest
     columns = {}
-    for name in first.columns:
+    for name in longest.columns:
         columns[name] = np.concatenate([one.columns[name] for one in same])
     if stamps:
-        t_ns = np.concatenate([stamps[k] for k in order])
-        return replace(first, columns=columns, t_ns=t_ns)
+        return replace(longest, columns=columns, t_ns=np.concatenate(stamps))
     names = np.array([one.name for one in same], dtype=object)
     columns[SHEET] = names.repeat([one.rows for one in same])
-    return replace(first, columns=columns)
+    return replace(longest, columns=columns)
 
 
 def table_of(log: ForeignLog, names: Collection[str]) -> Columns:

@@ -22,7 +22,7 @@ from holdfast.core.contract import AXES, Json
 from holdfast.core.errors import needs_extra
 from holdfast.core.schema import json_of
 from holdfast.interop.payload import TrialPayload
-from holdfast.interop.streams import ForeignLog, streams_of
+from holdfast.interop.streams import ForeignLog
 
 with needs_extra("mcap"):
     from google.protobuf.json_format import MessageToDict
@@ -64,22 +64,19 @@ def write_trials(trials: Iterable[TrialPayload], folder: Path) -> None:
         with path.open("wb") as file:
             writer = Writer(file)
             writer.start(library="holdfast")
-            channels = {topic: _channel(writer, topic) for topic in TOPICS}
+            channels = {}
+            for topic, (name, fields) in TOPICS.items():
+                # Foxglove names a JSON schema by its title.
+                form = {"title": name, "type": "object", "properties": fields}
+                schema = json.dumps(form).encode()
+                number = writer.register_schema(name, "jsonschema", schema)
+                channels[topic] = writer.register_channel(topic, "json", number)
             for topic, t_ns, message in _messages(trial):
                 # allow_nan=False: the browser's JSON parser refuses a bare NaN.
                 data = json.dumps(message, allow_nan=False).encode()
                 writer.add_message(channels[topic], t_ns, data, publish_time=t_ns)
             writer.add_metadata("holdfast", about)
             writer.finish()
-
-
-def _channel(writer: Writer, topic: str) -> int:
-    """The number of a topic's channel."""
-    name, fields = TOPICS[topic]
-    # Foxglove names a JSON schema by its title.
-    schema = {"title": name, "type": "object", "properties": fields}
-    number = writer.register_schema(name, "jsonschema", json.dumps(schema).encode())
-    return int(writer.register_channel(topic, "json", number))
 
 
 def _messages(trial: TrialPayload) -> Iterable[tuple[str, int, Json]]:
@@ -94,25 +91,15 @@ def _messages(trial: TrialPayload) -> Iterable[tuple[str, int, Json]]:
         }
         yield "/situation", stamps[first], situation
 
-    for row, t_ns in enumerate(stamps):
-        fingers = {"unit": trial.unit, "fingers": _fingers(trial, row)}
-        yield "/tactile/fingers", t_ns, fingers
-
-
-def _fingers(trial: TrialPayload, row: int) -> list[Json]:
-    """The readings of a sample; JSON has no nan, so a lost value is None."""
-    fingers: list[Json] = []
-
-    readings = trial.values[row].reshape(-1, len(AXES)).tolist()
-    are_valid = trial.valid[row].tolist()
-
-    for reading, valid in zip(readings, are_valid, strict=True):
-        finger: Json = {"valid": valid}
-        for axis, value in zip(AXES, reading, strict=True):
-            finger[axis] = value if np.isfinite(value) else None
-        fingers.append(finger)
-
-    return fingers
+    # JSON has no nan, so a lost value is None
+    values = trial.values.astype(object)
+    values[~np.isfinite(trial.values)] = None
+    readings = values.reshape(len(stamps), -1, len(AXES)).tolist()
+    for t_ns, of_row, valid in zip(stamps, readings, trial.valid.tolist(), strict=True):
+        fingers: list[Json] = []
+        for reading, is_valid in zip(of_row, valid, strict=True):
+            fingers.append({"valid": is_valid, **dict(zip(AXES, reading, strict=True))})
+        yield "/tactile/fingers", t_ns, {"unit": trial.unit, "fingers": fingers}
 
 
 PICTURES = ("SceneUpdate", "Image", "Video", "PointCloud", "Grid", "LaserScan")
@@ -134,7 +121,9 @@ def read_log(path: Path, name: str) -> ForeignLog:
             reader = NonSeekingReader(file, validate_crcs=True)
             for schema, channel, message in reader.iter_messages(log_time_order=False):
                 if schema is not None and schema.encoding == "ros2msg":
-                    return _of_bag(path, name)
+                    from holdfast.interop.ros2 import read_log as read_bag
+
+                    return read_bag(path, name)
                 if channel.id not in decoders:
                     decoders[channel.id] = _decoder(channel.message_encoding, schema)
                 decode = decoders[channel.id]
@@ -153,13 +142,9 @@ def read_log(path: Path, name: str) -> ForeignLog:
             raise
         notes = ("cut off: read as far as it goes",)
 
+    from holdfast.interop.tables import streams_of
+
     return ForeignLog(path, name, streams_of(messages, notes), about)
-
-
-def _of_bag(path: Path, name: str) -> ForeignLog:
-    from holdfast.interop.ros2 import read_log as read_bag
-
-    return read_bag(path, name)
 
 
 def _decoder(encoding: str, schema: Schema | None) -> Decode | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from calendar import timegm
 from dataclasses import dataclass
 from fnmatch import fnmatch
+from itertools import pairwise
 from pathlib import Path
 from time import strptime
 
@@ -23,12 +24,11 @@ from holdfast.core.contract import (
     Json,
     Unit,
 )
-from holdfast.core.errors import DataNotFound
+from holdfast.core.errors import DataNotFound, listed
 from holdfast.core.trial_file import read_trial
 from holdfast.core.trial_layout import META, TACTILE, read_json
 from holdfast.training.datasets import LAYOUTS, find, layout_of, reader_of
 from holdfast.training.datasets.thesis import preparation
-from holdfast.training.datasets.trials import TrialReader
 from holdfast.training.recording import Recording
 from holdfast.training.windows import TimedTrial
 
@@ -90,15 +90,9 @@ class TrialPayload:
     def phases(self) -> list[tuple[int, int, str]]:
         """(first row, row after the last, situation) of runs of equal labels, in their order."""
         names = self.situations()
-
         changes = np.flatnonzero(np.diff(self.label)) + 1
-        starts = [0, *changes.tolist()]
-        stops = [*changes.tolist(), len(names)]
-
-        phases = []
-        for first, stop in zip(starts, stops, strict=True):
-            phases.append((first, stop, names[first]))
-        return phases
+        ends = pairwise([0, *changes.tolist(), len(names)])
+        return [(first, stop, names[first]) for first, stop in ends]
 
 
 def label_name(code: int) -> str:
@@ -125,17 +119,15 @@ def read_payloads(
         )
 
     # Names are compared before a trial is read, so that choosing a few of many trials is quick.
-    readers: dict[str, TrialReader] = {}
-    for reader in reader_of(layout).readers(root):
-        readers[_name(reader.place.path, root)] = reader
-
+    readers = {
+        _name(one.place.path, root): one for one in reader_of(layout).readers(root)
+    }
     chosen = [readers[name] for name in readers if fnmatch(name, only)]
     if not chosen:
-        names = ", ".join(list(readers)[:3])
         raise DataNotFound(
             f"no trial matches {only!r}",
             where=root,
-            next_step=f"its trials are {names}, ..",
+            next_step=f"its trials are {listed(list(readers), most=3)}",
         )
 
     return [_payload(reader.place.path, reader.read(), raw) for reader in chosen]
@@ -145,9 +137,7 @@ def _name(path: Path, root: Path) -> str:
     """The trial_id that a trial will have, known before it is read."""
     # The recorder makes a folder of each trial; elsewhere a trial is a file.
     place = path.parent if path.name == TACTILE else path.with_suffix("")
-    if place == root:
-        return root.name
-    return place.relative_to(root).as_posix()
+    return root.name if place == root else place.relative_to(root).as_posix()
 
 
 def _payload(path: Path, timed: TimedTrial, raw: bool) -> TrialPayload:
@@ -162,9 +152,8 @@ def _payload(path: Path, timed: TimedTrial, raw: bool) -> TrialPayload:
         label[phase.first : phase.stop] = phase.situation
 
     # Only the recorder's folders have a start.
-    meta: Json = {}
-    if path.name == TACTILE:
-        meta = read_json(path.with_name(META))
+    is_folder = path.name == TACTILE
+    start = read_json(path.with_name(META)).get(START_KEY) if is_folder else None
 
     # Sign and bias travel with the values, so that either form can be had from the other.
     sign, bias = preparation(recording.unit).learn(trial.raw, trial.valid)
@@ -181,24 +170,22 @@ def _payload(path: Path, timed: TimedTrial, raw: bool) -> TrialPayload:
         "sign": sign.tolist(),
         "bias": bias.tolist(),
         "labels_by": timed.labels_by,
-        START_KEY: meta.get(START_KEY),
+        START_KEY: start,
     }
     return TrialPayload(
         recording=recording,
         t_s=trial.t_s,
         values=trial.raw if raw else recording.samples,
         label=label,
-        start_ns=_start_ns(meta),
+        start_ns=_start_ns(start),
         about=about,
     )
 
 
-def _start_ns(meta: Json) -> int:
+def _start_ns(start: object) -> int:
     """The start in a recorder's meta.json in ns since 1970; 0 where it gives none."""
     try:
-        start = strptime(str(meta[START_KEY]), "%Y-%m-%dT%H:%M:%SZ")
-    except (KeyError, ValueError):
+        # timegm, not mktime: the time is UTC.
+        return timegm(strptime(str(start), "%Y-%m-%dT%H:%M:%SZ")) * 1_000_000_000
+    except ValueError:
         return 0
-
-    # timegm, not mktime: the time is UTC.
-    return timegm(start) * 1_000_000_000

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.column_map import flat_fields
-from holdfast.core.contract import IntArray, Json
-from holdfast.core.errors import ColumnError
+from holdfast.core.contract import FloatArray, IntArray, Json
 
 Column = npt.NDArray[Any]
 """[T] numbers, nan for none; or texts as objects, "" for none."""
@@ -70,35 +67,6 @@ def first_stream(log: ForeignLog) -> Stream:
     return max(log.streams, key=lambda one: one.rows)
 
 
-def streams_of(
-    messages: Mapping[str, Sequence[tuple[int, Any]]], notes: tuple[str, ...] = ()
-) -> tuple[Stream, ...]:
-    """A stream for each topic whose messages are small enough to be columns.
-
-    messages: (stamp in ns, message) of each topic. Nested objects are flattened, a column for each
-    number or text.
-    """
-    streams = []
-    for topic, sent in messages.items():
-        try:
-            rows = [flat_fields(message, topic) for _, message in sent]
-        except ColumnError:
-            continue  # an image, or the like
-        t_ns = np.array([stamp for stamp, _ in sent], dtype=np.int64)
-        names = dict.fromkeys(name for row in rows for name in row)
-        columns = {name: column_of([row.get(name) for row in rows]) for name in names}
-        streams.append(Stream(columns, t_ns, topic, notes))
-
-    return tuple(streams)
-
-
-def column_of(cells: Sequence[Any]) -> Column:
-    """Numbers, nan for None; else texts, "" for None."""
-    kinds = {type(cell) for cell in cells}
-    is_number = kinds <= {int, float, bool, type(None)}
-    return np.array(cells, dtype=np.float64) if is_number else text_column(cells)
-
-
 def text_column(cells: Sequence[Any]) -> Column:
     """Cells as texts, "" for None."""
     texts = ["" if cell is None else str(cell).strip() for cell in cells]
@@ -140,14 +108,14 @@ def evened(stamps: IntArray, step: float) -> IntArray:
         return stamps
     usual = float(np.median(steps[steps > 0]))
     gaps = np.flatnonzero(steps > max(GAP_STEPS * step, 3.0 * usual)) + 1
-    even = np.zeros(len(stamps))
-    for first, stop in pairwise([0, *gaps.tolist(), len(stamps)]):
-        k = np.arange(stop - first)
-        run = stamps[first] + step * k
-        if len(k) > 2 * FEWEST_ROWS:
-            run += np.mean(stamps[first:stop] - run)
-        # the line of a run may begin before the one before it ends
-        least = even[first - 1] + step if first else -np.inf
-        even[first:stop] = run + max(0.0, least - run[0])
+    lines: list[FloatArray] = []
+    for run in np.split(stamps, gaps):
+        line = run[0] + step * np.arange(len(run))
+        if len(run) > 2 * FEWEST_ROWS:
+            line += np.mean(run - line)
+        if lines:
+            # the line of a run may begin before the one before it ends
+            line += max(0.0, lines[-1][-1] + step - line[0])
+        lines.append(line)
 
-    return np.round(even).astype(np.int64)
+    return np.round(np.concatenate(lines)).astype(np.int64)

@@ -10,13 +10,16 @@ import codecs
 import io
 import re
 import warnings
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from holdfast.core.column_map import flat_fields
 from holdfast.core.errors import (
-    DataError,
+    ColumnError,
     EmptyRecording,
     NotANumber,
     needs_extra,
@@ -28,7 +31,6 @@ from holdfast.interop.streams import (
     ForeignLog,
     Stream,
     is_text,
-    text_column,
 )
 
 with needs_extra("train"):
@@ -36,7 +38,6 @@ with needs_extra("train"):
 
 HEAD_BYTES, HEAD_LINES = 256 << 10, 240
 """Of the beginning, from which the layout is found."""
-FEWEST_ROWS = 3
 CHUNK_ROWS = 100_000
 DAY_NS = 86_400 * 10**9
 EPOCH = pd.Timestamp(0, tz="UTC")
@@ -57,19 +58,15 @@ def read_log(path: Path, name: str) -> ForeignLog:
     if len(head) == HEAD_BYTES:
         # the last one may be cut
         lines.pop()
-    table = read_table(path, lines, encoding, is_cut=is_cut)
-    return ForeignLog(path, name, (table,))
+    layout = layout_of(lines[:HEAD_LINES])
+    if not (is_cut or layout.form.is_odd or layout.comment == "//"):
+        # lines of more cells than the others need the slow way
+        with suppress(pd.errors.ParserError, pd.errors.ParserWarning):
+            table = _parsed(path, layout, layout.first_row, encoding)
+            return ForeignLog(path, name, (_numeric(table, layout, []),))
 
-
-def is_table(path: Path) -> bool:
-    """Whether a file is a table of numbers, and no prose."""
-    try:
-        columns = list(read_log(path, "").streams[0].columns.values())
-    except DataError:
-        return False
-
-    n_numbers = sum(not is_text(column) for column in columns)
-    return len(columns[0]) >= FEWEST_ROWS and 2 * n_numbers >= len(columns)
+    text = path.read_text(encoding, "replace")
+    return ForeignLog(path, name, (read_table(text, layout),))
 
 
 def encoding_of(head: bytes) -> str:
@@ -87,42 +84,53 @@ def encoding_of(head: bytes) -> str:
     return "utf-8-sig"
 
 
-def read_table(
-    source: Path | str,
-    lines: list[str],
-    encoding: str = "utf-8",
-    *,
-    is_cut: bool = False,
-) -> Stream:
-    """A table of a file or of a text. Raises ColumnError or EmptyRecording.
+def read_table(text: str, layout: TableLayout) -> Stream:
+    """A table of a text, line by line. Raises EmptyRecording.
 
-    lines: its first ones. is_cut: whether the last one has no end, so that its last number may be
-    cut.
+    Lines of another number of cells are left out, and noted.
     """
-    layout = layout_of(lines[:HEAD_LINES])
-    notes: list[str] = []
-    table: Columns = {}
-    if isinstance(source, Path) and not layout.form.is_odd and layout.comment != "//":
-        # lines of more cells than the others need the slow way
-        with suppress(pd.errors.ParserError, pd.errors.ParserWarning):
-            table = _parsed(source, layout, layout.first_row, encoding)
-    if not table:
-        is_file = isinstance(source, Path)
-        text = source.read_text(encoding, "replace") if is_file else source
-        table = _parsed(_plain(text, layout, notes), layout, 0, encoding)
+    mark = " " if layout.form.separator == SPACES else layout.form.separator
+    kept: list[str] = []
+    n_torn = 0
+    for line in text.split("\n")[layout.first_row :]:
+        if not line.strip() or (layout.comment and line.startswith(layout.comment)):
+            continue
+        cells = layout.form.cells(line)
+        if len(cells) == len(layout.names):
+            kept.append(mark.join(f'"{cell}"' for cell in cells))
+        else:
+            n_torn += 1
 
-    last = table[layout.names[-1]][-1:]
-    if is_cut and (pd.isna(last) | (last == "")).any():
-        notes.append("the last line is cut off, and left out")
-        table = {name: column[:-1] for name, column in table.items()}
-    return _numeric(table, layout.form.decimal, notes)
+    notes = [f"{n_torn} lines of another number of cells left out"] if n_torn else []
+    table = _parsed(io.StringIO("\n".join(kept)), layout, 0, "utf-8")
+    return _numeric(table, layout, notes)
+
+
+def streams_of(
+    messages: Mapping[str, Sequence[tuple[int, Any]]], notes: tuple[str, ...] = ()
+) -> tuple[Stream, ...]:
+    """A stream for each topic whose messages are small enough to be columns.
+
+    messages: (stamp in ns, message) of each topic. Nested objects are flattened, a column for each
+    number or text.
+    """
+    streams = []
+    for topic, sent in messages.items():
+        try:
+            table = pd.DataFrame([flat_fields(message, topic) for _, message in sent])
+        except ColumnError:
+            continue  # an image, or the like
+        columns = {name: _typed(table[name], ".", []) for name in table}
+        t_ns = np.array([stamp for stamp, _ in sent], dtype=np.int64)
+        streams.append(Stream(columns, t_ns, topic, notes))
+
+    return tuple(streams)
 
 
 def _parsed(
     source: Path | io.StringIO, layout: TableLayout, skipped: int, encoding: str
-) -> Columns:
+) -> pd.DataFrame:
     """The cells as pandas reads them."""
-    parts: dict[str, list[Column]] = {name: [] for name in layout.names}
     with warnings.catch_warnings():
         # rows of more cells than names: pandas warns, and would drop them
         warnings.simplefilter("error", pd.errors.ParserWarning)
@@ -143,41 +151,18 @@ def _parsed(
             keep_default_na=False,
             na_values={name: list(MISSING) for name in layout.numeric},
         )
-        for chunk in chunks:
-            for name, column in parts.items():
-                column.append(chunk[name].to_numpy(copy=True))
-
-    return {name: np.concatenate(parts.pop(name)) for name in layout.names}
+        return pd.concat(chunks, ignore_index=True)
 
 
-def _plain(text: str, layout: TableLayout, notes: list[str]) -> io.StringIO:
-    """The lines of data with plain cells; those of another number of cells are left out."""
-    mark = " " if layout.form.separator == SPACES else layout.form.separator
-    kept: list[str] = []
-    n_torn = 0
-    for line in text.splitlines()[layout.first_row :]:
-        if not line.strip() or (layout.comment and line.startswith(layout.comment)):
-            continue
-        cells = layout.form.cells(line)
-        if len(cells) == len(layout.names):
-            kept.append(mark.join(f'"{cell}"' for cell in cells))
-        else:
-            n_torn += 1
-
-    if n_torn:
-        notes.append(f"{n_torn} lines of another number of cells left out")
-    return io.StringIO("\n".join(kept))
-
-
-def _numeric(table: Columns, decimal: str, notes: list[str]) -> Stream:
+def _numeric(table: pd.DataFrame, layout: TableLayout, notes: list[str]) -> Stream:
     """The columns as numbers or texts; rows without a number are left out, and noted.
 
     Raises EmptyRecording.
     """
     columns: Columns = {}
-    there = np.zeros(len(next(iter(table.values()))), dtype=np.bool_)
-    for name in list(table):
-        column = _typed(table.pop(name), decimal, name, notes)
+    there = np.zeros(len(table), dtype=np.bool_)
+    for name in layout.names:
+        column = _typed(table[name], layout.form.decimal, notes)
         if not is_text(column):
             there |= np.isfinite(column)
         elif name.startswith("column") and not any(column):
@@ -193,11 +178,11 @@ def _numeric(table: Columns, decimal: str, notes: list[str]) -> Stream:
     return Stream(columns, notes=tuple(notes))
 
 
-def _typed(column: Column, decimal: str, name: str, notes: list[str]) -> Column:
+def _typed(cells: pd.Series, decimal: str, notes: list[str]) -> Column:
     """A column as numbers, as ns of its dates or times of day, or as texts."""
-    if column.dtype.kind in "iufb":
-        return column if column.dtype.kind in "if" else column.astype(np.float64)
-    cells = pd.Series(text_column(np.where(pd.notna(column), column, "").tolist()))
+    if cells.dtype.kind in "iufb":
+        return cells.to_numpy() if cells.dtype.kind in "if" else cells.to_numpy(float)
+    cells = cells.fillna("").astype(str).str.strip()
     filled = cells[~cells.isin(MISSING)]
     if len(filled) and STAMP.fullmatch(filled.iloc[0]):
         return stamps_of(cells)
@@ -207,7 +192,7 @@ def _typed(column: Column, decimal: str, name: str, notes: list[str]) -> Column:
     if not len(filled) or 2 * len(words) > len(filled):
         return cells.to_numpy(object)
     for word, count in words.value_counts().head(3).items():
-        notes.append(f"{name}: {count} cells {word!r:.20} are missing samples")
+        notes.append(f"{cells.name}: {count} cells {word!r:.20} are missing samples")
     found: Column = numbers.reindex(cells.index).to_numpy(np.float64)
     return np.where(np.isfinite(found), found, np.nan)
 

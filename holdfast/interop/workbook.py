@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from holdfast.core.errors import DataError, needs_extra
+from holdfast.interop.layout import layout_of
 from holdfast.interop.streams import ForeignLog
-from holdfast.interop.tables import pd, read_table
+from holdfast.interop.tables import HEAD_LINES, pd, read_table
 
 with needs_extra("xlsx"):
     import openpyxl
@@ -35,7 +36,7 @@ def read_log(path: Path, name: str) -> ForeignLog:
                 text = block.to_csv(sep=";", header=False, index=False)
                 # a block of notes is no table
                 with suppress(DataError):
-                    table = read_table(text, text.splitlines())
+                    table = read_table(text, layout_of(text.splitlines()[:HEAD_LINES]))
                     title = f"{sheet.title} ({number})" if number else sheet.title
                     streams.append(replace(table, name=title))
 
