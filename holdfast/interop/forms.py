@@ -193,7 +193,8 @@ class Form:
         """Labels from a column; what only the action says is asked.
 
         Of several columns that may hold labels, the one with the fewest labels without a meaning
-        is taken. One label without a meaning is what the action says, where that is given.
+        is taken, of equal ones the first that marks a slip. One label without a meaning is what
+        the action says, where that is given.
         """
         first = self.samples[0]
         taken = {*first.form, first.time.time.column if first.time else ""}
@@ -212,7 +213,7 @@ class Form:
 
         if not labels:
             return None
-        best = min(labels, key=lambda one: len(one.unknown))
+        best = min(labels, key=_rank)
         self.found.add("labels", best.why)
         if not best.unknown:
             return best.rules
@@ -338,6 +339,10 @@ class Form:
         else:
             what = f"are {shown} people or objects? nothing in the logs says it"
             self.found.ask("--person", f"{what}: {options}")
+
+
+def _rank(found: FoundLabels) -> tuple[int, bool]:
+    return len(found.unknown), "risky_slip" not in found.rules.labels.values()
 
 
 def _key_of(column: str) -> str:
