@@ -243,7 +243,7 @@ def _by_count(names: Sequence[str], columns: Columns) -> Sequence[str]:
 
     A series are columns that differ in a number; those of touch come first.
     """
-    series: dict[str, list[str]] = {}
+    series: dict[str, list[str]] = {"": []}
     for name in sorted(names, key=counted):
         series.setdefault(re.sub(r"\d+", "#", name), []).append(name)
     moving = [name for name in names if len(np.unique(np.diff(columns[name]))) > 1]

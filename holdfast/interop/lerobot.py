@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -61,20 +60,47 @@ VALID = "observation.tactile_valid"
 TIME = "observation.time_s"
 SITUATION, EPISODE = "situation", "episode_index"
 """Columns of a frame: the names that start with `observation.` are lerobot's convention."""
+FRAME = {
+    TACTILE: ("values", np.float32),
+    VALID: ("valid", np.bool_),
+    TIME: ("t_s", np.float64),
+    SITUATION: ("label", np.int64),
+}
+"""Column of a frame -> what of a trial it holds, as which numbers."""
+PLACE = [
+    f"{place}/{number}_index"
+    for place in ("data", "meta/episodes")
+    for number in ("chunk", "file")
+]
+"""Where an episode is: all are in the first file."""
 
 
 def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
     """The whole set. Raises RateError or ChannelError where trials differ."""
     rate_hz = common_rate([trial.recording for trial in trials])
-    numbers, tasks = pd.factorize(np.array([_task(trial) for trial in trials]))
-    ends = np.cumsum([0, *(len(trial.t_s) for trial in trials)]).tolist()
+    # the task of an episode, such as `pull soft-ball`; the empty hand has no object
+    about = [trial.about for trial in trials]
+    texts = [f"{one['action']} {one['object'] or ''}".strip() for one in about]
+    numbers, tasks = pd.factorize(np.array(texts))
     frames = _frames(trials, round(rate_hz))
     frames["task_index"] = numbers[frames[EPISODE]]
     episodes = []
-    for number, (first, stop) in enumerate(pairwise(ends)):
-        part = {key: column[first:stop] for key, column in frames.items()}
-        about = {"dataset_from_index": first, "dataset_to_index": stop}
-        episodes.append(about | _episode(trials[number], number, part))
+    for number, text in enumerate(texts):
+        rows = frames["index"][frames[EPISODE] == number]
+        episode: Json = {
+            EPISODE: number,
+            "tasks": [text],
+            "length": len(rows),
+            "dataset_from_index": int(rows[0]),
+            "dataset_to_index": int(rows[-1]) + 1,
+            "holdfast": json.dumps(about[number]),
+            **dict.fromkeys(PLACE, 0),
+        }
+        # an episode carries its own statistics, so that sets are joined without reading the data
+        for key, values in frames.items():
+            for name, figures in _stats(values[rows]).items():
+                episode[f"stats/{key}/{name}"] = figures
+        episodes.append(episode)
 
     # a set of ours stays below the size at which lerobot starts a new file
     path = DATA_PATH.format(chunk_index=0, file_index=0)
@@ -85,50 +111,25 @@ def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
     table = pd.DataFrame({"task_index": np.arange(len(tasks))}, index=index)
     table.to_parquet(folder / "meta/tasks.parquet", compression="zstd")
     stats = {key: _stats(values) for key, values in frames.items()}
-    _write_json(folder / "meta/stats.json", stats)
-    _write_json(folder / INFO, _info(trials, rate_hz, frames, len(tasks)))
-
-
-def _task(trial: TrialPayload) -> str:
-    """The task of an episode, such as `pull soft-ball`; the empty hand has no object."""
-    return f"{trial.about['action']} {trial.about['object'] or ''}".strip()
+    info = _info(trials, rate_hz, frames, len(tasks))
+    for file, value in (("meta/stats.json", stats), (INFO, info)):
+        text = json.dumps(value, indent=4, allow_nan=False)
+        write_whole(folder / file, text + "\n")
 
 
 def _frames(trials: Sequence[TrialPayload], fps: int) -> Columns:
     """The frames of all episodes by column, but for the number of the task."""
-    rows = [np.arange(len(trial.t_s)) for trial in trials]
-    frame = np.concatenate(rows)
-    return {
-        TACTILE: np.concatenate([trial.values for trial in trials], dtype=np.float32),
-        VALID: np.concatenate([trial.valid for trial in trials]),
-        TIME: np.concatenate([trial.t_s for trial in trials]),
-        SITUATION: np.concatenate([trial.label for trial in trials], dtype=np.int64),
-        # lerobot checks that stamps are exactly frame / fps; TIME has the true ones
-        "timestamp": (frame / fps).astype(np.float32),
-        "frame_index": frame,
-        EPISODE: np.repeat(np.arange(len(trials)), [*map(len, rows)]),
-        "index": np.arange(len(frame)),
-    }
-
-
-def _episode(trial: TrialPayload, number: int, frames: Columns) -> Json:
-    """A row of meta/episodes: in which file its frames are, their statistics, and the trial."""
-    episode: Json = {
-        EPISODE: number,
-        "tasks": [_task(trial)],
-        "length": len(trial.t_s),
-        "holdfast": json.dumps(trial.about),
-    }
-    for place in ("data", "meta/episodes"):
-        episode[f"{place}/chunk_index"] = 0
-        episode[f"{place}/file_index"] = 0
-
-    # an episode carries its own statistics, so that sets are joined without reading the data
-    for key, values in frames.items():
-        for name, figures in _stats(values).items():
-            episode[f"stats/{key}/{name}"] = figures
-
-    return episode
+    frames: Columns = {}
+    for key, (name, dtype) in FRAME.items():
+        of_trials = [getattr(trial, name) for trial in trials]
+        frames[key] = np.concatenate(of_trials).astype(dtype)
+    episode = np.repeat(np.arange(len(trials)), [len(trial.t_s) for trial in trials])
+    index = np.arange(len(episode))
+    frame = index - np.searchsorted(episode, episode)
+    # lerobot checks that stamps are exactly frame / fps; TIME has the true ones
+    stamps = (frame / fps).astype(np.float32)
+    numbers = {"frame_index": frame, EPISODE: episode, "index": index}
+    return {**frames, "timestamp": stamps, **numbers}
 
 
 def _stats(values: npt.NDArray[Any]) -> dict[str, list[float]]:
@@ -156,11 +157,8 @@ def _info(
     for key, column in frames.items():
         # the format has no scalars: a single number has shape [1]
         shape = list(column.shape[1:]) or [1]
-        features[key] = {
-            "dtype": column.dtype.name,
-            "shape": shape,
-            "names": names.get(key),
-        }
+        about = {"dtype": column.dtype.name, "shape": shape, "names": names.get(key)}
+        features[key] = about
 
     return {
         "codebase_version": VERSION,
@@ -183,10 +181,6 @@ def _info(
             "no_label": NO_LABEL,
         },
     }
-
-
-def _write_json(path: Path, value: Json) -> None:
-    write_whole(path, json.dumps(value, indent=4, allow_nan=False) + "\n")
 
 
 def read_log(folder: Path, name: str) -> ForeignLog:

@@ -116,14 +116,14 @@ def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample:
     merged: Columns = {}
     for one in log.streams:
         merged |= one.columns
+    longest = first_stream(log)
+    time = find_time(table_of(log, longest.columns), answers.rate)
     sensors, why = find_sensors(merged, _marks(merged))
     if not why.startswith("by"):
-        longest = first_stream(log)
-        time = find_time(table_of(log, longest.columns), answers.rate)
         taken = {*_marks(longest.columns), time.time.column if time else ""}
         sensors, why = find_sensors(longest.columns, taken)
-        is_notes = any(map(is_text, longest.columns.values())) or longest.rows < 100
-        if time is None and is_notes and not why.startswith("by"):
+        is_table = longest.rows >= 100 and not any(map(is_text, merged.values()))
+        if not (time or is_table or why.startswith("by")):
             sensors = []
 
     names = [name for sensor in sensors for name in sensor.axes]

@@ -317,6 +317,10 @@ SHEETS = {
     "rows": ("notes.csv", "log,first row,last row,what\n{a},300,350,slips\n"),
     "durations": ("events.csv", "file,onset,duration,event\n{a},3,0.5,slip\n"),
     "on the clock": ("e.csv", "file,from,to,what\n{a},70003.0,70003.5,slip\n"),
+    "a clock and labels alone": (
+        "{a}_marks.csv",
+        "time,what\n70001.0,grasp\n70003.0,slip\n70003.5,grasp\n",
+    ),
     "no labels": ("slips.csv", "file,begin,end\n{a},3,3.5\n"),
     "ends alone": ("e.csv", "file,at,what\n{a},1,grasp\n{a},3.0,slip\n{a},3.5,grasp\n"),
 }
