@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contract import SITUATIONS
 from holdfast.core.errors import LabelError, TimeError, count_of, listed
 from holdfast.core.trial_file import Trial, implausible_rate
 from holdfast.core.trial_layout import (
@@ -39,7 +38,7 @@ from holdfast.interop.streams import (
 )
 from holdfast.interop.tables import pd
 from holdfast.interop.understood import Files, Understood
-from holdfast.interop.writing import NO_LABEL, truth_of, write_csv
+from holdfast.interop.writing import truth_of, write_csv
 from holdfast.training.datasets.thesis import prepared
 from holdfast.training.datasets.trials import EMPTY_HAND
 from holdfast.training.progress import Part, ignored
@@ -197,11 +196,11 @@ class TrialImport:
         first, stop = contact(trial.t_s, samples)
         if plan.events and plan.events.rest:
             closed = labels[first:stop]
-            closed[closed == NO_LABEL] = SITUATIONS.index(plan.events.rest)
+            closed[closed == ""] = plan.events.rest
             # a mark without an end lasts to that of the contact
             if plan.events.hold:
-                labels[stop:] = NO_LABEL
-        kinds = {SITUATIONS[k] for k in np.unique(labels) if k != NO_LABEL}
+                labels[stop:] = ""
+        kinds = {*labels} - {""}
         fits = (action for needed, action in ACTION_OF_LABELS if needed <= kinds)
         action = names["action"] or next(fits, "")
         at_s = plan.facts.action_at_s or ACTION_S
@@ -211,8 +210,8 @@ class TrialImport:
                 taken, action = "taken as slip", "slip"
             else:
                 taken, kinds = "only the empty hand is labelled", {"nothing"}
-                labels[:] = SITUATIONS.index("nothing")
-                labels[first:stop] = NO_LABEL
+                labels[:] = "nothing"
+                labels[first:stop] = ""
             self.notes.append(f"{log.name}: its times are not known: {taken}")
 
         needs_events = action in UNSCRIPTED and action not in LABELLED_ACTIONS
@@ -328,7 +327,7 @@ def safe_name(text: str) -> str:
 def labels_of_rows(
     log: ForeignLog, rows: pd.DataFrame, plan: ImportMap, events: pd.DataFrame
 ) -> tuple[np.ndarray, int]:
-    """([T] the situation of each row of a trial, -1 for none; how many events begin in it).
+    """([T] the situation of each row of a trial, "" for none; how many events begin in it).
 
     events: of this and other trials, what lies within another one behind it. Raises LabelError.
     """
@@ -345,7 +344,7 @@ def labels_of_rows(
             n_used += int(clock[0] <= event.start <= clock[-1])
             labels[first:stop] = event.label
 
-    codes = {}
+    meanings = {None: ""}
     for label in {*labels} - {None}:
         situation = plan.situation(label)
         if situation is None:
@@ -354,6 +353,5 @@ def labels_of_rows(
                 where=log.path,
                 next_step=f'--action "{label:.60}=slip" (or hold, pass, ..)',
             )
-        codes[label] = SITUATIONS.index(situation) if situation else NO_LABEL
-    of_rows = pd.Series(labels).map(codes).fillna(NO_LABEL)
-    return of_rows.to_numpy(np.int8), n_used
+        meanings[label] = situation
+    return np.array([meanings[one] for one in labels], dtype=object), n_used

@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from holdfast.core.contract import SITUATIONS, Json, channel_names
+from holdfast.core.contract import Json, channel_names
 from holdfast.core.hand_card import (
     FEWEST_SENSORS,
     FINGERS_AT_MM,
@@ -29,7 +29,6 @@ PROVENANCE = "events"
 """What a truth file says of where its phases come from."""
 THESIS_SENSORS = 6
 """Of a set without a hand card."""
-NO_LABEL = -1
 
 
 def write_csv(path: Path, trial: Trial) -> None:
@@ -42,14 +41,14 @@ def write_csv(path: Path, trial: Trial) -> None:
 
 
 def truth_of(trial: Trial, labels: np.ndarray) -> str:
-    """The phases of a trial: runs of equal labels [T]."""
+    """The phases of a trial: runs of equal labels [T], "" for none."""
     ends_s = np.append(trial.t_s, trial.t_s[-1] + 1.0 / trial.rate_hz).round(6)
-    changes = np.flatnonzero(np.diff(labels)) + 1
+    changes = np.flatnonzero(labels[1:] != labels[:-1]) + 1
     phases = []
     for first, stop in pairwise([0, *changes, len(labels)]):
-        if labels[first] != NO_LABEL:
+        if labels[first]:
             times = {"t0_s": float(ends_s[first]), "t1_s": float(ends_s[stop])}
-            label = SITUATIONS[labels[first]]
+            label = labels[first]
             phases.append({**times, "label": label, "provenance": PROVENANCE})
 
     return json.dumps({"phases": phases}, indent=1) + "\n"
