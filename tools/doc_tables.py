@@ -50,6 +50,7 @@ SOURCES: dict[str, dict[str, str]] = {
         "nested": "docs/measured/nested-choice-2026-11-25.json",
         "real": "build/real/metrics.json",
         "world": "docs/measured/world-e2feeff75e0a.json",
+        "openings": "docs/measured/world-openings-e2feeff75e0a.json",
         "wide": "docs/measured/wide-080828f74eb1.json",
     },
     "docs/scenes.md": {

@@ -68,8 +68,7 @@ class TimeColumn(
     arrival: bool = False
 
     def __post_init__(self) -> None:
-        named = [bool(self.column or self.rate_hz), self.arrival]
-        if named.count(True) != 1:
+        if bool(self.column or self.rate_hz) == self.arrival:
             raise ValueError("no time; allowed: one of column, rate_hz and arrival")
         if self.unit and (not self.column or self.rate_hz):
             raise ValueError("a unit without its column; allowed: unit beside column")

@@ -51,7 +51,10 @@ OBJECT = re.compile(
     "(?i).*(ball|block|book|bottle|bowl|box|can|cube|cup|cylinder|egg|glass|mug|object|pen|sponge)"
 )
 """Words of objects in paths; others may be people."""
-SOME_ACTIONS = "slip, hold, pull, fall, pass, put-down, nothing, .."
+WHAT_HAPPENS = (
+    "what happens in these trials? nothing in the logs says it: slip, hold, pull, fall, pass, "
+    "put-down, nothing, .."
+)
 
 
 @dataclass
@@ -88,8 +91,7 @@ class Form:
 
         about = all(one.log.about.get("action") for one in self.samples)
         if not (events or answers.action or about or words):
-            what = "what happens in these trials? nothing in the logs says it"
-            found.ask("--action", f"{what}: {SOME_ACTIONS}")
+            found.ask("--action", WHAT_HAPPENS)
 
         time = first.time.time if first.time else None
         named = {rules.column, rules.person, rules.object, rules.action}
@@ -125,8 +127,10 @@ class Form:
         """(unit, "" where it is not known; the sensors with their signs), and what is asked."""
         first, answers, found = self.samples[0], self.answers, self.found
         if first.time is None:
-            what = "how many rows a second have the logs? nothing says it"
-            found.ask("--rate", f"{what}: a number in Hz")
+            found.ask(
+                "--rate",
+                "how many rows a second have the logs? nothing says it: a number in Hz",
+            )
 
         effects = np.median([one.touched.effects for one in self.samples], axis=0)
         cells = first.columns.get(events.column) if events else None
@@ -145,8 +149,11 @@ class Form:
             axes = [[one.axes[k] for k in order] for one in sensors]
             sensors = [SensorColumns(*one) for one in axes]  # type: ignore[arg-type]
         elif axis != NORMAL_AXIS:
-            what = f"a touch moves {AXES[axis]} most, the names say z: which axis is normal?"
-            found.ask("--normal", f"{what} x, y, z")
+            found.ask(
+                "--normal",
+                f"a touch moves {AXES[axis]} most, the names say z: which axis is normal? "
+                "x, y, z",
+            )
 
         unit, why = first.size
         of_log = first.log.about.get("unit")
@@ -154,8 +161,10 @@ class Form:
             why = "as given" if answers.unit else "as the log says"
             unit = answers.unit or str(of_log)
         if not unit:
-            what = f"what unit have the readings ({why})? nothing says it"
-            found.ask("--unit", f"{what}: {', '.join(UNIT_OF)}")
+            found.ask(
+                "--unit",
+                f"what unit have the readings ({why})? nothing says it: {', '.join(UNIT_OF)}",
+            )
             return "", sensors
 
         found.add("unit", f"{unit}, {why}")
@@ -193,7 +202,8 @@ class Form:
         """Labels from a column; what only the action says is asked.
 
         Of several columns that may hold labels, the one with the fewest labels without a meaning
-        is taken. One label without a meaning is what the action says, where that is given.
+        is taken, of equal ones the first that marks a slip. One label without a meaning is what
+        the action says, where that is given.
         """
         first = self.samples[0]
         taken = {*first.form, first.time.time.column if first.time else ""}
@@ -212,7 +222,7 @@ class Form:
 
         if not labels:
             return None
-        best = min(labels, key=lambda one: len(one.unknown))
+        best = min(labels, key=_rank)
         self.found.add("labels", best.why)
         if not best.unknown:
             return best.rules
@@ -220,9 +230,10 @@ class Form:
         situation = SITUATION_OF_ACTION.get(action or "", "")
         if not situation or len(best.unknown) > 1:
             words = listed([repr(one) for one in best.unknown], most=6)
-            what = f"what is {words} in column {best.rules.column}? nothing in the logs says it"
             self.found.ask(
-                "--action", f'{what}: "{best.unknown[0]}=slip" (or pass, hold, ..)'
+                "--action",
+                f"what is {words} in column {best.rules.column}? nothing in the logs says it: "
+                f'"{best.unknown[0]}=slip" (or pass, hold, ..)',
             )
 
         of_action = {best.unknown[0]: situation}
@@ -336,8 +347,14 @@ class Form:
         if len(names) == len(words):
             self.found.add("names", f"{shown}: taken as no people; {options}")
         else:
-            what = f"are {shown} people or objects? nothing in the logs says it"
-            self.found.ask("--person", f"{what}: {options}")
+            self.found.ask(
+                "--person",
+                f"are {shown} people or objects? nothing in the logs says it: {options}",
+            )
+
+
+def _rank(found: FoundLabels) -> tuple[int, bool]:
+    return len(found.unknown), "risky_slip" not in found.rules.labels.values()
 
 
 def _key_of(column: str) -> str:

@@ -61,19 +61,15 @@ class LogPlace:
 
 def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
     """(the logs of a file or folder, by name; what is no log, in words). Raises DataNotFound."""
-    kind = _kind_of(source)
-    if kind is not None:
-        name = source.stem if source.is_file() else source.name
-        return [LogPlace(source, name, kind)], []
-
     others: list[str] = []
     found: dict[str, LogPlace] = {}
-    for place in sorted(_below(source, source), key=lambda one: counted(one.name)):
-        first = found.get(place.name)
-        if place.kind in NO_LOGS or (place.kind in PROSE and not _is_table(place)):
+    root = source if _kind_of(source) is None else source.parent
+    for place in sorted(_places(source, root), key=lambda one: counted(one.name)):
+        is_doubtful = place.path != source and place.kind in (*PROSE, *NO_LOGS)
+        if is_doubtful and (place.kind in NO_LOGS or not _is_table(place)):
             others.append(place.path.name)
-        elif first is not None:
-            others.append(f"{place.path.name} (as {first.path.name})")
+        elif place.name in found:
+            others.append(f"{place.path.name} (as {found[place.name].path.name})")
         else:
             found[place.name] = place
 
@@ -136,17 +132,15 @@ def _is_table(place: LogPlace) -> bool:
     return len(columns[0]) >= FEWEST_ROWS and 2 * n_numbers >= len(columns)
 
 
-def _below(folder: Path, source: Path) -> Iterator[LogPlace]:
-    for path in sorted(folder.iterdir()):
-        if path.name.startswith((".", "~$")) or path.is_symlink():
-            continue
-        kind = _kind_of(path)
-        if kind is not None:
-            below = path.relative_to(source)
-            name = below.with_suffix("") if path.is_file() else below
-            yield LogPlace(path, name.as_posix(), kind)
-        elif path.is_dir():
-            yield from _below(path, source)
+def _places(path: Path, root: Path) -> Iterator[LogPlace]:
+    kind = _kind_of(path)
+    if kind is not None:
+        name = path.with_suffix("") if path.is_file() else path
+        yield LogPlace(path, name.relative_to(root).as_posix(), kind)
+    elif path.is_dir():
+        for inner in sorted(path.iterdir()):
+            if not inner.name.startswith((".", "~$")) and not inner.is_symlink():
+                yield from _places(inner, root)
 
 
 def _kind_of(path: Path) -> str | None:

@@ -95,7 +95,8 @@ def unwrapped(stamps: IntArray, unit_ns: float) -> IntArray:
         period = int(unit_ns * 2.0**bits)
         back = steps < -0.9 * period
         if back.any() and (steps[back] > -1.01 * period).all():
-            return stamps + period * np.concatenate([[0], np.cumsum(back)])
+            anew = np.unwrap(stamps, discont=0.9 * period, period=period)
+            return anew.astype(np.int64)
 
     return stamps
 

@@ -45,7 +45,7 @@ OPENS_AFTER_S = {"opens late": (0.3, 1.0), "never opens": 4.0}
 so for this receiver a hand that opens after 4 s never opens."""
 LATE_SETS = ("author", "p1", "quick")
 MISSED = {"always": 0.0, "nine in ten": Habits.missed_share, "never": 1.0}
-"""In the part `intent` the board is told of so many openings: share of those that it misses."""
+"""In the part `intent`: how many opening signals reach the board -> share that it misses."""
 MISTAKES_S = (0.05, 0.15, 0.3)
 """In the part `mistake` the wearer opens the hand by mistake, for so long."""
 CANNOT_TELL = "a hand that cannot tell"
@@ -106,7 +106,7 @@ def rows(trials: int, seed: int = SEED) -> list[Row]:
     for name in LATE_SETS:
         made += _opening_late(name, by_name[name])
     for name in STYLES:
-        made += _told(name, by_name[name])
+        made += _by_signal(name, by_name[name])
     for lag_ms in LAGS_MS:
         lagged = replace(OUR_REQUEST, lag_ms=lag_ms)
         made.append(Row("lag", "author", OURS, by_name["author"], lagged))
@@ -114,8 +114,8 @@ def rows(trials: int, seed: int = SEED) -> list[Row]:
     return [*made, *_trembling(by_name["author"])]
 
 
-def _told(name: str, one: LoopSet) -> list[Row]:
-    """Whether the board is told that the wearer opens the hand, and a hand that cannot tell."""
+def _by_signal(name: str, one: LoopSet) -> list[Row]:
+    """How many opening signals reach the board, and a hand that cannot tell."""
     made = []
     for label, share in MISSED.items():
         habits = replace(Habits(), missed_share=share)

@@ -37,7 +37,7 @@ FORCE = Target("", "extra_force_n_p95", STYLES, 3.0, unit="N")
 DELAY = Target("", "extra_delay_ms_p95", STYLES, 60.0, unit="ms")
 TREMOR = ("tremor", OURS)
 _PUT = "disturbed_share"
-_NEVER = "the board never told"
+_NEVER = "no signal reaches the board"
 TARGETS = (
     replace(SAVED, words="drops saved, author's style"),
     replace(SAVED, words="drops saved, slow", sets=("slow",), bound=0.75),

@@ -227,6 +227,10 @@ COLUMNS: dict[str, tuple[str, Callable[[Made], list[str]]]] = {
         "marker",
         lambda one: sparse(one, "start_rest", "startGrasp", "start_slip"),
     ),
+    "a contact beside it": (
+        "contact,slip",
+        lambda one: one.words("0,0", "1,0", "1,1"),
+    ),
     "true and false": ("label", lambda one: one.words("False", "False", "True")),
 }
 
@@ -250,6 +254,18 @@ def test_a_column_of_labels_says_when_it_slips(
 def phases_of(trial: Path) -> list[tuple[float, float, str]]:
     truth = json.loads(trial.with_suffix(".truth.json").read_text())
     return [(p["t0_s"], p["t1_s"], p["label"]) for p in truth["phases"]]
+
+
+def test_markers_at_the_ends_of_lines_of_tabs_are_labels(
+    run: Run, tmp_path: Path
+) -> None:
+    one = made(1)
+    names, rows = ["t", *axes(5), "marker"], np.column_stack([one.t_s, one.values])
+    texts = sparse(one, "rest", "grasp", "slip")
+    write_text(tmp_path / "logs/a.tsv", names, rows, separator="\t", texts=texts)
+    imported(run, tmp_path)
+    phases = phases_of(tmp_path / "set/object/slip/trial_1.csv")
+    assert (3.0, 3.5, "risky_slip") in phases
 
 
 def test_trials_without_the_mark_of_a_slip_are_held(run: Run, tmp_path: Path) -> None:
@@ -492,6 +508,18 @@ def test_missing_cells_are_counted_and_gaps_become_lost_samples(
         *range(199, 219),
     ]
     assert len(trial.t_s) == len(one.t_s)
+
+
+def test_a_sensor_that_sends_late_is_a_sensor(run: Run, tmp_path: Path) -> None:
+    one = made(1)
+    path = write_log(tmp_path / "logs/a.csv", one)
+    head, *lines = [line.split(",") for line in path.read_text().splitlines()]
+    for cells in lines[:300]:
+        cells[1:4] = "---"
+    path.write_text("\n".join(map(",".join, [head, *lines])) + "\n")
+    out = imported(run, tmp_path, *SLIP)
+    assert "missing    samples of s1_x: 300, s1_y: 300, s1_z: 300" in out
+    assert read_trial(tmp_path / "set/object/slip/trial_1.csv").raw.shape[1] == 15
 
 
 def test_gauss_and_grams_are_two_units(run: Run, tmp_path: Path) -> None:

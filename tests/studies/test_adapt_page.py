@@ -1,41 +1,34 @@
-"""The study of adaptation: its cards, its figures over persons, and its page."""
+"""The study of adaptation: its cards, and its page."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from page_tables import filled
 
-from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
-from holdfast.edge_runtime.decision import DecisionRules
-from holdfast.evaluation.alarms import Answers
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.training.recording import Recording
-from holdfast.training.timeline import Phase
-from studies.adapt import STYLES, adapt_card, file_figures
-
-
-def way(called: float) -> dict[str, Any]:
-    return {
-        "called": called,
-        "called_ci": (0.1, 0.2),
-        "recall": 0.98,
-        "recall_ci": None,
-        "false_per_min": 0.5,
-        "false_per_min_ci": (0.4, 0.6),
-        "before_gross_slip": None,
-    }
+from studies.adapt import STYLES, adapt_card
 
 
 def test_every_table_of_the_page_has_its_place(tmp_path: Path) -> None:
-    ways = {"as it is": way(0.4), "adapted": way(0.1)}
-    styles = {"styles": {"p1": {"ways": ways}}}
-    made = {"adapt": styles}
-    text = filled("docs/recording-and-study.md", made, tmp_path)
-    assert "| p1 | adapted | 0.1 (0.10 to 0.20) | 0.98 |" in text
+    row: dict[str, Any] = {
+        "style": "p1",
+        "file": "as it is",
+        "blocked": 3,
+        "handovers": 20,
+    }
+    row |= {
+        "saved": 6,
+        "preventable": 8,
+        "extra_force_n_p95": 5.9,
+        "extra_delay_ms_p95": 264.0,
+    }
+    for name in ("blocked", "disturbed", "saved"):
+        row |= {f"{name}_share": 0.5, f"{name}_share_ci": (0.25, 0.75)}
+    text = filled("docs/recording-and-study.md", {"adapt": {"rows": [row]}}, tmp_path)
+    assert "| p1 | as it is | 3 of 20: 0.5 (0.25 to 0.75) | 5.9, 264 |" in text
 
 
 @pytest.mark.parametrize("style", STYLES)
@@ -51,23 +44,3 @@ def test_a_person_of_a_style_hands_over_eight_times_in_it(
     (plain,) = [row for row in shipped.rows if row.action == "pass"]
     assert passes.count * len(passes.objects) == 8
     assert passes.values != plain.values
-
-
-def test_a_trial_that_two_persons_files_answer_is_one_group() -> None:
-    def answers(risky: bool, name: str) -> Answers:
-        phases = (Phase(0, 20, GRASP), Phase(20, 40, SAFE_SLIP))
-        samples, valid = np.zeros((60, 3)), np.ones((60, 1), dtype=bool)
-        one = Recording(
-            name, name, samples, valid, 100.0, "N", action="pass", phases=phases
-        )
-        situation = np.full(60, GRASP)
-        situation[25:30] = RISKY_SLIP if risky else SAFE_SLIP
-        return Answers(one, situation, np.full(60, 900))
-
-    rules = DecisionRules(act_samples=1)
-    one = ([answers(True, "a"), answers(False, "b")], rules)
-    other = ([answers(False, "a"), answers(False, "b")], rules)
-    figures = file_figures([one, other])
-    assert (figures.called, figures.actions) == (0.25, 4)
-    assert figures.called_ci is not None
-    assert figures.called_ci[1] <= 0.5

@@ -55,7 +55,7 @@ def test_a_hand_whose_board_is_never_told_has_targets_of_its_own() -> None:
     words = "receiver's extra force, 95 %, worst style"
     found = reached(never, told)
     assert found[words] == "no"
-    assert found[f"{words}, the board never told"] == "yes"
+    assert found[f"{words}, no signal reaches the board"] == "yes"
 
 
 def test_only_a_hand_that_trembles_enough_counts_for_its_tightenings() -> None:
