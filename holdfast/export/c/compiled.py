@@ -3,45 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
-from holdfast.export.c.elementwise import write_encoder, write_look_up, write_loop
 from holdfast.export.c.graph import FEATURES, INPUTS, NEXT_STATE, Graph, Node, refusal
 from holdfast.export.c.literals import Tables
+from holdfast.export.c.loops import Writer
 from holdfast.export.c.memory import SCRATCH, Memory, View, views_of
-from holdfast.export.c.moves import (
-    write_arg_max,
-    write_concat,
-    write_gather,
-    write_parts,
-    write_reduction,
-    write_softmax,
-    write_transpose,
-)
-from holdfast.export.c.products import write_gemm, write_product
-from holdfast.export.c.trees import write_trees
-from holdfast.export.c.writer import Writer
+from holdfast.export.c.operators import body_of
 
 CALL_BYTES = 256
 """Stack of calls and registers, in addition to the scratch arrays."""
-EMITTERS: dict[str, Callable[[Node, Writer], list[str]]] = {
-    "ArgMax": write_arg_max,
-    "Concat": write_concat,
-    "Gather": write_gather,
-    "Gemm": write_gemm,
-    "LabelEncoder": write_encoder,
-    "MatMul": write_product,
-    "ReduceL2": write_reduction,
-    "ReduceMax": write_reduction,
-    "ReduceMin": write_reduction,
-    "ReduceSum": write_reduction,
-    "Slice": write_parts,
-    "Softmax": write_softmax,
-    "Split": write_parts,
-    "Transpose": write_transpose,
-    "TreeEnsembleRegressor": write_trees,
-}
-"""The body of each operator; all others go number by number (elementwise.py)."""
 
 
 class StepCode:
@@ -80,15 +50,8 @@ class StepCode:
         for node in nodes:
             # what nothing reads is not computed
             if any(memory.is_kept(name) for name in node.outputs):
-                lines += writer.step(node, _body(node, writer))
+                lines += writer.step(node, body_of(node, writer))
         return lines
-
-
-def _body(node: Node, writer: Writer) -> list[str]:
-    """What computes a node. Raises NotCompilable for an operator without a C form."""
-    if node.op_type == "Gather" and writer.graph.values(node.inputs[0]) is not None:
-        return write_look_up(node, writer)
-    return EMITTERS.get(node.op_type, write_loop)(node, writer)
 
 
 def _halves(
@@ -105,7 +68,7 @@ def _halves(
             behind.update(node.outputs)
         if NEXT_STATE in node.outputs:
             keep = node
-        elif node.outputs[0] not in views:
+        elif any(name not in views for name in node.outputs):
             (answer if is_behind else sense).append(node)
     return sense, keep, answer
 

@@ -10,9 +10,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from holdfast.export.c.graph import Graph, Node, Shape, refusal
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.export.c.graph import Graph, Node, Shape
 from holdfast.export.c.literals import BYTES, C_TYPES
 
+IntArray = npt.NDArray[np.int64]
 ALIGNED = 8
 """Places are multiples of this many numbers, for vector instructions."""
 SCRATCH = {"double": "d", "float": "f", "int32_t": "w", "uint8_t": "b"}
@@ -31,54 +35,57 @@ class View:
 
 
 def views_of(graph: Graph) -> dict[str, View]:
-    """Every tensor that needs no memory, by name. Raises NotCompilable for an output."""
+    """Every tensor that needs no memory, by name."""
     views: dict[str, View] = {}
     for node in graph.nodes:
-        if node.op_type not in ("Reshape", "Flatten", "Split", "Slice"):
-            continue
-        whole = graph.shape(node.inputs[0])
-        first = views.get(node.inputs[0], View(node.inputs[0]))
-        for name, offset in parts_of(node, graph):
-            is_shape = node.op_type in ("Reshape", "Flatten")
-            if not is_shape and not _is_block(whole, graph.shape(name)):
-                continue
-            if name in graph.outputs:
-                raise refusal(node, "an output is only a part of another tensor")
-            views[name] = View(first.base, first.offset + offset)
+        given = node.inputs[0]
+        whole = views.get(given, View(given))
+        for name, places in moved_places(node, graph).items():
+            first = first_of_run(places)
+            # an output has memory of its own
+            if first is not None and name not in graph.outputs:
+                views[name] = View(whole.base, whole.offset + first)
     return views
 
 
-def _is_block(whole: Shape, part: Shape) -> bool:
-    """Whether a part lies in one piece: only the first axis longer than 1 is cut."""
-    cut = [axis for axis, size in enumerate(whole) if part[axis] != size]
-    return all(math.prod(part[:axis]) == 1 for axis in cut)
+def numbered(shape: Shape) -> IntArray:
+    """An array of a shape whose numbers are their own places in memory."""
+    return np.arange(math.prod(shape)).reshape(shape)
 
 
-def parts_of(node: Node, graph: Graph) -> list[tuple[str, int]]:
-    """(output, its first number in the input) of a Slice, a Split, or another shape."""
-    step = strides(graph.shape(node.inputs[0]))
-    if node.op_type == "Slice":
-        starts, _, axes = (graph.constant(one, node) for one in node.inputs[1:])
-        first = sum(
-            start * step[axis] for start, axis in zip(starts, axes, strict=True)
-        )
-        return [(node.outputs[0], int(first))]
+def moved_places(node: Node, graph: Graph) -> dict[str, IntArray]:
+    """Outputs of an operator that only moves numbers -> the places of their numbers in the input.
 
-    parts = []
-    row = 0
-    for name in node.outputs:
-        parts.append((name, row * step[node.axis]))
-        row += graph.shape(name)[node.axis]
-    return parts
-
-
-def strides(shape: Shape) -> Shape:
-    """How far apart neighbours along each axis are, in numbers.
-
-    >>> strides((1, 7, 18))
-    (126, 18, 1)
+    Empty for an operator that computes, or chooses from a constant. Raises NotCompilable.
     """
-    return tuple(math.prod(shape[axis + 1 :]) for axis in range(len(shape)))
+    given, *more = node.inputs
+    if graph.values(given) is not None:
+        return {}
+    places = numbered(graph.shape(given))
+    parts = [places]
+    if node.op_type == "Split":
+        ends = np.cumsum(graph.constant(more[0], node))
+        parts = np.split(places, ends[:-1], node.axis)
+    elif node.op_type == "Slice":
+        cut = [slice(None)] * places.ndim
+        limits = (graph.constant(one, node) for one in more)
+        for start, end, axis in zip(*limits, strict=True):
+            cut[axis] = slice(start, end)
+        parts = [places[tuple(cut)]]
+    elif node.op_type == "Gather":
+        parts = [places.take(graph.constant(more[0], node), node.axis)]
+    elif node.op_type == "Transpose":
+        parts = [places.transpose(node.attributes["perm"])]
+    elif node.op_type not in ("Reshape", "Flatten"):
+        return {}
+    return dict(zip(node.outputs, parts, strict=True))
+
+
+def first_of_run(places: IntArray) -> int | None:
+    """The first of places that follow each other without a gap; None for others."""
+    first = int(places.flat[0])
+    in_a_row = np.arange(first, first + places.size)
+    return first if np.array_equal(places.ravel(), in_a_row) else None
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.resources import files
 
 import numpy as np
 
@@ -21,8 +19,16 @@ from holdfast.edge_runtime.model import AMPLITUDE, golden_length, golden_to_json
 from holdfast.export.c.compiled import StepCode
 from holdfast.export.c.constants import constants, options_of, rules_of
 from holdfast.export.c.graph import Graph
-from holdfast.export.c.literals import C_TYPES, OUT_TYPES, number, smallest_type, table
-from holdfast.export.c.writer import block
+from holdfast.export.c.literals import (
+    C_TYPES,
+    OUT_TYPES,
+    Words,
+    number,
+    smallest_type,
+    table,
+    template,
+)
+from holdfast.export.c.loops import block
 
 HAND_FILES = ("friction.c", "controller.c", "supervisor.c", "grip.c")
 """Hand-written C of the grip, in this order in the source: what a file uses stands before it."""
@@ -40,8 +46,6 @@ ABOUT = {
 """Output -> what the header says of it."""
 _SNIPPET = re.compile(r"^/\*\*\* (\w+) \*\*\*/\n", re.MULTILINE)
 """The line in front of each helper of maths.c: it names the helper."""
-Words = Mapping[str, object]
-"""What stands in a template between @ -> what replaces it."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,7 @@ def c_source(graph: Graph) -> CSource:
     return CSource(
         files={
             "holdfast.c": _source(compiled, words, constants(graph.card)),
-            "holdfast.h": _template("header.h", words),
+            "holdfast.h": template("header.h", words),
             "holdfast_selftest.c": _selftest(graph, words),
             ABOUT_MODEL: _about(graph),
         },
@@ -88,31 +92,24 @@ def _source(compiled: StepCode, words: Words, named: str) -> str:
 
     # a C function stands before its first use
     parts = [
-        _template("begin.c", words),
+        template("begin.c", words),
         _snippets(f"{sense}\n{answer}"),
         compiled.tables.text(),
         f"{sense}\n",
         f"{answer}\n",
-        _template("step.c", words),
-        _template("decision.c", words),
+        template("step.c", words),
+        template("decision.c", words),
         named,
     ]
     for name in HAND_FILES:
-        parts.append(_template(name, words))
+        parts.append(template(name, words))
 
     return "\n".join(parts)
 
 
-def _template(name: str, words: Words) -> str:
-    """A template with every @WORD@ replaced. Raises KeyError for a word without a value."""
-    file = files("holdfast.export.c").joinpath("templates", name)
-    text = file.read_text(encoding="utf-8")
-    return re.sub(r"@([A-Z_]+)@", lambda match: str(words[match[1]]), text)
-
-
 def _snippets(used_in: str) -> str:
     """The helpers of maths.c that a source uses, and those that they use, in their order."""
-    parts = _SNIPPET.split(_template("maths.c", {}))
+    parts = _SNIPPET.split(template("maths.c", {}))
     helpers = dict(zip(parts[1::2], parts[2::2], strict=True))
     used: set[str] = set()
     texts = [used_in]
@@ -234,7 +231,7 @@ def _selftest(graph: Graph, words: Words) -> str:
         "TABLES": "\n".join(tables),
         "CHECKS": "\n".join(checks),
     }
-    return _template("selftest.c", {**words, **more})
+    return template("selftest.c", {**words, **more})
 
 
 def _check(name: str, size: int, is_exact: bool) -> str:

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.export.c.graph import Node
-from holdfast.export.c.literals import number, smallest_type
-from holdfast.export.c.writer import Writer, block, counted
+from holdfast.export.c.literals import number, smallest_type, template
+from holdfast.export.c.loops import Writer
 
 IntArray = npt.NDArray[np.int64]
 TOGETHER = 4
@@ -105,56 +105,31 @@ def _leaves(
 def write_trees(node: Node, writer: Writer) -> list[str]:
     """Walk all trees, some at a time, and add up the votes of their leaves."""
     (out,) = node.outputs
-    name = writer.name(out)
-    x = writer.name(node.inputs[0])
     n_classes = writer.graph.shape(out)[1]
     forest = read_forest(node, n_classes)
     n_trees = len(forest.roots)
-    together = next(n for n in range(TOGETHER, 0, -1) if n_trees % n == 0)
     # bytes of a branch in C: a float, the feature, and two children of 16 or 32 bits
     # Children count from the start of their tree, so 16 bits also serve large forests.
     kind, width = ("short", 12) if forest.is_short else ("long", 16)
-
-    tables = writer.tables
-    prefix = f"hf_{name}"
     votes_type = smallest_type(forest.votes)
-    votes = tables.add(f"{prefix}_leaves", forest.votes, votes_type)
-    starts = tables.add(f"{prefix}_starts", forest.starts, "int32_t")
-    roots = tables.add(f"{prefix}_roots", forest.roots, "int32_t")
-
-    branches = f"{prefix}_branches"
+    tables = writer.tables
+    branches = f"hf_{out}_branches"
     text = _branches(branches, forest, kind)
     tables.add_text(branches, text, width * len(forest.threshold))
-
-    following = f"hf_next_{kind}({branches} + {starts}[t + k], at[k], {x})"
-    places = [f"at[{k}]" for k in range(together)]
-    all_at = " & ".join(places)
-
-    # Behind the walk at[k] is below 0, and its complement is the number of a leaf.
-    add = [
-        f"const {votes_type} *leaf = {votes} + {n_classes} * ~at[k];",
-        *counted("j", n_classes, ["total[j] += leaf[j];"]),
-    ]
-
-    # Every tree of a group steps in each pass; one that has reached its leaf stays there (hf_next).
-    walk = [
-        f"int32_t at[{together}];",
-        *counted("k", together, [f"at[k] = {roots}[t + k];"]),
-        # the sign of the conjunction is negative only where all have reached a leaf
-        *block(
-            f"while (({all_at}) >= 0)",
-            counted("k", together, [f"at[k] = {following};"]),
-        ),
-        *counted("k", together, add),
-    ]
-
-    # whole votes are added as integers: their sum is exact in any order
-    loop = f"for (int t = 0; t < {n_trees}; t += {together})"
-    return [
-        f"int32_t total[{n_classes}] = {{0}};",
-        *block(loop, walk),
-        *counted("j", n_classes, [f"{name}[j] = (float)total[j];"]),
-    ]
+    words = {
+        "BRANCHES": branches,
+        "STARTS": tables.add(f"hf_{out}_starts", forest.starts, "int32_t"),
+        "ROOTS": tables.add(f"hf_{out}_roots", forest.roots, "int32_t"),
+        "LEAVES": tables.add(f"hf_{out}_leaves", forest.votes, votes_type),
+        "VOTES_TYPE": votes_type,
+        "KIND": kind,
+        "FEATURES": f"t_{node.inputs[0]}",
+        "VOTES": f"t_{out}",
+        "CLASSES": n_classes,
+        "TREES": n_trees,
+        "TOGETHER": next(n for n in range(TOGETHER, 0, -1) if n_trees % n == 0),
+    }
+    return template("trees.c", words).splitlines()
 
 
 def _branches(name: str, forest: Forest, kind: str) -> str:

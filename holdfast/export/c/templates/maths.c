@@ -11,9 +11,9 @@
 /* The same for float, rounded once: a product of two floats is exact as a double. */
 #define HF_ADD_PRODUCT_F(weight, x, total) ((float)((double)(total) + (double)(weight) * (double)(x)))
 
-/*** hf_round ***/
+/*** hf_roundf ***/
 /* To the nearest whole number, ties to even. Beyond 2^23 every float is whole. */
-static float hf_round(float x) {
+static float hf_roundf(float x) {
     const float shift = x < 0.0f ? -8388608.0f : 8388608.0f;
     return fabsf(x) < 8388608.0f ? (x + shift) - shift : x;
 }
@@ -24,8 +24,8 @@ static double hf_clip(double x, double least, double most) {
     return x < most ? x : most;
 }
 
-/*** hf_clip_f ***/
-static float hf_clip_f(float x, float least, float most) {
+/*** hf_clipf ***/
+static float hf_clipf(float x, float least, float most) {
     x = x > least ? x : least;
     return x < most ? x : most;
 }
@@ -69,6 +69,13 @@ static void hf_softmax(const float *restrict x, float *restrict y, int n) {
     for (int k = 1; k < n; ++k) most = x[k] > most ? x[k] : most;
     for (int k = 0; k < n; ++k) total += hf_exp((double)x[k] - (double)most);
     for (int k = 0; k < n; ++k) y[k] = (float)(hf_exp((double)x[k] - (double)most) / total);
+}
+
+/*** hf_last_largest ***/
+/* The place of the largest number; of equal ones the last, which is the riskier class. */
+static void hf_last_largest(const float *restrict x, int32_t *restrict y, int n) {
+    y[0] = 0;
+    for (int k = 1; k < n; ++k) y[0] = x[k] >= x[y[0]] ? k : y[0];
 }
 
 /*** hf_branch_short ***/
