@@ -45,14 +45,9 @@ GOLDEN_KEY = "holdfast.golden"
 FORMAT = 2
 """Format 2: the step takes its sample and state in rows of channels."""
 CONTACT_KEY = "contact"
-"""Of the card: the rule by which force decides "nothing", None for none; older files lack it."""
+"""Of the card: the rule by which force decides "nothing", None for none."""
 EMPTY = "empty"
 """The output of that rule, [B, 1] bool: the state is known, and the hand touches nothing."""
-OLDER_FILE = (
-    "this file decides 'nothing' by noise; export it again: "
-    "holdfast export MODEL.onnx --out NEW.onnx"
-)
-"""The warning on a file that is older than the contact rule."""
 CARD_SUFFIX = ".json"
 """The suffix of the card's file, which stands next to a model file for people to read."""
 DIGITS = 64
@@ -93,11 +88,6 @@ class ModelCard:
     def decides_by_force(self) -> bool:
         """Whether force decides "nothing" in this file, and not the learner."""
         return self.raw.get(CONTACT_KEY) is not None
-
-    @property
-    def is_older(self) -> bool:
-        """Whether the file is older than the contact rule, which could decide in its unit."""
-        return CONTACT_KEY not in self.raw and self.unit == "N"
 
     @property
     def not_learned(self) -> dict[str, str]:

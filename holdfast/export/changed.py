@@ -2,7 +2,7 @@
 
 `changed`: what stands behind the features is copied node by node, constants and all, and the step
 in front of them is built anew. So a file needs no artifact folder to fit another hand, or to get
-the contact rule that an older file lacks. Rules of the decision stand in the card alone.
+the step of this version. Rules of the decision stand in the card alone.
 
 `adapted`: the file of one person has other rules, and may have a correction behind its votes
 (heads.py). Its metadata keep those of the base, compressed: `undone` restores the base byte for
@@ -38,7 +38,6 @@ from holdfast.edge_runtime.model_file import (
     GOLDEN_KEY,
     SEAL_KEY,
     read_sealed,
-    votes_in_all,
 )
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.exporting import (
@@ -50,16 +49,13 @@ from holdfast.export.exporting import (
 )
 from holdfast.export.features import add_step
 from holdfast.export.heads import (
-    ByForce,
     Correction,
     FloatRows,
-    learned_name,
     riskier_argmax,
     situation_votes,
-    votes_name,
     weighted,
 )
-from holdfast.export.network import LOGIT_STEPS, IntArray
+from holdfast.export.network import LOGIT_STEPS
 from holdfast.export.spec import StepSpec
 from holdfast.export.structure import edge_rows, hard_rows_of, require
 from holdfast.export.verify import (
@@ -67,7 +63,6 @@ from holdfast.export.verify import (
     AdaptedVerification,
     compare_streams,
     cut_learners,
-    decides_by_force,
     require_single_rows_equal,
     run_rows,
 )
@@ -115,22 +110,16 @@ def changed(
 ) -> tuple[Json, bytes]:
     """Card and bytes of a changed copy of a sealed file, verified.
 
-    hand: for which the copy is. rules: of the decision, by name. Without either, an older file gets
-    the contact rule. Raises UsageError for a file that needs or takes no such change, or a rule
-    that cannot be; VerificationFailed where the learner answers differently.
+    hand: for which the copy is. rules: of the decision, by name. Without either, the step is built
+    anew. Raises UsageError for a file that takes no such change, or a rule that cannot be;
+    VerificationFailed where the learner answers differently.
     """
     model = onnx.load_from_string(data)
     kept = metadata_of(model)
     card = json_of(kept[CARD_KEY])
     spec = StepSpec.from_json(card["spec"])
-    is_older = CONTACT_KEY not in card and spec.contact is not None
     if rules:
         card["decision"] = _decision(card["decision"], rules)
-    elif hand is None and not is_older:
-        raise UsageError(
-            f"{where}: this file is up to date",
-            next_step="use it as it is, or give --hand CARD or --rule NAME=NUMBER",
-        )
 
     if hand is not None or not rules:
         if BASE_KEY in kept:
@@ -169,47 +158,24 @@ def _decision(before: Json, rules: Mapping[str, int]) -> Json:
 
 
 def _with_new_step(old: onnx.ModelProto, spec: StepSpec, card: Json) -> onnx.ModelProto:
-    """The step of a spec in front of an older file's learner, verified."""
-    rules: dict[str, ByForce] = {}
-    if spec.contact is not None and not decides_by_force(old):
-        for name, head in card["heads"].items():
-            classes = tuple(head["classes"])
-            rules[votes_name(name)] = ByForce(name, classes, votes_in_all(head))
-
-    new = _joined(old, spec, rules)
+    """The step of a spec in front of a file's learner, verified."""
+    new = _joined(old, spec)
     rows = _rows(old, StepSpec.from_json(card["spec"]))
     before = run_rows(open_session(cut_learners(old)), rows)
     after = run_rows(open_session(cut_learners(new)), rows)
-    # by force the votes change, and so does all that follows from them
-    follow = set(before) if rules else set()
-    expected = {}
-    for name, rule in rules.items():
-        expected[name] = rule.in_contact(before[name].astype(np.int64))
-    _require_answers(before, after, expected, follow, "")
-
-    if rules:
-        empty = open_session(cut_learners(new, touches=False))
-        without = run_rows(empty, rows)
-        for name, rule in rules.items():
-            same = bool((without[name] == rule.without_contact()).all())
-            require(same, f"{name} of an empty hand differ from the reference")
+    _require_answers(before, after, rows)
     compare_streams(new, spec, seed=0)
     return new
 
 
-def _joined(
-    old: onnx.ModelProto, spec: StepSpec, rules: Mapping[str, ByForce]
-) -> onnx.ModelProto:
-    """The new step, and what stands behind the features in the old graph.
-
-    rules: of the contact rule that the votes of this name get.
-    """
+def _joined(old: onnx.ModelProto, spec: StepSpec) -> onnx.ModelProto:
+    """The new step, and what stands behind the features in the old graph."""
     # a file that was changed before has such names already
     prefix = NEW
     while any(node.output[0].startswith(prefix) for node in old.graph.node):
         prefix += NEW
     graph = GraphBuilder(spec.n_sensors, prefix)
-    _, empty = add_step(graph, spec)
+    add_step(graph, spec)
     constants = {one.name: one for one in old.graph.initializer}
     published = {one.name: one for one in old.graph.output}
     behind = {FEATURES}
@@ -225,9 +191,6 @@ def _joined(
         copied = onnx.NodeProto()
         copied.CopyFrom(node)
         graph.copy(copied)
-        if made in rules:
-            copied.output[:] = [learned_name(made)]
-            rules[made].add(graph, learned_name(made), empty, made)
         if made in published:
             graph.copy_output(published[made])
 
@@ -255,17 +218,21 @@ def _golden(data: bytes, spec: StepSpec) -> Outputs:
 def _require_answers(
     old: Outputs,
     new: Outputs,
-    expected: Mapping[str, IntArray],
-    follow: set[str],
-    where: str,
+    rows: FloatRows,
+    correction: Correction | None = None,
+    where: str = "",
 ) -> None:
-    """Votes are as expected; what does not follow from votes is as in the old file, bit for bit."""
+    """Votes are the old ones, corrected; what does not follow from them is the same bit for bit."""
+    follow = OF_THE_VOTES if correction is not None else ()
+    wrong = []
     for name, answers in old.items():
-        if name in expected:
-            same = np.array_equal(new[name], expected[name])
-        else:
-            same = name in follow or answers.tobytes() == new[name].tobytes()
-        require(same, f"the changed file: {name}{where} differ from the reference")
+        if name not in follow and answers.tobytes() != new[name].tobytes():
+            wrong.append(name)
+    if correction is not None:
+        votes = correction.corrected(rows, old[VOTES].astype(np.int64))
+        if not np.array_equal(new[VOTES], votes):
+            wrong.append(VOTES)
+    require(not wrong, f"the changed file{where}: {wrong} differ from the reference")
 
 
 @dataclass(frozen=True)
@@ -358,7 +325,7 @@ def verify_adapted(
     session = open_session(cut_learners(onnx.load_from_string(data)))
     of_base = open_session(cut_learners(onnx.load_from_string(base)))
     old, new = run_rows(of_base, hard), run_rows(session, hard)
-    _require_corrected(old, new, hard, correction, "")
+    _require_answers(old, new, hard, correction)
     weights = card["heads"]["situation"].get("label_weights")
     votes = situation_votes(new[VOTES].astype(np.int64))
     label = riskier_argmax(weighted(votes, weights))
@@ -368,26 +335,12 @@ def verify_adapted(
 
     spec = StepSpec.from_json(card["spec"])
     before, after = _golden(base, spec), _golden(data, spec)
-    _require_corrected(before, after, before[FEATURES], correction, " of a stream")
+    _require_answers(before, after, before[FEATURES], correction, " of a stream")
 
     # only given rows: hard ones are no samples that a person could make
     differs = new["situation"][: len(rows)] != old["situation"][: len(rows)]
     n_samples = len(before[FEATURES])
     return AdaptedVerification(len(hard), n_single, n_samples, int(differs.sum()))
-
-
-def _require_corrected(
-    old: Outputs,
-    new: Outputs,
-    rows: FloatRows,
-    correction: Correction | None,
-    where: str,
-) -> None:
-    """Votes are the base's, corrected; what does not follow from votes is the base's."""
-    if correction is None:
-        return _require_answers(old, new, {}, set(), where)
-    votes = correction.corrected(rows, old[VOTES].astype(np.int64))
-    return _require_answers(old, new, {VOTES: votes}, OF_THE_VOTES, where)
 
 
 def _add_correction(
@@ -400,30 +353,25 @@ def _add_correction(
     added, constants = graph.part()
 
     # the correction takes over the name of the votes, so their readers need no change
-    nodes = list(model.graph.node)
-    del model.graph.node[:]
-    for node in nodes:
-        model.graph.node.append(node)
-        if VOTES in node.output:
-            model.graph.node[-1].output[:] = [BEFORE]
-            # ONNX wants nodes in the order in which they can run
-            model.graph.node.extend(added)
+    nodes = model.graph.node
+    (at,) = (at for at, node in enumerate(nodes) if VOTES in node.output)
+    nodes[at].output[:] = [BEFORE]
+    # ONNX wants nodes in the order in which they can run
+    for node in reversed(added):
+        nodes.insert(at + 1, node)
     model.graph.initializer.extend(constants)
 
 
 def _remove_correction(model: onnx.ModelProto) -> None:
     """The inverse of `_add_correction`, in place."""
-    graph = onnx.GraphProto()
-    graph.CopyFrom(model.graph)
-    del model.graph.node[:], model.graph.initializer[:]
-    for constant in graph.initializer:
-        if not constant.name.startswith(PREFIX):
-            model.graph.initializer.append(constant)
+    nodes, constants = model.graph.node, model.graph.initializer
+    for at in reversed(range(len(constants))):
+        if constants[at].name.startswith(PREFIX):
+            del constants[at]
 
-    for node in graph.node:
-        (name, *_) = node.output
+    for at in reversed(range(len(nodes))):
+        (name, *_) = nodes[at].output
         if name == BEFORE:
-            node.output[:] = [VOTES]
+            nodes[at].output[:] = [VOTES]
         elif name == VOTES or name.startswith(PREFIX):
-            continue
-        model.graph.node.append(node)
+            del nodes[at]

@@ -89,6 +89,17 @@ def test_the_folder_and_the_file_give_the_same_file(six: Path, tmp_path: Path) -
         np.testing.assert_array_equal(rows, second[name])
 
 
+def test_a_file_exported_again_keeps_its_card_and_its_answers(six: Path) -> None:
+    card, data = changed(read_sealed(six))
+    assert json.loads(json.dumps(card)) == Model(six).card.raw
+    values = np.random.default_rng(2).normal(1.0, 1.0, size=(200, 18))
+    before, after = votes(six, values), answered(data, values)
+    for name, rows in before.items():
+        np.testing.assert_array_equal(rows, after[name])
+    again = changed(data)[1]
+    assert sorted(answered(again, values)) == sorted(after)
+
+
 def test_twelve_sensors_with_half_the_force_each_read_as_six(
     six: Path, tmp_path: Path
 ) -> None:
