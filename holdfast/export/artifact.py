@@ -28,12 +28,8 @@ from holdfast.export.features import feature_count
 from holdfast.export.heads import MAIN_HEAD, Calibration, FloatRows, Head
 from holdfast.export.learner import (
     FOREST_KINDS,
-    Committee,
     Forest,
     Learner,
-    features_in,
-    forest_of,
-    network_of,
 )
 from holdfast.export.network import Inputs, Layer, Network
 from holdfast.export.spec import StepSpec
@@ -144,9 +140,7 @@ def _write_learner(folder: Path, head: Head) -> dict[str, str]:
     import skops.io  # half a second, which reading figures need not wait for
 
     names = {}
-    forest = forest_of(head.learner)
-    network = network_of(head.learner)
-
+    forest, network = head.learner.forest, head.learner.network
     if forest is not None:
         names["forest"] = f"{head.name}.skops"
         content = skops.io.dumps(forest)
@@ -235,17 +229,11 @@ def _read_head(folder: Path, name: str, entry: _Head) -> Head:
     """A head by its entry in the index. Raises ArtifactError, or what numpy raises."""
     forest = _read_forest(folder / entry.forest) if entry.forest else None
     network = _read_network(folder / entry.network) if entry.network else None
-    learner: Learner | None = forest or network
-    if forest is not None and network is not None:
-        learner = Committee(forest, network)
-    if learner is None:
-        raise ValueError(f"head {name} has no learner")
-
     numbers = entry.calibration
     return Head(
         name=name,
         classes=entry.classes,
-        learner=learner,
+        learner=Learner(forest, network),
         calibration=Calibration(
             np.array(numbers["weights"]), np.array(numbers["bias"])
         ),
@@ -295,5 +283,5 @@ def _require_that_parts_fit(artifact: Artifact) -> None:
     for head in artifact.heads:
         k = len(head.classes)
         is_calibrated = head.calibration.weights.shape == (k, k)
-        if features_in(head.learner) != width or not is_calibrated:
+        if head.learner.n_features != width or not is_calibrated:
             raise ValueError(f"head {head.name} does not fit the spec or its classes")

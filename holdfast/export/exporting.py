@@ -34,13 +34,7 @@ from holdfast.export.builder import GraphBuilder
 from holdfast.export.detectors import detector_names
 from holdfast.export.features import add_step
 from holdfast.export.heads import Head, add_heads
-from holdfast.export.learner import (
-    forest_of,
-    kind_of,
-    network_of,
-    vote_bits,
-    votes_in_all,
-)
+from holdfast.export.learner import vote_bits, votes_in_all
 from holdfast.export.spec import NOISE_RMS, POOLED, RANGE_LIMIT, StepSpec
 from holdfast.export.verify import ExportReport, verify
 
@@ -166,9 +160,7 @@ def model_card(artifact: Artifact) -> Json:
 def _head_card(head: Head) -> Json:
     """What a consumer needs to know about a head: classes, size, votes and calibration."""
     card: Json = {"classes": list(head.classes)}
-    forest = forest_of(head.learner)
-    network = network_of(head.learner)
-
+    forest, network = head.learner.forest, head.learner.network
     if forest is not None:
         trees = forest.estimators_
         card["trees"] = len(trees)
@@ -176,7 +168,7 @@ def _head_card(head: Head) -> Json:
         card["vote_bits"] = vote_bits(len(trees))
         card["kind"] = type(forest).__name__
     if network is not None:
-        card["learner"] = kind_of(head.learner)
+        card["learner"] = "network" if forest is None else "committee"
         card["layers"] = [len(layer.bias) for layer in network.layers]
         card["votes"] = votes_in_all(head.learner)
     if head.label_weights is not None:

@@ -18,10 +18,7 @@ from holdfast.export.heads import Correction, FloatRows, Head, learned_name
 from holdfast.export.learner import (
     Forest,
     Learner,
-    features_in,
-    forest_of,
     leaf_votes,
-    network_of,
 )
 from holdfast.export.network import Inputs, Network
 
@@ -34,16 +31,12 @@ DIFFER = "differ from training"
 
 def hard_rows(learner: Learner, rows: FloatRows, seed: int) -> FloatRows:
     """Hard rows [H, F] for all that is in a learner."""
-    forest = forest_of(learner)
-    network = network_of(learner)
     parts = []
-
-    if forest is not None:
-        parts.append(threshold_rows(forest, rows, seed))
-    parts.append(edge_rows(features_in(learner)))
-    if network is not None:
-        parts.append(step_rows(network.inputs, rows, seed))
-
+    if learner.forest is not None:
+        parts.append(threshold_rows(learner.forest, rows, seed))
+    parts.append(edge_rows(learner.n_features))
+    if learner.network is not None:
+        parts.append(step_rows(learner.network.inputs, rows, seed))
     return np.concatenate(parts)
 
 
@@ -126,10 +119,8 @@ def require_same_numbers(model: onnx.ModelProto, head: Head) -> int:
 
     Raises VerificationFailed with the number of those that differ.
     """
-    forest = forest_of(head.learner)
-    network = network_of(head.learner)
+    forest, network = head.learner.forest, head.learner.network
     count = 0
-
     if forest is not None:
         made_by = {node.output[0]: node for node in model.graph.node}
         # where force decides "nothing", the learner's votes are not yet those of the file

@@ -43,7 +43,7 @@ from holdfast.export.heads import (
     reference_outputs,
     riskier_argmax,
 )
-from holdfast.export.learner import FOREST_KINDS, Forest, reference_votes
+from holdfast.export.learner import Forest, reference_votes
 from holdfast.export.network import IntArray
 from holdfast.export.spec import ContactRule, StepSpec
 from holdfast.export.structure import hard_rows, require, require_same_numbers
@@ -240,8 +240,9 @@ def _compare(
 
     # scikit-learn averages probabilities, whole votes are rounded: reported, not required
     plain = None
-    if isinstance(head.learner, FOREST_KINDS):
-        plain = _disagreement(head.learner, rows[:given], learned[:given])
+    forest = head.learner.forest
+    if forest is not None and head.learner.network is None:
+        plain = _disagreement(forest, rows[:given], learned[:given])
     return HeadVerification(len(rows), 0, 0, plain, nodes)
 
 
