@@ -186,7 +186,7 @@ def add_learner(
         return add_forest(graph, forest, features, n_classes, out)
     trees = add_forest(graph, forest, features, n_classes, "")
     if network is None:
-        return graph.node("MatMul", trees, moved, out=out)
+        return graph.node("MatMul", trees, np.asarray(moved), out=out)
     # both hold whole numbers below 2^23, so float32 adds them exactly
     added = add_network(graph, network, features, moved)
     if moved is None:

@@ -6,6 +6,7 @@ chance, where both sides of a branch vote alike; the numbers of the nodes cannot
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -173,24 +174,25 @@ def _same_trees(node: onnx.NodeProto, forest: Forest, head: Head) -> int:
     # Values that training keeps at branches are no votes: only a leaf may have any.
     expected_votes = np.concatenate(leaf_votes(forest, len(head.classes)))
     expected_votes[branch] = 0
-    differs = _votes_of(exported, trees, head) != expected_votes
+    differs = votes_of_nodes(exported, len(head.classes)) != expected_votes
     wrong |= np.any(differs, axis=1)
     n_wrong = int(wrong.sum())
     require(not n_wrong, f"head {head.name}: {n_wrong} of {len(wrong)} nodes {DIFFER}")
     return len(wrong)
 
 
-def _votes_of(exported: dict[str, Any], trees: list[Any], head: Head) -> FloatRows:
-    """[nodes, K] votes of every node in the file; a branch should have none."""
-    counts = [tree.node_count for tree in trees]
-    starts = np.concatenate([[0], np.cumsum(counts)])
+def votes_of_nodes(trees: Mapping[str, Any], n_classes: int) -> FloatRows:
+    """[nodes, K] votes of every node of a file; a branch should have none.
 
-    votes = np.zeros((starts[-1], len(head.classes)))
-    tree = np.array(exported["target_treeids"], int)
-    rows = starts[tree] + np.array(exported["target_nodeids"], int)
-    targets = np.array(exported["target_ids"], int)
+    trees: attributes of a TreeEnsembleRegressor, by name.
+    """
+    # the ids of nodes count from each tree's first one, the rows here through all trees
+    ids = np.array(trees["nodes_nodeids"])
+    starts = np.flatnonzero(ids == 0)
+    rows = starts[trees["target_treeids"]] + trees["target_nodeids"]
+    votes = np.zeros((len(ids), n_classes), dtype=np.float32)
     # votes that are listed twice add up, as the runtime adds them
-    np.add.at(votes, (rows, targets), exported["target_weights"])
+    np.add.at(votes, (rows, trees["target_ids"]), trees["target_weights"])
     return votes
 
 

@@ -8,7 +8,6 @@ exact in any order. A feature that is NaN goes right, as in onnxruntime.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +15,7 @@ import numpy.typing as npt
 from holdfast.export.c.graph import Node
 from holdfast.export.c.literals import number, smallest_type, template
 from holdfast.export.c.loops import Writer
+from holdfast.export.structure import votes_of_nodes
 
 IntArray = npt.NDArray[np.int64]
 TOGETHER = 4
@@ -49,57 +49,36 @@ class Forest:
 
 def read_forest(node: Node, n_classes: int) -> Forest:
     """The trees of a TreeEnsembleRegressor, which are checked already (edge_runtime)."""
-    about = {}
-    for name, values in node.attributes.items():
-        is_real = name in ("nodes_values", "target_weights")
-        about[name] = np.array(values, np.float32) if is_real else np.array(values)
+    about = {name: np.array(values) for name, values in node.attributes.items()}
     branch = about["nodes_modes"] == b"BRANCH_LEQ"
     tree = about["nodes_treeids"]
 
     first = np.flatnonzero(about["nodes_nodeids"] == 0)
-    leaf_votes, leaf_of = _leaves(about, first, branch, n_classes)
+
+    # many leaves have the same votes: the table holds each different one once
+    votes = votes_of_nodes(node.attributes, n_classes).astype(np.int64)
+    leaves, number_of = np.unique(votes[~branch], axis=0, return_inverse=True)
 
     # a node's number in C: a branch counts from its tree's first branch, a leaf is ~leaf
     branches_so_far = np.cumsum(branch)
-    place = branches_so_far - 1
     starts = np.concatenate([[0], branches_so_far])[first]
-    meaning = np.where(branch, place - starts[tree], ~leaf_of)
+    meaning = branches_so_far - 1 - starts[tree]
+    meaning[~branch] = ~number_of.ravel()
 
     # the ids of the file count from each tree's first node, here rows count through all trees
-    left_rows = first[tree] + about["nodes_truenodeids"]
-    right_rows = first[tree] + about["nodes_falsenodeids"]
-    left = meaning[left_rows[branch]]
-    right = meaning[right_rows[branch]]
+    children = []
+    for side in ("nodes_truenodeids", "nodes_falsenodeids"):
+        children.append(meaning[(first[tree] + about[side])[branch]])
     roots = meaning[first]
     return Forest(
-        threshold=about["nodes_values"][branch],
+        threshold=about["nodes_values"][branch].astype(np.float32),
         feature=about["nodes_featureids"][branch],
-        children=np.stack([left, right], axis=1),
+        children=np.stack(children, axis=1),
         # a tree of one leaf begins at a branch that a walk may read and never follows
         starts=np.where(roots < 0, 0, starts),
         roots=roots,
-        votes=leaf_votes,
+        votes=leaves,
     )
-
-
-def _leaves(
-    about: dict[str, Any],
-    first: IntArray,
-    branch: npt.NDArray[np.bool_],
-    n_classes: int,
-) -> tuple[IntArray, IntArray]:
-    """(votes of every different leaf, the number of each node's leaf)."""
-    votes = np.zeros((len(branch), n_classes), dtype=np.int64)
-    rows = first[about["target_treeids"]] + about["target_nodeids"]
-    weights = about["target_weights"].astype(np.int64)
-    # add.at, because += would count a place that occurs twice only once
-    np.add.at(votes, (rows, about["target_ids"]), weights)
-
-    # many leaves have the same votes: the table holds each different one once
-    different, number_of = np.unique(votes[~branch], axis=0, return_inverse=True)
-    leaf_of = np.zeros(len(branch), dtype=np.int64)
-    leaf_of[~branch] = number_of.ravel()
-    return different, leaf_of
 
 
 def write_trees(node: Node, writer: Writer) -> list[str]:
@@ -134,19 +113,16 @@ def write_trees(node: Node, writer: Writer) -> list[str]:
 
 def _branches(name: str, forest: Forest, kind: str) -> str:
     """The table of branches; a forest of single leaves has one that no walk reads."""
-    head = f"static const hf_branch_{kind} {name}"
-    if not len(forest.threshold):
-        return f"{head}[1] = {{{{0.0f, 0, {{-1, -1}}}}}};\n"
-
     # number by number, plain lists are much faster than numpy arrays
-    thresholds = forest.threshold.tolist()
-    features = forest.feature.tolist()
-    children = forest.children.tolist()
+    numbers = zip(
+        forest.threshold.tolist(),
+        forest.feature.tolist(),
+        forest.children.tolist(),
+        strict=True,
+    )
     lines = []
-    for threshold, feature, both in zip(thresholds, features, children, strict=True):
-        low, high = both
-        limit = number(threshold, "float")
-        lines.append(f"    {{{limit}, {feature}, {{{low}, {high}}}}}")
-
-    rows = ",\n".join(lines)
-    return f"{head}[{len(lines)}] = {{\n{rows}\n}};\n"
+    for threshold, feature, (low, high) in numbers:
+        lines.append(f"{{{number(threshold, 'float')}, {feature}, {{{low}, {high}}}}}")
+    lines = lines or ["{0.0f, 0, {-1, -1}}"]
+    rows = ",\n    ".join(lines)
+    return f"static const hf_branch_{kind} {name}[{len(lines)}] = {{\n    {rows}\n}};\n"
