@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 from holdfast.export.c.graph import FEATURES, INPUTS, NEXT_STATE, Graph, Node, refusal
 from holdfast.export.c.literals import Tables
 from holdfast.export.c.loops import Writer
-from holdfast.export.c.memory import SCRATCH, Memory, View, views_of
+from holdfast.export.c.memory import SCRATCH, Memory, views_of
 from holdfast.export.c.operators import body_of
 
 CALL_BYTES = 256
@@ -22,12 +20,12 @@ class StepCode:
         self.tables = Tables()
         self._graph = graph
         views = views_of(graph)
-        first, keep, second = _halves(graph, views)
+        first, keep, second = _halves(graph)
 
         # the caller's arrays and the fields of its struct
         outside = {name: name for name in (*INPUTS, FEATURES)}
         for name in graph.outputs:
-            is_array = math.prod(graph.shape(name)) > 1
+            is_array = graph.size(name) > 1
             outside[name] = f"out->{name}" if is_array else f"&out->{name}"
         sense = Memory(graph, views, first, outside, [keep])
         answer = Memory(graph, views, second, outside, [])
@@ -35,7 +33,7 @@ class StepCode:
         self.answer = self._half(second, answer)
 
         # a tag of the model in front of the numbers, so that no other model's state is read
-        self.state_bytes = 8 + 8 * math.prod(graph.shape("state"))
+        self.state_bytes = 8 + 8 * graph.size("state")
         # both halves run one after the other, so the larger one counts
         scratch = max(sense.scratch_bytes(), answer.scratch_bytes())
         # holdfast_step keeps the features on the stack, as floats of four bytes.
@@ -48,28 +46,26 @@ class StepCode:
         for c_type, size in memory.sizes.items():
             lines.append(f"{c_type} {SCRATCH[c_type]}[{size}];")
         for node in nodes:
-            # what nothing reads is not computed
+            # what nothing reads is not computed, and a view is there already
             if any(memory.is_kept(name) for name in node.outputs):
                 lines += writer.step(node, body_of(node, writer))
         return lines
 
 
-def _halves(
-    graph: Graph, views: dict[str, View]
-) -> tuple[list[Node], Node, list[Node]]:
+def _halves(graph: Graph) -> tuple[list[Node], Node, list[Node]]:
     """Nodes up to the features, the one that joins the next state, nodes behind the features."""
     behind = {FEATURES}
     sense: list[Node] = []
     answer: list[Node] = []
     (*_, keep) = graph.nodes
     for node in graph.nodes:
-        is_behind = not behind.isdisjoint(node.inputs)
-        if is_behind:
-            behind.update(node.outputs)
         if NEXT_STATE in node.outputs:
             keep = node
-        elif any(name not in views for name in node.outputs):
-            (answer if is_behind else sense).append(node)
+        elif behind.isdisjoint(node.inputs):
+            sense.append(node)
+        else:
+            behind.update(node.outputs)
+            answer.append(node)
     return sense, keep, answer
 
 
@@ -78,16 +74,16 @@ def _kept_state(graph: Graph, node: Node, memory: Memory) -> list[str]:
     lines = []
     at = 0
     for name in node.inputs:
-        place = memory.place(name)
-        size = math.prod(graph.shape(name))
-        inside = place.array == "state"
+        array, offset = memory.place(name)
+        size = graph.size(name)
+        inside = array == "state"
         # a part that moves backwards would be overwritten before it is copied
-        if inside and place.offset < at:
+        if inside and offset < at:
             raise refusal(node, "a part of the state moves backwards")
 
         # source and target overlap where rows of the history move up by one
         copy = "memmove" if inside else "memcpy"
-        source = place.address()
+        source = f"{array} + {offset}"
         lines.append(f"{copy}(state + {at}, {source}, {size} * sizeof *state);")
         at += size
     return lines

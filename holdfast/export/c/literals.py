@@ -13,14 +13,6 @@ import numpy.typing as npt
 
 from holdfast.export.c.graph import BOOL, DOUBLE, FLOAT, INT32, INT64
 
-C_TYPES: dict[int, str] = {
-    DOUBLE: "double",
-    FLOAT: "float",
-    INT32: "int32_t",
-    INT64: "int32_t",
-    BOOL: "uint8_t",
-}
-"""Element type -> C type. Whole numbers of a graph are places and counts: 32 bits hold them."""
 OUT_TYPES: dict[int, str] = {
     DOUBLE: "f8",
     FLOAT: "f4",

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.export.c.graph import Graph, Node, Shape
-from holdfast.export.c.literals import C_TYPES, Tables, number
+from holdfast.export.c.literals import Tables, number
 from holdfast.export.c.memory import Memory, first_of_run
 
 COUNTERS = "ijklmn"
@@ -67,10 +67,6 @@ class Writer:
     memory: Memory
     tables: Tables
 
-    def c_type(self, tensor: str) -> str:
-        """The C type of a tensor's numbers."""
-        return C_TYPES[self.graph.element(tensor)]
-
     def read(self, tensor: str, over: Shape) -> str:
         """A tensor at each pass of the loops over a shape: a literal, a table or an array."""
         # ONNX broadcasts as numpy does: missing axes are added in front, with length one
@@ -81,7 +77,7 @@ class Writer:
         if values is None:
             return f"t_{tensor}[{at}]"
 
-        c_type = self.c_type(tensor)
+        c_type = self.graph.c_type(tensor)
         first = values.ravel()[0]
         if (values == first).all():
             return number(first, c_type)
@@ -111,5 +107,6 @@ class Writer:
 
     def _pointer(self, tensor: str) -> str:
         """A pointer that shares memory with no other, so the compiler may use vectors."""
-        place = self.memory.place(tensor)
-        return f"{place.c_type} *restrict t_{tensor} = {place.address()};"
+        array, offset = self.memory.place(tensor)
+        c_type = self.graph.c_type(tensor)
+        return f"{c_type} *restrict t_{tensor} = {array} + {offset};"

@@ -8,43 +8,37 @@ so the stack holds the largest moment, not the sum of all tensors. Parts of anot
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from holdfast.export.c.graph import Graph, Node, Shape
-from holdfast.export.c.literals import BYTES, C_TYPES
+from holdfast.export.c.literals import BYTES
 
 IntArray = npt.NDArray[np.int64]
-ALIGNED = 8
-"""Places are multiples of this many numbers, for vector instructions."""
 SCRATCH = {"double": "d", "float": "f", "int32_t": "w", "uint8_t": "b"}
 """The names of the scratch arrays."""
 
 
-@dataclass(frozen=True)
-class View:
-    """A tensor that begins `offset` numbers into the memory of another one.
-
-    base: the tensor that has the memory; it is never a view itself.
-    """
+class Place(NamedTuple):
+    """Where a tensor begins: in an array of C, or so many numbers into another tensor."""
 
     base: str
     offset: int = 0
 
 
-def views_of(graph: Graph) -> dict[str, View]:
+def views_of(graph: Graph) -> dict[str, Place]:
     """Every tensor that needs no memory, by name."""
-    views: dict[str, View] = {}
+    views: dict[str, Place] = {}
     for node in graph.nodes:
         given = node.inputs[0]
-        whole = views.get(given, View(given))
+        whole = views.get(given, Place(given))
         for name, places in moved_places(node, graph).items():
             first = first_of_run(places)
             # an output has memory of its own
             if first is not None and name not in graph.outputs:
-                views[name] = View(whole.base, whole.offset + first)
+                views[name] = Place(whole.base, whole.offset + first)
     return views
 
 
@@ -88,19 +82,6 @@ def first_of_run(places: IntArray) -> int | None:
     return first if np.array_equal(places.ravel(), in_a_row) else None
 
 
-@dataclass(frozen=True)
-class Place:
-    """Memory of a tensor: its C type, the array it is in, and the first number there."""
-
-    c_type: str
-    array: str
-    offset: int = 0
-
-    def address(self) -> str:
-        """As a C expression."""
-        return f"{self.array} + {self.offset}" if self.offset else self.array
-
-
 class Memory:
     """The places of all tensors that a list of nodes reads or makes.
 
@@ -113,7 +94,7 @@ class Memory:
     def __init__(
         self,
         graph: Graph,
-        views: dict[str, View],
+        views: dict[str, Place],
         nodes: list[Node],
         outside: dict[str, str],
         kept: list[Node],
@@ -121,15 +102,12 @@ class Memory:
         self._graph = graph
         self._views = views
         self.sizes: dict[str, int] = {}
-        self._places: dict[str, Place] = {}
-        for name, array in outside.items():
-            self._places[name] = Place(self.c_type(name), array)
+        self._places = {name: Place(array) for name, array in outside.items()}
 
         last_reader: dict[str, int] = {}
         for at, node in enumerate([*nodes, *kept]):
             for name in node.inputs:
-                base = views[name].base if name in views else name
-                last_reader[base] = at
+                last_reader[views.get(name, Place(name)).base] = at
 
         # of each C type: first number, one past the last, and the last reader of a tensor
         taken: dict[str, list[tuple[int, int, int]]] = {}
@@ -137,7 +115,7 @@ class Memory:
             for name in node.outputs:
                 if name in self._places or name not in last_reader:
                     continue
-                of_type = taken.setdefault(self.c_type(name), [])
+                of_type = taken.setdefault(graph.c_type(name), [])
                 # C's `restrict` promises that a node's outputs do not overlap its inputs
                 living = [one for one in of_type if one[2] >= at]
                 first, end = self._allot(name, living)
@@ -145,22 +123,17 @@ class Memory:
 
     def _allot(self, name: str, living: list[tuple[int, int, int]]) -> tuple[int, int]:
         """Give a tensor the first gap between the living ones that is large enough."""
-        n = math.prod(self._graph.shape(name))
-        n += -n % ALIGNED
+        n = self._graph.size(name)
         first = 0
         for begin, end, _ in sorted(living):
             if begin - first >= n:
                 break
             first = max(first, end)
 
-        c_type = self.c_type(name)
+        c_type = self._graph.c_type(name)
         self.sizes[c_type] = max(self.sizes.get(c_type, 0), first + n)
-        self._places[name] = Place(c_type, SCRATCH[c_type], first)
+        self._places[name] = Place(SCRATCH[c_type], first)
         return first, first + n
-
-    def c_type(self, name: str) -> str:
-        """The C type that a tensor is kept as."""
-        return C_TYPES[self._graph.element(name)]
 
     def is_kept(self, name: str) -> bool:
         """Whether a later node, or the caller, reads a tensor."""
@@ -168,9 +141,9 @@ class Memory:
 
     def place(self, name: str) -> Place:
         """Where a tensor lies."""
-        view = self._views.get(name, View(name))
-        base = self._places[view.base]
-        return Place(base.c_type, base.array, base.offset + view.offset)
+        view = self._views.get(name, Place(name))
+        whole = self._places[view.base]
+        return Place(whole.base, whole.offset + view.offset)
 
     def scratch_bytes(self) -> int:
         """Of all scratch arrays."""

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.export.c.graph import BOOL, DOUBLE, FLOAT, INT64, Node, refusal
-from holdfast.export.c.literals import C_TYPES, number
+from holdfast.export.c.graph import BOOL, C_TYPES, DOUBLE, FLOAT, INT64, Node, refusal
+from holdfast.export.c.literals import number
 from holdfast.export.c.loops import Writer, block, nested, place, strides
 from holdfast.export.c.memory import moved_places, numbered
 from holdfast.export.c.trees import write_trees
@@ -103,7 +103,7 @@ def _look_up(node: Node, writer: Writer) -> list[str]:
     else:
         values = writer.graph.constant(node.inputs[0], node)
         at = writer.read(node.inputs[1], shape)
-    name = writer.tables.add(f"hf_{out}_values", values, writer.c_type(out))
+    name = writer.tables.add(f"hf_{out}_values", values, writer.graph.c_type(out))
     # a corrupted state must not reach beyond the table
     value = f"{name}[hf_within({at}, {len(values) - 1})]"
     return nested(shape, [f"{writer.read(out, shape)} = {value};"])
@@ -151,7 +151,7 @@ def _reduced(node: Node, writer: Writer) -> list[str]:
     lines = nested(tuple(kept), [f"{target} = {begin};"])
     taken = TAKES[node.op_type].format(x=writer.read(given, shape), y=target)
     # C computes with small integers as int: the cast states the type that is kept
-    lines += nested(shape, [f"{target} = ({writer.c_type(out)})({taken});"])
+    lines += nested(shape, [f"{target} = ({writer.graph.c_type(out)})({taken});"])
     # the loop above has added up squares: the root of each sum is taken once, at the end
     if node.op_type == "ReduceL2":
         lines += nested(tuple(kept), [f"{target} = sqrt({target});"])
@@ -196,7 +196,7 @@ def _sums(
     weights: npt.NDArray[Any], lanes: int, x: _Side, y: _Side, writer: Writer
 ) -> list[str]:
     """Sums of weights [terms, sums] times terms, the same for each lane."""
-    c_type = writer.c_type(y.tensor)
+    c_type = writer.graph.c_type(y.tensor)
     if 2 * np.count_nonzero(weights) > weights.size:
         # term after term, the sums side by side: the table is read as it lies in memory
         shape = (lanes, *weights.shape)

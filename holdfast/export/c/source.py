@@ -20,7 +20,6 @@ from holdfast.export.c.compiled import StepCode
 from holdfast.export.c.constants import constants, options_of, rules_of
 from holdfast.export.c.graph import Graph
 from holdfast.export.c.literals import (
-    C_TYPES,
     OUT_TYPES,
     Words,
     number,
@@ -153,7 +152,7 @@ def _words(graph: Graph, compiled: StepCode) -> dict[str, object]:
         "GAP_MS": f"{gap_ms:.0f}",
         "LEAST": card.min_valid_sensors,
         "SETTLE": card.settle_samples,
-        "STATE_NUMBERS": math.prod(graph.shape("state")),
+        "STATE_NUMBERS": graph.size("state"),
         "STATE_BYTES": compiled.state_bytes,
         "TABLE_BYTES": compiled.tables.n_bytes,
         "STACK_BYTES": compiled.stack_bytes,
@@ -179,9 +178,9 @@ def _struct(graph: Graph) -> str:
         elif name in graph.card.heads:
             about = "probability of yes"
 
-        size = math.prod(graph.shape(name))
+        size = graph.size(name)
         length = f"[{size}]" if size > 1 else ""
-        field = f"{C_TYPES[graph.element(name)]} {name}{length};"
+        field = f"{graph.c_type(name)} {name}{length};"
         comment = f"/* {about} */" if about else ""
         lines.append(f"    {field:<28}{comment}".rstrip())
 
@@ -221,7 +220,7 @@ def _selftest(graph: Graph, words: Words) -> str:
 
         # votes are whole numbers kept as float32: they must be equal, like labels
         is_exact = answers.dtype != np.float32 or "votes" in name
-        c_type = smallest_type(answers) if is_exact else C_TYPES[graph.element(name)]
+        c_type = smallest_type(answers) if is_exact else graph.c_type(name)
         tables.append(table(f"golden_{name}", answers, c_type))
         checks.append(f"        {_check(name, size, is_exact)}")
 
