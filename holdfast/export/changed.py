@@ -17,7 +17,6 @@ import hashlib
 import json
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -27,13 +26,12 @@ from holdfast.core.contract import Json, channel_names
 from holdfast.core.errors import NotAdapted, UsageError, VerificationFailed
 from holdfast.core.hand_card import HandCard
 from holdfast.core.schema import json_of
-from holdfast.core.writing import require_writable, write_whole
+from holdfast.core.writing import require_writable
 from holdfast.edge_runtime.decision import LIMITS, DecisionRules
 from holdfast.edge_runtime.graph import Outputs, open_session, run_recording
 from holdfast.edge_runtime.model import golden_input
 from holdfast.edge_runtime.model_file import (
     CARD_KEY,
-    CARD_SUFFIX,
     CONTACT_KEY,
     GOLDEN_KEY,
     SEAL_KEY,
@@ -42,10 +40,10 @@ from holdfast.edge_runtime.model_file import (
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.exporting import (
     metadata_of,
-    readable_card,
     seal,
     sealed_with,
     spec_for_hand,
+    write_model,
 )
 from holdfast.export.features import add_step
 from holdfast.export.heads import (
@@ -96,9 +94,8 @@ def write_changed(
     """Write a changed copy and its card; returns its size in bytes. Raises as `changed`."""
     data = read_sealed(path)
     require_writable(out.parent)
-    card, new = changed(data, hand, rules, path)
-    write_whole(out, new)
-    write_whole(out.with_suffix(CARD_SUFFIX), readable_card(card, out.name, new))
+    new = changed(data, hand, rules, path)
+    write_model(out, new)
     return len(new)
 
 
@@ -107,8 +104,8 @@ def changed(
     hand: HandCard | None = None,
     rules: Mapping[str, int] | None = None,
     where: str | Path = "",
-) -> tuple[Json, bytes]:
-    """Card and bytes of a changed copy of a sealed file, verified.
+) -> bytes:
+    """A changed copy of a sealed file, verified.
 
     hand: for which the copy is. rules: of the decision, by name. Without either, the step is built
     anew. Raises UsageError for a file that takes no such change, or a rule that cannot be;
@@ -138,7 +135,7 @@ def changed(
     # these three are written anew; an adapted file has its base's behind them
     for name in (CARD_KEY, GOLDEN_KEY, SEAL_KEY):
         del kept[name]
-    return card, seal(model, card, spec, kept)
+    return seal(model, card, spec, kept)
 
 
 def _decision(before: Json, rules: Mapping[str, int]) -> Json:
@@ -235,36 +232,28 @@ def _require_answers(
     require(not wrong, f"the changed file{where}: {wrong} differ from the reference")
 
 
-@dataclass(frozen=True)
-class Adaptation:
-    """What makes a file one for a person. about: what it is based on, for the card.
+def adapted(
+    base: bytes, correction: Correction | None, decision: DecisionRules, about: Json
+) -> bytes:
+    """A sealed file for one person. base: a sealed file that is not adapted.
 
-    correction: None where only the decision is another. decision: replaces that of the base.
-    """
-
-    correction: Correction | None
-    decision: DecisionRules
-    about: Json
-
-
-def adapted(base: bytes, adaptation: Adaptation) -> bytes:
-    """The sealed file of an adaptation. base: a sealed file that is not adapted.
-
-    Raises VerificationFailed where the base could not be restored byte for byte.
+    correction: None where only the decision is another. decision: replaces that of the base. about:
+    what the adaptation is based on, for the card. Raises VerificationFailed where the base could
+    not be restored byte for byte.
     """
     model = onnx.load_from_string(base)
     metadata = metadata_of(model)
     card = json_of(metadata[CARD_KEY])
-    card["decision"] = adaptation.decision.to_json()
-    if adaptation.correction is not None:
+    card["decision"] = decision.to_json()
+    if correction is not None:
         head = card["heads"]["situation"]
-        _add_correction(model, adaptation.correction, len(head["classes"]))
+        _add_correction(model, correction, len(head["classes"]))
         head["correction"] = {
-            "inputs": adaptation.correction.network.n_features,
+            "inputs": correction.network.n_features,
             "steps_per_nat": LOGIT_STEPS,
         }
     digest = hashlib.sha256(base).hexdigest()
-    card["adaptation"] = {"base_sha256": digest, **adaptation.about}
+    card["adaptation"] = {"base_sha256": digest, **about}
     onnx.checker.check_model(model, full_check=True)
 
     # the seal is computed again when the base is restored

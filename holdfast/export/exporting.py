@@ -78,12 +78,8 @@ def export_artifact(
     )
 
     report("sealing: card, golden sequences, SHA-256")
-    card = model_card(artifact)
-    data = seal(model, card, artifact.spec)
-
-    # the card is a readable copy: nothing that runs reads it
-    write_whole(path, data)
-    write_whole(path.with_suffix(CARD_SUFFIX), readable_card(card, path.name, data))
+    data = seal(model, model_card(artifact), artifact.spec)
+    write_model(path, data)
     return path, ExportReport(**vars(verification), bytes=len(data))
 
 
@@ -178,19 +174,16 @@ def _head_card(head: Head) -> Json:
     return card
 
 
-def readable_card(card: Json, name: str, data: bytes) -> str:
-    """The card of a file as readable JSON, with name, size and SHA-256, without fingerprints."""
-    file = {
-        "name": name,
-        "bytes": len(data),
-        "sha256": hashlib.sha256(data).hexdigest(),
-    }
+def write_model(path: Path, data: bytes) -> None:
+    """Write a sealed file, and beside it its card for people: nothing that runs reads that."""
+    card = json.loads(metadata_of(onnx.load_from_string(data))[CARD_KEY])
     # one fingerprint a recording would make the card unreadable
-    training = dict(card["training"])
-    training.pop("recordings", None)
-
-    readable = {"file": file, **card, "training": training}
-    return json.dumps(readable, indent=1) + "\n"
+    card["training"].pop("recordings", None)
+    digest = hashlib.sha256(data).hexdigest()
+    file = {"name": path.name, "bytes": len(data), "sha256": digest}
+    readable = json.dumps({"file": file, **card}, indent=1)
+    write_whole(path, data)
+    write_whole(path.with_suffix(CARD_SUFFIX), readable + "\n")
 
 
 def seal(
