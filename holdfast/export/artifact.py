@@ -25,7 +25,7 @@ from holdfast.core.writing import remove, write_whole
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.preparation import Preparation, preparation_from_json
 from holdfast.export.features import feature_count
-from holdfast.export.heads import MAIN_HEAD, Calibration, FloatRows, Head
+from holdfast.export.heads import Calibration, FloatRows, Head
 from holdfast.export.learner import (
     FOREST_KINDS,
     Forest,
@@ -154,18 +154,11 @@ def _write_learner(folder: Path, head: Head) -> dict[str, str]:
 
 def _write_network(path: Path, network: Network) -> None:
     """Write a network as one archive of arrays, its layers numbered from 0."""
-    inputs = network.inputs
-    arrays: dict[str, Any] = {
-        "votes_in_all": np.int64(network.votes_in_all),
-        "knee": inputs.knee,
-        "gain": inputs.gain,
-        "offset": inputs.offset,
-    }
+    arrays: dict[str, Any] = {**vars(network.inputs)}
+    arrays["votes_in_all"] = np.int64(network.votes_in_all)
     for number, layer in enumerate(network.layers):
-        arrays[f"weights{number}"] = layer.weights
-        arrays[f"bias{number}"] = layer.bias
-        arrays[f"scale{number}"] = layer.scale
-
+        for name, values in vars(layer).items():
+            arrays[f"{name}{number}"] = values
     _write_arrays(path, arrays)
 
 
@@ -195,7 +188,7 @@ def read_artifact(folder: str | Path) -> Artifact:
             rows=_read_arrays(folder / ROWS)["rows"],
             training=index.training,
         )
-        _require_that_parts_fit(artifact)
+        _require_one_width(artifact)
     except FileNotFoundError as error:
         raise ArtifactError(
             f"no {Path(error.filename).name}",
@@ -262,7 +255,7 @@ def _read_forest(path: Path) -> Forest:
 def _read_network(path: Path) -> Network:
     """The network of an archive. Raises KeyError or ValueError, or what numpy raises."""
     arrays = _read_arrays(path)
-    # Layers are numbered from 0 without a gap: the first number that is missing ends them.
+    # layers are numbered from 0 without a gap: the first number that is missing ends them
     layers: list[Layer] = []
     while f"weights{len(layers)}" in arrays:
         names = [f"{what}{len(layers)}" for what in ("weights", "bias", "scale")]
@@ -272,16 +265,10 @@ def _read_network(path: Path) -> Network:
     return Network(inputs, tuple(layers), int(arrays["votes_in_all"]))
 
 
-def _require_that_parts_fit(artifact: Artifact) -> None:
-    """Raise ValueError where learners, rows and spec do not fit each other."""
-    width = feature_count(artifact.spec)
-    if artifact.rows.shape[1:] != (width,):
-        raise ValueError(f"rows of shape {artifact.rows.shape} for {width} features")
-    if MAIN_HEAD not in [head.name for head in artifact.heads]:
-        raise ValueError(f"no head {MAIN_HEAD}")
-
+def _require_one_width(artifact: Artifact) -> None:
+    """Raise ValueError where learners, rows and spec have other numbers of features."""
+    widths = {artifact.rows.shape[1], feature_count(artifact.spec)}
     for head in artifact.heads:
-        k = len(head.classes)
-        is_calibrated = head.calibration.weights.shape == (k, k)
-        if head.learner.n_features != width or not is_calibrated:
-            raise ValueError(f"head {head.name} does not fit the spec or its classes")
+        widths.add(head.learner.n_features)
+    if len(widths) > 1:
+        raise ValueError(f"its parts have {sorted(widths)} features")

@@ -57,7 +57,6 @@ from holdfast.export.network import LOGIT_STEPS
 from holdfast.export.spec import StepSpec
 from holdfast.export.structure import edge_rows, hard_rows_of, require
 from holdfast.export.verify import (
-    SINGLE_ROWS,
     AdaptedVerification,
     compare_streams,
     cut_learners,
@@ -320,7 +319,7 @@ def verify_adapted(
     label = riskier_argmax(weighted(votes, weights))
     same = np.array_equal(new["situation"], label)
     require(same, "labels differ from the reference")
-    n_single = require_single_rows_equal(session, hard, new, SINGLE_ROWS, seed=0)
+    n_single = require_single_rows_equal(session, hard, new, seed=0)
 
     spec = StepSpec.from_json(card["spec"])
     before, after = _golden(base, spec), _golden(data, spec)

@@ -153,7 +153,7 @@ def verify(
         compared[head.name] = _compare(
             head, hard, answers, len(rows), nodes, by_force=spec.contact is not None
         )
-        single += require_single_rows_equal(learners, hard, answers, SINGLE_ROWS, seed)
+        single += require_single_rows_equal(learners, hard, answers, seed)
 
     report("verifying ties, and streams of one hand against a batch")
     ties = _check_ties(model, heads)
@@ -179,17 +179,16 @@ def _cut(
     """The part of a model between a tensor, which becomes its input, and these outputs."""
     # the new input needs a type and a shape, which only inference knows
     with_shapes = onnx.shape_inference.infer_shapes(model)
-    flags = [EMPTY] if decides_by_force(model) and start == "features" else []
-    extractor = Extractor(with_shapes)
-    cut: onnx.ModelProto = extractor.extract_model([start, *flags], outputs)
+    inputs = [start]
+    if start == "features" and decides_by_force(model):
+        inputs.append(EMPTY)
+    cut: onnx.ModelProto = Extractor(with_shapes).extract_model(inputs, outputs)
 
     # what takes no part in the learners is no input of theirs, but a constant
-    for name in flags:
-        (given,) = [one for one in cut.graph.input if one.name == name]
-        cut.graph.input.remove(given)
-        cut.graph.initializer.append(
-            numpy_helper.from_array(np.array([[not touches]]), name)
-        )
+    for _ in inputs[1:]:
+        constant = numpy_helper.from_array(np.array([[not touches]]), EMPTY)
+        cut.graph.initializer.append(constant)
+        del cut.graph.input[-1]
     return cut.SerializeToString()
 
 
@@ -273,14 +272,14 @@ def _disagreement(
 
 
 def require_single_rows_equal(
-    session: Any, rows: FloatRows, batch: Outputs, most: int, seed: int
+    session: Any, rows: FloatRows, batch: Outputs, seed: int
 ) -> int:
     """B = 1 equals B = many, bit for bit, on every output of the learners; returns the count.
 
-    batch: the outputs of all rows at once. most: so many rows are chosen at random.
+    batch: the outputs of all rows at once, of which SINGLE_ROWS are chosen at random.
     """
     rng = np.random.default_rng(seed)
-    chosen = rng.choice(len(rows), size=min(most, len(rows)), replace=False)
+    chosen = rng.choice(len(rows), size=min(SINGLE_ROWS, len(rows)), replace=False)
     alone = run_rows(session, rows[chosen], 1)
     for name, value in alone.items():
         _require_same(name, value, batch[name][chosen])
