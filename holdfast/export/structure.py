@@ -84,10 +84,9 @@ def threshold_rows(forest: Forest, rows: FloatRows, seed: int) -> FloatRows:
     """
     rng = np.random.default_rng(seed)
     hard = rows[rng.integers(len(rows), size=THRESHOLD_ROWS)]
-    trees = [tree.tree_ for tree in forest.estimators_]
     # scikit-learn marks a leaf by the feature -2
-    feature = np.concatenate([tree.feature for tree in trees])
-    at = largest_float32_not_above(np.concatenate([tree.threshold for tree in trees]))
+    feature = _of_all_trees(forest, "feature")
+    at = largest_float32_not_above(_of_all_trees(forest, "threshold"))
     # 0 for a feature that no tree reads
     on = np.zeros_like(hard)
     for column in np.unique(feature[feature >= 0]):
@@ -153,13 +152,12 @@ def _same_weights(model: onnx.ModelProto, network: Network, head: Head) -> int:
 def _same_trees(node: onnx.NodeProto, forest: Forest, head: Head) -> int:
     """Features, thresholds, children and leaves."""
     exported = {one.name: helper.get_attribute_value(one) for one in node.attribute}
-    trees = [tree.tree_ for tree in forest.estimators_]
-    threshold = np.concatenate([tree.threshold for tree in trees])
+    threshold = _of_all_trees(forest, "threshold")
     expected = {
         "nodes_values": largest_float32_not_above(threshold),
-        "nodes_featureids": np.concatenate([tree.feature for tree in trees]),
-        "nodes_truenodeids": np.concatenate([tree.children_left for tree in trees]),
-        "nodes_falsenodeids": np.concatenate([tree.children_right for tree in trees]),
+        "nodes_featureids": _of_all_trees(forest, "feature"),
+        "nodes_truenodeids": _of_all_trees(forest, "children_left"),
+        "nodes_falsenodeids": _of_all_trees(forest, "children_right"),
     }
     # Training decides what is a branch, so that a wrong mode in the file is found.
     branch = expected["nodes_featureids"] >= 0
@@ -179,6 +177,12 @@ def _same_trees(node: onnx.NodeProto, forest: Forest, head: Head) -> int:
     n_wrong = int(wrong.sum())
     require(not n_wrong, f"head {head.name}: {n_wrong} of {len(wrong)} nodes {DIFFER}")
     return len(wrong)
+
+
+def _of_all_trees(forest: Forest, name: str) -> npt.NDArray[Any]:
+    """An attribute of every node, tree after tree, as training left it."""
+    trees = [getattr(tree.tree_, name) for tree in forest.estimators_]
+    return np.concatenate(trees)
 
 
 def votes_of_nodes(trees: Mapping[str, Any], n_classes: int) -> FloatRows:

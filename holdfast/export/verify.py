@@ -27,9 +27,9 @@ from holdfast.core.contract import (
 from holdfast.edge_runtime.graph import (
     BATCH,
     Outputs,
-    StepGraph,
     open_session,
     run_recording,
+    run_recordings,
 )
 from holdfast.edge_runtime.model import golden_input
 from holdfast.edge_runtime.model_file import EMPTY
@@ -364,15 +364,11 @@ def _compare_stream(
     # The other recordings of the batch differ in size, so that a mix-up of rows would show.
     scale = np.random.default_rng(seed).uniform(0.1, 2.0, size=BATCH)
     scale[BATCH // 2] = 1.0
-    batch = StepGraph(session, BATCH, names)
-    for t, row in enumerate(values):
-        batch.sample[:] = row * scale[:, None]
-        batch.valid[:] = valid[t]
-        # sample by sample: a state that differs would show here first
-        outputs = batch.step()
-        for name, value in outputs.items():
-            _require_same(name, alone[name][t], value[BATCH // 2])
-
+    rows = np.arange(len(values))
+    many = [values * one for one in scale]
+    batch = run_recordings(session, many, [valid] * BATCH, names, [rows] * BATCH)
+    for name, value in batch[BATCH // 2].items():
+        _require_same(name, alone[name], value)
     return len(values) * BATCH
 
 

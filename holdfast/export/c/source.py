@@ -1,13 +1,12 @@
 """The text of holdfast.c, holdfast.h and holdfast_selftest.c: templates, filled in for one model.
 
-The hand-written C is in templates/: words between @ are filled in, snippets come by need.
+The hand-written C is in templates/: words between @ are filled in.
 """
 
 from __future__ import annotations
 
 import json
 import math
-import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,8 +42,6 @@ ABOUT = {
     "weight": "1: the object is heavy (150 g or more); no meaning where nothing is held",
 }
 """Output -> what the header says of it."""
-_SNIPPET = re.compile(r"^/\*\*\* (\w+) \*\*\*/\n", re.MULTILINE)
-"""The line in front of each helper of maths.c: it names the helper."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +76,7 @@ def c_source(graph: Graph) -> CSource:
 
 
 def _source(compiled: StepCode, words: Words, named: str) -> str:
-    """holdfast.c: what is used of maths.c, the model, then the hand-written files."""
+    """holdfast.c: the helpers, the model, then the hand-written files."""
     # Only the C file calls hf_sense; holdfast_features checks the state before it does.
     sense_head = (
         "static void hf_sense(double *state, const double *sample, "
@@ -92,7 +89,7 @@ def _source(compiled: StepCode, words: Words, named: str) -> str:
     # a C function stands before its first use
     parts = [
         template("begin.c", words),
-        _snippets(f"{sense}\n{answer}"),
+        template("maths.c", words),
         compiled.tables.text(),
         f"{sense}\n",
         f"{answer}\n",
@@ -104,25 +101,6 @@ def _source(compiled: StepCode, words: Words, named: str) -> str:
         parts.append(template(name, words))
 
     return "\n".join(parts)
-
-
-def _snippets(used_in: str) -> str:
-    """The helpers of maths.c that a source uses, and those that they use, in their order."""
-    parts = _SNIPPET.split(template("maths.c", {}))
-    helpers = dict(zip(parts[1::2], parts[2::2], strict=True))
-    used: set[str] = set()
-    texts = [used_in]
-
-    # a helper may use others: go on until no new one turns up
-    while texts:
-        called = set(re.findall(r"\w+", texts.pop()))
-        new = called & set(helpers) - used
-        for name in new:
-            used.add(name)
-            texts.append(helpers[name])
-
-    bodies = [body.strip() + "\n" for name, body in helpers.items() if name in used]
-    return "\n".join(bodies)
 
 
 def _words(graph: Graph, compiled: StepCode) -> dict[str, object]:
@@ -188,22 +166,16 @@ def _struct(graph: Graph) -> str:
 
 
 def _about(graph: Graph) -> str:
-    """model.json: card, golden answers, seal, and the layout of holdfast_out as C aligns it."""
-    fields: list[tuple[str, str, tuple[int, ...]]] = []
-    for name in graph.outputs:
-        # of one hand: without the batch
-        fields.append((name, OUT_TYPES[graph.element(name)], graph.shape(name)[1:]))
-    layout = np.dtype(fields, align=True)
-
+    """model.json: card, golden answers, seal, and the fields of holdfast_out."""
     outputs = []
-    for name, kind, shape in fields:
-        offset = layout.fields[name][1] if layout.fields else 0
-        outputs.append({"name": name, "dtype": kind, "offset": offset, "shape": shape})
+    for name in graph.outputs:
+        kind = OUT_TYPES[graph.element(name)]
+        # of one hand: without the batch
+        outputs.append({"name": name, "dtype": kind, "shape": graph.shape(name)[1:]})
     about = {
         "digest": graph.digest,
         "card": graph.card.raw,
         "golden": golden_to_json(graph.golden),
-        "out_bytes": layout.itemsize,
         "outputs": outputs,
     }
     return json.dumps(about, indent=1) + "\n"
@@ -222,7 +194,9 @@ def _selftest(graph: Graph, words: Words) -> str:
         is_exact = answers.dtype != np.float32 or "votes" in name
         c_type = smallest_type(answers) if is_exact else graph.c_type(name)
         tables.append(table(f"golden_{name}", answers, c_type))
-        checks.append(f"        {_check(name, size, is_exact)}")
+        given = f"out.{name}" if size > 1 else f"&out.{name}"
+        check = "SAME" if is_exact else "NEAR"
+        checks.append(f"        {check}({name}, {given}, {size});")
 
     more = {
         "ROWS": golden_length(graph.card.settle_samples),
@@ -231,14 +205,3 @@ def _selftest(graph: Graph, words: Words) -> str:
         "CHECKS": "\n".join(checks),
     }
     return template("selftest.c", {**words, **more})
-
-
-def _check(name: str, size: int, is_exact: bool) -> str:
-    """A line that counts where a row's answer differs."""
-    field = f"out.{name}" if size > 1 else f"&out.{name}"
-    if not is_exact:
-        return f"floats += far({field}, golden_{name} + {size} * row, {size});"
-
-    given = f"{field}[k]" if size > 1 else f"({field})[k]"
-    differs = f"{given} != golden_{name}[{size} * row + k]"
-    return f"for (int k = 0; k < {size}; ++k) labels += {differs};"
