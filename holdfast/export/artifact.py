@@ -23,7 +23,7 @@ from holdfast.core.errors import ArtifactError, CardError, OutputError
 from holdfast.core.schema import read
 from holdfast.core.writing import remove, write_whole
 from holdfast.edge_runtime.decision import DecisionRules
-from holdfast.edge_runtime.preparation import Preparation, preparation_from_json
+from holdfast.edge_runtime.preparation import Preparation
 from holdfast.export.features import feature_count
 from holdfast.export.heads import Calibration, FloatRows, Head
 from holdfast.export.learner import (
@@ -85,8 +85,8 @@ class _Index(msgspec.Struct, frozen=True):
 
     format: Literal[1]
     spec: StepSpec
-    preparation: Json
-    decision: Json
+    preparation: Preparation
+    decision: DecisionRules
     heads: dict[str, _Head]
     training: Json
     skops_types: list[str]
@@ -174,16 +174,14 @@ def read_artifact(folder: str | Path) -> Artifact:
     folder = Path(folder)
     try:
         index = read(folder / INDEX, _Index)
-        # building the rules checks them
-        rules = DecisionRules(**index.decision)
         heads = []
         for name, entry in index.heads.items():
             heads.append(_read_head(folder, name, entry))
 
         artifact = Artifact(
             spec=index.spec,
-            preparation=preparation_from_json(index.preparation),
-            decision=rules.to_json(),
+            preparation=index.preparation,
+            decision=index.decision.to_json(),
             heads=heads,
             rows=_read_arrays(folder / ROWS)["rows"],
             training=index.training,
