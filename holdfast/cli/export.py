@@ -25,6 +25,7 @@ from holdfast.cli.command import (
 )
 from holdfast.core.errors import UsageError, visible
 from holdfast.core.schema import model_path
+from holdfast.core.writing import require_free
 
 if TYPE_CHECKING:
     from holdfast.core.hand_card import HandCard
@@ -157,10 +158,7 @@ def _export_again(args: argparse.Namespace) -> int:
             "a model file is exported again into another file",
             next_step="name it: --out NEW.onnx",
         )
-    if args.out.exists() and not args.force:
-        raise UsageError(
-            f"--out {args.out} exists", next_step="name a new file, or add --force"
-        )
+    require_free(args.out, force=args.force)
     _report_begin(args)
     size = write_changed(args.artifact, args.out, _hand(args), dict(args.rule))
     lines = f"the same learner\nmodel: {args.out} ({size / 1e6:.1f} MB)"

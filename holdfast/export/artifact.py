@@ -19,7 +19,7 @@ import msgspec
 import numpy as np
 
 from holdfast.core.contract import Json
-from holdfast.core.errors import ArtifactError, CardError, OutputError
+from holdfast.core.errors import ArtifactError, CardError
 from holdfast.core.schema import read
 from holdfast.core.writing import remove, write_whole
 from holdfast.edge_runtime.decision import DecisionRules
@@ -90,17 +90,6 @@ class _Index(msgspec.Struct, frozen=True):
     heads: dict[str, _Head]
     training: Json
     skops_types: list[str]
-
-
-def require_no_artifact(folder: Path) -> None:
-    """Raise OutputError for a folder that holds a complete artifact, which would be replaced."""
-    if (folder / INDEX).exists():
-        raise OutputError(
-            "holds an artifact already",
-            where=folder,
-            cause="an earlier training",
-            next_step="name a new folder with --out, or add --force to replace it",
-        )
 
 
 def write_artifact(folder: str | Path, artifact: Artifact) -> Path:

@@ -17,7 +17,7 @@ import onnx
 
 from holdfast.core.contract import NORMAL_FLOOR, Json, channel_names
 from holdfast.core.errors import OutputError, UsageError
-from holdfast.core.writing import require_writable, write_whole
+from holdfast.core.writing import require_free, require_writable, write_whole
 from holdfast.edge_runtime.graph import open_session
 from holdfast.edge_runtime.model import golden_answers, golden_to_json
 from holdfast.edge_runtime.model_file import (
@@ -109,13 +109,7 @@ def require_replaceable(artifact: Path, model: Path, *, force: bool) -> None:
                 cause="the card of a model is written to MODEL.json",
                 next_step="name another file, such as --out holdfast.onnx",
             )
-        if not inside and not force and path.exists():
-            raise OutputError(
-                "exists already",
-                where=path,
-                cause="an earlier export",
-                next_step="name a new file with --out, or add --force to replace it",
-            )
+        require_free(path, force=force or inside)
 
 
 def whole_graph(spec: StepSpec, heads: list[Head]) -> onnx.ModelProto:

@@ -93,7 +93,7 @@ def test_an_earlier_export_is_replaced_only_with_force(run: Run, model: Path):
 
 def test_a_place_that_takes_no_folder_is_an_error_of_one_line(run: Run, model: Path):
     export = ("export", model, "--to", "c", "--out")
-    fails(run, 5, "OutputError", *export, model, says="is a file")
+    fails(run, 5, "OutputError", *export, model, says="cannot write")
     fails(run, 5, "OutputError", *export, model / "below", says="cannot write")
     assert names(model.parent) == ["small.onnx"]
 
