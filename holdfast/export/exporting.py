@@ -123,7 +123,6 @@ def whole_graph(spec: StepSpec, heads: list[Head]) -> onnx.ModelProto:
 def model_card(artifact: Artifact) -> Json:
     """Everything a consumer of the file needs to know, as one JSON object."""
     spec = artifact.spec
-    rule = spec.contact
     return {
         "format": FORMAT,
         "spec": spec.to_json(),
@@ -131,7 +130,7 @@ def model_card(artifact: Artifact) -> Json:
         "range_limit": RANGE_LIMIT[spec.unit],
         "noise_rms": NOISE_RMS[spec.unit],
         "normal_floor": NORMAL_FLOOR[spec.unit],
-        CONTACT_KEY: None if rule is None else rule.to_json(),
+        CONTACT_KEY: msgspec.to_builtins(spec.contact),
         "window_samples": spec.window_samples,
         "history_samples": spec.history_samples,
         "settle_samples": spec.settle_samples,

@@ -170,31 +170,27 @@ def cut_learners(model: onnx.ModelProto, *, touches: bool = True) -> bytes:
     """
     names = [output.name for output in model.graph.output]
     of_learners = [name for name in names if name not in OF_THE_STEP]
-    return _cut(model, "features", of_learners, touches=touches)
+    return cut(model, "features", of_learners, touches=touches)
 
 
-def _cut(
+def cut(
     model: onnx.ModelProto, start: str, outputs: list[str], *, touches: bool = True
 ) -> bytes:
     """The part of a model between a tensor, which becomes its input, and these outputs."""
     # the new input needs a type and a shape, which only inference knows
     with_shapes = onnx.shape_inference.infer_shapes(model)
     inputs = [start]
-    if start == "features" and decides_by_force(model):
+    made = {name for node in model.graph.node for name in node.output}
+    if start == "features" and EMPTY in made:
         inputs.append(EMPTY)
-    cut: onnx.ModelProto = Extractor(with_shapes).extract_model(inputs, outputs)
+    part: onnx.ModelProto = Extractor(with_shapes).extract_model(inputs, outputs)
 
     # what takes no part in the learners is no input of theirs, but a constant
     for _ in inputs[1:]:
         constant = numpy_helper.from_array(np.array([[not touches]]), EMPTY)
-        cut.graph.initializer.append(constant)
-        del cut.graph.input[-1]
-    return cut.SerializeToString()
-
-
-def decides_by_force(model: onnx.ModelProto) -> bool:
-    """Whether a graph has the contact rule."""
-    return any(EMPTY in node.output for node in model.graph.node)
+        part.graph.initializer.append(constant)
+        del part.graph.input[-1]
+    return part.SerializeToString()
 
 
 def run_rows(session: Any, rows: npt.NDArray[Any], chunk: int = CHUNK) -> Outputs:
@@ -299,7 +295,7 @@ def _check_ties(model: onnx.ModelProto, heads: list[Head]) -> int:
     (main,) = [head for head in heads if head.name == MAIN_HEAD]
 
     # rows with such ties are too rare to be found, so the votes themselves are the input
-    session = open_session(_cut(model, "votes", ["situation"]))
+    session = open_session(cut(model, "votes", ["situation"]))
     votes = _tied_votes(len(main.classes))
     (got,) = session.run(None, {"votes": votes.astype(np.float32)})
     same = np.array_equal(got, reference_label(main, votes))
