@@ -103,12 +103,8 @@ def reference_votes(
 ) -> IntArray:
     """Exact integer votes [N, n_classes] of float32 rows [N, F]. Raises NotANumber."""
     rows = np.asarray(features, dtype=np.float32)
-    finite = np.isfinite(rows).all(axis=1)
-    if not finite.all():
-        bad = np.flatnonzero(~finite)
-        what = f"{len(bad)} rows have features that are not finite, the first is row {bad[0]}"
-        raise NotANumber(what, where="feature rows")
-
+    if not np.isfinite(rows).all():
+        raise NotANumber("features that are not finite", where="feature rows")
     total = np.zeros((len(rows), n_classes), dtype=np.int64)
     if learner.forest is not None:
         total += forest_votes(learner.forest, rows, n_classes)

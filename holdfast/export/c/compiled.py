@@ -20,16 +20,17 @@ class StepCode:
         self.tables = Tables()
         self._graph = graph
         views = views_of(graph)
-        first, keep, second = _halves(graph)
+        first, second = _halves(graph)
 
         # the caller's arrays and the fields of its struct
         outside = {name: name for name in (*INPUTS, FEATURES)}
+        outside[NEXT_STATE] = "state"
         for name in graph.outputs:
             is_array = graph.size(name) > 1
             outside[name] = f"out->{name}" if is_array else f"&out->{name}"
-        sense = Memory(graph, views, first, outside, [keep])
-        answer = Memory(graph, views, second, outside, [])
-        self.sense = self._half(first, sense) + _kept_state(graph, keep, sense)
+        sense = Memory(graph, views, first, outside)
+        answer = Memory(graph, views, second, outside)
+        self.sense = self._half(first, sense)
         self.answer = self._half(second, answer)
 
         # a tag of the model in front of the numbers, so that no other model's state is read
@@ -46,27 +47,30 @@ class StepCode:
         for c_type, size in memory.sizes.items():
             lines.append(f"{c_type} {SCRATCH[c_type]}[{size}];")
         for node in nodes:
+            if NEXT_STATE in node.outputs:
+                lines += _kept_state(self._graph, node, memory)
             # what nothing reads is not computed, and a view is there already
-            if any(memory.is_kept(name) for name in node.outputs):
+            elif any(memory.is_kept(name) for name in node.outputs):
                 lines += writer.step(node, body_of(node, writer))
         return lines
 
 
-def _halves(graph: Graph) -> tuple[list[Node], Node, list[Node]]:
-    """Nodes up to the features, the one that joins the next state, nodes behind the features."""
+def _halves(graph: Graph) -> tuple[list[Node], list[Node]]:
+    """Nodes up to the features, of which the last one joins the next state; nodes behind them."""
     behind = {FEATURES}
     sense: list[Node] = []
     answer: list[Node] = []
-    (*_, keep) = graph.nodes
+    last: list[Node] = []
     for node in graph.nodes:
         if NEXT_STATE in node.outputs:
-            keep = node
+            # all others read the state as it was
+            last.append(node)
         elif behind.isdisjoint(node.inputs):
             sense.append(node)
         else:
             behind.update(node.outputs)
             answer.append(node)
-    return sense, keep, answer
+    return sense + last, answer
 
 
 def _kept_state(graph: Graph, node: Node, memory: Memory) -> list[str]:

@@ -11,12 +11,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from holdfast.core.contract import IntArray
 from holdfast.export.c.graph import Graph, Node, Shape
 from holdfast.export.c.literals import BYTES
 
-IntArray = npt.NDArray[np.int64]
 SCRATCH = {"double": "d", "float": "f", "int32_t": "w", "uint8_t": "b"}
 """The names of the scratch arrays."""
 
@@ -85,10 +84,7 @@ def first_of_run(places: IntArray) -> int | None:
 class Memory:
     """The places of all tensors that a list of nodes reads or makes.
 
-    outside: tensor -> array of the caller. kept: the node that joins the next state after all
-    others, so that what it reads lives to the end.
-
-    sizes: numbers in each scratch array, by C type.
+    outside: tensor -> array of the caller. sizes: numbers in each scratch array, by C type.
     """
 
     def __init__(
@@ -97,7 +93,6 @@ class Memory:
         views: dict[str, Place],
         nodes: list[Node],
         outside: dict[str, str],
-        kept: list[Node],
     ) -> None:
         self._graph = graph
         self._views = views
@@ -105,7 +100,7 @@ class Memory:
         self._places = {name: Place(array) for name, array in outside.items()}
 
         last_reader: dict[str, int] = {}
-        for at, node in enumerate([*nodes, *kept]):
+        for at, node in enumerate(nodes):
             for name in node.inputs:
                 last_reader[views.get(name, Place(name)).base] = at
 

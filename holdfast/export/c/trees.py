@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from holdfast.core.contract import IntArray
 from holdfast.export.c.graph import Node
 from holdfast.export.c.literals import number, smallest_type, template
 from holdfast.export.c.loops import Writer
 from holdfast.export.structure import votes_of_nodes
 
-IntArray = npt.NDArray[np.int64]
 TOGETHER = 4
 """Trees that are walked at once where their number allows: while one waits, the others go on."""
 MOST_SHORT = 2**15
