@@ -63,9 +63,14 @@ class Artifact:
 
 LabelWeight = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
 """Of a situation; the largest is far above any useful one."""
+LabelWeights = Annotated[
+    tuple[LabelWeight, ...], msgspec.Meta(min_length=4, max_length=4)
+]
 
 
-class _Head(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class _Head(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True
+):
     """A head in the index. forest, network: names of files; a committee has both.
 
     calibration: its weights and its bias.
@@ -75,9 +80,7 @@ class _Head(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     calibration: dict[str, list[Any]]
     forest: str = ""
     network: str = ""
-    label_weights: tuple[LabelWeight, LabelWeight, LabelWeight, LabelWeight] | None = (
-        None
-    )
+    label_weights: LabelWeights | None = None
 
 
 class _Index(msgspec.Struct, frozen=True):
@@ -101,16 +104,7 @@ def write_artifact(folder: str | Path, artifact: Artifact) -> Path:
 
     # without its index the old artifact is unfinished, so no mixture of both can be read
     remove(folder / INDEX)
-    heads: dict[str, Any] = {}
-
-    for head in artifact.heads:
-        entry: dict[str, Any] = {"classes": list(head.classes)}
-        entry |= _write_learner(folder, head)
-        entry["calibration"] = head.calibration.to_json()
-        if head.label_weights is not None:
-            entry["label_weights"] = list(head.label_weights)
-        heads[head.name] = entry
-
+    heads = {head.name: _write_head(folder, head) for head in artifact.heads}
     _write_arrays(folder / ROWS, {"rows": artifact.rows})
     index = {
         "format": FORMAT,
@@ -124,21 +118,24 @@ def write_artifact(folder: str | Path, artifact: Artifact) -> Path:
     return write_whole(folder / INDEX, json.dumps(index, indent=2) + "\n")
 
 
-def _write_learner(folder: Path, head: Head) -> dict[str, str]:
-    """Write a head's files; returns their names, for the index."""
+def _write_head(folder: Path, head: Head) -> Json:
+    """Write a head's files; returns its entry in the index."""
     import skops.io  # half a second, which reading figures need not wait for
 
-    names = {}
     forest, network = head.learner.forest, head.learner.network
+    entry = _Head(
+        classes=head.classes,
+        calibration=head.calibration.to_json(),
+        forest="" if forest is None else f"{head.name}.skops",
+        network="" if network is None else f"{head.name}.npz",
+        label_weights=head.label_weights,
+    )
     if forest is not None:
-        names["forest"] = f"{head.name}.skops"
-        content = skops.io.dumps(forest)
-        write_whole(folder / names["forest"], content)
+        write_whole(folder / entry.forest, skops.io.dumps(forest))
     if network is not None:
-        names["network"] = f"{head.name}.npz"
-        _write_network(folder / names["network"], network)
-
-    return names
+        _write_network(folder / entry.network, network)
+    written: Json = msgspec.to_builtins(entry)
+    return written
 
 
 def _write_network(path: Path, network: Network) -> None:
