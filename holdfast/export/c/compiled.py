@@ -13,7 +13,10 @@ CALL_BYTES = 256
 
 
 class StepCode:
-    """Both halves of the step as C, the tables that they read, and how much memory they take."""
+    """Both halves of the step as C, the tables that they read, and the memory of one hand.
+
+    state_bytes: kept from sample to sample. stack_bytes: of one step, while it runs.
+    """
 
     def __init__(self, graph: Graph) -> None:
         """Raises NotCompilable."""

@@ -65,17 +65,17 @@ def export_c(
     """
     if build is None:
         build = find_compiler() is not None
-    source = c_source(read_graph(model))
-    names = [*source.files, LIBRARY] if build else [*source.files]
+    files, step = c_source(read_graph(model))
+    names = [*files, LIBRARY] if build else [*files]
     # before the compiler runs, which takes a while
     require_writable(folder)
     for name in names:
         require_free(folder / name, force=force)
 
-    contents: dict[str, str | bytes] = dict(source.files)
+    contents: dict[str, str | bytes] = {**files}
     selftest: list[str] = []
     if build:
-        contents[LIBRARY], printed = compiled_library(source.files)
+        contents[LIBRARY], printed = compiled_library(files)
         selftest.append(printed)
 
     # all files or none: a header of one model must never stand next to the code of another
@@ -83,9 +83,8 @@ def export_c(
         for name, content in contents.items():
             write_whole(unfinished / name, content)
 
-    return CExport(
-        names, source.state_bytes, source.table_bytes, source.stack_bytes, selftest
-    )
+    table_bytes = step.tables.n_bytes
+    return CExport(names, step.state_bytes, table_bytes, step.stack_bytes, selftest)
 
 
 def compiled_library(files: Mapping[str, str]) -> tuple[bytes, str]:

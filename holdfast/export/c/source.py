@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -44,35 +43,17 @@ ABOUT = {
 """Output -> what the header says of it."""
 
 
-@dataclass(frozen=True)
-class CSource:
-    """The text of every file by its name, and the memory of one hand, in bytes.
-
-    state_bytes: kept from sample to sample. table_bytes: constants, shared by all hands of a
-    program. stack_bytes: of one step, while it runs.
-    """
-
-    files: dict[str, str]
-    state_bytes: int
-    table_bytes: int
-    stack_bytes: int
-
-
-def c_source(graph: Graph) -> CSource:
-    """Compile a graph. Raises NotCompilable."""
+def c_source(graph: Graph) -> tuple[dict[str, str], StepCode]:
+    """The text of every file by its name, and the compiled step. Raises NotCompilable."""
     compiled = StepCode(graph)
     words = _words(graph, compiled)
-    return CSource(
-        files={
-            "holdfast.c": _source(compiled, words, constants(graph.card)),
-            "holdfast.h": template("header.h", words),
-            "holdfast_selftest.c": _selftest(graph, words),
-            ABOUT_MODEL: _about(graph),
-        },
-        state_bytes=compiled.state_bytes,
-        table_bytes=compiled.tables.n_bytes,
-        stack_bytes=compiled.stack_bytes,
-    )
+    files = {
+        "holdfast.c": _source(compiled, words, constants(graph.card)),
+        "holdfast.h": template("header.h", words),
+        "holdfast_selftest.c": _selftest(graph, words),
+        ABOUT_MODEL: _about(graph),
+    }
+    return files, compiled
 
 
 def _source(compiled: StepCode, words: Words, named: str) -> str:
