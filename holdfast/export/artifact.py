@@ -42,7 +42,6 @@ ROWS = "rows.npz"
 """Feature rows [N, F] that an export is verified on."""
 ALLOWED_TYPES = ("sklearn.tree._tree.Tree",)
 """The only type besides skops' defaults that a forest needs."""
-EMPTY_FOLDER = "train again into an empty folder"
 
 
 @dataclass(frozen=True)
@@ -190,7 +189,9 @@ def read_artifact(folder: str | Path) -> Artifact:
         zipfile.BadZipFile,
     ) as error:
         raise ArtifactError(
-            f"the artifact is damaged ({error})", where=folder, next_step=EMPTY_FOLDER
+            f"the artifact is damaged ({error})",
+            where=folder,
+            next_step="train again into an empty folder",
         ) from None
 
     return artifact

@@ -27,7 +27,6 @@ from holdfast.core.contract import Json, channel_names
 from holdfast.core.errors import NotAdapted, UsageError, VerificationFailed
 from holdfast.core.hand_card import HandCard
 from holdfast.core.schema import json_of
-from holdfast.core.writing import require_writable
 from holdfast.edge_runtime.decision import LIMITS, DecisionRules
 from holdfast.edge_runtime.graph import Outputs, open_session, run_recording
 from holdfast.edge_runtime.model import golden_input
@@ -36,7 +35,6 @@ from holdfast.edge_runtime.model_file import (
     CONTACT_KEY,
     GOLDEN_KEY,
     SEAL_KEY,
-    read_sealed,
 )
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.exporting import (
@@ -44,7 +42,6 @@ from holdfast.export.exporting import (
     seal,
     sealed_with,
     spec_for_hand,
-    write_model,
 )
 from holdfast.export.features import add_step
 from holdfast.export.heads import (
@@ -81,20 +78,6 @@ OF_THE_VOTES = {"situation", "p_situation", "p_class", "weight"}
 def is_adapted(data: bytes) -> bool:
     """Whether a sealed file is adapted to a person."""
     return BASE_KEY in metadata_of(onnx.load_from_string(data))
-
-
-def write_changed(
-    path: Path,
-    out: Path,
-    hand: HandCard | None = None,
-    rules: Mapping[str, int] | None = None,
-) -> int:
-    """Write a changed copy and its card; returns its size in bytes. Raises as `changed`."""
-    data = read_sealed(path)
-    require_writable(out.parent)
-    new = changed(data, hand, rules, path)
-    write_model(out, new)
-    return len(new)
 
 
 def changed(

@@ -43,7 +43,6 @@ if TYPE_CHECKING:
 
 MODEL_NAME = "holdfast.onnx"
 """In the artifact's folder, where --out names no other file."""
-TIE_RULE = "the riskier class wins"
 
 
 def export_artifact(
@@ -139,7 +138,7 @@ def model_card(artifact: Artifact) -> Json:
         "bands_left_out_hz": list(spec.lost_bands()),
         "detectors": list(detector_names(spec)),
         "heads": {head.name: _head_card(head) for head in artifact.heads},
-        "tie_rule": TIE_RULE,
+        "tie_rule": "the riskier class wins",
         "preparation": artifact.preparation.to_json(),
         "decision": artifact.decision,
         "training": artifact.training,

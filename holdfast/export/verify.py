@@ -180,8 +180,8 @@ def cut(
     # the new input needs a type and a shape, which only inference knows
     with_shapes = onnx.shape_inference.infer_shapes(model)
     inputs = [start]
-    made = {name for node in model.graph.node for name in node.output}
-    if start == "features" and EMPTY in made:
+    has_rule = any(EMPTY in node.output for node in model.graph.node)
+    if start == "features" and has_rule:
         inputs.append(EMPTY)
     part: onnx.ModelProto = Extractor(with_shapes).extract_model(inputs, outputs)
 
