@@ -43,8 +43,6 @@ CARD_KEY = "holdfast.card"
 GOLDEN_KEY = "holdfast.golden"
 FORMAT = 2
 """Format 2: the step takes its sample and state in rows of channels."""
-CONTACT_KEY = "contact"
-"""Of the card: the rule by which force decides "nothing", None for none."""
 EMPTY = "empty"
 """The output of that rule, [B, 1] bool: the state is known, and the hand touches nothing."""
 CARD_SUFFIX = ".json"
@@ -135,11 +133,6 @@ class ModelCard(msgspec.Struct, frozen=True):
     def min_valid_sensors(self) -> int:
         """Fewer usable sensors than this make the state unknown."""
         return self.spec.min_valid_sensors
-
-    @property
-    def decides_by_force(self) -> bool:
-        """Whether force decides "nothing" in this file, and not the learner."""
-        return self.raw.get(CONTACT_KEY) is not None
 
     @property
     def not_learned(self) -> dict[str, str]:

@@ -32,7 +32,6 @@ from holdfast.edge_runtime.graph import Outputs, open_session, run_recording
 from holdfast.edge_runtime.model import golden_input
 from holdfast.edge_runtime.model_file import (
     CARD_KEY,
-    CONTACT_KEY,
     GOLDEN_KEY,
     SEAL_KEY,
 )
@@ -111,7 +110,7 @@ def changed(
         # all else that a card says is of the learner, or of the rate
         card["spec"] = spec.to_json()
         card["channels"] = list(channel_names(spec.n_sensors))
-        card[CONTACT_KEY] = msgspec.to_builtins(spec.contact)
+        card["contact"] = msgspec.to_builtins(spec.contact)
 
     # these three are written anew; an adapted file has its base's behind them
     for name in (CARD_KEY, GOLDEN_KEY, SEAL_KEY):

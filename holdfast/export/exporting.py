@@ -23,7 +23,6 @@ from holdfast.edge_runtime.model import golden_answers, golden_to_json
 from holdfast.edge_runtime.model_file import (
     CARD_KEY,
     CARD_SUFFIX,
-    CONTACT_KEY,
     DIGITS,
     FORMAT,
     GOLDEN_KEY,
@@ -129,7 +128,7 @@ def model_card(artifact: Artifact) -> Json:
         "range_limit": RANGE_LIMIT[spec.unit],
         "noise_rms": NOISE_RMS[spec.unit],
         "normal_floor": NORMAL_FLOOR[spec.unit],
-        CONTACT_KEY: msgspec.to_builtins(spec.contact),
+        "contact": msgspec.to_builtins(spec.contact),
         "window_samples": spec.window_samples,
         "history_samples": spec.history_samples,
         "settle_samples": spec.settle_samples,
