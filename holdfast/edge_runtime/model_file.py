@@ -44,7 +44,7 @@ GOLDEN_KEY = "holdfast.golden"
 FORMAT = 2
 """Format 2: the step takes its sample and state in rows of channels."""
 EMPTY = "empty"
-"""The output of that rule, [B, 1] bool: the state is known, and the hand touches nothing."""
+"""The output of the contact rule, [B, 1] bool: the state is known, and the hand touches nothing."""
 CARD_SUFFIX = ".json"
 """The suffix of the card's file, which stands next to a model file for people to read."""
 DIGITS = 64
