@@ -7,7 +7,6 @@ so that `import holdfast` loads next to nothing.
 from __future__ import annotations
 
 import os
-import warnings
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -74,16 +73,12 @@ def load(
     CLOCK_BOOTTIME, and a late answer is `unknown`; False for recorded samples. bias_known: the bias
     was measured before, so a start with an object in the hand is detected. engine: "auto" takes the
     C form beside the file where there is one that fits, as `engine` of the monitor then says;
-    "onnxruntime" or "c". Raises ModelError, and warns of a file that is older than the contact
-    rule.
+    "onnxruntime" or "c". Raises ModelError.
     """
     from holdfast.edge_runtime.engine import ModelChoice
-    from holdfast.edge_runtime.model_file import OLDER_FILE
     from holdfast.edge_runtime.monitor import NOW_NS, GripMonitor
 
     opened = ModelChoice(str(model), engine).open()
-    if opened.card.is_older:
-        warnings.warn(f"{model}: {OLDER_FILE}", stacklevel=2)
     clock_ns = NOW_NS if live else None
     return GripMonitor(opened, clock_ns, bias_known=bias_known)
 

@@ -20,8 +20,8 @@ from holdfast.cli.command import (
     require_json_writable,
     show_found,
 )
-from holdfast.core.errors import OutputError, UsageError, command
-from holdfast.core.writing import require_writable
+from holdfast.core.errors import UsageError, command
+from holdfast.core.writing import require_free, require_writable
 
 if TYPE_CHECKING:
     from holdfast.sessions.adapt import HeldOutFigures
@@ -80,16 +80,9 @@ def _require_options(args: argparse.Namespace) -> None:
             next_step="holdfast adapt MODEL --data FOLDER --person p01 --slips FOLDER --out FILE",
         )
 
-    # Resolved: the same file under another name is found out too.
-    if args.out.resolve() == args.model.resolve() or (
-        args.out.exists() and not args.force
-    ):
-        raise OutputError(
-            "exists already",
-            where=args.out,
-            cause="it is MODEL, or an earlier adaptation",
-            next_step="name a new file with --out, or add --force to replace an adaptation",
-        )
+    # resolved: the same file under another name is found out too
+    is_model = args.out.resolve() == args.model.resolve()
+    require_free(args.out, force=args.force and not is_model)
 
 
 def _undo(args: argparse.Namespace) -> int:

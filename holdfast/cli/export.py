@@ -25,6 +25,7 @@ from holdfast.cli.command import (
 )
 from holdfast.core.errors import UsageError, visible
 from holdfast.core.schema import model_path
+from holdfast.core.writing import require_free, require_writable
 
 if TYPE_CHECKING:
     from holdfast.core.hand_card import HandCard
@@ -150,21 +151,23 @@ def _report_begin(args: argparse.Namespace) -> None:
 
 def _export_again(args: argparse.Namespace) -> int:
     """Export a model file again, with its learner: for another hand, by other rules."""
-    from holdfast.export.changed import write_changed
+    from holdfast.edge_runtime.model_file import read_sealed
+    from holdfast.export.changed import changed
+    from holdfast.export.exporting import write_model
 
     if args.out is None or args.out.suffix != ".onnx":
         raise UsageError(
             "a model file is exported again into another file",
             next_step="name it: --out NEW.onnx",
         )
-    if args.out.exists() and not args.force:
-        raise UsageError(
-            f"--out {args.out} exists", next_step="name a new file, or add --force"
-        )
+    require_free(args.out, force=args.force)
     _report_begin(args)
-    size = write_changed(args.artifact, args.out, _hand(args), dict(args.rule))
-    lines = f"the same learner\nmodel: {args.out} ({size / 1e6:.1f} MB)"
-    show_found(args, lines, {"model": args.out, "bytes": size})
+    require_writable(args.out.parent)
+    base = read_sealed(args.artifact)
+    data = changed(base, _hand(args), dict(args.rule), args.artifact)
+    write_model(args.out, data)
+    lines = f"the same learner\nmodel: {args.out} ({len(data) / 1e6:.1f} MB)"
+    show_found(args, lines, {"model": args.out, "bytes": len(data)})
     return 0
 
 

@@ -116,6 +116,17 @@ def require_writable(folder: str | Path) -> None:
         raise _unwritable(folder, error) from None
 
 
+def require_free(path: Path, *, force: bool) -> None:
+    """Raise OutputError for a file that exists and would be replaced. force: it may be."""
+    if path.exists() and not force:
+        raise OutputError(
+            "exists already",
+            where=path,
+            cause="an earlier run of this command",
+            next_step="name another place with --out, or add --force to replace it",
+        )
+
+
 def remove(path: Path) -> None:
     """Remove a file if it exists. Raises OutputError."""
     try:

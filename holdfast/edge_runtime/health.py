@@ -89,13 +89,7 @@ class FrozenWatch:
         most = max(LEAST_SPAN, round(FROZEN_S * rate_hz))
         enough = max(LEAST_SPAN, round(NOISY_S * rate_hz))
         self._sensors = [_Liveness(most, enough) for _ in range(n_sensors)]
-        # all arrays are made here, and each sample is computed inside them
-        readings = np.zeros((4, n_sensors, 3))
-        self._reading, self._change, self._before, self._product = readings
-        self._axes: BoolArray = np.zeros((n_sensors, 3), dtype=np.bool_)
-        self._moved, self._turned, self._frozen = np.zeros((3, n_sensors), np.bool_)
-        # without a copy
-        self._flags = self._moved.data, self._turned.data
+        self._frozen: BoolArray = np.zeros(n_sensors, np.bool_)
         self._is_lively = False
 
     def frozen(self, values: FloatArray, usable: BoolArray) -> BoolArray:
@@ -103,28 +97,20 @@ class FrozenWatch:
 
         values: [C]. usable: [S]; a sample at which a sensor is not usable does not count for it.
         """
-        here = usable[:, None]
-        now = values.reshape(-1, 3)
-        # where a sensor is not usable its change stays 0, so that nothing is infinite
-        self._change.fill(0.0)
-        np.subtract(now, self._reading, out=self._change, where=here)
-        np.copyto(self._reading, now, where=here)
-        np.not_equal(self._change, 0.0, out=self._axes)
-        np.logical_or.reduce(self._axes, axis=1, out=self._moved)
+        # Python's own numbers, as in RepeatWatch
+        here = usable.tolist()
+        moved = []
+        for sensor, reading, is_usable in zip(
+            self._sensors, values.reshape(-1, 3).tolist(), here, strict=True
+        ):
+            moved.append(is_usable and sensor.moves_to(reading))
         # nearly every sample of a hand of noisy sensors ends here
-        if self._is_lively and self._moved.all():
+        if self._is_lively and all(moved):
             return self._frozen
 
-        np.multiply(self._before, self._change, out=self._product)
-        np.less(self._product, 0.0, out=self._axes)
-        np.logical_or.reduce(self._axes, axis=1, out=self._turned)
-        np.copyto(self._before, self._change, where=here)
-
-        any_moved = bool(self._moved.any())
-        moved, turned = self._flags
         for k, one in enumerate(self._sensors):
-            if usable[k]:
-                self._frozen[k] = one.frozen(bool(moved[k]), bool(turned[k]), any_moved)
+            if here[k]:
+                self._frozen[k] = one.frozen(moved[k], any(moved))
         self._is_lively = all(one.is_lively for one in self._sensors)
         return self._frozen
 
@@ -135,6 +121,7 @@ class _Liveness:
     def __init__(self, most: int, enough: int) -> None:
         self._most = most
         self._enough = enough
+        self._reading = self._change = self._before = [0.0, 0.0, 0.0]
         self._turns = 0
         # samples in a row that repeat, and those of them at which another sensor moved
         self._repeats = 0
@@ -147,8 +134,21 @@ class _Liveness:
         """Whether its noise was seen and its last reading was another one."""
         return self._is_noisy and not self._repeats
 
-    def frozen(self, moved: bool, turned: bool, any_moved: bool) -> bool:
-        """Whether the sensor is frozen after a sample at which it moved, or turned round."""
+    def moves_to(self, reading: list[float]) -> bool:
+        """Take a reading; whether it is another one than the last."""
+        if reading == self._reading:
+            self._change = [0.0, 0.0, 0.0]
+            return False
+        (x, y, z), (was_x, was_y, was_z) = reading, self._reading
+        self._change = [x - was_x, y - was_y, z - was_z]
+        self._reading = reading
+        return True
+
+    def frozen(self, moved: bool, any_moved: bool) -> bool:
+        """Whether the sensor is frozen after a sample at which it moved, or another one did."""
+        turns = zip(self._before, self._change, strict=True)
+        turned = any(before * change < 0.0 for before, change in turns)
+        self._before = self._change
         if not moved:
             self._repeats = min(self._repeats + 1, self._most)
             self._alone = min(self._alone + any_moved, self._most)

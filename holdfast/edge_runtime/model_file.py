@@ -10,7 +10,6 @@ import hashlib
 import json
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -33,7 +32,7 @@ from holdfast.core.errors import (
     command,
 )
 from holdfast.core.schema import model_path, shipped
-from holdfast.edge_runtime.decision import DecisionRules
+from holdfast.edge_runtime.decision import LIMITS, DecisionRules
 from holdfast.edge_runtime.preparation import Preparation
 
 if TYPE_CHECKING:
@@ -44,15 +43,8 @@ CARD_KEY = "holdfast.card"
 GOLDEN_KEY = "holdfast.golden"
 FORMAT = 2
 """Format 2: the step takes its sample and state in rows of channels."""
-CONTACT_KEY = "contact"
-"""Of the card: the rule by which force decides "nothing", None for none; older files lack it."""
 EMPTY = "empty"
-"""The output of that rule, [B, 1] bool: the state is known, and the hand touches nothing."""
-OLDER_FILE = (
-    "this file decides 'nothing' by noise; export it again: "
-    "holdfast export MODEL.onnx --out NEW.onnx"
-)
-"""The warning on a file that is older than the contact rule."""
+"""The output of the contact rule, [B, 1] bool: the state is known, and the hand touches nothing."""
 CARD_SUFFIX = ".json"
 """The suffix of the card's file, which stands next to a model file for people to read."""
 DIGITS = 64
@@ -65,39 +57,82 @@ WRONG_RUNTIMES = {
 }
 
 
-@dataclass(frozen=True)
-class ModelCard:
-    """The card of a model file. `model_id` is the first 12 digits of its seal.
+Count = Annotated[int, Meta(ge=0, le=10_000)]
+"""Of sensors, or of samples to settle: more than any model has, and few enough to load in time."""
+Reading = Annotated[float, Meta(ge=sys.float_info.min, le=sys.float_info.max)]
+"""In the model's unit."""
+
+
+class CardSpec(msgspec.Struct, frozen=True):
+    """What is read of the step's specification."""
+
+    rate_hz: Annotated[float, Meta(ge=RATES_HZ[0], le=RATES_HZ[1])]
+    unit: Unit
+    n_sensors: Annotated[int, Meta(ge=1, le=10_000)]
+    min_valid_sensors: Count
+
+
+class ModelCard(msgspec.Struct, frozen=True):
+    """The card of a model file, as far as it is read; `raw` is all of it.
 
     range_limit, normal_floor: in the model's unit; a value that no sensor reads, and the largest
-    normal reading of a finger that touches nothing.
+    normal reading of a finger that touches nothing. model_id: the first 12 digits of the file's
+    seal. classes: of the main head. heads: the names of the others.
     """
 
-    model_id: str
-    rate_hz: float
-    unit: Unit
-    n_channels: int
-    settle_samples: int
-    gap_samples: int
-    classes: tuple[str, ...]
-    heads: tuple[str, ...]
+    format: int
+    spec: CardSpec
+    settle_samples: Count
+    gap_samples: Count
+    all_heads: dict[str, Json] = msgspec.field(name="heads")
     detectors: tuple[str, ...]
     preparation: Preparation
     decision: DecisionRules
-    min_valid_sensors: int
-    range_limit: float
-    normal_floor: float
+    range_limit: Reading
+    normal_floor: Reading
     raw: Json
+    model_id: str
+    classes: tuple[str, ...] = ()
+    heads: tuple[str, ...] = msgspec.field(name="more_heads", default=())
+
+    def __post_init__(self) -> None:
+        if self.format != FORMAT:
+            raise ValueError(
+                f"it has format {self.format}, this version reads {FORMAT}"
+            )
+        classes = tuple(self.all_heads.get("situation", {}).get("classes", ()))
+        if classes not in (CLASSES, SITUATIONS):
+            raise ValueError(f"{classes!r:.40}, not the classes of this version")
+        if unknown := self.raw["decision"].keys() - LIMITS.keys():
+            raise ValueError(
+                f"it decides by {sorted(unknown)}, which this version lacks"
+            )
+        # kept, because each sample asks for them
+        fill_in = msgspec.structs.force_setattr
+        fill_in(self, "classes", classes)
+        fill_in(
+            self, "heads", tuple(name for name in self.all_heads if name != "situation")
+        )
 
     @property
-    def decides_by_force(self) -> bool:
-        """Whether force decides "nothing" in this file, and not the learner."""
-        return self.raw.get(CONTACT_KEY) is not None
+    def rate_hz(self) -> float:
+        """Of the samples."""
+        return self.spec.rate_hz
 
     @property
-    def is_older(self) -> bool:
-        """Whether the file is older than the contact rule, which could decide in its unit."""
-        return CONTACT_KEY not in self.raw and self.unit == "N"
+    def unit(self) -> Unit:
+        """Of the values."""
+        return self.spec.unit
+
+    @property
+    def n_channels(self) -> int:
+        """Channels C = 3 x sensors."""
+        return 3 * self.spec.n_sensors
+
+    @property
+    def min_valid_sensors(self) -> int:
+        """Fewer usable sensors than this make the state unknown."""
+        return self.spec.min_valid_sensors
 
     @property
     def not_learned(self) -> dict[str, str]:
@@ -252,45 +287,6 @@ def check_runtime(version: str | None = None) -> None:
         )
 
 
-Count = Annotated[int, Meta(ge=0, le=10_000)]
-"""Of sensors, or of samples to settle: more than any model has, and few enough to load in time."""
-Reading = Annotated[float, Meta(ge=sys.float_info.min, le=sys.float_info.max)]
-"""In the model's unit."""
-
-
-class _Spec(msgspec.Struct):
-    """What is read of the step's specification."""
-
-    rate_hz: Annotated[float, Meta(ge=RATES_HZ[0], le=RATES_HZ[1])]
-    unit: Unit
-    n_sensors: Annotated[int, Meta(ge=1, le=10_000)]
-    min_valid_sensors: Count
-
-
-class _Card(msgspec.Struct):
-    """What is read of a card as it stands in the metadata."""
-
-    format: int
-    spec: _Spec
-    settle_samples: Count
-    gap_samples: Count
-    heads: dict[str, Json]
-    detectors: tuple[str, ...]
-    preparation: Preparation
-    decision: dict[str, int]
-    range_limit: Reading
-    normal_floor: Reading
-
-    def __post_init__(self) -> None:
-        if self.format != FORMAT:
-            raise ValueError(
-                f"it has format {self.format}, this version reads {FORMAT}"
-            )
-        classes = self.heads.get("situation", {}).get("classes")
-        if classes not in (list(CLASSES), list(SITUATIONS)):
-            raise ValueError(f"{classes!r:.40}, not the classes of this version")
-
-
 def read_card(metadata: Mapping[str, str], path: str | Path = "") -> ModelCard:
     """The card in an opened file's metadata; NotAModel where something is missing or impossible."""
     try:
@@ -310,29 +306,11 @@ def card_of(raw: Json, digest: str, path: str | Path = "") -> ModelCard:
     digest: the file's seal.
     """
     try:
-        card = msgspec.convert(raw, _Card)
-        decision = DecisionRules(**card.decision)
-    except (msgspec.ValidationError, TypeError, ValueError) as error:
+        about = {**raw, "raw": raw, "model_id": digest[:12]}
+        return msgspec.convert(about, ModelCard)
+    except (msgspec.ValidationError, TypeError) as error:
         raise NotAModel(
             f"its metadata are incomplete or wrong: {error}",
             where=path,
             next_step="export the model again with this version",
         ) from None
-    spec = card.spec
-    return ModelCard(
-        model_id=digest[:12],
-        rate_hz=spec.rate_hz,
-        unit=spec.unit,
-        n_channels=3 * spec.n_sensors,
-        settle_samples=card.settle_samples,
-        gap_samples=card.gap_samples,
-        classes=tuple(card.heads["situation"]["classes"]),
-        heads=tuple(name for name in card.heads if name != "situation"),
-        detectors=card.detectors,
-        preparation=card.preparation,
-        decision=decision,
-        min_valid_sensors=spec.min_valid_sensors,
-        range_limit=card.range_limit,
-        normal_floor=card.normal_floor,
-        raw=raw,
-    )

@@ -83,14 +83,6 @@ class Preparation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return msgspec.structs.asdict(self)
 
 
-def preparation_from_json(value: Json) -> Preparation:
-    """The inverse of `to_json`. Raises ValueError for wrong values."""
-    try:
-        return msgspec.convert(value, Preparation)
-    except msgspec.ValidationError as error:
-        raise ValueError(str(error)) from None
-
-
 class Tare:
     """Prepares samples one by one: values [C] in, [C] out, and which sensors [S] can be trusted.
 

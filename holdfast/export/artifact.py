@@ -19,21 +19,17 @@ import msgspec
 import numpy as np
 
 from holdfast.core.contract import Json
-from holdfast.core.errors import ArtifactError, CardError, OutputError
+from holdfast.core.errors import ArtifactError, CardError
 from holdfast.core.schema import read
 from holdfast.core.writing import remove, write_whole
 from holdfast.edge_runtime.decision import DecisionRules
-from holdfast.edge_runtime.preparation import Preparation, preparation_from_json
+from holdfast.edge_runtime.preparation import Preparation
 from holdfast.export.features import feature_count
-from holdfast.export.heads import MAIN_HEAD, Calibration, FloatRows, Head
+from holdfast.export.heads import Calibration, FloatRows, Head
 from holdfast.export.learner import (
     FOREST_KINDS,
-    Committee,
     Forest,
     Learner,
-    features_in,
-    forest_of,
-    network_of,
 )
 from holdfast.export.network import Inputs, Layer, Network
 from holdfast.export.spec import StepSpec
@@ -46,7 +42,6 @@ ROWS = "rows.npz"
 """Feature rows [N, F] that an export is verified on."""
 ALLOWED_TYPES = ("sklearn.tree._tree.Tree",)
 """The only type besides skops' defaults that a forest needs."""
-EMPTY_FOLDER = "train again into an empty folder"
 
 
 @dataclass(frozen=True)
@@ -67,9 +62,14 @@ class Artifact:
 
 LabelWeight = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
 """Of a situation; the largest is far above any useful one."""
+LabelWeights = Annotated[
+    tuple[LabelWeight, ...], msgspec.Meta(min_length=4, max_length=4)
+]
 
 
-class _Head(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class _Head(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True
+):
     """A head in the index. forest, network: names of files; a committee has both.
 
     calibration: its weights and its bias.
@@ -79,9 +79,7 @@ class _Head(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     calibration: dict[str, list[Any]]
     forest: str = ""
     network: str = ""
-    label_weights: tuple[LabelWeight, LabelWeight, LabelWeight, LabelWeight] | None = (
-        None
-    )
+    label_weights: LabelWeights | None = None
 
 
 class _Index(msgspec.Struct, frozen=True):
@@ -89,22 +87,11 @@ class _Index(msgspec.Struct, frozen=True):
 
     format: Literal[1]
     spec: StepSpec
-    preparation: Json
-    decision: Json
+    preparation: Preparation
+    decision: DecisionRules
     heads: dict[str, _Head]
     training: Json
     skops_types: list[str]
-
-
-def require_no_artifact(folder: Path) -> None:
-    """Raise OutputError for a folder that holds a complete artifact, which would be replaced."""
-    if (folder / INDEX).exists():
-        raise OutputError(
-            "holds an artifact already",
-            where=folder,
-            cause="an earlier training",
-            next_step="name a new folder with --out, or add --force to replace it",
-        )
 
 
 def write_artifact(folder: str | Path, artifact: Artifact) -> Path:
@@ -116,16 +103,7 @@ def write_artifact(folder: str | Path, artifact: Artifact) -> Path:
 
     # without its index the old artifact is unfinished, so no mixture of both can be read
     remove(folder / INDEX)
-    heads: dict[str, Any] = {}
-
-    for head in artifact.heads:
-        entry: dict[str, Any] = {"classes": list(head.classes)}
-        entry |= _write_learner(folder, head)
-        entry["calibration"] = head.calibration.to_json()
-        if head.label_weights is not None:
-            entry["label_weights"] = list(head.label_weights)
-        heads[head.name] = entry
-
+    heads = {head.name: _write_head(folder, head) for head in artifact.heads}
     _write_arrays(folder / ROWS, {"rows": artifact.rows})
     index = {
         "format": FORMAT,
@@ -139,39 +117,33 @@ def write_artifact(folder: str | Path, artifact: Artifact) -> Path:
     return write_whole(folder / INDEX, json.dumps(index, indent=2) + "\n")
 
 
-def _write_learner(folder: Path, head: Head) -> dict[str, str]:
-    """Write a head's files; returns their names, for the index."""
+def _write_head(folder: Path, head: Head) -> Json:
+    """Write a head's files; returns its entry in the index."""
     import skops.io  # half a second, which reading figures need not wait for
 
-    names = {}
-    forest = forest_of(head.learner)
-    network = network_of(head.learner)
-
+    forest, network = head.learner.forest, head.learner.network
+    entry = _Head(
+        classes=head.classes,
+        calibration=head.calibration.to_json(),
+        forest="" if forest is None else f"{head.name}.skops",
+        network="" if network is None else f"{head.name}.npz",
+        label_weights=head.label_weights,
+    )
     if forest is not None:
-        names["forest"] = f"{head.name}.skops"
-        content = skops.io.dumps(forest)
-        write_whole(folder / names["forest"], content)
+        write_whole(folder / entry.forest, skops.io.dumps(forest))
     if network is not None:
-        names["network"] = f"{head.name}.npz"
-        _write_network(folder / names["network"], network)
-
-    return names
+        _write_network(folder / entry.network, network)
+    written: Json = msgspec.to_builtins(entry)
+    return written
 
 
 def _write_network(path: Path, network: Network) -> None:
     """Write a network as one archive of arrays, its layers numbered from 0."""
-    inputs = network.inputs
-    arrays: dict[str, Any] = {
-        "votes_in_all": np.int64(network.votes_in_all),
-        "knee": inputs.knee,
-        "gain": inputs.gain,
-        "offset": inputs.offset,
-    }
+    arrays: dict[str, Any] = {**vars(network.inputs)}
+    arrays["votes_in_all"] = np.int64(network.votes_in_all)
     for number, layer in enumerate(network.layers):
-        arrays[f"weights{number}"] = layer.weights
-        arrays[f"bias{number}"] = layer.bias
-        arrays[f"scale{number}"] = layer.scale
-
+        for name, values in vars(layer).items():
+            arrays[f"{name}{number}"] = values
     _write_arrays(path, arrays)
 
 
@@ -187,21 +159,19 @@ def read_artifact(folder: str | Path) -> Artifact:
     folder = Path(folder)
     try:
         index = read(folder / INDEX, _Index)
-        # building the rules checks them
-        rules = DecisionRules(**index.decision)
         heads = []
         for name, entry in index.heads.items():
             heads.append(_read_head(folder, name, entry))
 
         artifact = Artifact(
             spec=index.spec,
-            preparation=preparation_from_json(index.preparation),
-            decision=rules.to_json(),
+            preparation=index.preparation,
+            decision=index.decision.to_json(),
             heads=heads,
             rows=_read_arrays(folder / ROWS)["rows"],
             training=index.training,
         )
-        _require_that_parts_fit(artifact)
+        _require_one_width(artifact)
     except FileNotFoundError as error:
         raise ArtifactError(
             f"no {Path(error.filename).name}",
@@ -219,7 +189,9 @@ def read_artifact(folder: str | Path) -> Artifact:
         zipfile.BadZipFile,
     ) as error:
         raise ArtifactError(
-            f"the artifact is damaged ({error})", where=folder, next_step=EMPTY_FOLDER
+            f"the artifact is damaged ({error})",
+            where=folder,
+            next_step="train again into an empty folder",
         ) from None
 
     return artifact
@@ -235,17 +207,11 @@ def _read_head(folder: Path, name: str, entry: _Head) -> Head:
     """A head by its entry in the index. Raises ArtifactError, or what numpy raises."""
     forest = _read_forest(folder / entry.forest) if entry.forest else None
     network = _read_network(folder / entry.network) if entry.network else None
-    learner: Learner | None = forest or network
-    if forest is not None and network is not None:
-        learner = Committee(forest, network)
-    if learner is None:
-        raise ValueError(f"head {name} has no learner")
-
     numbers = entry.calibration
     return Head(
         name=name,
         classes=entry.classes,
-        learner=learner,
+        learner=Learner(forest, network),
         calibration=Calibration(
             np.array(numbers["weights"]), np.array(numbers["bias"])
         ),
@@ -274,7 +240,7 @@ def _read_forest(path: Path) -> Forest:
 def _read_network(path: Path) -> Network:
     """The network of an archive. Raises KeyError or ValueError, or what numpy raises."""
     arrays = _read_arrays(path)
-    # Layers are numbered from 0 without a gap: the first number that is missing ends them.
+    # layers are numbered from 0 without a gap: the first number that is missing ends them
     layers: list[Layer] = []
     while f"weights{len(layers)}" in arrays:
         names = [f"{what}{len(layers)}" for what in ("weights", "bias", "scale")]
@@ -284,16 +250,10 @@ def _read_network(path: Path) -> Network:
     return Network(inputs, tuple(layers), int(arrays["votes_in_all"]))
 
 
-def _require_that_parts_fit(artifact: Artifact) -> None:
-    """Raise ValueError where learners, rows and spec do not fit each other."""
-    width = feature_count(artifact.spec)
-    if artifact.rows.shape[1:] != (width,):
-        raise ValueError(f"rows of shape {artifact.rows.shape} for {width} features")
-    if MAIN_HEAD not in [head.name for head in artifact.heads]:
-        raise ValueError(f"no head {MAIN_HEAD}")
-
+def _require_one_width(artifact: Artifact) -> None:
+    """Raise ValueError where learners, rows and spec have other numbers of features."""
+    widths = {artifact.rows.shape[1], feature_count(artifact.spec)}
     for head in artifact.heads:
-        k = len(head.classes)
-        is_calibrated = head.calibration.weights.shape == (k, k)
-        if features_in(head.learner) != width or not is_calibrated:
-            raise ValueError(f"head {head.name} does not fit the spec or its classes")
+        widths.add(head.learner.n_features)
+    if len(widths) > 1:
+        raise ValueError(f"its parts have {sorted(widths)} features")

@@ -2,7 +2,7 @@
 
 `changed`: what stands behind the features is copied node by node, constants and all, and the step
 in front of them is built anew. So a file needs no artifact folder to fit another hand, or to get
-the contact rule that an older file lacks. Rules of the decision stand in the card alone.
+the step of this version. Rules of the decision stand in the card alone.
 
 `adapted`: the file of one person has other rules, and may have a correction behind its votes
 (heads.py). Its metadata keep those of the base, compressed: `undone` restores the base byte for
@@ -17,9 +17,9 @@ import hashlib
 import json
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import onnx
 
@@ -27,47 +27,34 @@ from holdfast.core.contract import Json, channel_names
 from holdfast.core.errors import NotAdapted, UsageError, VerificationFailed
 from holdfast.core.hand_card import HandCard
 from holdfast.core.schema import json_of
-from holdfast.core.writing import require_writable, write_whole
 from holdfast.edge_runtime.decision import LIMITS, DecisionRules
 from holdfast.edge_runtime.graph import Outputs, open_session, run_recording
 from holdfast.edge_runtime.model import golden_input
 from holdfast.edge_runtime.model_file import (
     CARD_KEY,
-    CARD_SUFFIX,
-    CONTACT_KEY,
     GOLDEN_KEY,
     SEAL_KEY,
-    read_sealed,
-    votes_in_all,
 )
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.exporting import (
     metadata_of,
-    readable_card,
     seal,
     sealed_with,
     spec_for_hand,
 )
 from holdfast.export.features import add_step
 from holdfast.export.heads import (
-    ByForce,
     Correction,
     FloatRows,
-    learned_name,
-    riskier_argmax,
-    situation_votes,
-    votes_name,
-    weighted,
 )
-from holdfast.export.network import LOGIT_STEPS, IntArray
+from holdfast.export.network import LOGIT_STEPS
 from holdfast.export.spec import StepSpec
 from holdfast.export.structure import edge_rows, hard_rows_of, require
 from holdfast.export.verify import (
-    SINGLE_ROWS,
     AdaptedVerification,
     compare_streams,
+    cut,
     cut_learners,
-    decides_by_force,
     require_single_rows_equal,
     run_rows,
 )
@@ -83,8 +70,8 @@ BASE_KEY = "holdfast.base"
 """The entry of the metadata that holds those of the base."""
 RANDOM_ROWS = 5_000
 """Rows of noise at the size of the golden input's features, on which the votes are compared."""
-OF_THE_VOTES = {"votes", "situation", "p_situation", "p_class", "weight"}
-"""Outputs that a correction changes."""
+OF_THE_VOTES = {"situation", "p_situation", "p_class", "weight"}
+"""Outputs that a correction changes with the votes."""
 
 
 def is_adapted(data: bytes) -> bool:
@@ -92,45 +79,24 @@ def is_adapted(data: bytes) -> bool:
     return BASE_KEY in metadata_of(onnx.load_from_string(data))
 
 
-def write_changed(
-    path: Path,
-    out: Path,
-    hand: HandCard | None = None,
-    rules: Mapping[str, int] | None = None,
-) -> int:
-    """Write a changed copy and its card; returns its size in bytes. Raises as `changed`."""
-    data = read_sealed(path)
-    require_writable(out.parent)
-    card, new = changed(data, hand, rules, path)
-    write_whole(out, new)
-    write_whole(out.with_suffix(CARD_SUFFIX), readable_card(card, out.name, new))
-    return len(new)
-
-
 def changed(
     data: bytes,
     hand: HandCard | None = None,
     rules: Mapping[str, int] | None = None,
     where: str | Path = "",
-) -> tuple[Json, bytes]:
-    """Card and bytes of a changed copy of a sealed file, verified.
+) -> bytes:
+    """A changed copy of a sealed file, verified.
 
-    hand: for which the copy is. rules: of the decision, by name. Without either, an older file gets
-    the contact rule. Raises UsageError for a file that needs or takes no such change, or a rule
-    that cannot be; VerificationFailed where the learner answers differently.
+    hand: for which the copy is. rules: of the decision, by name. Without either, the step is built
+    anew. Raises UsageError for a file that takes no such change, or a rule that cannot be;
+    VerificationFailed where the learner answers differently.
     """
     model = onnx.load_from_string(data)
     kept = metadata_of(model)
     card = json_of(kept[CARD_KEY])
     spec = StepSpec.from_json(card["spec"])
-    is_older = CONTACT_KEY not in card and spec.contact is not None
     if rules:
         card["decision"] = _decision(card["decision"], rules)
-    elif hand is None and not is_older:
-        raise UsageError(
-            f"{where}: this file is up to date",
-            next_step="use it as it is, or give --hand CARD or --rule NAME=NUMBER",
-        )
 
     if hand is not None or not rules:
         if BASE_KEY in kept:
@@ -144,12 +110,12 @@ def changed(
         # all else that a card says is of the learner, or of the rate
         card["spec"] = spec.to_json()
         card["channels"] = list(channel_names(spec.n_sensors))
-        card[CONTACT_KEY] = None if spec.contact is None else spec.contact.to_json()
+        card["contact"] = msgspec.to_builtins(spec.contact)
 
     # these three are written anew; an adapted file has its base's behind them
     for name in (CARD_KEY, GOLDEN_KEY, SEAL_KEY):
         del kept[name]
-    return card, seal(model, card, spec, kept)
+    return seal(model, card, spec, kept)
 
 
 def _decision(before: Json, rules: Mapping[str, int]) -> Json:
@@ -169,47 +135,24 @@ def _decision(before: Json, rules: Mapping[str, int]) -> Json:
 
 
 def _with_new_step(old: onnx.ModelProto, spec: StepSpec, card: Json) -> onnx.ModelProto:
-    """The step of a spec in front of an older file's learner, verified."""
-    rules: dict[str, ByForce] = {}
-    if spec.contact is not None and not decides_by_force(old):
-        for name, head in card["heads"].items():
-            classes = tuple(head["classes"])
-            rules[votes_name(name)] = ByForce(name, classes, votes_in_all(head))
-
-    new = _joined(old, spec, rules)
+    """The step of a spec in front of a file's learner, verified."""
+    new = _joined(old, spec)
     rows = _rows(old, StepSpec.from_json(card["spec"]))
     before = run_rows(open_session(cut_learners(old)), rows)
     after = run_rows(open_session(cut_learners(new)), rows)
-    # by force the votes change, and so does all that follows from them
-    follow = set(before) if rules else set()
-    expected = {}
-    for name, rule in rules.items():
-        expected[name] = rule.in_contact(before[name].astype(np.int64))
-    _require_answers(before, after, expected, follow, "")
-
-    if rules:
-        empty = open_session(cut_learners(new, touches=False))
-        without = run_rows(empty, rows)
-        for name, rule in rules.items():
-            same = bool((without[name] == rule.without_contact()).all())
-            require(same, f"{name} of an empty hand differ from the reference")
+    _require_answers(before, after, rows)
     compare_streams(new, spec, seed=0)
     return new
 
 
-def _joined(
-    old: onnx.ModelProto, spec: StepSpec, rules: Mapping[str, ByForce]
-) -> onnx.ModelProto:
-    """The new step, and what stands behind the features in the old graph.
-
-    rules: of the contact rule that the votes of this name get.
-    """
+def _joined(old: onnx.ModelProto, spec: StepSpec) -> onnx.ModelProto:
+    """The new step, and what stands behind the features in the old graph."""
     # a file that was changed before has such names already
     prefix = NEW
     while any(node.output[0].startswith(prefix) for node in old.graph.node):
         prefix += NEW
     graph = GraphBuilder(spec.n_sensors, prefix)
-    _, empty = add_step(graph, spec)
+    add_step(graph, spec)
     constants = {one.name: one for one in old.graph.initializer}
     published = {one.name: one for one in old.graph.output}
     behind = {FEATURES}
@@ -225,9 +168,6 @@ def _joined(
         copied = onnx.NodeProto()
         copied.CopyFrom(node)
         graph.copy(copied)
-        if made in rules:
-            copied.output[:] = [learned_name(made)]
-            rules[made].add(graph, learned_name(made), empty, made)
         if made in published:
             graph.copy_output(published[made])
 
@@ -255,49 +195,45 @@ def _golden(data: bytes, spec: StepSpec) -> Outputs:
 def _require_answers(
     old: Outputs,
     new: Outputs,
-    expected: Mapping[str, IntArray],
-    follow: set[str],
-    where: str,
+    rows: FloatRows,
+    correction: Correction | None = None,
+    where: str = "",
 ) -> None:
-    """Votes are as expected; what does not follow from votes is as in the old file, bit for bit."""
+    """Votes are the old ones, corrected; what does not follow from them is the same bit for bit."""
+    follow = {VOTES, *OF_THE_VOTES} if correction is not None else ()
+    wrong = []
     for name, answers in old.items():
-        if name in expected:
-            same = np.array_equal(new[name], expected[name])
-        else:
-            same = name in follow or answers.tobytes() == new[name].tobytes()
-        require(same, f"the changed file: {name}{where} differ from the reference")
+        if name not in follow and answers.tobytes() != new[name].tobytes():
+            wrong.append(name)
+    if correction is not None:
+        votes = correction.corrected(rows, old[VOTES].astype(np.int64))
+        if not np.array_equal(new[VOTES], votes):
+            wrong.append(VOTES)
+    require(not wrong, f"the changed file{where}: {wrong} differ from the reference")
 
 
-@dataclass(frozen=True)
-class Adaptation:
-    """What makes a file one for a person. about: what it is based on, for the card.
+def adapted(
+    base: bytes, correction: Correction | None, decision: DecisionRules, about: Json
+) -> bytes:
+    """A sealed file for one person. base: a sealed file that is not adapted.
 
-    correction: None where only the decision is another. decision: replaces that of the base.
-    """
-
-    correction: Correction | None
-    decision: DecisionRules
-    about: Json
-
-
-def adapted(base: bytes, adaptation: Adaptation) -> bytes:
-    """The sealed file of an adaptation. base: a sealed file that is not adapted.
-
-    Raises VerificationFailed where the base could not be restored byte for byte.
+    correction: None where only the decision is another. decision: replaces that of the base. about:
+    what the adaptation is based on, for the card. Raises VerificationFailed where the base could
+    not be restored byte for byte.
     """
     model = onnx.load_from_string(base)
     metadata = metadata_of(model)
     card = json_of(metadata[CARD_KEY])
-    card["decision"] = adaptation.decision.to_json()
-    if adaptation.correction is not None:
+    card["decision"] = decision.to_json()
+    if correction is not None:
         head = card["heads"]["situation"]
-        _add_correction(model, adaptation.correction, len(head["classes"]))
+        _add_correction(model, correction, len(head["classes"]))
         head["correction"] = {
-            "inputs": adaptation.correction.network.n_features,
+            "inputs": correction.network.n_features,
             "steps_per_nat": LOGIT_STEPS,
         }
     digest = hashlib.sha256(base).hexdigest()
-    card["adaptation"] = {"base_sha256": digest, **adaptation.about}
+    card["adaptation"] = {"base_sha256": digest, **about}
     onnx.checker.check_model(model, full_check=True)
 
     # the seal is computed again when the base is restored
@@ -353,41 +289,26 @@ def verify_adapted(
 
     rows: [N, F] features.
     """
-    card = json_of(metadata_of(onnx.load_from_string(data))[CARD_KEY])
     hard = np.concatenate([rows, hard_rows_of(correction, rows)])
-    session = open_session(cut_learners(onnx.load_from_string(data)))
-    of_base = open_session(cut_learners(onnx.load_from_string(base)))
-    old, new = run_rows(of_base, hard), run_rows(session, hard)
-    _require_corrected(old, new, hard, correction, "")
-    weights = card["heads"]["situation"].get("label_weights")
-    votes = situation_votes(new[VOTES].astype(np.int64))
-    label = riskier_argmax(weighted(votes, weights))
-    same = np.array_equal(new["situation"], label)
-    require(same, "labels differ from the reference")
-    n_single = require_single_rows_equal(session, hard, new, SINGLE_ROWS, seed=0)
+    model, before_it = onnx.load_from_string(data), onnx.load_from_string(base)
+    session = open_session(cut_learners(model))
+    new = run_rows(session, hard)
+    old = run_rows(open_session(cut_learners(before_it)), hard)
+    _require_answers(old, new, hard, correction)
+    # of the same votes the base makes the same label, probabilities and weight
+    follow = sorted(OF_THE_VOTES & new.keys())
+    of_votes = run_rows(open_session(cut(before_it, VOTES, follow)), new[VOTES])
+    _require_answers(of_votes, new, hard)
+    n_single = require_single_rows_equal(session, hard, new, seed=0)
 
-    spec = StepSpec.from_json(card["spec"])
+    spec = StepSpec.from_json(json_of(metadata_of(model)[CARD_KEY])["spec"])
     before, after = _golden(base, spec), _golden(data, spec)
-    _require_corrected(before, after, before[FEATURES], correction, " of a stream")
+    _require_answers(before, after, before[FEATURES], correction, " of a stream")
 
     # only given rows: hard ones are no samples that a person could make
     differs = new["situation"][: len(rows)] != old["situation"][: len(rows)]
     n_samples = len(before[FEATURES])
     return AdaptedVerification(len(hard), n_single, n_samples, int(differs.sum()))
-
-
-def _require_corrected(
-    old: Outputs,
-    new: Outputs,
-    rows: FloatRows,
-    correction: Correction | None,
-    where: str,
-) -> None:
-    """Votes are the base's, corrected; what does not follow from votes is the base's."""
-    if correction is None:
-        return _require_answers(old, new, {}, set(), where)
-    votes = correction.corrected(rows, old[VOTES].astype(np.int64))
-    return _require_answers(old, new, {VOTES: votes}, OF_THE_VOTES, where)
 
 
 def _add_correction(
@@ -400,30 +321,25 @@ def _add_correction(
     added, constants = graph.part()
 
     # the correction takes over the name of the votes, so their readers need no change
-    nodes = list(model.graph.node)
-    del model.graph.node[:]
-    for node in nodes:
-        model.graph.node.append(node)
-        if VOTES in node.output:
-            model.graph.node[-1].output[:] = [BEFORE]
-            # ONNX wants nodes in the order in which they can run
-            model.graph.node.extend(added)
+    nodes = model.graph.node
+    (at,) = (at for at, node in enumerate(nodes) if VOTES in node.output)
+    nodes[at].output[:] = [BEFORE]
+    # ONNX wants nodes in the order in which they can run
+    for node in reversed(added):
+        nodes.insert(at + 1, node)
     model.graph.initializer.extend(constants)
 
 
 def _remove_correction(model: onnx.ModelProto) -> None:
     """The inverse of `_add_correction`, in place."""
-    graph = onnx.GraphProto()
-    graph.CopyFrom(model.graph)
-    del model.graph.node[:], model.graph.initializer[:]
-    for constant in graph.initializer:
-        if not constant.name.startswith(PREFIX):
-            model.graph.initializer.append(constant)
+    nodes, constants = model.graph.node, model.graph.initializer
+    for at in reversed(range(len(constants))):
+        if constants[at].name.startswith(PREFIX):
+            del constants[at]
 
-    for node in graph.node:
-        (name, *_) = node.output
+    for at in reversed(range(len(nodes))):
+        (name, *_) = nodes[at].output
         if name == BEFORE:
-            node.output[:] = [VOTES]
+            nodes[at].output[:] = [VOTES]
         elif name == VOTES or name.startswith(PREFIX):
-            continue
-        model.graph.node.append(node)
+            del nodes[at]

@@ -17,13 +17,12 @@ import onnx
 
 from holdfast.core.contract import NORMAL_FLOOR, Json, channel_names
 from holdfast.core.errors import OutputError, UsageError
-from holdfast.core.writing import require_writable, write_whole
+from holdfast.core.writing import require_free, require_writable, write_whole
 from holdfast.edge_runtime.graph import open_session
 from holdfast.edge_runtime.model import golden_answers, golden_to_json
 from holdfast.edge_runtime.model_file import (
     CARD_KEY,
     CARD_SUFFIX,
-    CONTACT_KEY,
     DIGITS,
     FORMAT,
     GOLDEN_KEY,
@@ -34,13 +33,7 @@ from holdfast.export.builder import GraphBuilder
 from holdfast.export.detectors import detector_names
 from holdfast.export.features import add_step
 from holdfast.export.heads import Head, add_heads
-from holdfast.export.learner import (
-    forest_of,
-    kind_of,
-    network_of,
-    vote_bits,
-    votes_in_all,
-)
+from holdfast.export.learner import vote_bits, votes_in_all
 from holdfast.export.spec import NOISE_RMS, POOLED, RANGE_LIMIT, StepSpec
 from holdfast.export.verify import ExportReport, verify
 
@@ -49,7 +42,6 @@ if TYPE_CHECKING:
 
 MODEL_NAME = "holdfast.onnx"
 """In the artifact's folder, where --out names no other file."""
-TIE_RULE = "the riskier class wins"
 
 
 def export_artifact(
@@ -84,12 +76,8 @@ def export_artifact(
     )
 
     report("sealing: card, golden sequences, SHA-256")
-    card = model_card(artifact)
-    data = seal(model, card, artifact.spec)
-
-    # the card is a readable copy: nothing that runs reads it
-    write_whole(path, data)
-    write_whole(path.with_suffix(CARD_SUFFIX), readable_card(card, path.name, data))
+    data = seal(model, model_card(artifact), artifact.spec)
+    write_model(path, data)
     return path, ExportReport(**vars(verification), bytes=len(data))
 
 
@@ -119,13 +107,7 @@ def require_replaceable(artifact: Path, model: Path, *, force: bool) -> None:
                 cause="the card of a model is written to MODEL.json",
                 next_step="name another file, such as --out holdfast.onnx",
             )
-        if not inside and not force and path.exists():
-            raise OutputError(
-                "exists already",
-                where=path,
-                cause="an earlier export",
-                next_step="name a new file with --out, or add --force to replace it",
-            )
+        require_free(path, force=force or inside)
 
 
 def whole_graph(spec: StepSpec, heads: list[Head]) -> onnx.ModelProto:
@@ -139,7 +121,6 @@ def whole_graph(spec: StepSpec, heads: list[Head]) -> onnx.ModelProto:
 def model_card(artifact: Artifact) -> Json:
     """Everything a consumer of the file needs to know, as one JSON object."""
     spec = artifact.spec
-    rule = spec.contact
     return {
         "format": FORMAT,
         "spec": spec.to_json(),
@@ -147,7 +128,7 @@ def model_card(artifact: Artifact) -> Json:
         "range_limit": RANGE_LIMIT[spec.unit],
         "noise_rms": NOISE_RMS[spec.unit],
         "normal_floor": NORMAL_FLOOR[spec.unit],
-        CONTACT_KEY: None if rule is None else rule.to_json(),
+        "contact": msgspec.to_builtins(spec.contact),
         "window_samples": spec.window_samples,
         "history_samples": spec.history_samples,
         "settle_samples": spec.settle_samples,
@@ -156,7 +137,7 @@ def model_card(artifact: Artifact) -> Json:
         "bands_left_out_hz": list(spec.lost_bands()),
         "detectors": list(detector_names(spec)),
         "heads": {head.name: _head_card(head) for head in artifact.heads},
-        "tie_rule": TIE_RULE,
+        "tie_rule": "the riskier class wins",
         "preparation": artifact.preparation.to_json(),
         "decision": artifact.decision,
         "training": artifact.training,
@@ -166,9 +147,7 @@ def model_card(artifact: Artifact) -> Json:
 def _head_card(head: Head) -> Json:
     """What a consumer needs to know about a head: classes, size, votes and calibration."""
     card: Json = {"classes": list(head.classes)}
-    forest = forest_of(head.learner)
-    network = network_of(head.learner)
-
+    forest, network = head.learner.forest, head.learner.network
     if forest is not None:
         trees = forest.estimators_
         card["trees"] = len(trees)
@@ -176,7 +155,7 @@ def _head_card(head: Head) -> Json:
         card["vote_bits"] = vote_bits(len(trees))
         card["kind"] = type(forest).__name__
     if network is not None:
-        card["learner"] = kind_of(head.learner)
+        card["learner"] = "network" if forest is None else "committee"
         card["layers"] = [len(layer.bias) for layer in network.layers]
         card["votes"] = votes_in_all(head.learner)
     if head.label_weights is not None:
@@ -186,19 +165,16 @@ def _head_card(head: Head) -> Json:
     return card
 
 
-def readable_card(card: Json, name: str, data: bytes) -> str:
-    """The card of a file as readable JSON, with name, size and SHA-256, without fingerprints."""
-    file = {
-        "name": name,
-        "bytes": len(data),
-        "sha256": hashlib.sha256(data).hexdigest(),
-    }
+def write_model(path: Path, data: bytes) -> None:
+    """Write a sealed file, and beside it its card for people: nothing that runs reads that."""
+    card = json.loads(metadata_of(onnx.load_from_string(data))[CARD_KEY])
     # one fingerprint a recording would make the card unreadable
-    training = dict(card["training"])
-    training.pop("recordings", None)
-
-    readable = {"file": file, **card, "training": training}
-    return json.dumps(readable, indent=1) + "\n"
+    card["training"].pop("recordings", None)
+    digest = hashlib.sha256(data).hexdigest()
+    file = {"name": path.name, "bytes": len(data), "sha256": digest}
+    readable = json.dumps({"file": file, **card}, indent=1)
+    write_whole(path, data)
+    write_whole(path.with_suffix(CARD_SUFFIX), readable + "\n")
 
 
 def seal(

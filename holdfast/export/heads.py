@@ -128,13 +128,6 @@ class ByForce:
         """Whether it is a head that votes for nothing."""
         return self.name == MAIN_HEAD
 
-    def add(self, graph: GraphBuilder, votes: str, empty: str, out: str) -> str:
-        """Add it to a graph; returns the votes [B, K] after the rule."""
-        if self.is_main:
-            # products with 0 and 1, and sums below 2^24, are exact
-            votes = graph.node("MatMul", votes, np.float32(self.nothing_to_grasp()))
-        return self.choose(graph, votes, empty, out)
-
     def choose(self, graph: GraphBuilder, votes: str, empty: str, out: str) -> str:
         """Add the choice between votes in contact [B, K] and those of an empty hand."""
         without = np.float32(self.without_contact())

@@ -44,9 +44,6 @@ NODE_ATTRIBUTES = (
 """Columns that are taken from skl2onnx; the votes of the leaves are written by `add_forest`."""
 ROWS_AT_ONCE = 8192
 """So many stay in the processor's caches; a long stream at once takes twice as long."""
-LEARNERS = ("forest", "network", "committee")
-"""Kinds of learner, as the model card names them."""
-
 FOREST_KINDS = (RandomForestClassifier, ExtraTreesClassifier)
 Forest: TypeAlias = RandomForestClassifier | ExtraTreesClassifier
 
@@ -63,64 +60,42 @@ def votes_of_trees(n_trees: int) -> int:
 
 
 @dataclass(frozen=True)
-class Committee:
-    """Raises ValueError where their votes differ in number, or are too many to add exactly."""
+class Learner:
+    """Trees, a network, or both as a committee.
 
-    forest: Forest
-    network: Network
+    Raises ValueError for none, and for a committee whose votes differ in number, or are too many to
+    add exactly.
+    """
+
+    forest: Forest | None = None
+    network: Network | None = None
 
     def __post_init__(self) -> None:
-        votes = votes_of_trees(len(self.forest.estimators_))
-        of_network = self.network.votes_in_all
-        if votes != of_network or 2 * votes >= EXACT_FLOAT32:
-            raise ValueError(f"{votes} votes of trees, {of_network} of the network")
+        votes = self.votes_of_parts()
+        if len(set(votes)) != 1 or sum(votes) >= EXACT_FLOAT32:
+            raise ValueError(f"a learner of parts with {votes} votes")
 
+    def votes_of_parts(self) -> list[int]:
+        """The sum of a row's votes, for each part: trees, then network."""
+        votes = []
+        if self.forest is not None:
+            votes.append(votes_of_trees(len(self.forest.estimators_)))
+        if self.network is not None:
+            votes.append(self.network.votes_in_all)
+        return votes
 
-Learner: TypeAlias = Forest | Network | Committee
-
-
-def forest_of(learner: Learner) -> Forest | None:
-    """The trees in it."""
-    if isinstance(learner, Committee):
-        return learner.forest
-    return None if isinstance(learner, Network) else learner
-
-
-def network_of(learner: Learner) -> Network | None:
-    """The network in it."""
-    if isinstance(learner, Committee):
-        return learner.network
-    return learner if isinstance(learner, Network) else None
-
-
-def kind_of(learner: Learner) -> str:
-    """Of LEARNERS."""
-    if isinstance(learner, Committee):
-        return "committee"
-    return "network" if isinstance(learner, Network) else "forest"
+    @property
+    def n_features(self) -> int:
+        """The number of features, F."""
+        if self.network is not None:
+            return self.network.n_features
+        assert self.forest is not None
+        return int(self.forest.n_features_in_)
 
 
 def votes_in_all(learner: Learner) -> int:
     """The sum of a row's votes."""
-    forest = forest_of(learner)
-    network = network_of(learner)
-    votes = 0
-
-    if forest is not None:
-        votes += votes_of_trees(len(forest.estimators_))
-    if network is not None:
-        votes += network.votes_in_all
-    return votes
-
-
-def features_in(learner: Learner) -> int:
-    """The number of features, F."""
-    network = network_of(learner)
-    if network is not None:
-        return network.n_features
-    forest = forest_of(learner)
-    assert forest is not None
-    return int(forest.n_features_in_)
+    return sum(learner.votes_of_parts())
 
 
 def reference_votes(
@@ -128,20 +103,13 @@ def reference_votes(
 ) -> IntArray:
     """Exact integer votes [N, n_classes] of float32 rows [N, F]. Raises NotANumber."""
     rows = np.asarray(features, dtype=np.float32)
-    finite = np.isfinite(rows).all(axis=1)
-    if not finite.all():
-        bad = np.flatnonzero(~finite)
-        what = f"{len(bad)} rows have features that are not finite, the first is row {bad[0]}"
-        raise NotANumber(what, where="feature rows")
-
-    forest = forest_of(learner)
-    network = network_of(learner)
+    if not np.isfinite(rows).all():
+        raise NotANumber("features that are not finite", where="feature rows")
     total = np.zeros((len(rows), n_classes), dtype=np.int64)
-
-    if forest is not None:
-        total += forest_votes(forest, rows, n_classes)
-    if network is not None:
-        total += network_votes(network, rows)
+    if learner.forest is not None:
+        total += forest_votes(learner.forest, rows, n_classes)
+    if learner.network is not None:
+        total += network_votes(learner.network, rows)
     return total
 
 
@@ -206,18 +174,20 @@ def add_learner(
 
     moved: whole numbers [n_classes, n_classes] that the votes are multiplied by.
     """
-    if isinstance(learner, Network):
-        return add_network(graph, learner, features, moved, out)
-    if isinstance(learner, Committee):
-        # both hold whole numbers below 2^23, so float32 adds them exactly
-        trees = add_forest(graph, learner.forest, features, n_classes, "")
-        network = add_network(graph, learner.network, features, moved)
-        if moved is None:
-            return graph.node("Add", trees, network, out=out)
-        return graph.node("Gemm", trees, moved, network, out=out)
-    name = out if moved is None else ""
-    trees = add_forest(graph, learner, features, n_classes, name)
-    return trees if moved is None else graph.node("MatMul", trees, moved, out=out)
+    forest, network = learner.forest, learner.network
+    if forest is None:
+        assert network is not None
+        return add_network(graph, network, features, moved, out)
+    if network is None and moved is None:
+        return add_forest(graph, forest, features, n_classes, out)
+    trees = add_forest(graph, forest, features, n_classes, "")
+    if network is None:
+        return graph.node("MatMul", trees, np.asarray(moved), out=out)
+    # both hold whole numbers below 2^23, so float32 adds them exactly
+    added = add_network(graph, network, features, moved)
+    if moved is None:
+        return graph.node("Add", trees, added, out=out)
+    return graph.node("Gemm", trees, moved, added, out=out)
 
 
 def add_forest(
@@ -253,15 +223,13 @@ def add_forest(
 
 
 def _tree_attributes(forest: Forest) -> dict[str, Any]:
-    """The trees as skl2onnx writes them; node ids equal scikit-learn's, which is checked."""
+    """The trees as skl2onnx writes them; node ids equal scikit-learn's, as structure.py checks."""
     from skl2onnx.common.tree_ensemble import (  # not needed to run or score a model file
         add_tree_to_attribute_pairs,
         get_default_tree_classifier_attribute_pairs,
     )
 
     attributes = get_default_tree_classifier_attribute_pairs()
-    # votes are written by node id, so another numbering would give them to other nodes
-    expected: list[int] = []
     for number, tree in enumerate(forest.estimators_):
         add_tree_to_attribute_pairs(
             attributes,
@@ -275,10 +243,6 @@ def _tree_attributes(forest: Forest) -> dict[str, Any]:
             adjust_threshold_for_sklearn=True,
             dtype=np.float32,
         )
-        expected.extend(range(tree.tree_.node_count))
-
-    if not np.array_equal(expected, attributes["nodes_nodeids"]):
-        raise AssertionError("skl2onnx no longer numbers nodes as scikit-learn does")
     return {name: attributes[name] for name in NODE_ATTRIBUTES}
 
 

@@ -111,10 +111,6 @@ class ContactRule(msgspec.Struct, frozen=True):
     zero_s: float
     zero_per_s: float
 
-    def to_json(self) -> Json:
-        """As a JSON object, for the metadata."""
-        return msgspec.structs.asdict(self)
-
 
 POOLED = "pooled_"
 """Begins the names of feature groups that are pooled over the sensors (pooled.py)."""
@@ -246,10 +242,11 @@ class StepSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def to_json(self) -> Json:
         """As a JSON object, for the artifact and the metadata; without a hand card no "hand"."""
-        fields = msgspec.structs.asdict(self)
-        fields["detectors"] = msgspec.structs.asdict(self.detectors)
-        hand = fields.pop("hand")
-        return fields if hand is None else {**fields, "hand": hand.to_json()}
+        fields: Json = msgspec.to_builtins(self)
+        del fields["hand"]
+        if self.hand is not None:
+            fields["hand"] = self.hand.to_json()
+        return fields
 
     @staticmethod
     def from_json(value: Json) -> StepSpec:

@@ -6,6 +6,7 @@ chance, where both sides of a branch vote alike; the numbers of the nodes cannot
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,7 @@ from holdfast.export.heads import Correction, FloatRows, Head, learned_name
 from holdfast.export.learner import (
     Forest,
     Learner,
-    features_in,
-    forest_of,
     leaf_votes,
-    network_of,
 )
 from holdfast.export.network import Inputs, Network
 
@@ -34,16 +32,12 @@ DIFFER = "differ from training"
 
 def hard_rows(learner: Learner, rows: FloatRows, seed: int) -> FloatRows:
     """Hard rows [H, F] for all that is in a learner."""
-    forest = forest_of(learner)
-    network = network_of(learner)
     parts = []
-
-    if forest is not None:
-        parts.append(threshold_rows(forest, rows, seed))
-    parts.append(edge_rows(features_in(learner)))
-    if network is not None:
-        parts.append(step_rows(network.inputs, rows, seed))
-
+    if learner.forest is not None:
+        parts.append(threshold_rows(learner.forest, rows, seed))
+    parts.append(edge_rows(learner.n_features))
+    if learner.network is not None:
+        parts.append(step_rows(learner.network.inputs, rows, seed))
     return np.concatenate(parts)
 
 
@@ -90,10 +84,9 @@ def threshold_rows(forest: Forest, rows: FloatRows, seed: int) -> FloatRows:
     """
     rng = np.random.default_rng(seed)
     hard = rows[rng.integers(len(rows), size=THRESHOLD_ROWS)]
-    trees = [tree.tree_ for tree in forest.estimators_]
     # scikit-learn marks a leaf by the feature -2
-    feature = np.concatenate([tree.feature for tree in trees])
-    at = largest_float32_not_above(np.concatenate([tree.threshold for tree in trees]))
+    feature = _of_all_trees(forest, "feature")
+    at = largest_float32_not_above(_of_all_trees(forest, "threshold"))
     # 0 for a feature that no tree reads
     on = np.zeros_like(hard)
     for column in np.unique(feature[feature >= 0]):
@@ -126,10 +119,8 @@ def require_same_numbers(model: onnx.ModelProto, head: Head) -> int:
 
     Raises VerificationFailed with the number of those that differ.
     """
-    forest = forest_of(head.learner)
-    network = network_of(head.learner)
+    forest, network = head.learner.forest, head.learner.network
     count = 0
-
     if forest is not None:
         made_by = {node.output[0]: node for node in model.graph.node}
         # where force decides "nothing", the learner's votes are not yet those of the file
@@ -161,13 +152,12 @@ def _same_weights(model: onnx.ModelProto, network: Network, head: Head) -> int:
 def _same_trees(node: onnx.NodeProto, forest: Forest, head: Head) -> int:
     """Features, thresholds, children and leaves."""
     exported = {one.name: helper.get_attribute_value(one) for one in node.attribute}
-    trees = [tree.tree_ for tree in forest.estimators_]
-    threshold = np.concatenate([tree.threshold for tree in trees])
+    threshold = _of_all_trees(forest, "threshold")
     expected = {
         "nodes_values": largest_float32_not_above(threshold),
-        "nodes_featureids": np.concatenate([tree.feature for tree in trees]),
-        "nodes_truenodeids": np.concatenate([tree.children_left for tree in trees]),
-        "nodes_falsenodeids": np.concatenate([tree.children_right for tree in trees]),
+        "nodes_featureids": _of_all_trees(forest, "feature"),
+        "nodes_truenodeids": _of_all_trees(forest, "children_left"),
+        "nodes_falsenodeids": _of_all_trees(forest, "children_right"),
     }
     # Training decides what is a branch, so that a wrong mode in the file is found.
     branch = expected["nodes_featureids"] >= 0
@@ -182,24 +172,31 @@ def _same_trees(node: onnx.NodeProto, forest: Forest, head: Head) -> int:
     # Values that training keeps at branches are no votes: only a leaf may have any.
     expected_votes = np.concatenate(leaf_votes(forest, len(head.classes)))
     expected_votes[branch] = 0
-    differs = _votes_of(exported, trees, head) != expected_votes
+    differs = votes_of_nodes(exported, len(head.classes)) != expected_votes
     wrong |= np.any(differs, axis=1)
     n_wrong = int(wrong.sum())
     require(not n_wrong, f"head {head.name}: {n_wrong} of {len(wrong)} nodes {DIFFER}")
     return len(wrong)
 
 
-def _votes_of(exported: dict[str, Any], trees: list[Any], head: Head) -> FloatRows:
-    """[nodes, K] votes of every node in the file; a branch should have none."""
-    counts = [tree.node_count for tree in trees]
-    starts = np.concatenate([[0], np.cumsum(counts)])
+def _of_all_trees(forest: Forest, name: str) -> npt.NDArray[Any]:
+    """An attribute of every node, tree after tree, as training left it."""
+    trees = [getattr(tree.tree_, name) for tree in forest.estimators_]
+    return np.concatenate(trees)
 
-    votes = np.zeros((starts[-1], len(head.classes)))
-    tree = np.array(exported["target_treeids"], int)
-    rows = starts[tree] + np.array(exported["target_nodeids"], int)
-    targets = np.array(exported["target_ids"], int)
+
+def votes_of_nodes(trees: Mapping[str, Any], n_classes: int) -> FloatRows:
+    """[nodes, K] votes of every node of a file; a branch should have none.
+
+    trees: attributes of a TreeEnsembleRegressor, by name.
+    """
+    # the ids of nodes count from each tree's first one, the rows here through all trees
+    ids = np.array(trees["nodes_nodeids"])
+    starts = np.flatnonzero(ids == 0)
+    rows = starts[trees["target_treeids"]] + trees["target_nodeids"]
+    votes = np.zeros((len(ids), n_classes), dtype=np.float32)
     # votes that are listed twice add up, as the runtime adds them
-    np.add.at(votes, (rows, targets), exported["target_weights"])
+    np.add.at(votes, (rows, trees["target_ids"]), trees["target_weights"])
     return votes
 
 

@@ -44,7 +44,6 @@ from holdfast.core.lines import CLOSING_S, LineWriter, Sink
 from holdfast.core.source import SourceReading
 from holdfast.core.trial_file import TIME_COLUMN, ZEROS, Zero
 from holdfast.edge_runtime.engine import OpenedModel
-from holdfast.edge_runtime.model_file import OLDER_FILE
 
 RISKY = SITUATIONS[RISKY_SLIP]
 STOPPED, FAILED = "stopped", "failed"
@@ -139,15 +138,13 @@ def to_json_line(prediction: Prediction, not_learned: Collection[str] = ()) -> s
     return encode(vars(prediction) | altered).decode()
 
 
-def about_model(model: OpenedModel, path: str | Path) -> list[str]:
-    """What is reported of a model when a run begins: its engine, its hand, its gaps, its age."""
+def about_model(model: OpenedModel) -> list[str]:
+    """What is reported of a model when a run begins: its engine, its hand, its gaps."""
     card = model.card
     lines = [model.engine] if model.engine else []
     if card.hand is not None:
         lines.append(card.hand.in_words())
     lines += not_learned_in_words(card.not_learned)
-    if card.is_older:
-        lines.append(f"{path}: {OLDER_FILE}")
     return lines
 
 

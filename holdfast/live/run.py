@@ -257,7 +257,7 @@ class _Run:
 
     def _begin(self, source: Source, outputs: list[Output]) -> FloatArray | None:
         """Report what the run begins with; returns the measured bias, if there is one."""
-        for line in about_model(self._model, self._options.model):
+        for line in about_model(self._model):
             self.report(line)
         if self._shear_gain is None:
             self.report(NO_SHEAR_GAIN)

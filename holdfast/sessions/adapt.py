@@ -12,30 +12,25 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import onnx
 
 from holdfast.core.contract import RISKY_SLIP, BoolArray
 from holdfast.core.errors import TooLittleToAdapt, UsageError, WorseThanBase, count_of
 from holdfast.core.locked import require_open
-from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import (
-    CARD_SUFFIX,
-    read_card,
     read_sealed,
     votes_in_all,
 )
 from holdfast.evaluation.alarms import Answers, act_requests, match_alarms
 from holdfast.evaluation.trials import voluntary_actions
 from holdfast.export.changed import (
-    Adaptation,
     adapted,
     is_adapted,
     undone,
     verify_adapted,
 )
-from holdfast.export.exporting import metadata_of, readable_card
+from holdfast.export.exporting import write_model
 from holdfast.export.heads import Correction
 from holdfast.export.verify import AdaptedVerification
 from holdfast.sessions.adapt_evidence import (
@@ -353,25 +348,17 @@ def adapt_file(
         "base_held_out": asdict(of_base),
     }
     correction = evidence.correction(point)
-    made = adapted(base, Adaptation(correction, point.rules, about))
+    made = adapted(base, correction, point.rules, about)
     rows = np.concatenate([one.features for one in (*of_own, *of_others)])
     # Before it is written: a file that fails is never on the disk.
     verified = verify_adapted(base, made, correction, rows)
-    _write(out, made)
+    write_model(out, made)
     return AdaptedFile(counts, point, of_base, verified)
 
 
 def write_base(adapted_path: Path, out: Path) -> None:
     """The base of an adapted file, byte for byte."""
-    _write(out, undone(read_sealed(adapted_path), adapted_path))
-
-
-def _write(path: Path, data: bytes) -> None:
-    """The file, and its card next to it."""
-    # Read from the file, so that the card shows what it says.
-    card = read_card(metadata_of(onnx.load_from_string(data)), path)
-    write_whole(path, data)
-    write_whole(path.with_suffix(CARD_SUFFIX), readable_card(card.raw, path.name, data))
+    write_model(out, undone(read_sealed(adapted_path), adapted_path))
 
 
 # -- recordings

@@ -15,13 +15,8 @@ from sklearn.linear_model import LogisticRegression
 from holdfast.core.contract import FloatArray, IntArray
 from holdfast.core.errors import ClassMissing
 from holdfast.export.heads import Calibration, riskier_argmax, situation_votes
-from holdfast.export.learner import (
-    Committee,
-    Forest,
-    Learner,
-    reference_votes,
-    votes_of_trees,
-)
+from holdfast.export.learner import Learner, reference_votes, votes_of_trees
+from holdfast.export.network import VOTES
 from holdfast.training.featurise import FloatRows
 from holdfast.training.plan import TrainingPlan
 from holdfast.training.progress import Say, ignored
@@ -193,35 +188,21 @@ def learner_of(
     seed: int,
 ) -> Learner:
     """The plan's learner for a task, fitted on rows [N, F] with labels [N]."""
-    if plan.learner == "network":
-        # a forest alone needs no network
-        from holdfast.training.network_fit import fit_network
-
-        return fit_network(plan.network_for(task), rows, label, n_classes, seed)
-    # A tree reads by column: the same forest, sooner.
-    by_column = np.asfortranarray(rows)
-    forest = plan.forest_for(task).build(seed).fit(by_column, label)
+    forest, votes = None, VOTES
+    if plan.learner != "network":
+        # a tree reads by column: the same forest, sooner
+        by_column = np.asfortranarray(rows)
+        forest = plan.forest_for(task).build(seed).fit(by_column, label)
+        # a network gets as many votes as the trees have in all, so that both count the same
+        votes = votes_of_trees(len(forest.estimators_))
     if plan.learner == "forest":
-        return forest
-    return joined_by_network(forest, plan, task, rows, label, n_classes, seed)
+        return Learner(forest)
 
-
-def joined_by_network(
-    forest: Forest,
-    plan: TrainingPlan,
-    task: str,
-    rows: FloatRows,
-    label: IntArray,
-    n_classes: int,
-    seed: int,
-) -> Committee:
-    """A fitted forest and the plan's network, fitted on the same rows [N, F] and labels [N]."""
+    # a forest alone needs no network
     from holdfast.training.network_fit import fit_network
 
-    # The network gets as many votes as the trees have in all, so that both halves count the same.
-    votes = votes_of_trees(len(forest.estimators_))
     network = fit_network(plan.network_for(task), rows, label, n_classes, seed, votes)
-    return Committee(forest, network)
+    return Learner(forest, network)
 
 
 def fit_calibration(shares: FloatArray, label: IntArray) -> Calibration:

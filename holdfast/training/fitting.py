@@ -23,10 +23,10 @@ from holdfast.core.contract import (
 from holdfast.core.errors import RateError
 from holdfast.core.hand_card import hand_or_usual
 from holdfast.core.trial_layout import HAND_FILE
-from holdfast.core.writing import require_writable
+from holdfast.core.writing import require_free, require_writable
 from holdfast.export.artifact import (
+    INDEX,
     Artifact,
-    require_no_artifact,
     write_artifact,
 )
 from holdfast.export.heads import Head
@@ -138,8 +138,7 @@ def train_on_sets(
     # Checked before anything is read, so that a long run does not end at a folder that it cannot
     # write.
     require_writable(request.out)
-    if not request.replace:
-        require_no_artifact(request.out)
+    require_free(request.out / INDEX, force=request.replace)
 
     # Without data the command trains on a generated set, which lies in the artifact's folder.
     names = request.data

@@ -23,7 +23,7 @@ from holdfast.cli.options import add_job_options, chosen_workers
 from holdfast.core.contract import FloatArray, Json
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.export.heads import riskier_argmax
-from holdfast.export.learner import LEARNERS, forest_votes, votes_of_trees
+from holdfast.export.learner import forest_votes, votes_of_trees
 from holdfast.export.network import IntArray, network_votes
 from holdfast.training.crossval import splits_of
 from holdfast.training.datasets.human_slip_uskin import MOST_LOADED_TAXELS
@@ -43,6 +43,7 @@ METHODS = {
     "spread taxels, pooled features": POOLED,
 }
 """Taxels and features; each with every learner of LEARNERS is a choice."""
+LEARNERS = ("forest", "network", "committee")
 SITUATIONS, PREDICTION = "situations", "predict_250ms"
 Split = Mapping[str, tuple[IntArray, IntArray]]
 """Task -> training and test rows; all tasks hold out the same people."""

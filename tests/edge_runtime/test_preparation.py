@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -12,14 +13,13 @@ from holdfast.edge_runtime.preparation import (
     MOST_ROWS,
     Preparation,
     Tare,
-    preparation_from_json,
 )
 
 
 @pytest.mark.parametrize("rows", [0, MOST_ROWS])
 def test_a_description_comes_back_as_it_was(rows: int) -> None:
     made = Preparation(bias_rows=rows)
-    assert preparation_from_json(made.to_json()) == made
+    assert msgspec.convert(made.to_json(), Preparation) == made
 
 
 RAW = np.array(

@@ -13,7 +13,6 @@ from holdfast.core.errors import NotAdapted, VerificationFailed
 from holdfast.edge_runtime.model import Model
 from holdfast.export.changed import (
     BASE_KEY,
-    Adaptation,
     adapted,
     is_adapted,
     undone,
@@ -43,7 +42,7 @@ def test_the_base_comes_back_byte_for_byte(eight: bool, committee: bool) -> None
 
 def test_parameters_alone_can_be_undone_too() -> None:
     base = base_of()
-    made = adapted(base, Adaptation(None, RULES, {}))
+    made = adapted(base, None, RULES, {})
     assert card_of(made)["decision"]["min_risky_permille"] == 700
     assert undone(made) == base
 

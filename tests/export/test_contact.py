@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
-import onnx
 import onnxruntime as ort
 import pytest
 
-import holdfast
 from holdfast.core.contract import CLASSES, BoolArray, FloatArray
-from holdfast.core.errors import UsageError
 from holdfast.edge_runtime.graph import StepGraph, open_session, run_recording
-from holdfast.edge_runtime.model import Model
-from holdfast.edge_runtime.model_file import CONTACT_KEY
-from holdfast.export.artifact import read_artifact
-from holdfast.export.changed import changed
-from holdfast.export.exporting import model_card, seal, whole_graph
 from holdfast.export.features import feature_graph
 from holdfast.export.guard import reference_contact
 from holdfast.export.heads import ByForce
@@ -29,7 +19,7 @@ from holdfast.export.spec import ContactRule, StepSpec
 from holdfast.export.verify import touching_input
 
 if TYPE_CHECKING:
-    from conftest import Built
+    pass
 
 RATE_HZ = 100.0
 SPEC = StepSpec(6, RATE_HZ, "N", ("now", "scaled_sums"))
@@ -162,48 +152,3 @@ def test_a_unit_without_a_noise_limit_leaves_nothing_to_the_learner() -> None:
             msgspec.structs.replace(SPEC, unit=unit, force_decides=None).contact is None
         )
     assert StepSpec.from_json(SPEC.to_json()) == SPEC
-
-
-# -- files of before the rule
-
-
-@pytest.fixture(scope="module")
-def older(eight_classes: Built, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A file as an earlier version wrote it."""
-    artifact = read_artifact(eight_classes.artifact)
-    spec = msgspec.structs.replace(artifact.spec, force_decides=False)
-    card = model_card(replace(artifact, spec=spec))
-    del card[CONTACT_KEY], card["spec"]["force_decides"]
-    path = tmp_path_factory.mktemp("older") / "older.onnx"
-    path.write_bytes(seal(whole_graph(spec, artifact.heads), card, spec))
-    return path
-
-
-def test_an_older_file_loads_and_warns_once_in_plain_words(
-    older: Path, eight_classes: Built
-) -> None:
-    with pytest.warns(UserWarning, match="decides 'nothing' by noise") as given:
-        holdfast.load(older, live=False)
-    assert len(given) == 1
-    holdfast.load(eight_classes.model, live=False)
-
-
-def trees_of(data: bytes) -> list[bytes]:
-    """What the nodes of the forest hold."""
-    nodes = onnx.load_from_string(data).graph.node
-    forest = [node for node in nodes if node.op_type == "TreeEnsembleRegressor"]
-    assert forest
-    return [one.SerializeToString() for node in forest for one in node.attribute]
-
-
-def test_an_older_file_is_exported_again_with_its_own_learner(older: Path) -> None:
-    old = older.read_bytes()
-    card, new = changed(old)
-    assert card[CONTACT_KEY] == rule_of(StepSpec.from_json(card["spec"])).to_json()
-    assert trees_of(old) == trees_of(new)
-
-    path = older.with_name("new.onnx")
-    path.write_bytes(new)
-    assert Model(path).card.decides_by_force
-    with pytest.raises(UsageError, match="up to date"):
-        changed(new)

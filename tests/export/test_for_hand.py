@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import small_model
+from small_model import card_of
 
 from holdfast.cli.main import main
 from holdfast.core.contract import FloatArray
@@ -79,7 +80,7 @@ def card_without_text(hand: str) -> object:
 def test_the_folder_and_the_file_give_the_same_file(six: Path, tmp_path: Path) -> None:
     hand = read_hand_card("three-fingertips")
     of_folder, _ = export_artifact(six.parent, tmp_path / "folder.onnx", hand=hand)
-    _, data = changed(read_sealed(six), hand)
+    data = changed(read_sealed(six), hand)
     of_file = tmp_path / "file.onnx"
     of_file.write_bytes(data)
     rng = np.random.default_rng(0)
@@ -89,13 +90,24 @@ def test_the_folder_and_the_file_give_the_same_file(six: Path, tmp_path: Path) -
         np.testing.assert_array_equal(rows, second[name])
 
 
+def test_a_file_exported_again_keeps_its_card_and_its_answers(six: Path) -> None:
+    data = changed(read_sealed(six))
+    assert card_of(data) == Model(six).card.raw
+    values = np.random.default_rng(2).normal(1.0, 1.0, size=(200, 18))
+    before, after = votes(six, values), answered(data, values)
+    for name, rows in before.items():
+        np.testing.assert_array_equal(rows, after[name])
+    again = changed(data)
+    assert sorted(answered(again, values)) == sorted(after)
+
+
 def test_twelve_sensors_with_half_the_force_each_read_as_six(
     six: Path, tmp_path: Path
 ) -> None:
     """All but the direction of the mean shear, which counts less at a small force."""
     out = tmp_path / "twelve.onnx"
     hand = read_hand_card("twelve-sensors")
-    _, data = changed(read_sealed(six), hand)
+    data = changed(read_sealed(six), hand)
     out.write_bytes(data)
     rng = np.random.default_rng(1)
     values = np.cumsum(rng.normal(0.0, 0.05, (80, 6, 3)), axis=0)

@@ -22,7 +22,7 @@ from holdfast.core.errors import VerificationFailed
 from holdfast.edge_runtime.graph import open_session
 from holdfast.export.exporting import export_artifact, whole_graph
 from holdfast.export.heads import Calibration, Head, riskier_argmax, situation_votes
-from holdfast.export.learner import Forest, reference_votes, vote_bits
+from holdfast.export.learner import Forest, Learner, reference_votes, vote_bits
 from holdfast.export.spec import StepSpec
 from holdfast.export.structure import (
     edge_rows,
@@ -47,7 +47,9 @@ Rows = npt.NDArray[np.float32]
 
 def head_of(forest: Forest, classes: tuple[str, ...]) -> Head:
     k = len(classes)
-    return Head("situation", classes, forest, Calibration(np.eye(k) * 4.0, np.zeros(k)))
+    return Head(
+        "situation", classes, Learner(forest), Calibration(np.eye(k) * 4.0, np.zeros(k))
+    )
 
 
 @cache
@@ -111,7 +113,7 @@ def test_the_exported_file_answers_what_the_reference_does(
     forest, rows = fitted(kind, present, trees, depth)
     hard = hard_rows(forest, rows)
     got = cut(whole_graph(SPEC, [head_of(forest, classes)]), hard)
-    votes = reference_votes(forest, hard, len(classes))
+    votes = reference_votes(Learner(forest), hard, len(classes))
     np.testing.assert_array_equal(got["votes"], votes)
     np.testing.assert_array_equal(
         got["situation"], riskier_argmax(situation_votes(votes))
@@ -127,7 +129,7 @@ def test_the_reference_is_the_forests_own_probability_within_the_quantisation(
     kind: str,
 ) -> None:
     forest, rows = fitted(kind, (0, 1, 3), 7, 3)
-    votes = reference_votes(forest, rows, 4)
+    votes = reference_votes(Learner(forest), rows, 4)
     full = 7 << vote_bits(7)
     np.testing.assert_allclose(
         votes[:, [0, 1, 3]] / full, forest.predict_proba(rows), atol=7 / full
@@ -277,7 +279,10 @@ def test_a_second_head_is_verified_as_the_first() -> None:
     forest, rows = fitted("random", (0, 1, 2, 3), 5)
     question, _ = fitted("random", (0, 1), 6)
     yes = Head(
-        "p_risky_250ms", ("no", "yes"), question, Calibration(np.eye(2), np.zeros(2))
+        "p_risky_250ms",
+        ("no", "yes"),
+        Learner(question),
+        Calibration(np.eye(2), np.zeros(2)),
     )
     heads = [head_of(forest, SITUATIONS), yes]
     model = whole_graph(SPEC, heads)

@@ -27,7 +27,7 @@ from holdfast.edge_runtime.graph import open_session
 from holdfast.edge_runtime.monitor import Model
 from holdfast.export.exporting import whole_graph
 from holdfast.export.heads import Calibration, Head, riskier_argmax, situation_votes
-from holdfast.export.learner import Forest, reference_votes
+from holdfast.export.learner import Forest, Learner, reference_votes
 from holdfast.export.spec import StepSpec
 from holdfast.export.structure import (
     edge_rows,
@@ -138,7 +138,10 @@ def adversarial(one: Case, n: int, seed: int) -> Rows:
 def head_of(one: Case) -> Head:
     k = len(one.classes)
     return Head(
-        "situation", one.classes, one.forest, Calibration(4.0 * np.eye(k), np.zeros(k))
+        "situation",
+        one.classes,
+        Learner(one.forest),
+        Calibration(4.0 * np.eye(k), np.zeros(k)),
     )
 
 
@@ -174,7 +177,7 @@ def test_of_a_third_of_a_million_adversarial_rows_none_is_answered_otherwise_tha
     rows = adversarial(one, n, seed=3)
     got, votes = (
         answered(session_of(name), rows),
-        reference_votes(one.forest, rows, len(one.classes)),
+        reference_votes(Learner(one.forest), rows, len(one.classes)),
     )
     by_situation = situation_votes(votes)
     labels = riskier_argmax(by_situation)
@@ -225,7 +228,14 @@ def test_where_a_leaf_is_split_in_thirds_the_riskier_class_wins_the_rounding_too
     )
     model = whole_graph(
         SPEC,
-        [Head("situation", SITUATIONS, forest, Calibration(np.eye(4), np.zeros(4)))],
+        [
+            Head(
+                "situation",
+                SITUATIONS,
+                Learner(forest),
+                Calibration(np.eye(4), np.zeros(4)),
+            )
+        ],
     )
     assert answered(open_session(cut_learners(model)), x[:1])["situation"][0] == max(
         present

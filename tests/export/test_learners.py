@@ -26,7 +26,7 @@ from holdfast.export.heads import (
     riskier_argmax,
     weighted,
 )
-from holdfast.export.learner import Committee, Learner, reference_votes, votes_in_all
+from holdfast.export.learner import Learner, reference_votes, votes_in_all
 from holdfast.export.network import INPUT_MOST, Inputs, Layer, Network, network_votes
 from holdfast.export.verify import cut_learners, verify
 from holdfast.training.network_fit import fit_network
@@ -54,13 +54,12 @@ def learner_of(kind: str, n_classes: int = 8, without: int | None = None) -> Lea
     kept = label != without
     rows, label = rows[kept], label[kept]
     if kind == "network":
-        return fit_network(PLAN, rows, label, n_classes, 0)
+        return Learner(network=fit_network(PLAN, rows, label, n_classes, 0))
     forest = FOREST.build(0, n_jobs=1).fit(rows, label)
     if kind == "forest":
-        return forest
-    return Committee(
-        forest, fit_network(PLAN, rows, label, n_classes, 0, votes_in_all(forest))
-    )
+        return Learner(forest)
+    votes = votes_in_all(Learner(forest))
+    return Learner(forest, fit_network(PLAN, rows, label, n_classes, 0, votes))
 
 
 def made_of(
@@ -197,22 +196,21 @@ def test_numbers_that_are_not_exact_make_no_network(weight, bias, why):
 
 def test_a_committee_s_members_have_equally_many_votes():
     committee = learner_of("committee")
-    assert isinstance(committee, Committee)
-    with pytest.raises(ValueError, match="votes of trees"):
-        Committee(committee.forest, spoil(committee.network, votes_in_all=1000))
+    with pytest.raises(ValueError, match="parts with"):
+        Learner(committee.forest, spoil(committee.network, votes_in_all=1000))
 
 
 def test_verify_refuses_a_file_with_other_weights():
     made = made_of("network")
     other = made_of("network")
     (head,) = other.heads
-    assert isinstance(head.learner, Network)
-    first, *rest = head.learner.layers
+    network = head.learner.network
+    first, *rest = network.layers
     flipped = Layer(-first.weights, first.bias, first.scale)
     changed = Head(
         head.name,
         head.classes,
-        spoil(head.learner, layers=(flipped, *rest)),
+        Learner(network=spoil(network, layers=(flipped, *rest))),
         head.calibration,
     )
     with pytest.raises(HoldfastError, match="differ"):

@@ -343,16 +343,6 @@ def index(**changed: Any) -> Callable[[Path], None]:
     return change
 
 
-def head(**changed: Any) -> Callable[[Path], None]:
-    """The same within the main head's entry."""
-
-    def change(folder: Path) -> None:
-        heads = json.loads((folder / "artifact.json").read_text())["heads"]
-        index(heads={**heads, "situation": {**heads["situation"], **changed}})(folder)
-
-    return change
-
-
 class Trap:
     """What a pickle could do when it is read."""
 
@@ -368,7 +358,6 @@ BAD_ARTIFACTS: dict[str, Callable[[Path], None]] = {
     "no index": lambda folder: (folder / "artifact.json").unlink(),
     "an index that is no JSON": replace_text("artifact.json", '{"format": 1,'),
     "a spec without a rate": index(spec={"n_sensors": 6}),
-    "fewer classes than the forest votes for": head(classes=["nothing", "grasp"]),
     "a forest of a foreign type": pickled_inside,
     "a pickle for a forest": lambda folder: void(
         (folder / "situation.skops").write_bytes(pickle.dumps(Trap()))

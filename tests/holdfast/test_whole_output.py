@@ -157,7 +157,7 @@ def test_training_does_not_replace_an_artifact_without_force(
 ) -> None:
     before = bytes_of(artifact)
     words = ("train", "--data", tmp_path / "nowhere", "--out", artifact)
-    fails(run, 5, "OutputError", *words, says="holds an artifact already")
+    fails(run, 5, "OutputError", *words, says="exists already")
     fails(run, 3, "DataNotFound", *words, "--force")
     fails(
         run,

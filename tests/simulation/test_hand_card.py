@@ -255,7 +255,9 @@ def test_a_model_carries_the_card_and_is_not_scored_on_another_hand(
     assert stored.hand.sha256 == read_hand_card("pinch-pad").sha256
 
     class Opened:
-        card = replace(stored, rate_hz=60.0)
+        card = msgspec.structs.replace(
+            stored, spec=msgspec.structs.replace(stored.spec, rate_hz=60.0)
+        )
 
     require_model_fits(Opened(), pinch)  # type: ignore[arg-type]
     with pytest.raises(ChannelError, match="six-fingertips"):

@@ -7,7 +7,7 @@ from small_model import artifact, card_of, graph_of, spec, with_networks
 
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.model_file import votes_in_all
-from holdfast.export.changed import Adaptation, adapted
+from holdfast.export.changed import adapted
 from holdfast.export.exporting import model_card, seal
 from holdfast.export.features import feature_count
 from holdfast.export.heads import Correction
@@ -38,6 +38,4 @@ def correction(base: bytes, bias: float = 40.0) -> Correction:
 
 
 def file_of(base: bytes) -> bytes:
-    return adapted(
-        base, Adaptation(correction(base), RULES, {"person": {"hand_overs": 8}})
-    )
+    return adapted(base, correction(base), RULES, {"person": {"hand_overs": 8}})

@@ -15,8 +15,7 @@ import numpy.typing as npt
 import pytest
 
 from holdfast.export.c.exporting import export_c
-from holdfast.export.c.graph import Graph, read_graph
-from holdfast.export.c.literals import C_TYPES
+from holdfast.export.c.graph import C_TYPES, Graph, read_graph
 
 HARNESS = Path(__file__).with_name("c_harness.c")
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off")

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import onnx
-from sklearn.ensemble import RandomForestClassifier
 
 from holdfast.core.contract import CLASSES, SITUATIONS, Unit
 from holdfast.edge_runtime.decision import DecisionRules
@@ -23,7 +22,7 @@ from holdfast.export.artifact import Artifact
 from holdfast.export.exporting import model_card, seal, whole_graph
 from holdfast.export.features import feature_count
 from holdfast.export.heads import Calibration, Head
-from holdfast.export.learner import Committee, votes_of_trees
+from holdfast.export.learner import Learner, votes_of_trees
 from holdfast.export.spec import BandsLeftOut, StepSpec
 from holdfast.training.network_fit import fit_network
 from holdfast.training.plan import ForestPlan, NetworkPlan
@@ -58,7 +57,10 @@ def head(
         np.arange(40) % len(classes),
     )
     return Head(
-        name, classes, forest, Calibration(np.eye(len(classes)), np.zeros(len(classes)))
+        name,
+        classes,
+        Learner(forest),
+        Calibration(np.eye(len(classes)), np.zeros(len(classes))),
     )
 
 
@@ -77,22 +79,21 @@ def with_networks(made: Artifact) -> Artifact:
     others."""
     heads = []
     for number, one in enumerate(made.heads):
-        assert isinstance(one.learner, RandomForestClassifier)
-        k, rows = (
-            len(one.classes),
-            np.random.default_rng(1).normal(size=(40, one.learner.n_features_in_)),
-        )
-        votes = votes_of_trees(len(one.learner.estimators_))
+        forest = one.learner.forest
+        assert forest is not None
+        k = len(one.classes)
+        rows = np.random.default_rng(1).normal(size=(40, one.learner.n_features))
+        votes = votes_of_trees(len(forest.estimators_))
         label = np.arange(40) % k
         network = fit_network(
             SMALL_NETWORK, rows.astype(np.float32), label, k, 0, votes
         )
         heads.append(
-            replace(one, learner=network)
+            replace(one, learner=Learner(network=network))
             if number
             else replace(
                 one,
-                learner=Committee(one.learner, network),
+                learner=Learner(forest, network),
                 label_weights=(1, 0.5, 0.5, 1),
             )
         )

@@ -23,7 +23,7 @@ from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.graph import open_session
 from holdfast.export.exporting import whole_graph
 from holdfast.export.heads import Calibration, Head, reference_probability
-from holdfast.export.learner import reference_votes
+from holdfast.export.learner import Learner, reference_votes
 from holdfast.export.spec import StepSpec
 from holdfast.export.verify import cut_learners
 from holdfast.training.crossval import cross_validate, fit_calibration
@@ -51,14 +51,14 @@ def test_votes_of_all_or_nothing_give_finite_probabilities_in_file_and_reference
     head = Head(
         "situation",
         SITUATIONS,
-        forest,
+        Learner(forest),
         Calibration(steepness * np.eye(4), np.linspace(-30.0, 0.0, 4)),
     )
     # The learner alone, without what force decides after it.
     spec = StepSpec(2, 50.0, "N", ("now",), force_decides=False)
     session = open_session(cut_learners(whole_graph(spec, [head])))
     (got,) = session.run(["p_situation"], {"features": x})
-    expected = reference_probability(head, reference_votes(forest, x, 4))
+    expected = reference_probability(head, reference_votes(Learner(forest), x, 4))
     assert np.isfinite(got).all()
     np.testing.assert_allclose(got.sum(axis=1), 1.0, rtol=1e-6)
     np.testing.assert_allclose(got, expected, atol=1e-5)
@@ -68,7 +68,7 @@ def probability(shares: FloatArray, calibration: Calibration) -> FloatArray:
     """As `reference_probability`, of shares."""
     forest = ExtraTreesClassifier(1).fit(np.zeros((4, 1)), np.arange(4))
     return reference_probability(
-        Head("situation", SITUATIONS, forest, calibration),
+        Head("situation", SITUATIONS, Learner(forest), calibration),
         (1000 * shares).astype(np.int64),
     )
 
@@ -97,7 +97,10 @@ def test_figures_of_no_window_are_none_and_have_all_their_names() -> None:
     assert none.f1 == none.f1_ci == dict.fromkeys(SITUATIONS)
     assert prediction_scores(NO_ROWS, np.zeros(0), []) == PredictionFigures()
     forest = ExtraTreesClassifier(2).fit([[0.0], [1.0]], [0, 1])
-    assert reference_votes(forest, np.zeros((0, 1), np.float32), 2).shape == (0, 2)
+    assert reference_votes(Learner(forest), np.zeros((0, 1), np.float32), 2).shape == (
+        0,
+        2,
+    )
 
 
 PLAN = TrainingPlan(

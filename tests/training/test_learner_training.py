@@ -10,8 +10,7 @@ import pytest
 from made_set import made_set, task_of
 
 from holdfast.core.contract import SITUATIONS
-from holdfast.export.learner import Committee
-from holdfast.export.network import Network, network_votes
+from holdfast.export.network import network_votes
 from holdfast.training.crossval import cross_validate, fit_learner
 from holdfast.training.network_fit import fit_members, in_whole_numbers
 from holdfast.training.plan import ForestPlan, NetworkPlan, TrainingPlan
@@ -56,9 +55,8 @@ def test_the_same_seed_makes_the_same_learner_and_another_seed_another_one(kind)
 
     def votes(seed: int) -> npt.NDArray[np.int64]:
         learner = fit_learner(data, rows, plan, "situations", every, seed)
-        network = learner.network if isinstance(learner, Committee) else learner
-        assert isinstance(network, Network)
-        return network_votes(network, rows)
+        assert learner.network is not None
+        return network_votes(learner.network, rows)
 
     assert np.array_equal(votes(0), votes(0))
     assert not np.array_equal(votes(0), votes(1))

@@ -2,70 +2,42 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-
-from holdfast.export.c.elementwise import write_encoder, write_look_up, write_loop
 from holdfast.export.c.graph import FEATURES, INPUTS, NEXT_STATE, Graph, Node, refusal
 from holdfast.export.c.literals import Tables
-from holdfast.export.c.memory import SCRATCH, Memory, View, views_of
-from holdfast.export.c.moves import (
-    write_arg_max,
-    write_concat,
-    write_gather,
-    write_parts,
-    write_reduction,
-    write_softmax,
-    write_transpose,
-)
-from holdfast.export.c.products import write_gemm, write_product
-from holdfast.export.c.trees import write_trees
-from holdfast.export.c.writer import Writer
+from holdfast.export.c.loops import Writer
+from holdfast.export.c.memory import SCRATCH, Memory, views_of
+from holdfast.export.c.operators import body_of
 
 CALL_BYTES = 256
 """Stack of calls and registers, in addition to the scratch arrays."""
-EMITTERS: dict[str, Callable[[Node, Writer], list[str]]] = {
-    "ArgMax": write_arg_max,
-    "Concat": write_concat,
-    "Gather": write_gather,
-    "Gemm": write_gemm,
-    "LabelEncoder": write_encoder,
-    "MatMul": write_product,
-    "ReduceL2": write_reduction,
-    "ReduceMax": write_reduction,
-    "ReduceMin": write_reduction,
-    "ReduceSum": write_reduction,
-    "Slice": write_parts,
-    "Softmax": write_softmax,
-    "Split": write_parts,
-    "Transpose": write_transpose,
-    "TreeEnsembleRegressor": write_trees,
-}
-"""The body of each operator; all others go number by number (elementwise.py)."""
 
 
 class StepCode:
-    """Both halves of the step as C, the tables that they read, and how much memory they take."""
+    """Both halves of the step as C, the tables that they read, and the memory of one hand.
+
+    state_bytes: kept from sample to sample. stack_bytes: of one step, while it runs.
+    """
 
     def __init__(self, graph: Graph) -> None:
         """Raises NotCompilable."""
         self.tables = Tables()
         self._graph = graph
         views = views_of(graph)
-        first, keep, second = _halves(graph, views)
+        first, second = _halves(graph)
 
         # the caller's arrays and the fields of its struct
         outside = {name: name for name in (*INPUTS, FEATURES)}
+        outside[NEXT_STATE] = "state"
         for name in graph.outputs:
-            is_array = math.prod(graph.shape(name)) > 1
+            is_array = graph.size(name) > 1
             outside[name] = f"out->{name}" if is_array else f"&out->{name}"
-        sense = Memory(graph, views, first, outside, [keep])
-        answer = Memory(graph, views, second, outside, [])
-        self.sense = self._half(first, sense) + _kept_state(graph, keep, sense)
+        sense = Memory(graph, views, first, outside)
+        answer = Memory(graph, views, second, outside)
+        self.sense = self._half(first, sense)
         self.answer = self._half(second, answer)
 
         # a tag of the model in front of the numbers, so that no other model's state is read
-        self.state_bytes = 8 + 8 * math.prod(graph.shape("state"))
+        self.state_bytes = 8 + 8 * graph.size("state")
         # both halves run one after the other, so the larger one counts
         scratch = max(sense.scratch_bytes(), answer.scratch_bytes())
         # holdfast_step keeps the features on the stack, as floats of four bytes.
@@ -78,36 +50,30 @@ class StepCode:
         for c_type, size in memory.sizes.items():
             lines.append(f"{c_type} {SCRATCH[c_type]}[{size}];")
         for node in nodes:
-            # what nothing reads is not computed
-            if any(memory.is_kept(name) for name in node.outputs):
-                lines += writer.step(node, _body(node, writer))
+            if NEXT_STATE in node.outputs:
+                lines += _kept_state(self._graph, node, memory)
+            # what nothing reads is not computed, and a view is there already
+            elif any(memory.is_kept(name) for name in node.outputs):
+                lines += writer.step(node, body_of(node, writer))
         return lines
 
 
-def _body(node: Node, writer: Writer) -> list[str]:
-    """What computes a node. Raises NotCompilable for an operator without a C form."""
-    if node.op_type == "Gather" and writer.graph.values(node.inputs[0]) is not None:
-        return write_look_up(node, writer)
-    return EMITTERS.get(node.op_type, write_loop)(node, writer)
-
-
-def _halves(
-    graph: Graph, views: dict[str, View]
-) -> tuple[list[Node], Node, list[Node]]:
-    """Nodes up to the features, the one that joins the next state, nodes behind the features."""
+def _halves(graph: Graph) -> tuple[list[Node], list[Node]]:
+    """Nodes up to the features, of which the last one joins the next state; nodes behind them."""
     behind = {FEATURES}
     sense: list[Node] = []
     answer: list[Node] = []
-    (*_, keep) = graph.nodes
+    last: list[Node] = []
     for node in graph.nodes:
-        is_behind = not behind.isdisjoint(node.inputs)
-        if is_behind:
-            behind.update(node.outputs)
         if NEXT_STATE in node.outputs:
-            keep = node
-        elif node.outputs[0] not in views:
-            (answer if is_behind else sense).append(node)
-    return sense, keep, answer
+            # all others read the state as it was
+            last.append(node)
+        elif behind.isdisjoint(node.inputs):
+            sense.append(node)
+        else:
+            behind.update(node.outputs)
+            answer.append(node)
+    return sense + last, answer
 
 
 def _kept_state(graph: Graph, node: Node, memory: Memory) -> list[str]:
@@ -115,16 +81,16 @@ def _kept_state(graph: Graph, node: Node, memory: Memory) -> list[str]:
     lines = []
     at = 0
     for name in node.inputs:
-        place = memory.place(name)
-        size = math.prod(graph.shape(name))
-        inside = place.array == "state"
+        array, offset = memory.place(name)
+        size = graph.size(name)
+        inside = array == "state"
         # a part that moves backwards would be overwritten before it is copied
-        if inside and place.offset < at:
+        if inside and offset < at:
             raise refusal(node, "a part of the state moves backwards")
 
         # source and target overlap where rows of the history move up by one
         copy = "memmove" if inside else "memcpy"
-        source = place.address()
+        source = f"{array} + {offset}"
         lines.append(f"{copy}(state + {at}, {source}, {size} * sizeof *state);")
         at += size
     return lines

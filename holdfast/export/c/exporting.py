@@ -13,9 +13,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from holdfast.core.errors import CompilerFailed, OutputError
+from holdfast.core.errors import CompilerFailed
 from holdfast.core.schema import LIBRARY, c_folders
-from holdfast.core.writing import require_writable, whole_folder, write_whole
+from holdfast.core.writing import (
+    require_free,
+    require_writable,
+    whole_folder,
+    write_whole,
+)
 from holdfast.export.c.graph import read_graph
 from holdfast.export.c.source import c_source
 
@@ -60,16 +65,17 @@ def export_c(
     """
     if build is None:
         build = find_compiler() is not None
-    source = c_source(read_graph(model))
-    names = [*source.files, LIBRARY] if build else [*source.files]
+    files, step = c_source(read_graph(model))
+    names = [*files, LIBRARY] if build else [*files]
     # before the compiler runs, which takes a while
-    _require_free(folder, names, force=force)
     require_writable(folder)
+    for name in names:
+        require_free(folder / name, force=force)
 
-    contents: dict[str, str | bytes] = dict(source.files)
+    contents: dict[str, str | bytes] = {**files}
     selftest: list[str] = []
     if build:
-        contents[LIBRARY], printed = compiled_library(source.files)
+        contents[LIBRARY], printed = compiled_library(files)
         selftest.append(printed)
 
     # all files or none: a header of one model must never stand next to the code of another
@@ -77,27 +83,8 @@ def export_c(
         for name, content in contents.items():
             write_whole(unfinished / name, content)
 
-    return CExport(
-        names, source.state_bytes, source.table_bytes, source.stack_bytes, selftest
-    )
-
-
-def _require_free(folder: Path, names: list[str], *, force: bool) -> None:
-    if folder.exists() and not folder.is_dir():
-        raise OutputError(
-            "is a file, not a folder",
-            where=folder,
-            next_step="name another folder with --out",
-        )
-
-    there = [name for name in names if (folder / name).exists()]
-    if there and not force:
-        raise OutputError(
-            "exists already",
-            where=folder / there[0],
-            cause="an earlier export",
-            next_step="name a new folder with --out, or add --force to replace it",
-        )
+    table_bytes = step.tables.n_bytes
+    return CExport(names, step.state_bytes, table_bytes, step.stack_bytes, selftest)
 
 
 def compiled_library(files: Mapping[str, str]) -> tuple[bytes, str]:

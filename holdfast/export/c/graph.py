@@ -5,6 +5,7 @@ The `onnx` package decodes the file and infers the shapes, with a batch of one.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,14 @@ FEATURES = "features"
 """The tensor at which a step is cut: sensing makes it, answering reads nothing else."""
 NEXT_STATE = "state_out"
 """The table of state that a step leaves to the next one."""
+C_TYPES: dict[int, str] = {
+    DOUBLE: "double",
+    FLOAT: "float",
+    INT32: "int32_t",
+    INT64: "int32_t",
+    BOOL: "uint8_t",
+}
+"""Element type -> C type. Whole numbers of a graph are places and counts: 32 bits hold them."""
 Shape = tuple[int, ...]
 
 
@@ -78,9 +87,17 @@ class Graph:
         """For one sample; the first dimension is the batch of one."""
         return self.tensors[name].shape
 
+    def size(self, name: str) -> int:
+        """How many numbers a tensor has, for one sample."""
+        return math.prod(self.shape(name))
+
     def element(self, name: str) -> int:
         """Of TensorProto.DataType."""
         return self.tensors[name].element
+
+    def c_type(self, name: str) -> str:
+        """The C type that a tensor is kept as."""
+        return C_TYPES[self.element(name)]
 
     def values(self, name: str) -> npt.NDArray[Any] | None:
         """The numbers of a constant, or None."""

@@ -1,8 +1,11 @@
-"""Numbers as C writes them, exactly: hexadecimal floats, integers of the smallest type, tables."""
+"""Text of C: exact numbers, tables of the smallest type, and the templates filled in."""
 
 from __future__ import annotations
 
+import re
 import textwrap
+from collections.abc import Mapping
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -10,14 +13,6 @@ import numpy.typing as npt
 
 from holdfast.export.c.graph import BOOL, DOUBLE, FLOAT, INT32, INT64
 
-C_TYPES: dict[int, str] = {
-    DOUBLE: "double",
-    FLOAT: "float",
-    INT32: "int32_t",
-    INT64: "int32_t",
-    BOOL: "uint8_t",
-}
-"""Element type -> C type. Whole numbers of a graph are places and counts: 32 bits hold them."""
 OUT_TYPES: dict[int, str] = {
     DOUBLE: "f8",
     FLOAT: "f4",
@@ -30,6 +25,8 @@ BYTES = {"double": 8, "int8_t": 1, "uint8_t": 1, "int16_t": 2, "uint16_t": 2}
 """Sizes of C types; all others have 4."""
 LINE = 96
 """Longest line of a table."""
+Words = Mapping[str, object]
+"""What stands in a template between @ -> what replaces it."""
 
 
 def number(value: Any, c_type: str) -> str:
@@ -103,3 +100,10 @@ class Tables:
     def text(self) -> str:
         """All of them."""
         return "\n".join(self._texts.values())
+
+
+def template(name: str, words: Words) -> str:
+    """A file of templates/ with every @WORD@ replaced. Raises KeyError for one without a value."""
+    file = files("holdfast.export.c").joinpath("templates", name)
+    text = file.read_text(encoding="utf-8")
+    return re.sub(r"@([A-Z_]+)@", lambda match: str(words[match[1]]), text)

@@ -8,121 +8,101 @@ so the stack holds the largest moment, not the sum of all tensors. Parts of anot
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
-from holdfast.export.c.graph import Graph, Node, Shape, refusal
-from holdfast.export.c.literals import BYTES, C_TYPES
+import numpy as np
 
-ALIGNED = 8
-"""Places are multiples of this many numbers, for vector instructions."""
+from holdfast.core.contract import IntArray
+from holdfast.export.c.graph import Graph, Node, Shape
+from holdfast.export.c.literals import BYTES
+
 SCRATCH = {"double": "d", "float": "f", "int32_t": "w", "uint8_t": "b"}
 """The names of the scratch arrays."""
 
 
-@dataclass(frozen=True)
-class View:
-    """A tensor that begins `offset` numbers into the memory of another one.
-
-    base: the tensor that has the memory; it is never a view itself.
-    """
+class Place(NamedTuple):
+    """Where a tensor begins: in an array of C, or so many numbers into another tensor."""
 
     base: str
     offset: int = 0
 
 
-def views_of(graph: Graph) -> dict[str, View]:
-    """Every tensor that needs no memory, by name. Raises NotCompilable for an output."""
-    views: dict[str, View] = {}
+def views_of(graph: Graph) -> dict[str, Place]:
+    """Every tensor that needs no memory, by name."""
+    views: dict[str, Place] = {}
     for node in graph.nodes:
-        if node.op_type not in ("Reshape", "Flatten", "Split", "Slice"):
-            continue
-        whole = graph.shape(node.inputs[0])
-        first = views.get(node.inputs[0], View(node.inputs[0]))
-        for name, offset in parts_of(node, graph):
-            is_shape = node.op_type in ("Reshape", "Flatten")
-            if not is_shape and not _is_block(whole, graph.shape(name)):
-                continue
-            if name in graph.outputs:
-                raise refusal(node, "an output is only a part of another tensor")
-            views[name] = View(first.base, first.offset + offset)
+        given = node.inputs[0]
+        whole = views.get(given, Place(given))
+        for name, places in moved_places(node, graph).items():
+            first = first_of_run(places)
+            # an output has memory of its own
+            if first is not None and name not in graph.outputs:
+                views[name] = Place(whole.base, whole.offset + first)
     return views
 
 
-def _is_block(whole: Shape, part: Shape) -> bool:
-    """Whether a part lies in one piece: only the first axis longer than 1 is cut."""
-    cut = [axis for axis, size in enumerate(whole) if part[axis] != size]
-    return all(math.prod(part[:axis]) == 1 for axis in cut)
+def numbered(shape: Shape) -> IntArray:
+    """An array of a shape whose numbers are their own places in memory."""
+    return np.arange(math.prod(shape)).reshape(shape)
 
 
-def parts_of(node: Node, graph: Graph) -> list[tuple[str, int]]:
-    """(output, its first number in the input) of a Slice, a Split, or another shape."""
-    step = strides(graph.shape(node.inputs[0]))
-    if node.op_type == "Slice":
-        starts, _, axes = (graph.constant(one, node) for one in node.inputs[1:])
-        first = sum(
-            start * step[axis] for start, axis in zip(starts, axes, strict=True)
-        )
-        return [(node.outputs[0], int(first))]
+def moved_places(node: Node, graph: Graph) -> dict[str, IntArray]:
+    """Outputs of an operator that only moves numbers -> the places of their numbers in the input.
 
-    parts = []
-    row = 0
-    for name in node.outputs:
-        parts.append((name, row * step[node.axis]))
-        row += graph.shape(name)[node.axis]
-    return parts
-
-
-def strides(shape: Shape) -> Shape:
-    """How far apart neighbours along each axis are, in numbers.
-
-    >>> strides((1, 7, 18))
-    (126, 18, 1)
+    Empty for an operator that computes, or chooses from a constant. Raises NotCompilable.
     """
-    return tuple(math.prod(shape[axis + 1 :]) for axis in range(len(shape)))
+    given, *more = node.inputs
+    if graph.values(given) is not None:
+        return {}
+    places = numbered(graph.shape(given))
+    parts = [places]
+    if node.op_type == "Split":
+        ends = np.cumsum(graph.constant(more[0], node))
+        parts = np.split(places, ends[:-1], node.axis)
+    elif node.op_type == "Slice":
+        cut = [slice(None)] * places.ndim
+        limits = (graph.constant(one, node) for one in more)
+        for start, end, axis in zip(*limits, strict=True):
+            cut[axis] = slice(start, end)
+        parts = [places[tuple(cut)]]
+    elif node.op_type == "Gather":
+        parts = [places.take(graph.constant(more[0], node), node.axis)]
+    elif node.op_type == "Transpose":
+        parts = [places.transpose(node.attributes["perm"])]
+    elif node.op_type not in ("Reshape", "Flatten"):
+        return {}
+    return dict(zip(node.outputs, parts, strict=True))
 
 
-@dataclass(frozen=True)
-class Place:
-    """Memory of a tensor: its C type, the array it is in, and the first number there."""
-
-    c_type: str
-    array: str
-    offset: int = 0
-
-    def address(self) -> str:
-        """As a C expression."""
-        return f"{self.array} + {self.offset}" if self.offset else self.array
+def first_of_run(places: IntArray) -> int | None:
+    """The first of places that follow each other without a gap; None for others."""
+    first = int(places.flat[0])
+    in_a_row = np.arange(first, first + places.size)
+    return first if np.array_equal(places.ravel(), in_a_row) else None
 
 
 class Memory:
     """The places of all tensors that a list of nodes reads or makes.
 
-    outside: tensor -> array of the caller. kept: the node that joins the next state after all
-    others, so that what it reads lives to the end.
-
-    sizes: numbers in each scratch array, by C type.
+    outside: tensor -> array of the caller. sizes: numbers in each scratch array, by C type.
     """
 
     def __init__(
         self,
         graph: Graph,
-        views: dict[str, View],
+        views: dict[str, Place],
         nodes: list[Node],
         outside: dict[str, str],
-        kept: list[Node],
     ) -> None:
         self._graph = graph
         self._views = views
         self.sizes: dict[str, int] = {}
-        self._places: dict[str, Place] = {}
-        for name, array in outside.items():
-            self._places[name] = Place(self.c_type(name), array)
+        self._places = {name: Place(array) for name, array in outside.items()}
 
         last_reader: dict[str, int] = {}
-        for at, node in enumerate([*nodes, *kept]):
+        for at, node in enumerate(nodes):
             for name in node.inputs:
-                base = views[name].base if name in views else name
-                last_reader[base] = at
+                last_reader[views.get(name, Place(name)).base] = at
 
         # of each C type: first number, one past the last, and the last reader of a tensor
         taken: dict[str, list[tuple[int, int, int]]] = {}
@@ -130,7 +110,7 @@ class Memory:
             for name in node.outputs:
                 if name in self._places or name not in last_reader:
                     continue
-                of_type = taken.setdefault(self.c_type(name), [])
+                of_type = taken.setdefault(graph.c_type(name), [])
                 # C's `restrict` promises that a node's outputs do not overlap its inputs
                 living = [one for one in of_type if one[2] >= at]
                 first, end = self._allot(name, living)
@@ -138,22 +118,17 @@ class Memory:
 
     def _allot(self, name: str, living: list[tuple[int, int, int]]) -> tuple[int, int]:
         """Give a tensor the first gap between the living ones that is large enough."""
-        n = math.prod(self._graph.shape(name))
-        n += -n % ALIGNED
+        n = self._graph.size(name)
         first = 0
         for begin, end, _ in sorted(living):
             if begin - first >= n:
                 break
             first = max(first, end)
 
-        c_type = self.c_type(name)
+        c_type = self._graph.c_type(name)
         self.sizes[c_type] = max(self.sizes.get(c_type, 0), first + n)
-        self._places[name] = Place(c_type, SCRATCH[c_type], first)
+        self._places[name] = Place(SCRATCH[c_type], first)
         return first, first + n
-
-    def c_type(self, name: str) -> str:
-        """The C type that a tensor is kept as."""
-        return C_TYPES[self._graph.element(name)]
 
     def is_kept(self, name: str) -> bool:
         """Whether a later node, or the caller, reads a tensor."""
@@ -161,9 +136,9 @@ class Memory:
 
     def place(self, name: str) -> Place:
         """Where a tensor lies."""
-        view = self._views.get(name, View(name))
-        base = self._places[view.base]
-        return Place(base.c_type, base.array, base.offset + view.offset)
+        view = self._views.get(name, Place(name))
+        whole = self._places[view.base]
+        return Place(whole.base, whole.offset + view.offset)
 
     def scratch_bytes(self) -> int:
         """Of all scratch arrays."""

@@ -1,16 +1,12 @@
 """The text of holdfast.c, holdfast.h and holdfast_selftest.c: templates, filled in for one model.
 
-The hand-written C is in templates/: words between @ are filled in, snippets come by need.
+The hand-written C is in templates/: words between @ are filled in.
 """
 
 from __future__ import annotations
 
 import json
 import math
-import re
-from collections.abc import Mapping
-from dataclasses import dataclass
-from importlib.resources import files
 
 import numpy as np
 
@@ -21,8 +17,15 @@ from holdfast.edge_runtime.model import AMPLITUDE, golden_length, golden_to_json
 from holdfast.export.c.compiled import StepCode
 from holdfast.export.c.constants import constants, options_of, rules_of
 from holdfast.export.c.graph import Graph
-from holdfast.export.c.literals import C_TYPES, OUT_TYPES, number, smallest_type, table
-from holdfast.export.c.writer import block
+from holdfast.export.c.literals import (
+    OUT_TYPES,
+    Words,
+    number,
+    smallest_type,
+    table,
+    template,
+)
+from holdfast.export.c.loops import block
 
 HAND_FILES = ("friction.c", "controller.c", "supervisor.c", "grip.c")
 """Hand-written C of the grip, in this order in the source: what a file uses stands before it."""
@@ -38,45 +41,23 @@ ABOUT = {
     "weight": "1: the object is heavy (150 g or more); no meaning where nothing is held",
 }
 """Output -> what the header says of it."""
-_SNIPPET = re.compile(r"^/\*\*\* (\w+) \*\*\*/\n", re.MULTILINE)
-"""The line in front of each helper of maths.c: it names the helper."""
-Words = Mapping[str, object]
-"""What stands in a template between @ -> what replaces it."""
 
 
-@dataclass(frozen=True)
-class CSource:
-    """The text of every file by its name, and the memory of one hand, in bytes.
-
-    state_bytes: kept from sample to sample. table_bytes: constants, shared by all hands of a
-    program. stack_bytes: of one step, while it runs.
-    """
-
-    files: dict[str, str]
-    state_bytes: int
-    table_bytes: int
-    stack_bytes: int
-
-
-def c_source(graph: Graph) -> CSource:
-    """Compile a graph. Raises NotCompilable."""
+def c_source(graph: Graph) -> tuple[dict[str, str], StepCode]:
+    """The text of every file by its name, and the compiled step. Raises NotCompilable."""
     compiled = StepCode(graph)
     words = _words(graph, compiled)
-    return CSource(
-        files={
-            "holdfast.c": _source(compiled, words, constants(graph.card)),
-            "holdfast.h": _template("header.h", words),
-            "holdfast_selftest.c": _selftest(graph, words),
-            ABOUT_MODEL: _about(graph),
-        },
-        state_bytes=compiled.state_bytes,
-        table_bytes=compiled.tables.n_bytes,
-        stack_bytes=compiled.stack_bytes,
-    )
+    files = {
+        "holdfast.c": _source(compiled, words, constants(graph.card)),
+        "holdfast.h": template("header.h", words),
+        "holdfast_selftest.c": _selftest(graph, words),
+        ABOUT_MODEL: _about(graph),
+    }
+    return files, compiled
 
 
 def _source(compiled: StepCode, words: Words, named: str) -> str:
-    """holdfast.c: what is used of maths.c, the model, then the hand-written files."""
+    """holdfast.c: the helpers, the model, then the hand-written files."""
     # Only the C file calls hf_sense; holdfast_features checks the state before it does.
     sense_head = (
         "static void hf_sense(double *state, const double *sample, "
@@ -88,45 +69,19 @@ def _source(compiled: StepCode, words: Words, named: str) -> str:
 
     # a C function stands before its first use
     parts = [
-        _template("begin.c", words),
-        _snippets(f"{sense}\n{answer}"),
+        template("begin.c", words),
+        template("maths.c", words),
         compiled.tables.text(),
         f"{sense}\n",
         f"{answer}\n",
-        _template("step.c", words),
-        _template("decision.c", words),
+        template("step.c", words),
+        template("decision.c", words),
         named,
     ]
     for name in HAND_FILES:
-        parts.append(_template(name, words))
+        parts.append(template(name, words))
 
     return "\n".join(parts)
-
-
-def _template(name: str, words: Words) -> str:
-    """A template with every @WORD@ replaced. Raises KeyError for a word without a value."""
-    file = files("holdfast.export.c").joinpath("templates", name)
-    text = file.read_text(encoding="utf-8")
-    return re.sub(r"@([A-Z_]+)@", lambda match: str(words[match[1]]), text)
-
-
-def _snippets(used_in: str) -> str:
-    """The helpers of maths.c that a source uses, and those that they use, in their order."""
-    parts = _SNIPPET.split(_template("maths.c", {}))
-    helpers = dict(zip(parts[1::2], parts[2::2], strict=True))
-    used: set[str] = set()
-    texts = [used_in]
-
-    # a helper may use others: go on until no new one turns up
-    while texts:
-        called = set(re.findall(r"\w+", texts.pop()))
-        new = called & set(helpers) - used
-        for name in new:
-            used.add(name)
-            texts.append(helpers[name])
-
-    bodies = [body.strip() + "\n" for name, body in helpers.items() if name in used]
-    return "\n".join(bodies)
 
 
 def _words(graph: Graph, compiled: StepCode) -> dict[str, object]:
@@ -156,7 +111,7 @@ def _words(graph: Graph, compiled: StepCode) -> dict[str, object]:
         "GAP_MS": f"{gap_ms:.0f}",
         "LEAST": card.min_valid_sensors,
         "SETTLE": card.settle_samples,
-        "STATE_NUMBERS": math.prod(graph.shape("state")),
+        "STATE_NUMBERS": graph.size("state"),
         "STATE_BYTES": compiled.state_bytes,
         "TABLE_BYTES": compiled.tables.n_bytes,
         "STACK_BYTES": compiled.stack_bytes,
@@ -182,9 +137,9 @@ def _struct(graph: Graph) -> str:
         elif name in graph.card.heads:
             about = "probability of yes"
 
-        size = math.prod(graph.shape(name))
+        size = graph.size(name)
         length = f"[{size}]" if size > 1 else ""
-        field = f"{C_TYPES[graph.element(name)]} {name}{length};"
+        field = f"{graph.c_type(name)} {name}{length};"
         comment = f"/* {about} */" if about else ""
         lines.append(f"    {field:<28}{comment}".rstrip())
 
@@ -192,22 +147,16 @@ def _struct(graph: Graph) -> str:
 
 
 def _about(graph: Graph) -> str:
-    """model.json: card, golden answers, seal, and the layout of holdfast_out as C aligns it."""
-    fields: list[tuple[str, str, tuple[int, ...]]] = []
-    for name in graph.outputs:
-        # of one hand: without the batch
-        fields.append((name, OUT_TYPES[graph.element(name)], graph.shape(name)[1:]))
-    layout = np.dtype(fields, align=True)
-
+    """model.json: card, golden answers, seal, and the fields of holdfast_out."""
     outputs = []
-    for name, kind, shape in fields:
-        offset = layout.fields[name][1] if layout.fields else 0
-        outputs.append({"name": name, "dtype": kind, "offset": offset, "shape": shape})
+    for name in graph.outputs:
+        kind = OUT_TYPES[graph.element(name)]
+        # of one hand: without the batch
+        outputs.append({"name": name, "dtype": kind, "shape": graph.shape(name)[1:]})
     about = {
         "digest": graph.digest,
         "card": graph.card.raw,
         "golden": golden_to_json(graph.golden),
-        "out_bytes": layout.itemsize,
         "outputs": outputs,
     }
     return json.dumps(about, indent=1) + "\n"
@@ -224,9 +173,11 @@ def _selftest(graph: Graph, words: Words) -> str:
 
         # votes are whole numbers kept as float32: they must be equal, like labels
         is_exact = answers.dtype != np.float32 or "votes" in name
-        c_type = smallest_type(answers) if is_exact else C_TYPES[graph.element(name)]
+        c_type = smallest_type(answers) if is_exact else graph.c_type(name)
         tables.append(table(f"golden_{name}", answers, c_type))
-        checks.append(f"        {_check(name, size, is_exact)}")
+        given = f"out.{name}" if size > 1 else f"&out.{name}"
+        check = "SAME" if is_exact else "NEAR"
+        checks.append(f"        {check}({name}, {given}, {size});")
 
     more = {
         "ROWS": golden_length(graph.card.settle_samples),
@@ -234,15 +185,4 @@ def _selftest(graph: Graph, words: Words) -> str:
         "TABLES": "\n".join(tables),
         "CHECKS": "\n".join(checks),
     }
-    return _template("selftest.c", {**words, **more})
-
-
-def _check(name: str, size: int, is_exact: bool) -> str:
-    """A line that counts where a row's answer differs."""
-    field = f"out.{name}" if size > 1 else f"&out.{name}"
-    if not is_exact:
-        return f"floats += far({field}, golden_{name} + {size} * row, {size});"
-
-    given = f"{field}[k]" if size > 1 else f"({field})[k]"
-    differs = f"{given} != golden_{name}[{size} * row + k]"
-    return f"for (int k = 0; k < {size}; ++k) labels += {differs};"
+    return template("selftest.c", {**words, **more})

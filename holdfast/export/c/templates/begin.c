@@ -16,3 +16,10 @@
 #if DBL_MANT_DIG != 53 || FLT_MANT_DIG != 24
 #error "float and double must be those of IEEE 754"
 #endif
+
+/* a model need not use every helper */
+#ifdef __GNUC__
+#define HF_HELPER __attribute__((unused)) static
+#else
+#define HF_HELPER static
+#endif

@@ -36,6 +36,10 @@ static int far(const float *got, const float *wanted, int n) {
     return count;
 }
 
+/* The answers to a row against those of the file: votes and labels must be equal. */
+#define SAME(name, got, n) for (int k = 0; k < n; ++k) labels += (got)[k] != golden_##name[n * row + k]
+#define NEAR(name, got, n) floats += far(got, golden_##name + n * row, n)
+
 int main(void) {
     holdfast_state state;
     holdfast_out out;
