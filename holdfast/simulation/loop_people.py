@@ -23,7 +23,7 @@ from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.script import Script
 from holdfast.simulation.script_times import Times, smooth
 from holdfast.simulation.stepper import TrialMotion
-from holdfast.simulation.truth import change_n, slip_onset
+from holdfast.simulation.truth import Steps
 
 
 @dataclass(frozen=True)
@@ -278,42 +278,30 @@ def outcome_of(
     trial: PlannedTrial, motion: TrialMotion, record: LoopRecord, **known: Any
 ) -> LoopOutcome:
     """Read the outcome of a trial off its motion; known: what the loop knows of it."""
-    act_s = Times.of(trial).act
-    at_s = motion.at_s
-    held = np.flatnonzero(motion.gripped)
-    last = int(held[-1]) if held.size else -1
+    steps = Steps(trial, motion)
+    onset = steps.slip_onset()
+    last = steps.lost - 1
 
-    onset = slip_onset(trial, motion)
-    lost_s = HELD_AT_END_S
-    if last + 1 < len(at_s):
-        lost_s = float(at_s[last + 1])
-
-    # Without a load onset there is no slip since then.
-    start = last
-    onset_s = HELD_AT_END_S
-    if onset is not None:
-        start = onset
-        onset_s = float(at_s[onset])
-
-    # Contact may end before the load comes, or never begin: then the slip is zero.
+    # Without a load onset there is no slip since then. Contact may end before the load comes, or
+    # never begin: then the slip is zero.
     held_last = max(last, 0)
-    start = min(start, held_last)
+    start = held_last if onset is None else min(onset, held_last)
     slip_m = motion.slip_m[held_last] - motion.slip_m[start]
 
     return LoopOutcome(
         **vars(record),
         **known,
         trial=trial,
-        lost_s=lost_s,
-        onset_s=onset_s,
+        lost_s=steps.time(steps.lost) or HELD_AT_END_S,
+        onset_s=steps.time(onset) or HELD_AT_END_S,
         slip_mm=1e3 * float(slip_m),
-        peak_n=_peak_n(motion, act_s, last),
+        peak_n=_peak_n(steps),
     )
 
 
-def _peak_n(motion: TrialMotion, act_s: float, last: int) -> float:
+def _peak_n(steps: Steps) -> float:
     """Largest change of the force of people and box while there is contact."""
-    first = int(np.searchsorted(motion.at_s, act_s))
-    if first > last:
+    first = steps.at(steps.times.act)
+    if first >= steps.lost:
         return 0.0
-    return float(change_n(motion, first)[first : last + 1].max())
+    return float(steps.change_n(first)[first : steps.lost].max())

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.actions import action_named
+from holdfast.simulation.actions import EVERYDAY
 from holdfast.simulation.body import (
     UPWARDS,
     Body,
@@ -156,21 +156,22 @@ class Script:
         self.surface_m = np.where(fitted, recess_m(body, middle), 0.0)
         self.push = np.stack([trial.push for trial in trials], axis=1)
         self.weight_n = body.mass_kg * GRAVITY_M_S2
-        self._drawn: dict[str, FloatArray] = {}
+        self._drawn: dict[tuple[str, float], FloatArray] = {}
 
         self.more: Any = None
-        for action in set(actions):
-            forces = action_named(action).forces
-            if forces is not None:
-                self.more = forces(trials, body, self.drawn, self.act_s, self.open_s)
+        if not set(EVERYDAY).isdisjoint(actions):
+            from holdfast.simulation.actions.everyday_forces import Everyday
+
+            self.more = Everyday(self)
 
     def drawn(self, name: str, default: float = 0.0) -> FloatArray:
         """[B] a drawn parameter; the default for actions that do not have it."""
-        if name not in self._drawn:
+        key = name, default
+        if key not in self._drawn:
             # Kept, because every chunk of steps asks for the same parameters again.
             values = [trial.drawn.get(name, default) for trial in self.trials]
-            self._drawn[name] = np.array(values)
-        return self._drawn[name]
+            self._drawn[key] = np.array(values)
+        return self._drawn[key]
 
     def chunk(
         self, t_s: FloatArray, closures_m: Sequence[FloatArray] | None = None
