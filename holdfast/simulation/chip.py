@@ -10,8 +10,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from holdfast.simulation.effect import SENSORS, Effect, Parameter, Rows, Signal
-from holdfast.simulation.rows import Plan, PlanRequest, RowEffect, added, as_drawn
+from holdfast.simulation.effect import (
+    SENSORS,
+    Effect,
+    Parameter,
+    Plan,
+    PlanRequest,
+    Rows,
+    Signal,
+    added,
+    as_drawn,
+)
 
 NOISE_UT = np.array([22.0, 22.0, 11.0])
 """1 sigma at 32 averaged conversions (data sheet SLYS045).
@@ -142,64 +151,56 @@ def stale_sensor(rows: Rows, plan: Plan, before: Rows) -> Rows:
 AVERAGES = Parameter(
     32.0, "", 1, 32, "conversions of each axis a reading is the mean of"
 )
-TABLE = (
+EFFECTS = {
     # Without averaging a reading is the force at its instant, and vibrations faster than half
     # the rate are aliased.
-    Effect(
-        "averaging",
-        "physics",
+    "averaging": Effect(
         conversion_s,
         {"averages": AVERAGES},
         constant="averages",
         sets="average_s",
     ),
-    Effect(
-        "hall_noise",
-        "sensor",
-        RowEffect(noise_plan, added),
+    "hall_noise": Effect(
+        added,
         {"averages": AVERAGES},
+        noise_plan,
         needs=("dipole",),
     ),
-    Effect(
-        "saturation",
-        "sensor",
-        RowEffect(as_drawn, saturation),
+    "saturation": Effect(
+        saturation,
         {"range": Parameter(1.0, "", 0.01, 2, "of the chip's range")},
+        as_drawn,
         needs=("dipole",),
         marks_invalid=True,
     ),
-    Effect(
-        "quantisation",
-        "sensor",
-        RowEffect(as_drawn, quantisation),
+    "quantisation": Effect(
+        quantisation,
         {"bits": Parameter(12.0, "", 4, 24, "of the whole range")},
+        as_drawn,
         needs=("dipole",),
     ),
-    Effect(
-        "timing_jitter",
-        "sensor",
-        RowEffect(late_plan, timing_jitter),
+    "timing_jitter": Effect(
+        timing_jitter,
         {"sd_ms": Parameter(0.3, "ms", 0, 20, "standard deviation of a sample's time")},
+        late_plan,
         in_scene_unit=True,
     ),
-    Effect(
-        "dropped_samples",
-        "sensor",
-        RowEffect(kept_plan, dropped_samples),
+    "dropped_samples": Effect(
+        dropped_samples,
         {"share": Parameter(0.01, "", 0, 0.3, "share of the samples")},
+        kept_plan,
         in_scene_unit=True,
     ),
-    Effect(
-        "stale_sensor",
-        "sensor",
-        RowEffect(stale_plan, stale_sensor, chained=True),
+    "stale_sensor": Effect(
+        stale_sensor,
         {
             "sensors": SENSORS,
             "at_s": Parameter({"uniform": [4, 8]}, "s", 0, 1e6, "start"),
             "lasts_s": Parameter({"uniform": [0.1, 1]}, "s", 0, 1e6, "duration"),
         },
+        stale_plan,
+        chained=True,
         marks_invalid=True,
         in_scene_unit=True,
     ),
-)
-EFFECTS = {effect.name: effect for effect in TABLE}
+}

@@ -87,18 +87,14 @@ class Texture(PhysicsEffect):
         return 1.0 + self.depth * np.sin(place)
 
 
-TABLE = (
-    Effect(
-        "brush",
-        "physics",
+EFFECTS = {
+    "brush": Effect(
         pressure,
         {"count": Parameter(5.0, "", 1, MOST_ELEMENTS, "elements of each contact")},
         constant="count",
         sets="pressure",
     ),
-    Effect(
-        "texture",
-        "physics",
+    "texture": Effect(
         Texture,
         {
             "wavelength_mm": Parameter(
@@ -114,9 +110,7 @@ TABLE = (
         },
         longest_step_s=1e-3,
     ),
-    Effect(
-        "lag",
-        "physics",
+    "lag": Effect(
         Lag,
         {
             "ratio": Parameter(
@@ -135,5 +129,4 @@ TABLE = (
             ),
         },
     ),
-)
-EFFECTS = {effect.name: effect for effect in TABLE}
+}

@@ -22,12 +22,10 @@ import importlib
 import math
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray, Unit
 
@@ -35,9 +33,16 @@ Drawn = Mapping[str, Any]
 """Parameter name -> value of one trial: a float, or a list of floats."""
 Interval = tuple[float, float]
 """Start and end, s."""
+Plan = dict[str, Any]
+"""Arrays by name; the first axis has a row for each sample, or one row for all samples."""
 
-DISTRIBUTIONS = ("uniform", "normal", "log_uniform", "choice")
-"""Kinds of distributions that a scene file may name."""
+DISTRIBUTIONS = {
+    "uniform": "[low, high], low before high",
+    "normal": "[mean, standard deviation], which is not negative",
+    "log_uniform": "[low, high], above zero, low before high",
+    "choice": "[values]",
+}
+"""Kinds of distributions that a scene file may name, and what they are given by."""
 EFFECT_MODULES = {
     "brush": "contacts",
     "texture": "contacts",
@@ -123,29 +128,23 @@ class Parameter:
 
     def _problem_of_distribution(self, value: dict[str, Any]) -> str | None:
         """What is wrong with a distribution, or None."""
-        kind = next(iter(value), "")
+        kind, numbers = next(iter(value.items()), ("", None))
         if len(value) != 1 or kind not in DISTRIBUTIONS:
             return f"{self.allowed()}, or one of {{ {', '.join(DISTRIBUTIONS)} }}"
 
-        numbers = value[kind]
+        expected = f"{kind} = {DISTRIBUTIONS[kind]}"
         listed = isinstance(numbers, list) and len(numbers) > 0
         if not listed or (kind != "choice" and len(numbers) != 2):
-            pair = "mean, standard deviation" if kind == "normal" else "low, high"
-            return f"{kind} = [{pair}]"
-        if kind == "normal":
-            mean, deviation = numbers
-            if self._inside(mean) and deviation >= 0:
-                return None
-            allowed = f"a mean within {self.allowed()}"
-            return f"{allowed} and a standard deviation that is not negative"
-        if not all(map(self._inside, numbers)):
-            return f"limits within {self.allowed()}"
-        if kind != "choice" and not numbers[0] <= numbers[1]:
-            return "low before high"
-        if kind == "log_uniform" and numbers[0] <= 0:
-            return "limits above zero"
-
-        return None
+            return expected
+        # A standard deviation is no value.
+        inside = numbers[:1] if kind == "normal" else numbers
+        if not all(map(self._inside, inside)):
+            return f"{expected}, each value {self.allowed()}"
+        if kind == "choice":
+            return None
+        first, second = numbers
+        low = {"normal": 0, "log_uniform": max(first, math.ulp(0.0))}.get(kind, first)
+        return None if low <= second else expected
 
 
 SENSORS = Parameter([], "", 1, 12, "which sensors", many=True)
@@ -157,11 +156,10 @@ def _drawn(kind: str, numbers: list[float], rng: np.random.Generator) -> float:
     if kind == "choice":
         return float(numbers[int(rng.integers(len(numbers)))])
     first, second = numbers
-    if kind == "uniform":
-        return float(rng.uniform(first, second))
-    if kind == "normal":
-        return float(rng.normal(first, second))
-    return float(math.exp(rng.uniform(math.log(first), math.log(second))))
+    if kind == "log_uniform":
+        return float(math.exp(rng.uniform(math.log(first), math.log(second))))
+    # numpy's methods have the names of the other kinds.
+    return float(getattr(rng, kind)(first, second))
 
 
 @dataclass(frozen=True)
@@ -188,13 +186,44 @@ class Signal(Rows):
 
 
 @dataclass(frozen=True)
+class PlanRequest:
+    """What an effect draws its plan from.
+
+    drawn    parameters of the trial; request["height_mm"] is one of them
+    rng      the effect's random stream in the trial
+    t_s      [T] times of the samples
+    sensors  S
+    """
+
+    drawn: Drawn
+    rng: np.random.Generator
+    t_s: FloatArray
+    sensors: int
+
+    def __getitem__(self, name: str) -> Any:
+        return self.drawn[name]
+
+    @property
+    def places(self) -> list[int]:
+        """Of the sensors that the effect is about; a scene file numbers them from 1."""
+        return [int(number) - 1 for number in self["sensors"]]
+
+    def noise(self) -> FloatArray:
+        """[T, S, 3] standard normal numbers from the stream."""
+        return self.rng.normal(size=(len(self.t_s), self.sensors, 3))
+
+
+@dataclass(frozen=True)
 class Effect:
     """One entry of the table of effects.
 
-    make            of a sensor effect: its law (rows.RowEffect);
+    make            of a sensor effect: its law, (rows, plan) -> rows, which draws nothing;
                     of a physics effect: EffectBatch -> PhysicsEffect;
                     of one that `sets` a field of stepper.StepSettings: its constant -> that field
     parameters      in the order in which they are drawn
+    plan            of a sensor effect: draws everything random before the first sample
+    chained         the law also takes what it returned for the row before (itself at the first);
+                    else no row depends on another
     needs           effects that the scene must name too
     marks_invalid   it can make samples invalid, so the trial's file has columns for that
     constant        a parameter that is the same in all trials of a scene: they are stepped together
@@ -205,10 +234,10 @@ class Effect:
     only_unit       the unit of the scene's samples that it needs; None: any
     """
 
-    name: str
-    stage: Literal["physics", "sensor"]
     make: Callable[..., Any]
-    parameters: dict[str, Parameter] = field(default_factory=dict)
+    parameters: dict[str, Parameter]
+    plan: Callable[[PlanRequest], Plan] | None = None
+    chained: bool = False
     needs: tuple[str, ...] = ()
     marks_invalid: bool = False
     constant: str = ""
@@ -218,6 +247,11 @@ class Effect:
     in_scene_unit: bool = False
     only_unit: Unit | None = None
 
+    @property
+    def stage(self) -> str:
+        """Whether it is a part of the physics or of the sensor."""
+        return "sensor" if self.plan else "physics"
+
     def draw(self, values: Mapping[str, Any], rng: np.random.Generator) -> Drawn:
         """Draw one trial's parameters from the scene's values.
 
@@ -225,15 +259,62 @@ class Effect:
         """
         return draw_all(self.parameters, values, rng)
 
+    def planned(
+        self, drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
+    ) -> Plan:
+        """What a sensor effect draws for samples at t_s [T] of so many sensors."""
+        assert self.plan is not None
+        return self.plan(PlanRequest(drawn, rng, t_s, sensors))
+
     def sense(self, signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-        """A signal after this effect of the sensor, in the unit that it gives."""
-        made: Signal = self.make(signal, drawn, rng)
+        """The signal of a whole trial after this effect, in the unit that it gives."""
+        plan = self.planned(drawn, rng, signal.t_s, signal.values.shape[1])
+        law: Any = self.row_by_row if self.chained else self.make
+        made: Signal = law(signal, plan)
         return replace(made, unit=self.gives_unit or made.unit)
+
+    def row_by_row(self, rows: Rows, plan: Plan) -> Rows:
+        """Apply a chained law: every row needs what became of the one before."""
+        values = np.empty_like(rows.values)
+        valid = np.empty_like(rows.valid)
+        before = Rows(rows.values[:1], rows.valid[:1])
+
+        for k in range(len(values)):
+            # Slices of one row, because a law needs the axis of the rows.
+            row = Rows(rows.values[k : k + 1], rows.valid[k : k + 1])
+            before = self.make(row, row_of(plan, k), before)
+            values[k] = before.values[0]
+            valid[k] = before.valid[0]
+
+        return replace(rows, values=values, valid=valid)
 
     def setting(self, values: Mapping[str, Any]) -> Any:
         """The field of stepper.StepSettings that this effect sets, from the scene's values."""
         default = self.parameters[self.constant].default
         return self.make(float(values.get(self.constant, default)))
+
+
+def as_drawn(request: PlanRequest) -> Plan:
+    """The parameters themselves, [1, 1, 1] each: nothing random."""
+    return {name: np.full((1, 1, 1), value) for name, value in request.drawn.items()}
+
+
+def added(rows: Rows, plan: Plan) -> Rows:
+    """What is read, and what the plan adds to it, in the unit of the rows."""
+    return replace(rows, values=rows.values + plan["added"])
+
+
+def scaled(rows: Rows, plan: Plan) -> Rows:
+    """What is read times the plan's factor."""
+    return replace(rows, values=rows.values * plan["factor"])
+
+
+def row_of(plan: Plan, k: int) -> Plan:
+    """The plan of sample k alone."""
+    row = {}
+    for name, array in plan.items():
+        row[name] = array[k : k + 1] if len(array) > 1 else array
+    return row
 
 
 def draw_all(
@@ -346,25 +427,3 @@ class PhysicsEffects:
 
 
 NO_EFFECTS = PhysicsEffects()
-
-
-def some_trials(batched: Any, which: npt.NDArray[np.int64], n: int) -> Any:
-    """A copy of what holds arrays of a batch of n trials, with some of its trials.
-
-    Arrays whose last axis has n entries have the trials there; lists and tuples are looked into.
-    """
-    if isinstance(batched, np.ndarray):
-        if batched.ndim == 0 or batched.shape[-1] != n:
-            return batched
-        # `take`, not [..., which]: the layout in memory decides in which order numpy sums.
-        return np.take(batched, which, axis=-1)
-    if isinstance(batched, list | tuple):
-        return type(batched)([some_trials(part, which, n) for part in batched])
-    if not hasattr(batched, "__dict__"):
-        return batched
-
-    part = copy(batched)
-    for name, value in vars(batched).items():
-        object.__setattr__(part, name, some_trials(value, which, n))
-
-    return part

@@ -19,7 +19,7 @@ from holdfast.core.trial_layout import RISKY_ACTIONS
 from holdfast.simulation.body import Inputs, State
 from holdfast.simulation.core import two_at_least
 from holdfast.simulation.drive import Actuator
-from holdfast.simulation.effect import NO_EFFECTS, some_trials
+from holdfast.simulation.effect import NO_EFFECTS
 from holdfast.simulation.loop_people import MISTAKEN_S, Habits, LoopScript
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
@@ -36,6 +36,7 @@ from holdfast.simulation.stepper import (
     StepSettings,
     StepTape,
     TrialMotion,
+    some_trials,
 )
 
 IntArray = npt.NDArray[np.int64]

@@ -27,15 +27,49 @@ from holdfast.core.contract import (
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.simulation.effect import Rows
+from holdfast.simulation.effect import Effect, Plan, Rows
 from holdfast.simulation.objects import sensed_of
 from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.rows import Plan, PlanBatch, PlanRequest
 from holdfast.simulation.scene import Scene
 
 IntArray = npt.NDArray[np.int64]
 OUTPUTS = ("p_situation", "situation", "unknown")
 """Outputs of the graph that a controller needs."""
+
+
+class PlanBatch:
+    """The plans of one effect for B trials, ready to be read a sample at a time."""
+
+    def __init__(self, plans: Sequence[Plan]) -> None:
+        self._fixed: Plan = {}
+        self._moving: Plan = {}
+        for name in plans[0]:
+            # A plan with one row is the same at every sample and needs no place for each.
+            arrays = [plan[name] for plan in plans]
+            if max(map(len, arrays)) > 1:
+                self._moving[name] = _stacked(arrays)
+            else:
+                self._fixed[name] = np.concatenate(arrays)
+
+    def at(self, rows: Any) -> Plan:
+        """Plan of B rows: sample rows[b] of trial b."""
+        plan = dict(self._fixed)
+        trials = np.arange(len(rows))
+        for name, array in self._moving.items():
+            plan[name] = array[rows, trials]
+        return plan
+
+
+def _stacked(arrays: Sequence[Any]) -> Any:
+    """[T, B, ..] of plans that may differ in length; the last row repeats."""
+    longest = max(map(len, arrays))
+    shape = (longest, len(arrays), *arrays[0].shape[1:])
+    whole = np.empty(shape, dtype=arrays[0].dtype)
+    for trial, array in enumerate(arrays):
+        # A shorter trial is asked for its last sample until the longest has ended.
+        whole[: len(array), trial] = array
+        whole[len(array) :, trial] = array[-1]
+    return whole
 
 
 class LoopSensors:
@@ -63,13 +97,13 @@ class LoopSensors:
         self, name: str, trials: Sequence[PlannedTrial], times_s: list[FloatArray]
     ) -> None:
         """Draw an effect's plans; times_s are those of the samples before it, then after it."""
-        law: Any = self.effects[name].make
+        effect = self.effects[name]
         plans: list[Plan] = []
         for k, trial in enumerate(trials):
             drawn = self.scene.draw(name, trial.number)
             rng = self.scene.rng(name, trial)
             sensors = trial.hand.n_sensors
-            plans.append(law.plan(PlanRequest(drawn, rng, times_s[k], sensors)))
+            plans.append(effect.planned(drawn, rng, times_s[k], sensors))
             if "late_s" in plans[k]:
                 # Later effects see the times at which samples are really taken.
                 times_s[k] = times_s[k] + plans[k]["late_s"]
@@ -95,23 +129,23 @@ class LoopSensors:
             elif name == "dropped_samples":
                 lost = ~self._plans[name].at(rows)["kept"]
             else:
-                made = self._apply(name, effect.make, now, rows, lost)
+                made = self._apply(name, effect, now, rows, lost)
                 now = replace(made, unit=effect.gives_unit or now.unit)
 
         return self.scene.in_unit(now), lost
 
     def _apply(
-        self, name: str, law: Any, now: Rows, rows: IntArray, lost: BoolArray
+        self, name: str, effect: Effect, now: Rows, rows: IntArray, lost: BoolArray
     ) -> Rows:
         """Readings after one effect; a chained one also gets the last reading that came."""
         plan = self._plans[name].at(rows)
         made: Rows
-        if not law.chained:
-            made = law.apply(now, plan)
+        if not effect.chained:
+            made = effect.make(now, plan)
             return made
 
         before = self._before.get(name, now)
-        made = law.apply(now, plan, before)
+        made = effect.make(now, plan, before)
 
         # The row before is the last that came.
         values = np.where(lost[:, None, None], before.values, made.values)

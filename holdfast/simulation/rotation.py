@@ -234,4 +234,4 @@ OFFSETS = {
         "and by people and box, times their share of the weight",
     ),
 }
-EFFECTS = {"rotation": Effect("rotation", "physics", Rotation, OFFSETS)}
+EFFECTS = {"rotation": Effect(Rotation, OFFSETS)}

@@ -49,9 +49,7 @@ from holdfast.simulation import STYLES, find_scene_file
 from holdfast.simulation.actions import ACTION_MODULES, EMPTY_HANDED, parameters_of
 from holdfast.simulation.effect import (
     EFFECT_MODULES,
-    Effect,
     Parameter,
-    all_effects,
     effect_named,
     step_settings,
 )
@@ -203,7 +201,7 @@ def _scene(tables: _Tables, path: Path, hand: HandCard) -> SceneFile:
         text=text_of(path),
     )
     for name in scene.effects:
-        _require_effect_fits(scene, effect_named(name))
+        _require_effect_fits(scene, name)
     _require_unit_given(scene)
 
     # A chip that averages cannot read faster than it converts.
@@ -314,21 +312,19 @@ def _require_unit_given(scene: SceneFile) -> None:
     given = {effect_named(name).gives_unit for name in scene.effects}
     if scene.unit == "N" or scene.unit in given:
         return
-
-    # The error names the effect that is missing.
-    gives = [e.name for e in all_effects().values() if e.gives_unit == scene.unit]
-    allowed = f"only with [effects.{gives[0]}]: an ideal force sensor has no field"
+    allowed = "only with [effects.dipole]: an ideal force sensor has no field"
     raise _refused("record.unit", scene.unit, allowed)
 
 
-def _require_effect_fits(scene: SceneFile, effect: Effect) -> None:
+def _require_effect_fits(scene: SceneFile, name: str) -> None:
     """Raise ValueError for an effect without what it needs, or with too long a step."""
-    key = f"effects.{effect.name}"
+    effect = effect_named(name)
+    key = f"effects.{name}"
     for need in effect.needs:
         if need not in scene.effects:
             raise _refused(key, "in the scene", f"only together with [effects.{need}]")
 
-    numbers = scene.effects[effect.name].get("sensors", [])
+    numbers = scene.effects[name].get("sensors", [])
     if max(numbers, default=0) > scene.hand.n_sensors:
         allowed = f"sensors from 1 to {scene.hand.n_sensors}"
         raise _refused(f"{key}.sensors", numbers, allowed)

@@ -212,38 +212,54 @@ class Fluctuation(PhysicsEffect):
         return np.where(closure_m > 0.0, closure_m * swing, closure_m)
 
 
-FLUCTUATION = {
-    "share": Parameter(0.03, "", 0, 0.3, "standard deviation over the grip"),
-    "from_hz": Parameter(0.5, "Hz", 0.01, 30, "lowest frequency"),
-    "to_hz": Parameter(3.0, "Hz", 0.01, 30, "highest frequency"),
-}
-"""Parameters of the effect `fluctuation`."""
-ARM = {
-    "amplitude_m": Parameter({"uniform": [0.05, 0.3]}, "m", 0, 2, "length of a reach"),
-    "lasts_s": Parameter({"uniform": [0.6, 1.5]}, "s", 0.1, 10, "time of a reach"),
-    "rest_s": Parameter({"uniform": [0.3, 1.0]}, "s", 0, 60, "between reaches"),
-    "at_s": Parameter({"uniform": [4.2, 5.0]}, "s", 0, 600, "start of the first reach"),
-    "count": Parameter(2.0, "", 0, 1000, "reaches, alternately forth and back"),
-}
-"""Parameters of the effect `arm`."""
-TREMOR = {
-    "frequency_hz": Parameter({"uniform": [4, 12]}, "Hz", 1, 30, "of the tremor"),
-    "amplitude_m_s2": Parameter(
-        {"uniform": [0.1, 1.0]}, "m/s^2", 0, 50, "of the hand's acceleration"
-    ),
-}
-"""Parameters of the effect `tremor`."""
-KNOCK = {
-    "peak_m_s2": Parameter(
-        {"uniform": [5, 40]}, "m/s^2", 0, 1000, "greatest acceleration"
-    ),
-    "lasts_s": Parameter({"uniform": [0.005, 0.03]}, "s", 0.001, 1, "of the pulse"),
-    "at_s": Parameter({"uniform": [4.5, 6.0]}, "s", 0, 600, "start of the pulse"),
-}
-"""Parameters of the effect `knock`."""
 EFFECTS = {
-    "arm": Effect("arm", "physics", Arm, ARM),
-    "tremor": Effect("tremor", "physics", Tremor, TREMOR),
-    "knock": Effect("knock", "physics", Knock, KNOCK),
-    "fluctuation": Effect("fluctuation", "physics", Fluctuation, FLUCTUATION),
+    "arm": Effect(
+        Arm,
+        {
+            "amplitude_m": Parameter(
+                {"uniform": [0.05, 0.3]}, "m", 0, 2, "length of a reach"
+            ),
+            "lasts_s": Parameter(
+                {"uniform": [0.6, 1.5]}, "s", 0.1, 10, "time of a reach"
+            ),
+            "rest_s": Parameter({"uniform": [0.3, 1.0]}, "s", 0, 60, "between reaches"),
+            "at_s": Parameter(
+                {"uniform": [4.2, 5.0]}, "s", 0, 600, "start of the first reach"
+            ),
+            "count": Parameter(2.0, "", 0, 1000, "reaches, alternately forth and back"),
+        },
+    ),
+    "tremor": Effect(
+        Tremor,
+        {
+            "frequency_hz": Parameter(
+                {"uniform": [4, 12]}, "Hz", 1, 30, "of the tremor"
+            ),
+            "amplitude_m_s2": Parameter(
+                {"uniform": [0.1, 1.0]}, "m/s^2", 0, 50, "of the hand's acceleration"
+            ),
+        },
+    ),
+    "knock": Effect(
+        Knock,
+        {
+            "peak_m_s2": Parameter(
+                {"uniform": [5, 40]}, "m/s^2", 0, 1000, "greatest acceleration"
+            ),
+            "lasts_s": Parameter(
+                {"uniform": [0.005, 0.03]}, "s", 0.001, 1, "of the pulse"
+            ),
+            "at_s": Parameter(
+                {"uniform": [4.5, 6.0]}, "s", 0, 600, "start of the pulse"
+            ),
+        },
+    ),
+    "fluctuation": Effect(
+        Fluctuation,
+        {
+            "share": Parameter(0.03, "", 0, 0.3, "standard deviation over the grip"),
+            "from_hz": Parameter(0.5, "Hz", 0.01, 30, "lowest frequency"),
+            "to_hz": Parameter(3.0, "Hz", 0.01, 30, "highest frequency"),
+        },
+    ),
 }

@@ -7,7 +7,9 @@ the closed one (loop_physics.py) step parts; they differ in when they do, and in
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +21,6 @@ from holdfast.simulation.effect import (
     NO_EFFECTS,
     Interval,
     PhysicsEffects,
-    some_trials,
 )
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.script import Script, body_of
@@ -217,6 +218,28 @@ class ForceMean:
         self.total[..., trials] = 0.0
         self.weight_s[trials] = 0.0
         return mean
+
+
+def some_trials(batched: Any, which: npt.NDArray[np.int64], n: int) -> Any:
+    """A copy of what holds arrays of a batch of n trials, with some of its trials.
+
+    Arrays whose last axis has n entries have the trials there; lists and tuples are looked into.
+    """
+    if isinstance(batched, np.ndarray):
+        if batched.ndim == 0 or batched.shape[-1] != n:
+            return batched
+        # `take`, not [..., which]: the layout in memory decides in which order numpy sums.
+        return np.take(batched, which, axis=-1)
+    if isinstance(batched, list | tuple):
+        return type(batched)([some_trials(part, which, n) for part in batched])
+    if not hasattr(batched, "__dict__"):
+        return batched
+
+    part = copy(batched)
+    for name, value in vars(batched).items():
+        object.__setattr__(part, name, some_trials(value, which, n))
+
+    return part
 
 
 class Part:

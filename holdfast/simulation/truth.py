@@ -113,7 +113,7 @@ def _phase(start_s: float, stop_s: float, situation: int) -> Json:
 
 
 class Steps:
-    """The steps of a trial, those of its events (None for one that it does not have), and its marks.
+    """The steps of a trial, those of its events (None for one it does not have), and its marks.
 
     at_s       [K] times of the steps
     times      when people and hand act

@@ -9,9 +9,8 @@ import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.simulation.effect import Rows
-from holdfast.simulation.loop_sensing import IntArray, LoopSensors
+from holdfast.simulation.loop_sensing import IntArray, LoopSensors, PlanBatch
 from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.rows import PlanBatch
 from studies.distortions.law import Law, Memory, PlanRequest
 from studies.distortions.statistics import paired_change
 from studies.distortions.table import Distortion, by_name
