@@ -32,16 +32,19 @@ import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.simulation.body import (
+    TINY,
     Body,
     Floor,
     Inputs,
     State,
+    add,
     changed,
+    keep_the_balance,
     offset_m,
     recess_m,
+    taken_by_lags_j,
 )
 from holdfast.simulation.effect import NO_EFFECTS, PhysicsEffects
-from holdfast.simulation.energy import TINY, _taken_by_lags_j, add, keep_the_balance
 
 IntArray = npt.NDArray[np.int64]
 """Numbers of trials, steps or samples."""
@@ -109,7 +112,7 @@ def step(
     net_n = held_n - resisted_n
     given_j = add(net_n * moved_m, axis=0)
     if effects.lags:
-        taken_j = _taken_by_lags_j(body, old, state, closure_m, dt_s, effects)
+        taken_j = taken_by_lags_j(body, old, state, closure_m, dt_s, effects)
         given_j = given_j - taken_j
     keep_the_balance(body, old, state, closure_m, given_j)
 

@@ -47,7 +47,7 @@ EFFECT_MODULES = {
     "brush": "contacts",
     "texture": "contacts",
     "lag": "contacts",
-    "rotation": "rotation",
+    "rotation": "contacts",
     "arm": "shakes",
     "tremor": "shakes",
     "knock": "shakes",

@@ -304,8 +304,8 @@ EFFECTS = {
             "height_mm": Parameter(
                 {"uniform": [8, 16]}, "mm", 1, 50, "from chip to magnet, unloaded"
             ),
-            # The probed pads change by 25 to 120 uT a newton of normal force on the whole pad, and by 11 to
-            # 74 uT a newton of shear. A fifth of the load rests on each of five magnets.
+            # The probed pads change by 25 to 120 uT a newton of normal force on the whole pad, and
+            # by 11 to 74 uT a newton of shear. A fifth of the load rests on each of five magnets.
             "normal_n_per_mm": Parameter(
                 {"log_uniform": [2, 10]},
                 "N/mm",

@@ -12,16 +12,22 @@ import numpy as np
 import pytest
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation import contacts, rotation, shakes
-from holdfast.simulation.body import Body, Inputs, Pull, State, at_rest
-from holdfast.simulation.contacts import Lag, pressure
+from holdfast.simulation import contacts, shakes
+from holdfast.simulation.body import (
+    Body,
+    Inputs,
+    Pull,
+    State,
+    at_rest,
+    kinetic_j,
+    normal_j,
+)
+from holdfast.simulation.contacts import Lag, Rotation, gyration_m2, pressure
 from holdfast.simulation.core import step
 from holdfast.simulation.effect import EffectBatch, PhysicsEffects, stream
-from holdfast.simulation.energy import kinetic_j, normal_j
 from holdfast.simulation.objects import OBJECTS
-from holdfast.simulation.rotation import Rotation, gyration_m2
 
-EFFECTS = contacts.EFFECTS | rotation.EFFECTS | shakes.EFFECTS
+EFFECTS = contacts.EFFECTS | shakes.EFFECTS
 FINGERS = np.array([1000.0, 1000.0, 500.0, 500.0, 500.0, 500.0])
 """N/m: two stiff of the thumb against four, so that equal depths balance."""
 DEPTH_M = 5e-3
