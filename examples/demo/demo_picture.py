@@ -67,9 +67,9 @@ class Seen:
 class _WatchedLoop(ClosedLoop):
     """A closed loop that also keeps where the objects were."""
 
-    def note(self, target_n: FloatArray) -> None:
+    def note(self, period: int, target_n: FloatArray) -> None:
         """Write down one sample period."""
-        super().note(target_n)
+        super().note(period, target_n)
         self.position_m.append(self.world.position_m.copy())
 
     def run(self) -> list[LoopOutcome]:

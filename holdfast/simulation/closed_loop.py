@@ -29,7 +29,6 @@ from holdfast.simulation.drive import Actuator, Drive, Opening
 from holdfast.simulation.loop_people import (
     Habits,
     LoopOutcome,
-    LoopRecord,
     Wearer,
     outcome_of,
 )
@@ -187,26 +186,24 @@ class ClosedLoop:
 
         # Commands on their way: at first none.
         self._late = [np.zeros(len(trials))] * settings.delay_samples
-        self._agents_n = self.world.state.agents_n.copy()
+        self._agents_n = self.world.all.state.agents_n.copy()
         self._p_risky = np.zeros(len(trials))
-        self._noted: list[list[Any]] = []
+        # What outcomes have of every sample, in single precision to save memory.
+        self._noted = np.zeros((4, self.spans.periods, len(trials)), np.float32)
 
     def run(self) -> list[LoopOutcome]:
         """Run to the end."""
         for period in range(self.spans.periods):
             target_n = self.decide(period)
-            self.note(target_n)
+            self.note(period, target_n)
             self.world.advance(period, target_n)
+        return [self.outcome(k) for k in range(len(self.trials))]
 
-        columns = zip(*self._noted, strict=True)
-        record = LoopRecord(*[np.array(column) for column in columns])
-        return [self.outcome(k, record) for k in range(len(self.trials))]
-
-    def note(self, target_n: FloatArray) -> None:
+    def note(self, period: int, target_n: FloatArray) -> None:
         """Write down one sample period, before the world goes on."""
         drive = self.actuator
         levels = (drive.grip_n, drive.wearers_n, target_n, self._p_risky)
-        self._noted.append([level.astype(np.float32) for level in levels])
+        self._noted[:, period] = levels
 
     def decide(self, period: int) -> FloatArray:
         """[B] targets of the drives at a sample, 0 for none."""
@@ -231,7 +228,7 @@ class ClosedLoop:
 
     def _overridden(self, now: LoopTruth) -> BoolArray:
         """[B] whether the wearer's override lasts; it lasts until the end of the trial."""
-        agents_n = self.world.state.agents_n
+        agents_n = self.world.all.state.agents_n
         # Force on the object before the action, which resistance is measured against.
         before = now.t_s < self.wearer.act_s
         self._agents_n = np.where(before, agents_n, self._agents_n)
@@ -244,17 +241,18 @@ class ClosedLoop:
         self.wearer.resist(now.t_s, own_n, extra_n, pulled_n, 1.0 / self.rate_hz)
         return now.t_s >= self.wearer.overrode_s
 
-    def outcome(self, k: int, record: LoopRecord) -> LoopOutcome:
-        """What became of trial k; record: of the whole batch."""
+    def outcome(self, k: int) -> LoopOutcome:
+        """What became of trial k."""
         begin = int(self.spans.begins[k])
         end = int(self.spans.ends[k])
-
-        # The outcome is read off the steps alone, so the motion needs no samples.
-        motion = self.world.motion(k, np.zeros((2, 1, 3)), np.zeros((2, 3)))
+        grip_n, own_n, target_n, p_risky = self._noted[:, : end - begin, k]
         return outcome_of(
             self.trials[k],
-            motion,
-            record.of_trial(k, end - begin),
+            self.world.motion(k),
+            grip_n=grip_n,
+            own_n=own_n,
+            target_n=target_n,
+            p_risky=p_risky,
             overrode_s=float(self.wearer.overrode_s[k]),
             begin_s=begin / self.rate_hz,
             rate_hz=self.rate_hz,

@@ -191,31 +191,15 @@ HELD_AT_END_S = float("inf")
 """Time of an event that never happened: the object is still held."""
 
 
-@dataclass(frozen=True)
-class LoopRecord:
-    """What is recorded at every sample; each [T] of one trial, or [T, B] of a batch.
-
-    grip_n      the grip of either side that the drive gave
-    own_n       the grip that the wearer asked for
-    target_n    the grip that the controller commanded, 0 for none
-    p_risky     the evidence that the controller was given, 0 while the state is unknown
-    """
-
-    grip_n: npt.NDArray[np.float32]
-    own_n: npt.NDArray[np.float32]
-    target_n: npt.NDArray[np.float32]
-    p_risky: npt.NDArray[np.float32]
-
-    def of_trial(self, k: int, periods: int) -> LoopRecord:
-        """The first samples of trial k."""
-        return LoopRecord(*[array[:periods, k] for array in vars(self).values()])
-
-
 @dataclass(frozen=True, kw_only=True)
-class LoopOutcome(LoopRecord):
+class LoopOutcome:
     """What became of a trial. Times in s of the trial; inf for what never happened.
 
     trial       as it was planned
+    grip_n      [T] at every sample the grip of either side that the drive gave
+    own_n       [T] the grip that the wearer asked for
+    target_n    [T] the grip that the controller commanded, 0 for none
+    p_risky     [T] the evidence that the controller was given, 0 while the state is unknown
     lost_s      the last contact ends
     onset_s     load onset
     slip_mm     travel of the contacts since load onset
@@ -230,6 +214,10 @@ class LoopOutcome(LoopRecord):
     """
 
     trial: PlannedTrial
+    grip_n: npt.NDArray[np.float32]
+    own_n: npt.NDArray[np.float32]
+    target_n: npt.NDArray[np.float32]
+    p_risky: npt.NDArray[np.float32]
     lost_s: float
     onset_s: float
     slip_mm: float
@@ -274,9 +262,7 @@ class LoopOutcome(LoopRecord):
         return float(self.grip_n.max())
 
 
-def outcome_of(
-    trial: PlannedTrial, motion: TrialMotion, record: LoopRecord, **known: Any
-) -> LoopOutcome:
+def outcome_of(trial: PlannedTrial, motion: TrialMotion, **known: Any) -> LoopOutcome:
     """Read the outcome of a trial off its motion; known: what the loop knows of it."""
     steps = Steps(trial, motion)
     onset = steps.slip_onset()
@@ -289,7 +275,6 @@ def outcome_of(
     slip_m = motion.slip_m[held_last] - motion.slip_m[start]
 
     return LoopOutcome(
-        **vars(record),
         **known,
         trial=trial,
         lost_s=steps.time(steps.lost) or HELD_AT_END_S,

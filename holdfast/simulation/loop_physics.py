@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.trial_layout import RISKY_ACTIONS
-from holdfast.simulation.body import Inputs, State
+from holdfast.simulation.body import Inputs
 from holdfast.simulation.core import two_at_least
 from holdfast.simulation.drive import Actuator
 from holdfast.simulation.effect import NO_EFFECTS
@@ -40,6 +40,8 @@ from holdfast.simulation.stepper import (
 )
 
 IntArray = npt.NDArray[np.int64]
+NO_FORCES_N, NO_PLACES_M = np.zeros((2, 1, 3)), np.zeros((2, 3))
+"""Samples of a motion that is read off its steps alone."""
 FALL_S = 1.0
 """A fall is watched at least this long: in it the object is gone, or at rest."""
 
@@ -160,11 +162,6 @@ class HandsAndObjects:
         # A trial may skip rows of the tape: those of fine steps that it does not take.
         self.tape = StepTape(spans.periods * self.pieces, batch)
 
-    @property
-    def state(self) -> State:
-        """Where everything is at the last sample."""
-        return self.all.state
-
     def advance(self, period: int, target_n: FloatArray) -> None:
         """One sample period of all trials; target_n [B]: of the drives."""
         at = self.spans.begins + period
@@ -228,16 +225,19 @@ class HandsAndObjects:
         self.position_m[trials] = state.position_m.T
         # An object that slides takes fine steps in the next period too.
         last = row + len(inputs) - 1
-        self.slid[trials] = self.tape.slips[last, trials]
+        self.slid[trials] = self.tape.rows["slips"][last, trials]
         if part is not self.all:
             self.all.travel_m[:, trials] = part.travel_m
-            for name, array in vars(self.state).items():
+            for name, array in vars(self.all.state).items():
                 # An object that nothing turns has no angle.
                 if array is not None:
                     array[..., trials] = vars(state)[name]
 
     def motion(
-        self, trial: int, forces_n: FloatArray, position_m: FloatArray
+        self,
+        trial: int,
+        forces_n: FloatArray = NO_FORCES_N,
+        position_m: FloatArray = NO_PLACES_M,
     ) -> TrialMotion:
         """What became of a trial, as an open loop gives it; forces and positions [T, ..]."""
         return self.tape.motion(trial, self.settings.rate_hz, forces_n, position_m)
