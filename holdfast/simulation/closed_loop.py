@@ -209,12 +209,9 @@ class ClosedLoop:
         """[B] targets of the drives at a sample, 0 for none."""
         # A trial that has ended repeats its last sample.
         rows = np.minimum(self.spans.begins + period, self.spans.counts - 1)
-        readings, lost = self.sensors.read(rows, self.world.forces_n)
-
-        # A lost sample reaches the model as one without any valid sensor.
-        valid = readings.valid & ~lost[:, None]
+        readings = self.sensors.read(rows, self.world.forces_n)
         values = readings.values.reshape(len(self.trials), -1)
-        sense = self.models.answer(values, valid)
+        sense = self.models.answer(values, readings.valid)
 
         # Only the wearer, and a baseline of a study, use the truth.
         now = LoopTruth(rows / self.rate_hz, self.actuator.grip_n)

@@ -61,17 +61,13 @@ EFFECT_MODULES = {
     "cross_talk": "magnet",
     "gain_tilt": "magnet",
     "magnet_reversed": "magnet",
-    "magnet_lost": "magnet",
     "thermal_drift": "magnet",
     "hall_noise": "chip",
-    "saturation": "chip",
     "quantisation": "chip",
     "magnetometer": "magnet",
     "drift": "sensor_spread",
     "white_noise": "sensor_spread",
     "timing_jitter": "chip",
-    "dropped_samples": "chip",
-    "stale_sensor": "chip",
 }
 """Every effect in the order in which they run, and the module of this package that has it."""
 
@@ -222,10 +218,9 @@ class Effect:
                     of one that `sets` a field of stepper.StepSettings: its constant -> that field
     parameters      in the order in which they are drawn
     plan            of a sensor effect: draws everything random before the first sample
-    chained         the law also takes what it returned for the row before (itself at the first);
-                    else no row depends on another
+    whole           of a law that also takes what it returned for the row before (itself at the
+                    first): the same law of a whole trial; None: no row depends on another
     needs           effects that the scene must name too
-    marks_invalid   it can make samples invalid, so the trial's file has columns for that
     constant        a parameter that is the same in all trials of a scene: they are stepped together
     sets            the field of stepper.StepSettings
     longest_step_s  the longest physics.step_s it allows
@@ -237,9 +232,8 @@ class Effect:
     make: Callable[..., Any]
     parameters: dict[str, Parameter]
     plan: Callable[[PlanRequest], Plan] | None = None
-    chained: bool = False
+    whole: Callable[[Rows, Plan], Rows] | None = None
     needs: tuple[str, ...] = ()
-    marks_invalid: bool = False
     constant: str = ""
     sets: str = ""
     longest_step_s: float = math.inf
@@ -269,24 +263,9 @@ class Effect:
     def sense(self, signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
         """The signal of a whole trial after this effect, in the unit that it gives."""
         plan = self.planned(drawn, rng, signal.t_s, signal.values.shape[1])
-        law: Any = self.row_by_row if self.chained else self.make
-        made: Signal = law(signal, plan)
-        return replace(made, unit=self.gives_unit or made.unit)
-
-    def row_by_row(self, rows: Rows, plan: Plan) -> Rows:
-        """Apply a chained law: every row needs what became of the one before."""
-        values = np.empty_like(rows.values)
-        valid = np.empty_like(rows.valid)
-        before = Rows(rows.values[:1], rows.valid[:1])
-
-        for k in range(len(values)):
-            # Slices of one row, because a law needs the axis of the rows.
-            row = Rows(rows.values[k : k + 1], rows.valid[k : k + 1])
-            before = self.make(row, row_of(plan, k), before)
-            values[k] = before.values[0]
-            valid[k] = before.valid[0]
-
-        return replace(rows, values=values, valid=valid)
+        made: Any = (self.whole or self.make)(signal, plan)
+        sensed: Signal = replace(made, unit=self.gives_unit or made.unit)
+        return sensed
 
     def setting(self, values: Mapping[str, Any]) -> Any:
         """The field of stepper.StepSettings that this effect sets, from the scene's values."""
@@ -307,14 +286,6 @@ def added(rows: Rows, plan: Plan) -> Rows:
 def scaled(rows: Rows, plan: Plan) -> Rows:
     """What is read times the plan's factor."""
     return replace(rows, values=rows.values * plan["factor"])
-
-
-def row_of(plan: Plan, k: int) -> Plan:
-    """The plan of sample k alone."""
-    row = {}
-    for name, array in plan.items():
-        row[name] = array[k : k + 1] if len(array) > 1 else array
-    return row
 
 
 def draw_all(

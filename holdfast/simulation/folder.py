@@ -4,7 +4,7 @@ OUT/card.toml, OUT/meta.json     the scene file as it was read; name, unit, seed
 OUT/hand.toml                    the hand card, where the scene names one
 OUT/<object>/meta.json           its mass
 OUT/<object>/<action>/
-    trial_<n>.csv                Time, X1, Y1, Z1 .. Z6 (and valid1 .. if an effect invalidates)
+    trial_<n>.csv                Time, X1, Y1, Z1 .. Z6
     trial_<n>.truth.json         phases, events, draws, scene and seed
     trial_<n>.motion.csv         object and hand, mm; with `rotation` the object's turn, degrees
 """
@@ -23,7 +23,7 @@ from holdfast.core.errors import OutputError
 from holdfast.core.trial_file import TIME_COLUMN
 from holdfast.core.trial_layout import HAND_FILE
 from holdfast.core.writing import require_writable, whole_folder, write_whole
-from holdfast.simulation.effect import Drawn, Signal, effect_named
+from holdfast.simulation.effect import Drawn, Signal
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import BATCH, Scene, SimulatedTrial
 from holdfast.simulation.stepper import Done
@@ -133,7 +133,7 @@ def write_recording(path: Path, scene: Scene, trials: Sequence[SimulatedTrial]) 
     signal, starts_s, drawn = scene.join(trials)
     truth = _truth(scene, trials, starts_s, drawn)
     parts: dict[str, bytes | str] = {
-        "csv": _samples(signal, scene),
+        "csv": _samples(signal),
         "motion.csv": _motion(trials, starts_s),
         "truth.json": _json(truth),
     }
@@ -195,8 +195,8 @@ def _meta(scene: Scene, trials: Sequence[PlannedTrial]) -> Json:
     return meta
 
 
-def _samples(signal: Signal, scene: Scene) -> bytes:
-    """The CSV of a recording: times, channels, and validity where an effect can take it away."""
+def _samples(signal: Signal) -> bytes:
+    """The CSV of a recording: times and channels."""
     n_sensors = signal.values.shape[1]
     decimals = DECIMALS[signal.unit]
     header = [TIME_COLUMN, *channel_names(n_sensors)]
@@ -205,12 +205,6 @@ def _samples(signal: Signal, scene: Scene) -> bytes:
     flat = signal.values.reshape(len(signal.t_s), -1)
     for values in flat.T:
         columns.append((values, decimals))
-
-    # A recording in which no sample can be invalid has no columns for that.
-    if any(effect_named(name).marks_invalid for name in scene.file.effects):
-        for k, valid in enumerate(signal.valid.T, 1):
-            header.append(f"valid{k}")
-            columns.append((valid.astype(np.float64), 0))
 
     return csv_bytes(header, columns)
 

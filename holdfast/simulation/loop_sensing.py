@@ -27,7 +27,7 @@ from holdfast.core.contract import (
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.simulation.effect import Effect, Plan, Rows
+from holdfast.simulation.effect import Plan, Rows
 from holdfast.simulation.objects import sensed_of
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
@@ -110,15 +110,14 @@ class LoopSensors:
 
         self._plans[name] = PlanBatch(plans)
 
-    def read(self, rows: IntArray, forces_n: FloatArray) -> tuple[Rows, BoolArray]:
-        """(readings, lost [B]) at samples rows [B], from forces [B, S, 3], in the scene's unit.
+    def read(self, rows: IntArray, forces_n: FloatArray) -> Rows:
+        """Readings at samples rows [B], from forces [B, S, 3], in the scene's unit.
 
-        With a latency these are the readings of the sample before. A lost sample never comes.
+        With a latency these are the readings of the sample before.
         """
         forces_n = sensed_of(self.scene.file.hand, forces_n)
         all_valid = np.ones(forces_n.shape[:2], dtype=np.bool_)
         now = Rows(forces_n, all_valid)
-        lost = np.zeros(len(rows), dtype=np.bool_)
 
         for name, effect in self.effects.items():
             if effect.in_scene_unit:
@@ -126,32 +125,16 @@ class LoopSensors:
             if name == "timing_jitter":
                 # Later effects act on the row before, and take its plan.
                 now, rows = self._between(now, rows)
-            elif name == "dropped_samples":
-                lost = ~self._plans[name].at(rows)["kept"]
+                continue
+            plan = self._plans[name].at(rows)
+            if effect.whole is None:
+                now = effect.make(now, plan)
             else:
-                made = self._apply(name, effect, now, rows, lost)
-                now = replace(made, unit=effect.gives_unit or now.unit)
+                now = effect.make(now, plan, self._before.get(name, now))
+                self._before[name] = now
+            now = replace(now, unit=effect.gives_unit or now.unit)
 
-        return self.scene.in_unit(now), lost
-
-    def _apply(
-        self, name: str, effect: Effect, now: Rows, rows: IntArray, lost: BoolArray
-    ) -> Rows:
-        """Readings after one effect; a chained one also gets the last reading that came."""
-        plan = self._plans[name].at(rows)
-        made: Rows
-        if not effect.chained:
-            made = effect.make(now, plan)
-            return made
-
-        before = self._before.get(name, now)
-        made = effect.make(now, plan, before)
-
-        # The row before is the last that came.
-        values = np.where(lost[:, None, None], before.values, made.values)
-        valid = np.where(lost[:, None], before.valid, made.valid)
-        self._before[name] = Rows(values, valid)
-        return made
+        return self.scene.in_unit(now)
 
     def _between(self, now: Rows, rows: IntArray) -> tuple[Rows, IntArray]:
         """The readings of the sample before, taken late or early, and that sample's number.

@@ -98,18 +98,16 @@ def _play(rows: Rows, plan: Plan) -> tuple[FloatArray, FloatArray]:
     return rows.values - half_n, rows.values + half_n
 
 
-class _Play(Effect):
-    """Hysteresis of a whole trial in one loop of two numpy calls a row."""
-
-    def row_by_row(self, rows: Rows, plan: Plan) -> Rows:
-        lowest, highest = _play(rows, plan)
-        values = np.empty_like(rows.values)
-        reading = rows.values[0]
-        for k in range(len(values)):
-            np.maximum(reading, lowest[k], out=values[k])
-            reading = values[k]
-            np.minimum(reading, highest[k], out=reading)
-        return replace(rows, values=values)
+def hysteresis_of_trial(rows: Rows, plan: Plan) -> Rows:
+    """The same of a whole trial, in one loop of two numpy calls a row."""
+    lowest, highest = _play(rows, plan)
+    values = np.empty_like(rows.values)
+    reading = rows.values[0]
+    for k in range(len(values)):
+        np.maximum(reading, lowest[k], out=values[k])
+        reading = values[k]
+        np.minimum(reading, highest[k], out=reading)
+    return replace(rows, values=values)
 
 
 def drift_plan(request: PlanRequest) -> Plan:
@@ -159,7 +157,7 @@ EFFECTS = {
         },
         mounting_plan,
     ),
-    "hysteresis": _Play(
+    "hysteresis": Effect(
         hysteresis,
         {
             "width_n": Parameter(
@@ -167,7 +165,7 @@ EFFECTS = {
             ),
         },
         as_drawn,
-        chained=True,
+        hysteresis_of_trial,
     ),
     "drift": Effect(
         added,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from holdfast.core.contract import BoolArray, FloatArray, Json
+from holdfast.core.contract import FloatArray, Json
 from holdfast.simulation.effect import Rows
 from holdfast.simulation.loop_sensing import IntArray, LoopSensors, PlanBatch
 from holdfast.simulation.protocol import PlannedTrial
@@ -56,14 +56,13 @@ class DistortedSensors:
             plans.append(self.law.plan(request))
         self._plans = PlanBatch(plans)
 
-    def read(self, rows: IntArray, forces_n: FloatArray) -> tuple[Rows, BoolArray]:
-        """(readings, lost [B]) at samples rows [B], from forces [B, S, 3]."""
+    def read(self, rows: IntArray, forces_n: FloatArray) -> Rows:
+        """Readings at samples rows [B], from forces [B, S, 3]."""
         if self.on_forces:
             all_valid = np.ones(forces_n.shape[:2], dtype=np.bool_)
             felt = self._distort(Rows(forces_n, all_valid), rows)
             return self.sensors.read(rows, felt.values)
-        readings, lost = self.sensors.read(rows, forces_n)
-        return self._distort(readings, rows), lost
+        return self._distort(self.sensors.read(rows, forces_n), rows)
 
     def _distort(self, now: Rows, rows: IntArray) -> Rows:
         assert self._plans is not None

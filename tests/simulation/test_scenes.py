@@ -152,7 +152,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> list[SimulatedTrial]:
 
 
 @pytest.mark.parametrize(
-    "added", ["hall_noise", "quantisation", "cross_talk", "thermal_drift", "saturation"]
+    "added", ["hall_noise", "quantisation", "cross_talk", "thermal_drift"]
 )
 def test_adding_an_effect_leaves_the_draws_of_the_others_alone(tmp_path, plain, added):
     more = trials_of(make(tmp_path, COARSE + DRAWN + f"[effects.{added}]\n"))
