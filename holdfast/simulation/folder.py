@@ -18,14 +18,14 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contract import FloatArray, Json, channel_names
+from holdfast.core.contract import Json, channel_names
 from holdfast.core.errors import OutputError
 from holdfast.core.trial_file import TIME_COLUMN
 from holdfast.core.trial_layout import HAND_FILE
 from holdfast.core.writing import require_writable, whole_folder, write_whole
 from holdfast.simulation.effect import Drawn, Signal
 from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.scene import BATCH, Scene, SimulatedTrial
+from holdfast.simulation.scene import BATCH, Scene, SimulatedTrial, shifted_s
 from holdfast.simulation.stepper import Done
 from holdfast.simulation.table import Column, csv_bytes
 
@@ -211,21 +211,22 @@ def _samples(signal: Signal) -> bytes:
 
 def _motion(trials: Sequence[SimulatedTrial], starts_s: Sequence[float]) -> bytes:
     """The CSV of positions in mm: of the object in the hand, and of the hand."""
-    times_s = []
-    for simulated, start_s in zip(trials, starts_s, strict=True):
-        times_s.append(simulated.motion.t_s + start_s)
-
+    motions = [simulated.motion for simulated in trials]
     places_m = {
-        "object": np.concatenate([simulated.motion.position_m for simulated in trials]),
+        "object": np.concatenate([motion.position_m for motion in motions]),
         "hand": np.concatenate([simulated.hand_m for simulated in trials]),
     }
     header = [TIME_COLUMN]
-    columns: list[Column] = [(np.concatenate(times_s), TIME_DECIMALS)]
+    columns: list[Column] = [(shifted_s(trials, starts_s), TIME_DECIMALS)]
 
-    if all(simulated.motion.turned_rad is not None for simulated in trials):
-        turned_deg = np.degrees(np.concatenate([_turned_rad(one) for one in trials]))
+    turned_rad = []
+    for motion in motions:
+        if motion.turned_rad is not None:
+            # A step ends at each sample.
+            turned_rad.append(np.interp(motion.t_s, motion.at_s, motion.turned_rad))
+    if turned_rad:
         header.append("object_turn_deg")
-        columns.append((turned_deg, MOTION_DECIMALS))
+        columns.append((np.degrees(np.concatenate(turned_rad)), MOTION_DECIMALS))
 
     for what, place_m in places_m.items():
         place_mm = 1e3 * place_m
@@ -234,13 +235,6 @@ def _motion(trials: Sequence[SimulatedTrial], starts_s: Sequence[float]) -> byte
             columns.append((column, MOTION_DECIMALS))
 
     return csv_bytes(header, columns)
-
-
-def _turned_rad(simulated: SimulatedTrial) -> FloatArray:
-    """[T] angle of the object at the samples; a step ends at each."""
-    motion = simulated.motion
-    assert motion.turned_rad is not None
-    return np.interp(motion.t_s, motion.at_s, motion.turned_rad)
 
 
 def _truth(

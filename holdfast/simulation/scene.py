@@ -18,6 +18,7 @@ from holdfast.simulation.effect import (
     Drawn,
     Effect,
     EffectBatch,
+    Interval,
     PhysicsEffects,
     Rows,
     Signal,
@@ -40,8 +41,6 @@ from holdfast.simulation.truth import Truth, truth_of
 BATCH = 1000
 """About this many trials are stepped together: fewer waste time on calls, more on memory."""
 Reported = TypeVar("Reported", bound=Rows)
-HAND_MOTION = "motion_m"
-"""Method of an effect that moves the hand."""
 
 
 @dataclass(frozen=True)
@@ -167,10 +166,11 @@ class Scene:
             return
 
         # Effects of the physics are built once for the batch, those of the sensor trial by trial.
-        drawn, made = self._made(trials)
-        movers = [effect for effect in made if hasattr(effect, HAND_MOTION)]
-        settings = self._step_settings(made, len(trials))
+        settings = self.step_settings_of(trials)
         moved = motions(trials, settings, done)
+        # Only an effect with a path moves the hand; tremor and knock give accelerations alone.
+        shakes = settings.effects.shakes
+        movers = [shake for shake in shakes if hasattr(shake, "motion_m")]
 
         for k, (trial, motion) in enumerate(zip(trials, moved, strict=True)):
             touched = action_named(trial.action).touched
@@ -178,46 +178,28 @@ class Scene:
                 motion = touched(trial, motion, self.settings.average_s)
             hand_m = np.zeros_like(motion.position_m)
             if movers:
-                # Only an effect with a path moves it; tremor and knock give accelerations alone.
                 hand_m = movers[0].motion_m(motion.t_s, k)
             signal, sensed = self.sense(trial, motion.t_s, motion.forces_n)
-            effects = {name: values[k] for name, values in drawn.items()} | sensed
+            effects = {
+                name: self.draw(name, trial.number) for name in self.physics_effects
+            }
             truth = truth_of(trial, motion)
-            yield SimulatedTrial(trial, signal, motion, truth, effects, hand_m)
+            yield SimulatedTrial(trial, signal, motion, truth, effects | sensed, hand_m)
 
     def step_settings_of(self, trials: Sequence[PlannedTrial]) -> StepSettings:
-        """How a batch of these trials is stepped, with its effects."""
-        _, made = self._made(trials)
-        return self._step_settings(made, len(trials))
-
-    def _made(
-        self, trials: Sequence[PlannedTrial]
-    ) -> tuple[dict[str, list[Drawn]], list[Any]]:
-        """(draws by effect, effects of the physics) of a batch."""
-        drawn = {}
-        made = []
+        """How a batch of these trials is stepped: its effects, and when these need fine steps."""
+        of_kind: dict[str, tuple[Any, ...]] = {}
+        busy: list[list[Interval]] = [[] for _ in trials]
         for name, effect in self.physics_effects.items():
-            drawn[name] = [self.draw(name, trial.number) for trial in trials]
+            drawn = [self.draw(name, trial.number) for trial in trials]
             rngs = [self.rng(name, trial) for trial in trials]
-            batch = EffectBatch(drawn[name], trials, rngs)
-            made.append(effect.make(batch))
-        return drawn, made
+            made = effect.make(EffectBatch(drawn, trials, rngs))
+            of_kind[made.kind] = (*of_kind.get(made.kind, ()), made)
+            for k, intervals in enumerate(busy):
+                intervals += made.busy_s(k)
 
-    def _step_settings(self, made: list[Any], batch: int) -> StepSettings:
-        """The settings of the scene with the effects of a batch, and when these need fine steps."""
-        effects = PhysicsEffects()
-        for effect in made:
-            of_kind = (*vars(effects)[effect.kind], effect)
-            effects = replace(effects, **{effect.kind: of_kind})
-
-        busy = []
-        for k in range(batch):
-            intervals = []
-            for effect in made:
-                intervals += effect.busy_s(k)
-            busy.append(tuple(intervals))
-
-        return replace(self.settings, effects=effects, busy=tuple(busy))
+        effects = PhysicsEffects(**of_kind)
+        return replace(self.settings, effects=effects, busy=busy)
 
     def join(
         self, trials: Sequence[SimulatedTrial]
@@ -230,17 +212,13 @@ class Scene:
         if len(trials) == 1:
             return trials[0].signal, [0.0], {}
 
-        start_s = 0.0
-        starts_s = []
-        times_s = []
-
+        starts_s = [0.0]
         for simulated in trials:
-            starts_s.append(start_s)
-            times_s.append(simulated.motion.t_s + start_s)
             last_s = float(simulated.motion.t_s[-1])
-            start_s = start_s + last_s + 1.0 / self.file.rate_hz
+            starts_s.append(starts_s[-1] + last_s + 1.0 / self.file.rate_hz)
+        starts_s.pop()
 
-        t_s = np.concatenate(times_s)
+        t_s = shifted_s(trials, starts_s)
         forces_n = np.concatenate([simulated.motion.forces_n for simulated in trials])
         signal, drawn = self.sense(trials[0].trial, t_s, forces_n)
         return signal, starts_s, drawn
@@ -285,6 +263,14 @@ class Scene:
     def _steps(self, trial: PlannedTrial) -> int:
         """Number of steps of a trial, without those that effects ask for."""
         return len(grid_of(trial, self.file.rate_hz, self.file.step_s).at_s)
+
+
+def shifted_s(
+    trials: Sequence[SimulatedTrial], starts_s: Sequence[float]
+) -> FloatArray:
+    """[T] times of the samples of trials end to end, from the start of each in s."""
+    pairs = zip(trials, starts_s, strict=True)
+    return np.concatenate([one.motion.t_s + start_s for one, start_s in pairs])
 
 
 def apportion(total: int, counts: Sequence[int]) -> list[int]:

@@ -59,7 +59,7 @@ class StepSettings:
     pressure: FloatArray = field(default_factory=lambda: ONE_ELEMENT)
     effects: PhysicsEffects = NO_EFFECTS
     average_s: float = 0.0
-    busy: tuple[tuple[Interval, ...], ...] = ()
+    busy: Sequence[Sequence[Interval]] = ()
 
 
 @dataclass(frozen=True)
