@@ -67,7 +67,6 @@ class LoopScript(Script):
         first_pull_s = self.act_s + self.drawn("wait_s")
         self.gives_up_s = first_pull_s + patience_s
         self.lets_go_s = habits.lets_go_s
-        self.grip_n = np.array([trial.grip_n for trial in trials])
         self.mistake_s = habits.mistake_s
 
     def shut(self, t_s: FloatArray) -> FloatArray:
@@ -107,9 +106,7 @@ class LoopScript(Script):
         place_n: FloatArray = np.stack(shares) * self.grip_n
         # A closed hand is at its grip exactly, whatever the rounding.
         still = (self.shut(t_s) == 1.0) & (self.pulse(t_s) == 0.0)
-        wearers = self.wearers_share(t_s)
-        if wearers is not None:
-            still &= wearers == 1.0
+        still &= self.wearers_share(t_s) == 1.0
         return np.where(still, self.grip_n, place_n)
 
     def driven(

@@ -109,6 +109,7 @@ class Script:
     close_s, give_s, act_s, open_s     [B] times of the events
     holds, falls, sets_down, passes    [B] which trials have which action
     takes       [B] which have a person who moves the object, gently or not
+    grip_n      [B] the wearer's grip of either side
     closed_m    [S, B] how far past contact a finger closes for its share of the grip
     stays_open  [S, B] fingers that do not touch
     surface_m   [S, B] how far a curved surface lies behind its apex; 0: fingers do not feel it
@@ -126,12 +127,10 @@ class Script:
     ) -> None:
         self.trials = trials
         self.body = body
-        times = [Times.of(trial) for trial in trials]
         # [B] when each person or hand acts
-        self.close_s = np.array([at.close for at in times])
-        self.give_s = np.array([at.give for at in times])
-        self.act_s = np.array([at.act for at in times])
-        self.open_s = np.array([at.open for at in times])
+        times = [Times.of(trial) for trial in trials]
+        events_s = np.array([[at.close, at.give, at.act, at.open] for at in times])
+        self.close_s, self.give_s, self.act_s, self.open_s = events_s.T.copy()
         # [B] which trials have which action
         actions = np.array([trial.action for trial in trials])
         self.holds = actions == "hold"
@@ -139,17 +138,14 @@ class Script:
         self.sets_down = actions == "put-down"
         self.passes = actions == "pass"
         self.takes = self.passes | (actions == "pull")
-        self.boxed = boxed or bool(self.sets_down.any())
-        if "touch-table" in actions:
-            self.boxed = True
+        self.boxed = boxed or bool(np.isin(actions, ("put-down", "touch-table")).any())
 
         # A finger that bears nothing stays open.
         shares = np.stack([trial.share for trial in trials], axis=1)
         self.stays_open = shares == 0.0
-        # Every contact bears its share of the grip of its side.
-        grips_n = np.stack([trial.grip_n * trial.share for trial in trials], axis=1)
-        # How far past contact a finger must close for that share.
-        self.closed_m = grips_n / body.stiffness_n_per_m
+        self.grip_n = np.array([trial.grip_n for trial in trials])
+        # How far past contact a finger must close for its share of the grip of its side.
+        self.closed_m = self.grip_n * shares / body.stiffness_n_per_m
         # Where the grip is set by friction, fingers close onto the surface under them.
         fitted = np.array(["used" in trial.drawn for trial in trials])
         middle = offset_m(body, np.zeros((2, len(trials))))
@@ -180,12 +176,7 @@ class Script:
 
         closures_m: [S, B] at each, how far the fingers are closed; None: as the wearer closes them.
         """
-        people = [self._giver(t_s)]
-        if self.takes.any():
-            people.append(self._taker(t_s))
-        if self.holds.any():
-            people.append(self._disturber(t_s))
-
+        people = [self._giver(t_s), self._taker(t_s), self._disturber(t_s)]
         box = self._box(t_s) if self.boxed else None
         changes = None
         if self.more is not None:
@@ -211,14 +202,27 @@ class Script:
         return inputs
 
     def wearers_closures(self, t_s: FloatArray) -> list[FloatArray]:
-        """[S, B] at each of n times: how far the wearer closes the fingers, m."""
+        """[S, B] at each of n times: how far the wearer closes the fingers, m.
+
+        Beyond the object's surface; an open hand: -OPEN_GAP_M.
+        """
         shut = self.shut(t_s)
         pulse = self.pulse(t_s)
-        share = self.wearers_share(t_s)
+        # dFn: the whole grip changes
+        changed = 1.0 + self.drawn("grip_change") * pulse
+        grip = changed * self.wearers_share(t_s)
+        # dq: only the fingers are driven, the thumb stands still
+        # times shut, so that a disturbance of the motor fades as the hand opens
+        motor_m = 1e-3 * self.drawn("motor_mm") * pulse * shut
+
         closures = []
         for k in range(len(t_s)):
-            of_grip = 1.0 if share is None else share[k]
-            closures.append(self.own_closure(shut[k], pulse[k], of_grip))
+            # The way from the open hand to the depth at which the springs give the grip.
+            travel_m = OPEN_GAP_M + self.closed_m * grip[k] + self.surface_m
+            closure = shut[k] * travel_m - OPEN_GAP_M
+            closure[self.body.thumb :] += motor_m[k]
+            np.copyto(closure, -OPEN_GAP_M, where=self.stays_open)
+            closures.append(closure)
         return closures
 
     def shut(self, t_s: FloatArray) -> FloatArray:
@@ -229,9 +233,6 @@ class Script:
 
     def pulse(self, t_s: FloatArray) -> FloatArray:
         """[n, B] strength of the disturbance of a perturbed hold, 0 .. 1."""
-        if not self.holds.any():
-            return np.zeros_like(t_s)
-
         since = t_s - self.act_s
         every = self.drawn("every_s", 1.0)
 
@@ -249,31 +250,12 @@ class Script:
         # sin^2 begins and ends without a jump in speed
         return np.where(disturbed, within * within, 0.0)
 
-    def own_closure(
-        self, shut: FloatArray, pulse: FloatArray, share: FloatArray | float = 1.0
-    ) -> FloatArray:
-        """[S, B] how far the wearer closes each finger beyond the object's surface.
-
-        shut, pulse [B] at one step; share: of the grip with which the wearer closed the hand. An
-        open hand: -OPEN_GAP_M.
-        """
-        # dFn: the whole grip changes
-        grip = (1.0 + self.drawn("grip_change") * pulse) * share
-
-        # The way from the open hand to the depth at which the springs give the grip.
-        travel_m = OPEN_GAP_M + self.closed_m * grip + self.surface_m
-        closure = shut * travel_m - OPEN_GAP_M
-
-        # dq: only the fingers are driven, the thumb stands still
-        # times shut, so that a disturbance of the motor fades as the hand opens
-        motor_m = 1e-3 * self.drawn("motor_mm") * pulse * shut
-        closure[self.body.thumb :] += motor_m
-        np.copyto(closure, -OPEN_GAP_M, where=self.stays_open)
-        return closure
-
-    def wearers_share(self, t_s: FloatArray) -> FloatArray | None:
-        """[n, B] the wearer's grip over the one with which the hand was closed; None: all of it."""
-        return None if self.more is None else self.more.grip_share(t_s)
+    def wearers_share(self, t_s: FloatArray) -> FloatArray:
+        """[n, B] the wearer's grip over the one with which the hand was closed."""
+        if self.more is None:
+            return np.ones_like(t_s)
+        share: FloatArray = self.more.grip_share(t_s)
+        return share
 
     def still_there(self, t_s: FloatArray) -> FloatArray | float:
         """[n, B] 1 while the person who takes is there; in a closed loop people give up."""
@@ -287,11 +269,10 @@ class Script:
         gone = (t_s - self.give_s) / lasts
         there = 1.0 - smooth(gone)
 
-        if self.holds.any():
-            # The person of a disturbed hold comes back before the hand opens.
-            returned = (t_s - self.open_s + CATCH_S) / (0.5 * CATCH_S)
-            back = smooth(returned)
-            there = np.where(self.holds, np.maximum(there, back), there)
+        # The person of a disturbed hold comes back before the hand opens.
+        returned = (t_s - self.open_s + CATCH_S) / (0.5 * CATCH_S)
+        back = smooth(returned)
+        there = np.where(self.holds, np.maximum(there, back), there)
 
         # Below critical damping, 2 sqrt(k m), as a human arm.
         critical = np.sqrt(ARM_N_PER_M * self.body.mass_kg)
@@ -333,14 +314,14 @@ class Script:
         taking = (t_s - self.act_s) / self.drawn("take_s", 1.0)
         taken = smooth(taking)
         weight = np.where(self.passes, taken, 0.0)
-        there = self.still_there(t_s)
+        there = np.where(grasped, self.still_there(t_s), 0.0)
 
         # The cap does not fade with the person: without a spring it limits nothing.
         return Pull(
-            stiffness_n_per_m=np.where(grasped, stiffness * there, 0.0),
-            damping_n_s_per_m=np.where(grasped, damping * there, 0.0),
+            stiffness_n_per_m=stiffness * there,
+            damping_n_s_per_m=damping * there,
             cap_n=np.broadcast_to(self.drawn("cap_n", 1.0), t_s.shape),
-            weight_share=np.where(grasped, weight * there, 0.0),
+            weight_share=weight * there,
             target_m=travel[:, None] * self.push,
             target_m_s=speed[:, None] * self.push,
         )
@@ -349,8 +330,7 @@ class Script:
         """A force along the object, as a share of its weight, subtracted or added."""
         # A pull downwards is a negative share of the weight borne.
         load_share = -self.drawn("load_n") / self.weight_n
-        load = np.where(self.holds, load_share, 0.0)
-        return bearer(load * self.pulse(t_s), np.zeros_like(t_s))
+        return bearer(load_share * self.pulse(t_s), np.zeros_like(t_s))
 
     def _box(self, t_s: FloatArray) -> Floor:
         """The box that comes from below and takes the weight."""
