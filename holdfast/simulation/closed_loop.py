@@ -13,7 +13,7 @@ A grip controller decides (managed), or what a study puts in its place.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, Protocol
 
@@ -211,13 +211,12 @@ class ClosedLoop:
         rows = np.minimum(self.spans.begins + period, self.spans.counts - 1)
         readings = self.sensors.read(rows, self.world.forces_n)
         values = readings.values.reshape(len(self.trials), -1)
-        sense = self.models.answer(values, readings.valid)
 
         # Only the wearer, and a baseline of a study, use the truth.
         now = LoopTruth(rows / self.rate_hz, self.actuator.grip_n)
         opening = self.wearer.opening(now.t_s)
         overridden = self._overridden(now)
-        sense = replace(sense, opening=opening, overridden=overridden)
+        sense = self.models.answer(values, readings.valid, opening, overridden)
         self._p_risky = np.where(sense.known, sense.p_risky, 0.0)
         # A queue: what is decided now acts delay_samples later.
         self._late.append(self.controller.step(sense, now))

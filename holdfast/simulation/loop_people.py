@@ -98,12 +98,9 @@ class LoopScript(Script):
         than the wearer would. closures_m: the wearer's.
         """
         closed_m = np.where(self.stays_open, 1.0, self.closed_m)
-        shares = []
-        for own_m in closures_m:
-            deep_m = (own_m - self.surface_m) / closed_m
-            least = np.where(self.stays_open, np.inf, deep_m).min(axis=0)
-            shares.append(least)
-        place_n: FloatArray = np.stack(shares) * self.grip_n
+        deep = (np.stack(closures_m) - self.surface_m) / closed_m
+        least = np.where(self.stays_open, np.inf, deep).min(axis=1)
+        place_n: FloatArray = least * self.grip_n
         # A closed hand is at its grip exactly, whatever the rounding.
         still = (self.shut(t_s) == 1.0) & (self.pulse(t_s) == 0.0)
         still &= self.wearers_share(t_s) == 1.0

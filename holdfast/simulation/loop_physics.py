@@ -89,30 +89,19 @@ def spans_of(
     A pull or a fall goes on until its outcome is known, be it after the end of the trial.
     """
     rate_hz = scene.file.rate_hz
-    moves = []
-    ends = []
-    counts = []
-
+    spans = []
     for trial in trials:
         grid = grid_of(trial, rate_hz, scene.file.step_s)
-        whole = int(grid.sample[-1])
-        end_s = loop_end_s(trial, habits)
-        end = int(np.ceil(end_s * rate_hz))
-
+        end = int(np.ceil(loop_end_s(trial, habits) * rate_hz))
         # Nothing is decided after the hand has opened.
         if trial.action not in RISKY_ACTIONS:
-            end = min(end, whole)
+            end = min(end, int(grid.sample[-1]))
 
+        moves = round(grid.start_s * rate_hz)
         # A loop that outlasts its trial needs sensor draws for the samples after it, too.
         count = max(grid.n_samples, end + 1)
-
-        moves.append(round(grid.start_s * rate_hz))
-        ends.append(end)
-        counts.append(count)
-
-    first_moves = np.array(moves)
-    begins = np.maximum(first_moves - before, 0)
-    return Spans(begins, first_moves, np.array(ends), np.array(counts))
+        spans.append([max(moves - before, 0), moves, end, count])
+    return Spans(*np.array(spans).T)
 
 
 class HandsAndObjects:

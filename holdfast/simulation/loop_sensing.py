@@ -10,7 +10,7 @@ The very model file answers B hands at once, as on the hand: bias, graph, decisi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -73,47 +73,32 @@ def _stacked(arrays: Sequence[Any]) -> Any:
 
 
 class LoopSensors:
-    """The sensors of B trials, read a sample at a time.
-
-    counts   [B] samples of each trial
-    latency  samples by which a reading is late: 1 with timing jitter, else 0
-    """
+    """The sensors of B trials, read a sample at a time; counts [B]: samples of each trial."""
 
     def __init__(
         self, scene: Scene, trials: Sequence[PlannedTrial], counts: IntArray
     ) -> None:
         self.scene = scene
         self.effects = scene.sensor_effects
-        self.latency = int("timing_jitter" in self.effects)
-        self._plans: dict[str, PlanBatch] = {}
-        times_s = [np.arange(n) / scene.file.rate_hz for n in counts]
-        for name in self.effects:
-            self._prepare(name, trials, times_s)
+        plans: dict[str, list[Plan]] = {name: [] for name in self.effects}
+        for trial, count in zip(trials, counts.tolist(), strict=True):
+            t_s = np.arange(count) / scene.file.rate_hz
+            for name, effect in self.effects.items():
+                drawn = scene.draw(name, trial.number)
+                rng = scene.rng(name, trial)
+                plan = effect.planned(drawn, rng, t_s, trial.hand.n_sensors)
+                plans[name].append(plan)
+                # Later effects see the times at which samples are really taken.
+                t_s = t_s + plan.get("late_s", 0.0)
 
+        self._plans = {name: PlanBatch(of_trials) for name, of_trials in plans.items()}
         self._before: dict[str, Rows] = {}
         self._readings: list[Rows] = []
-
-    def _prepare(
-        self, name: str, trials: Sequence[PlannedTrial], times_s: list[FloatArray]
-    ) -> None:
-        """Draw an effect's plans; times_s are those of the samples before it, then after it."""
-        effect = self.effects[name]
-        plans: list[Plan] = []
-        for k, trial in enumerate(trials):
-            drawn = self.scene.draw(name, trial.number)
-            rng = self.scene.rng(name, trial)
-            sensors = trial.hand.n_sensors
-            plans.append(effect.planned(drawn, rng, times_s[k], sensors))
-            if "late_s" in plans[k]:
-                # Later effects see the times at which samples are really taken.
-                times_s[k] = times_s[k] + plans[k]["late_s"]
-
-        self._plans[name] = PlanBatch(plans)
 
     def read(self, rows: IntArray, forces_n: FloatArray) -> Rows:
         """Readings at samples rows [B], from forces [B, S, 3], in the scene's unit.
 
-        With a latency these are the readings of the sample before.
+        With timing jitter these are the readings of the sample before.
         """
         forces_n = sensed_of(self.scene.file.hand, forces_n)
         all_valid = np.ones(forces_n.shape[:2], dtype=np.bool_)
@@ -141,11 +126,9 @@ class LoopSensors:
 
         Between two readings the value changes evenly, as numpy.interp has it.
         """
-        # The readings of the two samples before, and of this one; fewer at the start.
-        self._readings = [*self._readings[-2:], now]
-        known = len(self._readings)
-        first = self._readings[0]
-        middle = self._readings[-min(2, known)]
+        # The readings of two samples before and of this one; the first has itself before it.
+        self._readings = [*(self._readings or [now, now])[-2:], now]
+        first, middle, _ = self._readings
 
         # The first sample has none before it, so it comes twice.
         rows = np.maximum(rows - 1, 0)
@@ -185,8 +168,17 @@ class HandModels:
         self._tares = [Tare(card.preparation, card.n_channels) for _ in range(hands)]
         self._learned: tuple[FloatArray, FloatArray] | None = None
 
-    def answer(self, values: FloatArray, valid: BoolArray) -> GripSense:
-        """One sample of every hand: values [B, C] in the model's unit, valid [B, S]."""
+    def answer(
+        self,
+        values: FloatArray,
+        valid: BoolArray,
+        opening: BoolArray,
+        overridden: BoolArray,
+    ) -> GripSense:
+        """What controllers get of one sample of every hand, forces summed over the sensors.
+
+        values [B, C] in the model's unit, valid [B, S]; opening, overridden [B]: by the wearers.
+        """
         if self._learned is not None:
             sign, bias = self._learned
             values = values * sign - bias
@@ -196,22 +188,16 @@ class HandModels:
         # The graph reads its inputs from the arrays that it was opened with.
         self._stepper.sample[:] = values
         self._stepper.valid[:] = valid
-        return self._sense(values, valid, self._stepper.step())
+        answers = self._stepper.step()
+        p_situation = answers["p_situation"]
+        known = ~answers["unknown"]
 
-    def _sense(
-        self, values: FloatArray, valid: BoolArray, answers: Mapping[str, Any]
-    ) -> GripSense:
-        """What a controller gets: forces summed over the sensors, and the model's answers."""
         by_sensor = values.reshape(len(values), -1, 3)
         forces = np.where(valid[..., None], by_sensor, 0.0)
 
         # A sensor can read below zero by its noise, but a finger cannot pull.
         normal_n = np.maximum(forces[..., 2], 0.0)
         shear_n = np.sqrt(forces[..., 0] ** 2 + forces[..., 1] ** 2)
-
-        nothing = np.zeros(len(values), dtype=np.bool_)
-        p_situation = answers["p_situation"]
-        known = ~answers["unknown"]
 
         # Thumb and fingers press with equal force, so half of the sum is the grip of a side.
         return GripSense(
@@ -221,8 +207,8 @@ class HandModels:
             p_safe=p_situation[:, SAFE_SLIP].astype(np.float64),
             known=known,
             empty=known & (answers["situation"] == NOTHING),
-            opening=nothing,
-            overridden=nothing,
+            opening=opening,
+            overridden=overridden,
         )
 
     def _tared(
