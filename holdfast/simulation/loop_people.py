@@ -141,8 +141,8 @@ class Wearer:
         self.signal_s = np.where(missed, NEVER_S, opens_s - before_s)
 
         # Only in a hand-over does the wearer want the hand to let go.
-        gives = [trial.action in ("pass", "put-down") for trial in trials]
-        self.hands_over = np.array(gives)
+        actions = [trial.action for trial in trials]
+        self.hands_over = np.isin(actions, ("pass", "put-down"))
         self.act_s = np.array([at.act for at in times])
 
         self.friction = np.array([trial.kinetic_friction for trial in trials])
@@ -243,7 +243,7 @@ class LoopOutcome:
     @property
     def dropped(self) -> bool:
         """Contact is lost before the wearer opens the hand."""
-        return self.lost_s < min(self.opens_s, HELD_AT_END_S)
+        return self.lost_s < self.opens_s
 
     @property
     def crushed(self) -> bool:
@@ -260,27 +260,20 @@ def outcome_of(trial: PlannedTrial, motion: TrialMotion, **known: Any) -> LoopOu
     """Read the outcome of a trial off its motion; known: what the loop knows of it."""
     steps = Steps(trial, motion)
     onset = steps.slip_onset()
-    last = steps.lost - 1
 
     # Without a load onset there is no slip since then. Contact may end before the load comes, or
     # never begin: then the slip is zero.
-    held_last = max(last, 0)
-    start = held_last if onset is None else min(onset, held_last)
-    slip_m = motion.slip_m[held_last] - motion.slip_m[start]
+    last = max(steps.lost - 1, 0)
+    start = last if onset is None else min(onset, last)
+    slip_m = motion.slip_m[last] - motion.slip_m[start]
 
+    acts = steps.at(steps.times.act)
+    change_n = steps.change_n(acts)[acts : steps.lost]
     return LoopOutcome(
         **known,
         trial=trial,
         lost_s=steps.time(steps.lost) or HELD_AT_END_S,
         onset_s=steps.time(onset) or HELD_AT_END_S,
         slip_mm=1e3 * float(slip_m),
-        peak_n=_peak_n(steps),
+        peak_n=float(change_n.max(initial=0.0)),
     )
-
-
-def _peak_n(steps: Steps) -> float:
-    """Largest change of the force of people and box while there is contact."""
-    first = steps.at(steps.times.act)
-    if first >= steps.lost:
-        return 0.0
-    return float(steps.change_n(first)[first : steps.lost].max())
