@@ -36,13 +36,11 @@ Interval = tuple[float, float]
 Plan = dict[str, Any]
 """Arrays by name; the first axis has a row for each sample, or one row for all samples."""
 
-DISTRIBUTIONS = {
-    "uniform": "[low, high], low before high",
-    "normal": "[mean, standard deviation], which is not negative",
-    "log_uniform": "[low, high], above zero, low before high",
-    "choice": "[values]",
-}
-"""Kinds of distributions that a scene file may name, and what they are given by."""
+DISTRIBUTIONS = (
+    "{ uniform = [low, high] } or { log_uniform = [low, high] }, low before high, "
+    "{ normal = [mean, standard deviation] } or { choice = [values] }"
+)
+"""Distributions that a scene file may name."""
 EFFECT_MODULES = {
     "brush": "contacts",
     "texture": "contacts",
@@ -98,13 +96,13 @@ class Parameter:
         return f"{what} from {self.low:g} to {self.high:g}{unit}"
 
     def problem(self, value: Any) -> str | None:
-        """What is wrong with a scene file's value, or None."""
+        """What a scene file's value should be instead, or None."""
         if self.many:
             fits = isinstance(value, list) and all(map(self._inside, value))
             return None if fits else self.allowed()
-        if isinstance(value, dict):
-            return self._problem_of_distribution(value)
-        return None if self._inside(value) else f"{self.allowed()}, or a distribution"
+        if self._inside(value) or self._can_give(value):
+            return None
+        return f"{self.allowed()}, or a distribution of them: {DISTRIBUTIONS}"
 
     def draw(self, value: Any, rng: np.random.Generator) -> Any:
         """One draw of a value that has no problem; a constant uses no random number."""
@@ -122,25 +120,23 @@ class Parameter:
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
         return number and self.low <= value <= self.high
 
-    def _problem_of_distribution(self, value: dict[str, Any]) -> str | None:
-        """What is wrong with a distribution, or None."""
-        kind, numbers = next(iter(value.items()), ("", None))
-        if len(value) != 1 or kind not in DISTRIBUTIONS:
-            return f"{self.allowed()}, or one of {{ {', '.join(DISTRIBUTIONS)} }}"
-
-        expected = f"{kind} = {DISTRIBUTIONS[kind]}"
-        listed = isinstance(numbers, list) and len(numbers) > 0
-        if not listed or (kind != "choice" and len(numbers) != 2):
-            return expected
-        # A standard deviation is no value.
-        inside = numbers[:1] if kind == "normal" else numbers
-        if not all(map(self._inside, inside)):
-            return f"{expected}, each value {self.allowed()}"
+    def _can_give(self, value: Any) -> bool:
+        """Whether a value is a distribution, and all that it is given by is within the range."""
+        if not isinstance(value, dict) or len(value) != 1:
+            return False
+        ((kind, numbers),) = value.items()
+        if not isinstance(numbers, list) or not numbers:
+            return False
         if kind == "choice":
-            return None
-        first, second = numbers
-        low = {"normal": 0, "log_uniform": max(first, math.ulp(0.0))}.get(kind, first)
-        return None if low <= second else expected
+            return all(map(self._inside, numbers))
+        if len(numbers) != 2 or not self._inside(numbers[0]):
+            return False
+        # A normal draw that lies outside of the range is moved to its end.
+        if kind == "normal":
+            return bool(numbers[1] >= 0)
+        low, high = numbers
+        known = kind == "uniform" or (kind == "log_uniform" and low > 0)
+        return known and self._inside(high) and bool(low <= high)
 
 
 SENSORS = Parameter([], "", 1, 12, "which sensors", many=True)
@@ -217,7 +213,7 @@ class Effect:
                     of a physics effect: EffectBatch -> PhysicsEffect;
                     of one that `sets` a field of stepper.StepSettings: its constant -> that field
     parameters      in the order in which they are drawn
-    plan            of a sensor effect: draws everything random before the first sample
+    plan            of a sensor effect: PlanRequest -> plan, everything random; else None
     whole           of a law that also takes what it returned for the row before (itself at the
                     first): the same law of a whole trial; None: no row depends on another
     needs           effects that the scene must name too
@@ -231,7 +227,7 @@ class Effect:
 
     make: Callable[..., Any]
     parameters: dict[str, Parameter]
-    plan: Callable[[PlanRequest], Plan] | None = None
+    plan: Any = None
     whole: Callable[[Rows, Plan], Rows] | None = None
     needs: tuple[str, ...] = ()
     constant: str = ""
@@ -253,16 +249,10 @@ class Effect:
         """
         return draw_all(self.parameters, values, rng)
 
-    def planned(
-        self, drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int
-    ) -> Plan:
-        """What a sensor effect draws for samples at t_s [T] of so many sensors."""
-        assert self.plan is not None
-        return self.plan(PlanRequest(drawn, rng, t_s, sensors))
-
     def sense(self, signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
         """The signal of a whole trial after this effect, in the unit that it gives."""
-        plan = self.planned(drawn, rng, signal.t_s, signal.values.shape[1])
+        sensors = signal.values.shape[1]
+        plan = self.plan(PlanRequest(drawn, rng, signal.t_s, sensors))
         made: Any = (self.whole or self.make)(signal, plan)
         sensed: Signal = replace(made, unit=self.gives_unit or made.unit)
         return sensed

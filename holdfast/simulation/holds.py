@@ -56,8 +56,8 @@ from holdfast.core.contract import FloatArray
 from holdfast.core.errors import HoldfastError
 from holdfast.core.trial_layout import is_heavy
 from holdfast.simulation.actions import action_named
-from holdfast.simulation.effect import Parameter, draw_all
-from holdfast.simulation.objects import OBJECT_KEYS
+from holdfast.simulation.effect import draw_all
+from holdfast.simulation.objects import HELD, HOLD
 from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial, least_grip_n
 
 LEAST_N = 0.5
@@ -69,34 +69,6 @@ BOTH_CLOSED = 1.2
 thumb, so they give up two thirds of a load towards it and keep the rest of their grip."""
 MOST_DRAWS = 10_000
 """After so many draws the ranges of the file allow no hold."""
-
-HELD = {
-    "mass_g": OBJECT_KEYS["mass_g"],
-    "friction": OBJECT_KEYS["friction"],
-    "kinetic_share": OBJECT_KEYS["kinetic_share"],
-}
-"""Numbers of the object that a row may draw for every trial."""
-HOLD = {
-    **HELD,
-    "used": Parameter(0.4, "", 0.01, 1.0, "friction used by the hold's largest load"),
-    "fingers_down": Parameter(
-        0.0,
-        "",
-        -1,
-        1,
-        "share of gravity along the thumb's axis, 1: the fingers lie below",
-    ),
-    "turn_deg": Parameter(
-        0.0, "deg", -360, 360, "hand turned about the thumb's axis, 0: held upright"
-    ),
-    "push_along_thumb": Parameter(
-        0.0, "", -1, 1, "share of the taking along the thumb's axis"
-    ),
-    "push_turn_deg": Parameter(
-        0.0, "deg", -360, 360, "direction of taking, 0: away from the palm, 90: up"
-    ),
-}
-"""Further parameters of every action, drawn only where a row names them."""
 
 
 @dataclass

@@ -27,7 +27,7 @@ from holdfast.core.contract import (
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.simulation.effect import Plan, Rows
+from holdfast.simulation.effect import Plan, PlanRequest, Rows
 from holdfast.simulation.objects import sensed_of
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
@@ -86,7 +86,8 @@ class LoopSensors:
             for name, effect in self.effects.items():
                 drawn = scene.draw(name, trial.number)
                 rng = scene.rng(name, trial)
-                plan = effect.planned(drawn, rng, t_s, trial.hand.n_sensors)
+                request = PlanRequest(drawn, rng, t_s, trial.hand.n_sensors)
+                plan = effect.plan(request)
                 plans[name].append(plan)
                 # Later effects see the times at which samples are really taken.
                 t_s = t_s + plan.get("late_s", 0.0)

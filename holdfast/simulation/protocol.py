@@ -15,17 +15,6 @@ from holdfast.simulation.objects import HeldObject, load_factors, touch_paramete
 
 GRAVITY_M_S2 = 9.81
 """Acceleration of gravity."""
-HOLD_KEYS = (
-    "mass_g",
-    "friction",
-    "kinetic_share",
-    "used",
-    "fingers_down",
-    "turn_deg",
-    "push_along_thumb",
-    "push_turn_deg",
-)
-"""Further keys of [[trials]] of any action (holds.py): drawn only where a row names them."""
 
 
 @dataclass(frozen=True)

@@ -26,9 +26,8 @@ from holdfast.simulation.effect import (
     step_settings,
     stream,
 )
-from holdfast.simulation.objects import NO_OBJECT, sensed_of
+from holdfast.simulation.objects import HOLD, NO_OBJECT, sensed_of
 from holdfast.simulation.protocol import (
-    HOLD_KEYS,
     PlannedTrial,
     TrialsRow,
     draw_trial,
@@ -116,8 +115,7 @@ class Scene:
         if name or row.action == "nothing":
             held = objects[name or next(iter(objects))]
         trial = draw_trial(number, held, row, self.seed, self.file.hand)
-        named = any(name in row.values for name in HOLD_KEYS)
-        if not named or not trial.holds_object:
+        if HOLD.keys().isdisjoint(row.values) or not trial.holds_object:
             return trial
 
         # Loaded only for a row that names one of its keys, with a random stream of its own.

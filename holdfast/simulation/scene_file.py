@@ -54,6 +54,7 @@ from holdfast.simulation.effect import (
     step_settings,
 )
 from holdfast.simulation.objects import (
+    HOLD,
     OBJECT_KEYS,
     OBJECTS,
     TOUCH,
@@ -61,7 +62,7 @@ from holdfast.simulation.objects import (
     hand_of_counts,
     held_object,
 )
-from holdfast.simulation.protocol import HOLD_KEYS, TrialsRow, least_grip_n
+from holdfast.simulation.protocol import TrialsRow, least_grip_n
 
 MAX_GRIP_N = 70.0
 """Greatest opposition grip of the Michelangelo hand, N a side (thesis, 5.1.1)."""
@@ -267,12 +268,7 @@ def _row(
         _require_holdable(f"{key}.objects", name, action, objects)
 
     given = {name: value for name, value in row.items() if name not in ROW_KEYS}
-    table = parameters_of(action) | TOUCH
-    if any(name in given for name in HOLD_KEYS):
-        from holdfast.simulation.holds import HOLD
-
-        table = table | HOLD
-    _require_possible(key, given, table)
+    _require_possible(key, given, parameters_of(action) | TOUCH | HOLD)
 
     # The file's values take precedence over those of the style.
     of_style = styles[style]
