@@ -16,7 +16,7 @@ from holdfast.simulation.effect import (
     Parameter,
     PhysicsEffect,
 )
-from holdfast.simulation.script_times import smooth
+from holdfast.simulation.script_times import smooth, smooth_change
 
 FOREVER_S = 1e9
 """Longer than any trial."""
@@ -80,7 +80,7 @@ class Arm(PhysicsEffect):
         """[3, B] of the hand."""
         _, u, direction = self._reach(t_s, slice(None))
         # The second derivative of the path by u, then by time.
-        by_u = direction * u * (60.0 - u * (180.0 - 120.0 * u))
+        by_u = direction * smooth_change(u)
         by_time = by_u / (self.lasts_s * self.lasts_s)
         return self.along * by_time
 

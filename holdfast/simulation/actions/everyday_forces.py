@@ -21,6 +21,7 @@ from holdfast.simulation.script_times import (
     BOX_GAP_M,
     CATCH_S,
     smooth,
+    smooth_change,
 )
 
 if TYPE_CHECKING:
@@ -186,9 +187,8 @@ class Everyday:
         # Lifting: the second derivative of the minimum-jerk path (Flash & Hogan, 1985), from the
         # time on at which the table bears nothing any more.
         u = self._done(t_s, "raise_s", self.drawn("give_s"))
-        by_u = u * (60.0 - u * (180.0 - 120.0 * u))
         raise_s = self.drawn("raise_s", 1.0)
-        up = self.drawn("height_m") * by_u / (raise_s * raise_s)
+        up = self.drawn("height_m") * smooth_change(u) / (raise_s * raise_s)
 
         # Walking begins and ends gently.
         walk_s = self.drawn("walk_s")
@@ -231,9 +231,7 @@ class Everyday:
 def _across(down: FloatArray, angle: FloatArray) -> FloatArray:
     """[3, B] unit vectors across `down` [3, B], at an angle [B] in the plane across it."""
     # Any vector that is not nearly along it will do to begin with.
-    other = np.where(
-        np.abs(down[0]) < 0.9, np.array([[1.0], [0], [0]]), np.array([[0], [1.0], [0]])
-    )
+    other = np.eye(3)[:, np.where(np.abs(down[0]) < 0.9, 0, 1)]
 
     # Two unit vectors across gravity and across each other.
     first = np.cross(down, other, axis=0)
