@@ -25,7 +25,7 @@ import msgspec
 import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.protocol import PlannedTrial, each
 from holdfast.simulation.script import body_of
 
 Opening = Literal["wearer", "larger"]
@@ -84,7 +84,7 @@ class Actuator:
         self.drive = drive
         self.opening = opening
         # The grip with which the wearer closes the hand.
-        self.own_n = np.array([trial.grip_n for trial in trials])
+        self.own_n = each(trials, "grip_n")
         per_m = stiffness_n_per_m(trials)
 
         # Opening speed times stiffness, N/s: the grip that the fastest closing adds in a second.

@@ -19,7 +19,7 @@ from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.simulation.actions import NEVER_S
 from holdfast.simulation.body import Body
 from holdfast.simulation.effect import stream
-from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.protocol import PlannedTrial, each
 from holdfast.simulation.script import Script
 from holdfast.simulation.script_times import Times, smooth
 from holdfast.simulation.stepper import TrialMotion
@@ -135,17 +135,16 @@ class Wearer:
         rngs = [stream(seed, trial.number, "muscle signal") for trial in trials]
         before_s = np.array([rng.uniform(*habits.signal_s) for rng in rngs])
         missed = np.array([rng.uniform() < habits.missed_share for rng in rngs])
-        opens_s = np.array([at.open for at in times])
+        opens_s = each(times, "open")
 
         # The signal comes before the hand moves; a missed one never comes.
         self.signal_s = np.where(missed, NEVER_S, opens_s - before_s)
 
         # Only in a hand-over does the wearer want the hand to let go.
-        actions = [trial.action for trial in trials]
-        self.hands_over = np.isin(actions, ("pass", "put-down"))
-        self.act_s = np.array([at.act for at in times])
+        self.hands_over = np.isin(each(trials, "action"), ("pass", "put-down"))
+        self.act_s = each(times, "act")
 
-        self.friction = np.array([trial.kinetic_friction for trial in trials])
+        self.friction = each(trials, "kinetic_friction")
         self.resisted_s = np.zeros(len(trials))
         self.overrode_s = np.full(len(trials), np.inf)
 

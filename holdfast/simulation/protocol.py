@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -79,6 +79,11 @@ class PlannedTrial:
         """Of the object in this trial, while it slides."""
         held = self.object
         return held.friction * self.drawn["friction_factor"] * held.kinetic_share
+
+
+def each(things: Sequence[Any], name: str) -> Any:
+    """[B] an attribute of every trial or object of a batch."""
+    return np.array([getattr(thing, name) for thing in things])
 
 
 def draw_trial(

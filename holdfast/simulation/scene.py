@@ -119,16 +119,16 @@ class Scene:
             return trial
 
         # Loaded only for a row that names one of its keys, with a random stream of its own.
-        from holdfast.simulation.holds import HandMotion, in_hold
+        from holdfast.simulation.holds import in_hold
 
         rng = stream(self.seed, number, "hold")
-        motion = HandMotion()
+        peak_m_s2 = lever_m = 0.0
         for effect_name, effect in self.physics_effects.items():
             made: Any = effect.make
             drawn = self.draw(effect_name, number)
-            motion.peak_m_s2 += made.peak_m_s2(drawn)
-            motion.lever_m += made.lever_m(drawn)
-        return in_hold(trial, row.values, rng, motion)
+            peak_m_s2 += made.peak_m_s2(drawn)
+            lever_m += made.lever_m(drawn)
+        return in_hold(trial, row.values, rng, peak_m_s2, lever_m)
 
     def run(
         self, trials: Sequence[PlannedTrial], done: Done = lambda trials: None

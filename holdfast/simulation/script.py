@@ -23,7 +23,7 @@ from holdfast.simulation.body import (
     offset_m,
     recess_m,
 )
-from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial
+from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial, each
 from holdfast.simulation.script_times import (
     ARM_DAMPING,
     ARM_N_PER_M,
@@ -73,14 +73,12 @@ def body_of(trials: Sequence[PlannedTrial], pressure: FloatArray) -> Body:
             down[:, k] = trial.down
 
     # Finger and object are springs in series; a contact has its part of the object's.
-    held_n_per_m = np.array([held.stiffness_n_per_m for held in objects])
+    held_n_per_m = each(objects, "stiffness_n_per_m")
     stuff = held_n_per_m * hand.part[:, None]
     normal = finger * stuff / (finger + stuff)
 
     # Friction on silicone is an assumption (objects.py), so every trial varies it by a factor.
-    friction = np.array([held.friction for held in objects])
-    friction = friction * _drawn(trials, "friction_factor")
-    kinetic_share = np.array([held.kinetic_share for held in objects])
+    friction = each(objects, "friction") * _drawn(trials, "friction_factor")
 
     # Each element of the brush has an equal part of a finger's stiffness along the skin.
     elements = len(pressure)
@@ -88,17 +86,17 @@ def body_of(trials: Sequence[PlannedTrial], pressure: FloatArray) -> Body:
     springs = np.broadcast_to(spring, (elements, *finger.shape))
 
     return Body(
-        mass_kg=np.array([held.mass_kg for held in objects]),
+        mass_kg=each(objects, "mass_kg"),
         gravity_m_s2=GRAVITY_M_S2 * down,
-        curvature_per_m=np.array([held.curvature_per_m for held in objects]).T,
-        straight_m=np.array([held.half_length_mm * 1e-3 for held in objects]),
+        curvature_per_m=each(objects, "curvature_per_m").T,
+        straight_m=1e-3 * each(objects, "half_length_mm"),
         at_m=np.stack([trial.at_m for trial in trials], axis=2),
         stiffness_n_per_m=normal,
         damping_n_s_per_m=LOSS_S * normal,
         brush_n_per_m=springs.copy(),
         pressure=pressure[:, None, None],
         static=friction,
-        kinetic=friction * kinetic_share,
+        kinetic=friction * each(objects, "kinetic_share"),
         thumb=hand.thumb,
     )
 
@@ -129,10 +127,12 @@ class Script:
         self.body = body
         # [B] when each person or hand acts
         times = [Times.of(trial) for trial in trials]
-        events_s = np.array([[at.close, at.give, at.act, at.open] for at in times])
-        self.close_s, self.give_s, self.act_s, self.open_s = events_s.T.copy()
+        self.close_s = each(times, "close")
+        self.give_s = each(times, "give")
+        self.act_s = each(times, "act")
+        self.open_s = each(times, "open")
         # [B] which trials have which action
-        actions = np.array([trial.action for trial in trials])
+        actions = each(trials, "action")
         self.holds = actions == "hold"
         self.falls = actions == "fall"
         self.sets_down = actions == "put-down"
@@ -143,7 +143,7 @@ class Script:
         # A finger that bears nothing stays open.
         shares = np.stack([trial.share for trial in trials], axis=1)
         self.stays_open = shares == 0.0
-        self.grip_n = np.array([trial.grip_n for trial in trials])
+        self.grip_n = each(trials, "grip_n")
         # How far past contact a finger must close for its share of the grip of its side.
         self.closed_m = self.grip_n * shares / body.stiffness_n_per_m
         # Where the grip is set by friction, fingers close onto the surface under them.

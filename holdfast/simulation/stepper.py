@@ -22,7 +22,7 @@ from holdfast.simulation.effect import (
     Interval,
     PhysicsEffects,
 )
-from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.protocol import PlannedTrial, each
 from holdfast.simulation.script import Script, body_of
 from holdfast.simulation.script_times import Grid, grid_of
 
@@ -350,7 +350,7 @@ class _OpenLoop:
             grid = grid_of(trial, settings.rate_hz, settings.step_s, more)
             self.grids.append(grid)
         self.at_s, self.sample = _stack(self.grids)
-        start_s = np.array([grid.start_s for grid in self.grids])
+        start_s = each(self.grids, "start_s")
 
         # Every trial has steps of its own, so ends and starts are arrays.
         self.before_s = np.vstack([start_s, self.at_s[:-1]])
