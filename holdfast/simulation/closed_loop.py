@@ -39,7 +39,7 @@ from holdfast.simulation.loop_sensing import (
     LoopSensors,
 )
 from holdfast.simulation.magnet import shear_gain_in
-from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.protocol import Trials
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.script_times import Times
 
@@ -73,7 +73,7 @@ class LoopController(Protocol):
         ...
 
 
-Make = Callable[[Sequence[PlannedTrial], float], LoopController]
+Make = Callable[[Trials, float], LoopController]
 """Makes the controller of a batch: (trials, rate in Hz)."""
 
 
@@ -95,12 +95,15 @@ class LoopSettings:
     between: Between | None = None
 
 
+USUAL = LoopSettings()
+
+
 def run_loops(
     scene: Scene,
-    trials: Sequence[PlannedTrial],
+    trials: Trials,
     model: OpenedModel,
     make: Make,
-    settings: LoopSettings | None = None,
+    settings: LoopSettings = USUAL,
 ) -> list[LoopOutcome]:
     """Outcomes of trials in their order."""
     outcomes: dict[int, LoopOutcome] = {}
@@ -109,7 +112,7 @@ def run_loops(
     return [outcomes[k] for k in range(len(trials))]
 
 
-def batches(trials: Sequence[PlannedTrial]) -> list[list[int]]:
+def batches(trials: Trials) -> list[list[int]]:
     """Places of the trials that run together: those of similar length, MOST_TOGETHER at most."""
     habits = Habits()
     lasts_s = []
@@ -127,11 +130,11 @@ def batches(trials: Sequence[PlannedTrial]) -> list[list[int]]:
 
 def run_batch(
     scene: Scene,
-    trials: Sequence[PlannedTrial],
+    trials: Trials,
     batch: Sequence[int],
     model: OpenedModel,
     make: Make,
-    settings: LoopSettings | None = None,
+    settings: LoopSettings = USUAL,
 ) -> dict[int, LoopOutcome]:
     """Outcomes of one batch, by their places among the trials."""
     # A single trial runs twice, because numpy sums one in another order than many.
@@ -155,12 +158,11 @@ class ClosedLoop:
     def __init__(
         self,
         scene: Scene,
-        trials: Sequence[PlannedTrial],
+        trials: Trials,
         model: OpenedModel,
         make: Make,
-        settings: LoopSettings | None = None,
+        settings: LoopSettings = USUAL,
     ) -> None:
-        settings = settings or LoopSettings()
         self.trials = trials
         self.rate_hz = scene.file.rate_hz
         preparation = model.card.preparation
@@ -281,11 +283,11 @@ def managed(
     setting: float | None = None,
     rules: AnswerRules | None = None,
     limits: Limits | None = None,
-) -> Callable[[Sequence[PlannedTrial], float], Managed]:
+) -> Callable[[Trials, float], Managed]:
     """A maker of a controller; setting, rules: None for the usual."""
     gain = shear_gain_in(scene.file.effects)
 
-    def make(trials: Sequence[PlannedTrial], rate_hz: float) -> Managed:
+    def make(trials: Trials, rate_hz: float) -> Managed:
         batch: Batch = ManyHands(len(trials))
         controller = kind(batch, rate_hz, setting, rules)
         grip = GripLoop(batch, rate_hz, controller, limits, gain)

@@ -118,7 +118,7 @@ class Rotation(PhysicsEffect):
     """Angle about x, rad: I d(omega)/dt = offset x F - sum of p x f over the brushes.
 
     p is from the object's middle. F is the weight and the inertial force of the hand's own motion
-    (arm, tremor, knock), less what people and a box carry, who are assumed to hold the object at
+    (arm, tremor), less what people and a box carry, who are assumed to hold the object at
     its centre of mass. So the object turns only while the hand holds it, and out of the hand it
     keeps its rate. The skin in the grip damps a turn, and people and box by the share of the weight
     that they bear: c omega. I = m (gyration + offset^2), kg m^2.

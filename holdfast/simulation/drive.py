@@ -18,14 +18,13 @@ Source: Michelangelo hand, 120 mm in 0.37 s and 70 N (thesis, 5.1.1; Front. Syst
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.simulation.protocol import PlannedTrial, each
+from holdfast.simulation.protocol import Trials, each
 from holdfast.simulation.script import body_of
 
 Opening = Literal["wearer", "larger"]
@@ -78,7 +77,7 @@ class Actuator:
     def __init__(
         self,
         drive: Drive,
-        trials: Sequence[PlannedTrial],
+        trials: Trials,
         opening: Opening = "wearer",
     ) -> None:
         self.drive = drive
@@ -175,7 +174,7 @@ def _larger(target_n: FloatArray, own_n: FloatArray) -> FloatArray:
     return np.where(target_n > 0.0, larger_n, own_n)
 
 
-def stiffness_n_per_m(trials: Sequence[PlannedTrial]) -> FloatArray:
+def stiffness_n_per_m(trials: Trials) -> FloatArray:
     """[B] N a side per m of opening: thumb, object and fingers in series."""
     # The number of elements of a brush plays no part: only the normal springs are used.
     body = body_of(trials, np.ones(1))

@@ -24,7 +24,7 @@ from holdfast.core.trial_file import TIME_COLUMN
 from holdfast.core.trial_layout import HAND_FILE
 from holdfast.core.writing import require_writable, whole_folder, write_whole
 from holdfast.simulation.effect import Drawn, Signal
-from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.protocol import PlannedTrial, Trials
 from holdfast.simulation.scene import BATCH, Scene, SimulatedTrial, shifted_s
 from holdfast.simulation.stepper import Done
 from holdfast.simulation.table import Column, csv_bytes
@@ -67,7 +67,7 @@ def require_new(out: Path) -> None:
     require_writable(out)
 
 
-def _fill(scene: Scene, out: Path, trials: Sequence[PlannedTrial], done: Done) -> int:
+def _fill(scene: Scene, out: Path, trials: Trials, done: Done) -> int:
     """Write a whole set; returns the number of recordings. Raises OutputError."""
     # The set carries its own scene file and seed, from which it can be simulated again.
     write_whole(out / "card.toml", scene.file.text)
@@ -142,9 +142,7 @@ def write_recording(path: Path, scene: Scene, trials: Sequence[SimulatedTrial]) 
         write_whole(path.with_name(f"{path.name}.{ending}"), content)
 
 
-def _streams(
-    scene: Scene, out: Path, trials: Sequence[PlannedTrial]
-) -> Iterator[Recording]:
+def _streams(scene: Scene, out: Path, trials: Trials) -> Iterator[Recording]:
     """Recordings of `join` trials of an object each, in random order."""
     join = scene.file.join
     for name in dict.fromkeys(trial.object.name for trial in trials):
@@ -158,7 +156,7 @@ def _streams(
             yield out / name / STREAM / f"trial_{number}", joined
 
 
-def _named(trials: Sequence[PlannedTrial]) -> Iterator[tuple[str, PlannedTrial]]:
+def _named(trials: Trials) -> Iterator[tuple[str, PlannedTrial]]:
     """Trials with <object>/<action>/trial_<n>, n counting within the folder."""
     counts: dict[str, int] = {}
     for trial in trials:
@@ -169,7 +167,7 @@ def _named(trials: Sequence[PlannedTrial]) -> Iterator[tuple[str, PlannedTrial]]
         yield f"{folder}/trial_{counts[folder]}", trial
 
 
-def _meta(scene: Scene, trials: Sequence[PlannedTrial]) -> Json:
+def _meta(scene: Scene, trials: Trials) -> Json:
     """The meta.json of a set: what its files are, and where they come from."""
     file = scene.file
     meta: Json = {

@@ -19,7 +19,7 @@ from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.simulation.actions import NEVER_S
 from holdfast.simulation.body import Body
 from holdfast.simulation.effect import stream
-from holdfast.simulation.protocol import PlannedTrial, each
+from holdfast.simulation.protocol import PlannedTrial, Trials, each
 from holdfast.simulation.script import Script
 from holdfast.simulation.script_times import Times, smooth
 from holdfast.simulation.stepper import TrialMotion
@@ -57,9 +57,7 @@ MISTAKEN_S = 0.8
 class LoopScript(Script):
     """The script of a batch whose hands tighten and whose people give up."""
 
-    def __init__(
-        self, trials: Sequence[PlannedTrial], body: Body, habits: Habits
-    ) -> None:
+    def __init__(self, trials: Trials, body: Body, habits: Habits) -> None:
         super().__init__(trials, body)
         # In other actions no person pulls, so no person gives up.
         after_s = {"pull": habits.pull_gives_up_s, "pass": habits.pass_gives_up_s}
@@ -127,9 +125,7 @@ class LoopScript(Script):
 class Wearer:
     """B wearers: when the muscle signal comes, and whether the wearer overrides."""
 
-    def __init__(
-        self, trials: Sequence[PlannedTrial], habits: Habits, seed: int
-    ) -> None:
+    def __init__(self, trials: Trials, habits: Habits, seed: int) -> None:
         self.habits = habits
         times = [Times.of(trial) for trial in trials]
         rngs = [stream(seed, trial.number, "muscle signal") for trial in trials]
@@ -180,6 +176,8 @@ class Wearer:
         self.overrode_s = np.where(now, t_s, self.overrode_s)
 
 
+Recorded = npt.NDArray[np.float32]
+"""One number a sample, in single precision to save memory."""
 HELD_AT_END_S = float("inf")
 """Time of an event that never happened: the object is still held."""
 
@@ -207,10 +205,10 @@ class LoopOutcome:
     """
 
     trial: PlannedTrial
-    grip_n: npt.NDArray[np.float32]
-    own_n: npt.NDArray[np.float32]
-    target_n: npt.NDArray[np.float32]
-    p_risky: npt.NDArray[np.float32]
+    grip_n: Recorded
+    own_n: Recorded
+    target_n: Recorded
+    p_risky: Recorded
     lost_s: float
     onset_s: float
     slip_mm: float

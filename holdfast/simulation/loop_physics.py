@@ -8,7 +8,6 @@ that of the open loop, bit for bit.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +20,7 @@ from holdfast.simulation.core import two_at_least
 from holdfast.simulation.drive import Actuator
 from holdfast.simulation.effect import NO_EFFECTS
 from holdfast.simulation.loop_people import MISTAKEN_S, Habits, LoopScript
-from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.protocol import PlannedTrial, Trials
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.script import body_of
 from holdfast.simulation.script_times import (
@@ -80,7 +79,7 @@ def loop_end_s(trial: PlannedTrial, habits: Habits) -> float:
 
 def spans_of(
     scene: Scene,
-    trials: Sequence[PlannedTrial],
+    trials: Trials,
     before: int,
     habits: Habits,
 ) -> Spans:
@@ -117,7 +116,7 @@ class HandsAndObjects:
 
     def __init__(
         self,
-        trials: Sequence[PlannedTrial],
+        trials: Trials,
         settings: StepSettings,
         spans: Spans,
         actuator: Actuator,

@@ -29,7 +29,7 @@ from holdfast.edge_runtime.grip import GripSense
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.simulation.effect import Plan, PlanRequest, Rows
 from holdfast.simulation.objects import sensed_of
-from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.protocol import Trials
 from holdfast.simulation.scene import Scene
 
 IntArray = npt.NDArray[np.int64]
@@ -75,9 +75,7 @@ def _stacked(arrays: Sequence[Any]) -> Any:
 class LoopSensors:
     """The sensors of B trials, read a sample at a time; counts [B]: samples of each trial."""
 
-    def __init__(
-        self, scene: Scene, trials: Sequence[PlannedTrial], counts: IntArray
-    ) -> None:
+    def __init__(self, scene: Scene, trials: Trials, counts: IntArray) -> None:
         self.scene = scene
         self.effects = scene.sensor_effects
         plans: dict[str, list[Plan]] = {name: [] for name in self.effects}
@@ -156,7 +154,7 @@ class LoopSensors:
         return replace(middle, values=values), rows
 
 
-Between = Callable[[LoopSensors, Sequence[PlannedTrial], IntArray], Any]
+Between = Callable[[LoopSensors, Trials, IntArray], Any]
 """Puts something with a `read` between sensors and model: (sensors, trials, samples of each)."""
 
 

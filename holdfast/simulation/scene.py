@@ -29,6 +29,7 @@ from holdfast.simulation.effect import (
 from holdfast.simulation.objects import HOLD, NO_OBJECT, sensed_of
 from holdfast.simulation.protocol import (
     PlannedTrial,
+    Trials,
     TrialsRow,
     draw_trial,
 )
@@ -131,7 +132,7 @@ class Scene:
         return in_hold(trial, row.values, rng, peak_m_s2, lever_m)
 
     def run(
-        self, trials: Sequence[PlannedTrial], done: Done = lambda trials: None
+        self, trials: Trials, done: Done = lambda trials: None
     ) -> Iterator[SimulatedTrial]:
         """Simulate trials, those of similar length together; yields them as they are finished.
 
@@ -151,12 +152,12 @@ class Scene:
 
             yield from self._simulated(batch, report)
 
-    def run_together(self, trials: Sequence[PlannedTrial]) -> list[SimulatedTrial]:
+    def run_together(self, trials: Trials) -> list[SimulatedTrial]:
         """One batch, in the order given."""
         return list(self._simulated(trials))
 
     def _simulated(
-        self, trials: Sequence[PlannedTrial], done: Done = lambda share: None
+        self, trials: Trials, done: Done = lambda share: None
     ) -> Iterator[SimulatedTrial]:
         """Simulate one batch; yields its trials in their order."""
         if len(trials) == 1:  # numpy would sum a single trial in another order
@@ -166,7 +167,7 @@ class Scene:
         # Effects of the physics are built once for the batch, those of the sensor trial by trial.
         settings = self.step_settings_of(trials)
         moved = motions(trials, settings, done)
-        # Only an effect with a path moves the hand; tremor and knock give accelerations alone.
+        # Only an effect with a path moves the hand; a tremor gives an acceleration alone.
         shakes = settings.effects.shakes
         movers = [shake for shake in shakes if hasattr(shake, "motion_m")]
 
@@ -184,7 +185,7 @@ class Scene:
             truth = truth_of(trial, motion)
             yield SimulatedTrial(trial, signal, motion, truth, effects | sensed, hand_m)
 
-    def step_settings_of(self, trials: Sequence[PlannedTrial]) -> StepSettings:
+    def step_settings_of(self, trials: Trials) -> StepSettings:
         """How a batch of these trials is stepped: its effects, and when these need fine steps."""
         of_kind: dict[str, tuple[Any, ...]] = {}
         busy: list[list[Interval]] = [[] for _ in trials]
@@ -276,13 +277,9 @@ def apportion(total: int, counts: Sequence[int]) -> list[int]:
 
     The largest remainders get the rest, earlier ones first.
     """
-    exact = [total * count / sum(counts) for count in counts]
-    shares = [int(share) for share in exact]
-
+    exact = total * np.array(counts) / sum(counts)
+    shares = exact.astype(int)
     # A large remainder is a small difference: it comes first.
-    by_remainder = sorted(range(len(counts)), key=lambda k: (shares[k] - exact[k], k))
-    missing = total - sum(shares)
-    for k in by_remainder[:missing]:
-        shares[k] += 1
-
-    return shares
+    by_remainder = np.argsort(shares - exact, kind="stable")
+    shares[by_remainder[: total - shares.sum()]] += 1
+    return [int(share) for share in shares]

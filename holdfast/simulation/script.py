@@ -23,7 +23,7 @@ from holdfast.simulation.body import (
     offset_m,
     recess_m,
 )
-from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial, each
+from holdfast.simulation.protocol import GRAVITY_M_S2, Trials, each
 from holdfast.simulation.script_times import (
     ARM_DAMPING,
     ARM_N_PER_M,
@@ -49,12 +49,12 @@ LOSS_S = 2e-3
 """Damping of a finger along its normal over its stiffness."""
 
 
-def _drawn(trials: Sequence[PlannedTrial], name: str) -> FloatArray:
+def _drawn(trials: Trials, name: str) -> FloatArray:
     """[B] a parameter that every trial has."""
     return np.array([trial.drawn[name] for trial in trials])
 
 
-def body_of(trials: Sequence[PlannedTrial], pressure: FloatArray) -> Body:
+def body_of(trials: Trials, pressure: FloatArray) -> Body:
     """Constants of a batch; pressure [E]: share of the normal on each brush element."""
     hand = trials[0].hand
     objects = [trial.object for trial in trials]
@@ -120,9 +120,7 @@ class Script:
     second meets one, so a batch keeps its boxes to its end.
     """
 
-    def __init__(
-        self, trials: Sequence[PlannedTrial], body: Body, boxed: bool = False
-    ) -> None:
+    def __init__(self, trials: Trials, body: Body, boxed: bool = False) -> None:
         self.trials = trials
         self.body = body
         # [B] when each person or hand acts

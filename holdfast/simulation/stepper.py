@@ -22,7 +22,7 @@ from holdfast.simulation.effect import (
     Interval,
     PhysicsEffects,
 )
-from holdfast.simulation.protocol import PlannedTrial, each
+from holdfast.simulation.protocol import Trials, each
 from holdfast.simulation.script import Script, body_of
 from holdfast.simulation.script_times import Grid, grid_of
 
@@ -306,7 +306,7 @@ class Part:
 
 
 def motions(
-    trials: Sequence[PlannedTrial],
+    trials: Trials,
     settings: StepSettings,
     done: Done = lambda share: None,
 ) -> Iterator[TrialMotion]:
@@ -340,7 +340,7 @@ class _OpenLoop:
     tape                  the truth at every step
     """
 
-    def __init__(self, trials: Sequence[PlannedTrial], settings: StepSettings) -> None:
+    def __init__(self, trials: Trials, settings: StepSettings) -> None:
         self.trials = trials
         self.rate_hz = settings.rate_hz
         self.first = 0

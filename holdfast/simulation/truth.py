@@ -89,8 +89,20 @@ class Truth:
         phases = []
         stops_s = [since for since, _ in self.marks[1:]] + [self.end_s]
         for (start_s, situation), stop_s in zip(self.marks, stops_s, strict=True):
-            if stop_s > start_s:
-                phases.append(_phase(start_s + shift_s, stop_s + shift_s, situation))
+            if stop_s <= start_s:
+                continue
+            start_s += shift_s
+            stop_s += shift_s
+            phases.append(
+                {
+                    "t0_s": round(start_s, 6),
+                    "t1_s": round(stop_s, 6),
+                    "onset_s": round(start_s, 6),
+                    "duration_s": round(stop_s - start_s, 6),
+                    "label": SITUATIONS[situation],
+                    "provenance": PROVENANCE,
+                }
+            )
 
         found: Json = {"phases": phases}
         for name in EVENTS:
@@ -98,18 +110,6 @@ class Truth:
             found[name] = None if at_s is None else round(at_s + shift_s, 6)
 
         return found | {"slip_mm": round(self.slip_mm, 4)}
-
-
-def _phase(start_s: float, stop_s: float, situation: int) -> Json:
-    """One phase of the sidecar, from start_s to stop_s."""
-    return {
-        "t0_s": round(start_s, 6),
-        "t1_s": round(stop_s, 6),
-        "onset_s": round(start_s, 6),
-        "duration_s": round(stop_s - start_s, 6),
-        "label": SITUATIONS[situation],
-        "provenance": PROVENANCE,
-    }
 
 
 class Steps:

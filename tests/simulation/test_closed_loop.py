@@ -23,6 +23,7 @@ from loop_bench import (
 from benchmarks.loop_baselines import oracle
 from holdfast.edge_runtime.grip import Controller
 from holdfast.simulation.closed_loop import (
+    USUAL,
     ClosedLoop,
     LoopSettings,
     managed,
@@ -45,7 +46,7 @@ CANNOT_TELL = replace(HEARD, opening="larger")
 
 
 def firm_loop(
-    scene: Scene, grip_n: float = 45.0, settings: LoopSettings | None = None
+    scene: Scene, grip_n: float = 45.0, settings: LoopSettings = USUAL
 ) -> tuple[ClosedLoop, Firm]:
     """All trials of a scene in hands that hold on firmly."""
     made: list[Firm] = []
