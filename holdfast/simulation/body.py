@@ -178,7 +178,7 @@ class State:
     agents_n      [3, B]: force of people and box on the object in the last step
     brush_j       [B]: energy in the brushes
     offset_m      [2, S, B], recess_m [S, B]: of the contacts, kept from the last step
-    turned_rad    [B]: angle of the object about x; None without the effect `rotation`
+    turned_rad    [B]: angle of the object about x; 0 without the effect `rotation`
     """
 
     position_m: FloatArray
@@ -192,7 +192,7 @@ class State:
     brush_j: FloatArray
     offset_m: FloatArray
     recess_m: FloatArray
-    turned_rad: FloatArray | None = None
+    turned_rad: FloatArray
 
 
 def at_rest(body: Body, closure_m: FloatArray) -> State:
@@ -213,6 +213,7 @@ def at_rest(body: Body, closure_m: FloatArray) -> State:
         brush_j=np.zeros(batch),
         offset_m=offset,
         recess_m=recess,
+        turned_rad=np.zeros(batch),
     )
 
 

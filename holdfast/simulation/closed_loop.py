@@ -115,10 +115,7 @@ def run_loops(
 def batches(trials: Trials) -> list[list[int]]:
     """Places of the trials that run together: those of similar length, MOST_TOGETHER at most."""
     habits = Habits()
-    lasts_s = []
-    for trial in trials:
-        begin_s = Times.of(trial).close
-        lasts_s.append(loop_end_s(trial, habits) - begin_s)
+    lasts_s = [loop_end_s(trial, habits) - Times.of(trial).close for trial in trials]
 
     # A batch steps on until its longest trial has ended, so similar lengths waste least.
     order = sorted(range(len(trials)), key=lasts_s.__getitem__)
@@ -216,7 +213,7 @@ class ClosedLoop:
 
         # Only the wearer, and a baseline of a study, use the truth.
         now = LoopTruth(rows / self.rate_hz, self.actuator.grip_n)
-        opening = self.wearer.opening(now.t_s)
+        opening = now.t_s >= self.wearer.signal_s
         overridden = self._overridden(now)
         sense = self.models.answer(values, readings.valid, opening, overridden)
         self._p_risky = np.where(sense.known, sense.p_risky, 0.0)

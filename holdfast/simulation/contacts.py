@@ -157,19 +157,17 @@ class Rotation(PhysicsEffect):
         state: State,
         limit_m: FloatArray,
         dt_s: FloatArray,
-        shaken_n: FloatArray | None = None,
+        shaken_n: FloatArray,
     ) -> None:
         """Turn by one step; changes stretch, slip and energy of the brushes.
 
-        shaken_n: [3, B] inertial force of the hand's motion; None: it stands still.
+        shaken_n: [3, B] inertial force of the hand's motion.
         """
         inertia = body.mass_kg * self.inertia_m2
 
         # Out of the hand nothing turns the object: it keeps its rate.
         weight_n = body.mass_kg * body.gravity_m_s2[1:]
-        carried_n = weight_n + state.agents_n[1:]
-        if shaken_n is not None:
-            carried_n = carried_n + shaken_n[1:]
+        carried_n = weight_n + state.agents_n[1:] + shaken_n[1:]
         in_hand = (state.normal_n > 0.0).any(axis=0)
         force_n = np.where(in_hand, carried_n, 0.0)
 

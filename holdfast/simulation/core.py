@@ -79,11 +79,11 @@ def step(
         load_n += more_n
     weight_n = body.mass_kg * body.gravity_m_s2
     held_n = load_n + weight_n
-    shaken_n: FloatArray | None = None
+    shaken_n = np.zeros_like(held_n)
     for shake in effects.shakes:
         inertial_n = body.mass_kg * shake.acceleration_m_s2(t_s)
         held_n = held_n - inertial_n
-        shaken_n = -inertial_n if shaken_n is None else shaken_n - inertial_n
+        shaken_n = shaken_n - inertial_n
 
     # Normals first, because they decide how much friction the brushes may use.
     speed_x = _normals(body, state, closure_m, held_n[0], drag[0], dt_s, effects)

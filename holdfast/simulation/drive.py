@@ -109,13 +109,8 @@ class Actuator:
     @property
     def kept_n(self) -> FloatArray:
         """[B] the target that keeps the grip as it is; 0 where it is the wearer's own."""
-        kept_n: FloatArray = np.where(self._beyond(), self.motor_n, 0.0)
+        kept_n: FloatArray = np.where(self.moving(self.own_n), self.motor_n, 0.0)
         return kept_n
-
-    def _beyond(self) -> BoolArray:
-        """[B] whether the motor is beyond the wearer's grip, or still on its way back to it."""
-        away: BoolArray = self.motor_n - self.own_n > FELT_N
-        return away | (np.abs(self.speed_n_s) > FELT_N_S)
 
     def obeyed_n(self, target_n: FloatArray, opens: BoolArray) -> FloatArray:
         """[B] the targets that count; opens [B]: the wearer opens the hand, or has opened it."""
@@ -131,9 +126,11 @@ class Actuator:
         own_n: the wearer's at the end of the step; None: as it was.
         """
         own_n = self.own_n if own_n is None else own_n
-        wanted_n = _larger(target_n, own_n)
-        # The way of a hand that only its wearer moves is given, drive and all.
-        follows = (wanted_n == own_n) & ~self._beyond()
+        larger_n = np.maximum(target_n, own_n)
+        wanted_n = np.where(target_n > 0.0, larger_n, own_n)
+        # The way of a hand that only its wearer moves is given, drive and all: the motor is at the
+        # wearer's grip, and not on its way back to it.
+        follows = (wanted_n == own_n) & ~self.moving(self.own_n)
 
         lag_s = 1e-3 * self.drive.lag_ms
         # A drive weaker than its wearer's grip does not open the hand.
@@ -166,12 +163,6 @@ class Actuator:
         )
         fast = np.abs(self.speed_n_s) > FELT_N_S
         return fast | far
-
-
-def _larger(target_n: FloatArray, own_n: FloatArray) -> FloatArray:
-    """[B] what a hand grips for: the larger of its target (0 for none) and the wearer's."""
-    larger_n = np.maximum(target_n, own_n)
-    return np.where(target_n > 0.0, larger_n, own_n)
 
 
 def stiffness_n_per_m(trials: Trials) -> FloatArray:

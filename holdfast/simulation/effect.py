@@ -354,7 +354,7 @@ class PhysicsEffect:
               + held: terms(dt_s [B]) -> (stiffness, held force), [S, B] each; and moved(change
               of depth [S, B], touching [S, B], dt_s [B]) takes in the step
     turns     the object rotates: turn(body, state, limit_m, dt_s, inertial force of the shakes
-              [3, B] or None) moves the brushes in place after the core has
+              [3, B]) moves the brushes in place after the core has
     grips     the fingers are unsteady: closure_m(closure [S, B], t_s [B]) -> [S, B]
     """
 

@@ -134,7 +134,7 @@ def write_recording(path: Path, scene: Scene, trials: Sequence[SimulatedTrial]) 
     truth = _truth(scene, trials, starts_s, drawn)
     parts: dict[str, bytes | str] = {
         "csv": _samples(signal),
-        "motion.csv": _motion(trials, starts_s),
+        "motion.csv": _motion(trials, starts_s, turns="rotation" in scene.file.effects),
         "truth.json": _json(truth),
     }
 
@@ -207,8 +207,10 @@ def _samples(signal: Signal) -> bytes:
     return csv_bytes(header, columns)
 
 
-def _motion(trials: Sequence[SimulatedTrial], starts_s: Sequence[float]) -> bytes:
-    """The CSV of positions in mm: of the object in the hand, and of the hand."""
+def _motion(
+    trials: Sequence[SimulatedTrial], starts_s: Sequence[float], *, turns: bool
+) -> bytes:
+    """The CSV of positions in mm: of the object in the hand, which may turn, and of the hand."""
     motions = [simulated.motion for simulated in trials]
     places_m = {
         "object": np.concatenate([motion.position_m for motion in motions]),
@@ -217,12 +219,9 @@ def _motion(trials: Sequence[SimulatedTrial], starts_s: Sequence[float]) -> byte
     header = [TIME_COLUMN]
     columns: list[Column] = [(shifted_s(trials, starts_s), TIME_DECIMALS)]
 
-    turned_rad = []
-    for motion in motions:
-        if motion.turned_rad is not None:
-            # A step ends at each sample.
-            turned_rad.append(np.interp(motion.t_s, motion.at_s, motion.turned_rad))
-    if turned_rad:
+    if turns:
+        # A step ends at each sample.
+        turned_rad = [np.interp(one.t_s, one.at_s, one.turned_rad) for one in motions]
         header.append("object_turn_deg")
         columns.append((np.degrees(np.concatenate(turned_rad)), MOTION_DECIMALS))
 
@@ -270,7 +269,7 @@ def _origin(simulated: SimulatedTrial, sensors: Mapping[str, Drawn]) -> Json:
         name: round(value, 6) if math.isfinite(value) else None
         for name, value in trial.drawn.items()
     }
-    origin: Json = {
+    return {
         "number": trial.number,
         "object": held.name,
         "action": trial.action,
@@ -286,7 +285,6 @@ def _origin(simulated: SimulatedTrial, sensors: Mapping[str, Drawn]) -> Json:
         "drawn": drawn,
         "effects": {**simulated.effects, **sensors},
     }
-    return origin
 
 
 def _json(value: object) -> str:

@@ -144,10 +144,6 @@ class Wearer:
         self.resisted_s = np.zeros(len(trials))
         self.overrode_s = np.full(len(trials), np.inf)
 
-    def opening(self, t_s: FloatArray) -> BoolArray:
-        """[B] whether the signal to open has come, at t_s [B]."""
-        return t_s >= self.signal_s
-
     def resist(
         self,
         t_s: FloatArray,

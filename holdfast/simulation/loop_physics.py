@@ -217,9 +217,7 @@ class HandsAndObjects:
         if part is not self.all:
             self.all.travel_m[:, trials] = part.travel_m
             for name, array in vars(self.all.state).items():
-                # An object that nothing turns has no angle.
-                if array is not None:
-                    array[..., trials] = vars(state)[name]
+                array[..., trials] = vars(state)[name]
 
     def motion(
         self,

@@ -61,14 +61,13 @@ class PlanBatch:
 
 
 def _stacked(arrays: Sequence[Any]) -> Any:
-    """[T, B, ..] of plans that may differ in length; the last row repeats."""
+    """[T, B, ..] of plans that may differ in length."""
     longest = max(map(len, arrays))
     shape = (longest, len(arrays), *arrays[0].shape[1:])
     whole = np.empty(shape, dtype=arrays[0].dtype)
     for trial, array in enumerate(arrays):
         # A shorter trial is asked for its last sample until the longest has ended.
         whole[: len(array), trial] = array
-        whole[len(array) :, trial] = array[-1]
     return whole
 
 

@@ -138,8 +138,13 @@ class Scene:
 
         done: called now and then with the number of trials stepped so far.
         """
+
         # Trials of similar length together: a batch lasts as long as its longest trial.
-        order = sorted(trials, key=lambda trial: (self._steps(trial), trial.number))
+        def length(trial: PlannedTrial) -> tuple[int, int]:
+            grid = grid_of(trial, self.file.rate_hz, self.file.step_s)
+            return len(grid.at_s), trial.number
+
+        order = sorted(trials, key=length)
 
         # Batches of equal size, rounded up.
         batches = max(1, round(len(order) / BATCH))
@@ -258,10 +263,6 @@ class Scene:
     def rng(self, name: str, trial: PlannedTrial) -> np.random.Generator:
         """The random stream of an effect in a trial."""
         return stream(self.seed, trial.number, name)
-
-    def _steps(self, trial: PlannedTrial) -> int:
-        """Number of steps of a trial, without those that effects ask for."""
-        return len(grid_of(trial, self.file.rate_hz, self.file.step_s).at_s)
 
 
 def shifted_s(

@@ -34,6 +34,13 @@ def _directions(rngs: Sequence[np.random.Generator]) -> FloatArray:
     return raw / length
 
 
+def _uniform(
+    rngs: Sequence[np.random.Generator], count: int, low: float, high: float
+) -> Any:
+    """[count, B] draws of each trial."""
+    return np.stack([rng.uniform(low, high, count) for rng in rngs], axis=1)
+
+
 class Arm(PhysicsEffect):
     """Reaches of the arm, forth and back, with minimum jerk (Flash & Hogan, J. Neurosci. 5, 1985).
 
@@ -128,19 +135,14 @@ class Tremor(PhysicsEffect):
         amplitude = batch.values("amplitude_m_s2") / WAVES
         # The order of these draws is part of the format of simulated sets.
         self.along = [_directions(batch.rngs) * amplitude for _ in range(WAVES)]
-        self.phase = self._uniform(batch.rngs, 0.0, 2.0 * np.pi)
+        self.phase = _uniform(batch.rngs, WAVES, 0.0, 2.0 * np.pi)
         self.rate = 2.0 * np.pi * batch.values("frequency_hz")
-        self.detune = self._uniform(batch.rngs, 0.85, 1.15)
+        self.detune = _uniform(batch.rngs, WAVES, 0.85, 1.15)
 
     @staticmethod
     def peak_m_s2(drawn: Drawn) -> float:
         """Both sines at their peaks, in one direction."""
         return float(drawn["amplitude_m_s2"])
-
-    @staticmethod
-    def _uniform(rngs: Sequence[np.random.Generator], low: float, high: float) -> Any:
-        """[WAVES, B] draws."""
-        return np.stack([rng.uniform(low, high, WAVES) for rng in rngs], axis=1)
 
     def acceleration_m_s2(self, t_s: FloatArray) -> FloatArray:
         """[3, B] of the hand."""
@@ -172,8 +174,8 @@ class Fluctuation(PhysicsEffect):
         low_hz = batch.values("from_hz")
         wide_hz = batch.values("to_hz") - low_hz
         # The order of these draws is part of the format of simulated sets.
-        places = np.stack([rng.uniform(size=RIPPLES) for rng in batch.rngs], axis=1)
-        turns = np.stack([rng.uniform(size=RIPPLES) for rng in batch.rngs], axis=1)
+        places = _uniform(batch.rngs, RIPPLES, 0.0, 1.0)
+        turns = _uniform(batch.rngs, RIPPLES, 0.0, 1.0)
         self.rate = 2.0 * np.pi * (low_hz + wide_hz * places)
         self.phase = 2.0 * np.pi * turns
         self.size = batch.values("share") * np.sqrt(2.0 / RIPPLES)

@@ -75,7 +75,7 @@ class TrialMotion:
     slips       [K] any touching element slides
     slides      [K] every touching element slides
     slip_m      [K] mean travel of the touching contacts so far
-    turned_rad  [K] angle of the object about the thumb's axis; None where nothing turns it
+    turned_rad  [K] angle of the object about the thumb's axis; 0 where nothing turns it
     """
 
     t_s: FloatArray
@@ -87,7 +87,7 @@ class TrialMotion:
     slips: BoolArray
     slides: BoolArray
     slip_m: FloatArray
-    turned_rad: FloatArray | None = None
+    turned_rad: FloatArray
 
 
 STEP = np.dtype(
@@ -106,13 +106,11 @@ the step is one of the trial, which may skip some."""
 class StepTape:
     """What every step of every trial leaves: the truth of TrialMotion.
 
-    rows   [steps, B] of STEP
-    turns  an effect turns objects
+    rows  [steps, B] of STEP
     """
 
     def __init__(self, steps: int, batch: int) -> None:
         self.rows = np.zeros((steps, batch), STEP)
-        self.turns = False
 
     def write(
         self,
@@ -143,9 +141,7 @@ class StepTape:
         # A hand without contact does not slide.
         row["slides"][trials] = sliding.all(axis=0) & gripped
         row["slip_m"][trials] = travelled_m / np.maximum(count, 1)
-        if state.turned_rad is not None:
-            self.turns = True
-            row["turned_rad"][trials] = state.turned_rad
+        row["turned_rad"][trials] = state.turned_rad
 
     def motion(
         self, trial: int, rate_hz: float, forces_n: FloatArray, position_m: FloatArray
@@ -164,7 +160,7 @@ class StepTape:
             slips=rows["slips"],
             slides=rows["slides"],
             slip_m=rows["slip_m"].astype(np.float64),
-            turned_rad=rows["turned_rad"].astype(np.float64) if self.turns else None,
+            turned_rad=rows["turned_rad"].astype(np.float64),
         )
 
 

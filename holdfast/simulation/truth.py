@@ -175,8 +175,6 @@ class Steps:
         """[K] whether the object has slipped or turned far enough since a step for gross slip."""
         motion = self.motion
         far = motion.slip_m - motion.slip_m[since] >= GROSS_SLIP_M
-        if motion.turned_rad is None:
-            return far
         turned_rad = motion.turned_rad - motion.turned_rad[since]
         return far | (np.abs(turned_rad) >= GROSS_TURN_RAD)
 
