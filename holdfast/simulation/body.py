@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cache
+from typing import Self
 
 import numpy as np
 
@@ -76,8 +77,16 @@ class Body:
         return sides(len(self.stiffness_n_per_m), self.thumb)
 
 
+class _Steps:
+    """One step, or n steps with [n, ..] everywhere."""
+
+    def at(self, k: int) -> Self:
+        """Step k of several."""
+        return type(self)(*[array[k] for array in vars(self).values()])
+
+
 @dataclass(frozen=True)
-class Pull:
+class Pull(_Steps):
     """A person: a damped spring to a moving target, who also bears a share of the weight.
 
     Either one step, or n steps of it, with [n, ..] everywhere:
@@ -96,10 +105,6 @@ class Pull:
     weight_share: FloatArray
     target_m: FloatArray
     target_m_s: FloatArray
-
-    def at(self, k: int) -> Pull:
-        """Step k of several."""
-        return Pull(*[array[k] for array in vars(self).values()])
 
 
 def bearer(weight_share: FloatArray, damping_n_s_per_m: FloatArray) -> Pull:
@@ -134,7 +139,7 @@ class Floor:
 
 
 @dataclass(frozen=True)
-class Changes:
+class Changes(_Steps):
     """What differs from the constants of a batch during a step; or n steps of it, with [n, ..].
 
     mass_kg       [B]: what is poured out is gone, what is added rests in the object
@@ -145,10 +150,6 @@ class Changes:
     mass_kg: FloatArray
     gravity_m_s2: FloatArray
     push_n: FloatArray
-
-    def at(self, k: int) -> Changes:
-        """Step k of several."""
-        return Changes(*[array[k] for array in vars(self).values()])
 
 
 @dataclass(frozen=True)

@@ -256,11 +256,6 @@ class Effect:
         sensed: Signal = replace(made, unit=self.gives_unit or made.unit)
         return sensed
 
-    def setting(self, values: Mapping[str, Any]) -> Any:
-        """The field of stepper.StepSettings that this effect sets, from the scene's values."""
-        default = self.parameters[self.constant].default
-        return self.make(float(values.get(self.constant, default)))
-
 
 def as_drawn(request: PlanRequest) -> Plan:
     """The parameters themselves, [1, 1, 1] each: nothing random."""
@@ -314,7 +309,9 @@ def step_settings(named: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     for name, values in named.items():
         effect = effect_named(name)
         if effect.sets:
-            fields[effect.sets] = effect.setting(values)
+            default = effect.parameters[effect.constant].default
+            value = values.get(effect.constant, default)
+            fields[effect.sets] = effect.make(float(value))
     return fields
 
 

@@ -39,8 +39,6 @@ from holdfast.simulation.stepper import (
 )
 
 IntArray = npt.NDArray[np.int64]
-NO_FORCES_N, NO_PLACES_M = np.zeros((2, 1, 3)), np.zeros((2, 3))
-"""Samples of a motion that is read off its steps alone."""
 FALL_S = 1.0
 """A fall is watched at least this long: in it the object is gone, or at rest."""
 
@@ -219,11 +217,10 @@ class HandsAndObjects:
             for name, array in vars(self.all.state).items():
                 array[..., trials] = vars(state)[name]
 
-    def motion(
-        self,
-        trial: int,
-        forces_n: FloatArray = NO_FORCES_N,
-        position_m: FloatArray = NO_PLACES_M,
-    ) -> TrialMotion:
-        """What became of a trial, as an open loop gives it; forces and positions [T, ..]."""
-        return self.tape.motion(trial, self.settings.rate_hz, forces_n, position_m)
+    def motion(self, trial: int, *samples: FloatArray) -> TrialMotion:
+        """What became of a trial, as an open loop gives it; samples: forces and positions [T, ..].
+
+        Without samples it is to be read off its steps alone.
+        """
+        samples = samples or (np.zeros((2, 1, 3)), np.zeros((2, 3)))
+        return self.tape.motion(trial, self.settings.rate_hz, *samples)

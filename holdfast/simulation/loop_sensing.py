@@ -49,9 +49,10 @@ class PlanBatch:
             if max(map(len, arrays)) > 1:
                 self._moving[name] = _stacked(arrays)
             else:
+                # Kept in their layout in memory, which decides in which order numpy sums.
                 self._fixed[name] = np.concatenate(arrays)
 
-    def at(self, rows: Any) -> Plan:
+    def at(self, rows: IntArray) -> Plan:
         """Plan of B rows: sample rows[b] of trial b."""
         plan = dict(self._fixed)
         trials = np.arange(len(rows))
@@ -61,12 +62,11 @@ class PlanBatch:
 
 
 def _stacked(arrays: Sequence[Any]) -> Any:
-    """[T, B, ..] of plans that may differ in length."""
+    """[T, B, ..] of plans that may differ in length: none is asked for more rows than it has."""
     longest = max(map(len, arrays))
     shape = (longest, len(arrays), *arrays[0].shape[1:])
     whole = np.empty(shape, dtype=arrays[0].dtype)
     for trial, array in enumerate(arrays):
-        # A shorter trial is asked for its last sample until the longest has ended.
         whole[: len(array), trial] = array
     return whole
 

@@ -239,7 +239,7 @@ def _row(
     key: str, row: Json, objects: Mapping[str, HeldObject], styles: Json
 ) -> TrialsRow:
     """One [[trials]], its values over those of its style. Raises ValueError."""
-    action = row.get("action")
+    action: Any = row.get("action")
     style = row.get("style", "author")
     count = row.get("count", 1)
     names = row.get("objects", [])

@@ -229,7 +229,7 @@ def some_trials(batched: Any, which: npt.NDArray[np.int64], n: int) -> Any:
     Arrays whose last axis has n entries have the trials there; lists and tuples are looked into.
     """
     if isinstance(batched, np.ndarray):
-        if batched.ndim == 0 or batched.shape[-1] != n:
+        if batched.shape[-1:] != (n,):
             return batched
         # `take`, not [..., which]: the layout in memory decides in which order numpy sums.
         return np.take(batched, which, axis=-1)
