@@ -33,8 +33,6 @@ def sides(contacts: int, thumb: int) -> FloatArray:
 
 UPWARDS = np.array([[0.0], [0.0], [1.0]])
 """[3, 1] along the object's axis."""
-SIDE = sides(6, 2)
-"""Of the default hand: two contacts of the thumb, then index, middle, ring, little."""
 
 
 @dataclass(frozen=True)

@@ -240,14 +240,12 @@ class ClosedLoop:
         """What became of trial k."""
         begin = int(self.spans.begins[k])
         end = int(self.spans.ends[k])
-        grip_n, own_n, target_n, p_risky = self._noted[:, : end - begin, k]
+        names = ("grip_n", "own_n", "target_n", "p_risky")
+        levels = dict(zip(names, self._noted[:, : end - begin, k], strict=True))
         return outcome_of(
             self.trials[k],
             self.world.motion(k),
-            grip_n=grip_n,
-            own_n=own_n,
-            target_n=target_n,
-            p_risky=p_risky,
+            **levels,
             overrode_s=float(self.wearer.overrode_s[k]),
             begin_s=begin / self.rate_hz,
             rate_hz=self.rate_hz,

@@ -72,8 +72,6 @@ class Actuator:
     place_n   [B] the same of the fingers behind the backlash
     """
 
-    opening: Opening = "wearer"
-
     def __init__(
         self,
         drive: Drive,

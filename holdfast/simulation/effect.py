@@ -23,7 +23,7 @@ import math
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -169,6 +169,9 @@ class Rows:
     unit: Unit = "N"
 
 
+Reported = TypeVar("Reported", bound=Rows)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Signal(Rows):
     """What S fingertips report in a trial, at the times t_s [T]."""
@@ -227,7 +230,7 @@ class Effect:
     make: Callable[..., Any]
     parameters: dict[str, Parameter]
     plan: Any = None
-    whole: Callable[[Rows, Plan], Rows] | None = None
+    whole: Callable[..., Any] | None = None
     needs: tuple[str, ...] = ()
     constant: str = ""
     sets: str = ""
@@ -252,9 +255,8 @@ class Effect:
         """The signal of a whole trial after this effect, in the unit that it gives."""
         sensors = signal.values.shape[1]
         plan = self.plan(PlanRequest(drawn, rng, signal.t_s, sensors))
-        made: Any = (self.whole or self.make)(signal, plan)
-        sensed: Signal = replace(made, unit=self.gives_unit or made.unit)
-        return sensed
+        made: Signal = (self.whole or self.make)(signal, plan)
+        return replace(made, unit=self.gives_unit or made.unit)
 
 
 def as_drawn(request: PlanRequest) -> Plan:

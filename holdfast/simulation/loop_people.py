@@ -227,13 +227,6 @@ class LoopOutcome:
         return Times.of(self.trial).open
 
     @property
-    def evidence_s(self) -> float:
-        """The first evidence of a slip in the event; inf for none."""
-        times_s = self.begin_s + np.arange(len(self.p_risky)) / self.rate_hz
-        evident = (self.p_risky >= self.evidence_p) & (times_s >= self.act_s)
-        return float(times_s[evident][0]) if evident.any() else HELD_AT_END_S
-
-    @property
     def dropped(self) -> bool:
         """Contact is lost before the wearer opens the hand."""
         return self.lost_s < self.opens_s

@@ -11,12 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.trial_layout import RISKY_ACTIONS
 from holdfast.simulation.body import Inputs
-from holdfast.simulation.core import two_at_least
+from holdfast.simulation.core import IntArray, two_at_least
 from holdfast.simulation.drive import Actuator
 from holdfast.simulation.effect import NO_EFFECTS
 from holdfast.simulation.loop_people import MISTAKEN_S, Habits, LoopScript
@@ -38,7 +37,6 @@ from holdfast.simulation.stepper import (
     some_trials,
 )
 
-IntArray = npt.NDArray[np.int64]
 FALL_S = 1.0
 """A fall is watched at least this long: in it the object is gone, or at rest."""
 
@@ -136,7 +134,7 @@ class HandsAndObjects:
         index = spans.begins + np.arange(spans.periods)[:, None]
         self.busy = np.zeros(index.shape, dtype=np.bool_)
         for k, trial in enumerate(trials):
-            more = [*(settings.busy[k] if settings.busy else ())]
+            more = [*settings.busy[k]]
             if habits.mistake_s:
                 # until the object is at rest again
                 begins_s = Times.of(trial).act - MISTAKEN_S

@@ -15,7 +15,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.core.contract import (
     NOTHING,
@@ -27,12 +26,12 @@ from holdfast.core.contract import (
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.edge_runtime.preparation import Tare
+from holdfast.simulation.core import IntArray
 from holdfast.simulation.effect import Plan, PlanRequest, Rows
 from holdfast.simulation.objects import sensed_of
 from holdfast.simulation.protocol import Trials
 from holdfast.simulation.scene import Scene
 
-IntArray = npt.NDArray[np.int64]
 OUTPUTS = ("p_situation", "situation", "unknown")
 """Outputs of the graph that a controller needs."""
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Container
 from dataclasses import replace
 from functools import cache
-from typing import TypeVar
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from holdfast.simulation.effect import (
     Parameter,
     Plan,
     PlanRequest,
+    Reported,
     Rows,
     as_drawn,
     scaled,
@@ -310,7 +310,6 @@ EFFECTS = {
 }
 
 
-Reported = TypeVar("Reported", bound=Rows)
 SHEAR_SHARE = 0.5
 """Largest shear of the calibration's loads over their normal force."""
 

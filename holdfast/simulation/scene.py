@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from holdfast.simulation.effect import (
     EffectBatch,
     Interval,
     PhysicsEffects,
-    Rows,
+    Reported,
     Signal,
     effect_named,
     step_settings,
@@ -40,7 +40,6 @@ from holdfast.simulation.truth import Truth, truth_of
 
 BATCH = 1000
 """About this many trials are stepped together: fewer waste time on calls, more on memory."""
-Reported = TypeVar("Reported", bound=Rows)
 
 
 @dataclass(frozen=True)

@@ -91,17 +91,11 @@ class _Physics(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class _Hand(msgspec.Struct, forbid_unknown_fields=True):
-    """The section [hand]: a card, or contacts on the thumb and on each of the four fingers."""
+    """The section [hand]: a card, else contacts on the thumb and on each of the four fingers."""
 
     card: str = ""
     thumb: Annotated[int, Meta(ge=2, le=20)] = 2
     finger: Annotated[int, Meta(ge=1, le=20)] = 1
-
-    def __post_init__(self) -> None:
-        if self.card and (self.thumb, self.finger) != (2, 1):
-            raise ValueError(
-                f"card = {self.card!r}; allowed: a card or numbers, not both"
-            )
 
 
 class _Tables(msgspec.Struct, forbid_unknown_fields=True):

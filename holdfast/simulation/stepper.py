@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.simulation.body import Body, Inputs, State, at_rest
-from holdfast.simulation.core import step
+from holdfast.simulation.core import IntArray, step
 from holdfast.simulation.effect import (
     NO_EFFECTS,
     Interval,
@@ -36,8 +36,6 @@ SLIDES_M_S = 2e-4
 """An element slower than this creeps about its equilibrium and does not slip."""
 ONE_ELEMENT = np.ones(1)
 """Pressure of a brush that has a single element: it bears the whole normal force."""
-IntArray = npt.NDArray[np.int64]
-"""Numbers of trials, steps or samples."""
 Done = Callable[[float], None]
 """Called with how much is done."""
 
@@ -367,7 +365,7 @@ class _OpenLoop:
 
         # Scene.run sorts its trials by length, so those in front end first.
         ended = self.steps[self.first :] <= start
-        count = batch if ended.all() else int(np.argmin(ended))
+        count = int(np.argmin([*ended, False]))
 
         # numpy sums a single trial in another order than many.
         count = min(count, batch - 2)

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from holdfast.core.contract import FloatArray, Json
+from holdfast.simulation.core import IntArray
 from holdfast.simulation.effect import Rows
-from holdfast.simulation.loop_sensing import IntArray, LoopSensors, PlanBatch
+from holdfast.simulation.loop_sensing import LoopSensors, PlanBatch
 from holdfast.simulation.protocol import PlannedTrial
 from studies.distortions.law import Law, Memory, PlanRequest
 from studies.distortions.statistics import paired_change

@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from holdfast.simulation.body import (
-    SIDE,
     Body,
     Floor,
     Inputs,
@@ -24,6 +23,7 @@ from holdfast.simulation.body import (
     normal_j,
     offset_m,
     recess_m,
+    sides,
 )
 from holdfast.simulation.contacts import pressure
 from holdfast.simulation.core import step
@@ -207,7 +207,7 @@ def test_the_contacts_of_a_held_object_carry_its_weight(gravity):
     squeeze = (held.curvature_per_m[:, None] * state.offset_m * state.normal_n).sum(
         axis=1
     )
-    normal = (SIDE * state.normal_n).sum(axis=0)
+    normal = (sides(6, 2) * state.normal_n).sum(axis=0)
     carried = np.concatenate([-normal[None], shear - squeeze])
     assert carried == pytest.approx(held.mass_kg * held.gravity_m_s2, abs=2e-6)
 

@@ -30,7 +30,14 @@ from holdfast.simulation.effect import Interval, Parameter
 NEVER_S = 1e9
 """Time of an event that a trial does not have, s: later than any trial lasts."""
 EVERYDAY = (
-    *("tug", "stack", "relax", "lift", "carry", "turn", "pour", "regrip"),
+    "tug",
+    "stack",
+    "relax",
+    "lift",
+    "carry",
+    "turn",
+    "pour",
+    "regrip",
     "touch-table",
 )
 """What a hand lives through between taking and handing over."""
