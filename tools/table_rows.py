@@ -177,7 +177,7 @@ def effect_rows(figures: Json) -> list[Json]:
     rows = []
     for name, effect in all_effects().items():
         price_ns = prices.get(name)
-        row = {"name": effect.name, "stage": effect.stage}
+        row: Json = {"name": name, "stage": effect.stage}
         row["parameters"] = _quoted(effect.parameters) or ABSENT
         row["ns"] = None if price_ns is None else grouped(price_ns)
         rows.append(row)

@@ -90,8 +90,8 @@ def reader(trial: WorldTrial, sensors: str) -> Read:
     chain = LoopSensors(scene, [planned], np.array([samples]))
 
     def read(k: int, forces_n: FloatArray) -> tuple[FloatArray, BoolArray]:
-        rows, lost = chain.read(np.array([k]), forces_n[None])
-        return rows.values[0].ravel(), rows.valid[0] & ~lost[0]
+        rows = chain.read(np.array([k]), forces_n[None])
+        return rows.values[0].ravel(), rows.valid[0]
 
     return read
 

@@ -159,7 +159,7 @@ static double normal_j(const scene_body *body, const scene_state *state, const d
     return 0.5 * doubled_j;
 }
 
-/* Slows a step that ended with more energy than it had and was given; see energy.py. */
+/* Slows a step that ended with more energy than it had and was given; see body.py. */
 static void keep_the_balance(const scene_body *body, const scene_state *old, scene_state *state,
                              const double *closure_m, double given_j) {
     surface(body, state->position_m + 1, state->offset_m, state->recess_m);

@@ -67,9 +67,9 @@ class Seen:
 class _WatchedLoop(ClosedLoop):
     """A closed loop that also keeps where the objects were."""
 
-    def note(self, target_n: FloatArray) -> None:
+    def note(self, period: int, target_n: FloatArray) -> None:
         """Write down one sample period."""
-        super().note(target_n)
+        super().note(period, target_n)
         self.position_m.append(self.world.position_m.copy())
 
     def run(self) -> list[LoopOutcome]:
@@ -203,8 +203,10 @@ def _lost(one: Seen) -> str:
 
 
 def _kept(one: Seen) -> str:
-    called_ms = 1e3 * (one.outcome.evidence_s - one.outcome.act_s)
-    return f"noticed after {called_ms:.0f} ms, kept"
+    held = one.outcome
+    t_s = held.begin_s + np.arange(len(held.p_risky)) / held.rate_hz - held.act_s
+    noticed = (held.p_risky >= held.evidence_p) & (t_s >= 0.0)
+    return f"noticed after {1e3 * t_s[noticed][0]:.0f} ms, kept"
 
 
 def _taken(one: Seen) -> str:

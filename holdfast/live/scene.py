@@ -287,7 +287,7 @@ class LiveScene:
     def _keep_row(self) -> None:
         k = self._row
         forces = self._world.forces_n
-        readings, _ = self._sensors.read(_for_all(k), forces)
+        readings = self._sensors.read(_for_all(k), forces)
         # the copies are alike: the first one is the hand that is read
         self._field_ut[k] = readings.values[0]
         self._forces_n[k] = forces[0]

@@ -13,7 +13,7 @@ A grip controller decides (managed), or what a study puts in its place.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, Protocol
 
@@ -29,7 +29,6 @@ from holdfast.simulation.drive import Actuator, Drive, Opening
 from holdfast.simulation.loop_people import (
     Habits,
     LoopOutcome,
-    LoopRecord,
     Wearer,
     outcome_of,
 )
@@ -40,7 +39,7 @@ from holdfast.simulation.loop_sensing import (
     LoopSensors,
 )
 from holdfast.simulation.magnet import shear_gain_in
-from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.protocol import Trials
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.script_times import Times
 
@@ -74,7 +73,7 @@ class LoopController(Protocol):
         ...
 
 
-Make = Callable[[Sequence[PlannedTrial], float], LoopController]
+Make = Callable[[Trials, float], LoopController]
 """Makes the controller of a batch: (trials, rate in Hz)."""
 
 
@@ -96,12 +95,15 @@ class LoopSettings:
     between: Between | None = None
 
 
+USUAL = LoopSettings()
+
+
 def run_loops(
     scene: Scene,
-    trials: Sequence[PlannedTrial],
+    trials: Trials,
     model: OpenedModel,
     make: Make,
-    settings: LoopSettings | None = None,
+    settings: LoopSettings = USUAL,
 ) -> list[LoopOutcome]:
     """Outcomes of trials in their order."""
     outcomes: dict[int, LoopOutcome] = {}
@@ -110,13 +112,10 @@ def run_loops(
     return [outcomes[k] for k in range(len(trials))]
 
 
-def batches(trials: Sequence[PlannedTrial]) -> list[list[int]]:
+def batches(trials: Trials) -> list[list[int]]:
     """Places of the trials that run together: those of similar length, MOST_TOGETHER at most."""
     habits = Habits()
-    lasts_s = []
-    for trial in trials:
-        begin_s = Times.of(trial).close
-        lasts_s.append(loop_end_s(trial, habits) - begin_s)
+    lasts_s = [loop_end_s(trial, habits) - Times.of(trial).close for trial in trials]
 
     # A batch steps on until its longest trial has ended, so similar lengths waste least.
     order = sorted(range(len(trials)), key=lasts_s.__getitem__)
@@ -128,11 +127,11 @@ def batches(trials: Sequence[PlannedTrial]) -> list[list[int]]:
 
 def run_batch(
     scene: Scene,
-    trials: Sequence[PlannedTrial],
+    trials: Trials,
     batch: Sequence[int],
     model: OpenedModel,
     make: Make,
-    settings: LoopSettings | None = None,
+    settings: LoopSettings = USUAL,
 ) -> dict[int, LoopOutcome]:
     """Outcomes of one batch, by their places among the trials."""
     # A single trial runs twice, because numpy sums one in another order than many.
@@ -156,12 +155,11 @@ class ClosedLoop:
     def __init__(
         self,
         scene: Scene,
-        trials: Sequence[PlannedTrial],
+        trials: Trials,
         model: OpenedModel,
         make: Make,
-        settings: LoopSettings | None = None,
+        settings: LoopSettings = USUAL,
     ) -> None:
-        settings = settings or LoopSettings()
         self.trials = trials
         self.rate_hz = scene.file.rate_hz
         preparation = model.card.preparation
@@ -187,43 +185,37 @@ class ClosedLoop:
 
         # Commands on their way: at first none.
         self._late = [np.zeros(len(trials))] * settings.delay_samples
-        self._agents_n = self.world.state.agents_n.copy()
+        self._agents_n = self.world.all.state.agents_n.copy()
         self._p_risky = np.zeros(len(trials))
-        self._noted: list[list[Any]] = []
+        # What outcomes have of every sample, in single precision to save memory.
+        self._noted = np.zeros((4, self.spans.periods, len(trials)), np.float32)
 
     def run(self) -> list[LoopOutcome]:
         """Run to the end."""
         for period in range(self.spans.periods):
             target_n = self.decide(period)
-            self.note(target_n)
+            self.note(period, target_n)
             self.world.advance(period, target_n)
+        return [self.outcome(k) for k in range(len(self.trials))]
 
-        columns = zip(*self._noted, strict=True)
-        record = LoopRecord(*[np.array(column) for column in columns])
-        return [self.outcome(k, record) for k in range(len(self.trials))]
-
-    def note(self, target_n: FloatArray) -> None:
+    def note(self, period: int, target_n: FloatArray) -> None:
         """Write down one sample period, before the world goes on."""
         drive = self.actuator
         levels = (drive.grip_n, drive.wearers_n, target_n, self._p_risky)
-        self._noted.append([level.astype(np.float32) for level in levels])
+        self._noted[:, period] = levels
 
     def decide(self, period: int) -> FloatArray:
         """[B] targets of the drives at a sample, 0 for none."""
         # A trial that has ended repeats its last sample.
         rows = np.minimum(self.spans.begins + period, self.spans.counts - 1)
-        readings, lost = self.sensors.read(rows, self.world.forces_n)
-
-        # A lost sample reaches the model as one without any valid sensor.
-        valid = readings.valid & ~lost[:, None]
+        readings = self.sensors.read(rows, self.world.forces_n)
         values = readings.values.reshape(len(self.trials), -1)
-        sense = self.models.answer(values, valid)
 
         # Only the wearer, and a baseline of a study, use the truth.
         now = LoopTruth(rows / self.rate_hz, self.actuator.grip_n)
-        opening = self.wearer.opening(now.t_s)
+        opening = now.t_s >= self.wearer.signal_s
         overridden = self._overridden(now)
-        sense = replace(sense, opening=opening, overridden=overridden)
+        sense = self.models.answer(values, readings.valid, opening, overridden)
         self._p_risky = np.where(sense.known, sense.p_risky, 0.0)
         # A queue: what is decided now acts delay_samples later.
         self._late.append(self.controller.step(sense, now))
@@ -231,7 +223,7 @@ class ClosedLoop:
 
     def _overridden(self, now: LoopTruth) -> BoolArray:
         """[B] whether the wearer's override lasts; it lasts until the end of the trial."""
-        agents_n = self.world.state.agents_n
+        agents_n = self.world.all.state.agents_n
         # Force on the object before the action, which resistance is measured against.
         before = now.t_s < self.wearer.act_s
         self._agents_n = np.where(before, agents_n, self._agents_n)
@@ -244,17 +236,16 @@ class ClosedLoop:
         self.wearer.resist(now.t_s, own_n, extra_n, pulled_n, 1.0 / self.rate_hz)
         return now.t_s >= self.wearer.overrode_s
 
-    def outcome(self, k: int, record: LoopRecord) -> LoopOutcome:
-        """What became of trial k; record: of the whole batch."""
+    def outcome(self, k: int) -> LoopOutcome:
+        """What became of trial k."""
         begin = int(self.spans.begins[k])
         end = int(self.spans.ends[k])
-
-        # The outcome is read off the steps alone, so the motion needs no samples.
-        motion = self.world.motion(k, np.zeros((2, 1, 3)), np.zeros((2, 3)))
+        names = ("grip_n", "own_n", "target_n", "p_risky")
+        levels = dict(zip(names, self._noted[:, : end - begin, k], strict=True))
         return outcome_of(
             self.trials[k],
-            motion,
-            record.of_trial(k, end - begin),
+            self.world.motion(k),
+            **levels,
             overrode_s=float(self.wearer.overrode_s[k]),
             begin_s=begin / self.rate_hz,
             rate_hz=self.rate_hz,
@@ -287,11 +278,11 @@ def managed(
     setting: float | None = None,
     rules: AnswerRules | None = None,
     limits: Limits | None = None,
-) -> Callable[[Sequence[PlannedTrial], float], Managed]:
+) -> Callable[[Trials, float], Managed]:
     """A maker of a controller; setting, rules: None for the usual."""
     gain = shear_gain_in(scene.file.effects)
 
-    def make(trials: Sequence[PlannedTrial], rate_hz: float) -> Managed:
+    def make(trials: Trials, rate_hz: float) -> Managed:
         batch: Batch = ManyHands(len(trials))
         controller = kind(batch, rate_hz, setting, rules)
         grip = GripLoop(batch, rate_hz, controller, limits, gain)

@@ -32,16 +32,19 @@ import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.simulation.body import (
+    TINY,
     Body,
     Floor,
     Inputs,
     State,
+    add,
     changed,
+    keep_the_balance,
     offset_m,
     recess_m,
+    taken_by_lags_j,
 )
 from holdfast.simulation.effect import NO_EFFECTS, PhysicsEffects
-from holdfast.simulation.energy import TINY, _taken_by_lags_j, add, keep_the_balance
 
 IntArray = npt.NDArray[np.int64]
 """Numbers of trials, steps or samples."""
@@ -76,11 +79,11 @@ def step(
         load_n += more_n
     weight_n = body.mass_kg * body.gravity_m_s2
     held_n = load_n + weight_n
-    shaken_n: FloatArray | None = None
+    shaken_n = np.zeros_like(held_n)
     for shake in effects.shakes:
         inertial_n = body.mass_kg * shake.acceleration_m_s2(t_s)
         held_n = held_n - inertial_n
-        shaken_n = -inertial_n if shaken_n is None else shaken_n - inertial_n
+        shaken_n = shaken_n - inertial_n
 
     # Normals first, because they decide how much friction the brushes may use.
     speed_x = _normals(body, state, closure_m, held_n[0], drag[0], dt_s, effects)
@@ -109,7 +112,7 @@ def step(
     net_n = held_n - resisted_n
     given_j = add(net_n * moved_m, axis=0)
     if effects.lags:
-        taken_j = _taken_by_lags_j(body, old, state, closure_m, dt_s, effects)
+        taken_j = taken_by_lags_j(body, old, state, closure_m, dt_s, effects)
         given_j = given_j - taken_j
     keep_the_balance(body, old, state, closure_m, given_j)
 

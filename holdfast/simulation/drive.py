@@ -18,14 +18,13 @@ Source: Michelangelo hand, 120 mm in 0.37 s and 70 N (thesis, 5.1.1; Front. Syst
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray
-from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.protocol import Trials, each
 from holdfast.simulation.script import body_of
 
 Opening = Literal["wearer", "larger"]
@@ -73,18 +72,16 @@ class Actuator:
     place_n   [B] the same of the fingers behind the backlash
     """
 
-    opening: Opening = "wearer"
-
     def __init__(
         self,
         drive: Drive,
-        trials: Sequence[PlannedTrial],
+        trials: Trials,
         opening: Opening = "wearer",
     ) -> None:
         self.drive = drive
         self.opening = opening
         # The grip with which the wearer closes the hand.
-        self.own_n = np.array([trial.grip_n for trial in trials])
+        self.own_n = each(trials, "grip_n")
         per_m = stiffness_n_per_m(trials)
 
         # Opening speed times stiffness, N/s: the grip that the fastest closing adds in a second.
@@ -110,13 +107,8 @@ class Actuator:
     @property
     def kept_n(self) -> FloatArray:
         """[B] the target that keeps the grip as it is; 0 where it is the wearer's own."""
-        kept_n: FloatArray = np.where(self._beyond(), self.motor_n, 0.0)
+        kept_n: FloatArray = np.where(self.moving(self.own_n), self.motor_n, 0.0)
         return kept_n
-
-    def _beyond(self) -> BoolArray:
-        """[B] whether the motor is beyond the wearer's grip, or still on its way back to it."""
-        away: BoolArray = self.motor_n - self.own_n > FELT_N
-        return away | (np.abs(self.speed_n_s) > FELT_N_S)
 
     def obeyed_n(self, target_n: FloatArray, opens: BoolArray) -> FloatArray:
         """[B] the targets that count; opens [B]: the wearer opens the hand, or has opened it."""
@@ -132,9 +124,11 @@ class Actuator:
         own_n: the wearer's at the end of the step; None: as it was.
         """
         own_n = self.own_n if own_n is None else own_n
-        wanted_n = _larger(target_n, own_n)
-        # The way of a hand that only its wearer moves is given, drive and all.
-        follows = (wanted_n == own_n) & ~self._beyond()
+        larger_n = np.maximum(target_n, own_n)
+        wanted_n = np.where(target_n > 0.0, larger_n, own_n)
+        # The way of a hand that only its wearer moves is given, drive and all: the motor is at the
+        # wearer's grip, and not on its way back to it.
+        follows = (wanted_n == own_n) & ~self.moving(self.own_n)
 
         lag_s = 1e-3 * self.drive.lag_ms
         # A drive weaker than its wearer's grip does not open the hand.
@@ -169,13 +163,7 @@ class Actuator:
         return fast | far
 
 
-def _larger(target_n: FloatArray, own_n: FloatArray) -> FloatArray:
-    """[B] what a hand grips for: the larger of its target (0 for none) and the wearer's."""
-    larger_n = np.maximum(target_n, own_n)
-    return np.where(target_n > 0.0, larger_n, own_n)
-
-
-def stiffness_n_per_m(trials: Sequence[PlannedTrial]) -> FloatArray:
+def stiffness_n_per_m(trials: Trials) -> FloatArray:
     """[B] N a side per m of opening: thumb, object and fingers in series."""
     # The number of elements of a brush plays no part: only the normal springs are used.
     body = body_of(trials, np.ones(1))

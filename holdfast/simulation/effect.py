@@ -22,12 +22,10 @@ import importlib
 import math
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from copy import copy
-from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from dataclasses import dataclass, replace
+from typing import Any, Literal, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray, Unit
 
@@ -35,17 +33,21 @@ Drawn = Mapping[str, Any]
 """Parameter name -> value of one trial: a float, or a list of floats."""
 Interval = tuple[float, float]
 """Start and end, s."""
+Plan = dict[str, Any]
+"""Arrays by name; the first axis has a row for each sample, or one row for all samples."""
 
-DISTRIBUTIONS = ("uniform", "normal", "log_uniform", "choice")
-"""Kinds of distributions that a scene file may name."""
+DISTRIBUTIONS = (
+    "{ uniform = [low, high] } or { log_uniform = [low, high] }, low before high, "
+    "{ normal = [mean, standard deviation] } or { choice = [values] }"
+)
+"""Distributions that a scene file may name."""
 EFFECT_MODULES = {
     "brush": "contacts",
     "texture": "contacts",
     "lag": "contacts",
-    "rotation": "rotation",
+    "rotation": "contacts",
     "arm": "shakes",
     "tremor": "shakes",
-    "knock": "shakes",
     "fluctuation": "shakes",
     "averaging": "chip",
     "shear_gain": "sensor_spread",
@@ -56,17 +58,13 @@ EFFECT_MODULES = {
     "cross_talk": "magnet",
     "gain_tilt": "magnet",
     "magnet_reversed": "magnet",
-    "magnet_lost": "magnet",
     "thermal_drift": "magnet",
     "hall_noise": "chip",
-    "saturation": "chip",
     "quantisation": "chip",
     "magnetometer": "magnet",
     "drift": "sensor_spread",
     "white_noise": "sensor_spread",
     "timing_jitter": "chip",
-    "dropped_samples": "chip",
-    "stale_sensor": "chip",
 }
 """Every effect in the order in which they run, and the module of this package that has it."""
 
@@ -97,13 +95,13 @@ class Parameter:
         return f"{what} from {self.low:g} to {self.high:g}{unit}"
 
     def problem(self, value: Any) -> str | None:
-        """What is wrong with a scene file's value, or None."""
+        """What a scene file's value should be instead, or None."""
         if self.many:
             fits = isinstance(value, list) and all(map(self._inside, value))
             return None if fits else self.allowed()
-        if isinstance(value, dict):
-            return self._problem_of_distribution(value)
-        return None if self._inside(value) else f"{self.allowed()}, or a distribution"
+        if self._inside(value) or self._can_give(value):
+            return None
+        return f"{self.allowed()}, or a distribution of them: {DISTRIBUTIONS}"
 
     def draw(self, value: Any, rng: np.random.Generator) -> Any:
         """One draw of a value that has no problem; a constant uses no random number."""
@@ -121,31 +119,23 @@ class Parameter:
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
         return number and self.low <= value <= self.high
 
-    def _problem_of_distribution(self, value: dict[str, Any]) -> str | None:
-        """What is wrong with a distribution, or None."""
-        kind = next(iter(value), "")
-        if len(value) != 1 or kind not in DISTRIBUTIONS:
-            return f"{self.allowed()}, or one of {{ {', '.join(DISTRIBUTIONS)} }}"
-
-        numbers = value[kind]
-        listed = isinstance(numbers, list) and len(numbers) > 0
-        if not listed or (kind != "choice" and len(numbers) != 2):
-            pair = "mean, standard deviation" if kind == "normal" else "low, high"
-            return f"{kind} = [{pair}]"
+    def _can_give(self, value: Any) -> bool:
+        """Whether a value is a distribution, and all that it is given by is within the range."""
+        if not isinstance(value, dict) or len(value) != 1:
+            return False
+        ((kind, numbers),) = value.items()
+        if not isinstance(numbers, list) or not numbers:
+            return False
+        if kind == "choice":
+            return all(map(self._inside, numbers))
+        if len(numbers) != 2 or not self._inside(numbers[0]):
+            return False
+        # A normal draw that lies outside of the range is moved to its end.
         if kind == "normal":
-            mean, deviation = numbers
-            if self._inside(mean) and deviation >= 0:
-                return None
-            allowed = f"a mean within {self.allowed()}"
-            return f"{allowed} and a standard deviation that is not negative"
-        if not all(map(self._inside, numbers)):
-            return f"limits within {self.allowed()}"
-        if kind != "choice" and not numbers[0] <= numbers[1]:
-            return "low before high"
-        if kind == "log_uniform" and numbers[0] <= 0:
-            return "limits above zero"
-
-        return None
+            return bool(numbers[1] >= 0)
+        low, high = numbers
+        known = kind == "uniform" or (kind == "log_uniform" and low > 0)
+        return known and self._inside(high) and bool(low <= high)
 
 
 SENSORS = Parameter([], "", 1, 12, "which sensors", many=True)
@@ -157,11 +147,10 @@ def _drawn(kind: str, numbers: list[float], rng: np.random.Generator) -> float:
     if kind == "choice":
         return float(numbers[int(rng.integers(len(numbers)))])
     first, second = numbers
-    if kind == "uniform":
-        return float(rng.uniform(first, second))
-    if kind == "normal":
-        return float(rng.normal(first, second))
-    return float(math.exp(rng.uniform(math.log(first), math.log(second))))
+    if kind == "log_uniform":
+        return float(math.exp(rng.uniform(math.log(first), math.log(second))))
+    # numpy's methods have the names of the other kinds.
+    return float(getattr(rng, kind)(first, second))
 
 
 @dataclass(frozen=True)
@@ -180,6 +169,9 @@ class Rows:
     unit: Unit = "N"
 
 
+Reported = TypeVar("Reported", bound=Rows)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Signal(Rows):
     """What S fingertips report in a trial, at the times t_s [T]."""
@@ -188,15 +180,45 @@ class Signal(Rows):
 
 
 @dataclass(frozen=True)
+class PlanRequest:
+    """What an effect draws its plan from.
+
+    drawn    parameters of the trial; request["height_mm"] is one of them
+    rng      the effect's random stream in the trial
+    t_s      [T] times of the samples
+    sensors  S
+    """
+
+    drawn: Drawn
+    rng: np.random.Generator
+    t_s: FloatArray
+    sensors: int
+
+    def __getitem__(self, name: str) -> Any:
+        return self.drawn[name]
+
+    @property
+    def places(self) -> list[int]:
+        """Of the sensors that the effect is about; a scene file numbers them from 1."""
+        return [int(number) - 1 for number in self["sensors"]]
+
+    def noise(self) -> FloatArray:
+        """[T, S, 3] standard normal numbers from the stream."""
+        return self.rng.normal(size=(len(self.t_s), self.sensors, 3))
+
+
+@dataclass(frozen=True)
 class Effect:
     """One entry of the table of effects.
 
-    make            of a sensor effect: its law (rows.RowEffect);
+    make            of a sensor effect: its law, (rows, plan) -> rows, which draws nothing;
                     of a physics effect: EffectBatch -> PhysicsEffect;
                     of one that `sets` a field of stepper.StepSettings: its constant -> that field
     parameters      in the order in which they are drawn
+    plan            of a sensor effect: PlanRequest -> plan, everything random; else None
+    whole           of a law that also takes what it returned for the row before (itself at the
+                    first): the same law of a whole trial; None: no row depends on another
     needs           effects that the scene must name too
-    marks_invalid   it can make samples invalid, so the trial's file has columns for that
     constant        a parameter that is the same in all trials of a scene: they are stepped together
     sets            the field of stepper.StepSettings
     longest_step_s  the longest physics.step_s it allows
@@ -205,18 +227,22 @@ class Effect:
     only_unit       the unit of the scene's samples that it needs; None: any
     """
 
-    name: str
-    stage: Literal["physics", "sensor"]
     make: Callable[..., Any]
-    parameters: dict[str, Parameter] = field(default_factory=dict)
+    parameters: dict[str, Parameter]
+    plan: Any = None
+    whole: Callable[..., Any] | None = None
     needs: tuple[str, ...] = ()
-    marks_invalid: bool = False
     constant: str = ""
     sets: str = ""
     longest_step_s: float = math.inf
     gives_unit: Unit | None = None
     in_scene_unit: bool = False
     only_unit: Unit | None = None
+
+    @property
+    def stage(self) -> str:
+        """Whether it is a part of the physics or of the sensor."""
+        return "sensor" if self.plan else "physics"
 
     def draw(self, values: Mapping[str, Any], rng: np.random.Generator) -> Drawn:
         """Draw one trial's parameters from the scene's values.
@@ -226,14 +252,26 @@ class Effect:
         return draw_all(self.parameters, values, rng)
 
     def sense(self, signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-        """A signal after this effect of the sensor, in the unit that it gives."""
-        made: Signal = self.make(signal, drawn, rng)
+        """The signal of a whole trial after this effect, in the unit that it gives."""
+        sensors = signal.values.shape[1]
+        plan = self.plan(PlanRequest(drawn, rng, signal.t_s, sensors))
+        made: Signal = (self.whole or self.make)(signal, plan)
         return replace(made, unit=self.gives_unit or made.unit)
 
-    def setting(self, values: Mapping[str, Any]) -> Any:
-        """The field of stepper.StepSettings that this effect sets, from the scene's values."""
-        default = self.parameters[self.constant].default
-        return self.make(float(values.get(self.constant, default)))
+
+def as_drawn(request: PlanRequest) -> Plan:
+    """The parameters themselves, [1, 1, 1] each: nothing random."""
+    return {name: np.full((1, 1, 1), value) for name, value in request.drawn.items()}
+
+
+def added(rows: Rows, plan: Plan) -> Rows:
+    """What is read, and what the plan adds to it, in the unit of the rows."""
+    return replace(rows, values=rows.values + plan["added"])
+
+
+def scaled(rows: Rows, plan: Plan) -> Rows:
+    """What is read times the plan's factor."""
+    return replace(rows, values=rows.values * plan["factor"])
 
 
 def draw_all(
@@ -273,7 +311,9 @@ def step_settings(named: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     for name, values in named.items():
         effect = effect_named(name)
         if effect.sets:
-            fields[effect.sets] = effect.setting(values)
+            default = effect.parameters[effect.constant].default
+            value = values.get(effect.constant, default)
+            fields[effect.sets] = effect.make(float(value))
     return fields
 
 
@@ -313,7 +353,7 @@ class PhysicsEffect:
               + held: terms(dt_s [B]) -> (stiffness, held force), [S, B] each; and moved(change
               of depth [S, B], touching [S, B], dt_s [B]) takes in the step
     turns     the object rotates: turn(body, state, limit_m, dt_s, inertial force of the shakes
-              [3, B] or None) moves the brushes in place after the core has
+              [3, B]) moves the brushes in place after the core has
     grips     the fingers are unsteady: closure_m(closure [S, B], t_s [B]) -> [S, B]
     """
 
@@ -325,7 +365,7 @@ class PhysicsEffect:
 
     @staticmethod
     def peak_m_s2(drawn: Drawn) -> float:
-        """Largest acceleration that a hold has to bear; a blow such as a knock is no part of it."""
+        """Largest acceleration that a hold has to bear."""
         return 0.0
 
     @staticmethod
@@ -346,25 +386,3 @@ class PhysicsEffects:
 
 
 NO_EFFECTS = PhysicsEffects()
-
-
-def some_trials(batched: Any, which: npt.NDArray[np.int64], n: int) -> Any:
-    """A copy of what holds arrays of a batch of n trials, with some of its trials.
-
-    Arrays whose last axis has n entries have the trials there; lists and tuples are looked into.
-    """
-    if isinstance(batched, np.ndarray):
-        if batched.ndim == 0 or batched.shape[-1] != n:
-            return batched
-        # `take`, not [..., which]: the layout in memory decides in which order numpy sums.
-        return np.take(batched, which, axis=-1)
-    if isinstance(batched, list | tuple):
-        return type(batched)([some_trials(part, which, n) for part in batched])
-    if not hasattr(batched, "__dict__"):
-        return batched
-
-    part = copy(batched)
-    for name, value in vars(batched).items():
-        object.__setattr__(part, name, some_trials(value, which, n))
-
-    return part

@@ -4,7 +4,7 @@ OUT/card.toml, OUT/meta.json     the scene file as it was read; name, unit, seed
 OUT/hand.toml                    the hand card, where the scene names one
 OUT/<object>/meta.json           its mass
 OUT/<object>/<action>/
-    trial_<n>.csv                Time, X1, Y1, Z1 .. Z6 (and valid1 .. if an effect invalidates)
+    trial_<n>.csv                Time, X1, Y1, Z1 .. Z6
     trial_<n>.truth.json         phases, events, draws, scene and seed
     trial_<n>.motion.csv         object and hand, mm; with `rotation` the object's turn, degrees
 """
@@ -18,14 +18,14 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contract import FloatArray, Json, channel_names
+from holdfast.core.contract import Json, channel_names
 from holdfast.core.errors import OutputError
 from holdfast.core.trial_file import TIME_COLUMN
 from holdfast.core.trial_layout import HAND_FILE
 from holdfast.core.writing import require_writable, whole_folder, write_whole
-from holdfast.simulation.effect import Drawn, Signal, effect_named
-from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.scene import BATCH, Scene, SimulatedTrial
+from holdfast.simulation.effect import Drawn, Signal
+from holdfast.simulation.protocol import PlannedTrial, Trials
+from holdfast.simulation.scene import BATCH, Scene, SimulatedTrial, shifted_s
 from holdfast.simulation.stepper import Done
 from holdfast.simulation.table import Column, csv_bytes
 
@@ -67,7 +67,7 @@ def require_new(out: Path) -> None:
     require_writable(out)
 
 
-def _fill(scene: Scene, out: Path, trials: Sequence[PlannedTrial], done: Done) -> int:
+def _fill(scene: Scene, out: Path, trials: Trials, done: Done) -> int:
     """Write a whole set; returns the number of recordings. Raises OutputError."""
     # The set carries its own scene file and seed, from which it can be simulated again.
     write_whole(out / "card.toml", scene.file.text)
@@ -133,8 +133,8 @@ def write_recording(path: Path, scene: Scene, trials: Sequence[SimulatedTrial]) 
     signal, starts_s, drawn = scene.join(trials)
     truth = _truth(scene, trials, starts_s, drawn)
     parts: dict[str, bytes | str] = {
-        "csv": _samples(signal, scene),
-        "motion.csv": _motion(trials, starts_s),
+        "csv": _samples(signal),
+        "motion.csv": _motion(trials, starts_s, turns="rotation" in scene.file.effects),
         "truth.json": _json(truth),
     }
 
@@ -142,9 +142,7 @@ def write_recording(path: Path, scene: Scene, trials: Sequence[SimulatedTrial]) 
         write_whole(path.with_name(f"{path.name}.{ending}"), content)
 
 
-def _streams(
-    scene: Scene, out: Path, trials: Sequence[PlannedTrial]
-) -> Iterator[Recording]:
+def _streams(scene: Scene, out: Path, trials: Trials) -> Iterator[Recording]:
     """Recordings of `join` trials of an object each, in random order."""
     join = scene.file.join
     for name in dict.fromkeys(trial.object.name for trial in trials):
@@ -158,7 +156,7 @@ def _streams(
             yield out / name / STREAM / f"trial_{number}", joined
 
 
-def _named(trials: Sequence[PlannedTrial]) -> Iterator[tuple[str, PlannedTrial]]:
+def _named(trials: Trials) -> Iterator[tuple[str, PlannedTrial]]:
     """Trials with <object>/<action>/trial_<n>, n counting within the folder."""
     counts: dict[str, int] = {}
     for trial in trials:
@@ -169,7 +167,7 @@ def _named(trials: Sequence[PlannedTrial]) -> Iterator[tuple[str, PlannedTrial]]
         yield f"{folder}/trial_{counts[folder]}", trial
 
 
-def _meta(scene: Scene, trials: Sequence[PlannedTrial]) -> Json:
+def _meta(scene: Scene, trials: Trials) -> Json:
     """The meta.json of a set: what its files are, and where they come from."""
     file = scene.file
     meta: Json = {
@@ -195,8 +193,8 @@ def _meta(scene: Scene, trials: Sequence[PlannedTrial]) -> Json:
     return meta
 
 
-def _samples(signal: Signal, scene: Scene) -> bytes:
-    """The CSV of a recording: times, channels, and validity where an effect can take it away."""
+def _samples(signal: Signal) -> bytes:
+    """The CSV of a recording: times and channels."""
     n_sensors = signal.values.shape[1]
     decimals = DECIMALS[signal.unit]
     header = [TIME_COLUMN, *channel_names(n_sensors)]
@@ -206,32 +204,26 @@ def _samples(signal: Signal, scene: Scene) -> bytes:
     for values in flat.T:
         columns.append((values, decimals))
 
-    # A recording in which no sample can be invalid has no columns for that.
-    if any(effect_named(name).marks_invalid for name in scene.file.effects):
-        for k, valid in enumerate(signal.valid.T, 1):
-            header.append(f"valid{k}")
-            columns.append((valid.astype(np.float64), 0))
-
     return csv_bytes(header, columns)
 
 
-def _motion(trials: Sequence[SimulatedTrial], starts_s: Sequence[float]) -> bytes:
-    """The CSV of positions in mm: of the object in the hand, and of the hand."""
-    times_s = []
-    for simulated, start_s in zip(trials, starts_s, strict=True):
-        times_s.append(simulated.motion.t_s + start_s)
-
+def _motion(
+    trials: Sequence[SimulatedTrial], starts_s: Sequence[float], *, turns: bool
+) -> bytes:
+    """The CSV of positions in mm: of the object in the hand, which may turn, and of the hand."""
+    motions = [simulated.motion for simulated in trials]
     places_m = {
-        "object": np.concatenate([simulated.motion.position_m for simulated in trials]),
+        "object": np.concatenate([motion.position_m for motion in motions]),
         "hand": np.concatenate([simulated.hand_m for simulated in trials]),
     }
     header = [TIME_COLUMN]
-    columns: list[Column] = [(np.concatenate(times_s), TIME_DECIMALS)]
+    columns: list[Column] = [(shifted_s(trials, starts_s), TIME_DECIMALS)]
 
-    if all(simulated.motion.turned_rad is not None for simulated in trials):
-        turned_deg = np.degrees(np.concatenate([_turned_rad(one) for one in trials]))
+    if turns:
+        # A step ends at each sample.
+        turned_rad = [np.interp(one.t_s, one.at_s, one.turned_rad) for one in motions]
         header.append("object_turn_deg")
-        columns.append((turned_deg, MOTION_DECIMALS))
+        columns.append((np.degrees(np.concatenate(turned_rad)), MOTION_DECIMALS))
 
     for what, place_m in places_m.items():
         place_mm = 1e3 * place_m
@@ -240,13 +232,6 @@ def _motion(trials: Sequence[SimulatedTrial], starts_s: Sequence[float]) -> byte
             columns.append((column, MOTION_DECIMALS))
 
     return csv_bytes(header, columns)
-
-
-def _turned_rad(simulated: SimulatedTrial) -> FloatArray:
-    """[T] angle of the object at the samples; a step ends at each."""
-    motion = simulated.motion
-    assert motion.turned_rad is not None
-    return np.interp(motion.t_s, motion.at_s, motion.turned_rad)
 
 
 def _truth(
@@ -284,7 +269,7 @@ def _origin(simulated: SimulatedTrial, sensors: Mapping[str, Drawn]) -> Json:
         name: round(value, 6) if math.isfinite(value) else None
         for name, value in trial.drawn.items()
     }
-    origin: Json = {
+    return {
         "number": trial.number,
         "object": held.name,
         "action": trial.action,
@@ -300,7 +285,6 @@ def _origin(simulated: SimulatedTrial, sensors: Mapping[str, Drawn]) -> Json:
         "drawn": drawn,
         "effects": {**simulated.effects, **sensors},
     }
-    return origin
 
 
 def _json(value: object) -> str:

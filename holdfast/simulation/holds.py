@@ -47,7 +47,7 @@ drawn again, and the draws are counted.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -56,8 +56,8 @@ from holdfast.core.contract import FloatArray
 from holdfast.core.errors import HoldfastError
 from holdfast.core.trial_layout import is_heavy
 from holdfast.simulation.actions import action_named
-from holdfast.simulation.effect import Parameter, draw_all
-from holdfast.simulation.objects import OBJECT_KEYS
+from holdfast.simulation.effect import draw_all
+from holdfast.simulation.objects import HELD, HOLD
 from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial, least_grip_n
 
 LEAST_N = 0.5
@@ -70,57 +70,19 @@ thumb, so they give up two thirds of a load towards it and keep the rest of thei
 MOST_DRAWS = 10_000
 """After so many draws the ranges of the file allow no hold."""
 
-HELD = {
-    "mass_g": OBJECT_KEYS["mass_g"],
-    "friction": OBJECT_KEYS["friction"],
-    "kinetic_share": OBJECT_KEYS["kinetic_share"],
-}
-"""Numbers of the object that a row may draw for every trial."""
-HOLD = {
-    **HELD,
-    "used": Parameter(0.4, "", 0.01, 1.0, "friction used by the hold's largest load"),
-    "fingers_down": Parameter(
-        0.0,
-        "",
-        -1,
-        1,
-        "share of gravity along the thumb's axis, 1: the fingers lie below",
-    ),
-    "turn_deg": Parameter(
-        0.0, "deg", -360, 360, "hand turned about the thumb's axis, 0: held upright"
-    ),
-    "push_along_thumb": Parameter(
-        0.0, "", -1, 1, "share of the taking along the thumb's axis"
-    ),
-    "push_turn_deg": Parameter(
-        0.0, "deg", -360, 360, "direction of taking, 0: away from the palm, 90: up"
-    ),
-}
-"""Further parameters of every action, drawn only where a row names them."""
-
-
-@dataclass
-class HandMotion:
-    """What a hold has to bear besides the weight, from the draws of the scene's effects.
-
-    peak_m_s2  largest acceleration of the hand, in any direction
-    lever_m    distance of the centre of mass from the middle of the grip
-    """
-
-    peak_m_s2: float = 0.0
-    lever_m: float = 0.0
-
 
 def in_hold(
     trial: PlannedTrial,
     values: Mapping[str, Any],
     rng: np.random.Generator,
-    motion: HandMotion,
+    peak_m_s2: float,
+    lever_m: float,
 ) -> PlannedTrial:
     """A trial with what its row draws for the hold, drawn until its grip is possible.
 
-    rng: the hold's stream in the trial; motion: what the hand does in the hold. Raises
-    HoldfastError where no draw is possible.
+    rng: the hold's stream in the trial. peak_m_s2: largest acceleration of the hand by the scene's
+    effects, in any direction; lever_m: distance of the centre of mass from the middle of the grip.
+    Raises HoldfastError where no draw is possible.
     """
     table = {name: HOLD[name] for name in HOLD if name in values}
 
@@ -129,10 +91,10 @@ def in_hold(
         if "used" not in table:
             return _named(tried)
 
-        grip_n = _weak_n(tried) if tried.supported else _firm_n(tried, motion)
+        hold = _Hold(tried, peak_m_s2, lever_m)
+        grip_n = hold.weak_n() if tried.supported else hold.firm_n()
         if LEAST_N <= grip_n <= MOST_N:
-            used = used_friction(tried, grip_n, motion)
-            drawn = tried.drawn | {"used": used}
+            drawn = tried.drawn | {"used": hold.used_at(grip_n)}
             held = replace(tried, grip_n=grip_n, drawn=drawn, refused=refused)
             return _named(held)
 
@@ -182,57 +144,84 @@ def _direction(
     return np.array([share, across * np.cos(angle), across * np.sin(angle)])
 
 
-@dataclass(frozen=True)
-class _Loads:
-    """Of a hold, N, but for the last.
+class _Hold:
+    """The loads of a hold whose hand is shaken in any direction, N, but for the last two.
 
     skin     largest load along the skin
     axis     largest load along the thumb's axis
     stiffer  what the axial load adds to the sum of the normals at least, below 0: takes away
     bound    R k: the sum of the normals that pushes a curved object out of the hand
     leaning  what the contacts push along the skin, over the sum of their normals
+    static   the static friction coefficient
     """
 
-    skin: float
-    axis: float
-    stiffer: float
-    bound: float
-    leaning: float
+    def __init__(self, trial: PlannedTrial, peak_m_s2: float, lever_m: float) -> None:
+        self.trial = trial
+        factor = trial.drawn["friction_factor"]
+        self.static = trial.object.friction * factor
+        self.least_n = least_grip_n(trial.object, factor)
+        along, self.across = _gravity_shares(trial)
+        mass_kg = trial.object.mass_kg
+        shake_n = mass_kg * (peak_m_s2 + _own_m_s2(trial))
+        weight_n = mass_kg * GRAVITY_M_S2
 
+        # Finger and object are springs in series, as in script.body_of; an open finger holds
+        # nothing.
+        thumb = trial.hand.thumb
+        touches = trial.share > 0.0
+        stuff = trial.object.stiffness_n_per_m * trial.hand.part
+        fingers = np.where(touches, trial.finger_n_per_m, 0.0)
+        springs = fingers * stuff / (fingers + stuff)
+        of_thumb = float(springs[:thumb].sum())
+        of_fingers = float(springs[thumb:].sum())
+        lean = (of_fingers - of_thumb) / (of_fingers + of_thumb)
+        along_skin = trial.drawn["shear_ratio"] * float(fingers.sum())
 
-def _loads(trial: PlannedTrial, motion: HandMotion) -> _Loads:
-    """The loads of a hold whose hand is shaken in any direction."""
-    along, across = _gravity_shares(trial)
-    mass_kg = trial.object.mass_kg
-    shake_n = mass_kg * (motion.peak_m_s2 + _own_m_s2(trial))
-    weight_n = mass_kg * GRAVITY_M_S2
+        # A torque is friction too: of contacts at a mean distance r, a load at d needs as much as
+        # one of sqrt(1 + d^2 / r^2) times its size at the middle.
+        reach_m = np.hypot(*trial.at_m)[touches].mean()
+        turning = np.hypot(1.0, lever_m / max(reach_m, 1e-6))
 
-    # Finger and object are springs in series, as in script.body_of; an open finger holds nothing.
-    thumb = trial.hand.thumb
-    touches = trial.share > 0.0
-    stuff = trial.object.stiffness_n_per_m * trial.hand.part
-    fingers = np.where(touches, trial.finger_n_per_m, 0.0)
-    springs = fingers * stuff / (fingers + stuff)
-    of_thumb = float(springs[:thumb].sum())
-    of_fingers = float(springs[thumb:].sum())
-    lean = (of_fingers - of_thumb) / (of_fingers + of_thumb)
-    along_skin = trial.drawn["shear_ratio"] * float(fingers.sum())
+        self.skin = (weight_n * self.across + shake_n) * turning
+        self.axis = weight_n * abs(along) + shake_n
+        self.stiffer = lean * weight_n * along - abs(lean) * shake_n
+        self.bound = 1e-3 * trial.object.radius_mm * along_skin
+        # A finger beside the apex of a curved surface pushes along the skin too; half of the
+        # normals' sum is on either side.
+        push = (_slopes(trial) * trial.share).sum(axis=1)
+        self.leaning = 0.5 * float(np.hypot(*push))
 
-    # A torque is friction too: of contacts at a mean distance r, a load at d needs as much as one
-    # of sqrt(1 + d^2 / r^2) times its size at the middle.
-    reach_m = np.hypot(*trial.at_m)[touches].mean()
-    turning = np.hypot(1.0, motion.lever_m / max(reach_m, 1e-6))
+    def weak_n(self) -> float:
+        """A grip too weak for the weight along the skin, as the action's own rule has it."""
+        return self.trial.drawn["weak_grip"] * self.least_n * self.across
 
-    # A finger beside the apex of a curved surface pushes along the skin too; half of the normals'
-    # sum is on either side.
-    push = (_slopes(trial) * trial.share).sum(axis=1)
-    return _Loads(
-        skin=(weight_n * across + shake_n) * turning,
-        axis=weight_n * abs(along) + shake_n,
-        stiffer=lean * weight_n * along - abs(lean) * shake_n,
-        bound=1e-3 * trial.object.radius_mm * along_skin,
-        leaning=0.5 * float(np.hypot(*push)),
-    )
+    def firm_n(self) -> float:
+        """The grip that uses the drawn share of friction, both sides closed; inf: none does.
+
+        used = shear / (mu normal), solved for the smaller of two sums of the normals.
+        """
+        used = self.trial.drawn["used"]
+        friction = self.static * used - self.leaning
+
+        # Above the kinetic limit the first patch that slides takes the whole hold with it.
+        if friction <= 0.0 or used > self.trial.object.kinetic_share:
+            return np.inf
+
+        needed_n = self.skin / friction
+        left = 1.0 - 4.0 * needed_n / self.bound
+        if left < 0.0:
+            return np.inf
+        normal_n = 0.5 * self.bound * (1.0 - np.sqrt(left))
+        grip_n = 0.5 * (normal_n - self.stiffer)
+        return float(max(grip_n, BOTH_CLOSED * self.axis))
+
+    def used_at(self, grip_n: float) -> float:
+        """Friction that the largest load uses, over what there is; inf: none holds it."""
+        normal_n = 2.0 * grip_n + self.stiffer
+        left = 1.0 - normal_n / self.bound
+        if min(normal_n, left, self.static) <= 0.0:
+            return np.inf
+        return (self.skin / (normal_n * left) + self.leaning) / self.static
 
 
 def _gravity_shares(trial: PlannedTrial) -> tuple[float, float]:
@@ -262,48 +251,3 @@ def _slopes(trial: PlannedTrial) -> FloatArray:
     beyond_m = along_m - np.clip(along_m, -half_m, half_m)
     curvature = np.array(trial.object.curvature_per_m)
     return curvature[:, None] * np.stack([across_m, beyond_m])
-
-
-def _static(trial: PlannedTrial) -> float:
-    """The static friction coefficient."""
-    return trial.object.friction * trial.drawn["friction_factor"]
-
-
-def _weak_n(trial: PlannedTrial) -> float:
-    """A grip too weak for the weight along the skin, as the action's own rule has it."""
-    least_n = least_grip_n(trial.object, trial.drawn["friction_factor"])
-    _, across = _gravity_shares(trial)
-    return trial.drawn["weak_grip"] * least_n * across
-
-
-def _firm_n(trial: PlannedTrial, motion: HandMotion) -> float:
-    """The grip that uses the drawn share of friction and keeps both sides closed; inf: none does.
-
-    used = shear / (mu normal), solved for the smaller of two sums of the normals.
-    """
-    loads = _loads(trial, motion)
-    used = trial.drawn["used"]
-    friction = _static(trial) * used - loads.leaning
-
-    # Above the kinetic limit the first patch that slides takes the whole hold with it.
-    if friction <= 0.0 or used > trial.object.kinetic_share:
-        return np.inf
-
-    needed_n = loads.skin / friction
-    left = 1.0 - 4.0 * needed_n / loads.bound
-    if left < 0.0:
-        return np.inf
-    normal_n = 0.5 * loads.bound * (1.0 - np.sqrt(left))
-    grip_n = 0.5 * (normal_n - loads.stiffer)
-    return float(max(grip_n, BOTH_CLOSED * loads.axis))
-
-
-def used_friction(trial: PlannedTrial, grip_n: float, motion: HandMotion) -> float:
-    """Friction that the largest load of a hold uses, over what there is; inf: none holds it."""
-    loads = _loads(trial, motion)
-    normal_n = 2.0 * grip_n + loads.stiffer
-    left = 1.0 - normal_n / loads.bound
-    static = _static(trial)
-    if min(normal_n, left, static) <= 0.0:
-        return np.inf
-    return (loads.skin / (normal_n * left) + loads.leaning) / static

@@ -19,11 +19,11 @@ from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.simulation.actions import NEVER_S
 from holdfast.simulation.body import Body
 from holdfast.simulation.effect import stream
-from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.protocol import PlannedTrial, Trials, each
 from holdfast.simulation.script import Script
 from holdfast.simulation.script_times import Times, smooth
 from holdfast.simulation.stepper import TrialMotion
-from holdfast.simulation.truth import change_n, slip_onset
+from holdfast.simulation.truth import Steps
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,7 @@ MISTAKEN_S = 0.8
 class LoopScript(Script):
     """The script of a batch whose hands tighten and whose people give up."""
 
-    def __init__(
-        self, trials: Sequence[PlannedTrial], body: Body, habits: Habits
-    ) -> None:
+    def __init__(self, trials: Trials, body: Body, habits: Habits) -> None:
         super().__init__(trials, body)
         # In other actions no person pulls, so no person gives up.
         after_s = {"pull": habits.pull_gives_up_s, "pass": habits.pass_gives_up_s}
@@ -67,7 +65,6 @@ class LoopScript(Script):
         first_pull_s = self.act_s + self.drawn("wait_s")
         self.gives_up_s = first_pull_s + patience_s
         self.lets_go_s = habits.lets_go_s
-        self.grip_n = np.array([trial.grip_n for trial in trials])
         self.mistake_s = habits.mistake_s
 
     def shut(self, t_s: FloatArray) -> FloatArray:
@@ -99,17 +96,12 @@ class LoopScript(Script):
         than the wearer would. closures_m: the wearer's.
         """
         closed_m = np.where(self.stays_open, 1.0, self.closed_m)
-        shares = []
-        for own_m in closures_m:
-            deep_m = (own_m - self.surface_m) / closed_m
-            least = np.where(self.stays_open, np.inf, deep_m).min(axis=0)
-            shares.append(least)
-        place_n: FloatArray = np.stack(shares) * self.grip_n
+        deep = (np.stack(closures_m) - self.surface_m) / closed_m
+        least = np.where(self.stays_open, np.inf, deep).min(axis=1)
+        place_n: FloatArray = least * self.grip_n
         # A closed hand is at its grip exactly, whatever the rounding.
         still = (self.shut(t_s) == 1.0) & (self.pulse(t_s) == 0.0)
-        wearers = self.wearers_share(t_s)
-        if wearers is not None:
-            still &= wearers == 1.0
+        still &= self.wearers_share(t_s) == 1.0
         return np.where(still, self.grip_n, place_n)
 
     def driven(
@@ -133,31 +125,24 @@ class LoopScript(Script):
 class Wearer:
     """B wearers: when the muscle signal comes, and whether the wearer overrides."""
 
-    def __init__(
-        self, trials: Sequence[PlannedTrial], habits: Habits, seed: int
-    ) -> None:
+    def __init__(self, trials: Trials, habits: Habits, seed: int) -> None:
         self.habits = habits
         times = [Times.of(trial) for trial in trials]
         rngs = [stream(seed, trial.number, "muscle signal") for trial in trials]
         before_s = np.array([rng.uniform(*habits.signal_s) for rng in rngs])
         missed = np.array([rng.uniform() < habits.missed_share for rng in rngs])
-        opens_s = np.array([at.open for at in times])
+        opens_s = each(times, "open")
 
         # The signal comes before the hand moves; a missed one never comes.
         self.signal_s = np.where(missed, NEVER_S, opens_s - before_s)
 
         # Only in a hand-over does the wearer want the hand to let go.
-        gives = [trial.action in ("pass", "put-down") for trial in trials]
-        self.hands_over = np.array(gives)
-        self.act_s = np.array([at.act for at in times])
+        self.hands_over = np.isin(each(trials, "action"), ("pass", "put-down"))
+        self.act_s = each(times, "act")
 
-        self.friction = np.array([trial.kinetic_friction for trial in trials])
+        self.friction = each(trials, "kinetic_friction")
         self.resisted_s = np.zeros(len(trials))
         self.overrode_s = np.full(len(trials), np.inf)
-
-    def opening(self, t_s: FloatArray) -> BoolArray:
-        """[B] whether the signal to open has come, at t_s [B]."""
-        return t_s >= self.signal_s
 
     def resist(
         self,
@@ -187,35 +172,21 @@ class Wearer:
         self.overrode_s = np.where(now, t_s, self.overrode_s)
 
 
+Recorded = npt.NDArray[np.float32]
+"""One number a sample, in single precision to save memory."""
 HELD_AT_END_S = float("inf")
 """Time of an event that never happened: the object is still held."""
 
 
-@dataclass(frozen=True)
-class LoopRecord:
-    """What is recorded at every sample; each [T] of one trial, or [T, B] of a batch.
-
-    grip_n      the grip of either side that the drive gave
-    own_n       the grip that the wearer asked for
-    target_n    the grip that the controller commanded, 0 for none
-    p_risky     the evidence that the controller was given, 0 while the state is unknown
-    """
-
-    grip_n: npt.NDArray[np.float32]
-    own_n: npt.NDArray[np.float32]
-    target_n: npt.NDArray[np.float32]
-    p_risky: npt.NDArray[np.float32]
-
-    def of_trial(self, k: int, periods: int) -> LoopRecord:
-        """The first samples of trial k."""
-        return LoopRecord(*[array[:periods, k] for array in vars(self).values()])
-
-
 @dataclass(frozen=True, kw_only=True)
-class LoopOutcome(LoopRecord):
+class LoopOutcome:
     """What became of a trial. Times in s of the trial; inf for what never happened.
 
     trial       as it was planned
+    grip_n      [T] at every sample the grip of either side that the drive gave
+    own_n       [T] the grip that the wearer asked for
+    target_n    [T] the grip that the controller commanded, 0 for none
+    p_risky     [T] the evidence that the controller was given, 0 while the state is unknown
     lost_s      the last contact ends
     onset_s     load onset
     slip_mm     travel of the contacts since load onset
@@ -230,6 +201,10 @@ class LoopOutcome(LoopRecord):
     """
 
     trial: PlannedTrial
+    grip_n: Recorded
+    own_n: Recorded
+    target_n: Recorded
+    p_risky: Recorded
     lost_s: float
     onset_s: float
     slip_mm: float
@@ -252,16 +227,9 @@ class LoopOutcome(LoopRecord):
         return Times.of(self.trial).open
 
     @property
-    def evidence_s(self) -> float:
-        """The first evidence of a slip in the event; inf for none."""
-        times_s = self.begin_s + np.arange(len(self.p_risky)) / self.rate_hz
-        evident = (self.p_risky >= self.evidence_p) & (times_s >= self.act_s)
-        return float(times_s[evident][0]) if evident.any() else HELD_AT_END_S
-
-    @property
     def dropped(self) -> bool:
         """Contact is lost before the wearer opens the hand."""
-        return self.lost_s < min(self.opens_s, HELD_AT_END_S)
+        return self.lost_s < self.opens_s
 
     @property
     def crushed(self) -> bool:
@@ -274,46 +242,24 @@ class LoopOutcome(LoopRecord):
         return float(self.grip_n.max())
 
 
-def outcome_of(
-    trial: PlannedTrial, motion: TrialMotion, record: LoopRecord, **known: Any
-) -> LoopOutcome:
+def outcome_of(trial: PlannedTrial, motion: TrialMotion, **known: Any) -> LoopOutcome:
     """Read the outcome of a trial off its motion; known: what the loop knows of it."""
-    act_s = Times.of(trial).act
-    at_s = motion.at_s
-    held = np.flatnonzero(motion.gripped)
-    last = int(held[-1]) if held.size else -1
+    steps = Steps(trial, motion)
+    onset = steps.slip_onset()
 
-    onset = slip_onset(trial, motion)
-    lost_s = HELD_AT_END_S
-    if last + 1 < len(at_s):
-        lost_s = float(at_s[last + 1])
+    # Without a load onset there is no slip since then. Contact may end before the load comes, or
+    # never begin: then the slip is zero.
+    last = max(steps.lost - 1, 0)
+    start = last if onset is None else min(onset, last)
+    slip_m = motion.slip_m[last] - motion.slip_m[start]
 
-    # Without a load onset there is no slip since then.
-    start = last
-    onset_s = HELD_AT_END_S
-    if onset is not None:
-        start = onset
-        onset_s = float(at_s[onset])
-
-    # Contact may end before the load comes, or never begin: then the slip is zero.
-    held_last = max(last, 0)
-    start = min(start, held_last)
-    slip_m = motion.slip_m[held_last] - motion.slip_m[start]
-
+    acts = steps.at(steps.times.act)
+    change_n = steps.change_n(acts)[acts : steps.lost]
     return LoopOutcome(
-        **vars(record),
         **known,
         trial=trial,
-        lost_s=lost_s,
-        onset_s=onset_s,
+        lost_s=steps.time(steps.lost) or HELD_AT_END_S,
+        onset_s=steps.time(onset) or HELD_AT_END_S,
         slip_mm=1e3 * float(slip_m),
-        peak_n=_peak_n(motion, act_s, last),
+        peak_n=float(change_n.max(initial=0.0)),
     )
-
-
-def _peak_n(motion: TrialMotion, act_s: float, last: int) -> float:
-    """Largest change of the force of people and box while there is contact."""
-    first = int(np.searchsorted(motion.at_s, act_s))
-    if first > last:
-        return 0.0
-    return float(change_n(motion, first)[first : last + 1].max())

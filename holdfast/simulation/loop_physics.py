@@ -8,20 +8,18 @@ that of the open loop, bit for bit.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.trial_layout import RISKY_ACTIONS
-from holdfast.simulation.body import Inputs, State
-from holdfast.simulation.core import two_at_least
+from holdfast.simulation.body import Inputs
+from holdfast.simulation.core import IntArray, two_at_least
 from holdfast.simulation.drive import Actuator
-from holdfast.simulation.effect import NO_EFFECTS, some_trials
+from holdfast.simulation.effect import NO_EFFECTS
 from holdfast.simulation.loop_people import MISTAKEN_S, Habits, LoopScript
-from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.protocol import PlannedTrial, Trials
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.script import body_of
 from holdfast.simulation.script_times import (
@@ -36,9 +34,9 @@ from holdfast.simulation.stepper import (
     StepSettings,
     StepTape,
     TrialMotion,
+    some_trials,
 )
 
-IntArray = npt.NDArray[np.int64]
 FALL_S = 1.0
 """A fall is watched at least this long: in it the object is gone, or at rest."""
 
@@ -77,7 +75,7 @@ def loop_end_s(trial: PlannedTrial, habits: Habits) -> float:
 
 def spans_of(
     scene: Scene,
-    trials: Sequence[PlannedTrial],
+    trials: Trials,
     before: int,
     habits: Habits,
 ) -> Spans:
@@ -86,30 +84,19 @@ def spans_of(
     A pull or a fall goes on until its outcome is known, be it after the end of the trial.
     """
     rate_hz = scene.file.rate_hz
-    moves = []
-    ends = []
-    counts = []
-
+    spans = []
     for trial in trials:
         grid = grid_of(trial, rate_hz, scene.file.step_s)
-        whole = int(grid.sample[-1])
-        end_s = loop_end_s(trial, habits)
-        end = int(np.ceil(end_s * rate_hz))
-
+        end = int(np.ceil(loop_end_s(trial, habits) * rate_hz))
         # Nothing is decided after the hand has opened.
         if trial.action not in RISKY_ACTIONS:
-            end = min(end, whole)
+            end = min(end, int(grid.sample[-1]))
 
+        moves = round(grid.start_s * rate_hz)
         # A loop that outlasts its trial needs sensor draws for the samples after it, too.
         count = max(grid.n_samples, end + 1)
-
-        moves.append(round(grid.start_s * rate_hz))
-        ends.append(end)
-        counts.append(count)
-
-    first_moves = np.array(moves)
-    begins = np.maximum(first_moves - before, 0)
-    return Spans(begins, first_moves, np.array(ends), np.array(counts))
+        spans.append([max(moves - before, 0), moves, end, count])
+    return Spans(*np.array(spans).T)
 
 
 class HandsAndObjects:
@@ -125,7 +112,7 @@ class HandsAndObjects:
 
     def __init__(
         self,
-        trials: Sequence[PlannedTrial],
+        trials: Trials,
         settings: StepSettings,
         spans: Spans,
         actuator: Actuator,
@@ -147,7 +134,7 @@ class HandsAndObjects:
         index = spans.begins + np.arange(spans.periods)[:, None]
         self.busy = np.zeros(index.shape, dtype=np.bool_)
         for k, trial in enumerate(trials):
-            more = [*(settings.busy[k] if settings.busy else ())]
+            more = [*settings.busy[k]]
             if habits.mistake_s:
                 # until the object is at rest again
                 begins_s = Times.of(trial).act - MISTAKEN_S
@@ -158,11 +145,6 @@ class HandsAndObjects:
 
         # A trial may skip rows of the tape: those of fine steps that it does not take.
         self.tape = StepTape(spans.periods * self.pieces, batch)
-
-    @property
-    def state(self) -> State:
-        """Where everything is at the last sample."""
-        return self.all.state
 
     def advance(self, period: int, target_n: FloatArray) -> None:
         """One sample period of all trials; target_n [B]: of the drives."""
@@ -227,16 +209,16 @@ class HandsAndObjects:
         self.position_m[trials] = state.position_m.T
         # An object that slides takes fine steps in the next period too.
         last = row + len(inputs) - 1
-        self.slid[trials] = self.tape.slips[last, trials]
+        self.slid[trials] = self.tape.rows["slips"][last, trials]
         if part is not self.all:
             self.all.travel_m[:, trials] = part.travel_m
-            for name, array in vars(self.state).items():
-                # An object that nothing turns has no angle.
-                if array is not None:
-                    array[..., trials] = vars(state)[name]
+            for name, array in vars(self.all.state).items():
+                array[..., trials] = vars(state)[name]
 
-    def motion(
-        self, trial: int, forces_n: FloatArray, position_m: FloatArray
-    ) -> TrialMotion:
-        """What became of a trial, as an open loop gives it; forces and positions [T, ..]."""
-        return self.tape.motion(trial, self.settings.rate_hz, forces_n, position_m)
+    def motion(self, trial: int, *samples: FloatArray) -> TrialMotion:
+        """What became of a trial, as an open loop gives it; samples: forces and positions [T, ..].
+
+        Without samples it is to be read off its steps alone.
+        """
+        samples = samples or (np.zeros((2, 1, 3)), np.zeros((2, 3)))
+        return self.tape.motion(trial, self.settings.rate_hz, *samples)

@@ -10,12 +10,11 @@ The very model file answers B hands at once, as on the hand: bias, graph, decisi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.core.contract import (
     NOTHING,
@@ -27,64 +26,80 @@ from holdfast.core.contract import (
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.simulation.effect import Rows
+from holdfast.simulation.core import IntArray
+from holdfast.simulation.effect import Plan, PlanRequest, Rows
 from holdfast.simulation.objects import sensed_of
-from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.rows import Plan, PlanBatch, PlanRequest
+from holdfast.simulation.protocol import Trials
 from holdfast.simulation.scene import Scene
 
-IntArray = npt.NDArray[np.int64]
 OUTPUTS = ("p_situation", "situation", "unknown")
 """Outputs of the graph that a controller needs."""
 
 
+class PlanBatch:
+    """The plans of one effect for B trials, ready to be read a sample at a time."""
+
+    def __init__(self, plans: Sequence[Plan]) -> None:
+        self._fixed: Plan = {}
+        self._moving: Plan = {}
+        for name in plans[0]:
+            # A plan with one row is the same at every sample and needs no place for each.
+            arrays = [plan[name] for plan in plans]
+            if max(map(len, arrays)) > 1:
+                self._moving[name] = _stacked(arrays)
+            else:
+                # Kept in their layout in memory, which decides in which order numpy sums.
+                self._fixed[name] = np.concatenate(arrays)
+
+    def at(self, rows: IntArray) -> Plan:
+        """Plan of B rows: sample rows[b] of trial b."""
+        plan = dict(self._fixed)
+        trials = np.arange(len(rows))
+        for name, array in self._moving.items():
+            plan[name] = array[rows, trials]
+        return plan
+
+
+def _stacked(arrays: Sequence[Any]) -> Any:
+    """[T, B, ..] of plans that may differ in length: none is asked for more rows than it has."""
+    longest = max(map(len, arrays))
+    shape = (longest, len(arrays), *arrays[0].shape[1:])
+    whole = np.empty(shape, dtype=arrays[0].dtype)
+    for trial, array in enumerate(arrays):
+        whole[: len(array), trial] = array
+    return whole
+
+
 class LoopSensors:
-    """The sensors of B trials, read a sample at a time.
+    """The sensors of B trials, read a sample at a time; counts [B]: samples of each trial."""
 
-    counts   [B] samples of each trial
-    latency  samples by which a reading is late: 1 with timing jitter, else 0
-    """
-
-    def __init__(
-        self, scene: Scene, trials: Sequence[PlannedTrial], counts: IntArray
-    ) -> None:
+    def __init__(self, scene: Scene, trials: Trials, counts: IntArray) -> None:
         self.scene = scene
         self.effects = scene.sensor_effects
-        self.latency = int("timing_jitter" in self.effects)
-        self._plans: dict[str, PlanBatch] = {}
-        times_s = [np.arange(n) / scene.file.rate_hz for n in counts]
-        for name in self.effects:
-            self._prepare(name, trials, times_s)
+        plans: dict[str, list[Plan]] = {name: [] for name in self.effects}
+        for trial, count in zip(trials, counts.tolist(), strict=True):
+            t_s = np.arange(count) / scene.file.rate_hz
+            for name, effect in self.effects.items():
+                drawn = scene.draw(name, trial.number)
+                rng = scene.rng(name, trial)
+                request = PlanRequest(drawn, rng, t_s, trial.hand.n_sensors)
+                plan = effect.plan(request)
+                plans[name].append(plan)
+                # Later effects see the times at which samples are really taken.
+                t_s = t_s + plan.get("late_s", 0.0)
 
+        self._plans = {name: PlanBatch(of_trials) for name, of_trials in plans.items()}
         self._before: dict[str, Rows] = {}
         self._readings: list[Rows] = []
 
-    def _prepare(
-        self, name: str, trials: Sequence[PlannedTrial], times_s: list[FloatArray]
-    ) -> None:
-        """Draw an effect's plans; times_s are those of the samples before it, then after it."""
-        law: Any = self.effects[name].make
-        plans: list[Plan] = []
-        for k, trial in enumerate(trials):
-            drawn = self.scene.draw(name, trial.number)
-            rng = self.scene.rng(name, trial)
-            sensors = trial.hand.n_sensors
-            plans.append(law.plan(PlanRequest(drawn, rng, times_s[k], sensors)))
-            if "late_s" in plans[k]:
-                # Later effects see the times at which samples are really taken.
-                times_s[k] = times_s[k] + plans[k]["late_s"]
+    def read(self, rows: IntArray, forces_n: FloatArray) -> Rows:
+        """Readings at samples rows [B], from forces [B, S, 3], in the scene's unit.
 
-        self._plans[name] = PlanBatch(plans)
-
-    def read(self, rows: IntArray, forces_n: FloatArray) -> tuple[Rows, BoolArray]:
-        """(readings, lost [B]) at samples rows [B], from forces [B, S, 3], in the scene's unit.
-
-        With a latency these are the readings of the sample before. A lost sample never comes.
+        With timing jitter these are the readings of the sample before.
         """
         forces_n = sensed_of(self.scene.file.hand, forces_n)
         all_valid = np.ones(forces_n.shape[:2], dtype=np.bool_)
         now = Rows(forces_n, all_valid)
-        lost = np.zeros(len(rows), dtype=np.bool_)
 
         for name, effect in self.effects.items():
             if effect.in_scene_unit:
@@ -92,43 +107,25 @@ class LoopSensors:
             if name == "timing_jitter":
                 # Later effects act on the row before, and take its plan.
                 now, rows = self._between(now, rows)
-            elif name == "dropped_samples":
-                lost = ~self._plans[name].at(rows)["kept"]
+                continue
+            plan = self._plans[name].at(rows)
+            if effect.whole is None:
+                now = effect.make(now, plan)
             else:
-                made = self._apply(name, effect.make, now, rows, lost)
-                now = replace(made, unit=effect.gives_unit or now.unit)
+                now = effect.make(now, plan, self._before.get(name, now))
+                self._before[name] = now
+            now = replace(now, unit=effect.gives_unit or now.unit)
 
-        return self.scene.in_unit(now), lost
-
-    def _apply(
-        self, name: str, law: Any, now: Rows, rows: IntArray, lost: BoolArray
-    ) -> Rows:
-        """Readings after one effect; a chained one also gets the last reading that came."""
-        plan = self._plans[name].at(rows)
-        made: Rows
-        if not law.chained:
-            made = law.apply(now, plan)
-            return made
-
-        before = self._before.get(name, now)
-        made = law.apply(now, plan, before)
-
-        # The row before is the last that came.
-        values = np.where(lost[:, None, None], before.values, made.values)
-        valid = np.where(lost[:, None], before.valid, made.valid)
-        self._before[name] = Rows(values, valid)
-        return made
+        return self.scene.in_unit(now)
 
     def _between(self, now: Rows, rows: IntArray) -> tuple[Rows, IntArray]:
         """The readings of the sample before, taken late or early, and that sample's number.
 
         Between two readings the value changes evenly, as numpy.interp has it.
         """
-        # The readings of the two samples before, and of this one; fewer at the start.
-        self._readings = [*self._readings[-2:], now]
-        known = len(self._readings)
-        first = self._readings[0]
-        middle = self._readings[-min(2, known)]
+        # The readings of two samples before and of this one; the first has itself before it.
+        self._readings = [*(self._readings or [now, now])[-2:], now]
+        first, middle, _ = self._readings
 
         # The first sample has none before it, so it comes twice.
         rows = np.maximum(rows - 1, 0)
@@ -155,7 +152,7 @@ class LoopSensors:
         return replace(middle, values=values), rows
 
 
-Between = Callable[[LoopSensors, Sequence[PlannedTrial], IntArray], Any]
+Between = Callable[[LoopSensors, Trials, IntArray], Any]
 """Puts something with a `read` between sensors and model: (sensors, trials, samples of each)."""
 
 
@@ -168,8 +165,17 @@ class HandModels:
         self._tares = [Tare(card.preparation, card.n_channels) for _ in range(hands)]
         self._learned: tuple[FloatArray, FloatArray] | None = None
 
-    def answer(self, values: FloatArray, valid: BoolArray) -> GripSense:
-        """One sample of every hand: values [B, C] in the model's unit, valid [B, S]."""
+    def answer(
+        self,
+        values: FloatArray,
+        valid: BoolArray,
+        opening: BoolArray,
+        overridden: BoolArray,
+    ) -> GripSense:
+        """What controllers get of one sample of every hand, forces summed over the sensors.
+
+        values [B, C] in the model's unit, valid [B, S]; opening, overridden [B]: by the wearers.
+        """
         if self._learned is not None:
             sign, bias = self._learned
             values = values * sign - bias
@@ -179,22 +185,16 @@ class HandModels:
         # The graph reads its inputs from the arrays that it was opened with.
         self._stepper.sample[:] = values
         self._stepper.valid[:] = valid
-        return self._sense(values, valid, self._stepper.step())
+        answers = self._stepper.step()
+        p_situation = answers["p_situation"]
+        known = ~answers["unknown"]
 
-    def _sense(
-        self, values: FloatArray, valid: BoolArray, answers: Mapping[str, Any]
-    ) -> GripSense:
-        """What a controller gets: forces summed over the sensors, and the model's answers."""
         by_sensor = values.reshape(len(values), -1, 3)
         forces = np.where(valid[..., None], by_sensor, 0.0)
 
         # A sensor can read below zero by its noise, but a finger cannot pull.
         normal_n = np.maximum(forces[..., 2], 0.0)
         shear_n = np.sqrt(forces[..., 0] ** 2 + forces[..., 1] ** 2)
-
-        nothing = np.zeros(len(values), dtype=np.bool_)
-        p_situation = answers["p_situation"]
-        known = ~answers["unknown"]
 
         # Thumb and fingers press with equal force, so half of the sum is the grip of a side.
         return GripSense(
@@ -204,8 +204,8 @@ class HandModels:
             p_safe=p_situation[:, SAFE_SLIP].astype(np.float64),
             known=known,
             empty=known & (answers["situation"] == NOTHING),
-            opening=nothing,
-            overridden=nothing,
+            opening=opening,
+            overridden=overridden,
         )
 
     def _tared(

@@ -8,13 +8,21 @@ from __future__ import annotations
 from collections.abc import Container
 from dataclasses import replace
 from functools import cache
-from typing import TypeVar
 
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import SENSORS, Effect, Parameter, Rows
-from holdfast.simulation.rows import Plan, PlanRequest, RowEffect, as_drawn, scaled
+from holdfast.simulation.effect import (
+    SENSORS,
+    Effect,
+    Parameter,
+    Plan,
+    PlanRequest,
+    Reported,
+    Rows,
+    as_drawn,
+    scaled,
+)
 
 UT_PER_T = 1e6
 """Microtesla in a tesla."""
@@ -32,9 +40,6 @@ SHEAR_N_PER_M = 15e3
 """Its stiffness sideways, N/m."""
 STIFFENING_N = 30.0
 """Silicone stiffens: displacement = F / (k (1 + |F| / STIFFENING_N))."""
-EARTH_UT = np.array([20.0, 0.0, 43.0])
-"""The earth's field in central Europe, the chip lying flat."""
-
 # Pads with strong magnets deep in soft lattice, above magnetometers: eFlesh (Pattabiraman 2025).
 # For scenes in uT: their field is never turned into newtons. Numbers from the authors' own probings
 # of a pad (set eflesh_calibration).
@@ -153,19 +158,6 @@ def reversed_plan(request: PlanRequest) -> Plan:
     return {"factor": sign}
 
 
-def lost_plan(request: PlanRequest) -> Plan:
-    """From at_s on the magnets of these sensors are lost."""
-    gone = np.zeros((len(request.t_s), request.sensors, 1), dtype=np.bool_)
-    after = request.t_s >= request["at_s"]
-    gone[:, request.places] = after[:, None, None]
-    return {"gone": gone}
-
-
-def magnet_lost(rows: Rows, plan: Plan) -> Rows:
-    """Without a magnet the earth's field remains, 48 uT."""
-    return replace(rows, values=np.where(plan["gone"], EARTH_UT, rows.values))
-
-
 def warming_plan(request: PlanRequest) -> Plan:
     """The magnets warm by w (1 - exp(-t / tau)) degC and lose 0.12 % of their field per degree.
 
@@ -224,113 +216,100 @@ def magnetometer(rows: Rows, plan: Plan) -> Rows:
     return replace(rows, values=np.rint(noisy / PAD_STEP_UT) * PAD_STEP_UT)
 
 
-PAD_MAGNET = {
-    # Magnetometers of eflesh_slip read 4.4 to 11.5 mT at rest.
-    "rest_ut": Parameter(
-        {"uniform": [4400, 11500]}, "uT", 10, 1e5, "field at rest, on the magnet's axis"
-    ),
-    "height_mm": Parameter(
-        {"uniform": [8, 16]}, "mm", 1, 50, "from chip to magnet, unloaded"
-    ),
-    # The probed pads change by 25 to 120 uT a newton of normal force on the whole pad, and by 11 to
-    # 74 uT a newton of shear. A fifth of the load rests on each of five magnets.
-    "normal_n_per_mm": Parameter(
-        {"log_uniform": [2, 10]},
-        "N/mm",
-        0.05,
-        1000,
-        "force that moves a magnet inwards",
-    ),
-    "shear_n_per_mm": Parameter(
-        {"log_uniform": [1.5, 8]}, "N/mm", 0.05, 1000, "force that moves it sideways"
-    ),
-}
-"""Parameters of the effect `pad_magnet`."""
-PAD_NOISE = {"noise": Parameter(1.0, "", 0, 100, "of the chip's noise")}
-"""Parameter of the effect `magnetometer`."""
 HEIGHT = Parameter(2.0, "mm", 1.5, 20, "from chip to magnet, unloaded")
-SPACING = Parameter(20.0, "mm", 5, 200, "between neighbouring fingertips")
-WARMING = Parameter({"uniform": [0, 10]}, "degC", -50, 80, "final warming")
-TABLE = (
-    Effect(
-        "dipole",
-        "sensor",
-        RowEffect(as_drawn, dipole),
+EFFECTS = {
+    "dipole": Effect(
+        dipole,
         {"height_mm": HEIGHT},
+        as_drawn,
         gives_unit="uT",
     ),
-    Effect(
-        "cross_talk",
-        "sensor",
-        RowEffect(leak_plan, cross_talk),
+    "cross_talk": Effect(
+        cross_talk,
         {
             "height_mm": HEIGHT,
-            "spacing_mm": SPACING,
+            "spacing_mm": Parameter(
+                20.0, "mm", 5, 200, "between neighbouring fingertips"
+            ),
             "axes": Parameter(0.01, "", 0, 0.3, "share of the other axes"),
         },
+        leak_plan,
         needs=("dipole",),
     ),
-    Effect(
-        "gain_tilt",
-        "sensor",
-        RowEffect(turn_plan, gain_tilt),
+    "gain_tilt": Effect(
+        gain_tilt,
         {
             "gain_sd": Parameter(0.05, "", 0, 0.5, "spread of the gains"),
             "tilt_sd_deg": Parameter(3.0, "deg", 0, 45, "spread of the angles"),
         },
+        turn_plan,
     ),
-    Effect(
-        "magnet_reversed",
-        "sensor",
-        RowEffect(reversed_plan, scaled),
+    "magnet_reversed": Effect(
+        scaled,
         {
             "sensors": SENSORS,
             "share": Parameter(None, "", 0, 1, "chance of every other magnet"),
         },
+        reversed_plan,
         needs=("dipole",),
     ),
-    Effect(
-        "magnet_lost",
-        "sensor",
-        RowEffect(lost_plan, magnet_lost),
+    "thermal_drift": Effect(
+        scaled,
         {
-            "sensors": SENSORS,
-            "at_s": Parameter(5.0, "s", 0, 1e6, "time of the loss"),
-        },
-        needs=("dipole",),
-    ),
-    Effect(
-        "thermal_drift",
-        "sensor",
-        RowEffect(warming_plan, scaled),
-        {
-            "warming_degc": WARMING,
+            "warming_degc": Parameter(
+                {"uniform": [0, 10]}, "degC", -50, 80, "final warming"
+            ),
             "time_s": Parameter(300.0, "s", 1, 1e5, "time constant"),
             "compensated": Parameter(1.0, "", 0, 1, "1: the chip compensates"),
         },
+        warming_plan,
         needs=("dipole",),
     ),
-    Effect(
-        "pad_magnet",
-        "sensor",
-        RowEffect(pad_plan, pad_magnet),
-        PAD_MAGNET,
+    "pad_magnet": Effect(
+        pad_magnet,
+        {
+            # Magnetometers of eflesh_slip read 4.4 to 11.5 mT at rest.
+            "rest_ut": Parameter(
+                {"uniform": [4400, 11500]},
+                "uT",
+                10,
+                1e5,
+                "field at rest, on the magnet's axis",
+            ),
+            "height_mm": Parameter(
+                {"uniform": [8, 16]}, "mm", 1, 50, "from chip to magnet, unloaded"
+            ),
+            # The probed pads change by 25 to 120 uT a newton of normal force on the whole pad, and
+            # by 11 to 74 uT a newton of shear. A fifth of the load rests on each of five magnets.
+            "normal_n_per_mm": Parameter(
+                {"log_uniform": [2, 10]},
+                "N/mm",
+                0.05,
+                1000,
+                "force that moves a magnet inwards",
+            ),
+            "shear_n_per_mm": Parameter(
+                {"log_uniform": [1.5, 8]},
+                "N/mm",
+                0.05,
+                1000,
+                "force that moves it sideways",
+            ),
+        },
+        pad_plan,
         gives_unit="uT",
         only_unit="uT",
     ),
-    Effect(
-        "magnetometer",
-        "sensor",
-        RowEffect(pad_noise_plan, magnetometer),
-        PAD_NOISE,
+    "magnetometer": Effect(
+        magnetometer,
+        {"noise": Parameter(1.0, "", 0, 100, "of the chip's noise")},
+        pad_noise_plan,
         needs=("pad_magnet",),
         only_unit="uT",
     ),
-)
-EFFECTS = {effect.name: effect for effect in TABLE}
+}
 
 
-Reported = TypeVar("Reported", bound=Rows)
 SHEAR_SHARE = 0.5
 """Largest shear of the calibration's loads over their normal force."""
 

@@ -105,39 +105,45 @@ def held_object(name: str, values: Mapping[str, Any]) -> HeldObject:
     return HeldObject(name, **numbers)
 
 
-def _of_thesis(
-    name: str,
-    friction: float,
-    stiffness_n_per_m: float,
-    radius_mm: float,
-    axial_radius_mm: float = 0.0,
-    half_length_mm: float = 0.0,
-) -> HeldObject:
-    """An object of the thesis; its mass is the thesis'."""
-    return HeldObject(
-        name,
-        MASSES_G[name],
-        radius_mm,
-        axial_radius_mm,
-        half_length_mm,
-        friction,
-        kinetic_share=0.8,
-        stiffness_n_per_m=stiffness_n_per_m,
-    )
-
-
-_SHIPPED = (
-    # balls, and an apple that is taller than wide
-    _of_thesis("soft-ball", 0.8, 1.5e3, 34.5, 34.5),
+_SHIPPED: Mapping[str, Mapping[str, float]] = {
+    "soft-ball": {
+        "friction": 0.8,
+        "stiffness_n_per_m": 1.5e3,
+        "radius_mm": 34.5,
+        "axial_radius_mm": 34.5,
+    },
     # bottles: cylinders of 63 mm diameter, straight over 200 mm
-    _of_thesis("empty-bottle", 0.6, 3e3, 31.5, half_length_mm=100.0),
-    _of_thesis("basket-ball", 0.8, 5e3, 30.0, 30.0),
-    _of_thesis("hard-ball", 0.6, 1e5, 30.0, 30.0),
-    _of_thesis("full-bottle", 0.6, 2e4, 31.5, half_length_mm=100.0),
-    _of_thesis("apple", 0.5, 2e4, 33.25, 43.25),
-)
-OBJECTS = {held.name: held for held in _SHIPPED}
-"""Shipped objects by name."""
+    "empty-bottle": {
+        "friction": 0.6,
+        "stiffness_n_per_m": 3e3,
+        "radius_mm": 31.5,
+        "half_length_mm": 100.0,
+    },
+    "basket-ball": {
+        "friction": 0.8,
+        "stiffness_n_per_m": 5e3,
+        "axial_radius_mm": 30.0,
+    },
+    "hard-ball": {"friction": 0.6, "stiffness_n_per_m": 1e5, "axial_radius_mm": 30.0},
+    "full-bottle": {
+        "friction": 0.6,
+        "stiffness_n_per_m": 2e4,
+        "radius_mm": 31.5,
+        "half_length_mm": 100.0,
+    },
+    # taller than wide
+    "apple": {
+        "friction": 0.5,
+        "stiffness_n_per_m": 2e4,
+        "radius_mm": 33.25,
+        "axial_radius_mm": 43.25,
+    },
+}
+OBJECTS = {
+    name: held_object(name, {"mass_g": MASSES_G[name], **values})
+    for name, values in _SHIPPED.items()
+}
+"""Shipped objects by name; their masses are the thesis'."""
 NO_OBJECT = held_object("no-object", {"mass_g": 0.1})
 """In the files of an empty hand that is touched: nothing, which weighs next to nothing."""
 
@@ -148,6 +154,34 @@ def sensed_of(hand: HandCard, forces_n: FloatArray) -> FloatArray:
         return forces_n
     return forces_n[..., hand.sensed, :]
 
+
+HELD = {
+    "mass_g": OBJECT_KEYS["mass_g"],
+    "friction": OBJECT_KEYS["friction"],
+    "kinetic_share": OBJECT_KEYS["kinetic_share"],
+}
+"""Numbers of the object that a row may draw for every trial."""
+HOLD = {
+    **HELD,
+    "used": Parameter(0.4, "", 0.01, 1.0, "friction used by the hold's largest load"),
+    "fingers_down": Parameter(
+        0.0,
+        "",
+        -1,
+        1,
+        "share of gravity along the thumb's axis, 1: the fingers lie below",
+    ),
+    "turn_deg": Parameter(
+        0.0, "deg", -360, 360, "hand turned about the thumb's axis, 0: held upright"
+    ),
+    "push_along_thumb": Parameter(
+        0.0, "", -1, 1, "share of the taking along the thumb's axis"
+    ),
+    "push_turn_deg": Parameter(
+        0.0, "deg", -360, 360, "direction of taking, 0: away from the palm, 90: up"
+    ),
+}
+"""Further parameters of every action, drawn only where a row names them."""
 
 TOUCH = {
     "touching": Parameter(

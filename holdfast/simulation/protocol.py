@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,17 +15,6 @@ from holdfast.simulation.objects import HeldObject, load_factors, touch_paramete
 
 GRAVITY_M_S2 = 9.81
 """Acceleration of gravity."""
-HOLD_KEYS = (
-    "mass_g",
-    "friction",
-    "kinetic_share",
-    "used",
-    "fingers_down",
-    "turn_deg",
-    "push_along_thumb",
-    "push_turn_deg",
-)
-"""Further keys of [[trials]] of any action (holds.py): drawn only where a row names them."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +79,15 @@ class PlannedTrial:
         """Of the object in this trial, while it slides."""
         held = self.object
         return held.friction * self.drawn["friction_factor"] * held.kinetic_share
+
+
+Trials = Sequence[PlannedTrial]
+"""Trials of a batch or of a set, in their order."""
+
+
+def each(things: Sequence[Any], name: str) -> Any:
+    """[B] an attribute of every trial or object of a batch."""
+    return np.array([getattr(thing, name) for thing in things])
 
 
 def draw_trial(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -18,17 +18,18 @@ from holdfast.simulation.effect import (
     Drawn,
     Effect,
     EffectBatch,
+    Interval,
     PhysicsEffects,
-    Rows,
+    Reported,
     Signal,
     effect_named,
     step_settings,
     stream,
 )
-from holdfast.simulation.objects import NO_OBJECT, sensed_of
+from holdfast.simulation.objects import HOLD, NO_OBJECT, sensed_of
 from holdfast.simulation.protocol import (
-    HOLD_KEYS,
     PlannedTrial,
+    Trials,
     TrialsRow,
     draw_trial,
 )
@@ -39,9 +40,6 @@ from holdfast.simulation.truth import Truth, truth_of
 
 BATCH = 1000
 """About this many trials are stepped together: fewer waste time on calls, more on memory."""
-Reported = TypeVar("Reported", bound=Rows)
-HAND_MOTION = "motion_m"
-"""Method of an effect that moves the hand."""
 
 
 @dataclass(frozen=True)
@@ -117,31 +115,35 @@ class Scene:
         if name or row.action == "nothing":
             held = objects[name or next(iter(objects))]
         trial = draw_trial(number, held, row, self.seed, self.file.hand)
-        named = any(name in row.values for name in HOLD_KEYS)
-        if not named or not trial.holds_object:
+        if HOLD.keys().isdisjoint(row.values) or not trial.holds_object:
             return trial
 
         # Loaded only for a row that names one of its keys, with a random stream of its own.
-        from holdfast.simulation.holds import HandMotion, in_hold
+        from holdfast.simulation.holds import in_hold
 
         rng = stream(self.seed, number, "hold")
-        motion = HandMotion()
+        peak_m_s2 = lever_m = 0.0
         for effect_name, effect in self.physics_effects.items():
             made: Any = effect.make
             drawn = self.draw(effect_name, number)
-            motion.peak_m_s2 += made.peak_m_s2(drawn)
-            motion.lever_m += made.lever_m(drawn)
-        return in_hold(trial, row.values, rng, motion)
+            peak_m_s2 += made.peak_m_s2(drawn)
+            lever_m += made.lever_m(drawn)
+        return in_hold(trial, row.values, rng, peak_m_s2, lever_m)
 
     def run(
-        self, trials: Sequence[PlannedTrial], done: Done = lambda trials: None
+        self, trials: Trials, done: Done = lambda trials: None
     ) -> Iterator[SimulatedTrial]:
         """Simulate trials, those of similar length together; yields them as they are finished.
 
         done: called now and then with the number of trials stepped so far.
         """
+
         # Trials of similar length together: a batch lasts as long as its longest trial.
-        order = sorted(trials, key=lambda trial: (self._steps(trial), trial.number))
+        def length(trial: PlannedTrial) -> tuple[int, int]:
+            grid = grid_of(trial, self.file.rate_hz, self.file.step_s)
+            return len(grid.at_s), trial.number
+
+        order = sorted(trials, key=length)
 
         # Batches of equal size, rounded up.
         batches = max(1, round(len(order) / BATCH))
@@ -154,12 +156,12 @@ class Scene:
 
             yield from self._simulated(batch, report)
 
-    def run_together(self, trials: Sequence[PlannedTrial]) -> list[SimulatedTrial]:
+    def run_together(self, trials: Trials) -> list[SimulatedTrial]:
         """One batch, in the order given."""
         return list(self._simulated(trials))
 
     def _simulated(
-        self, trials: Sequence[PlannedTrial], done: Done = lambda share: None
+        self, trials: Trials, done: Done = lambda share: None
     ) -> Iterator[SimulatedTrial]:
         """Simulate one batch; yields its trials in their order."""
         if len(trials) == 1:  # numpy would sum a single trial in another order
@@ -167,10 +169,11 @@ class Scene:
             return
 
         # Effects of the physics are built once for the batch, those of the sensor trial by trial.
-        drawn, made = self._made(trials)
-        movers = [effect for effect in made if hasattr(effect, HAND_MOTION)]
-        settings = self._step_settings(made, len(trials))
+        settings = self.step_settings_of(trials)
         moved = motions(trials, settings, done)
+        # Only an effect with a path moves the hand; a tremor gives an acceleration alone.
+        shakes = settings.effects.shakes
+        movers = [shake for shake in shakes if hasattr(shake, "motion_m")]
 
         for k, (trial, motion) in enumerate(zip(trials, moved, strict=True)):
             touched = action_named(trial.action).touched
@@ -178,46 +181,28 @@ class Scene:
                 motion = touched(trial, motion, self.settings.average_s)
             hand_m = np.zeros_like(motion.position_m)
             if movers:
-                # Only an effect with a path moves it; tremor and knock give accelerations alone.
                 hand_m = movers[0].motion_m(motion.t_s, k)
             signal, sensed = self.sense(trial, motion.t_s, motion.forces_n)
-            effects = {name: values[k] for name, values in drawn.items()} | sensed
+            effects = {
+                name: self.draw(name, trial.number) for name in self.physics_effects
+            }
             truth = truth_of(trial, motion)
-            yield SimulatedTrial(trial, signal, motion, truth, effects, hand_m)
+            yield SimulatedTrial(trial, signal, motion, truth, effects | sensed, hand_m)
 
-    def step_settings_of(self, trials: Sequence[PlannedTrial]) -> StepSettings:
-        """How a batch of these trials is stepped, with its effects."""
-        _, made = self._made(trials)
-        return self._step_settings(made, len(trials))
-
-    def _made(
-        self, trials: Sequence[PlannedTrial]
-    ) -> tuple[dict[str, list[Drawn]], list[Any]]:
-        """(draws by effect, effects of the physics) of a batch."""
-        drawn = {}
-        made = []
+    def step_settings_of(self, trials: Trials) -> StepSettings:
+        """How a batch of these trials is stepped: its effects, and when these need fine steps."""
+        of_kind: dict[str, tuple[Any, ...]] = {}
+        busy: list[list[Interval]] = [[] for _ in trials]
         for name, effect in self.physics_effects.items():
-            drawn[name] = [self.draw(name, trial.number) for trial in trials]
+            drawn = [self.draw(name, trial.number) for trial in trials]
             rngs = [self.rng(name, trial) for trial in trials]
-            batch = EffectBatch(drawn[name], trials, rngs)
-            made.append(effect.make(batch))
-        return drawn, made
+            made = effect.make(EffectBatch(drawn, trials, rngs))
+            of_kind[made.kind] = (*of_kind.get(made.kind, ()), made)
+            for k, intervals in enumerate(busy):
+                intervals += made.busy_s(k)
 
-    def _step_settings(self, made: list[Any], batch: int) -> StepSettings:
-        """The settings of the scene with the effects of a batch, and when these need fine steps."""
-        effects = PhysicsEffects()
-        for effect in made:
-            of_kind = (*vars(effects)[effect.kind], effect)
-            effects = replace(effects, **{effect.kind: of_kind})
-
-        busy = []
-        for k in range(batch):
-            intervals = []
-            for effect in made:
-                intervals += effect.busy_s(k)
-            busy.append(tuple(intervals))
-
-        return replace(self.settings, effects=effects, busy=tuple(busy))
+        effects = PhysicsEffects(**of_kind)
+        return replace(self.settings, effects=effects, busy=busy)
 
     def join(
         self, trials: Sequence[SimulatedTrial]
@@ -230,17 +215,13 @@ class Scene:
         if len(trials) == 1:
             return trials[0].signal, [0.0], {}
 
-        start_s = 0.0
-        starts_s = []
-        times_s = []
-
+        starts_s = [0.0]
         for simulated in trials:
-            starts_s.append(start_s)
-            times_s.append(simulated.motion.t_s + start_s)
             last_s = float(simulated.motion.t_s[-1])
-            start_s = start_s + last_s + 1.0 / self.file.rate_hz
+            starts_s.append(starts_s[-1] + last_s + 1.0 / self.file.rate_hz)
+        starts_s.pop()
 
-        t_s = np.concatenate(times_s)
+        t_s = shifted_s(trials, starts_s)
         forces_n = np.concatenate([simulated.motion.forces_n for simulated in trials])
         signal, drawn = self.sense(trials[0].trial, t_s, forces_n)
         return signal, starts_s, drawn
@@ -282,9 +263,13 @@ class Scene:
         """The random stream of an effect in a trial."""
         return stream(self.seed, trial.number, name)
 
-    def _steps(self, trial: PlannedTrial) -> int:
-        """Number of steps of a trial, without those that effects ask for."""
-        return len(grid_of(trial, self.file.rate_hz, self.file.step_s).at_s)
+
+def shifted_s(
+    trials: Sequence[SimulatedTrial], starts_s: Sequence[float]
+) -> FloatArray:
+    """[T] times of the samples of trials end to end, from the start of each in s."""
+    pairs = zip(trials, starts_s, strict=True)
+    return np.concatenate([one.motion.t_s + start_s for one, start_s in pairs])
 
 
 def apportion(total: int, counts: Sequence[int]) -> list[int]:
@@ -292,13 +277,9 @@ def apportion(total: int, counts: Sequence[int]) -> list[int]:
 
     The largest remainders get the rest, earlier ones first.
     """
-    exact = [total * count / sum(counts) for count in counts]
-    shares = [int(share) for share in exact]
-
+    exact = total * np.array(counts) / sum(counts)
+    shares = exact.astype(int)
     # A large remainder is a small difference: it comes first.
-    by_remainder = sorted(range(len(counts)), key=lambda k: (shares[k] - exact[k], k))
-    missing = total - sum(shares)
-    for k in by_remainder[:missing]:
-        shares[k] += 1
-
-    return shares
+    by_remainder = np.argsort(shares - exact, kind="stable")
+    shares[by_remainder[: total - shares.sum()]] += 1
+    return [int(share) for share in shares]

@@ -49,13 +49,12 @@ from holdfast.simulation import STYLES, find_scene_file
 from holdfast.simulation.actions import ACTION_MODULES, EMPTY_HANDED, parameters_of
 from holdfast.simulation.effect import (
     EFFECT_MODULES,
-    Effect,
     Parameter,
-    all_effects,
     effect_named,
     step_settings,
 )
 from holdfast.simulation.objects import (
+    HOLD,
     OBJECT_KEYS,
     OBJECTS,
     TOUCH,
@@ -63,7 +62,7 @@ from holdfast.simulation.objects import (
     hand_of_counts,
     held_object,
 )
-from holdfast.simulation.protocol import HOLD_KEYS, TrialsRow, least_grip_n
+from holdfast.simulation.protocol import TrialsRow, least_grip_n
 
 MAX_GRIP_N = 70.0
 """Greatest opposition grip of the Michelangelo hand, N a side (thesis, 5.1.1)."""
@@ -92,17 +91,11 @@ class _Physics(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class _Hand(msgspec.Struct, forbid_unknown_fields=True):
-    """The section [hand]: a card, or contacts on the thumb and on each of the four fingers."""
+    """The section [hand]: a card, else contacts on the thumb and on each of the four fingers."""
 
     card: str = ""
     thumb: Annotated[int, Meta(ge=2, le=20)] = 2
     finger: Annotated[int, Meta(ge=1, le=20)] = 1
-
-    def __post_init__(self) -> None:
-        if self.card and (self.thumb, self.finger) != (2, 1):
-            raise ValueError(
-                f"card = {self.card!r}; allowed: a card or numbers, not both"
-            )
 
 
 class _Tables(msgspec.Struct, forbid_unknown_fields=True):
@@ -181,8 +174,6 @@ def _scene(tables: _Tables, path: Path, hand: HandCard) -> SceneFile:
         _require_possible(f"objects.{name}", values, OBJECT_KEYS, OBJECT_KEYS)
         objects[name] = held_object(name, values)
 
-    if ROW_KEYS & tables.every_trial.keys():
-        raise _refused("every_trial", tables.every_trial, "parameters of the actions")
     styles = tomllib.loads(STYLES.read_text(encoding="utf-8"))
     rows = []
     for k, row in enumerate(tables.trials):
@@ -202,15 +193,7 @@ def _scene(tables: _Tables, path: Path, hand: HandCard) -> SceneFile:
         hand=hand,
         text=text_of(path),
     )
-    for name in scene.effects:
-        _require_effect_fits(scene, effect_named(name))
-    _require_unit_given(scene)
-
-    # A chip that averages cannot read faster than it converts.
-    average_s = step_settings(scene.effects).get("average_s")
-    if average_s and scene.rate_hz > 1.0 / average_s:
-        allowed = f"at most {1.0 / average_s:.0f} Hz, which is what the chip delivers"
-        raise _refused("record.rate_hz", scene.rate_hz, allowed)
+    _require_effects_fit(scene)
     return scene
 
 
@@ -250,50 +233,34 @@ def _row(
     key: str, row: Json, objects: Mapping[str, HeldObject], styles: Json
 ) -> TrialsRow:
     """One [[trials]], its values over those of its style. Raises ValueError."""
-    action = row.get("action")
+    action: Any = row.get("action")
     style = row.get("style", "author")
     count = row.get("count", 1)
     names = row.get("objects", [])
 
     # Action and style first, because the allowed keys follow from them.
-    if action not in ACTION_MODULES:
-        raise _refused(f"{key}.action", action, ", ".join(ACTION_MODULES))
-    if style not in styles:
-        raise _refused(f"{key}.style", style, ", ".join(styles))
-    if not isinstance(count, int) or not 1 <= count <= MOST_TRIALS:
+    _require_known([action], ACTION_MODULES, f"{key}.action")
+    _require_known([style], styles, f"{key}.style")
+    if count not in range(1, MOST_TRIALS + 1):
         allowed = f"a whole number from 1 to {MOST_TRIALS}"
         raise _refused(f"{key}.count", count, allowed)
-    if not isinstance(names, list) or (action not in EMPTY_HANDED and not names):
+    if action not in EMPTY_HANDED and not names:
         raise _refused(f"{key}.objects", names, f"a list of {', '.join(objects)}")
+    _require_known(names, objects, f"{key}.objects")
     for name in names:
-        _require_holdable(f"{key}.objects", name, action, objects)
+        # An object must be one that the hand can hold, unless it is to fall.
+        least_n = least_grip_n(objects[name])
+        if action != "fall" and least_n > MAX_GRIP_N:
+            allowed = f"what {MAX_GRIP_N:g} N a side hold: it needs {least_n:.3g} N"
+            raise _refused(f"{key}.objects", name, allowed)
 
     given = {name: value for name, value in row.items() if name not in ROW_KEYS}
-    table = parameters_of(action) | TOUCH
-    if any(name in given for name in HOLD_KEYS):
-        from holdfast.simulation.holds import HOLD
-
-        table = table | HOLD
-    _require_possible(key, given, table)
+    _require_possible(key, given, parameters_of(action) | TOUCH | HOLD)
 
     # The file's values take precedence over those of the style.
     of_style = styles[style]
     values = of_style.get("all", {}) | of_style.get(action, {}) | given
     return TrialsRow(tuple(names), action, style, count, values)
-
-
-def _require_holdable(
-    key: str, name: Any, action: str, objects: Mapping[str, HeldObject]
-) -> None:
-    """An object must be one that the hand can hold, unless it is to fall."""
-    if name not in objects:
-        raise _refused(key, name, ", ".join(objects))
-
-    least_n = least_grip_n(objects[name])
-    if action != "fall" and least_n > MAX_GRIP_N:
-        needed = f"{name} needs {least_n:.3g} N a side, "
-        needed += f"the hand grips with {MAX_GRIP_N:g} N"
-        raise _refused(key, name, f"objects that the hand can hold: {needed}")
 
 
 def _effects(effects: Mapping[str, Json]) -> dict[str, Json]:
@@ -309,32 +276,35 @@ def _effects(effects: Mapping[str, Json]) -> dict[str, Json]:
     return {name: effects[name] for name in EFFECT_MODULES if name in effects}
 
 
-def _require_unit_given(scene: SceneFile) -> None:
-    """A field is recorded only where an effect makes one of the forces."""
-    given = {effect_named(name).gives_unit for name in scene.effects}
-    if scene.unit == "N" or scene.unit in given:
-        return
+def _require_effects_fit(scene: SceneFile) -> None:
+    """Raise ValueError for effects without what they need, or with too long a step or rate."""
+    units = {"N"}
+    for name, values in scene.effects.items():
+        effect = effect_named(name)
+        units.add(effect.gives_unit or "N")
+        key = f"effects.{name}"
+        for need in effect.needs:
+            if need not in scene.effects:
+                allowed = f"only together with [effects.{need}]"
+                raise _refused(key, "in the scene", allowed)
 
-    # The error names the effect that is missing.
-    gives = [e.name for e in all_effects().values() if e.gives_unit == scene.unit]
-    allowed = f"only with [effects.{gives[0]}]: an ideal force sensor has no field"
-    raise _refused("record.unit", scene.unit, allowed)
+        numbers = values.get("sensors", [])
+        if max(numbers, default=0) > scene.hand.n_sensors:
+            allowed = f"sensors from 1 to {scene.hand.n_sensors}"
+            raise _refused(f"{key}.sensors", numbers, allowed)
+        if effect.only_unit not in (None, scene.unit):
+            allowed = f'only with record.unit = "{effect.only_unit}"'
+            raise _refused(key, "in the scene", allowed)
+        if scene.step_s > effect.longest_step_s:
+            allowed = f"at most {effect.longest_step_s:g} s with {key}"
+            raise _refused("physics.step_s", scene.step_s, allowed)
 
-
-def _require_effect_fits(scene: SceneFile, effect: Effect) -> None:
-    """Raise ValueError for an effect without what it needs, or with too long a step."""
-    key = f"effects.{effect.name}"
-    for need in effect.needs:
-        if need not in scene.effects:
-            raise _refused(key, "in the scene", f"only together with [effects.{need}]")
-
-    numbers = scene.effects[effect.name].get("sensors", [])
-    if max(numbers, default=0) > scene.hand.n_sensors:
-        allowed = f"sensors from 1 to {scene.hand.n_sensors}"
-        raise _refused(f"{key}.sensors", numbers, allowed)
-    if effect.only_unit not in (None, scene.unit):
-        allowed = f'only with record.unit = "{effect.only_unit}"'
-        raise _refused(key, "in the scene", allowed)
-    if scene.step_s > effect.longest_step_s:
-        allowed = f"at most {effect.longest_step_s:g} s with {key}"
-        raise _refused("physics.step_s", scene.step_s, allowed)
+    # A field is recorded only where an effect makes one of the forces.
+    if scene.unit not in units:
+        allowed = "only with [effects.dipole]: an ideal force sensor has no field"
+        raise _refused("record.unit", scene.unit, allowed)
+    # A chip that averages cannot read faster than it converts.
+    average_s = step_settings(scene.effects).get("average_s", 0.0)
+    if scene.rate_hz * average_s > 1.0:
+        allowed = f"at most {1.0 / average_s:.0f} Hz, which is what the chip delivers"
+        raise _refused("record.rate_hz", scene.rate_hz, allowed)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.actions import action_named
+from holdfast.simulation.actions import EVERYDAY
 from holdfast.simulation.body import (
     UPWARDS,
     Body,
@@ -23,7 +23,7 @@ from holdfast.simulation.body import (
     offset_m,
     recess_m,
 )
-from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial
+from holdfast.simulation.protocol import GRAVITY_M_S2, Trials, each
 from holdfast.simulation.script_times import (
     ARM_DAMPING,
     ARM_N_PER_M,
@@ -49,12 +49,12 @@ LOSS_S = 2e-3
 """Damping of a finger along its normal over its stiffness."""
 
 
-def _drawn(trials: Sequence[PlannedTrial], name: str) -> FloatArray:
+def _drawn(trials: Trials, name: str) -> FloatArray:
     """[B] a parameter that every trial has."""
     return np.array([trial.drawn[name] for trial in trials])
 
 
-def body_of(trials: Sequence[PlannedTrial], pressure: FloatArray) -> Body:
+def body_of(trials: Trials, pressure: FloatArray) -> Body:
     """Constants of a batch; pressure [E]: share of the normal on each brush element."""
     hand = trials[0].hand
     objects = [trial.object for trial in trials]
@@ -73,14 +73,12 @@ def body_of(trials: Sequence[PlannedTrial], pressure: FloatArray) -> Body:
             down[:, k] = trial.down
 
     # Finger and object are springs in series; a contact has its part of the object's.
-    held_n_per_m = np.array([held.stiffness_n_per_m for held in objects])
+    held_n_per_m = each(objects, "stiffness_n_per_m")
     stuff = held_n_per_m * hand.part[:, None]
     normal = finger * stuff / (finger + stuff)
 
     # Friction on silicone is an assumption (objects.py), so every trial varies it by a factor.
-    friction = np.array([held.friction for held in objects])
-    friction = friction * _drawn(trials, "friction_factor")
-    kinetic_share = np.array([held.kinetic_share for held in objects])
+    friction = each(objects, "friction") * _drawn(trials, "friction_factor")
 
     # Each element of the brush has an equal part of a finger's stiffness along the skin.
     elements = len(pressure)
@@ -88,17 +86,17 @@ def body_of(trials: Sequence[PlannedTrial], pressure: FloatArray) -> Body:
     springs = np.broadcast_to(spring, (elements, *finger.shape))
 
     return Body(
-        mass_kg=np.array([held.mass_kg for held in objects]),
+        mass_kg=each(objects, "mass_kg"),
         gravity_m_s2=GRAVITY_M_S2 * down,
-        curvature_per_m=np.array([held.curvature_per_m for held in objects]).T,
-        straight_m=np.array([held.half_length_mm * 1e-3 for held in objects]),
+        curvature_per_m=each(objects, "curvature_per_m").T,
+        straight_m=1e-3 * each(objects, "half_length_mm"),
         at_m=np.stack([trial.at_m for trial in trials], axis=2),
         stiffness_n_per_m=normal,
         damping_n_s_per_m=LOSS_S * normal,
         brush_n_per_m=springs.copy(),
         pressure=pressure[:, None, None],
         static=friction,
-        kinetic=friction * kinetic_share,
+        kinetic=friction * each(objects, "kinetic_share"),
         thumb=hand.thumb,
     )
 
@@ -109,6 +107,7 @@ class Script:
     close_s, give_s, act_s, open_s     [B] times of the events
     holds, falls, sets_down, passes    [B] which trials have which action
     takes       [B] which have a person who moves the object, gently or not
+    grip_n      [B] the wearer's grip of either side
     closed_m    [S, B] how far past contact a finger closes for its share of the grip
     stays_open  [S, B] fingers that do not touch
     surface_m   [S, B] how far a curved surface lies behind its apex; 0: fingers do not feel it
@@ -121,56 +120,52 @@ class Script:
     second meets one, so a batch keeps its boxes to its end.
     """
 
-    def __init__(
-        self, trials: Sequence[PlannedTrial], body: Body, boxed: bool = False
-    ) -> None:
+    def __init__(self, trials: Trials, body: Body, boxed: bool = False) -> None:
         self.trials = trials
         self.body = body
-        times = [Times.of(trial) for trial in trials]
         # [B] when each person or hand acts
-        self.close_s = np.array([at.close for at in times])
-        self.give_s = np.array([at.give for at in times])
-        self.act_s = np.array([at.act for at in times])
-        self.open_s = np.array([at.open for at in times])
+        times = [Times.of(trial) for trial in trials]
+        self.close_s = each(times, "close")
+        self.give_s = each(times, "give")
+        self.act_s = each(times, "act")
+        self.open_s = each(times, "open")
         # [B] which trials have which action
-        actions = np.array([trial.action for trial in trials])
+        actions = each(trials, "action")
         self.holds = actions == "hold"
         self.falls = actions == "fall"
         self.sets_down = actions == "put-down"
         self.passes = actions == "pass"
         self.takes = self.passes | (actions == "pull")
-        self.boxed = boxed or bool(self.sets_down.any())
-        if "touch-table" in actions:
-            self.boxed = True
+        self.boxed = boxed or bool(np.isin(actions, ("put-down", "touch-table")).any())
 
         # A finger that bears nothing stays open.
         shares = np.stack([trial.share for trial in trials], axis=1)
         self.stays_open = shares == 0.0
-        # Every contact bears its share of the grip of its side.
-        grips_n = np.stack([trial.grip_n * trial.share for trial in trials], axis=1)
-        # How far past contact a finger must close for that share.
-        self.closed_m = grips_n / body.stiffness_n_per_m
+        self.grip_n = each(trials, "grip_n")
+        # How far past contact a finger must close for its share of the grip of its side.
+        self.closed_m = self.grip_n * shares / body.stiffness_n_per_m
         # Where the grip is set by friction, fingers close onto the surface under them.
         fitted = np.array(["used" in trial.drawn for trial in trials])
         middle = offset_m(body, np.zeros((2, len(trials))))
         self.surface_m = np.where(fitted, recess_m(body, middle), 0.0)
         self.push = np.stack([trial.push for trial in trials], axis=1)
         self.weight_n = body.mass_kg * GRAVITY_M_S2
-        self._drawn: dict[str, FloatArray] = {}
+        self._drawn: dict[tuple[str, float], FloatArray] = {}
 
         self.more: Any = None
-        for action in set(actions):
-            forces = action_named(action).forces
-            if forces is not None:
-                self.more = forces(trials, body, self.drawn, self.act_s, self.open_s)
+        if not set(EVERYDAY).isdisjoint(actions):
+            from holdfast.simulation.actions.everyday_forces import Everyday
+
+            self.more = Everyday(self)
 
     def drawn(self, name: str, default: float = 0.0) -> FloatArray:
         """[B] a drawn parameter; the default for actions that do not have it."""
-        if name not in self._drawn:
+        key = name, default
+        if key not in self._drawn:
             # Kept, because every chunk of steps asks for the same parameters again.
             values = [trial.drawn.get(name, default) for trial in self.trials]
-            self._drawn[name] = np.array(values)
-        return self._drawn[name]
+            self._drawn[key] = np.array(values)
+        return self._drawn[key]
 
     def chunk(
         self, t_s: FloatArray, closures_m: Sequence[FloatArray] | None = None
@@ -179,12 +174,7 @@ class Script:
 
         closures_m: [S, B] at each, how far the fingers are closed; None: as the wearer closes them.
         """
-        people = [self._giver(t_s)]
-        if self.takes.any():
-            people.append(self._taker(t_s))
-        if self.holds.any():
-            people.append(self._disturber(t_s))
-
+        people = [self._giver(t_s), self._taker(t_s), self._disturber(t_s)]
         box = self._box(t_s) if self.boxed else None
         changes = None
         if self.more is not None:
@@ -210,14 +200,27 @@ class Script:
         return inputs
 
     def wearers_closures(self, t_s: FloatArray) -> list[FloatArray]:
-        """[S, B] at each of n times: how far the wearer closes the fingers, m."""
+        """[S, B] at each of n times: how far the wearer closes the fingers, m.
+
+        Beyond the object's surface; an open hand: -OPEN_GAP_M.
+        """
         shut = self.shut(t_s)
         pulse = self.pulse(t_s)
-        share = self.wearers_share(t_s)
+        # dFn: the whole grip changes
+        changed = 1.0 + self.drawn("grip_change") * pulse
+        grip = changed * self.wearers_share(t_s)
+        # dq: only the fingers are driven, the thumb stands still
+        # times shut, so that a disturbance of the motor fades as the hand opens
+        motor_m = 1e-3 * self.drawn("motor_mm") * pulse * shut
+
         closures = []
         for k in range(len(t_s)):
-            of_grip = 1.0 if share is None else share[k]
-            closures.append(self.own_closure(shut[k], pulse[k], of_grip))
+            # The way from the open hand to the depth at which the springs give the grip.
+            travel_m = OPEN_GAP_M + self.closed_m * grip[k] + self.surface_m
+            closure = shut[k] * travel_m - OPEN_GAP_M
+            closure[self.body.thumb :] += motor_m[k]
+            np.copyto(closure, -OPEN_GAP_M, where=self.stays_open)
+            closures.append(closure)
         return closures
 
     def shut(self, t_s: FloatArray) -> FloatArray:
@@ -228,9 +231,6 @@ class Script:
 
     def pulse(self, t_s: FloatArray) -> FloatArray:
         """[n, B] strength of the disturbance of a perturbed hold, 0 .. 1."""
-        if not self.holds.any():
-            return np.zeros_like(t_s)
-
         since = t_s - self.act_s
         every = self.drawn("every_s", 1.0)
 
@@ -248,31 +248,12 @@ class Script:
         # sin^2 begins and ends without a jump in speed
         return np.where(disturbed, within * within, 0.0)
 
-    def own_closure(
-        self, shut: FloatArray, pulse: FloatArray, share: FloatArray | float = 1.0
-    ) -> FloatArray:
-        """[S, B] how far the wearer closes each finger beyond the object's surface.
-
-        shut, pulse [B] at one step; share: of the grip with which the wearer closed the hand. An
-        open hand: -OPEN_GAP_M.
-        """
-        # dFn: the whole grip changes
-        grip = (1.0 + self.drawn("grip_change") * pulse) * share
-
-        # The way from the open hand to the depth at which the springs give the grip.
-        travel_m = OPEN_GAP_M + self.closed_m * grip + self.surface_m
-        closure = shut * travel_m - OPEN_GAP_M
-
-        # dq: only the fingers are driven, the thumb stands still
-        # times shut, so that a disturbance of the motor fades as the hand opens
-        motor_m = 1e-3 * self.drawn("motor_mm") * pulse * shut
-        closure[self.body.thumb :] += motor_m
-        np.copyto(closure, -OPEN_GAP_M, where=self.stays_open)
-        return closure
-
-    def wearers_share(self, t_s: FloatArray) -> FloatArray | None:
-        """[n, B] the wearer's grip over the one with which the hand was closed; None: all of it."""
-        return None if self.more is None else self.more.grip_share(t_s)
+    def wearers_share(self, t_s: FloatArray) -> FloatArray:
+        """[n, B] the wearer's grip over the one with which the hand was closed."""
+        if self.more is None:
+            return np.ones_like(t_s)
+        share: FloatArray = self.more.grip_share(t_s)
+        return share
 
     def still_there(self, t_s: FloatArray) -> FloatArray | float:
         """[n, B] 1 while the person who takes is there; in a closed loop people give up."""
@@ -286,11 +267,10 @@ class Script:
         gone = (t_s - self.give_s) / lasts
         there = 1.0 - smooth(gone)
 
-        if self.holds.any():
-            # The person of a disturbed hold comes back before the hand opens.
-            returned = (t_s - self.open_s + CATCH_S) / (0.5 * CATCH_S)
-            back = smooth(returned)
-            there = np.where(self.holds, np.maximum(there, back), there)
+        # The person of a disturbed hold comes back before the hand opens.
+        returned = (t_s - self.open_s + CATCH_S) / (0.5 * CATCH_S)
+        back = smooth(returned)
+        there = np.where(self.holds, np.maximum(there, back), there)
 
         # Below critical damping, 2 sqrt(k m), as a human arm.
         critical = np.sqrt(ARM_N_PER_M * self.body.mass_kg)
@@ -332,14 +312,14 @@ class Script:
         taking = (t_s - self.act_s) / self.drawn("take_s", 1.0)
         taken = smooth(taking)
         weight = np.where(self.passes, taken, 0.0)
-        there = self.still_there(t_s)
+        there = np.where(grasped, self.still_there(t_s), 0.0)
 
         # The cap does not fade with the person: without a spring it limits nothing.
         return Pull(
-            stiffness_n_per_m=np.where(grasped, stiffness * there, 0.0),
-            damping_n_s_per_m=np.where(grasped, damping * there, 0.0),
+            stiffness_n_per_m=stiffness * there,
+            damping_n_s_per_m=damping * there,
             cap_n=np.broadcast_to(self.drawn("cap_n", 1.0), t_s.shape),
-            weight_share=np.where(grasped, weight * there, 0.0),
+            weight_share=weight * there,
             target_m=travel[:, None] * self.push,
             target_m_s=speed[:, None] * self.push,
         )
@@ -348,8 +328,7 @@ class Script:
         """A force along the object, as a share of its weight, subtracted or added."""
         # A pull downwards is a negative share of the weight borne.
         load_share = -self.drawn("load_n") / self.weight_n
-        load = np.where(self.holds, load_share, 0.0)
-        return bearer(load * self.pulse(t_s), np.zeros_like(t_s))
+        return bearer(load_share * self.pulse(t_s), np.zeros_like(t_s))
 
     def _box(self, t_s: FloatArray) -> Floor:
         """The box that comes from below and takes the weight."""

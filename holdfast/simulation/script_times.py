@@ -39,6 +39,11 @@ def smooth(u: FloatArray) -> FloatArray:
     return u * u * u * polynomial
 
 
+def smooth_change(u: FloatArray) -> FloatArray:
+    """The second derivative of that path by u, for u from 0 to 1."""
+    return u * (60.0 - u * (180.0 - 120.0 * u))
+
+
 @dataclass(frozen=True)
 class Times:
     """Times of the events of a trial, s; NEVER_S for an event it does not have.

@@ -25,8 +25,15 @@ from dataclasses import replace
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import Effect, Parameter, Rows
-from holdfast.simulation.rows import Plan, PlanRequest, RowEffect, added, as_drawn
+from holdfast.simulation.effect import (
+    Effect,
+    Parameter,
+    Plan,
+    PlanRequest,
+    Rows,
+    added,
+    as_drawn,
+)
 
 
 def gain_plan(request: PlanRequest) -> Plan:
@@ -91,18 +98,16 @@ def _play(rows: Rows, plan: Plan) -> tuple[FloatArray, FloatArray]:
     return rows.values - half_n, rows.values + half_n
 
 
-class _Play(RowEffect):
-    """Hysteresis of a whole trial in one loop of two numpy calls a row."""
-
-    def _row_by_row(self, rows: Rows, plan: Plan) -> Rows:
-        lowest, highest = _play(rows, plan)
-        values = np.empty_like(rows.values)
-        reading = rows.values[0]
-        for k in range(len(values)):
-            np.maximum(reading, lowest[k], out=values[k])
-            reading = values[k]
-            np.minimum(reading, highest[k], out=reading)
-        return replace(rows, values=values)
+def hysteresis_of_trial(rows: Rows, plan: Plan) -> Rows:
+    """The same of a whole trial, in one loop of two numpy calls a row."""
+    lowest, highest = _play(rows, plan)
+    values = np.empty_like(rows.values)
+    reading = rows.values[0]
+    for k in range(len(values)):
+        np.maximum(reading, lowest[k], out=values[k])
+        reading = values[k]
+        np.minimum(reading, highest[k], out=reading)
+    return replace(rows, values=values)
 
 
 def drift_plan(request: PlanRequest) -> Plan:
@@ -128,22 +133,19 @@ def white_plan(request: PlanRequest) -> Plan:
     return {"added": request["rms_n"] * request.noise()}
 
 
-TABLE = (
-    Effect(
-        "shear_gain",
-        "sensor",
-        RowEffect(gain_plan, shear_gain),
+EFFECTS = {
+    "shear_gain": Effect(
+        shear_gain,
         {
             "gain": Parameter(
                 {"uniform": [0.5, 1.2]}, "", 0.05, 5, "shear felt over true"
             ),
             "spread": Parameter(0.05, "", 0, 0.5, "spread of the sensors' gains"),
         },
+        gain_plan,
     ),
-    Effect(
-        "mounting",
-        "sensor",
-        RowEffect(mounting_plan, mounting),
+    "mounting": Effect(
+        mounting,
         {
             "angle_deg": Parameter(
                 0.0, "deg", -180, 180, "of all sensors about their normals"
@@ -153,21 +155,20 @@ TABLE = (
             ),
             "left_share": Parameter(0.5, "", 0, 1, "share of left hands"),
         },
+        mounting_plan,
     ),
-    Effect(
-        "hysteresis",
-        "sensor",
-        _Play(as_drawn, hysteresis, chained=True),
+    "hysteresis": Effect(
+        hysteresis,
         {
             "width_n": Parameter(
                 {"uniform": [0, 0.1]}, "N", 0, 10, "width of the loop"
             ),
         },
+        as_drawn,
+        hysteresis_of_trial,
     ),
-    Effect(
-        "drift",
-        "sensor",
-        RowEffect(drift_plan, added),
+    "drift": Effect(
+        added,
         {
             "rate_n_s": Parameter(
                 {"uniform": [0, 0.02]}, "N/s", 0, 10, "largest rate of an axis"
@@ -175,20 +176,19 @@ TABLE = (
             "step_n": Parameter(0.0, "N", 0, 100, "largest step of an axis"),
             "step_at_s": Parameter({"uniform": [2, 8]}, "s", 0, 1e6, "when it steps"),
         },
+        drift_plan,
         in_scene_unit=True,
         only_unit="N",
     ),
-    Effect(
-        "white_noise",
-        "sensor",
-        RowEffect(white_plan, added),
+    "white_noise": Effect(
+        added,
         {
             "rms_n": Parameter(
                 {"uniform": [0, 0.04]}, "N", 0, 10, "root mean square of every axis"
             ),
         },
+        white_plan,
         in_scene_unit=True,
         only_unit="N",
     ),
-)
-EFFECTS = {effect.name: effect for effect in TABLE}
+}

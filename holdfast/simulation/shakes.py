@@ -16,7 +16,7 @@ from holdfast.simulation.effect import (
     Parameter,
     PhysicsEffect,
 )
-from holdfast.simulation.script_times import smooth
+from holdfast.simulation.script_times import smooth, smooth_change
 
 FOREVER_S = 1e9
 """Longer than any trial."""
@@ -32,6 +32,13 @@ def _directions(rngs: Sequence[np.random.Generator]) -> FloatArray:
     raw = np.stack([rng.normal(size=3) for rng in rngs], axis=1)
     length = np.sqrt((raw * raw).sum(axis=0))
     return raw / length
+
+
+def _uniform(
+    rngs: Sequence[np.random.Generator], count: int, low: float, high: float
+) -> Any:
+    """[count, B] draws of each trial."""
+    return np.stack([rng.uniform(low, high, count) for rng in rngs], axis=1)
 
 
 class Arm(PhysicsEffect):
@@ -80,7 +87,7 @@ class Arm(PhysicsEffect):
         """[3, B] of the hand."""
         _, u, direction = self._reach(t_s, slice(None))
         # The second derivative of the path by u, then by time.
-        by_u = direction * u * (60.0 - u * (180.0 - 120.0 * u))
+        by_u = direction * smooth_change(u)
         by_time = by_u / (self.lasts_s * self.lasts_s)
         return self.along * by_time
 
@@ -128,19 +135,14 @@ class Tremor(PhysicsEffect):
         amplitude = batch.values("amplitude_m_s2") / WAVES
         # The order of these draws is part of the format of simulated sets.
         self.along = [_directions(batch.rngs) * amplitude for _ in range(WAVES)]
-        self.phase = self._uniform(batch.rngs, 0.0, 2.0 * np.pi)
+        self.phase = _uniform(batch.rngs, WAVES, 0.0, 2.0 * np.pi)
         self.rate = 2.0 * np.pi * batch.values("frequency_hz")
-        self.detune = self._uniform(batch.rngs, 0.85, 1.15)
+        self.detune = _uniform(batch.rngs, WAVES, 0.85, 1.15)
 
     @staticmethod
     def peak_m_s2(drawn: Drawn) -> float:
         """Both sines at their peaks, in one direction."""
         return float(drawn["amplitude_m_s2"])
-
-    @staticmethod
-    def _uniform(rngs: Sequence[np.random.Generator], low: float, high: float) -> Any:
-        """[WAVES, B] draws."""
-        return np.stack([rng.uniform(low, high, WAVES) for rng in rngs], axis=1)
 
     def acceleration_m_s2(self, t_s: FloatArray) -> FloatArray:
         """[3, B] of the hand."""
@@ -152,33 +154,6 @@ class Tremor(PhysicsEffect):
     def busy_s(self, trial: int) -> list[Interval]:
         """The whole trial."""
         return [(0.0, FOREVER_S)]
-
-
-class Knock(PhysicsEffect):
-    """A blow to the hand: half a sine, peak in m/s^2; change of speed 2/pi peak * duration."""
-
-    kind = "shakes"
-
-    def __init__(self, batch: EffectBatch) -> None:
-        self.along = _directions(batch.rngs) * batch.values("peak_m_s2")
-        self.at_s = batch.values("at_s")
-        self.lasts_s = batch.values("lasts_s")
-
-    def acceleration_m_s2(self, t_s: FloatArray) -> FloatArray:
-        """[3, B] of the hand."""
-        u = (t_s - self.at_s) / self.lasts_s
-        half_sine = np.sin(np.pi * np.clip(u, 0.0, 1.0))
-
-        # sin(pi) is not exactly zero, so the end is cut off
-        lasts = (u > 0.0) & (u < 1.0)
-        return self.along * np.where(lasts, half_sine, 0.0)
-
-    def busy_s(self, trial: int) -> list[Interval]:
-        """The pulse and the time after it."""
-        at_s = self.at_s[trial]
-        over_s = at_s + self.lasts_s[trial]
-        # What the blow set in motion has settled 0.3 s later.
-        return [(at_s - 0.01, over_s + 0.3)]
 
 
 class Fluctuation(PhysicsEffect):
@@ -199,8 +174,8 @@ class Fluctuation(PhysicsEffect):
         low_hz = batch.values("from_hz")
         wide_hz = batch.values("to_hz") - low_hz
         # The order of these draws is part of the format of simulated sets.
-        places = np.stack([rng.uniform(size=RIPPLES) for rng in batch.rngs], axis=1)
-        turns = np.stack([rng.uniform(size=RIPPLES) for rng in batch.rngs], axis=1)
+        places = _uniform(batch.rngs, RIPPLES, 0.0, 1.0)
+        turns = _uniform(batch.rngs, RIPPLES, 0.0, 1.0)
         self.rate = 2.0 * np.pi * (low_hz + wide_hz * places)
         self.phase = 2.0 * np.pi * turns
         self.size = batch.values("share") * np.sqrt(2.0 / RIPPLES)
@@ -212,38 +187,40 @@ class Fluctuation(PhysicsEffect):
         return np.where(closure_m > 0.0, closure_m * swing, closure_m)
 
 
-FLUCTUATION = {
-    "share": Parameter(0.03, "", 0, 0.3, "standard deviation over the grip"),
-    "from_hz": Parameter(0.5, "Hz", 0.01, 30, "lowest frequency"),
-    "to_hz": Parameter(3.0, "Hz", 0.01, 30, "highest frequency"),
-}
-"""Parameters of the effect `fluctuation`."""
-ARM = {
-    "amplitude_m": Parameter({"uniform": [0.05, 0.3]}, "m", 0, 2, "length of a reach"),
-    "lasts_s": Parameter({"uniform": [0.6, 1.5]}, "s", 0.1, 10, "time of a reach"),
-    "rest_s": Parameter({"uniform": [0.3, 1.0]}, "s", 0, 60, "between reaches"),
-    "at_s": Parameter({"uniform": [4.2, 5.0]}, "s", 0, 600, "start of the first reach"),
-    "count": Parameter(2.0, "", 0, 1000, "reaches, alternately forth and back"),
-}
-"""Parameters of the effect `arm`."""
-TREMOR = {
-    "frequency_hz": Parameter({"uniform": [4, 12]}, "Hz", 1, 30, "of the tremor"),
-    "amplitude_m_s2": Parameter(
-        {"uniform": [0.1, 1.0]}, "m/s^2", 0, 50, "of the hand's acceleration"
-    ),
-}
-"""Parameters of the effect `tremor`."""
-KNOCK = {
-    "peak_m_s2": Parameter(
-        {"uniform": [5, 40]}, "m/s^2", 0, 1000, "greatest acceleration"
-    ),
-    "lasts_s": Parameter({"uniform": [0.005, 0.03]}, "s", 0.001, 1, "of the pulse"),
-    "at_s": Parameter({"uniform": [4.5, 6.0]}, "s", 0, 600, "start of the pulse"),
-}
-"""Parameters of the effect `knock`."""
 EFFECTS = {
-    "arm": Effect("arm", "physics", Arm, ARM),
-    "tremor": Effect("tremor", "physics", Tremor, TREMOR),
-    "knock": Effect("knock", "physics", Knock, KNOCK),
-    "fluctuation": Effect("fluctuation", "physics", Fluctuation, FLUCTUATION),
+    "arm": Effect(
+        Arm,
+        {
+            "amplitude_m": Parameter(
+                {"uniform": [0.05, 0.3]}, "m", 0, 2, "length of a reach"
+            ),
+            "lasts_s": Parameter(
+                {"uniform": [0.6, 1.5]}, "s", 0.1, 10, "time of a reach"
+            ),
+            "rest_s": Parameter({"uniform": [0.3, 1.0]}, "s", 0, 60, "between reaches"),
+            "at_s": Parameter(
+                {"uniform": [4.2, 5.0]}, "s", 0, 600, "start of the first reach"
+            ),
+            "count": Parameter(2.0, "", 0, 1000, "reaches, alternately forth and back"),
+        },
+    ),
+    "tremor": Effect(
+        Tremor,
+        {
+            "frequency_hz": Parameter(
+                {"uniform": [4, 12]}, "Hz", 1, 30, "of the tremor"
+            ),
+            "amplitude_m_s2": Parameter(
+                {"uniform": [0.1, 1.0]}, "m/s^2", 0, 50, "of the hand's acceleration"
+            ),
+        },
+    ),
+    "fluctuation": Effect(
+        Fluctuation,
+        {
+            "share": Parameter(0.03, "", 0, 0.3, "standard deviation over the grip"),
+            "from_hz": Parameter(0.5, "Hz", 0.01, 30, "lowest frequency"),
+            "to_hz": Parameter(3.0, "Hz", 0.01, 30, "highest frequency"),
+        },
+    ),
 }

@@ -7,21 +7,22 @@ the closed one (loop_physics.py) step parts; they differ in when they do, and in
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.simulation.body import Body, Inputs, State, at_rest
-from holdfast.simulation.core import step
+from holdfast.simulation.core import IntArray, step
 from holdfast.simulation.effect import (
     NO_EFFECTS,
     Interval,
     PhysicsEffects,
-    some_trials,
 )
-from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.protocol import Trials, each
 from holdfast.simulation.script import Script, body_of
 from holdfast.simulation.script_times import Grid, grid_of
 
@@ -29,12 +30,12 @@ CHUNK = 64
 """Steps whose inputs are computed together."""
 WORTH_LEAVING = 16
 """Ended trials are dropped when they are one in 16 or more, because dropping copies the rest."""
+PASSING_S = 1e-3
+"""Steps of a trial that has ended, while others go on."""
 SLIDES_M_S = 2e-4
 """An element slower than this creeps about its equilibrium and does not slip."""
 ONE_ELEMENT = np.ones(1)
 """Pressure of a brush that has a single element: it bears the whole normal force."""
-IntArray = npt.NDArray[np.int64]
-"""Numbers of trials, steps or samples."""
 Done = Callable[[float], None]
 """Called with how much is done."""
 
@@ -56,7 +57,7 @@ class StepSettings:
     pressure: FloatArray = field(default_factory=lambda: ONE_ELEMENT)
     effects: PhysicsEffects = NO_EFFECTS
     average_s: float = 0.0
-    busy: tuple[tuple[Interval, ...], ...] = ()
+    busy: Sequence[Sequence[Interval]] = ()
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ class TrialMotion:
     slips       [K] any touching element slides
     slides      [K] every touching element slides
     slip_m      [K] mean travel of the touching contacts so far
-    turned_rad  [K] angle of the object about the thumb's axis; None where nothing turns it
+    turned_rad  [K] angle of the object about the thumb's axis; 0 where nothing turns it
     """
 
     t_s: FloatArray
@@ -84,31 +85,30 @@ class TrialMotion:
     slips: BoolArray
     slides: BoolArray
     slip_m: FloatArray
-    turned_rad: FloatArray | None = None
+    turned_rad: FloatArray
+
+
+STEP = np.dtype(
+    [
+        ("at_s", "f8"),
+        ("agents_n", "f4", 3),
+        ("slip_m", "f4"),
+        ("turned_rad", "f4"),
+        *((name, "?") for name in ("gripped", "slips", "slides", "taken")),
+    ]
+)
+"""What a step of a trial leaves, fields of TrialMotion, in single precision to save memory; taken:
+the step is one of the trial, which may skip some."""
 
 
 class StepTape:
     """What every step of every trial leaves: the truth of TrialMotion.
 
-    at_s      [steps, B] ends of the steps
-    taken     [steps, B] the rows that are of a trial: it may skip some
-    agents_n  [steps, 3, B], single precision to save memory
-    gripped   [steps, B]
-    slips     [steps, B]
-    slides    [steps, B]
-    slip_m    [steps, B], single precision
-    turned_rad  [steps, B], single precision; None until an effect turns an object
+    rows  [steps, B] of STEP
     """
 
     def __init__(self, steps: int, batch: int) -> None:
-        shape = (steps, batch)
-        self.at_s = np.zeros(shape)
-        self.agents_n = np.zeros((steps, 3, batch), dtype=np.float32)
-        self.taken, self.gripped, self.slips, self.slides = np.zeros(
-            (4, *shape), dtype=np.bool_
-        )
-        self.slip_m = np.zeros(shape, dtype=np.float32)
-        self.turned_rad: npt.NDArray[np.float32] | None = None
+        self.rows = np.zeros((steps, batch), STEP)
 
     def write(
         self,
@@ -130,34 +130,36 @@ class StepTape:
         sliding = fast.all(axis=0) | ~touching
         travelled_m = (travel_m * touching).sum(axis=0)
 
-        self.at_s[k, trials] = at_s
-        self.taken[k, trials] = True
-        self.agents_n[k][:, trials] = state.agents_n
-        self.gripped[k, trials] = gripped
-        self.slips[k, trials] = slipping.any(axis=0)
+        row = self.rows[k]
+        row["at_s"][trials] = at_s
+        row["taken"][trials] = True
+        row["agents_n"][trials] = state.agents_n.T
+        row["gripped"][trials] = gripped
+        row["slips"][trials] = slipping.any(axis=0)
         # A hand without contact does not slide.
-        self.slides[k, trials] = sliding.all(axis=0) & gripped
-        self.slip_m[k, trials] = travelled_m / np.maximum(count, 1)
-        if state.turned_rad is not None:
-            if self.turned_rad is None:
-                self.turned_rad = np.zeros_like(self.slip_m)
-            self.turned_rad[k, trials] = state.turned_rad
+        row["slides"][trials] = sliding.all(axis=0) & gripped
+        row["slip_m"][trials] = travelled_m / np.maximum(count, 1)
+        row["turned_rad"][trials] = state.turned_rad
 
     def motion(
         self, trial: int, rate_hz: float, forces_n: FloatArray, position_m: FloatArray
     ) -> TrialMotion:
         """One trial of the tape, with its samples."""
         # The rows that the trial skipped hold nothing of it.
-        taken = self.taken[:, trial]
-        steps = {}
-        for name in ("at_s", "agents_n", "gripped", "slips", "slides", "slip_m"):
-            steps[name] = vars(self)[name][taken, ..., trial]
-        for name in ("agents_n", "slip_m"):
-            steps[name] = steps[name].astype(np.float64)
-        if self.turned_rad is not None:
-            steps["turned_rad"] = self.turned_rad[taken, trial].astype(np.float64)
-        t_s = np.arange(len(forces_n)) / rate_hz
-        return TrialMotion(t_s, forces_n, position_m, **steps)
+        rows = self.rows[:, trial]
+        rows = rows[rows["taken"]]
+        return TrialMotion(
+            np.arange(len(forces_n)) / rate_hz,
+            forces_n,
+            position_m,
+            at_s=rows["at_s"],
+            agents_n=rows["agents_n"].astype(np.float64),
+            gripped=rows["gripped"],
+            slips=rows["slips"],
+            slides=rows["slides"],
+            slip_m=rows["slip_m"].astype(np.float64),
+            turned_rad=rows["turned_rad"].astype(np.float64),
+        )
 
 
 def forces_of(body: Body, state: State) -> FloatArray:
@@ -219,6 +221,28 @@ class ForceMean:
         return mean
 
 
+def some_trials(batched: Any, which: npt.NDArray[np.int64], n: int) -> Any:
+    """A copy of what holds arrays of a batch of n trials, with some of its trials.
+
+    Arrays whose last axis has n entries have the trials there; lists and tuples are looked into.
+    """
+    if isinstance(batched, np.ndarray):
+        if batched.shape[-1:] != (n,):
+            return batched
+        # `take`, not [..., which]: the layout in memory decides in which order numpy sums.
+        return np.take(batched, which, axis=-1)
+    if isinstance(batched, list | tuple):
+        return type(batched)([some_trials(part, which, n) for part in batched])
+    if not hasattr(batched, "__dict__"):
+        return batched
+
+    part = copy(batched)
+    for name, value in vars(batched).items():
+        object.__setattr__(part, name, some_trials(value, which, n))
+
+    return part
+
+
 class Part:
     """Some trials of a batch, and all that a step of them needs.
 
@@ -276,7 +300,7 @@ class Part:
 
 
 def motions(
-    trials: Sequence[PlannedTrial],
+    trials: Trials,
     settings: StepSettings,
     done: Done = lambda share: None,
 ) -> Iterator[TrialMotion]:
@@ -285,12 +309,7 @@ def motions(
     So the motions of a large batch need not all be in memory. A trial's result does not depend on
     its batch, if that has two or more. done: called now and then with the share that is stepped.
     """
-    grids = []
-    for k, trial in enumerate(trials):
-        more = settings.busy[k] if settings.busy else ()
-        grids.append(grid_of(trial, settings.rate_hz, settings.step_s, more))
-
-    loop = _OpenLoop(trials, settings, grids)
+    loop = _OpenLoop(trials, settings)
     n_steps = len(loop.at_s)
 
     # Inputs of many steps at once: a call of numpy costs as much as a small batch.
@@ -300,47 +319,44 @@ def motions(
         share = (start + CHUNK) / n_steps
         done(min(1.0, share))
 
-    for k, grid in enumerate(grids):
-        yield loop.motion(k, grid)
+    for k in range(len(trials)):
+        yield loop.motion(k)
 
 
 class _OpenLoop:
     """The trials of a batch that still run, all from `first` on: each on the steps of its own grid.
 
+    grids                 the steps of each trial
     at_s, before_s        [K, B] end and start of each step
     sample                [K, B] the sample that it ends at, or -1
     steps                 [B] how many steps each trial has
-    forces_n, position_m  at the samples of all trials, end to end
+    forces_n, position_m  [B, T, ..] at the samples of all trials
     tape                  the truth at every step
     """
 
-    def __init__(
-        self,
-        trials: Sequence[PlannedTrial],
-        settings: StepSettings,
-        grids: Sequence[Grid],
-    ) -> None:
+    def __init__(self, trials: Trials, settings: StepSettings) -> None:
         self.trials = trials
         self.rate_hz = settings.rate_hz
         self.first = 0
-        self.at_s, self.sample = _stack(grids)
-        start_s = np.array([grid.start_s for grid in grids])
+        self.grids = []
+        for k, trial in enumerate(trials):
+            more = settings.busy[k] if settings.busy else ()
+            grid = grid_of(trial, settings.rate_hz, settings.step_s, more)
+            self.grids.append(grid)
+        self.at_s, self.sample = _stack(self.grids)
+        start_s = each(self.grids, "start_s")
 
         # Every trial has steps of its own, so ends and starts are arrays.
         self.before_s = np.vstack([start_s, self.at_s[:-1]])
-        self.steps = np.array([len(grid.at_s) for grid in grids])
+        self.steps = np.array([len(grid.at_s) for grid in self.grids])
 
         self.script = Script(trials, body_of(trials, settings.pressure))
         self.part = Part(settings, self.script, start_s)
 
-        # The samples of all trials lie end to end: trial k has rows starts[k] to starts[k + 1].
-        counts = [grid.n_samples for grid in grids]
-        self.starts = np.cumsum([0, *counts])
-        total = self.starts[-1]
-        self.forces_n = np.zeros((total, len(self.part.travel_m), 3))
-        self.position_m = np.zeros((total, 3))
-
         # Forces are kept at samples, but events can happen at any step.
+        samples = len(trials), max(grid.n_samples for grid in self.grids)
+        self.forces_n = np.zeros((*samples, len(self.part.travel_m), 3))
+        self.position_m = np.zeros((*samples, 3))
         self.tape = StepTape(*self.at_s.shape)
 
     def leave(self, start: int) -> None:
@@ -349,7 +365,7 @@ class _OpenLoop:
 
         # Scene.run sorts its trials by length, so those in front end first.
         ended = self.steps[self.first :] <= start
-        count = batch if ended.all() else int(np.argmin(ended))
+        count = int(np.argmin([*ended, False]))
 
         # numpy sums a single trial in another order than many.
         count = min(count, batch - 2)
@@ -376,20 +392,21 @@ class _OpenLoop:
             samples = self.sample[k, first:]
             sampled = (samples >= 0).nonzero()[0]
             if sampled.size:
-                rows = self.starts[first + sampled] + samples[sampled]
-                self.forces_n[rows] = self.part.felt_n(sampled)
-                self.position_m[rows] = self.part.state.position_m[:, sampled].T
+                at = first + sampled, samples[sampled]
+                self.forces_n[at] = self.part.felt_n(sampled)
+                self.position_m[at] = self.part.state.position_m[:, sampled].T
 
-    def motion(self, trial: int, grid: Grid) -> TrialMotion:
+    def motion(self, trial: int) -> TrialMotion:
         """What became of a trial."""
-        rows = slice(self.starts[trial], self.starts[trial + 1])
-        position_m = self.position_m[rows]
+        grid = self.grids[trial]
+        forces_n = self.forces_n[trial, : grid.n_samples]
+        position_m = self.position_m[trial, : grid.n_samples]
         last = grid.sample[-1]
 
         # After the last step the object is where it was, and the trial only waits for others.
         position_m[last + 1 :] = position_m[last]
-        self.tape.taken[len(grid.at_s) :, trial] = False
-        return self.tape.motion(trial, self.rate_hz, self.forces_n[rows], position_m)
+        self.tape.rows["taken"][len(grid.at_s) :, trial] = False
+        return self.tape.motion(trial, self.rate_hz, forces_n, position_m)
 
 
 def _stack(grids: Sequence[Grid]) -> tuple[FloatArray, IntArray]:
@@ -401,10 +418,8 @@ def _stack(grids: Sequence[Grid]) -> tuple[FloatArray, IntArray]:
     for trial, grid in enumerate(grids):
         n = len(grid.at_s)
         sample[:n, trial] = grid.sample
+        at_s[:n, trial] = grid.at_s
         # The times go on, so that no step has length zero.
-        before_s, last_s = np.concatenate([[grid.start_s], grid.at_s])[-2:]
-        more = np.arange(1, longest - n + 1)
-        more_s = last_s + (last_s - before_s) * more
-        at_s[:, trial] = np.concatenate([grid.at_s, more_s])
+        at_s[n:, trial] = grid.at_s[-1] + PASSING_S * np.arange(1, longest - n + 1)
 
     return at_s, sample

@@ -29,7 +29,7 @@ from holdfast.core.contract import (
     FloatArray,
     Json,
 )
-from holdfast.simulation.actions import action_named
+from holdfast.simulation.actions import EVERYDAY, action_named
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.script_times import CATCH_S, Times
 from holdfast.simulation.stepper import TrialMotion
@@ -89,8 +89,20 @@ class Truth:
         phases = []
         stops_s = [since for since, _ in self.marks[1:]] + [self.end_s]
         for (start_s, situation), stop_s in zip(self.marks, stops_s, strict=True):
-            if stop_s > start_s:
-                phases.append(_phase(start_s + shift_s, stop_s + shift_s, situation))
+            if stop_s <= start_s:
+                continue
+            start_s += shift_s
+            stop_s += shift_s
+            phases.append(
+                {
+                    "t0_s": round(start_s, 6),
+                    "t1_s": round(stop_s, 6),
+                    "onset_s": round(start_s, 6),
+                    "duration_s": round(stop_s - start_s, 6),
+                    "label": SITUATIONS[situation],
+                    "provenance": PROVENANCE,
+                }
+            )
 
         found: Json = {"phases": phases}
         for name in EVENTS:
@@ -100,39 +112,127 @@ class Truth:
         return found | {"slip_mm": round(self.slip_mm, 4)}
 
 
-def _phase(start_s: float, stop_s: float, situation: int) -> Json:
-    """One phase of the sidecar, from start_s to stop_s."""
-    return {
-        "t0_s": round(start_s, 6),
-        "t1_s": round(stop_s, 6),
-        "onset_s": round(start_s, 6),
-        "duration_s": round(stop_s - start_s, 6),
-        "label": SITUATIONS[situation],
-        "provenance": PROVENANCE,
-    }
-
-
-@dataclass
 class Steps:
-    """Steps of a trial's events; None for one that it does not have.
+    """The steps of a trial, those of its events (None for one it does not have), and its marks.
 
-    contact    the first one with contact
+    at_s       [K] times of the steps
+    times      when people and hand act
+    everyday   the action is an everyday one
+    contact    the first step with contact
     lost       the first one after the last with contact, which may be one more than there are
     onset      load onset
     incipient  incipient slip
     gross      gross slip
+    marks      situations from their starts on
     """
 
-    contact: int
-    lost: int
-    onset: int | None = None
-    incipient: int | None = None
-    gross: int | None = None
+    def __init__(self, trial: PlannedTrial, motion: TrialMotion) -> None:
+        self.trial = trial
+        self.motion = motion
+        self.at_s = motion.at_s
+        self.times = Times.of(trial)
+        self.everyday = trial.action in EVERYDAY
+        held = np.flatnonzero(motion.gripped)
+        self.contact = int(held[0]) if held.size else 0
+        self.lost = int(held[-1]) + 1 if held.size else 0
+        self.onset: int | None = None
+        self.incipient: int | None = None
+        self.gross: int | None = None
+        self.marks: list[Mark] = [(0.0, NOTHING)]
 
-    def gone_s(self, motion: TrialMotion) -> float:
+    def mark(self, step: int, situation: int) -> None:
+        """A situation begins at a step."""
+        self.marks.append((float(self.at_s[step]), situation))
+
+    @property
+    def gone_s(self) -> float:
         """When the object leaves the hand: one that is never lost with the last step."""
-        at_s = motion.at_s
-        return float(at_s[min(self.lost, len(at_s) - 1)])
+        return float(self.at_s[min(self.lost, len(self.at_s) - 1)])
+
+    def time(self, step: int | None) -> float | None:
+        """The time of a step, s; None for none, and for one after the last."""
+        if step is None or step >= len(self.at_s):
+            return None
+        return float(self.at_s[step])
+
+    def at(self, at_s: float) -> int:
+        """The first step at or after a time; one more than there are where none is."""
+        return int(np.searchsorted(self.at_s, at_s))
+
+    def change_n(self, since: int) -> FloatArray:
+        """[K] change of the force of people and box, N, since the step before a step."""
+        agents_n = self.motion.agents_n
+        change = agents_n - agents_n[max(since - 1, 0)]
+        size_n: FloatArray = np.sqrt((change * change).sum(axis=1))
+        return size_n
+
+    def load_onset(self) -> int | None:
+        """The step at which the force of people and box has changed by LOAD_N; None: never."""
+        first = self.at(self.times.act)
+        return first_of(self.change_n(first) > LOAD_N, first)
+
+    def slipped_far(self, since: int) -> BoolArray:
+        """[K] whether the object has slipped or turned far enough since a step for gross slip."""
+        motion = self.motion
+        far = motion.slip_m - motion.slip_m[since] >= GROSS_SLIP_M
+        turned_rad = motion.turned_rad - motion.turned_rad[since]
+        return far | (np.abs(turned_rad) >= GROSS_TURN_RAD)
+
+    def gross_since(self, since: int, stop: int) -> int | None:
+        """The step of gross slip, of those from `since` up to stop."""
+        slides = self.motion.slides | self.slipped_far(since)
+        return first_of(slides, since, stop)
+
+    def find_events(self) -> None:
+        """Load onset, and the slip since then: what slipped as the grip closed does not count."""
+        self.onset = self.load_onset()
+        if self.onset is not None:
+            self.incipient = first_of(self.motion.slips, self.onset, self.lost)
+            self.gross = self.gross_since(self.onset, self.lost)
+
+    def stretches(self, start: int, stop: int) -> list[Stretch]:
+        """The steps from start up to stop that slide, cut where a longer pause is between two."""
+        sliding = start + np.flatnonzero(self.motion.slips[start:stop])
+        pauses = np.flatnonzero(np.diff(self.at_s[sliding]) > PAUSE_S) + 1
+        return np.split(sliding, pauses) if sliding.size else []
+
+    def slips(self) -> list[tuple[int, int, int]]:
+        """(begin, gross slip, end) of each slip of an everyday action, numbers of steps."""
+        slips = []
+        stop = min(self.at(self.times.open), self.lost)
+        for part in self.stretches(self.at(self.times.act), stop):
+            begin = int(part[0])
+            end = int(part[-1]) + 1
+            # Travel counts from the begin of this slip, not from that of the action.
+            gross = self.gross_since(begin, end)
+            # Elements that creep while the others hold move nothing.
+            if gross is not None:
+                slips.append((begin, gross, end))
+        return slips
+
+    def slip_onset(self) -> int | None:
+        """The step at which an action begins to endanger the grip; None where it does not.
+
+        It is the load onset where a load comes from outside, else the begin of the first slip.
+        """
+        if not action_named(self.trial.action).loaded:
+            slips = self.slips()
+            return slips[0][0] if slips else None
+        onset = self.load_onset()
+        if not self.everyday or onset is None:
+            return onset
+        # The person who takes the object at the end is no load of the action.
+        return onset if self.at_s[onset] < self.times.open - CATCH_S else None
+
+    def mark_failure(self) -> bool:
+        """Mark a hold that fails by itself, in a scene that draws the friction used."""
+        lost_early = self.gone_s < self.times.act and self.lost < len(self.at_s)
+        if self.everyday or not lost_early or "used" not in self.trial.drawn:
+            return False
+        # The slip that loses the object is the last one.
+        stretches = self.stretches(self.contact, self.lost)
+        self.mark(stretches[-1][0] if stretches else self.lost, RISKY_SLIP)
+        return True
 
 
 def truth_of(trial: PlannedTrial, motion: TrialMotion) -> Truth:
@@ -141,133 +241,30 @@ def truth_of(trial: PlannedTrial, motion: TrialMotion) -> Truth:
     end_s = 2.0 * float(motion.t_s[-1]) - float(motion.t_s[-2])
     action = action_named(trial.action)
     if action.touch_truth is not None:
-        touched: Truth = action.touch_truth(motion)
+        touched: Truth = action.touch_truth(motion, end_s)
         return touched
-    held = np.flatnonzero(motion.gripped)
-    if not held.size:
+    if not motion.gripped.any():
         return Truth(None, None, None, None, None, 0.0, ((0.0, NOTHING),), end_s)
 
-    at_s = motion.at_s
-    times = Times.of(trial)
-    steps = Steps(contact=int(held[0]), lost=int(held[-1]) + 1)
-    marks: list[Mark] = [(0.0, NOTHING), (at_s[steps.contact], GRASP)]
-    if not action.everyday:
-        _find_events(motion, times, steps)
-    lost_early = steps.lost < len(at_s) and at_s[steps.lost] < times.act
-    if "used" in trial.drawn and lost_early and not action.everyday:
-        _mark_failure(marks, motion, steps)
-    else:
-        action.mark(marks, trial, motion, times, steps)
+    steps = Steps(trial, motion)
+    steps.mark(steps.contact, GRASP)
+    if not steps.everyday:
+        steps.find_events()
+    if not steps.mark_failure():
+        action.mark(steps)
 
-    marks.append((steps.gone_s(motion), NOTHING))
+    steps.marks.append((steps.gone_s, NOTHING))
     slip_m = motion.slip_m[steps.lost - 1] - motion.slip_m[steps.contact]
     return Truth(
-        contact_s=_time(motion, steps.contact),
-        load_onset_s=_time(motion, steps.onset),
-        incipient_slip_s=_time(motion, steps.incipient),
-        gross_slip_s=_time(motion, steps.gross),
-        contact_lost_s=_time(motion, steps.lost),
+        contact_s=steps.time(steps.contact),
+        load_onset_s=steps.time(steps.onset),
+        incipient_slip_s=steps.time(steps.incipient),
+        gross_slip_s=steps.time(steps.gross),
+        contact_lost_s=steps.time(steps.lost),
         slip_mm=1e3 * float(slip_m),
-        marks=tuple((float(since_s), what) for since_s, what in marks),
+        marks=tuple(steps.marks),
         end_s=end_s,
     )
-
-
-def _find_events(motion: TrialMotion, times: Times, steps: Steps) -> None:
-    """Load onset, and the slip since then: what slipped while the grip closed does not count."""
-    onset = load_onset(motion, times.act)
-    steps.onset = onset
-    if onset is not None:
-        far = slipped_far(motion, onset)
-        steps.incipient = first_of(motion.slips, onset, steps.lost)
-        steps.gross = first_of(motion.slides | far, onset, steps.lost)
-
-
-def slipped_far(motion: TrialMotion, since: int) -> BoolArray:
-    """[K] whether the object has slipped or turned so far since a step that it is gross slip."""
-    far = motion.slip_m - motion.slip_m[since] >= GROSS_SLIP_M
-    if motion.turned_rad is None:
-        return far
-    turned_rad = motion.turned_rad - motion.turned_rad[since]
-    return far | (np.abs(turned_rad) >= GROSS_TURN_RAD)
-
-
-def _time(motion: TrialMotion, step: int | None) -> float | None:
-    """The time of a step, s; None for none, and for one after the last."""
-    if step is None or step >= len(motion.at_s):
-        return None
-    return float(motion.at_s[step])
-
-
-def step_at(motion: TrialMotion, at_s: float) -> int:
-    """The first step at or after a time; one more than there are where none is."""
-    return int(np.searchsorted(motion.at_s, at_s))
-
-
-def change_n(motion: TrialMotion, since: int) -> FloatArray:
-    """[K] size of the change of the force of people and box, N, since the step before a step."""
-    change = motion.agents_n - motion.agents_n[max(since - 1, 0)]
-    size_n: FloatArray = np.sqrt((change * change).sum(axis=1))
-    return size_n
-
-
-def load_onset(motion: TrialMotion, act_s: float) -> int | None:
-    """The step at which the force of people and box has changed by LOAD_N; None: never."""
-    first = step_at(motion, act_s)
-    return first_of(change_n(motion, first) > LOAD_N, first)
-
-
-def _stretches(motion: TrialMotion, start: int, stop: int) -> list[Stretch]:
-    """The steps from start up to stop that slide, cut where a longer pause is between two."""
-    sliding = start + np.flatnonzero(motion.slips[start:stop])
-    pauses = np.flatnonzero(np.diff(motion.at_s[sliding]) > PAUSE_S) + 1
-    return np.split(sliding, pauses) if sliding.size else []
-
-
-def _mark_failure(marks: list[Mark], motion: TrialMotion, steps: Steps) -> None:
-    """A hold that fails by itself, in a scene that draws the friction used: a slip to its end."""
-    # The slip that loses the object is the last one.
-    stretches = _stretches(motion, steps.contact, steps.lost)
-    begin = stretches[-1][0] if stretches else steps.lost
-    marks.append((motion.at_s[begin], RISKY_SLIP))
-
-
-def slip_onset(trial: PlannedTrial, motion: TrialMotion) -> int | None:
-    """The step at which an action begins to endanger the grip; None where it does not.
-
-    It is the load onset where a load comes from outside, else the begin of the first slip.
-    """
-    times = Times.of(trial)
-    action = action_named(trial.action)
-    if action.loaded:
-        onset = load_onset(motion, times.act)
-        if not action.everyday or onset is None:
-            return onset
-        # The person who takes the object at the end is no load of the action.
-        return onset if motion.at_s[onset] < times.open - CATCH_S else None
-    held = np.flatnonzero(motion.gripped)
-    slips = slips_in(motion, times, int(held[-1]) + 1) if held.size else []
-    return slips[0][0] if slips else None
-
-
-def slips_in(
-    motion: TrialMotion, times: Times, lost: int
-) -> list[tuple[int, int, int]]:
-    """(begin, gross slip, end) of each slip of an everyday action, numbers of steps."""
-    slips = []
-    stop = min(step_at(motion, times.open), lost)
-    for part in _stretches(motion, step_at(motion, times.act), stop):
-        begin = int(part[0])
-        end = int(part[-1]) + 1
-
-        # Travel counts from the begin of this slip, not from that of the action.
-        far = slipped_far(motion, begin)
-        gross = first_of(motion.slides | far, begin, end)
-        # Elements that creep while the others hold move nothing.
-        if gross is not None:
-            slips.append((begin, gross, end))
-
-    return slips
 
 
 def first_of(flags: BoolArray, start: int = 0, stop: int | None = None) -> int | None:

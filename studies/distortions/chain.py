@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.effect import Rows
-from holdfast.simulation.rows import Plan
+from holdfast.simulation.effect import Plan, Rows
 from studies.distortions.law import Memory, PlanRequest
 
 LATEST_S = 2.6

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from holdfast.core.contract import BoolArray, FloatArray, Json
+from holdfast.core.contract import FloatArray, Json
+from holdfast.simulation.core import IntArray
 from holdfast.simulation.effect import Rows
-from holdfast.simulation.loop_sensing import IntArray, LoopSensors
+from holdfast.simulation.loop_sensing import LoopSensors, PlanBatch
 from holdfast.simulation.protocol import PlannedTrial
-from holdfast.simulation.rows import PlanBatch
 from studies.distortions.law import Law, Memory, PlanRequest
 from studies.distortions.statistics import paired_change
 from studies.distortions.table import Distortion, by_name
@@ -57,14 +57,13 @@ class DistortedSensors:
             plans.append(self.law.plan(request))
         self._plans = PlanBatch(plans)
 
-    def read(self, rows: IntArray, forces_n: FloatArray) -> tuple[Rows, BoolArray]:
-        """(readings, lost [B]) at samples rows [B], from forces [B, S, 3]."""
+    def read(self, rows: IntArray, forces_n: FloatArray) -> Rows:
+        """Readings at samples rows [B], from forces [B, S, 3]."""
         if self.on_forces:
             all_valid = np.ones(forces_n.shape[:2], dtype=np.bool_)
             felt = self._distort(Rows(forces_n, all_valid), rows)
             return self.sensors.read(rows, felt.values)
-        readings, lost = self.sensors.read(rows, forces_n)
-        return self._distort(readings, rows), lost
+        return self._distort(self.sensors.read(rows, forces_n), rows)
 
     def _distort(self, now: Rows, rows: IntArray) -> Rows:
         assert self._plans is not None

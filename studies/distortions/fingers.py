@@ -8,8 +8,7 @@ from typing import Literal
 import numpy as np
 
 from holdfast.core.hand_card import SIDES
-from holdfast.simulation.effect import Rows
-from holdfast.simulation.rows import Plan
+from holdfast.simulation.effect import Plan, Rows
 from studies.distortions.chain import EARLIEST_S, LATEST_S
 from studies.distortions.law import Memory, PlanRequest
 

@@ -15,8 +15,7 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray
 from holdfast.core.hand_card import Side
-from holdfast.simulation.effect import Rows
-from holdfast.simulation.rows import Plan
+from holdfast.simulation.effect import Plan, Rows
 from studies.distortions.law import Memory, PlanRequest
 
 

@@ -15,8 +15,7 @@ import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.hand_card import Side
-from holdfast.simulation.effect import Rows
-from holdfast.simulation.rows import Plan, row_of
+from holdfast.simulation.effect import Plan, Rows
 
 Memory = Any
 """What a law keeps from row to row: arrays of one row a trial; None before the first row."""
@@ -74,3 +73,11 @@ def distorted(
         out[k] = made.values[0]
         out_valid[k] = made.valid[0]
     return out, out_valid
+
+
+def row_of(plan: Plan, k: int) -> Plan:
+    """The plan of sample k alone."""
+    row = {}
+    for name, array in plan.items():
+        row[name] = array[k : k + 1] if len(array) > 1 else array
+    return row

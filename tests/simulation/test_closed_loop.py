@@ -23,6 +23,7 @@ from loop_bench import (
 from benchmarks.loop_baselines import oracle
 from holdfast.edge_runtime.grip import Controller
 from holdfast.simulation.closed_loop import (
+    USUAL,
     ClosedLoop,
     LoopSettings,
     managed,
@@ -45,7 +46,7 @@ CANNOT_TELL = replace(HEARD, opening="larger")
 
 
 def firm_loop(
-    scene: Scene, grip_n: float = 45.0, settings: LoopSettings | None = None
+    scene: Scene, grip_n: float = 45.0, settings: LoopSettings = USUAL
 ) -> tuple[ClosedLoop, Firm]:
     """All trials of a scene in hands that hold on firmly."""
     made: list[Firm] = []
@@ -83,7 +84,7 @@ def test_a_loop_that_does_nothing_is_the_open_loop_bit_for_bit(
 ) -> None:
     scene, loop, forces_n = idle
     for place, whole in enumerate(scene.run_together(scene.trials())):
-        looped = loop.world.motion(place, np.zeros((2, 1, 3)), np.zeros((2, 3)))
+        looped = loop.world.motion(place)
         steps = min(
             len(looped.at_s), len(whole.motion.at_s)
         )  # a pull's loop goes on for longer
@@ -257,7 +258,7 @@ def test_a_puller_gives_up_and_the_object_stays(
     resisted: tuple[ClosedLoop, Firm, list[LoopOutcome]],
 ) -> None:
     loop, _, (*_, pull) = resisted
-    motion = loop.world.motion(2, np.zeros((2, 1, 3)), np.zeros((2, 3)))
+    motion = loop.world.motion(2)
     force_n = np.linalg.norm(motion.agents_n, axis=1)
     gone = motion.at_s > pull.act_s + 0.5 + Habits().lets_go_s + 0.01
     assert gone.sum() > 20

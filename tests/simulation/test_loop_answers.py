@@ -48,7 +48,8 @@ def test_a_loop_of_hands_senses_what_the_live_path_senses() -> None:
     values = readings()
     loop = HandModels(model(), HANDS)
     every = np.ones((HANDS, 6), dtype=np.bool_)
-    looped = [loop.answer(now, every) for now in values]
+    never = np.zeros(HANDS, dtype=np.bool_)
+    looped = [loop.answer(now, every, never, never) for now in values]
     for hand in range(HANDS):
         live = live_senses(values[:, hand])
         assert sum(sense.known for sense in live) > 40

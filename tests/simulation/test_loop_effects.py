@@ -12,16 +12,22 @@ import numpy as np
 import pytest
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation import contacts, rotation, shakes
-from holdfast.simulation.body import Body, Inputs, Pull, State, at_rest
-from holdfast.simulation.contacts import Lag, pressure
+from holdfast.simulation import contacts, shakes
+from holdfast.simulation.body import (
+    Body,
+    Inputs,
+    Pull,
+    State,
+    at_rest,
+    kinetic_j,
+    normal_j,
+)
+from holdfast.simulation.contacts import Lag, Rotation, gyration_m2, pressure
 from holdfast.simulation.core import step
 from holdfast.simulation.effect import EffectBatch, PhysicsEffects, stream
-from holdfast.simulation.energy import kinetic_j, normal_j
 from holdfast.simulation.objects import OBJECTS
-from holdfast.simulation.rotation import Rotation, gyration_m2
 
-EFFECTS = contacts.EFFECTS | rotation.EFFECTS | shakes.EFFECTS
+EFFECTS = contacts.EFFECTS | shakes.EFFECTS
 FINGERS = np.array([1000.0, 1000.0, 500.0, 500.0, 500.0, 500.0])
 """N/m: two stiff of the thumb against four, so that equal depths balance."""
 DEPTH_M = 5e-3
@@ -287,7 +293,7 @@ def test_a_steady_acceleration_of_the_hand_turns_an_object_as_gravity_does() -> 
     assert turned[0] == pytest.approx(turned[1], rel=1e-6)
 
 
-# arm, tremor, knock
+# arm, tremor
 
 
 def integral(values: FloatArray, dt_s: float) -> FloatArray:
@@ -353,22 +359,19 @@ def test_a_tremor_trembles_at_its_frequency(frequency_hz: float) -> None:
     assert tremor.busy_s(0)[0][1] > 1e6
 
 
-@pytest.mark.parametrize(
-    ("peak", "lasts_s"), [(20.0, 0.005), (20.0, 0.03), (40.0, 0.01)]
-)
-def test_a_knock_gives_a_free_object_its_impulse(peak: float, lasts_s: float) -> None:
-    knock = make("knock", peak_m_s2=peak, lasts_s=lasts_s, at_s=0.05)
+def test_an_object_that_nothing_holds_stays_where_it_is_while_the_hand_reaches() -> (
+    None
+):
+    arm = make("arm", amplitude_m=0.2, lasts_s=0.8, rest_s=0.3, at_s=0.1, count=1.0)
     what = body(gravity_m_s2=0.0)
     open_hand = Inputs(shut(depth_m=-1.0))
-    state, _ = run(
-        what, 1e-4, 1500, PhysicsEffects(shakes=(knock,)), inputs=lambda t: open_hand
-    )
-    assert np.linalg.norm(state.velocity_m_s, axis=0) == pytest.approx(
-        2.0 / np.pi * peak * lasts_s, rel=1e-3
-    )
-    ((start, stop),) = knock.busy_s(0)
-    assert start <= 0.05
-    assert stop >= 0.05 + lasts_s
+    reached = PhysicsEffects(shakes=(arm,))
+    state, _ = run(what, 1e-3, 1000, reached, inputs=lambda t: open_hand)
+    for k in range(2):
+        # in the frame of the hand it has moved against the hand's way
+        (moved,) = arm.motion_m(np.array([1.0]), k)
+        assert np.linalg.norm(moved) == pytest.approx(0.2)
+        assert state.position_m[:, k] == pytest.approx(-moved, abs=1e-3)
 
 
 # all

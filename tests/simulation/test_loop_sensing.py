@@ -24,10 +24,8 @@ TEXTS = {
     "cross_talk": "",
     "gain_tilt": "",
     "magnet_reversed": "sensors = [2, 5]",
-    "magnet_lost": "sensors = [3]\nat_s = 0.2",
     "thermal_drift": "warming_degc = 10",
     "hall_noise": "",
-    "saturation": "range = 0.25",
     "quantisation": "",
     "pad_magnet": "",
     "magnetometer": "",
@@ -37,8 +35,6 @@ TEXTS = {
     "drift": "step_n = 0.3\nstep_at_s = 0.2",
     "white_noise": "",
     "timing_jitter": "sd_ms = 1.5",
-    "dropped_samples": "share = 0.2",
-    "stale_sensor": "sensors = [1, 6]\nat_s = {uniform = [0, 0.2]}\nlasts_s = {uniform = [0.1, 1]}",
 }
 ON_FIELDS = [n for n in TEXTS if "dipole" in SENSOR_EFFECTS[n].needs] + ["dipole"]
 ON_PADS = ["pad_magnet", "magnetometer"]
@@ -63,25 +59,23 @@ def touched(seed: int) -> FloatArray:
     return forces
 
 
-def in_the_loop(
-    scene: Scene, forces_n: FloatArray
-) -> list[list[tuple[bytes, bytes] | None]]:
-    """By trial, by call: the bytes of values and validity, None for a lost sample."""
+def in_the_loop(scene: Scene, forces_n: FloatArray) -> list[list[tuple[bytes, bytes]]]:
+    """By trial, by call: the bytes of values and validity."""
     sensors = LoopSensors(scene, scene.trials(), COUNTS)
-    reported: list[list[tuple[bytes, bytes] | None]] = [[], [], []]
+    reported: list[list[tuple[bytes, bytes]]] = [[], [], []]
     for k in range(len(forces_n)):
         rows = np.minimum(k, COUNTS - 1)
-        now, lost = sensors.read(rows, forces_n[rows, np.arange(3)])
+        now = sensors.read(rows, forces_n[rows, np.arange(3)])
         for place in range(3):
             one = now.values[place].tobytes(), now.valid[place].tobytes()
-            reported[place].append(None if lost[place] else one)
+            reported[place].append(one)
     return reported
 
 
 def as_recorded(
     scene: Scene, forces_n: FloatArray, place: int
 ) -> list[tuple[bytes, bytes]]:
-    """What the whole trial's signal has, a row a sample that came."""
+    """What the whole trial's signal has, a row a sample."""
     n = COUNTS[place]
     signal, _ = scene.sense(
         scene.trials()[place], np.arange(n) / 150.0, forces_n[:n, place]
@@ -98,8 +92,7 @@ def require_same(scene: Scene, seed: int) -> None:
     late = int("timing_jitter" in scene.sensor_effects)
     for place, calls in enumerate(in_the_loop(scene, forces_n)):
         recorded = as_recorded(scene, forces_n, place)
-        came = [one for one in calls[late : COUNTS[place]] if one is not None]
-        assert came == (recorded[:-1] if late else recorded)
+        assert calls[late : COUNTS[place]] == (recorded[:-1] if late else recorded)
 
 
 def test_every_effect_of_the_sensor_is_tried() -> None:
@@ -115,9 +108,6 @@ def test_an_effect_row_by_row_is_the_effect_of_the_whole_trial(
     if name in ON_PADS:
         before, unit = [ON_PADS[0]] if name != ON_PADS[0] else [], "uT"
     scene = scene_with([*before, name], tmp_path, unit=unit)
-    assert LoopSensors(scene, scene.trials(), COUNTS).latency == (
-        name == "timing_jitter"
-    )
     require_same(scene, 1)
 
 

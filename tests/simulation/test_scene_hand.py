@@ -50,7 +50,7 @@ EVERY_LOOP_EFFECT = (
 )
 SENSOR = "".join(
     f"[effects.{name}]\n"
-    for name in ("dipole", "cross_talk", "gain_tilt", "hall_noise", "saturation")
+    for name in ("dipole", "cross_talk", "gain_tilt", "hall_noise")
 )
 
 

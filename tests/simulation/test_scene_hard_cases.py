@@ -13,8 +13,13 @@ from hypothesis import strategies as st
 from test_scene_physics import G, at_rest, body, closed, energy_j, go
 
 from holdfast.core.errors import CardError
-from holdfast.simulation import energy
-from holdfast.simulation.body import Body, Floor, Inputs, State
+from holdfast.simulation.body import (
+    Body,
+    Floor,
+    Inputs,
+    State,
+    brush_j,
+)
 from holdfast.simulation.scene_file import read_scene_file
 
 AREA = "Simulation"
@@ -37,7 +42,7 @@ def at_the_edge(load_n: float) -> tuple[Body, State, np.ndarray]:
     state = at_rest(held, closure)
     state.normal_n = held.stiffness_n_per_m * closure
     state.stretch_m[1] = 0.5 * state.normal_n / held.brush_n_per_m
-    state.brush_j = energy.brush_j(held, state)
+    state.brush_j = brush_j(held, state)
     return held, state, closure
 
 
@@ -126,7 +131,7 @@ def test_silicone_that_sticks_by_more_than_it_is_pressed(share, holds):
         / held.brush_n_per_m
         * (1.0 if holds else 0.0)
     )
-    state.brush_j = energy.brush_j(held, state)
+    state.brush_j = brush_j(held, state)
     go(held, state, Inputs(closure), 1e-3, 1500)
     pressed_n = state.normal_n.sum(axis=0)
     assert (pressed_n < 0.2 * G).all()

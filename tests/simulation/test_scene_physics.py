@@ -11,17 +11,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from holdfast.simulation import energy
 from holdfast.simulation.body import (
-    SIDE,
     Body,
     Floor,
     Inputs,
     Pull,
     State,
     at_rest,
+    brush_j,
+    kinetic_j,
+    normal_j,
     offset_m,
     recess_m,
+    sides,
 )
 from holdfast.simulation.contacts import pressure
 from holdfast.simulation.core import step
@@ -76,10 +78,10 @@ def go(
 def energy_j(held: Body, state: State, closure_m: np.ndarray) -> np.ndarray:
     recess = recess_m(held, offset_m(held, state.position_m[1:]))
     height = -held.mass_kg * (held.gravity_m_s2 * state.position_m).sum(axis=0)
-    stored = energy.brush_j(held, state) + energy.normal_j(
+    stored = brush_j(held, state) + normal_j(
         held, closure_m, state.position_m[0], recess
     )
-    return np.asarray(energy.kinetic_j(held, state) + stored + height)
+    return np.asarray(kinetic_j(held, state) + stored + height)
 
 
 def thrown(
@@ -131,7 +133,7 @@ def test_no_step_from_a_microsecond_to_a_second_gains_energy_or_is_not_finite(
     closure = closed(held, grip_n) * rng.uniform(0.0, 2.0, (6, 16))
     state = thrown(held, closure, rng, speed)
     before = energy_j(held, state, closure)
-    scale = np.abs(before) + energy.kinetic_j(held, state) + 1e-9
+    scale = np.abs(before) + kinetic_j(held, state) + 1e-9
     for _ in range(25):
         go(held, state, Inputs(closure), dt_s, 1)
         after = energy_j(held, state, closure)
@@ -205,7 +207,7 @@ def test_the_contacts_of_a_held_object_carry_its_weight(gravity):
     squeeze = (held.curvature_per_m[:, None] * state.offset_m * state.normal_n).sum(
         axis=1
     )
-    normal = (SIDE * state.normal_n).sum(axis=0)
+    normal = (sides(6, 2) * state.normal_n).sum(axis=0)
     carried = np.concatenate([-normal[None], shear - squeeze])
     assert carried == pytest.approx(held.mass_kg * held.gravity_m_s2, abs=2e-6)
 
@@ -369,8 +371,8 @@ def test_a_box_on_any_side_returns_no_more_than_fell_on_it(up, dt_s):
     away = unit(up)[:, None] * one
     state.velocity_m_s = -0.4 * away
     floor = Floor(4e3, 40.0, 300.0, -1e-4 * one, 50.0 * one, away)
-    moving_j = energy.kinetic_j(held, state)
+    moving_j = kinetic_j(held, state)
     for _ in range(60):
         go(held, state, Inputs(far, (), floor), dt_s, 1)
-        assert (energy.kinetic_j(held, state) <= moving_j + 1e-12).all()
+        assert (kinetic_j(held, state) <= moving_j + 1e-12).all()
         assert np.isfinite(state.position_m).all()

@@ -152,7 +152,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> list[SimulatedTrial]:
 
 
 @pytest.mark.parametrize(
-    "added", ["hall_noise", "quantisation", "cross_talk", "thermal_drift", "saturation"]
+    "added", ["hall_noise", "quantisation", "cross_talk", "thermal_drift"]
 )
 def test_adding_an_effect_leaves_the_draws_of_the_others_alone(tmp_path, plain, added):
     more = trials_of(make(tmp_path, COARSE + DRAWN + f"[effects.{added}]\n"))
@@ -171,7 +171,6 @@ def test_a_trial_is_the_same_in_any_company(tmp_path):
         "rotation",
         "arm",
         "tremor",
-        "knock",
         "hall_noise",
     ]
     every = "".join(f"[effects.{name}]\n" for name in names)

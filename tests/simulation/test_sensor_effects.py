@@ -31,7 +31,6 @@ CHANGES_NOTHING: dict[str, dict[str, Any]] = {
     "cross_talk": {"height_mm": 0, "axes": 0},
     "gain_tilt": {"gain_sd": 0, "tilt_sd_deg": 0},
     "magnet_reversed": {"sensors": []},
-    "magnet_lost": {"sensors": [], "at_s": 0},
     "thermal_drift": {"warming_degc": 0, "compensated": 0},
     "shear_gain": {"gain": 1, "spread": 0},
     "hysteresis": {"width_n": 0},
@@ -39,8 +38,6 @@ CHANGES_NOTHING: dict[str, dict[str, Any]] = {
     "drift": {"rate_n_s": 0, "step_n": 0},
     "white_noise": {"rms_n": 0},
     "timing_jitter": {"sd_ms": 0},
-    "dropped_samples": {"share": 0},
-    "stale_sensor": {"sensors": [], "at_s": 0, "lasts_s": 10},
 }
 SOMETHING: dict[str, dict[str, Any]] = {
     "dipole": {},
@@ -54,10 +51,8 @@ SOMETHING: dict[str, dict[str, Any]] = {
     "cross_talk": {},
     "gain_tilt": {},
     "magnet_reversed": {"sensors": [2, 5]},
-    "magnet_lost": {"sensors": [3], "at_s": 1},
     "thermal_drift": {"warming_degc": 10},
     "hall_noise": {},
-    "saturation": {"range": 0.25},
     "quantisation": {},
     "shear_gain": {},
     "hysteresis": {"width_n": 100},
@@ -65,8 +60,6 @@ SOMETHING: dict[str, dict[str, Any]] = {
     "drift": {},
     "white_noise": {},
     "timing_jitter": {},
-    "dropped_samples": {"share": 0.1},
-    "stale_sensor": {"sensors": [1, 6], "at_s": 1, "lasts_s": 0.5},
 }
 RANDOM = (
     "shear_gain",
@@ -77,7 +70,6 @@ RANDOM = (
     "drift",
     "white_noise",
     "timing_jitter",
-    "dropped_samples",
 )
 
 
@@ -164,12 +156,9 @@ def test_an_effect_changes_something_but_not_what_it_was_given(name: str) -> Non
     after = apply(name, before, **SOMETHING[name])
     assert same(before, wandering())
     assert not same(after, before)
-    assert after.valid.all() == (not SENSOR_EFFECTS[name].marks_invalid)
-
-    rows = len(after.t_s)
-    assert rows == 300 or name == "dropped_samples"
-    assert after.values.shape == (rows, 6, 3)
-    assert after.valid.shape == (rows, 6)
+    assert after.valid.all()
+    assert after.values.shape == (300, 6, 3)
+    assert after.valid.shape == (300, 6)
     assert after.t_s.dtype == after.values.dtype == np.float64
     assert after.valid.dtype == np.bool_
     assert after.unit == "uT"
@@ -328,16 +317,6 @@ def test_reversed_magnets_turn_exactly_the_named_sensors(sensors: list[int]) -> 
     assert np.array_equal(after.values, sign * before.values)
 
 
-def test_of_a_lost_magnet_only_the_field_of_the_earth_is_left() -> None:
-    before = wandering()
-    after = apply("magnet_lost", before, sensors=[1, 4], at_s=1.0)
-    left = after.values[100:, columns(1, 4)]
-    assert np.linalg.norm(left, axis=2) == pytest.approx(48.0, abs=1.0)
-    assert np.ptp(left, axis=(0, 1)) == pytest.approx(np.zeros(3))
-    assert np.array_equal(after.values[:100], before.values[:100])
-    assert np.array_equal(after.values[:, others(1, 4)], before.values[:, others(1, 4)])
-
-
 # warmth
 
 
@@ -376,18 +355,6 @@ def test_noise_is_as_the_data_sheet_says_and_falls_with_the_root_of_averages(
     sigma = np.tile([22.0, 22.0, 11.0], 6) * (32 / averages) ** 0.5
     # five sigma
     assert noise(averages=averages).std(axis=0) / sigma == pytest.approx(1.0, abs=0.025)
-
-
-@pytest.mark.parametrize("share", [1.0, 0.25])
-def test_beyond_its_range_a_chip_shows_its_limit_and_is_invalid(share: float) -> None:
-    limit_ut = share * np.array([40e3, 40e3, 80e3])
-    rng = np.random.default_rng(2)
-    before = signal(limit_ut * rng.uniform(-1.2, 1.2, (50, 6, 3)))
-    after = apply("saturation", before, range=share)
-    inside = (np.abs(before.values) < limit_ut).all(axis=2)
-    assert np.array_equal(after.valid, inside)
-    assert 0.1 < inside.mean() < 0.9
-    assert np.array_equal(after.values, np.clip(before.values, -limit_ut, limit_ut))
 
 
 @given(
@@ -429,55 +396,6 @@ def test_a_late_sample_has_the_value_of_its_own_time() -> None:
     after = apply("timing_jitter", signal(t_s[:, None, None] * slope), sd_ms=3)
     assert after.values == pytest.approx(after.t_s[:, None, None] * slope, abs=1e-12)
     assert np.abs(after.t_s - t_s).max() > 1e-3
-
-
-@pytest.mark.parametrize("share", [0.005, 0.01, 0.02])
-def test_so_many_samples_never_come(share: float) -> None:
-    left = len(came(200_000, share=share))
-    assert 1.0 - left / 200_000 == pytest.approx(share, rel=0.1)
-
-
-def came(rows: int = 5000, **options: Any) -> FloatArray:
-    """Numbers of the rows that came."""
-    after = apply("dropped_samples", steady(rows), **options)
-    return np.round(after.t_s * RATE_HZ)
-
-
-def test_samples_are_lost_in_bursts_of_one_to_three() -> None:
-    assert set(np.diff(came(share=0.1)) - 1.0) == {0.0, 1.0, 2.0, 3.0}
-
-
-@pytest.mark.parametrize("rows", [3, 4, 10])
-@pytest.mark.parametrize("seed", range(20))
-def test_the_first_two_samples_and_the_last_always_come(rows: int, seed: int) -> None:
-    came_at = came(rows, seed=seed, share=0.3)
-    assert came_at[[0, 1, -1]].tolist() == [0.0, 1.0, rows - 1.0]
-
-
-def test_the_samples_that_come_are_as_they_were() -> None:
-    before = replace(wandering(), valid=np.random.default_rng(2).random((300, 6)) < 0.5)
-    after = apply("dropped_samples", before, share=0.1)
-    rows = np.round(after.t_s * RATE_HZ).astype(int)
-    assert len(rows) < 300
-    for name in ("t_s", "values", "valid"):
-        assert np.array_equal(vars(after)[name], vars(before)[name][rows])
-
-
-def test_a_stale_sensor_repeats_its_last_value_and_is_invalid_once_it_can_be_known() -> (
-    None
-):
-    before = wandering()
-    after = apply("stale_sensor", before, sensors=[2, 6], at_s=0.995, lasts_s=0.5)
-    two = columns(2, 6)
-    # Rows 100 to 149 are stuck.
-    expected = before.values.copy()
-    expected[100:150, two] = before.values[99, two]
-    assert np.array_equal(after.values, expected)
-    assert np.array_equal(after.t_s, before.t_s)
-    # Rows 100 and 101 are 5 and 15 ms old: the driver cannot know yet.
-    valid = np.ones((300, 6), dtype=np.bool_)
-    valid[102:150, two] = False
-    assert np.array_equal(after.valid, valid)
 
 
 # calibration

@@ -197,7 +197,7 @@ def test_a_loop_meets_the_very_readings_of_the_recording(
     in_loop = []
     for k in range(420):
         rows = np.minimum(k, counts - 1)
-        now, _ = reader.read(rows, forces_n[rows, np.arange(2)])
+        now = reader.read(rows, forces_n[rows, np.arange(2)])
         in_loop.append(now)
     of = FeltSet(scene, ())
     truth: Any = None

@@ -30,19 +30,21 @@ from holdfast.simulation.effect import Interval, Parameter
 NEVER_S = 1e9
 """Time of an event that a trial does not have, s: later than any trial lasts."""
 EVERYDAY = (
-    *("tug", "stack", "relax", "lift", "carry", "turn", "pour", "regrip"),
+    "tug",
+    "stack",
+    "relax",
+    "lift",
+    "carry",
+    "turn",
+    "pour",
+    "regrip",
     "touch-table",
 )
 """What a hand lives through between taking and handing over."""
 EMPTY_HANDED = ("nothing", "stroke", "tap")
 """Actions of a hand that holds no object."""
 ACTION_MODULES = {
-    "pass": "handover",
-    "pull": "loss",
-    "fall": "loss",
-    "put-down": "handover",
-    "hold": "hold",
-    "nothing": "hold",
+    **dict.fromkeys(("pass", "pull", "fall", "put-down", "hold", "nothing"), "thesis"),
     **dict.fromkeys(EVERYDAY, "everyday"),
     **dict.fromkeys(("stroke", "tap"), "touches"),
 }
@@ -159,24 +161,20 @@ class Action:
 
     parameters  of its own, drawn after the common ones
     course      (draws, begin in s) -> when things happen
-    mark        adds the situations of a trial to its marks (truth.py)
+    mark        marks the situations of a trial in its truth.Steps
     load_n      (trial, weight in N) -> largest force along the skin that it asks for, N
-    everyday    slips come and go in it, also without a load from outside
     loaded      its slip begins with a load from outside, else with the slip itself
-    forces      what acts in a batch that has it, besides the people of script.py; None: nothing
     touched     of an empty hand: (trial, motion, averaging time in s) -> motion with the touches
-    touch_truth of an empty hand: motion -> Truth
+    touch_truth of an empty hand: (motion, end in s) -> Truth
     """
 
     parameters: dict[str, Parameter]
     course: Callable[[Mapping[str, float], float], Course] = lambda drawn, act: Course(
         []
     )
-    mark: Callable[..., None] = lambda *trial: None
+    mark: Callable[[Any], None] = lambda steps: None
     load_n: Callable[[Any, float], float] = lambda trial, weight_n: weight_n
-    everyday: bool = False
     loaded: bool = True
-    forces: Callable[..., Any] | None = None
     touched: Callable[..., Any] | None = None
     touch_truth: Callable[..., Any] | None = None
 

@@ -28,22 +28,12 @@ from holdfast.simulation.actions import OPENING, Action, Course, action_named
 from holdfast.simulation.actions.everyday_forces import (
     HEEL,
     TABLE_OVERSHOOT_M,
-    Everyday,
     hit_n,
 )
 from holdfast.simulation.effect import Parameter
 from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial
-from holdfast.simulation.script_times import BOX_GAP_M, CATCH_S, Times
-from holdfast.simulation.stepper import TrialMotion
-from holdfast.simulation.truth import (
-    LOAD_N,
-    Mark,
-    Steps,
-    change_n,
-    slip_onset,
-    slips_in,
-    step_at,
-)
+from holdfast.simulation.script_times import BOX_GAP_M, CATCH_S
+from holdfast.simulation.truth import LOAD_N, Steps
 
 Draws = Mapping[str, float]
 Lasts = Callable[[Draws], float]
@@ -61,164 +51,47 @@ TURNING = {
     ),
 }
 """Of actions that turn the hand."""
-TUG = {
-    **ENDING,
-    "peak_n": Parameter(
-        {"log_uniform": [1, 50]}, "N", 0.1, 500, "largest pull on a held object"
-    ),
-    "lasts_s": Parameter({"log_uniform": [0.03, 2]}, "s", 0.01, 10, "of the whole tug"),
-    "swings": Parameter(
-        {"choice": [1, 1, 2, 4]},
-        "",
-        1,
-        50,
-        "pulls, each against the one before; 1: to one side",
-    ),
-    "arm_n_per_m": Parameter(
-        {"log_uniform": [300, 2000]}, "N/m", 1, 1e5, "stiffness of the person's arm"
-    ),
-}
-"""Parameters of the action `tug`."""
-STACK = {
-    **ENDING,
-    "added_g": Parameter(
-        {"log_uniform": [10, 300]}, "g", 0.1, 5000, "mass that is added"
-    ),
-    "add_s": Parameter(
-        {"log_uniform": [0.1, 1]}, "s", 0.005, 60, "in which it is laid on by hand"
-    ),
-    "drop_mm": Parameter(
-        {"choice": [0, 0, 10, 50, 150]},
-        "mm",
-        0,
-        2000,
-        "height from which it is dropped in; 0: laid on by hand",
-    ),
-    "hit_s": Parameter(
-        {"uniform": [0.01, 0.04]}, "s", 0.002, 1, "duration of the hit of a drop"
-    ),
-}
-"""Parameters of the action `stack`."""
-RELAX = {
-    **ENDING,
-    "left": Parameter(
-        {"uniform": [0.3, 1.5]},
-        "",
-        0,
-        20,
-        "grip at the end over the least grip that holds the weight",
-    ),
-    "relax_s": Parameter({"uniform": [1, 6]}, "s", 0.05, 600, "of drifting down"),
-}
-"""Parameters of the action `relax`."""
 # The support gives the weight in give_s. The load phase of people takes 0.1 to 0.5 s: Johansson
 # & Westling, Exp. Brain Res. 56, 1984.
-LIFT = {
-    **ENDING,
-    "height_m": Parameter({"uniform": [0.03, 0.3]}, "m", 0, 2, "of the lift"),
-    "raise_s": Parameter(
-        {"uniform": [0.6, 1.5]}, "s", 0.1, 60, "from lift-off to the top"
-    ),
-}
-"""Parameters of the action `lift`."""
 # Objects carried while walking are accelerated up and down at the step rate by 1 to 4 m/s^2:
 # Gysin, Kaminski & Gordon, Exp. Brain Res. 149, 2003.
-CARRY = {
-    **ENDING,
-    "walk_s": Parameter({"uniform": [2, 6]}, "s", 0.5, 600, "of walking"),
-    "step_hz": Parameter({"uniform": [1.6, 2.3]}, "Hz", 0.3, 5, "steps a second"),
-    "up_m_s2": Parameter(
-        {"uniform": [0.5, 3.5]}, "m/s^2", 0, 30, "of the hand, up and down"
-    ),
-    "forward_m_s2": Parameter(
-        {"uniform": [0, 1.5]}, "m/s^2", 0, 30, "of the hand, forth and back"
-    ),
-    "heading_deg": Parameter(
-        {"uniform": [0, 360]}, "deg", 0, 360, "direction of walking"
-    ),
-}
-"""Parameters of the action `carry`."""
-TURN = {
-    **ENDING,
-    **TURNING,
-    "angle_deg": Parameter({"uniform": [30, 180]}, "deg", 0, 180, "of the turn"),
-    "stay_s": Parameter({"uniform": [0, 1.5]}, "s", 0, 60, "turned over"),
-}
-"""Parameters of the action `turn`."""
-POUR = {
-    **ENDING,
-    **TURNING,
-    "angle_deg": Parameter({"uniform": [40, 110]}, "deg", 0, 180, "of the turn"),
-    "poured": Parameter(
-        {"uniform": [0.1, 0.9]}, "", 0, 0.98, "share of the mass that leaves"
-    ),
-    "pour_s": Parameter({"uniform": [1, 5]}, "s", 0.1, 600, "of pouring"),
-}
-"""Parameters of the action `pour`."""
-REGRIP = {
-    **ENDING,
-    "low": Parameter(
-        {"uniform": [0.6, 0.95]}, "", 0, 1, "lowest grip over the one before"
-    ),
-    "high": Parameter(
-        {"uniform": [1.0, 1.6]}, "", 1, 10, "highest grip over the one before"
-    ),
-    "lasts_s": Parameter({"uniform": [0.4, 2]}, "s", 0.1, 60, "of down and up"),
-}
-"""Parameters of the action `regrip`."""
-TOUCH_TABLE = {
-    **ENDING,
-    "table_m_s": Parameter(
-        {"uniform": [0.02, 0.2]}, "m/s", 0.001, 2, "how fast it nears the table"
-    ),
-    "press_n": Parameter(
-        {"log_uniform": [0.5, 8]}, "N", 0.01, 500, "largest force on the table"
-    ),
-    "stay_s": Parameter({"uniform": [0.1, 1]}, "s", 0, 60, "on the table"),
-}
-"""Parameters of the action `touch-table`."""
 
 
-def mark_slips(
-    marks: list[Mark],
-    trial: PlannedTrial,
-    motion: TrialMotion,
-    times: Times,
-    steps: Steps,
-) -> None:
+def mark_slips(steps: Steps) -> None:
     """Held, then every slip, and held again where the object stays."""
-    at_s = motion.at_s
+    at_s = steps.at_s
+    opens_s = steps.times.open
     lost = steps.lost
-    loaded = action_named(trial.action).loaded
-    slips = slips_in(motion, times, lost)
+    loaded = action_named(steps.trial.action).loaded
+    slips = steps.slips()
     ended = steps.contact
     for begin, _, end in slips:
-        start = _loaded_from(motion, times.act, begin) if loaded else begin
+        start = _loaded_from(steps, begin) if loaded else begin
         if start > ended:
-            marks.append((at_s[start], RISKY_SLIP))
+            steps.mark(start, RISKY_SLIP)
         else:
             # The load of the slip before is still there: both are one.
-            marks.pop()
+            steps.marks.pop()
         ended = end
         # A slip that lasts until the hand opens ends with the opening.
-        if end < lost and at_s[end] < times.open:
-            marks.append((at_s[end], GRASP))
+        if end < lost and at_s[end] < opens_s:
+            steps.mark(end, GRASP)
 
     # An object that is still there is handed to a person as the hand opens.
-    if lost >= len(at_s) or at_s[lost] >= times.open:
-        marks.append((times.open, SAFE_SLIP))
+    if steps.time(lost) is None or at_s[lost] >= opens_s:
+        steps.marks.append((opens_s, SAFE_SLIP))
 
     # The events are those of the first slip.
     if loaded:
-        steps.onset = slip_onset(trial, motion)
+        steps.onset = steps.slip_onset()
     if slips:
         steps.incipient, steps.gross, _ = slips[0]
 
 
-def _loaded_from(motion: TrialMotion, act_s: float, begin: int) -> int:
+def _loaded_from(steps: Steps, begin: int) -> int:
     """The step from which on the load of a slip that begins at a step has been there."""
-    first = step_at(motion, act_s)
-    size_n = change_n(motion, first)[first : begin + 1]
+    first = steps.at(steps.times.act)
+    size_n = steps.change_n(first)[first : begin + 1]
     unloaded = np.flatnonzero(size_n <= LOAD_N)
     # A slip of a load that is below LOAD_N begins with itself.
     return min(first + int(unloaded[-1]) + 1, begin) if unloaded.size else first
@@ -284,20 +157,169 @@ def _everyday(
         opens = act + held_s + CATCH_S
         return Course([(act, act + lasts_s), (opens - CATCH_S, opens)], opens)
 
-    everyday = True
-    return Action(parameters, course, mark_slips, load_n, everyday, loaded, Everyday)
+    return Action(parameters, course, mark_slips, load_n, loaded)
 
 
 ACTIONS = {
-    "tug": _everyday(TUG, lambda drawn: drawn["lasts_s"], _tug_n, loaded=True),
-    "stack": _everyday(STACK, _stack_s, _stack_n, loaded=True),
-    "relax": _everyday(RELAX, lambda drawn: drawn["relax_s"]),
-    "lift": _everyday(
-        LIFT, lambda drawn: drawn["give_s"] + drawn["raise_s"], _lift_n, loaded=True
+    "tug": _everyday(
+        {
+            **ENDING,
+            "peak_n": Parameter(
+                {"log_uniform": [1, 50]}, "N", 0.1, 500, "largest pull on a held object"
+            ),
+            "lasts_s": Parameter(
+                {"log_uniform": [0.03, 2]}, "s", 0.01, 10, "of the whole tug"
+            ),
+            "swings": Parameter(
+                {"choice": [1, 1, 2, 4]},
+                "",
+                1,
+                50,
+                "pulls, each against the one before; 1: to one side",
+            ),
+            "arm_n_per_m": Parameter(
+                {"log_uniform": [300, 2000]},
+                "N/m",
+                1,
+                1e5,
+                "stiffness of the person's arm",
+            ),
+        },
+        lambda drawn: drawn["lasts_s"],
+        _tug_n,
+        loaded=True,
     ),
-    "carry": _everyday(CARRY, lambda drawn: drawn["walk_s"], _carry_n),
-    "turn": _everyday(TURN, _turn_s),
-    "pour": _everyday(POUR, _turn_s),
-    "regrip": _everyday(REGRIP, lambda drawn: drawn["lasts_s"]),
-    "touch-table": _everyday(TOUCH_TABLE, _table_s, _table_n, loaded=True),
+    "stack": _everyday(
+        {
+            **ENDING,
+            "added_g": Parameter(
+                {"log_uniform": [10, 300]}, "g", 0.1, 5000, "mass that is added"
+            ),
+            "add_s": Parameter(
+                {"log_uniform": [0.1, 1]},
+                "s",
+                0.005,
+                60,
+                "in which it is laid on by hand",
+            ),
+            "drop_mm": Parameter(
+                {"choice": [0, 0, 10, 50, 150]},
+                "mm",
+                0,
+                2000,
+                "height from which it is dropped in; 0: laid on by hand",
+            ),
+            "hit_s": Parameter(
+                {"uniform": [0.01, 0.04]},
+                "s",
+                0.002,
+                1,
+                "duration of the hit of a drop",
+            ),
+        },
+        _stack_s,
+        _stack_n,
+        loaded=True,
+    ),
+    "relax": _everyday(
+        {
+            **ENDING,
+            "left": Parameter(
+                {"uniform": [0.3, 1.5]},
+                "",
+                0,
+                20,
+                "grip at the end over the least grip that holds the weight",
+            ),
+            "relax_s": Parameter(
+                {"uniform": [1, 6]}, "s", 0.05, 600, "of drifting down"
+            ),
+        },
+        lambda drawn: drawn["relax_s"],
+    ),
+    "lift": _everyday(
+        {
+            **ENDING,
+            "height_m": Parameter({"uniform": [0.03, 0.3]}, "m", 0, 2, "of the lift"),
+            "raise_s": Parameter(
+                {"uniform": [0.6, 1.5]}, "s", 0.1, 60, "from lift-off to the top"
+            ),
+        },
+        lambda drawn: drawn["give_s"] + drawn["raise_s"],
+        _lift_n,
+        loaded=True,
+    ),
+    "carry": _everyday(
+        {
+            **ENDING,
+            "walk_s": Parameter({"uniform": [2, 6]}, "s", 0.5, 600, "of walking"),
+            "step_hz": Parameter(
+                {"uniform": [1.6, 2.3]}, "Hz", 0.3, 5, "steps a second"
+            ),
+            "up_m_s2": Parameter(
+                {"uniform": [0.5, 3.5]}, "m/s^2", 0, 30, "of the hand, up and down"
+            ),
+            "forward_m_s2": Parameter(
+                {"uniform": [0, 1.5]}, "m/s^2", 0, 30, "of the hand, forth and back"
+            ),
+            "heading_deg": Parameter(
+                {"uniform": [0, 360]}, "deg", 0, 360, "direction of walking"
+            ),
+        },
+        lambda drawn: drawn["walk_s"],
+        _carry_n,
+    ),
+    "turn": _everyday(
+        {
+            **ENDING,
+            **TURNING,
+            "angle_deg": Parameter(
+                {"uniform": [30, 180]}, "deg", 0, 180, "of the turn"
+            ),
+            "stay_s": Parameter({"uniform": [0, 1.5]}, "s", 0, 60, "turned over"),
+        },
+        _turn_s,
+    ),
+    "pour": _everyday(
+        {
+            **ENDING,
+            **TURNING,
+            "angle_deg": Parameter(
+                {"uniform": [40, 110]}, "deg", 0, 180, "of the turn"
+            ),
+            "poured": Parameter(
+                {"uniform": [0.1, 0.9]}, "", 0, 0.98, "share of the mass that leaves"
+            ),
+            "pour_s": Parameter({"uniform": [1, 5]}, "s", 0.1, 600, "of pouring"),
+        },
+        _turn_s,
+    ),
+    "regrip": _everyday(
+        {
+            **ENDING,
+            "low": Parameter(
+                {"uniform": [0.6, 0.95]}, "", 0, 1, "lowest grip over the one before"
+            ),
+            "high": Parameter(
+                {"uniform": [1.0, 1.6]}, "", 1, 10, "highest grip over the one before"
+            ),
+            "lasts_s": Parameter({"uniform": [0.4, 2]}, "s", 0.1, 60, "of down and up"),
+        },
+        lambda drawn: drawn["lasts_s"],
+    ),
+    "touch-table": _everyday(
+        {
+            **ENDING,
+            "table_m_s": Parameter(
+                {"uniform": [0.02, 0.2]}, "m/s", 0.001, 2, "how fast it nears the table"
+            ),
+            "press_n": Parameter(
+                {"log_uniform": [0.5, 8]}, "N", 0.01, 500, "largest force on the table"
+            ),
+            "stay_s": Parameter({"uniform": [0.1, 1]}, "s", 0, 60, "on the table"),
+        },
+        _table_s,
+        _table_n,
+        loaded=True,
+    ),
 }

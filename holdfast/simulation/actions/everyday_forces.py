@@ -6,22 +6,26 @@ size of gravity, and turning its direction (body.Changes).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from holdfast.core.contract import FloatArray
 from holdfast.simulation.actions import EVERYDAY
-from holdfast.simulation.body import Body, Changes, Floor, Pull, bearer
-from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial, least_grip_n
+from holdfast.simulation.body import Changes, Floor, Pull, bearer
+from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial, each, least_grip_n
 from holdfast.simulation.script_times import (
     ARM_DAMPING,
     ARM_N_PER_M,
     BOX_GAP_M,
     CATCH_S,
     smooth,
+    smooth_change,
 )
+
+if TYPE_CHECKING:
+    from holdfast.simulation.script import Script
 
 HEEL = 0.3
 """Second harmonic of the steps over the first: the heel strike."""
@@ -34,38 +38,28 @@ STARTS_S = 0.5
 class Everyday:
     """The everyday actions of a batch, at any times [n, B]; other trials are left as they are.
 
-    trials   of the batch
-    body     their constants
-    drawn    (name, default) -> [B] a drawn parameter; the default where an action has none
-    act_s    [B] when the action begins
-    open_s   [B] when the hand opens
-    push     [3, B] direction of tugs
-    down     [3, B] unit vector of gravity
-    axis     [3, B] unit vector across it: of turning, or of walking
-    touches  any object is put against a table
+    An action without a parameter has 0 in its place, or 1 where it is divided by, so most of what
+    follows is nothing in other actions.
+
+    drawn  (name, default) -> [B] a drawn parameter; the default where an action has none
+    push   [3, B] direction of tugs
+    down   [3, B] unit vector of gravity
+    axis   [3, B] unit vector across it: of turning, or of walking
     """
 
-    def __init__(
-        self,
-        trials: Sequence[PlannedTrial],
-        body: Body,
-        drawn: Callable[..., FloatArray],
-        act_s: FloatArray,
-        open_s: FloatArray,
-    ) -> None:
-        self.trials = trials
-        self.body = body
-        self.drawn = drawn
-        self.act_s = act_s
-        self.open_s = open_s
-        self.push = np.stack([trial.push for trial in trials], axis=1)
+    def __init__(self, script: Script) -> None:
+        self.body = body = script.body
+        self.drawn = script.drawn
+        self.act_s = script.act_s
+        self.open_s = script.open_s
+        self.push = script.push
 
-        # Which trials have which action, and which actions the batch has at all.
-        actions = np.array([trial.action for trial in trials])
-        self.is_on = {name: actions == name for name in EVERYDAY}
-        self.present = {name for name, is_on in self.is_on.items() if is_on.any()}
-        self.any_of_them = np.logical_or.reduce(list(self.is_on.values()))
-        self.touches = "touch-table" in self.present
+        # Which trials have which action.
+        actions = each(script.trials, "action")
+        self.any_of_them = np.isin(actions, EVERYDAY)
+        self.tugs = actions == "tug"
+        self.turns = np.isin(actions, ("turn", "pour"))
+        self.to_table = actions == "touch-table"
 
         # However the hand is held, "up" and "down" follow gravity as it was when it closed.
         self.size_m_s2 = np.sqrt((body.gravity_m_s2 * body.gravity_m_s2).sum(axis=0))
@@ -76,8 +70,8 @@ class Everyday:
         self.axis = _across(self.down, np.radians(heading))
 
         # What is left of a relaxing grip, and how hard a dropped weight hits.
-        self.relaxed = np.array([relaxed(trial) for trial in trials])
-        self.hit_n = np.array([hit_n(trial) for trial in trials])
+        self.relaxed = np.array([relaxed(trial) for trial in script.trials])
+        self.hit_n = np.array([hit_n(trial) for trial in script.trials])
 
     def _done(
         self, t_s: FloatArray, name: str, after_s: FloatArray | float = 0.0
@@ -87,11 +81,8 @@ class Everyday:
         return np.clip(since_s / self.drawn(name, 1.0), 0.0, 1.0)
 
     def people(self, t_s: FloatArray) -> list[Pull]:
-        """Who tugs, and who takes the object before the hand opens."""
-        people = [self._catcher(t_s)]
-        if "tug" in self.present:
-            people.append(self._tugger(t_s))
-        return people
+        """Who takes the object before the hand opens, and who tugs."""
+        return [self._catcher(t_s), self._tugger(t_s)]
 
     def _catcher(self, t_s: FloatArray) -> Pull:
         """The person who bears the weight from before the hand opens, wherever the object is."""
@@ -119,7 +110,7 @@ class Everyday:
 
         # Before the action no person pulls.
         begun = t_s >= self.act_s
-        there = np.where(self.is_on["tug"] & begun, 1.0 - let_go, 0.0)
+        there = np.where(self.tugs & begun, 1.0 - let_go, 0.0)
 
         # The spring is stretched by the whole reach only where the object stands still.
         arm = self.drawn("arm_n_per_m", 1.0)
@@ -140,29 +131,19 @@ class Everyday:
 
     def grip_share(self, t_s: FloatArray) -> FloatArray:
         """[n, B] the wearer's grip over the one with which the hand was closed."""
-        share = np.ones_like(t_s)
+        # Relaxing: down to what is left, and no way back.
+        lost = (1.0 - self.relaxed) * smooth(self._done(t_s, "relax_s"))
 
-        # Down to what is left, and no way back.
-        if "relax" in self.present:
-            lost = (1.0 - self.relaxed) * smooth(self._done(t_s, "relax_s"))
-            share = np.where(self.is_on["relax"], 1.0 - lost, share)
+        # Down in the first half of a regrip, up in the second, without a jump in speed.
+        u = self._done(t_s, "lasts_s")
+        down = np.sin(np.pi * np.clip(2.0 * u, 0.0, 1.0)) ** 2
+        up = np.sin(np.pi * np.clip(2.0 * u - 1.0, 0.0, 1.0)) ** 2
+        lower = (self.drawn("low", 1.0) - 1.0) * down
+        higher = (self.drawn("high", 1.0) - 1.0) * up
+        return 1.0 - lost + lower + higher
 
-        # Down in the first half of the action, up in the second, without a jump in speed.
-        if "regrip" in self.present:
-            u = self._done(t_s, "lasts_s")
-            down = np.sin(np.pi * np.clip(2.0 * u, 0.0, 1.0)) ** 2
-            up = np.sin(np.pi * np.clip(2.0 * u - 1.0, 0.0, 1.0)) ** 2
-            lower = (self.drawn("low", 1.0) - 1.0) * down
-            higher = (self.drawn("high", 1.0) - 1.0) * up
-            share = np.where(self.is_on["regrip"], 1.0 + lower + higher, share)
-
-        return share
-
-    def changes(self, t_s: FloatArray) -> Changes | None:
-        """Mass, gravity in the hand's frame and hits; None where no action changes them."""
-        if self.present <= {"tug", "relax", "regrip", "touch-table"}:
-            return None
-
+    def changes(self, t_s: FloatArray) -> Changes:
+        """Mass, gravity in the hand's frame and hits."""
         # In an accelerated frame everything is as heavy as under gravity less the acceleration.
         gravity = self._turned(t_s) - self._acceleration_m_s2(t_s)
         # A weight that drops in hits along gravity.
@@ -175,23 +156,21 @@ class Everyday:
 
         # Pouring begins when the hand has turned.
         poured = smooth(self._done(t_s, "pour_s", self.drawn("turn_s")))
-        left = np.where(self.is_on["pour"], 1.0 - self.drawn("poured") * poured, 1.0)
+        left = 1.0 - self.drawn("poured") * poured
 
         # What is dropped in rests in the object when the hit is over.
         by_hand = self._done(t_s, "add_s")
         dropped = self._done(t_s, "hit_s")
         is_dropped = self.drawn("drop_mm") > 0.0
         added = smooth(np.where(is_dropped, dropped, by_hand))
-        more_kg = np.where(self.is_on["stack"], 1e-3 * self.drawn("added_g"), 0.0)
-        return whole * left + more_kg * added
+        return whole * left + 1e-3 * self.drawn("added_g") * added
 
     def _turned(self, t_s: FloatArray) -> FloatArray:
         """[n, 3, B] gravity in a hand that turns about an axis across it, and back."""
         # Forth at once, and back after the stay.
         forth = smooth(self._done(t_s, "turn_s"))
         turn_s = self.drawn("turn_s")
-        pour_s = np.where(self.is_on["pour"], self.drawn("pour_s", 1.0), 0.0)
-        stay_s = self.drawn("stay_s") + pour_s
+        stay_s = self.drawn("stay_s") + self.drawn("pour_s")
         back = smooth(self._done(t_s, "turn_s", turn_s + stay_s))
         angle = np.radians(self.drawn("angle_deg")) * (forth - back)
 
@@ -201,24 +180,22 @@ class Everyday:
         turned = along + np.sin(angle)[:, None] * beside
 
         # Exactly as it is in other trials, which must not depend on their batch.
-        turns = self.is_on["turn"] | self.is_on["pour"]
-        return np.where(turns, self.size_m_s2 * turned, self.body.gravity_m_s2)
+        return np.where(self.turns, self.size_m_s2 * turned, self.body.gravity_m_s2)
 
     def _acceleration_m_s2(self, t_s: FloatArray) -> FloatArray:
         """[n, 3, B] of a hand that lifts, or walks."""
         # Lifting: the second derivative of the minimum-jerk path (Flash & Hogan, 1985), from the
         # time on at which the table bears nothing any more.
         u = self._done(t_s, "raise_s", self.drawn("give_s"))
-        by_u = u * (60.0 - u * (180.0 - 120.0 * u))
         raise_s = self.drawn("raise_s", 1.0)
-        up = self.drawn("height_m") * by_u / (raise_s * raise_s)
+        up = self.drawn("height_m") * smooth_change(u) / (raise_s * raise_s)
 
         # Walking begins and ends gently.
         walk_s = self.drawn("walk_s")
         since_s = t_s - self.act_s
         begins = smooth(since_s / STARTS_S)
         ends = smooth((since_s - walk_s + STARTS_S) / STARTS_S)
-        walking = np.where(self.is_on["carry"], begins - ends, 0.0)
+        walking = begins - ends
 
         # The hand goes up and down once a step; the heel strike makes the way up steeper.
         angle = 2.0 * np.pi * self.drawn("step_hz") * since_s
@@ -231,9 +208,6 @@ class Everyday:
 
     def table(self, t_s: FloatArray, box: Floor) -> Floor:
         """The boxes of a batch, with a table where an object is put against one."""
-        if not self.touches:
-            return box
-
         # The hand comes down on the table, stays, and goes up again; in its frame the table moves.
         speed_m_s = self.drawn("table_m_s", 1.0)
         way_m = BOX_GAP_M + TABLE_OVERSHOOT_M
@@ -246,21 +220,18 @@ class Everyday:
         height_m = near_m - left_m - BOX_GAP_M
 
         # Before and after that it is where boxes are that set nothing down.
-        here = self.is_on["touch-table"]
-        there = here & (height_m > -BOX_GAP_M)
+        there = self.to_table & (height_m > -BOX_GAP_M)
         return replace(
             box,
             height_m=np.where(there, height_m, box.height_m),
-            cap_n=np.where(here, self.drawn("press_n", 1.0), box.cap_n),
+            cap_n=np.where(self.to_table, self.drawn("press_n", 1.0), box.cap_n),
         )
 
 
 def _across(down: FloatArray, angle: FloatArray) -> FloatArray:
     """[3, B] unit vectors across `down` [3, B], at an angle [B] in the plane across it."""
     # Any vector that is not nearly along it will do to begin with.
-    other = np.where(
-        np.abs(down[0]) < 0.9, np.array([[1.0], [0], [0]]), np.array([[0], [1.0], [0]])
-    )
+    other = np.eye(3)[:, np.where(np.abs(down[0]) < 0.9, 0, 1)]
 
     # Two unit vectors across gravity and across each other.
     first = np.cross(down, other, axis=0)

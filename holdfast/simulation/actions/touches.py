@@ -95,13 +95,9 @@ def touched(trial: PlannedTrial, motion: TrialMotion, average_s: float) -> Trial
     return replace(motion, forces_n=mean_n)
 
 
-def touch_truth(motion: TrialMotion) -> Truth:
+def touch_truth(motion: TrialMotion, end_s: float) -> Truth:
     """A grasp while a pad bears more than the contact floor; never a slip."""
     touches = motion.forces_n[:, :, 2].max(axis=1) > NORMAL_FLOOR["N"]
-
-    # A sample lasts until the next one would come.
-    period_s = float(motion.t_s[-1]) - float(motion.t_s[-2])
-    end_s = float(motion.t_s[-1]) + period_s
 
     # A situation begins at the sample at which the touch begins or ends.
     marks: list[Mark] = [(0.0, NOTHING)]
@@ -114,27 +110,36 @@ def touch_truth(motion: TrialMotion) -> Truth:
     rows = np.flatnonzero(touches)
     if rows.size:
         contact_s = float(motion.t_s[rows[0]])
-        lost_s = float(motion.t_s[rows[-1]]) + period_s
+        # A sample lasts until the next one would come.
+        lost_s = float(motion.t_s[rows[-1]]) + end_s - float(motion.t_s[-1])
     return Truth(contact_s, None, None, None, lost_s, 0.0, tuple(marks), end_s)
 
 
-STROKE = {
-    **TOUCHES,
-    "touch_s": Parameter(
-        {"uniform": [0.2, 1.2]}, "s", 0.01, 60, "duration of a stroke"
-    ),
-    "rub": Parameter({"uniform": [0.2, 0.9]}, "", 0, 3, "shear over normal force"),
-}
-"""Parameters of the action `stroke`."""
-TAP = {
-    **TOUCHES,
-    "touch_s": Parameter(
-        {"log_uniform": [0.02, 0.15]}, "s", 0.005, 60, "duration of a tap"
-    ),
-    "rub": Parameter({"uniform": [0, 0.3]}, "", 0, 3, "shear over normal force"),
-}
-"""Parameters of the action `tap`."""
 ACTIONS = {
-    "stroke": Action(STROKE, touched=touched, touch_truth=touch_truth),
-    "tap": Action(TAP, touched=touched, touch_truth=touch_truth),
+    "stroke": Action(
+        {
+            **TOUCHES,
+            "touch_s": Parameter(
+                {"uniform": [0.2, 1.2]}, "s", 0.01, 60, "duration of a stroke"
+            ),
+            "rub": Parameter(
+                {"uniform": [0.2, 0.9]}, "", 0, 3, "shear over normal force"
+            ),
+        },
+        touched=touched,
+        touch_truth=touch_truth,
+    ),
+    "tap": Action(
+        {
+            **TOUCHES,
+            "touch_s": Parameter(
+                {"log_uniform": [0.02, 0.15]}, "s", 0.005, 60, "duration of a tap"
+            ),
+            "rub": Parameter(
+                {"uniform": [0, 0.3]}, "", 0, 3, "shear over normal force"
+            ),
+        },
+        touched=touched,
+        touch_truth=touch_truth,
+    ),
 }
