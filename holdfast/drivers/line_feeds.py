@@ -1,24 +1,29 @@
 """Where lines come from: standard input, a serial port, a Unix socket. Nothing here waits for
-longer than asked.
+longer than asked. The only import of pyserial is here, which the extra `serial` installs.
 """
 
 from __future__ import annotations
 
+import errno
 import os
 import select
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
-from holdfast.core.errors import DeviceLost
-from holdfast.core.hand_lines import (
-    LONGEST_LINE,
-    MOST_A_CALL,
-    unix_listener,
+from holdfast.core.errors import (
+    AccessDenied,
+    DeviceError,
+    DeviceLost,
+    DeviceNotFound,
+    UsageError,
+    needs_extra,
 )
+from holdfast.core.hand_lines import LONGEST_LINE, MOST_A_CALL, unix_listener
 
 CHUNK_BYTES = 64 << 10
+DEFAULT_BAUD = 115200
 
 
 class Feed(Protocol):
@@ -129,7 +134,35 @@ def stdin_feed() -> StreamFeed:
 
 def serial_feed(path: str, baud: int) -> StreamFeed:
     """A serial port. Raises LibraryMissing, UsageError, DeviceNotFound, AccessDenied."""
-    from holdfast.drivers.serial_port import open_port
-
     port = open_port(path, baud)
     return StreamFeed(f"serial://{path}", port.fileno(), port.close)
+
+
+def open_port(path: str, baud: int = DEFAULT_BAUD) -> Any:
+    """A `serial.Serial` that waits for nothing: raw, eight bits, no parity, no flow control.
+
+    Its fileno() serves select, os.read and os.write. Raises LibraryMissing without pyserial,
+    UsageError, DeviceNotFound, AccessDenied.
+    """
+    with needs_extra("serial"):
+        import serial
+    try:
+        return serial.Serial(path, baud, timeout=0, write_timeout=0)
+    except ValueError as error:
+        raise UsageError(
+            f"baud={baud} cannot be set here ({error})", next_step="baud=115200"
+        ) from None
+    except OSError as error:
+        raise _named(path, error) from None
+
+
+def _named(path: str, error: OSError) -> DeviceError:
+    where = f"serial://{path}"
+    what = str(error)
+    # pyserial raises an OSError of its own, with the number
+    if error.errno == errno.EACCES:
+        return AccessDenied(
+            what, where=where, next_step="join the group of the port (dialout)"
+        )
+    cause = "no such port, or not a serial one"
+    return DeviceNotFound(what, where=where, cause=cause, next_step="ls /dev/tty*")

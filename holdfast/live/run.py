@@ -312,11 +312,11 @@ class _Run:
             )
             return self._page
         elif kind == "lsl":
-            from holdfast.drivers.lsl_library import open_answers
+            from holdfast.drivers.lsl import LslAnswers
 
             sensors = card.n_channels // 3
             now_ns, gaps = self._clock.now_ns, card.not_learned
-            return open_answers(place, sensors, card.unit, card.rate_hz, now_ns, gaps)
+            return LslAnswers(place, sensors, card.unit, card.rate_hz, now_ns, gaps)
         return None
 
     def _open_wearer(

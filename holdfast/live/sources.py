@@ -6,7 +6,7 @@
               &fault=nack:3@1.5%2B0.2         trial, and faults (drivers/virtual/virtual_hand.py)
     lsl://NAME?unit=N                         a stream of the lab streaming layer (extra `lsl`)
     -, stdin://                               lines of any program: JSON objects, or CSV below a
-                                              header; of a file, at its own pace
+                                              header
     unix:///PATH                              datagrams of lines to a file with permissions 0600
     serial:///dev/ttyACM0?baud=115200         lines of a serial port (extra `serial`)
     sim://SCENE?seed=S&trial=N                a trial of a scene, simulated now
@@ -337,8 +337,7 @@ def _virtual_hand(source: SourceUrl, opening: _Opening) -> VirtualHand:
 
 
 def _stream(source: SourceUrl, opening: _Opening) -> Source:
-    from holdfast.drivers.lsl import LslSource
-    from holdfast.drivers.lsl_library import LslInlet
+    from holdfast.drivers.lsl import LslInlet, LslSource
 
     if opening.to_force is not None:
         raise UsageError(
@@ -347,14 +346,19 @@ def _stream(source: SourceUrl, opening: _Opening) -> Source:
         )
     options = source.options
     inlet = LslInlet(stream_name(source.name))
-    now_ns, report = opening.clock.now_ns, opening.report
-    return LslSource(inlet, now_ns, report, options.unit, options.rate_hz)
+    clock, report = opening.clock, opening.report
+    return LslSource(inlet, clock, report, options.unit, options.rate_hz)
 
 
 def _lines(source: SourceUrl, opening: _Opening) -> Source:
-    from holdfast.drivers.line_source import LineOptions, LineSource
-    from holdfast.drivers.sample_lines import SampleReader
+    from holdfast.drivers.lines import LineSource, SampleReader
 
+    # a file is there as a whole, and lines come as time goes by
+    if source.scheme == "stdin" and stat.S_ISREG(os.fstat(0).st_mode):
+        raise UsageError(
+            f"{source.url}: standard input is a file, which is a recording",
+            next_step=f"{REPLAY}FILE (holdfast import reads other columns)",
+        )
     options = source.options
     column_map = _column_map(options)
     own_unit: Unit = options.unit or "N"
@@ -366,15 +370,12 @@ def _lines(source: SourceUrl, opening: _Opening) -> Source:
         )
 
     rate_hz = options.rate_hz or (column_map.time.rate_hz if column_map else None)
-    # a file is there as a whole, and a pipe is written as time goes by
-    paced = source.scheme == "stdin" and stat.S_ISREG(os.fstat(0).st_mode)
-    how = LineOptions(rate_hz, paced)
     reader = SampleReader(column_map, own_unit)
     feed = open_feed(source, "--source")
     opening.report(f"{feed.name}: waiting for the first samples")
     clock, report = opening.clock, opening.report
     try:
-        return LineSource(feed, reader, clock, report, how, opening.to_force)
+        return LineSource(feed, reader, clock, report, rate_hz, opening.to_force)
     except BaseException:
         feed.close()
         raise
