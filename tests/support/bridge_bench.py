@@ -20,7 +20,6 @@ from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.drivers.virtual.ft232h import VirtualFt232h
 from holdfast.drivers.virtual.native import VirtualI2cDev
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
-from holdfast.drivers.virtual.usb_device import Device
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 
 A, B, C, D = FACTORY_ADDRESSES
@@ -46,7 +45,7 @@ class Bench:
     def __init__(self, kind: str, **options: Any) -> None:
         self.clock = VirtualClock()
         self.hand = VirtualHand(self.clock, **options)
-        self.device: Device | None = None
+        self.device: VirtualFt232h | None = None
         self.backend: Any
         self.open: Callable[[], Bus]
         if kind == "native":

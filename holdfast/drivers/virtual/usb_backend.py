@@ -17,17 +17,12 @@ import usb.backend
 import usb.core
 
 from holdfast.drivers.virtual.faults import Clock, Faults
-from holdfast.drivers.virtual.usb_device import Device, stall
+from holdfast.drivers.virtual.ft232h import VirtualFt232h, stall
 
 BUSY = 16
 NO_DEVICE = 19
 TIMED_OUT = 110
 LIBUSB_ERROR_BUSY = -6
-IN = 0x80
-TYPE_MASK = 0x60
-STANDARD = 0x00
-"""Of bmRequestType."""
-GET_DESCRIPTOR = 6
 HIGH_SPEED = 3
 HEADS, ENDPOINT_BYTES = 18, 7
 """Bytes of a configuration and its interface together, and of each endpoint behind them."""
@@ -93,7 +88,7 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
 
     def __init__(
         self,
-        device: Device,
+        device: VirtualFt232h,
         clock: Clock,
         faults: Faults,
         power_off: Callable[[], None] = lambda: None,
@@ -219,18 +214,8 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         data: Any,
         timeout: int,
     ) -> int:
-        """Out or in, by the highest bit of the request type."""
+        """Out; nothing asks this device for descriptors or the state of its port."""
         self._begin(dev_handle)
-        if request_type & IN:
-            if request_type & TYPE_MASK == STANDARD:
-                if request != GET_DESCRIPTOR:
-                    raise stall()
-                answer = self.device.descriptor(value >> 8, value & 0xFF)[: len(data)]
-            else:
-                answer = self.device.control_in(
-                    request_type, request, value, index, len(data)
-                )
-            return self._deliver(self._spoilt(answer, timeout), data)
         self.device.control_out(request_type, request, value, index, bytes(data))
         self._spoilt(b"", timeout)
         self.traffic.bytes_out += len(data)

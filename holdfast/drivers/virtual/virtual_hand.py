@@ -134,6 +134,10 @@ class Wire:
         self._silent = self._silent or bool(flips & 1)
         return byte ^ flips >> 1
 
+    def refuse(self) -> None:
+        """The master does not acknowledge a byte: the targets send no more of them."""
+        self._silent = True
+
     def _written(self, byte: int) -> bool:
         if self._address_next:
             self._address_next = False
