@@ -36,9 +36,10 @@ libftdi calls 1 SIO_TCOFLUSH.
 MPSSE = 2
 SET_PINS = 0x80
 WRITE_BYTES, WRITE_BITS, READ_BYTES, READ_BITS = 0x11, 0x13, 0x20, 0x22
-DIVIDER, OPEN_DRAIN = 0x86, 0x9E
+SET_OTHER_PINS, DIVIDER, OPEN_DRAIN = 0x82, 0x86, 0x9E
 LENGTHS = {
     SET_PINS: 3,
+    SET_OTHER_PINS: 3,
     DIVIDER: 3,
     OPEN_DRAIN: 3,
     WRITE_BYTES: 3,
@@ -47,7 +48,7 @@ LENGTHS = {
     READ_BITS: 2,
 }
 """Bytes of the commands that have arguments, data of byte writes not counted."""
-WITHOUT_EFFECT = (0x85, 0x97, OPEN_DRAIN)
+WITHOUT_EFFECT = (SET_OTHER_PINS, 0x85, 0x97, OPEN_DRAIN)
 STALL = 32
 
 Command = tuple[int, bytes]
@@ -118,7 +119,7 @@ class VirtualFt232h:
     def control_out(
         self, request_type: int, request: int, value: int, index: int, data: bytes
     ) -> None:
-        """FTDI's own requests; one that it does not know is a STALL."""
+        """FTDI's own requests; those for the serial port are accepted and ignored."""
         if request == SIO_LATENCY:
             self._latency_ms = value & 0xFF
             return
@@ -127,7 +128,7 @@ class VirtualFt232h:
             # a new mode begins with empty buffers, as after a reset
             value = 0
         elif request != SIO_RESET:
-            raise stall()
+            return
         if value != PURGE_ANSWERS:
             self._commands = b""
         if value != PURGE_SENT:

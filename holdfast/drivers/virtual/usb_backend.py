@@ -116,7 +116,7 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         """No hub."""
 
     def get_device_descriptor(self, dev: Any) -> Any:
-        """Its ids, its speed, and which strings it has."""
+        """Its ids and its speed."""
         return _named(
             "<BBHBBBBHHHBBBB",
             DEVICE_FIELDS,
