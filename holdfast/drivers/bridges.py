@@ -74,7 +74,4 @@ def open_virtual(name: str, hand: Any, bus_hz: int = BUS_HZ) -> VirtualBridge:
     from holdfast.drivers.virtual.ft232h import VirtualFt232h
     from holdfast.drivers.virtual.usb_backend import VirtualBackend
 
-    backend = VirtualBackend(
-        VirtualFt232h(hand), hand.clock, hand.faults, hand.power_off
-    )
-    return VirtualBridge(backend, bus_hz)
+    return VirtualBridge(VirtualBackend(VirtualFt232h(hand)), bus_hz)

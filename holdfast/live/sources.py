@@ -277,7 +277,7 @@ def _virtual(source: SourceUrl, opening: _Opening) -> Source:
     bridge = open_virtual(source.name, hand, source.options.bus_hz)
     live = _started(bridge, source, opening, opening.to_force or scene_force)
     # truth and camera of a scene count from its start, which is not that of the first sample
-    live.began_ns = hand.born_ns
+    live.began_ns = hand.faults.born_ns
     return live
 
 

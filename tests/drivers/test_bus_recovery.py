@@ -82,9 +82,7 @@ def bridge(device: type[VirtualFt232h]) -> tuple[Bench, Any]:
     """A hand's bench before another bridge."""
     bench = Bench()
     emulated = device(bench.virtual)
-    bench.backend = VirtualBackend(
-        emulated, bench.clock, bench.virtual.faults, bench.virtual.power_off
-    )
+    bench.backend = VirtualBackend(emulated)
     return bench, emulated
 
 

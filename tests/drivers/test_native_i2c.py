@@ -90,7 +90,7 @@ def test_commands_that_come_byte_by_byte_do_what_a_batch_does(transfers, held):
     for engine in (VirtualFt232h, OneByOne):
         clock = Still()
         hand = VirtualHand(clock)
-        bus = Ft232h(VirtualBackend(engine(hand), clock, hand.faults, hand.power_off))
+        bus = Ft232h(VirtualBackend(engine(hand)))
         if held:
             hand.wire.hold_low()
         bits = hand.wire.bits

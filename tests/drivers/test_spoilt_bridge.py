@@ -63,7 +63,7 @@ def test_a_hand_on_a_bridge_with_spoilt_answers_starts_or_says_why_and_then_neve
     virtual = VirtualHand(clock)
     bridge, spoiler = VirtualFt232h(virtual), Spoiler(first, seed)
     monkeypatch.setattr(bridge, "read", spoiler.between(bridge.read))
-    backend = VirtualBackend(bridge, clock, virtual.faults, virtual.power_off)
+    backend = VirtualBackend(bridge)
     hand = Hand(
         lambda: Ft232h(backend),
         now_ns=clock.now_ns,

@@ -53,9 +53,7 @@ class Bench:
             self.open = lambda: NativeI2C(1)
         else:
             self.device = VirtualFt232h(self.hand)
-            self.backend = VirtualBackend(
-                self.device, self.clock, self.hand.faults, self.hand.power_off
-            )
+            self.backend = VirtualBackend(self.device)
             self.open = lambda: Ft232h(self.backend)
         self.bus: Bus = self.open()
 

@@ -36,10 +36,7 @@ class Bench:
             seed=0,
             faults=[read_fault(one) for one in self.faults],
         )
-        virtual = self.virtual
-        self.backend = VirtualBackend(
-            VirtualFt232h(virtual), self.clock, virtual.faults, virtual.power_off
-        )
+        self.backend = VirtualBackend(VirtualFt232h(self.virtual))
         self.messages: list[str] = []
         self.hand = Hand(
             self.open_bus,

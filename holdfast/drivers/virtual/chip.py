@@ -175,7 +175,6 @@ class Chip:
         self._field = field
         self._clock = clock
         self._faults = faults
-        self._born_ns = clock.now_ns()
         self._noise_ut = noise_of(seed, number)
         self.power_on()
 
@@ -295,7 +294,7 @@ class Chip:
         self._conversions += done - self._done
         # conversions in between leave no result, but count
         self._done = done
-        began_s = 1e-9 * (self._started_ns - self._born_ns)
+        began_s = 1e-9 * (self._started_ns - self._faults.born_ns)
         # a conversion measures the mean field, which is about that of its middle
         self._convert(began_s + done * wanted.duration_s - 0.5 * wanted.duration_s)
 
@@ -312,19 +311,16 @@ class Chip:
 
     # -- faults
 
-    def _now_s(self) -> float:
-        return 1e-9 * (self._clock.now_ns() - self._born_ns)
-
     def _has(self, fault: str) -> bool:
         """Whether this chip has a fault now."""
         if not self._faults:
             return False
-        return self._faults.lasts(fault, self._now_s(), self.number)
+        return self._faults.lasts(fault, self.number)
 
     def _suffer(self) -> None:
-        if self._faults.happened("por", self._now_s(), self.number):
+        if self._faults.happened("por", self.number):
             self.power_on()
-        if self._faults.happened("sleep", self._now_s(), self.number):
+        if self._faults.happened("sleep", self.number):
             self._set_mode(SLEEP)
             self._forget()
             self._started_ns = None

@@ -8,7 +8,7 @@ sensors lost their power).
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -16,7 +16,6 @@ from typing import Any
 import usb.backend
 import usb.core
 
-from holdfast.drivers.virtual.faults import Clock, Faults
 from holdfast.drivers.virtual.ft232h import VirtualFt232h, stall
 
 BUSY = 16
@@ -84,23 +83,13 @@ class Handle:
 
 
 class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
-    """One device on its own bus, with a kernel driver. power_off: called when it is unplugged."""
+    """One device on its own bus, with a kernel driver."""
 
-    def __init__(
-        self,
-        device: VirtualFt232h,
-        clock: Clock,
-        faults: Faults,
-        power_off: Callable[[], None] = lambda: None,
-    ) -> None:
+    def __init__(self, device: VirtualFt232h) -> None:
         self.device = device
         self.traffic = Traffic()
-        self._clock = clock
-        self._faults = faults
-        self._power_off = power_off
-        self._born_ns = clock.now_ns()
+        self._hand = device.hand
         self._generation = 0
-        self._gone = False
         self._late: dict[int, list[bytes]] = {}
         self._claimed: Handle | None = None
         self._detached = False
@@ -246,7 +235,7 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
             self._late.setdefault(ep, []).append(answer)
             answer = b""
         if not answer:
-            self._clock.spend(1_000_000 * timeout)
+            self._hand.clock.spend(1_000_000 * timeout)
             raise timed_out()
         return self._deliver(self._spoilt(answer, timeout), buff)
 
@@ -265,7 +254,7 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
 
     def _spoilt(self, answer: bytes, timeout: int) -> bytes:
         if self._lasts("late"):
-            self._clock.spend(1_000_000 * timeout)
+            self._hand.clock.spend(1_000_000 * timeout)
             raise timed_out()
         return answer[: len(answer) // 2] if self._lasts("short") else answer
 
@@ -275,17 +264,14 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
 
     def _unplugged(self) -> bool:
         """Whether it is away. A device that leaves drops all claims and late replies."""
-        gone = self._lasts("unplug")
-        if gone and not self._gone:
-            self._generation += 1
+        gone = self._hand.unplugged()
+        if self._generation != self._hand.generation:
+            self._generation = self._hand.generation
             self._claimed = None
             self._detached = False
             self._late.clear()
             self.device.reset()
-            # the sensors get their power from the bridge
-            self._power_off()
-        self._gone = gone
         return gone
 
     def _lasts(self, kind: str) -> bool:
-        return self._faults.lasts(kind, 1e-9 * (self._clock.now_ns() - self._born_ns))
+        return self._hand.faults.lasts(kind)

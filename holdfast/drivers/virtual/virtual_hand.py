@@ -300,7 +300,6 @@ class VirtualHand:
     """Chips, mux and wire. layout: a name of LAYOUTS; seed: of the chips' noise, None for none.
 
     wiring: mux channel and factory address of each finger, in place of a layout with a name.
-    born_ns: when the hand was made; its field and its faults begin then.
     """
 
     def __init__(
@@ -316,9 +315,11 @@ class VirtualHand:
     ) -> None:
         places = wiring_of(LAYOUTS[layout]) if wiring is None else wiring
         self.clock = clock
-        self.faults = Faults(faults)
+        self.faults = Faults(clock, faults)
+        self.generation = 0
+        """How often its bridge has been unplugged."""
+        self._gone = False
         self.track = track or still(sensors=len(places))
-        self.born_ns = clock.now_ns()
         self.chips: list[Chip] = []
         channels: list[list[Target]] = [[] for _ in range(8)]
         for k, (channel, address) in enumerate(places):
@@ -342,10 +343,18 @@ class VirtualHand:
         """Apply the faults of the bus; a bridge calls it before it uses the wire."""
         if not self.faults:
             return
-        now_s = 1e-9 * (self.clock.now_ns() - self.born_ns)
-        if self.faults.happened("stuck", now_s):
+        if self.faults.happened("stuck"):
             self.wire.hold_low()
-        self.wire.noise = self._noise if self.faults.lasts("noise", now_s) else None
+        self.wire.noise = self._noise if self.faults.lasts("noise") else None
+
+    def unplugged(self) -> bool:
+        """Whether its bridge is away; the sensors get their power from it."""
+        gone = self.faults.lasts("unplug")
+        if gone and not self._gone:
+            self.generation += 1
+            self.power_off()
+        self._gone = gone
+        return gone
 
     def _field_of(self, sensor: int) -> FieldSource:
         return lambda now_s: self.track.at(now_s, sensor)
