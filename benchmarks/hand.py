@@ -16,7 +16,7 @@ from holdfast.core.contract import FloatArray, Prediction, Sample
 from holdfast.core.source import SourceReading
 from holdfast.drivers.bridges import BRIDGES, open_virtual
 from holdfast.drivers.bus import Bus, Reply, Transfer
-from holdfast.drivers.hand import Hand, LiveHand
+from holdfast.drivers.hand import Hand
 from holdfast.drivers.layout import read_layout
 from holdfast.drivers.virtual.faults import VirtualClock, read_fault
 from holdfast.drivers.virtual.usb_backend import Traffic
@@ -119,6 +119,7 @@ class Bench:
             now_ns=self.clock.now_ns,
             pause=lambda seconds: self.clock.spend(round(1e9 * seconds)),
             say=self.messages.append,
+            to_force=_to_force,
         )
         self.hand.start()
 
@@ -245,10 +246,9 @@ def _answered(
     emit: Callable[..., None],
     stopped: Callable[[], bool],
 ) -> Summary:
-    source = LiveHand(bench.hand, _to_force)
     monitor = GripMonitor(model, bench.clock.now_ns)
     tare = Tare(model.card.preparation, 18)
-    return run_live(source, monitor, tare, bench.clock, emit, stopped=stopped)
+    return run_live(bench.hand, monitor, tare, bench.clock, emit, stopped=stopped)
 
 
 def _to_force(field_ut: FloatArray) -> FloatArray:

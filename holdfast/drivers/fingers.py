@@ -19,8 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.errors import DeviceError, DeviceNotFound, WrongDevice
+from holdfast.core.source import SourceReading
 from holdfast.drivers.bus import Bus, Reply, Transfer
 from holdfast.drivers.finger import (
     TRY_AGAIN_NS,
@@ -42,16 +42,6 @@ DOUBT_NS = 10_000_000_000
 DOUBTS = frozenset({"nack", "garbage", "reset", "mux"})
 """Reasons for an invalid reading that a bus which flips bits produces."""
 NO_READING = (np.nan, np.nan, np.nan)
-
-
-@dataclass(frozen=True)
-class Reading:
-    """One scan: field_ut [S, 3] (NaN where nothing came), valid [S], why [S] ("" where valid)."""
-
-    t_ns: int
-    field_ut: FloatArray
-    valid: BoolArray
-    why: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -151,7 +141,7 @@ class Fingers:
 
         self._pause(conversion)
 
-    def repair(self, bus: Bus, reading: Reading) -> None:
+    def repair(self, bus: Bus, reading: SourceReading) -> None:
         """Bring up the finger that has waited longest; only one, so the others stay on time."""
         # (when it was last tried, finger) of those that need a bring-up now
         due: list[tuple[int, int]] = []
@@ -247,8 +237,8 @@ class Fingers:
 
         return ScanReplies(replies, unswitched)
 
-    def judge(self, t_ns: int, scanned: ScanReplies) -> Reading:
-        """What the replies to a scan that began at t_ns say."""
+    def judge(self, t_ns: int, scanned: ScanReplies) -> SourceReading:
+        """What the replies to a scan that began at t_ns say, in uT; nan where nothing came."""
         # the time of arrival, not of the request: the machine can stall in between
         came_ns = self._now_ns()
         raw: list[tuple[float, float, float]] = []
@@ -264,7 +254,8 @@ class Fingers:
         if not DOUBTS.isdisjoint(why):
             self._doubtful_until_ns = came_ns + DOUBT_NS
         valid = np.array([not word for word in why])
-        return Reading(t_ns, field_ut(raw, self._range_mt), valid, tuple(why))
+        values = field_ut(raw, self._range_mt).reshape(-1)
+        return SourceReading(t_ns, values, valid, tuple(why))
 
 
 def _no_mux(mux: int, *, another_chip: bool) -> DeviceError:

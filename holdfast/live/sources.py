@@ -43,7 +43,7 @@ from holdfast.live.running import say
 if TYPE_CHECKING:
     from holdfast.core.column_map import ColumnMap
     from holdfast.drivers.bus import Bus
-    from holdfast.drivers.hand import LiveHand
+    from holdfast.drivers.hand import Hand
     from holdfast.drivers.line_feeds import Feed
     from holdfast.drivers.virtual.virtual_hand import VirtualHand
 
@@ -286,8 +286,8 @@ def _started(
     source: SourceUrl,
     opening: _Opening,
     to_force: ToForce | None,
-) -> LiveHand:
-    from holdfast.drivers.hand import Hand, LiveHand
+) -> Hand:
+    from holdfast.drivers.hand import Hand
     from holdfast.drivers.layout import read_layout
     from holdfast.drivers.tmag5273 import Setup
 
@@ -299,9 +299,10 @@ def _started(
         say=opening.report,
         setup=Setup(options.averages),
         pause=lambda seconds: opening.clock.spend(round(1e9 * seconds)),
+        to_force=to_force,
     )
     hand.start()
-    return LiveHand(hand, to_force)
+    return hand
 
 
 def _virtual_hand(source: SourceUrl, opening: _Opening) -> VirtualHand:

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from holdfast.core.source import SourceReading
 from holdfast.drivers.bus import Bus
-from holdfast.drivers.fingers import Reading
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.hand import Hand
 from holdfast.drivers.layout import read_layout
@@ -50,7 +50,7 @@ class Bench:
         """A driver on the bridge, opened."""
         return Ft232h(self.backend)
 
-    def read_for(self, seconds: float, rate_hz: float = 150.0) -> list[Reading]:
+    def read_for(self, seconds: float, rate_hz: float = 150.0) -> list[SourceReading]:
         start_ns = self.clock.now_ns()
         readings = []
         for k in range(round(rate_hz * seconds)):
@@ -65,7 +65,9 @@ def started(*faults: str, **options: object) -> Bench:
     return bench
 
 
-def bad(readings: list[Reading], finger: int | None = None) -> list[Reading]:
+def bad(
+    readings: list[SourceReading], finger: int | None = None
+) -> list[SourceReading]:
     return [
         r
         for r in readings
