@@ -101,7 +101,7 @@ class Bench:
         self.clock = VirtualClock()
         self.virtual = VirtualHand(
             self.clock,
-            layout=self.layout,
+            places=read_layout(self.layout),
             seed=0,
             faults=[read_fault(one) for one in self.faults],
         )

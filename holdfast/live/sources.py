@@ -308,12 +308,12 @@ def _started(
 def _virtual_hand(source: SourceUrl, opening: _Opening) -> VirtualHand:
     from holdfast.drivers.layout import read_layout
     from holdfast.drivers.virtual.faults import read_fault
-    from holdfast.drivers.virtual.virtual_hand import VirtualHand, wiring_of
+    from holdfast.drivers.virtual.virtual_hand import VirtualHand, require_wired
 
     options = source.options
     places = read_layout(options.layout)
     # before the scene is simulated, which takes seconds
-    wiring = wiring_of(places)
+    require_wired(places)
     faults = [read_fault(text) for text in options.fault]
     for fault in faults:
         if (fault.sensor or 0) > len(places):
@@ -331,10 +331,7 @@ def _virtual_hand(source: SourceUrl, opening: _Opening) -> VirtualHand:
             next_step="name a place for each sensor, such as layout=0:35,0:22 for two",
         )
     clock, seed = opening.clock, options.seed
-    hand = VirtualHand(clock, track=track, wiring=wiring, seed=seed, faults=faults)
-    # the emulated multiplexer answers where the URL's layout looks for it
-    hand.mux.address = places[0].mux
-    return hand
+    return VirtualHand(clock, track=track, places=places, seed=seed, faults=faults)
 
 
 def _stream(source: SourceUrl, opening: _Opening) -> Source:

@@ -32,7 +32,7 @@ class Bench:
         self.virtual = VirtualHand(
             self.clock,
             track=self.track,
-            layout=self.on_wire or self.layout,
+            places=read_layout(self.on_wire or self.layout),
             seed=0,
             faults=[read_fault(one) for one in self.faults],
         )

@@ -73,8 +73,6 @@ It also searches 1.5 s instead of ten, logs errors only, and installs no signal 
 file-size limit kills the process). Video is written by one thread, because further threads wait for
 each frame busily, with thousands of wake-ups a second and a sixth of a core.
 """
-
-
 FAMILY = "36h11"
 QUAD_DECIMATE = 2
 THREADS = 1
@@ -246,30 +244,29 @@ def watch(
     source raises.
     """
     dai = load_depthai()
+    # of the files of a recording it is the first that is written
+    if (out / ABOUT).exists():
+        raise OutputError(
+            f"holds {ABOUT} already",
+            where=out,
+            next_step="name a new folder, or remove this one",
+        )
+    facts = CameraFacts(
+        **msgspec.structs.asdict(source.lens),
+        source=source.name,
+        family=FAMILY,
+        quad_decimate=QUAD_DECIMATE,
+        void="interrupted",
+        depthai=version("depthai"),
+    )
+    pipeline = source.open(dai)
     failed: HoldfastError | None = None
     try:
-        pipeline = source.open(dai)
-        # of the files of a recording it is the first that is written
-        if (out / ABOUT).exists():
-            raise OutputError(
-                f"holds {ABOUT} already",
-                where=out,
-                next_step="name a new folder, or remove this one",
-            )
-        facts = CameraFacts(
-            **msgspec.structs.asdict(source.lens),
-            source=source.name,
-            family=FAMILY,
-            quad_decimate=QUAD_DECIMATE,
-            void="interrupted",
-            depthai=version("depthai"),
-        )
         # written first, so that a killed recording says so
         write_about(out, facts)
-        try:
-            _film(dai, pipeline, source, out, stopped)
-        except HoldfastError as error:
-            failed = error
+        _film(dai, pipeline, source, out, stopped)
+    except HoldfastError as error:
+        failed = error
     finally:
         source.close()
 

@@ -24,8 +24,6 @@ BITS_OF_A_BYTE = 9
 RELEASED = 0xFF
 """What is read where nothing pulls SDA low."""
 CLOCKS_TO_FREE = 9
-Wiring = Sequence[tuple[int, int]]
-"""Mux channel and factory address of each finger."""
 BIT_ERROR_RATE = 1e-4
 """Of the fault "noise"."""
 REST_UT = np.array([0.0, 0.0, 23730.0])
@@ -280,9 +278,8 @@ def still(field_ut: FloatArray = REST_UT, sensors: int = 6) -> Track:
     return Track(np.array([0.0]), np.broadcast_to(field_ut, (1, sensors, 3)))
 
 
-def wiring_of(places: Sequence[Finger]) -> Wiring:
-    """The wiring on which a driver with this layout finds its sensors. Raises UsageError."""
-    wiring = []
+def require_wired(places: Sequence[Finger]) -> None:
+    """Raise UsageError for a layout on which no virtual hand has its sensors."""
     for one in places:
         same_mux = one.mux == places[0].mux
         if one.channel is None or not same_mux or one.address not in FACTORY_ADDRESSES:
@@ -292,14 +289,12 @@ def wiring_of(places: Sequence[Finger]) -> Wiring:
                 next_step=f"layout={' or layout='.join(LAYOUTS)}, or channel:address for "
                 "each sensor, such as layout=0:35,0:22",
             )
-        wiring.append((one.channel, one.address))
-    return tuple(wiring)
 
 
 class VirtualHand:
-    """Chips, mux and wire. layout: a name of LAYOUTS; seed: of the chips' noise, None for none.
+    """Chips, mux and wire. places: of the fingers; seed: of the chips' noise, None for none.
 
-    wiring: mux channel and factory address of each finger, in place of a layout with a name.
+    Raises UsageError for places that are not behind one mux.
     """
 
     def __init__(
@@ -307,13 +302,12 @@ class VirtualHand:
         clock: Clock,
         *,
         track: Track | None = None,
-        layout: str = "mux",
-        wiring: Wiring | None = None,
+        places: Sequence[Finger] = LAYOUTS["mux"],
         version: int = 1,
         seed: int | None = None,
         faults: Sequence[Fault] = (),
     ) -> None:
-        places = wiring_of(LAYOUTS[layout]) if wiring is None else wiring
+        require_wired(places)
         self.clock = clock
         self.faults = Faults(clock, faults)
         self.generation = 0
@@ -322,13 +316,15 @@ class VirtualHand:
         self.track = track or still(sensors=len(places))
         self.chips: list[Chip] = []
         channels: list[list[Target]] = [[] for _ in range(8)]
-        for k, (channel, address) in enumerate(places):
+        for k, place in enumerate(places):
             field = self._field_of(k)
-            chip = Chip(k + 1, address, version, field, clock, self.faults, seed=seed)
+            chip = Chip(
+                k + 1, place.address, version, field, clock, self.faults, seed=seed
+            )
             self.chips.append(chip)
-            channels[channel].append(chip)
+            channels[place.channel or 0].append(chip)
 
-        self.mux = Mux(channels)
+        self.mux = Mux(channels, places[0].mux)
         self.wire = Wire([self.mux])
         self._noise = Noise(BIT_ERROR_RATE)
 
