@@ -110,8 +110,8 @@ class Bench:
         if self.bridge == NATIVE:
             self.traffic, opened = _native(self.virtual)
         else:
-            bridge = open_virtual(self.bridge, self.virtual, self.bus_hz)
-            self.traffic = bridge.backend.traffic
+            bridge = open_virtual(self.virtual, self.bus_hz)
+            self.traffic = bridge.args[0].traffic
             opened = bridge
         self.hand = Hand(
             opened,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from holdfast.core.errors import UsageError
@@ -55,23 +55,14 @@ def ids_of(name: str) -> Sequence[tuple[int, int]]:
     return {Ft232h.name: Ft232h.ids}[name]
 
 
-@dataclass(frozen=True)
-class VirtualBridge:
-    """Opens a driver on an emulated bridge, as often as called; backend counts its traffic."""
+def open_virtual(hand: Any, bus_hz: int = BUS_HZ) -> partial[Bus]:
+    """What opens the driver on an emulated FT232H before a virtual hand, as often as called.
 
-    backend: Any
-    bus_hz: int
-
-    def __call__(self) -> Bus:
-        """The driver, opened. Raises a DeviceError, as on a real bridge."""
-        from holdfast.drivers.ft232h import Ft232h
-
-        return Ft232h(self.backend, bus_hz=self.bus_hz)
-
-
-def open_virtual(name: str, hand: Any, bus_hz: int = BUS_HZ) -> VirtualBridge:
-    """An emulated bridge in front of a virtual hand. name: one of BRIDGES."""
+    Its first argument is the bridge's backend, which counts traffic. It raises a DeviceError, as on
+    a real bridge.
+    """
+    from holdfast.drivers.ft232h import Ft232h
     from holdfast.drivers.virtual.ft232h import VirtualFt232h
     from holdfast.drivers.virtual.usb_backend import VirtualBackend
 
-    return VirtualBridge(VirtualBackend(VirtualFt232h(hand)), bus_hz)
+    return partial(Ft232h, VirtualBackend(VirtualFt232h(hand)), bus_hz=bus_hz)

@@ -232,11 +232,6 @@ class Packet:
     status: int
 
     @property
-    def set_count(self) -> int:
-        """Rolls over 0 .. 7 with every conversion."""
-        return REGISTERS["CONV_STATUS"].read(self.status, "SET_COUNT")
-
-    @property
     def reset(self) -> bool:
         """Power was lost since POR was cleared, and with it the configuration and the address."""
         return bool(REGISTERS["CONV_STATUS"].read(self.status, "POR"))

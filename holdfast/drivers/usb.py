@@ -90,10 +90,10 @@ class UsbPort:
         # the kernel's driver may have the interface
         self._claim()
 
-    def write(self, endpoint: int, data: bytes, timeout_ms: int = TIMEOUT_MS) -> None:
+    def write(self, endpoint: int, data: bytes) -> None:
         """Send all of the data. Raises TransferFailed, DeviceLost."""
         with self._unhalting(endpoint):
-            sent = self.device.write(endpoint, data, timeout_ms)
+            sent = self.device.write(endpoint, data, TIMEOUT_MS)
         self._require_all(sent, data)
 
     def read(self, endpoint: int, length: int, timeout_ms: int = TIMEOUT_MS) -> bytes:
@@ -108,12 +108,11 @@ class UsbPort:
         value: int,
         index: int,
         data: bytes = b"",
-        timeout_ms: int = TIMEOUT_MS,
     ) -> None:
         """A control transfer out; all of the data must be sent."""
         with named_errors(self.name):
             sent = self.device.ctrl_transfer(
-                request_type, request, value, index, data, timeout_ms
+                request_type, request, value, index, data, TIMEOUT_MS
             )
 
         self._require_all(sent, data)

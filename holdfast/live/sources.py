@@ -248,7 +248,7 @@ def open_bus(url: str, clock: Any, report: Report = say) -> Bus:
     source = source_url(url)
     if source.scheme == "virtual":
         hand = _virtual_hand(source, _Opening(clock, report))
-        return open_virtual(source.name, hand, source.options.bus_hz)()
+        return open_virtual(hand, source.options.bus_hz)()
     if source.scheme not in HANDS:
         raise UsageError(f"{url!r} is not a hand", next_step="holdfast help scan")
     return _bridge(source)()
@@ -274,7 +274,7 @@ def _virtual(source: SourceUrl, opening: _Opening) -> Source:
         return np.einsum("ij,sj->si", FORCE_N_PER_UT, field_ut)
 
     hand = _virtual_hand(source, opening)
-    bridge = open_virtual(source.name, hand, source.options.bus_hz)
+    bridge = open_virtual(hand, source.options.bus_hz)
     live = _started(bridge, source, opening, opening.to_force or scene_force)
     # truth and camera of a scene count from its start, which is not that of the first sample
     live.began_ns = hand.faults.born_ns
