@@ -87,16 +87,6 @@ def parsed(commands: bytes) -> tuple[tuple[Command, ...], int]:
 class VirtualFt232h:
     """The bridge in front of a virtual hand."""
 
-    # USB 2.0, 64 bytes in a control packet, 0403:6014, release 9.00, no strings
-    device_descriptor = bytes.fromhex(
-        "12 01 00 02 00 00 00 40 03 04 14 60 00 09 00 00 00 01"
-    )
-    # 100 mA from the bus; one vendor's interface; bulk endpoints 0x81 and 0x02 of 512 bytes
-    configuration = bytes.fromhex(
-        "09 02 20 00 01 01 00 80 32  09 04 00 00 02 ff ff ff 00"
-        "07 05 81 02 00 02 01  07 05 02 02 00 02 01"
-    )
-
     def __init__(self, hand: VirtualHand) -> None:
         self.hand = hand
         self.reset()

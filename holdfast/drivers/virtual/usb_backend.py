@@ -7,7 +7,6 @@ sensors lost their power).
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -16,31 +15,78 @@ from typing import Any
 import usb.backend
 import usb.core
 
-from holdfast.drivers.virtual.ft232h import VirtualFt232h, stall
+from holdfast.core.contract import Json
+from holdfast.drivers.virtual.ft232h import (
+    IN_ENDPOINT,
+    OUT_ENDPOINT,
+    PACKET,
+    VirtualFt232h,
+    stall,
+)
 
 BUSY = 16
 NO_DEVICE = 19
 TIMED_OUT = 110
 LIBUSB_ERROR_BUSY = -6
-HIGH_SPEED = 3
-HEADS, ENDPOINT_BYTES = 18, 7
-"""Bytes of a configuration and its interface together, and of each endpoint behind them."""
-DEVICE_FIELDS = (
-    "bLength bDescriptorType bcdUSB bDeviceClass bDeviceSubClass bDeviceProtocol "
-    "bMaxPacketSize0 idVendor idProduct bcdDevice iManufacturer iProduct iSerialNumber "
-    "bNumConfigurations"
+# An FT232H without strings, by the fields of USB 2.0 (tables 9-8, 9-10, 9-12 and 9-13).
+DEVICE: Json = {
+    "bLength": 18,
+    "bDescriptorType": 1,
+    "bcdUSB": 0x0200,
+    "bDeviceClass": 0,
+    "bDeviceSubClass": 0,
+    "bDeviceProtocol": 0,
+    "bMaxPacketSize0": 64,
+    "idVendor": 0x0403,
+    "idProduct": 0x6014,
+    "bcdDevice": 0x0900,
+    "iManufacturer": 0,
+    "iProduct": 0,
+    "iSerialNumber": 0,
+    "bNumConfigurations": 1,
+    "bus": 1,
+    "port_number": 1,
+    "port_numbers": (1,),
+    "speed": 3,
+}
+"""Of high speed."""
+CONFIGURATION = SimpleNamespace(
+    bLength=9,
+    bDescriptorType=2,
+    wTotalLength=32,
+    bNumInterfaces=1,
+    bConfigurationValue=1,
+    iConfiguration=0,
+    bmAttributes=0x80,
+    bMaxPower=50,
+    extra_descriptors=[],
 )
-CONFIGURATION_FIELDS = (
-    "bLength bDescriptorType wTotalLength bNumInterfaces bConfigurationValue "
-    "iConfiguration bmAttributes bMaxPower"
+"""100 mA from the bus."""
+INTERFACE = SimpleNamespace(
+    bLength=9,
+    bDescriptorType=4,
+    bInterfaceNumber=0,
+    bAlternateSetting=0,
+    bNumEndpoints=2,
+    bInterfaceClass=0xFF,
+    bInterfaceSubClass=0xFF,
+    bInterfaceProtocol=0xFF,
+    iInterface=0,
+    extra_descriptors=[],
 )
-INTERFACE_FIELDS = (
-    "bLength bDescriptorType bInterfaceNumber bAlternateSetting bNumEndpoints "
-    "bInterfaceClass bInterfaceSubClass bInterfaceProtocol iInterface"
-)
-ENDPOINT_FIELDS = (
-    "bLength bDescriptorType bEndpointAddress bmAttributes wMaxPacketSize bInterval"
-)
+"""One vendor's own."""
+ENDPOINTS = (IN_ENDPOINT, OUT_ENDPOINT)
+ENDPOINT: Json = {
+    "bLength": 7,
+    "bDescriptorType": 5,
+    "bmAttributes": 2,
+    "wMaxPacketSize": PACKET,
+    "bInterval": 1,
+    "bRefresh": 0,
+    "bSynchAddress": 0,
+    "extra_descriptors": [],
+}
+"""Bulk."""
 
 
 def no_device() -> Any:
@@ -57,13 +103,6 @@ def timed_out() -> Any:
 def busy() -> Any:
     """What libusb raises when another handle or a kernel driver has the interface."""
     return usb.core.USBError("Resource busy", LIBUSB_ERROR_BUSY, BUSY)
-
-
-def _named(form: str, names: str, descriptor: bytes, **more: object) -> SimpleNamespace:
-    """A descriptor's fields by name, as pyusb has them."""
-    values = struct.unpack_from(form, descriptor)
-    fields = dict(zip(names.split(), values, strict=True))
-    return SimpleNamespace(**fields, extra_descriptors=[], **more)
 
 
 @dataclass
@@ -106,39 +145,23 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
 
     def get_device_descriptor(self, dev: Any) -> Any:
         """Its ids and its speed."""
-        return _named(
-            "<BBHBBBBHHHBBBB",
-            DEVICE_FIELDS,
-            self.device.device_descriptor,
-            address=dev.generation + 1,
-            bus=1,
-            port_number=1,
-            port_numbers=(1,),
-            speed=HIGH_SPEED,
-        )
+        return SimpleNamespace(address=dev.generation + 1, **DEVICE)
 
     def get_configuration_descriptor(self, dev: Any, config: int) -> Any:
         """The only one."""
-        if config:
-            raise IndexError(config)
-        found = self.device.configuration
-        return _named("<BBHBBBBB", CONFIGURATION_FIELDS, found)
+        return (CONFIGURATION,)[config]
 
     def get_interface_descriptor(
         self, dev: Any, intf: int, alt: int, config: int
     ) -> Any:
         """The only one, without alternatives."""
-        if intf or alt:
-            raise IndexError(intf)
-        return _named("<9x9B", INTERFACE_FIELDS, self.device.configuration)
+        return (INTERFACE,)[intf + alt]
 
     def get_endpoint_descriptor(
         self, dev: Any, ep: int, intf: int, alt: int, config: int
     ) -> Any:
-        """As the device says."""
-        found = self.device.configuration[HEADS + ENDPOINT_BYTES * ep :]
-        more = {"bRefresh": 0, "bSynchAddress": 0}
-        return _named("<BBBBHB", ENDPOINT_FIELDS, found, **more)
+        """In, or out."""
+        return SimpleNamespace(bEndpointAddress=ENDPOINTS[ep], **ENDPOINT)
 
     # -- opening
 
