@@ -55,7 +55,7 @@ def ids_of(name: str) -> Sequence[tuple[int, int]]:
     return {Ft232h.name: Ft232h.ids}[name]
 
 
-def open_virtual(hand: Any, bus_hz: int = BUS_HZ) -> partial[Bus]:
+def open_virtual(hand: Any, bus_hz: int = BUS_HZ) -> partial[Any]:
     """What opens the driver on an emulated FT232H before a virtual hand, as often as called.
 
     Its first argument is the bridge's backend, which counts traffic. It raises a DeviceError, as on

@@ -168,13 +168,11 @@ class FingerState:
         """Whether the reason of an invalid reading calls for a bring-up."""
         return self.nacks >= NACKS_TO_BRING_UP or why in REINIT_REASONS
 
-    def judge(self, reply: Reply | None, came_ns: int) -> tuple[Packet | None, str]:
+    def judge(self, reply: Reply, came_ns: int) -> tuple[Packet | None, str]:
         """The reply's packet, and one word for why it is not valid ("" where it is).
 
-        reply: None where the finger was not read. came_ns: when it came.
+        came_ns: when it came.
         """
-        if reply is None:
-            return None, "missing"
         if not reply.acked or len(reply.data) != self.transfer.read:
             self.nacks += 1
             self._missed = True

@@ -15,7 +15,6 @@ fingers.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from holdfast.drivers.finger import (
     FingerState,
     bring_up,
 )
-from holdfast.drivers.layout import Finger, ScanPlan, ScanPlanner, is_mux, plain_read
+from holdfast.drivers.layout import Finger, ScanPlanner, is_mux, plain_read
 from holdfast.drivers.tmag5273 import (
     Setup,
     conversion_s,
@@ -44,12 +43,8 @@ DOUBTS = frozenset({"nack", "garbage", "reset", "mux"})
 NO_READING = (np.nan, np.nan, np.nan)
 
 
-@dataclass(frozen=True)
-class ScanReplies:
-    """A reply for each finger, None where it was not read; unswitched: fingers whose mux failed."""
-
-    replies: list[Reply | None]
-    unswitched: set[int]
+Answer = Reply | str
+"""Of a finger: its reply, or one word for why there is none."""
 
 
 class Fingers:
@@ -210,44 +205,41 @@ class Fingers:
 
     # -- scans
 
-    def scan(self, bus: Bus) -> ScanReplies:
+    def scan(self, bus: Bus) -> list[Answer]:
         """Read each finger that is ready. Raises a DeviceError where bridge or bus fails."""
         reads = [state.transfer if state.ready else None for state in self._states]
         doubtful = self._now_ns() < self._doubtful_until_ns
         plan = self._planner.plan(reads, doubtful=doubtful)
         try:
-            answers = bus.scan(plan.transfers)
+            replies = bus.scan(plan.transfers)
         except DeviceError:
             self.forget_masks()
             raise
 
-        return self._sort(plan, answers)
-
-    def _sort(self, plan: ScanPlan, answers: Sequence[Reply]) -> ScanReplies:
-        """The answers to a plan by finger, and the fingers whose mux did not switch."""
-        replies: list[Reply | None] = [None] * len(self._states)
-        unswitched: set[int] = set()
+        answers: list[Answer] = ["missing"] * len(self._states)
+        switched = True
         for group in plan.groups:
             # after one failed switch the masks of all later groups are in doubt
-            if unswitched or not group.switched(answers):
+            switched = switched and group.switched(replies)
+            if not switched:
                 self.forget_masks()
-                unswitched |= group.fingers.keys()
             for k, place in group.fingers.items():
-                replies[k] = answers[place]
+                answers[k] = replies[place] if switched else "mux"
 
-        return ScanReplies(replies, unswitched)
+        return answers
 
-    def judge(self, t_ns: int, scanned: ScanReplies) -> SourceReading:
+    def judge(self, t_ns: int, answers: Sequence[Answer]) -> SourceReading:
         """What the replies to a scan that began at t_ns say, in uT; nan where nothing came."""
         # the time of arrival, not of the request: the machine can stall in between
         came_ns = self._now_ns()
         raw: list[tuple[float, float, float]] = []
         why: list[str] = []
-        for k, state in enumerate(self._states):
-            found = None
-            word = "mux"
-            if k not in scanned.unswitched:
-                found, word = state.judge(scanned.replies[k], came_ns)
+        for state, answer in zip(self._states, answers, strict=True):
+            if isinstance(answer, str):
+                raw.append(NO_READING)
+                why.append(answer)
+                continue
+            found, word = state.judge(answer, came_ns)
             raw.append(NO_READING if found is None else found.raw)
             why.append(word)
 
