@@ -34,8 +34,8 @@ def _refused(number: int) -> OSError:
 class VirtualI2cDev:
     """The board's I2C in front of a virtual hand, within a `with` block.
 
-    number: N of /dev/i2c-N. nack_errno: EREMOTEIO as on a Raspberry Pi, ENXIO on others. readable:
-    by this user. traffic: transfers are ioctls, bytes their payload.
+    number: N of /dev/i2c-N. nack_errno: EREMOTEIO as on a Raspberry Pi, ENXIO on others. traffic:
+    transfers are ioctls, bytes their payload.
     """
 
     def __init__(
@@ -44,11 +44,9 @@ class VirtualI2cDev:
         number: int = 1,
         *,
         nack_errno: int = errno.EREMOTEIO,
-        readable: bool = True,
     ) -> None:
         self.hand = hand
         self.traffic = Traffic()
-        self.readable = readable
         self.open_files = 0
         self._number = number
         self._nack_errno = nack_errno
@@ -75,8 +73,6 @@ class VirtualI2cDev:
             return self._replaced(number)
         if self.hand.unplugged():
             raise _refused(errno.ENOENT)
-        if not self.readable:
-            raise _refused(errno.EACCES)
         return OpenedBus(self)
 
     # -- the controller

@@ -55,19 +55,18 @@ class Target(Protocol):
 
 
 class Noise:
-    """Bits that flip on their way, each with the same probability. seed: decides which bits."""
+    """Bits that flip on their way, each with the same probability, always the same ones."""
 
-    def __init__(self, bit_error_rate: float, seed: int = 0) -> None:
-        self._rate = bit_error_rate
-        self._random = np.random.default_rng(seed)
-        self._until = int(self._random.geometric(self._rate))
+    def __init__(self) -> None:
+        self._random = np.random.default_rng(0)
+        self._until = int(self._random.geometric(BIT_ERROR_RATE))
 
     def flips(self) -> int:
         """Which bits of the next byte flip: a mask of nine bits, the acknowledge lowest."""
         mask = 0
         while self._until <= BITS_OF_A_BYTE:
             mask |= 1 << BITS_OF_A_BYTE - self._until
-            self._until += int(self._random.geometric(self._rate))
+            self._until += int(self._random.geometric(BIT_ERROR_RATE))
         self._until -= BITS_OF_A_BYTE
         return mask
 
@@ -326,7 +325,7 @@ class VirtualHand:
 
         self.mux = Mux(channels, places[0].mux)
         self.wire = Wire([self.mux])
-        self._noise = Noise(BIT_ERROR_RATE)
+        self._noise = Noise()
 
     def power_off(self) -> None:
         """The power goes and comes back: everything on the wire starts again."""
