@@ -14,8 +14,8 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray, Prediction, Sample
 from holdfast.core.source import SourceReading
-from holdfast.drivers.bridges import BRIDGES, open_virtual
-from holdfast.drivers.bus import Bus, Reply, Transfer
+from holdfast.drivers.bridges import open_virtual
+from holdfast.drivers.bus import BRIDGE, Bus, Reply, Transfer
 from holdfast.drivers.hand import Hand
 from holdfast.drivers.layout import read_layout
 from holdfast.drivers.virtual.faults import VirtualClock, read_fault
@@ -147,7 +147,7 @@ def _native(virtual: VirtualHand) -> tuple[Traffic, Callable[[], Bus]]:
 
 def scan_costs() -> list[ScanCost]:
     """One row for each bridge, clock and layout."""
-    ways = [(bridge, "mux", 400_000) for bridge in (*BRIDGES, NATIVE)]
+    ways = [(bridge, "mux", 400_000) for bridge in (BRIDGE, NATIVE)]
     ways += [("ft232h", "mux", 1_000_000)]
     ways += [("ft232h", "mux6", 400_000)]
     return [_scan_cost(*way) for way in ways]

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
 from holdfast.core.errors import UsageError
-from holdfast.drivers.bus import Bus
+from holdfast.drivers.bus import BRIDGE, Bus
 
-BRIDGES = ("ft232h",)
-"""Bridges on USB by name. Their modules are loaded late: pyusb takes time to load."""
 MOST_DIGITS = 9
 BUS_HZ = 400_000
 
 
 def open_bus(scheme: str, name: str, *, number: int = 0, bus_hz: int = BUS_HZ) -> Bus:
-    """A bus of this machine. scheme: "usb", with a name of BRIDGES, or "i2c" with a bus number.
+    """A bus of this machine. scheme: "usb", or "i2c" with a bus number as its name.
 
     number: which of several bridges on USB. bus_hz: ignored where the kernel decides. Raises a
     DeviceError or UsageError.
     """
     if scheme == "usb":
+        # late: pyusb takes time to load
         from holdfast.drivers.ft232h import Ft232h
         from holdfast.drivers.usb import real_backend
 
@@ -40,19 +38,8 @@ def bridges_on_usb() -> list[str]:
     """URLs of the bridges that are plugged in. Raises LibraryMissing, AccessDenied."""
     from holdfast.drivers.usb import find_usb, real_backend
 
-    backend = real_backend()
-    urls = []
-    for name in BRIDGES:
-        count = len(find_usb(ids_of(name), backend))
-        urls += [f"usb://{name}?number={k}" for k in range(count)]
-    return urls
-
-
-def ids_of(name: str) -> Sequence[tuple[int, int]]:
-    """The USB ids of a bridge: (vendor, product), .."""
-    from holdfast.drivers.ft232h import Ft232h
-
-    return {Ft232h.name: Ft232h.ids}[name]
+    found = enumerate(find_usb(real_backend()))
+    return [f"usb://{BRIDGE}?number={number}" for number, _ in found]
 
 
 def open_virtual(hand: Any, bus_hz: int = BUS_HZ) -> partial[Any]:

@@ -35,8 +35,9 @@ from holdfast.core.contract import FloatArray, Unit
 from holdfast.core.errors import CardError, DataNotFound, UsageError
 from holdfast.core.schema import checked
 from holdfast.core.source import Source, SourceUrl
-from holdfast.drivers.bridges import BRIDGES, open_virtual
 from holdfast.drivers.bridges import open_bus as open_bridge
+from holdfast.drivers.bridges import open_virtual
+from holdfast.drivers.bus import BRIDGE
 from holdfast.drivers.replay import PacedReplay, Replay, open_replay
 from holdfast.live.running import say
 
@@ -135,8 +136,8 @@ def source_url(url: str) -> SourceUrl:
         )
 
     name = unquote(parts.netloc + parts.path)
-    if parts.scheme in ("usb", "virtual") and name not in BRIDGES:
-        step = f"one of {', '.join(BRIDGES)}"
+    if parts.scheme in ("usb", "virtual") and name != BRIDGE:
+        step = f"{parts.scheme}://{BRIDGE}"
         raise UsageError(f"{url!r}: no bridge {name!r}", next_step=step)
     # an option that is given twice counts by its last value, but for faults
     raw: dict[str, Any] = parse_qs(parts.query, keep_blank_values=True)

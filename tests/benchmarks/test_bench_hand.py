@@ -15,7 +15,7 @@ from benchmarks.hand import (
     fault_table,
     scan_costs,
 )
-from holdfast.drivers.bridges import BRIDGES
+from holdfast.drivers.bus import BRIDGE
 
 ROOT = Path(__file__).resolve().parents[2]
 MODEL = ROOT / "models" / "holdfast-150hz.onnx"
@@ -35,7 +35,7 @@ def test_six_sensors_over_an_ft232h_are_two_transfers_and_four_hundred_scans_a_s
 
 
 def test_every_bridge_has_its_row_and_only_serves_rates_that_leave_it_time(scans):
-    assert {row.bridge for row in scans} == {*BRIDGES, "i2c"}
+    assert {row.bridge for row in scans} == {BRIDGE, "i2c"}
     for row in scans:
         served = row.serves_model_hz
         assert served is None or (served in RATES_HZ and served * row.scan_ms < 800.0)

@@ -1,6 +1,6 @@
 """A pyusb backend whose devices are emulated: drivers use it as they use libusb.
 
-Faults of the bridge happen here, in the same way for every device: a stall, a time-out whose reply
+Faults of the bridge happen here: a stall, a time-out whose reply
 comes late, half of an answer, a device that is unplugged (and comes back as another one, after the
 sensors lost their power).
 """
