@@ -41,6 +41,13 @@ class Arrivals(SelfPaced):
         """Take what has come; wait at most so long for the first of it."""
         raise NotImplementedError
 
+    def begin(self) -> int:
+        """Keep the newest of the first samples; how many are dropped before it."""
+        dropped = len(self.waiting) - 1
+        self.last = self.waiting[-1]
+        self.waiting = deque([self.last])
+        return dropped
+
     def periods_ns(self, count: float) -> int:
         """The duration of so many samples."""
         assert self.rate_hz is not None

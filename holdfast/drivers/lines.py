@@ -22,7 +22,6 @@ counted.
 from __future__ import annotations
 
 import re
-from collections import deque
 from collections.abc import Callable, Collection
 from dataclasses import replace
 from typing import Any
@@ -228,9 +227,7 @@ class LineSource(Arrivals):
         dropped = self._drop_waiting()
         self._collect_first(rate_hz)
         self.rate_hz = rate_hz or self._measured_hz()
-        dropped += len(self.waiting) - 1
-        self.last = self.waiting[-1]
-        self.waiting = deque([self.last])
+        dropped += self.begin()
         assert reader.map is not None
         self.unit: Unit = reader.map.unit_of_values if to_force is None else "N"
         self.n_channels = len(reader.map.channels)

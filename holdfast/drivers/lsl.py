@@ -10,7 +10,6 @@ for the next sample, so the stream paces the loop. A stream that ended leaves it
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -259,8 +258,7 @@ class LslSource(Arrivals):
                 where=where,
                 next_step="start the sender",
             )
-        self.last = self.waiting[-1]
-        self.waiting = deque([self.last])
+        self.begin()
 
     def collect(self, timeout_s: float) -> None:
         """Take what has come; wait at most so long for the first of it."""

@@ -52,6 +52,10 @@ class Register:
 
         return byte
 
+    def setting(self, **fields: int) -> tuple[int, int]:
+        """(address, byte) with these fields set, to be written."""
+        return self.address, self.value(**fields)
+
     def read(self, byte: int, name: str) -> int:
         """One field out of a byte."""
         low, bits = self.fields[name]
@@ -198,23 +202,14 @@ class Setup:
     def registers(self) -> list[tuple[int, int]]:
         """(address, byte) in the order to write: the operating mode last."""
         one = REGISTERS
-        config = one["DEVICE_CONFIG_1"].value(
-            MAG_TEMPCO=1, CONV_AVG=self.averages.bit_length() - 1
-        )
-        ranges = one["SENSOR_CONFIG_2"].value(Z_RANGE=1)
+        averaging = self.averages.bit_length() - 1
         return [
-            (one["INT_CONFIG_1"].address, one["INT_CONFIG_1"].value(MASK_INTB=1)),
-            (
-                one["SENSOR_CONFIG_1"].address,
-                one["SENSOR_CONFIG_1"].value(MAG_CH_EN=XYZ),
-            ),
-            (one["SENSOR_CONFIG_2"].address, ranges),
-            (one["T_CONFIG"].address, 0),
-            (one["DEVICE_CONFIG_1"].address, config),
-            (
-                one["DEVICE_CONFIG_2"].address,
-                one["DEVICE_CONFIG_2"].value(LP_LN=1, OPERATING_MODE=CONTINUOUS),
-            ),
+            one["INT_CONFIG_1"].setting(MASK_INTB=1),
+            one["SENSOR_CONFIG_1"].setting(MAG_CH_EN=XYZ),
+            one["SENSOR_CONFIG_2"].setting(Z_RANGE=1),
+            one["T_CONFIG"].setting(),
+            one["DEVICE_CONFIG_1"].setting(MAG_TEMPCO=1, CONV_AVG=averaging),
+            one["DEVICE_CONFIG_2"].setting(LP_LN=1, OPERATING_MODE=CONTINUOUS),
         ]
 
 

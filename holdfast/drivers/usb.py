@@ -85,7 +85,9 @@ class UsbPort:
         """Send all of the data. Raises TransferFailed, DeviceLost."""
         with self._unhalting(endpoint):
             sent = self.device.write(endpoint, data, TIMEOUT_MS)
-        self._require_all(sent, data)
+        if sent != len(data):
+            what = f"{sent} of {len(data)} bytes went out"
+            raise TransferFailed(what, where=BRIDGE)
 
     def read(self, endpoint: int, length: int, timeout_ms: int = TIMEOUT_MS) -> bytes:
         """What one transfer brings, at most length bytes. Raises TransferFailed, DeviceLost."""
@@ -93,20 +95,13 @@ class UsbPort:
             return bytes(self.device.read(endpoint, length, timeout_ms))
 
     def control_out(
-        self,
-        request_type: int,
-        request: int,
-        value: int,
-        index: int,
-        data: bytes = b"",
+        self, request_type: int, request: int, value: int, index: int
     ) -> None:
-        """A control transfer out; all of the data must be sent."""
+        """A control transfer out, without data."""
         with named_errors():
-            sent = self.device.ctrl_transfer(
-                request_type, request, value, index, data, TIMEOUT_MS
+            self.device.ctrl_transfer(
+                request_type, request, value, index, b"", TIMEOUT_MS
             )
-
-        self._require_all(sent, data)
 
     def drain(self, endpoint: int, length: int, *, empty: int) -> None:
         """Read away what is left of a transfer that timed out, so that no later request gets it.
@@ -150,11 +145,6 @@ class UsbPort:
             with named_errors():
                 self.device.clear_halt(endpoint)
             raise
-
-    def _require_all(self, sent: int, data: bytes) -> None:
-        if sent != len(data):
-            what = f"{sent} of {len(data)} bytes went out"
-            raise TransferFailed(what, where=BRIDGE)
 
     def _claim(self) -> None:
         """Detach the kernel's driver, and claim the interface."""

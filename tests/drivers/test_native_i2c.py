@@ -251,7 +251,7 @@ def said(device: VirtualFt232h, act: str, given: str) -> bytes:
     """One act of TALKS."""
     if act == "set":
         request, value = (int(one, 16) for one in given.split(","))
-        device.control_out(0x40, request, value, 1, b"")
+        device.control_out(request, value)
     elif act == "w":
         device.write(OUT_ENDPOINT, bytes.fromhex(given))
     elif act == "r":

@@ -106,9 +106,7 @@ class VirtualFt232h:
 
     # -- control requests
 
-    def control_out(
-        self, request_type: int, request: int, value: int, index: int, data: bytes
-    ) -> None:
+    def control_out(self, request: int, value: int) -> None:
         """FTDI's own requests; those for the serial port are accepted and ignored."""
         if request == SIO_LATENCY:
             self._latency_ms = value & 0xFF

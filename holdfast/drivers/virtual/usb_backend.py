@@ -1,8 +1,7 @@
 """A pyusb backend whose devices are emulated: drivers use it as they use libusb.
 
-Faults of the bridge happen here: a stall, a time-out whose reply
-comes late, half of an answer, a device that is unplugged (and comes back as another one, after the
-sensors lost their power).
+Faults of the bridge happen here: a stall, a time-out whose reply comes late, half of an answer, a
+device that is unplugged (and comes back as another one, after the sensors lost their power).
 """
 
 from __future__ import annotations
@@ -228,7 +227,7 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
     ) -> int:
         """Out; nothing asks this device for descriptors or the state of its port."""
         self._begin(dev_handle)
-        self.device.control_out(request_type, request, value, index, bytes(data))
+        self.device.control_out(request, value)
         self._spoilt(b"", timeout)
         self.traffic.bytes_out += len(data)
         return len(data)
