@@ -17,6 +17,7 @@ from bridge_bench import (
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from virtual_i2c import VirtualI2cDev
 
 from holdfast.core.errors import (
     AccessDenied,
@@ -36,7 +37,6 @@ from holdfast.drivers.virtual.ft232h import (
     OUT_ENDPOINT,
     VirtualFt232h,
 )
-from holdfast.drivers.virtual.native import VirtualI2cDev
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 

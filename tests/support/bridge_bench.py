@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+from virtual_i2c import VirtualI2cDev
 
 from holdfast.drivers.bus import Bus, Transfer
 from holdfast.drivers.ft232h import Ft232h
@@ -18,7 +19,6 @@ from holdfast.drivers.tmag5273 import (
 )
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.drivers.virtual.ft232h import VirtualFt232h
-from holdfast.drivers.virtual.native import VirtualI2cDev
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 
