@@ -10,7 +10,7 @@ import select
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from holdfast.core.errors import (
     AccessDenied,
@@ -24,24 +24,6 @@ from holdfast.core.hand_lines import LONGEST_LINE, MOST_A_CALL, unix_listener
 
 CHUNK_BYTES = 64 << 10
 DEFAULT_BAUD = 115200
-
-
-class Feed(Protocol):
-    """What a LineSource reads. ended: no line will ever come again."""
-
-    name: str
-    ended: bool
-
-    def pull(self, timeout_s: float) -> list[bytes]:
-        """The lines that have come, oldest first, without their line ends.
-
-        Waits at most so long for the first bytes. Raises DeviceLost.
-        """
-        ...
-
-    def close(self) -> None:
-        """Close everything."""
-        ...
 
 
 class LineSplitter:
@@ -67,7 +49,10 @@ class LineSplitter:
 
 
 class StreamFeed:
-    """Lines of a descriptor. close: closes it; None for standard input, whose end is the end."""
+    """Lines of a descriptor. close: closes it; None for standard input, whose end is the end.
+
+    ended: no line will ever come again.
+    """
 
     def __init__(
         self, name: str, handle: int, close: Callable[[], object] | None = None
@@ -79,7 +64,10 @@ class StreamFeed:
         self._lines = LineSplitter()
 
     def pull(self, timeout_s: float) -> list[bytes]:
-        """The lines that have come; waits at most so long for the first bytes."""
+        """The lines that have come, oldest first, without their line ends.
+
+        Waits at most so long for the first bytes. Raises DeviceLost.
+        """
         if not select.select([self._handle], [], [], max(0.0, timeout_s))[0]:
             return []
         why = "its sender closed it"
@@ -125,6 +113,10 @@ class DatagramFeed:
     def close(self) -> None:
         """Close the socket, and remove its file."""
         self._stack.close()
+
+
+Feed = StreamFeed | DatagramFeed
+"""What a LineSource reads."""
 
 
 def stdin_feed() -> StreamFeed:

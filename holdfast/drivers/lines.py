@@ -23,7 +23,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -53,6 +52,8 @@ from holdfast.core.trial_file import TIME_COLUMNS, Zero, prepared_by
 from holdfast.drivers.arrivals import Arrivals
 from holdfast.drivers.line_feeds import Feed
 
+ToForce = Callable[[FloatArray], FloatArray]
+"""Field [S, 3] in uT -> force [S, 3] in N."""
 SEPARATORS = (",", ";", "\t")
 CHANNEL = re.compile(r"[XYZ]([1-9][0-9]{0,3})")
 SAYS_NO = (0, "0", "false")
@@ -88,12 +89,19 @@ class SampleReader:
     """Reads the lines of one source, line by line.
 
     column_map: None for columns with the project's names; then `map` is known from the first line
-    on. unit: of their values, where the lines themselves name none. zero: what was removed from
-    them by the run that wrote them (core/trial_file.py), None for nothing.
+    on. unit: of their values, where the lines themselves name none. to_force: a calibration, for
+    lines in uT. zero: what was removed from them by the run that wrote them (core/trial_file.py),
+    None for nothing.
     """
 
-    def __init__(self, column_map: ColumnMap | None = None, unit: Unit = "N") -> None:
+    def __init__(
+        self,
+        column_map: ColumnMap | None = None,
+        unit: Unit = "N",
+        to_force: ToForce | None = None,
+    ) -> None:
         self.map = column_map
+        self.to_force = to_force
         self.zero: Zero | None = None
         self._unit: Unit = unit
         self._rule = RisingRule()
@@ -101,7 +109,7 @@ class SampleReader:
         self._separator = ""
 
     def take(self, line: bytes, now_ns: int) -> SourceReading | None:
-        """The sample of a line, in the map's unit; None for a header, a comment or an empty line.
+        """The sample of a line; None for a header, a comment or an empty line.
 
         line: without its line end. Raises LineRefused.
         """
@@ -163,6 +171,8 @@ class SampleReader:
         if not self._rule.obeys(now_ns, sequence_of(sequence), stamp_ns):
             raise LineRefused(NOT_RISING)
         self.map = column_map
+        if self.to_force is not None:
+            values = self.to_force(values.reshape(-1, 3)).reshape(-1)
         why = tuple("" if one else NOT_VALID for one in valid)
         return SourceReading(now_ns, values, valid, why)
 
@@ -198,15 +208,13 @@ PAUSE_PERIODS = 3.0
 """Where nothing was read for longer, what waits has no known time of arrival."""
 MOST_DROPPED = 4096
 """Pulls after which a sender that never pauses is not waited for."""
-ToForce = Callable[[FloatArray], FloatArray]
 
 
 class LineSource(Arrivals):
     """The lines of a feed as a source. clock: has now_ns and wait_until.
 
-    report: receives what a person should know. rate_hz: None where it is measured. to_force: a
-    calibration, for lines in uT. Raises DeviceNotFound where no sample comes, RateError where a
-    rate is not to be had, DeviceLost.
+    report: receives what a person should know. rate_hz: None where it is measured. Raises
+    DeviceNotFound where no sample comes, RateError where a rate is not to be had, DeviceLost.
     """
 
     def __init__(
@@ -216,20 +224,18 @@ class LineSource(Arrivals):
         clock: Any,
         report: Callable[[str], object],
         rate_hz: float | None = None,
-        to_force: ToForce | None = None,
     ) -> None:
         super().__init__(feed.name, clock, report)
         self._feed = feed
         self._reader = reader
         self._report = report
-        self._to_force = to_force
         # what waited before this program began has no known time
         dropped = self._drop_waiting()
         self._collect_first(rate_hz)
         self.rate_hz = rate_hz or self._measured_hz()
         dropped += self.begin()
         assert reader.map is not None
-        self.unit: Unit = reader.map.unit_of_values if to_force is None else "N"
+        self.unit: Unit = "N" if reader.to_force else reader.map.unit_of_values
         self.n_channels = len(reader.map.channels)
         self.zero = reader.zero
         self._looked_ns = clock.now_ns()
@@ -322,11 +328,5 @@ class LineSource(Arrivals):
                 self.skipped.count(error.kind, shown)
                 continue
             if reading is not None:
-                self.waiting.append(self._in_force(reading))
+                self.waiting.append(reading)
         return bool(lines)
-
-    def _in_force(self, reading: SourceReading) -> SourceReading:
-        if self._to_force is None:
-            return reading
-        field_ut = reading.values.reshape(-1, 3)
-        return replace(reading, values=self._to_force(field_ut).reshape(-1))

@@ -369,12 +369,12 @@ def _lines(source: SourceUrl, opening: _Opening) -> Source:
         )
 
     rate_hz = options.rate_hz or (column_map.time.rate_hz if column_map else None)
-    reader = SampleReader(column_map, own_unit)
+    reader = SampleReader(column_map, own_unit, opening.to_force)
     feed = open_feed(source, "--source")
     opening.report(f"{feed.name}: waiting for the first samples")
     clock, report = opening.clock, opening.report
     try:
-        return LineSource(feed, reader, clock, report, rate_hz, opening.to_force)
+        return LineSource(feed, reader, clock, report, rate_hz)
     except BaseException:
         feed.close()
         raise

@@ -49,7 +49,7 @@ def text_of(k: int, **more: Any) -> bytes:
     return json.dumps(fields | {"n": k} | more).encode()
 
 
-class ScriptedFeed:
+class ScriptedFeed(StreamFeed):
     """Line k is sent at (k + 0.5) periods and arrives after late_ns(k); None: never. The feed ends
     after `ends` lines."""
 
@@ -210,8 +210,8 @@ def test_the_end_of_the_lines_is_a_sentence_and_the_end() -> None:
 def test_a_calibration_turns_a_field_into_a_force() -> None:
     clock = VirtualClock()
     feed = ScriptedFeed(clock)
-    reader = SampleReader(unit="uT")
-    source = LineSource(feed, reader, clock, print, RATE_HZ, lambda field: 2.0 * field)
+    reader = SampleReader(unit="uT", to_force=lambda field: 2.0 * field)
+    source = LineSource(feed, reader, clock, print, RATE_HZ)
     assert source.unit == "N"
     assert read(source).values[0] == 2.0 * json.loads(feed.line(0))["X1"]
 

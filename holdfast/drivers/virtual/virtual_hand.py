@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -32,26 +31,6 @@ FORCE_N_PER_UT = np.diag(
     [5.476783541909617e-4, 5.476783541909616e-4, 9.877272411937602e-4]
 )
 """The calibration of these sensors: the linear map that the simulation's magnet is fitted with."""
-
-
-class Target(Protocol):
-    """Something with an address on a wire."""
-
-    def addressed(self, address: int, *, read: bool) -> bool:
-        """After a START: whether it acknowledges."""
-        ...
-
-    def write(self, byte: int) -> bool:
-        """A byte from the master; whether it is acknowledged."""
-        ...
-
-    def read(self) -> int:
-        """The next byte for the master."""
-        ...
-
-    def stop(self) -> None:
-        """STOP was seen."""
-        ...
 
 
 class Noise:
@@ -233,6 +212,14 @@ class Mux:
         for number, channel in enumerate(self.channels):
             if control >> number & 1:
                 self._enabled += channel
+
+
+Target = Chip | Mux
+"""Something with an address on a wire.
+
+`addressed` after a START says whether it acknowledges, `write` whether it acknowledges a byte of
+the master, `read` gives the next byte for the master, and `stop` tells it of a STOP.
+"""
 
 
 @dataclass(frozen=True)
