@@ -14,7 +14,6 @@ from typing import Any
 
 from holdfast.core.errors import (
     AccessDenied,
-    DeviceError,
     DeviceLost,
     DeviceNotFound,
     UsageError,
@@ -145,16 +144,17 @@ def open_port(path: str, baud: int = DEFAULT_BAUD) -> Any:
             f"baud={baud} cannot be set here ({error})", next_step="baud=115200"
         ) from None
     except OSError as error:
-        raise _named(path, error) from None
-
-
-def _named(path: str, error: OSError) -> DeviceError:
-    where = f"serial://{path}"
-    what = str(error)
-    # pyserial raises an OSError of its own, with the number
-    if error.errno == errno.EACCES:
-        return AccessDenied(
-            what, where=where, next_step="join the group of the port (dialout)"
-        )
-    cause = "no such port, or not a serial one"
-    return DeviceNotFound(what, where=where, cause=cause, next_step="ls /dev/tty*")
+        where = f"serial://{path}"
+        # pyserial raises an OSError of its own, with the number
+        if error.errno == errno.EACCES:
+            raise AccessDenied(
+                str(error),
+                where=where,
+                next_step="join the group of the port (dialout)",
+            ) from None
+        raise DeviceNotFound(
+            str(error),
+            where=where,
+            cause="no such port, or not a serial one",
+            next_step="ls /dev/tty*",
+        ) from None

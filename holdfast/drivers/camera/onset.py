@@ -326,13 +326,11 @@ def _frames_to_fit(
 ) -> tuple[int, int]:
     """First and last + 1 of the frames of the fit."""
     begin = int(np.searchsorted(t_s, t_s[first] - REST_S))
-    stop = min(first + FIT_FRAMES, len(t_s))
-    limit_mm = FIT_THRESHOLDS * threshold_mm
-    while stop < len(t_s) and along_mm[stop] <= limit_mm:
-        if t_s[stop] - t_s[first] >= REST_S:
-            break
-        stop += 1
-
+    is_near = along_mm <= FIT_THRESHOLDS * threshold_mm
+    is_near &= t_s - t_s[first] < REST_S
+    is_near[: first + FIT_FRAMES] = True
+    # the first frame that is not, or the end
+    stop = int(np.argmin(is_near)) or len(t_s)
     return begin, stop
 
 
