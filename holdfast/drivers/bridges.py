@@ -8,7 +8,6 @@ from typing import Any
 from holdfast.core.errors import UsageError
 from holdfast.drivers.bus import BRIDGE, Bus
 
-MOST_DIGITS = 9
 BUS_HZ = 400_000
 
 
@@ -24,7 +23,7 @@ def open_bus(scheme: str, name: str, *, number: int = 0, bus_hz: int = BUS_HZ) -
         from holdfast.drivers.usb import real_backend
 
         return Ft232h(real_backend(), number=number, bus_hz=bus_hz)
-    if not name.isdecimal() or len(name) > MOST_DIGITS:
+    if not name.isdecimal():
         raise UsageError(
             f"i2c://{name}: not a bus number", next_step="i2c://1 means /dev/i2c-1"
         )

@@ -62,7 +62,7 @@ class Register:
         return byte >> low & (1 << bits) - 1
 
 
-# Of the fields only those that the driver sets or reads.
+# Of the fields only those that the driver or the emulation uses.
 REGISTERS: dict[str, Register] = {
     "DEVICE_CONFIG_1": Register(
         0x00,
@@ -227,7 +227,5 @@ def packet(data: bytes) -> Packet:
     >>> packet(bytes([0x40, 0, 0xFF, 0xFF, 0, 1, 0xB1])).raw
     (16384, -1, 1)
     """
-    if len(data) != PACKET_BYTES:
-        raise ValueError(f"{len(data)} bytes, not {PACKET_BYTES}")
     x, y, z, status = LAYOUT.unpack(data)
     return Packet((x, y, z), status)
