@@ -126,7 +126,12 @@ def unit_of(units: Sequence[str], where: str) -> Unit:
 
 
 class LslInlet:
-    """An opened stream. Raises DeviceNotFound where none has this name."""
+    """An opened stream. Raises DeviceNotFound where none has this name.
+
+    ended: it cannot come back.
+    """
+
+    ended = False
 
     def __init__(self, name: str) -> None:
         found = pylsl.resolve_byprop("name", name, 1, FIND_S)
@@ -176,6 +181,25 @@ class LslInlet:
         """Now, on this machine's LSL clock."""
         return float(pylsl.local_clock())
 
+    def begin(self, now_ns: Callable[[], int], report: Callable[[str], object]) -> None:
+        """From here on `stamped` is on the run's clock; report: receives a line at the end."""
+        self._report = report
+        # both clocks are monotonic, so one difference holds for the whole run
+        self._offset_ns = now_ns() - round(1e9 * self.clock_s())
+
+    def stamped(self, timeout_s: float) -> list[tuple[int, list[Any]]]:
+        """(stamp in ns, values) of all that came, oldest first; nothing after the end."""
+        if self.ended:
+            return []
+        try:
+            pairs = self.pull(timeout_s)
+        except DeviceLost:
+            name = self.facts.name
+            self._report(f"lsl://{name}: the stream ended; it is unknown from here")
+            self.ended = True
+            return []
+        return [(round(1e9 * at_s) + self._offset_ns, values) for at_s, values in pairs]
+
     def close(self) -> None:
         """Stop receiving."""
         self._inlet.close_stream()
@@ -193,35 +217,6 @@ def _facts(info: Any) -> StreamFacts:
         tuple(label or "" for label in labels),
         tuple(unit or "" for unit in units),
     )
-
-
-class _Stamped:
-    """An inlet whose stamps are on the run's clock, and whose end is reported once."""
-
-    def __init__(
-        self,
-        inlet: LslInlet,
-        now_ns: Callable[[], int],
-        report: Callable[[str], object],
-    ) -> None:
-        self.inlet = inlet
-        self.ended = False
-        self._report = report
-        # both clocks are monotonic, so one difference holds for the whole run
-        self._offset_ns = now_ns() - round(1e9 * inlet.clock_s())
-
-    def pull(self, timeout_s: float) -> list[tuple[int, list[Any]]]:
-        """(stamp in ns, values) of all that came, oldest first; nothing after the end."""
-        if self.ended:
-            return []
-        try:
-            pairs = self.inlet.pull(timeout_s)
-        except DeviceLost:
-            name = self.inlet.facts.name
-            self._report(f"lsl://{name}: the stream ended; it is unknown from here")
-            self.ended = True
-            return []
-        return [(round(1e9 * at_s) + self._offset_ns, values) for at_s, values in pairs]
 
 
 class LslSource(Arrivals):
@@ -242,7 +237,8 @@ class LslSource(Arrivals):
         facts = inlet.facts
         where = f"lsl://{facts.name}"
         super().__init__(where, clock, report)
-        self._stream = _Stamped(inlet, clock.now_ns, report)
+        self._inlet = inlet
+        inlet.begin(clock.now_ns, report)
         self._order = order_of(() if facts.is_text else facts.labels, where)
         self.n_channels = len(self._order)
         self.unit: Unit = unit or unit_of(facts.units, where)
@@ -262,15 +258,15 @@ class LslSource(Arrivals):
 
     def collect(self, timeout_s: float) -> None:
         """Take what has come; wait at most so long for the first of it."""
-        for t_ns, values in self._stream.pull(timeout_s):
+        for t_ns, values in self._inlet.stamped(timeout_s):
             self.waiting.append(self._reading(t_ns, values))
-        if self._stream.ended:
+        if self._inlet.ended:
             # the loop goes on at its pace, and its state is unknown
             self.clock.wait_until(self.clock.now_ns() + round(1e9 * timeout_s))
 
     def close(self) -> None:
         """Stop receiving."""
-        self._stream.inlet.close()
+        self._inlet.close()
 
     def _reading(self, t_ns: int, values: list[float]) -> SourceReading:
         now_ns = self.clock.now_ns()
@@ -292,16 +288,16 @@ class LslIntent:
         now_ns: Callable[[], int],
         report: Callable[[str], object],
     ) -> None:
-        self._stream = _Stamped(inlet, now_ns, report)
+        self._inlet = inlet
+        inlet.begin(now_ns, report)
         self._now_ns = now_ns
-        self._is_text = inlet.facts.is_text
         self._skipped = Skipped("wearer", report, now_ns)
 
     def __call__(self) -> list[Intent]:
         """What came; the newest stamp is not in the future."""
         items = []
-        for t_ns, values in self._stream.pull(0.0):
-            wants = values[0] if self._is_text else ""
+        for t_ns, values in self._inlet.stamped(0.0):
+            wants = values[0] if self._inlet.facts.is_text else ""
             try:
                 items.append(intent_of(wants, min(t_ns, self._now_ns())))
             except ValueError as error:

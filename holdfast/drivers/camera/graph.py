@@ -10,10 +10,12 @@ could not be written raises no error, so it is read again.
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from datetime import timedelta
 from importlib import import_module
 from importlib.metadata import version
@@ -51,7 +53,7 @@ OAK = "oak"
 OAK_SIZE = (640, 400)
 """One core cannot write lossless video of more pixels at 60 frames a second."""
 OAK_ISO = 800
-QUEUE = 4
+QUEUE, ANSWERS = 4, 30
 PUT_POLL_S = 0.001
 LONGEST_WAIT_S = 10.0
 LOSSLESS_LAST = 20
@@ -80,10 +82,8 @@ THREADS = 1
 
 On a busy machine two threads take 10 times as long.
 """
-ANSWERS = 30
 LIVE_WAIT_S = 0.1
-EMPTY_POLLS = 6
-POLL_S = 0.01
+EMPTY_POLLS, POLL_S = 6, 0.01
 
 
 def load_depthai() -> Any:
@@ -101,6 +101,7 @@ def load_depthai() -> Any:
 # -- where frames come from
 
 
+@dataclass
 class Stored:
     """Frames from disk (read_frames) or from an iterable, through a pipeline without a device.
 
@@ -108,11 +109,9 @@ class Stored:
     """
 
     last_lost = 0
-
-    def __init__(self, name: str, lens: Lens, frames: Iterable[Frame]) -> None:
-        self.name = name
-        self.lens = lens
-        self.frames = frames
+    name: str
+    lens: Lens
+    frames: Iterable[Frame]
 
     def open(self, dai: Any) -> Any:
         """A pipeline that has no device and looks for none."""
@@ -141,6 +140,7 @@ class Stored:
         """Nothing is open."""
 
 
+@dataclass
 class Oak:
     """An OAK camera on USB, global shutter, fixed exposure, stamps on this machine's clock.
 
@@ -150,10 +150,10 @@ class Oak:
     name = OAK
     last_lost = LOSSLESS_LAST
 
-    def __init__(self, lens: Lens, seconds: float | None = None) -> None:
-        self.lens = lens
-        self.seconds = float("inf") if seconds is None else seconds
-        self.device: Any = None
+    lens: Lens
+    seconds: float | None = None
+    """After them it ends, None: when it is stopped."""
+    device: Any = None
 
     def open(self, dai: Any) -> Any:
         """Open the first camera found. Raises CameraUnavailable."""
@@ -186,7 +186,7 @@ class Oak:
         )
         for one in inputs:
             output.link(one)
-        until_s = time.monotonic() + self.seconds
+        until_s = time.monotonic() + (self.seconds or math.inf)
         return lambda: time.monotonic() < until_s
 
     def close(self) -> None:
