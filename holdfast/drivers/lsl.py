@@ -266,6 +266,7 @@ class LslSource(Arrivals):
 
     def close(self) -> None:
         """Stop receiving."""
+        self.skipped.close()
         self._inlet.close()
 
     def _reading(self, t_ns: int, values: list[float]) -> SourceReading:
