@@ -93,8 +93,9 @@ class Effort:
 USUAL = Effort()
 
 
-def step_curve(trials: int = 60, seed: int = 0) -> list[StepError]:
+def step_curve() -> list[StepError]:
     """Error of the slip's time by step, against a reference of 25 us."""
+    trials, seed = 60, 0
     card = read_scene_file("thesis")
     card = replace(card, rows=tuple(row for row in card.rows if row.action in LOSSES))
     reference, _ = _slip_times_s(replace(card, step_s=REFERENCE_S), trials, seed)

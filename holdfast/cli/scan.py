@@ -23,13 +23,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Look at one bus, or at every bridge that is plugged in."""
     from holdfast.core.errors import DeviceNotFound
-    from holdfast.drivers.bridges import BRIDGES, bridges_on_usb
+    from holdfast.drivers.bridges import bridges_on_usb
 
     urls = [args.url] if args.url else bridges_on_usb()
     if not urls:
         raise DeviceNotFound(
             "no bridge on USB",
-            cause=f"none of {', '.join(BRIDGES)} is plugged in, or udev denies access",
+            cause="no ft232h is plugged in, or udev denies access",
             next_step="holdfast doctor; holdfast scan i2c://1 for the board's own bus",
         )
 

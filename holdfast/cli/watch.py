@@ -22,7 +22,7 @@ from holdfast.core.errors import TagError, UsageError, command
 from holdfast.sessions.onset import ACTIONS, GROSS_MM, doubt, read_motion, write_label
 
 if TYPE_CHECKING:
-    from holdfast.drivers.camera.sources import FrameSource
+    from holdfast.drivers.camera.graph import FrameSource
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -103,8 +103,8 @@ def _record(args: argparse.Namespace) -> int:
 
 def _source(args: argparse.Namespace) -> FrameSource:
     """The camera, or stored frames. Raises UsageError or a DataError."""
-    from holdfast.drivers.camera.recording import Lens
-    from holdfast.drivers.camera.sources import OAK, Oak, read_frames
+    from holdfast.drivers.camera.graph import OAK, Oak, Stored
+    from holdfast.drivers.camera.recording import Lens, read_frames
     from holdfast.sessions.camera import CameraOptions
 
     options = CameraOptions(args.camera, args.tag_mm, args.fps, args.exposure_ms)
@@ -113,7 +113,7 @@ def _source(args: argparse.Namespace) -> FrameSource:
         lens = Lens(**options.shooting(), clock="monotonic")
         return Oak(lens, args.seconds)
 
-    return read_frames(Path(args.camera))
+    return Stored(*read_frames(Path(args.camera)))
 
 
 def _label(args: argparse.Namespace) -> int:

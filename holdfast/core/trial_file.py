@@ -11,7 +11,7 @@ from __future__ import annotations
 import csv
 import re
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TextIO, TypeVar
@@ -59,7 +59,6 @@ ZEROS: tuple[Zero, ...] = ("first samples", "measured")
 """What the zero of such a file is, by the number in that column, from 1."""
 MIN_ROWS = 2
 LONGEST_S, LATEST_S = 1e6, 1e12
-LONGEST_TRIAL_S = 3600.0
 SLOWEST_HZ, FASTEST_HZ = 5.0, 5000.0
 """Of a hand: slip is not seen more slowly, and no such sensor is faster."""
 UNITS_OF_TIME_S = {
@@ -132,18 +131,13 @@ def line_of_row(row: int) -> str:
     return f"line {row + 2}"
 
 
-def implausible_rate(rate_hz: float, lasts_s: float = 0.0) -> str:
-    """What a rate and a length that no hand has look like; "" for those that one may have.
-
-    lasts_s: of the trial; more than an hour is looked into too, 0 for not.
+def implausible_rate(rate_hz: float) -> str:
+    """What a rate that no hand has looks like; "" for one that a hand may have.
 
     >>> implausible_rate(0.1)
     'runs at 0.1 Hz: looks like milliseconds (100 Hz)'
     """
     if SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
-        if lasts_s > LONGEST_TRIAL_S:
-            minutes = lasts_s / 60.0
-            return f"lasts {minutes:.1f} min: one trial is no longer than an hour"
         return ""
     runs = f"runs at {rate_hz:.4g} Hz"
     for unit, seconds in UNITS_OF_TIME_S.items():
@@ -160,33 +154,29 @@ def read_trial(path: str | Path) -> Trial:
     """
     path = Path(path)
     header = _header(path)
-    check_columns(header, path)
-    return trial_of(header, table_of(path, header, path), path)
-
-
-def trial_of(
-    header: list[str],
-    table: FloatArray,
-    path: Path,
-    row_name: Callable[[int], str] = line_of_row,
-) -> Trial:
-    """A trial of a table [T, len(header)]; path: what its errors name, with the names of rows.
-
-    Raises EmptyRecording, ColumnError or TimeError.
-    """
     n_sensors = check_columns(header, path)
-    require_rows(table, path)
-    # the counter of the recorder knows exactly what was lost; time alone only guesses
-    counted = table[:, header.index("sequence")] if "sequence" in header else None
-    seconds = SECONDS[TIME_COLUMNS[header[0]]]
-    t_s = _check_time(seconds * table[:, 0], path, row_name)
+    table = table_of(path, header, path)
+    if len(table) < MIN_ROWS:
+        raise EmptyRecording(
+            f"{count_of(len(table), 'row')} of data",
+            where=path,
+            cause="the recording stopped at once",
+            next_step="record it again",
+        )
+    t_s = _check_time(SECONDS[TIME_COLUMNS[header[0]]] * table[:, 0], path)
     raw = table[:, 1 : 1 + 3 * n_sensors]
-    trial = Trial(path, t_s, raw, _valid(table, header, n_sensors))
+    valid = np.ones((len(table), n_sensors), dtype=np.bool_)
+    # a sensor without such a column is valid
+    for k in range(n_sensors):
+        if f"valid{k + 1}" in header:
+            valid[:, k] = table[:, header.index(f"valid{k + 1}")] != 0.0
     zero, unit = prepared_by(dict(zip(header, table[0], strict=True)))
-    trial = replace(trial, zero=zero, unit=unit)
-    if counted is None:
-        return _with_lost_rows(trial, places_by_time(t_s))
-    return _with_lost_rows(trial, _places_by_sequence(counted, path))
+    trial = Trial(path, t_s, raw, valid, zero=zero, unit=unit)
+    # the counter of the recorder knows exactly what was lost; time alone only guesses
+    if "sequence" in header:
+        counted = table[:, header.index("sequence")]
+        return _with_lost_rows(trial, _places_by_sequence(counted, path))
+    return _with_lost_rows(trial, places_by_time(t_s))
 
 
 def prepared_by(row: Mapping[str, Any]) -> tuple[Zero | None, Unit | None]:
@@ -299,7 +289,7 @@ def table_of(lines: Path | TextIO, header: list[str], path: Path) -> FloatArray:
     """[T, columns] of numbers in lines below a header. Raises NotANumber or ColumnError."""
     try:
         with warnings.catch_warnings():
-            # numpy warns about a table without rows; require_rows says it better
+            # numpy warns about a table without rows; its reader says it better
             warnings.simplefilter("ignore", UserWarning)
             table = np.loadtxt(
                 lines,
@@ -315,17 +305,6 @@ def table_of(lines: Path | TextIO, header: list[str], path: Path) -> FloatArray:
     if table.size and table.shape[1] != len(header):
         raise _other_count(f"each line has {table.shape[1]} cells", header, path)
     return table
-
-
-def require_rows(table: FloatArray, path: Path) -> None:
-    """Raise EmptyRecording for a table with less than two rows."""
-    if len(table) < MIN_ROWS:
-        raise EmptyRecording(
-            f"{count_of(len(table), 'row')} of data",
-            where=path,
-            cause="the recording stopped at once",
-            next_step="record it again",
-        )
 
 
 def _bad_table(said: str, header: list[str], path: Path) -> NotANumber | ColumnError:
@@ -371,14 +350,12 @@ def _repair(path: Path, otherwise: str) -> str:
     return otherwise
 
 
-def _check_time(
-    time_s: FloatArray, path: Path, row_name: Callable[[int], str]
-) -> FloatArray:
+def _check_time(time_s: FloatArray, path: Path) -> FloatArray:
     """Time from zero, or a TimeError that names the row."""
     impossible = np.flatnonzero(~(np.abs(time_s) < LATEST_S))
     if len(impossible):
         raise TimeError(
-            f"{row_name(impossible[0])}: time is not finite, or impossibly large",
+            f"{line_of_row(impossible[0])}: time is not finite, or impossibly large",
             where=path,
             next_step="remove that line",
         )
@@ -388,7 +365,7 @@ def _check_time(
         at = backwards[0]
         word = f"runs backwards by {-steps[at]:.6g} s" if steps[at] else "stands still"
         raise TimeError(
-            f"{row_name(at + 1)}: time {word}",
+            f"{line_of_row(at + 1)}: time {word}",
             where=path,
             cause="the clock was set, or the file holds two recordings",
             next_step="split the file there",
@@ -402,13 +379,3 @@ def _check_time(
             next_step="give the column Time in seconds",
         )
     return from_zero
-
-
-def _valid(table: FloatArray, header: list[str], n_sensors: int) -> BoolArray:
-    """[T, S] from the columns valid1 .. validn; a sensor without one is valid."""
-    valid = np.ones((len(table), n_sensors), dtype=np.bool_)
-    for k in range(n_sensors):
-        name = f"valid{k + 1}"
-        if name in header:
-            valid[:, k] = table[:, header.index(name)] != 0.0
-    return valid

@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from holdfast.core.errors import UsageError
-from holdfast.drivers.bus import Bus
+from holdfast.drivers.bus import BRIDGE, Bus
 
-BRIDGES = ("ft232h",)
-"""Bridges on USB by name. Their modules are loaded late: pyusb takes time to load."""
-MOST_DIGITS = 9
 BUS_HZ = 400_000
 
 
 def open_bus(scheme: str, name: str, *, number: int = 0, bus_hz: int = BUS_HZ) -> Bus:
-    """A bus of this machine. scheme: "usb", with a name of BRIDGES, or "i2c" with a bus number.
+    """A bus of this machine. scheme: "usb", or "i2c" with a bus number as its name.
 
     number: which of several bridges on USB. bus_hz: ignored where the kernel decides. Raises a
     DeviceError or UsageError.
     """
     if scheme == "usb":
+        # late: pyusb takes time to load
         from holdfast.drivers.ft232h import Ft232h
         from holdfast.drivers.usb import real_backend
 
         return Ft232h(real_backend(), number=number, bus_hz=bus_hz)
-    if not name.isdecimal() or len(name) > MOST_DIGITS:
+    if not name.isdecimal():
         raise UsageError(
             f"i2c://{name}: not a bus number", next_step="i2c://1 means /dev/i2c-1"
         )
@@ -40,41 +37,18 @@ def bridges_on_usb() -> list[str]:
     """URLs of the bridges that are plugged in. Raises LibraryMissing, AccessDenied."""
     from holdfast.drivers.usb import find_usb, real_backend
 
-    backend = real_backend()
-    urls = []
-    for name in BRIDGES:
-        count = len(find_usb(ids_of(name), backend))
-        urls += [f"usb://{name}?number={k}" for k in range(count)]
-    return urls
+    found = enumerate(find_usb(real_backend()))
+    return [f"usb://{BRIDGE}?number={number}" for number, _ in found]
 
 
-def ids_of(name: str) -> Sequence[tuple[int, int]]:
-    """The USB ids of a bridge: (vendor, product), .."""
+def open_virtual(hand: Any, bus_hz: int = BUS_HZ) -> partial[Any]:
+    """What opens the driver on an emulated FT232H before a virtual hand, as often as called.
+
+    Its first argument is the bridge's backend, which counts traffic. It raises a DeviceError, as on
+    a real bridge.
+    """
     from holdfast.drivers.ft232h import Ft232h
-
-    return {Ft232h.name: Ft232h.ids}[name]
-
-
-@dataclass(frozen=True)
-class VirtualBridge:
-    """Opens a driver on an emulated bridge, as often as called; backend counts its traffic."""
-
-    backend: Any
-    bus_hz: int
-
-    def __call__(self) -> Bus:
-        """The driver, opened. Raises a DeviceError, as on a real bridge."""
-        from holdfast.drivers.ft232h import Ft232h
-
-        return Ft232h(self.backend, bus_hz=self.bus_hz)
-
-
-def open_virtual(name: str, hand: Any, bus_hz: int = BUS_HZ) -> VirtualBridge:
-    """An emulated bridge in front of a virtual hand. name: one of BRIDGES."""
     from holdfast.drivers.virtual.ft232h import VirtualFt232h
     from holdfast.drivers.virtual.usb_backend import VirtualBackend
 
-    backend = VirtualBackend(
-        VirtualFt232h(hand), hand.clock, hand.faults, hand.power_off
-    )
-    return VirtualBridge(backend, bus_hz)
+    return partial(Ft232h, VirtualBackend(VirtualFt232h(hand)), bus_hz=bus_hz)

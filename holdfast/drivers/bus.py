@@ -13,6 +13,8 @@ from typing import Protocol, TypeVar
 
 from holdfast.core.errors import BusStuck
 
+BRIDGE = "ft232h"
+"""The bridge on USB, as URLs and messages call it."""
 MOST_CLEARS = 9
 """One chip behind each of a mux's eight channels may hold SDA low, but only while it is enabled."""
 

@@ -11,7 +11,7 @@ import json
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -36,7 +36,6 @@ from holdfast.core.errors import (
 from holdfast.core.schema import read
 from holdfast.core.writing import write_whole
 
-File = TypeVar("File", "CalibrationFile", "BiasFile")
 TINY = np.finfo(np.float64).tiny
 MIN_BIAS_ROWS = 30
 LOST_SHARE = 0.05
@@ -150,47 +149,40 @@ def _named(which: BoolArray) -> str:
 
 
 @dataclass(frozen=True)
-class CalibrationOrigin:
-    """Where a calibration comes from.
+class Calibration:
+    """matrix_n_per_ut [S, 3, 3]; rest_ut [S, 3] the resting field; where they come from.
+
+    reversed [S]: whose magnet is upside down. The matrix is that of an upright magnet. A reversed
+    magnet has the field of the other sign on all three axes, and `apply` turns it. shear_gain:
+    ratio of shear and normal force as it is read at a light touch, over the true one; None where no
+    load has shown it.
 
     source: of the loads. date: as the caller gave it. load_unit: the unit in which the loads were
     read. n: rows fitted. residual_n: [S, 3] RMSE over the fitted rows; sensors under one load share
     the residual of that load.
     """
 
+    matrix_n_per_ut: FloatArray
+    rest_ut: FloatArray
+    reversed: BoolArray
     source: str
     date: str
     load_unit: str
     n: int
     residual_n: FloatArray
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """matrix [S, 3, 3] N/uT; rest_ut [S, 3] the resting field.
-
-    reversed [S]: whose magnet is upside down. The matrix is that of an upright magnet. A reversed
-    magnet has the field of the other sign on all three axes, and `apply` turns it. shear_gain:
-    ratio of shear and normal force as it is read at a light touch, over the true one; None where no
-    load has shown it.
-    """
-
-    matrix: FloatArray
-    rest_ut: FloatArray
-    reversed: BoolArray
-    meta: CalibrationOrigin
     shear_gain: float | None = None
 
     def apply(self, field_ut: FloatArray) -> FloatArray:
         """[.., S, 3] uT -> [.., S, 3] N; a nan makes its whole sensor nan. Raises ChannelError."""
-        if field_ut.shape[-2:] != self.matrix.shape[:2]:
+        n_sensors = len(self.matrix_n_per_ut)
+        if field_ut.shape[-2:] != (n_sensors, 3):
             raise ChannelError(
-                f"a field of shape {list(field_ut.shape)} for {len(self.matrix)} sensors",
+                f"a field of shape {list(field_ut.shape)} for {n_sensors} sensors",
                 cause="the calibration is of another hand",
-                next_step=f"use fields [.., {len(self.matrix)}, 3], or calibrate this hand",
+                next_step=f"use fields [.., {n_sensors}, 3], or calibrate this hand",
             )
         moved = turn(self.reversed) * (field_ut - self.rest_ut)
-        force: FloatArray = np.einsum("sij,...sj->...si", self.matrix, moved)
+        force: FloatArray = np.einsum("sij,...sj->...si", self.matrix_n_per_ut, moved)
         return force
 
 
@@ -207,7 +199,7 @@ Vector = tuple[float, float, float]
 class CalibrationFile(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 ):
-    """A calibration as its file has it."""
+    """A calibration as its file has it: its fields, lists in place of arrays."""
 
     format: Literal[1]
     kind: Literal["calibration"]
@@ -248,35 +240,17 @@ def _is_singular(matrix: FloatArray) -> bool:
 
 def write_calibration(path: str | Path, calibration: Calibration) -> Path:
     """As JSON with all digits; OutputError where that cannot be done."""
-    meta = calibration.meta
-    content = {
-        "format": 1,
-        "kind": "calibration",
-        "matrix_n_per_ut": calibration.matrix.tolist(),
-        "rest_ut": calibration.rest_ut.tolist(),
-        "reversed": calibration.reversed.tolist(),
-        "shear_gain": calibration.shear_gain,
-        "source": meta.source,
-        "date": meta.date,
-        "load_unit": meta.load_unit,
-        "n": meta.n,
-        "residual_n": meta.residual_n.tolist(),
-    }
-    return _write(path, content)
+    return _write(path, "calibration", calibration)
 
 
 def read_calibration(path: str | Path) -> Calibration:
     """Read and check a calibration. Raises DataNotFound, DataError."""
     file = _read(Path(path), CalibrationFile, "write one with holdfast calibrate")
-    rest = np.array(file.rest_ut)
-    residual = np.array(file.residual_n)
-    meta = CalibrationOrigin(file.source, file.date, file.load_unit, file.n, residual)
-    matrix = np.array(file.matrix_n_per_ut)
-    return Calibration(matrix, rest, np.array(file.reversed), meta, file.shear_gain)
+    return Calibration(**file)
 
 
 class BiasFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A bias as its file has it."""
+    """A bias as its file has it: its fields, lists in place of arrays."""
 
     format: Literal[1]
     kind: Literal["bias"]
@@ -296,35 +270,35 @@ class BiasFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             )
 
 
-def bias_json(bias: Bias) -> Json:
-    """A bias with all digits."""
-    return {
-        "values": bias.values.tolist(),
-        "spread": bias.spread.tolist(),
-        "n": bias.n,
-        "unit": bias.unit,
-        "reversed": bias.reversed.tolist(),
-    }
+def fields_of(content: Bias | Calibration) -> Json:
+    """Its fields with all digits, arrays as lists."""
+    fields: Json = msgspec.to_builtins(content, enc_hook=np.ndarray.tolist)
+    return fields
 
 
 def write_bias(path: str | Path, bias: Bias) -> Path:
     """As JSON; OutputError where that cannot be done."""
-    return _write(path, {"format": 1, "kind": "bias", **bias_json(bias)})
+    return _write(path, "bias", bias)
 
 
 def read_bias(path: str | Path) -> Bias:
     """Read and check a bias. Raises DataNotFound, DataError."""
-    file = _read(Path(path), BiasFile, "take one with holdfast bias")
-    values, spread = np.array(file.values), np.array(file.spread)
-    return Bias(values, spread, file.n, file.unit, np.array(file.reversed))
+    return Bias(**_read(Path(path), BiasFile, "take one with holdfast bias"))
 
 
-def _write(path: str | Path, content: Json) -> Path:
-    return write_whole(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+def _write(path: str | Path, kind: str, content: Bias | Calibration) -> Path:
+    file = {"format": 1, "kind": kind, **fields_of(content)}
+    return write_whole(path, json.dumps(file, indent=1, allow_nan=False) + "\n")
 
 
-def _read(path: Path, kind: type[File], next_step: str) -> File:
+def _read(path: Path, kind: type[msgspec.Struct], next_step: str) -> Json:
+    """The fields of a file, lists as arrays."""
     try:
-        return read(path, kind, DataError)
+        file = msgspec.structs.asdict(read(path, kind, DataError))
     except FileNotFoundError:
         raise DataNotFound("no such file", where=path, next_step=next_step) from None
+    del file["format"], file["kind"]
+    for name, value in file.items():
+        if isinstance(value, list):
+            file[name] = np.array(value)
+    return file

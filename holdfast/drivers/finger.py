@@ -40,58 +40,40 @@ def bring_up(bus: Bus, finger: Finger, setup: Setup, pause: Pause) -> int:
     Raises DeviceNotFound where nothing answers, WrongDevice for another chip or one that does not
     keep its configuration, and what the bridge raises.
     """
-    address = finger.address
-    registers = dict(setup.registers())
-    version = identify(bus, address, pause)
-    _configure(bus, address, registers)
+    version = identify(bus, finger.address, pause)
+    _configure(bus, finger.address, dict(setup.registers()))
     return version
 
 
 def identify(bus: Bus, address: int, pause: Pause) -> int:
     """Wake the chip, check that it is a TMAG5273, return its version. Nothing is written to it.
 
-    Raises DeviceNotFound, WrongDevice.
+    A sleeping chip does not acknowledge the read that wakes it. Raises DeviceNotFound, WrongDevice.
     """
-    answer = _identity(bus, address, pause)
-    version = _version(answer)
-    if version is None:
-        maker = int.from_bytes(answer[2:4], "little")
-        raise WrongDevice(
-            f"maker {maker:#06x}, version {answer[1] & 3}: no TMAG5273",
-            where=f"{address:#04x}",
-            cause="another chip, two chips at one address, or a chip that another program left "
-            "in 1-byte mode",
-            next_step="holdfast scan lists the chips; or switch the sensor's power off and on",
-        )
-
-    return version
-
-
-def _identity(bus: Bus, address: int, pause: Pause) -> bytes:
-    """Four registers from I2C_ADDRESS on.
-
-    A sleeping chip does not acknowledge the read that wakes it.
-    """
-    ask = Transfer(address, bytes([IDENTITY]), 4)
-    reply = bus.scan([ask])[0]
+    # four registers from I2C_ADDRESS on
+    ask = [Transfer(address, bytes([IDENTITY]), 4)]
+    (reply,) = bus.scan(ask)
     if not reply.acked:
         # the first read may have woken it
         pause(WAKE_S)
-        reply = bus.scan([ask])[0]
+        (reply,) = bus.scan(ask)
     if not reply.acked:
         raise DeviceNotFound(
             "does not answer",
             where=f"{address:#04x}",
             cause="no power, or a broken wire",
         )
-    return reply.data
-
-
-def _version(identity: bytes) -> int | None:
-    """1 or 2 for a TMAG5273, None for another chip."""
-    maker = int.from_bytes(identity[2:4], "little")
-    version = identity[1] & 3
-    return version if maker == MANUFACTURER_ID and version in RANGES_MT else None
+    maker = int.from_bytes(reply.data[2:4], "little")
+    version = reply.data[1] & 3
+    if maker != MANUFACTURER_ID or version not in RANGES_MT:
+        raise WrongDevice(
+            f"maker {maker:#06x}, version {version}: no TMAG5273",
+            where=f"{address:#04x}",
+            cause="another chip, two chips at one address, or a chip that another program left "
+            "in 1-byte mode",
+            next_step="holdfast scan lists the chips; or switch the sensor's power off and on",
+        )
+    return version
 
 
 def _configure(bus: Bus, address: int, registers: dict[int, int]) -> None:
@@ -168,13 +150,11 @@ class FingerState:
         """Whether the reason of an invalid reading calls for a bring-up."""
         return self.nacks >= NACKS_TO_BRING_UP or why in REINIT_REASONS
 
-    def judge(self, reply: Reply | None, came_ns: int) -> tuple[Packet | None, str]:
+    def judge(self, reply: Reply, came_ns: int) -> tuple[Packet | None, str]:
         """The reply's packet, and one word for why it is not valid ("" where it is).
 
-        reply: None where the finger was not read. came_ns: when it came.
+        came_ns: when it came.
         """
-        if reply is None:
-            return None, "missing"
         if not reply.acked or len(reply.data) != self.transfer.read:
             self.nacks += 1
             self._missed = True

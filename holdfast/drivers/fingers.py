@@ -15,19 +15,18 @@ fingers.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.errors import DeviceError, DeviceNotFound, WrongDevice
+from holdfast.core.source import SourceReading
 from holdfast.drivers.bus import Bus, Reply, Transfer
 from holdfast.drivers.finger import (
     TRY_AGAIN_NS,
     FingerState,
     bring_up,
 )
-from holdfast.drivers.layout import Finger, ScanPlan, ScanPlanner, is_mux, plain_read
+from holdfast.drivers.layout import Finger, ScanPlanner, is_mux, plain_read
 from holdfast.drivers.tmag5273 import (
     Setup,
     conversion_s,
@@ -44,22 +43,8 @@ DOUBTS = frozenset({"nack", "garbage", "reset", "mux"})
 NO_READING = (np.nan, np.nan, np.nan)
 
 
-@dataclass(frozen=True)
-class Reading:
-    """One scan: field_ut [S, 3] (NaN where nothing came), valid [S], why [S] ("" where valid)."""
-
-    t_ns: int
-    field_ut: FloatArray
-    valid: BoolArray
-    why: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class ScanReplies:
-    """A reply for each finger, None where it was not read; unswitched: fingers whose mux failed."""
-
-    replies: list[Reply | None]
-    unswitched: set[int]
+Answer = Reply | str
+"""Of a finger: its reply, or one word for why there is none."""
 
 
 class Fingers:
@@ -151,7 +136,7 @@ class Fingers:
 
         self._pause(conversion)
 
-    def repair(self, bus: Bus, reading: Reading) -> None:
+    def repair(self, bus: Bus, reading: SourceReading) -> None:
         """Bring up the finger that has waited longest; only one, so the others stay on time."""
         # (when it was last tried, finger) of those that need a bring-up now
         due: list[tuple[int, int]] = []
@@ -220,51 +205,49 @@ class Fingers:
 
     # -- scans
 
-    def scan(self, bus: Bus) -> ScanReplies:
+    def scan(self, bus: Bus) -> list[Answer]:
         """Read each finger that is ready. Raises a DeviceError where bridge or bus fails."""
         reads = [state.transfer if state.ready else None for state in self._states]
         doubtful = self._now_ns() < self._doubtful_until_ns
         plan = self._planner.plan(reads, doubtful=doubtful)
         try:
-            answers = bus.scan(plan.transfers)
+            replies = bus.scan(plan.transfers)
         except DeviceError:
             self.forget_masks()
             raise
 
-        return self._sort(plan, answers)
-
-    def _sort(self, plan: ScanPlan, answers: Sequence[Reply]) -> ScanReplies:
-        """The answers to a plan by finger, and the fingers whose mux did not switch."""
-        replies: list[Reply | None] = [None] * len(self._states)
-        unswitched: set[int] = set()
+        answers: list[Answer] = ["missing"] * len(self._states)
+        switched = True
         for group in plan.groups:
             # after one failed switch the masks of all later groups are in doubt
-            if unswitched or not group.switched(answers):
+            switched = switched and group.switched(replies)
+            if not switched:
                 self.forget_masks()
-                unswitched |= group.fingers.keys()
             for k, place in group.fingers.items():
-                replies[k] = answers[place]
+                answers[k] = replies[place] if switched else "mux"
 
-        return ScanReplies(replies, unswitched)
+        return answers
 
-    def judge(self, t_ns: int, scanned: ScanReplies) -> Reading:
-        """What the replies to a scan that began at t_ns say."""
+    def judge(self, t_ns: int, answers: Sequence[Answer]) -> SourceReading:
+        """What the replies to a scan that began at t_ns say, in uT; nan where nothing came."""
         # the time of arrival, not of the request: the machine can stall in between
         came_ns = self._now_ns()
         raw: list[tuple[float, float, float]] = []
         why: list[str] = []
-        for k, state in enumerate(self._states):
-            found = None
-            word = "mux"
-            if k not in scanned.unswitched:
-                found, word = state.judge(scanned.replies[k], came_ns)
+        for state, answer in zip(self._states, answers, strict=True):
+            if isinstance(answer, str):
+                raw.append(NO_READING)
+                why.append(answer)
+                continue
+            found, word = state.judge(answer, came_ns)
             raw.append(NO_READING if found is None else found.raw)
             why.append(word)
 
         if not DOUBTS.isdisjoint(why):
             self._doubtful_until_ns = came_ns + DOUBT_NS
         valid = np.array([not word for word in why])
-        return Reading(t_ns, field_ut(raw, self._range_mt), valid, tuple(why))
+        values = field_ut(raw, self._range_mt).reshape(-1)
+        return SourceReading(t_ns, values, valid, tuple(why))
 
 
 def _no_mux(mux: int, *, another_chip: bool) -> DeviceError:

@@ -14,7 +14,7 @@ from functools import lru_cache
 from typing import Any
 
 from holdfast.core.errors import BusStuck, TransferFailed, UsageError
-from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
+from holdfast.drivers.bus import BRIDGE, NOT_ACKED, Reply, Transfer
 from holdfast.drivers.usb import UsbPort
 
 OUT_ENDPOINT = 0x02
@@ -87,8 +87,7 @@ class Ft232h:
     SDA is not wired.
     """
 
-    name = "ft232h"
-    ids = ((0x0403, 0x6014),)
+    name = BRIDGE
 
     def __init__(self, backend: Any, *, number: int = 0, bus_hz: int = 400_000) -> None:
         if not SLOWEST_HZ <= bus_hz <= FASTEST_HZ:
@@ -100,7 +99,7 @@ class Ft232h:
         self._divider = round(MASTER_HZ / (3 * bus_hz)) - 1
         self._turn = 0
         self._doubtful = True
-        self._port = UsbPort(self.name, self.ids, backend, number=number)
+        self._port = UsbPort(backend, number=number)
         # a bridge that does not get ready must not keep its interface
         try:
             self._begin()

@@ -10,12 +10,13 @@ read on (the recovery ladder):
                   is gone from USB, or another program has it: the driver looks for it until it is
                   back
 
-A hand as a live source: what the fingers read, in uT or, calibrated, in N.
+It is a live source: what the fingers read, in uT or, calibrated, in N.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from holdfast.core.errors import BusStuck, DeviceError, TransferFailed
 from holdfast.core.source import SourceReading
 from holdfast.drivers.bus import Bus, freeing
 from holdfast.drivers.finger import TRY_AGAIN_NS
-from holdfast.drivers.fingers import Fingers, Reading
+from holdfast.drivers.fingers import Fingers
 from holdfast.drivers.layout import LAYOUTS, Finger
 from holdfast.drivers.tmag5273 import Setup
 
@@ -32,9 +33,10 @@ FAILURES_TO_REOPEN = 3
 
 
 class Hand:
-    """Fingers behind a bridge that open_bus opens.
+    """Fingers behind a bridge that open_bus opens, as a live source.
 
     now_ns, pause (s): the clock. say: receives one line for each failure and each recovery.
+    to_force: from a field [S, 3] in uT to a force [S, 3] in N, or None to read the field.
 
     start raises what keeps every finger from being read. After that nothing is raised: each reading
     says what is wrong.
@@ -49,7 +51,14 @@ class Hand:
         now_ns: Callable[[], int],
         pause: Callable[[float], None],
         say: Callable[[str], None] = lambda line: None,
+        to_force: Callable[[FloatArray], FloatArray] | None = None,
     ) -> None:
+        self.unit: Unit = "uT" if to_force is None else "N"
+        self.n_channels = 3 * len(fingers)
+        self.rate_hz: float | None = None
+        self.began_ns: int | None = None
+        """Of a virtual hand: when its scene began."""
+        self._to_force = to_force
         self.fingers = tuple(fingers)
         self.setup = setup or Setup()
         self._open_bus = open_bus
@@ -78,7 +87,7 @@ class Hand:
             self.close()
             raise
 
-    def read(self) -> Reading:
+    def read(self) -> SourceReading:
         """One scan. What fails is in the reading, and its repair has begun."""
         t_ns = self._now_ns()
         bus = self._bus or self._look_for_bridge(t_ns)
@@ -103,7 +112,10 @@ class Hand:
         # after the judgement, so that a repair never delays this reading's time
         self._driven.repair(bus, reading)
         self._report_changes(reading.why)
-        return reading
+        if self._to_force is None:
+            return reading
+        force_n = self._to_force(reading.values.reshape(-1, 3))
+        return replace(reading, values=force_n.reshape(-1))
 
     def about(self) -> dict[str, object]:
         """What is known of the hand: its bridge, its fingers, and how they convert.
@@ -126,7 +138,7 @@ class Hand:
 
     # -- the recovery ladder
 
-    def _free(self, bus: Bus, t_ns: int, error: DeviceError) -> Reading:
+    def _free(self, bus: Bus, t_ns: int, error: DeviceError) -> SourceReading:
         """Send nine clocks; where they do not help, close the bridge and open it again."""
         self._complain(error)
         try:
@@ -135,7 +147,7 @@ class Hand:
             return self._give_up(t_ns, worse)
         return self._no_reading(t_ns, "stuck")
 
-    def _give_up(self, t_ns: int, error: DeviceError) -> Reading:
+    def _give_up(self, t_ns: int, error: DeviceError) -> SourceReading:
         """Close the bridge; the next readings look for it."""
         self._complain(error)
         self.close()
@@ -157,16 +169,16 @@ class Hand:
         self._say(f"{bus.name}: back")
         return bus
 
-    def _no_reading(self, t_ns: int, why: str) -> Reading:
+    def _no_reading(self, t_ns: int, why: str) -> SourceReading:
         """A reading without values, for one reason that holds for all fingers."""
         # what arrived at the muxes is unknown
         self._driven.forget_masks()
         count = len(self.fingers)
-        nothing = np.full((count, 3), np.nan)
+        nothing = np.full(self.n_channels, np.nan)
         none_valid = np.zeros(count, dtype=np.bool_)
         reasons = (why,) * count
         self._report_changes(reasons)
-        return Reading(t_ns, nothing, none_valid, reasons)
+        return SourceReading(t_ns, nothing, none_valid, reasons)
 
     def _complain(self, error: DeviceError) -> None:
         """Report what is wrong with bus or bridge, once until a scan has gone well."""
@@ -181,38 +193,3 @@ class Hand:
             if before != now:
                 self._say(f"finger {k}: {now or 'good again'}")
         self._last_why = why
-
-
-class LiveHand:
-    """A started hand as a live source.
-
-    to_force: from a field [S, 3] in uT to a force [S, 3] in N, or None to read the field.
-    """
-
-    def __init__(
-        self, hand: Hand, to_force: Callable[[FloatArray], FloatArray] | None = None
-    ) -> None:
-        self._hand = hand
-        self._to_force = to_force
-        self.unit: Unit = "uT" if to_force is None else "N"
-        self.n_channels = 3 * len(hand.fingers)
-        self.rate_hz: float | None = None
-        self.began_ns: int | None = None
-        """Of a virtual hand: when its scene began."""
-
-    def read(self) -> SourceReading:
-        """One scan."""
-        reading = self._hand.read()
-        values = reading.field_ut
-        if self._to_force is not None:
-            values = self._to_force(values)
-        channels = values.reshape(-1)
-        return SourceReading(reading.t_ns, channels, reading.valid, reading.why)
-
-    def about(self) -> dict[str, object]:
-        """What is known of the hand itself."""
-        return self._hand.about()
-
-    def close(self) -> None:
-        """Give the bridge back."""
-        self._hand.close()

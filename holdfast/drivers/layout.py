@@ -16,6 +16,7 @@ again. No chip with registers holds its own register numbers.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -64,6 +65,13 @@ LAYOUTS: dict[str, tuple[Finger, ...]] = {
     "mux6": tuple(Finger(0x35, channel) for channel in range(6)),
 }
 """"mux": four fingers on one channel, two on another. "mux6": one a channel."""
+MUX = "(?P<mux>7[0-7])"
+NAMED = re.compile(f"(?P<name>{'|'.join(LAYOUTS)})(@{MUX})?")
+PLACE = re.compile(
+    f"(({MUX}/)?(?P<channel>[0-7]):)?(?P<address>0?[89a-f]|[1-7][0-9a-f])",
+    re.IGNORECASE,
+)
+"""One place of a layout: mux and address are hexadecimal."""
 
 
 def read_layout(text: str) -> tuple[Finger, ...]:
@@ -74,23 +82,28 @@ def read_layout(text: str) -> tuple[Finger, ...]:
     >>> read_layout("mux@71")[5]
     Finger(address=34, channel=1, mux=113)
     """
-    name, at, mux = text.partition("@")
-    try:
-        if name in LAYOUTS and at:
-            address = _hex_within(mux, MUX_ADDRESSES)
-            return tuple(replace(one, mux=address) for one in LAYOUTS[name])
-        if name in LAYOUTS:
-            return LAYOUTS[name]
-        fingers = tuple(_finger(place) for place in text.split(","))
-    except ValueError:
+    if named := NAMED.fullmatch(text):
+        mux = _address(named["mux"])
+        return tuple(replace(one, mux=mux) for one in LAYOUTS[named["name"]])
+    places = list(map(PLACE.fullmatch, text.split(",")))
+    fingers = []
+    for place in filter(None, places):
+        channel = int(place["channel"]) if place["channel"] else None
+        address = int(place["address"], 16)
+        fingers.append(Finger(address, channel, _address(place["mux"])))
+    if len(fingers) < len(places):
         raise UsageError(
             f"{text!r} is not a layout",
             next_step=f"choose {', '.join(LAYOUTS)}, a name@71 for a mux at 0x71, "
             "or one place for each finger, such as 0:35,1:35 or 71/0:35,71/1:35",
-        ) from None
+        )
 
     _require_distinct(text, fingers)
-    return fingers
+    return tuple(fingers)
+
+
+def _address(mux: str | None) -> int:
+    return int(mux, 16) if mux else MUX_ADDRESS
 
 
 def _require_distinct(text: str, fingers: Sequence[Finger]) -> None:
@@ -102,25 +115,6 @@ def _require_distinct(text: str, fingers: Sequence[Finger]) -> None:
             f"{text!r}: two fingers, or a finger and a mux, at one place",
             next_step="give each its own address or channel",
         )
-
-
-def _finger(text: str) -> Finger:
-    """One place of a layout. Raises ValueError."""
-    where, _, place = text.rpartition(":")
-    mux, _, channel = where.rpartition("/")
-    if (channel and int(channel) not in CHANNELS) or (mux and not channel):
-        raise ValueError(where)
-    return Finger(
-        _hex_within(place, ADDRESSES),
-        int(channel) if channel else None,
-        _hex_within(mux, MUX_ADDRESSES) if mux else MUX_ADDRESS,
-    )
-
-
-def _hex_within(text: str, allowed: range) -> int:
-    if int(text, 16) not in allowed:
-        raise ValueError(text)
-    return int(text, 16)
 
 
 def muxes_of(fingers: Sequence[Finger]) -> frozenset[int]:

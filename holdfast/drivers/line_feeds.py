@@ -1,42 +1,28 @@
 """Where lines come from: standard input, a serial port, a Unix socket. Nothing here waits for
-longer than asked.
+longer than asked. The only import of pyserial is here, which the extra `serial` installs.
 """
 
 from __future__ import annotations
 
+import errno
 import os
 import select
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Protocol
+from typing import Any
 
-from holdfast.core.errors import DeviceLost
-from holdfast.core.hand_lines import (
-    LONGEST_LINE,
-    MOST_A_CALL,
-    unix_listener,
+from holdfast.core.errors import (
+    AccessDenied,
+    DeviceLost,
+    DeviceNotFound,
+    UsageError,
+    needs_extra,
 )
+from holdfast.core.hand_lines import LONGEST_LINE, MOST_A_CALL, unix_listener
 
 CHUNK_BYTES = 64 << 10
-
-
-class Feed(Protocol):
-    """What a LineSource reads. ended: no line will ever come again."""
-
-    name: str
-    ended: bool
-
-    def pull(self, timeout_s: float) -> list[bytes]:
-        """The lines that have come, oldest first, without their line ends.
-
-        Waits at most so long for the first bytes. Raises DeviceLost.
-        """
-        ...
-
-    def close(self) -> None:
-        """Close everything."""
-        ...
+DEFAULT_BAUD = 115200
 
 
 class LineSplitter:
@@ -62,7 +48,10 @@ class LineSplitter:
 
 
 class StreamFeed:
-    """Lines of a descriptor. close: closes it; None for standard input, whose end is the end."""
+    """Lines of a descriptor. close: closes it; None for standard input, whose end is the end.
+
+    ended: no line will ever come again.
+    """
 
     def __init__(
         self, name: str, handle: int, close: Callable[[], object] | None = None
@@ -74,7 +63,10 @@ class StreamFeed:
         self._lines = LineSplitter()
 
     def pull(self, timeout_s: float) -> list[bytes]:
-        """The lines that have come; waits at most so long for the first bytes."""
+        """The lines that have come, oldest first, without their line ends.
+
+        Waits at most so long for the first bytes. Raises DeviceLost.
+        """
         if not select.select([self._handle], [], [], max(0.0, timeout_s))[0]:
             return []
         why = "its sender closed it"
@@ -122,6 +114,10 @@ class DatagramFeed:
         self._stack.close()
 
 
+Feed = StreamFeed | DatagramFeed
+"""What a LineSource reads."""
+
+
 def stdin_feed() -> StreamFeed:
     """What is piped into the program."""
     return StreamFeed("stdin", 0)
@@ -129,7 +125,36 @@ def stdin_feed() -> StreamFeed:
 
 def serial_feed(path: str, baud: int) -> StreamFeed:
     """A serial port. Raises LibraryMissing, UsageError, DeviceNotFound, AccessDenied."""
-    from holdfast.drivers.serial_port import open_port
-
     port = open_port(path, baud)
     return StreamFeed(f"serial://{path}", port.fileno(), port.close)
+
+
+def open_port(path: str, baud: int = DEFAULT_BAUD) -> Any:
+    """A `serial.Serial` that waits for nothing: raw, eight bits, no parity, no flow control.
+
+    Its fileno() serves select, os.read and os.write. Raises LibraryMissing without pyserial,
+    UsageError, DeviceNotFound, AccessDenied.
+    """
+    with needs_extra("serial"):
+        import serial
+    try:
+        return serial.Serial(path, baud, timeout=0, write_timeout=0)
+    except ValueError as error:
+        raise UsageError(
+            f"baud={baud} cannot be set here ({error})", next_step="baud=115200"
+        ) from None
+    except OSError as error:
+        where = f"serial://{path}"
+        # pyserial raises an OSError of its own, with the number
+        if error.errno == errno.EACCES:
+            raise AccessDenied(
+                str(error),
+                where=where,
+                next_step="join the group of the port (dialout)",
+            ) from None
+        raise DeviceNotFound(
+            str(error),
+            where=where,
+            cause="no such port, or not a serial one",
+            next_step="ls /dev/tty*",
+        ) from None

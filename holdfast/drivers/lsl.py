@@ -1,22 +1,18 @@
-"""A stream of the lab streaming layer as a live source, and answers as such streams.
+"""The lab streaming layer by pylsl, which only this module imports: a live source, words, answers.
 
-Stamps of the sender are put on this machine's clock, by the correction that LSL measures. The
-source waits for the next sample, so the stream paces the loop. While no sample comes, the last
-reading is given again, invalid: the state is unknown until the stream is back. Where samples come
-faster than they are read, all but the newest are dropped, and one invalid reading stands for them.
+Streams are found by name on the local network, and all machines there can receive what is sent.
+liblsl's own file `lsl_api.cfg` restricts both, to this machine for instance (docs/formats.md).
 
-The wearer's command from the lab streaming layer: words as text.
-
-Stamps of the sender are put on the run's clock, by the correction that LSL measures.
+Stamps of the sender are put on the run's clock, by the correction that LSL measures. A source waits
+for the next sample, so the stream paces the loop. A stream that ended leaves it unknown.
 """
 
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -35,27 +31,39 @@ from holdfast.core.errors import (
     ChannelError,
     DeviceLost,
     DeviceNotFound,
+    LibraryMissing,
     RateError,
     UnitError,
     listed,
+    needs_extra,
 )
 from holdfast.core.hand_lines import NOT_UNDERSTOOD, Skipped
 from holdfast.core.source import SourceReading
+from holdfast.drivers.arrivals import Arrivals
 from holdfast.edge_runtime.wearer import Intent, intent_of
 
-FIRST_S = 5.0
-"""An opened stream must send within this time."""
-WAIT_PERIODS = 1.5
-"""A sample that comes later than this after the call is missing."""
-MOST_WAITING = 2
+try:
+    with needs_extra("lsl"):
+        import pylsl
+        from pylsl.util import LostError
+except RuntimeError:  # pylsl's own, where its wheel has no liblsl
+    raise LibraryMissing(
+        "no liblsl",
+        where="pylsl",
+        cause="the wheel of pylsl for this processor does not bring it (x86_64 only)",
+        next_step="install liblsl, or name it in PYLSL_LIB (docs/formats.md)",
+    ) from None
+
+FIND_S = FIRST_S = 5.0
+"""A stream must be found within this time, and an opened one must send."""
+KEPT_S = 2
+"""An inlet keeps what is not read for so long."""
+MOST_AT_ONCE = 4096
 FORWARD_NS = 1_000_000
 """The correction may be wrong by so much: a stamp may lie that far in the future."""
-LOST = "no sample of the stream"
-SKIPPED = "samples were dropped"
 NO_NUMBER = "not a number"
 DECISION = ("state", *(f"p_{name}" for name in SITUATIONS), "p_risky", "arm", "act")
 UNKNOWN_STATE = -1.0
-Pair = tuple[float, list[float]]
 UNIT_WORDS: dict[str, Unit] = {
     "n": "N",
     "newton": "N",
@@ -114,59 +122,105 @@ def unit_of(units: Sequence[str], where: str) -> Unit:
     return unit
 
 
-class Inlet(Protocol):
-    """An opened stream (holdfast/drivers/lsl_library.py)."""
+# -- what comes in
 
-    facts: StreamFacts
 
-    def pull(self, timeout_s: float) -> list[Pair]:
-        """(stamp in s on this machine's LSL clock, values) of all that came, oldest first."""
-        ...
+class LslInlet:
+    """An opened stream. Raises DeviceNotFound where none has this name.
+
+    ended: it cannot come back.
+    """
+
+    ended = False
+
+    def __init__(self, name: str) -> None:
+        found = pylsl.resolve_byprop("name", name, 1, FIND_S)
+        if not found:
+            raise DeviceNotFound(
+                "no such stream on the network",
+                where=f"lsl://{name}",
+                cause="it is not sent yet, has another name, or a firewall blocks it",
+                next_step="start the sender first; LabRecorder lists streams by name",
+            )
+
+        # 1: no sample waits for others
+        self._inlet: Any = pylsl.StreamInlet(found[0], KEPT_S, 1)
+        try:
+            self.facts = _facts(self._inlet.info(FIND_S))
+            self._inlet.open_stream(FIND_S)
+            self._inlet.time_correction(FIND_S)
+        except (TimeoutError, LostError) as error:
+            raise DeviceNotFound(
+                f"the stream does not open ({type(error).__name__})",
+                where=f"lsl://{name}",
+                cause="its sender just ended, or a firewall blocks its data",
+                next_step="start the sender again",
+            ) from None
+
+    def pull(self, timeout_s: float) -> list[tuple[float, list[Any]]]:
+        """(stamp in s on this machine's LSL clock, values) of all samples that came, oldest first.
+
+        Waits at most timeout_s for the first. Raises DeviceLost where the stream cannot come back.
+        """
+        try:
+            first, stamp = self._inlet.pull_sample(timeout_s)
+            if first is None:
+                return []
+            # the first call waited; this one takes what else has come
+            rows, stamps = self._inlet.pull_chunk(0.0, MOST_AT_ONCE)
+            correction_s = self._inlet.time_correction(FIND_S)
+        except (TimeoutError, LostError):
+            raise DeviceLost(
+                "the stream ended", where=self.facts.name, cause="its sender ended"
+            ) from None
+
+        pairs = zip([stamp, *stamps], [first, *rows], strict=True)
+        return [(correction_s + at_s, values) for at_s, values in pairs]
 
     def clock_s(self) -> float:
-        """Now, on the same clock."""
-        ...
+        """Now, on this machine's LSL clock."""
+        return float(pylsl.local_clock())
 
-    def close(self) -> None:
-        """Stop receiving."""
-        ...
-
-
-class Outlet(Protocol):
-    """A stream that is sent."""
-
-    def push(self, values: list[float], stamp_s: float) -> None:
-        """Send a sample without waiting."""
-        ...
-
-
-class _Stamped:
-    """An inlet whose stamps are on the run's clock, and whose end is reported once."""
-
-    def __init__(
-        self, inlet: Inlet, now_ns: Callable[[], int], report: Callable[[str], object]
-    ) -> None:
-        self.inlet = inlet
+    def begin(self, now_ns: Callable[[], int], report: Callable[[str], object]) -> None:
+        """From here on `stamped` is on the run's clock; report: receives a line at the end."""
         self._report = report
-        self._ended = False
         # both clocks are monotonic, so one difference holds for the whole run
-        self._offset_ns = now_ns() - round(1e9 * inlet.clock_s())
+        self._offset_ns = now_ns() - round(1e9 * self.clock_s())
 
-    def pull(self, timeout_s: float) -> list[tuple[int, list[Any]]]:
+    def stamped(self, timeout_s: float) -> list[tuple[int, list[Any]]]:
         """(stamp in ns, values) of all that came, oldest first; nothing after the end."""
+        if self.ended:
+            return []
         try:
-            pairs = self.inlet.pull(timeout_s)
+            pairs = self.pull(timeout_s)
         except DeviceLost:
-            if not self._ended:
-                name = self.inlet.facts.name
-                self._report(f"lsl://{name}: the stream ended; it is unknown from here")
-            self._ended = True
+            name = self.facts.name
+            self._report(f"lsl://{name}: the stream ended; it is unknown from here")
+            self.ended = True
             return []
         return [(round(1e9 * at_s) + self._offset_ns, values) for at_s, values in pairs]
 
+    def close(self) -> None:
+        """Stop receiving."""
+        self._inlet.close_stream()
 
-class LslSource:
-    """An inlet as a source.
+
+def _facts(info: Any) -> StreamFacts:
+    # a sender may leave labels and units out, all of them or single ones
+    none = [""] * info.channel_count()
+    labels = info.get_channel_labels() or none
+    units = info.get_channel_units() or none
+    return StreamFacts(
+        info.name(),
+        info.channel_format() == pylsl.cf_string,
+        info.nominal_srate(),
+        tuple(label or "" for label in labels),
+        tuple(unit or "" for unit in units),
+    )
+
+
+class LslSource(Arrivals):
+    """An inlet as a source. clock: has now_ns and wait_until.
 
     unit, rate_hz: None where the stream names them. report: receives a line when the stream ends.
     Raises ChannelError, UnitError, RateError, or DeviceNotFound where nothing is sent.
@@ -174,55 +228,49 @@ class LslSource:
 
     def __init__(
         self,
-        inlet: Inlet,
-        now_ns: Callable[[], int],
+        inlet: LslInlet,
+        clock: Any,
         report: Callable[[str], object],
         unit: Unit | None = None,
         rate_hz: float | None = None,
     ) -> None:
         facts = inlet.facts
         where = f"lsl://{facts.name}"
-        self._stream = _Stamped(inlet, now_ns, report)
-        self._now_ns = now_ns
+        super().__init__(where, clock, report)
+        self._inlet = inlet
+        inlet.begin(clock.now_ns, report)
         self._order = order_of(() if facts.is_text else facts.labels, where)
         self.n_channels = len(self._order)
         self.unit: Unit = unit or unit_of(facts.units, where)
-        rate = rate_hz or facts.rate_hz
-        if not rate > 0.0:
+        self.rate_hz = rate_hz or facts.rate_hz
+        if not self.rate_hz > 0.0:
             raise RateError(
                 "its rate is irregular", where=where, next_step=f"{where}?rate_hz=150"
             )
-        self.rate_hz: float | None = rate
-        self._wait_s = WAIT_PERIODS / rate
-        self._waiting = deque(self._stream.pull(FIRST_S)[-1:])
-        if not self._waiting:
+        self.collect(FIRST_S)
+        if not self.waiting:
             raise DeviceNotFound(
                 f"nothing was sent for {FIRST_S:g} s",
                 where=where,
                 next_step="start the sender",
             )
-        self._last = self._reading(*self._waiting[0])
+        self.begin()
 
-    def read(self) -> SourceReading:
-        """The next sample, or the last reading again with no sensor valid."""
-        self._waiting.extend(self._stream.pull(0.0 if self._waiting else self._wait_s))
-        if not self._waiting:
-            return self._last.without_values(LOST)
-        if len(self._waiting) > MOST_WAITING:
-            # the newest is kept: an old sample would delay every later one
-            newest = self._waiting.pop()
-            self._last = self._reading(*self._waiting[-1])
-            self._waiting = deque([newest])
-            return self._last.without_values(SKIPPED)
-        self._last = self._reading(*self._waiting.popleft())
-        return self._last
+    def collect(self, timeout_s: float) -> None:
+        """Take what has come; wait at most so long for the first of it."""
+        for t_ns, values in self._inlet.stamped(timeout_s):
+            self.waiting.append(self._reading(t_ns, values))
+        if self._inlet.ended:
+            # the loop goes on at its pace, and its state is unknown
+            self.clock.wait_until(self.clock.now_ns() + round(1e9 * timeout_s))
 
     def close(self) -> None:
         """Stop receiving."""
-        self._stream.inlet.close()
+        self.skipped.close()
+        self._inlet.close()
 
     def _reading(self, t_ns: int, values: list[float]) -> SourceReading:
-        now_ns = self._now_ns()
+        now_ns = self.clock.now_ns()
         # a small error of the correction is no sample from the future
         t_ns = now_ns if now_ns < t_ns <= now_ns + FORWARD_NS else t_ns
         ordered: FloatArray = np.array(values, dtype=np.float64)[self._order]
@@ -232,39 +280,91 @@ class LslSource:
         return SourceReading(t_ns, ordered, valid, why)
 
 
-class LslAnswers:
-    """Sends each sample and its answer as two streams, stamped with the sample's time.
+class LslIntent:
+    """An inlet as a stream of items. A text stream has words in its first channel."""
 
-    samples: the prepared values, nan where a sensor is not valid. decisions: DECISION, state as an
-    index of SITUATIONS or UNKNOWN_STATE. offset_ns: of the clock of stamps over the LSL clock.
-    not_learned: what the model cannot tell, nan in each decision.
+    def __init__(
+        self,
+        inlet: LslInlet,
+        now_ns: Callable[[], int],
+        report: Callable[[str], object],
+    ) -> None:
+        self._inlet = inlet
+        inlet.begin(now_ns, report)
+        self._now_ns = now_ns
+        self._skipped = Skipped("wearer", report, now_ns)
+
+    def __call__(self) -> list[Intent]:
+        """What came; the newest stamp is not in the future."""
+        items = []
+        for t_ns, values in self._inlet.stamped(0.0):
+            wants = values[0] if self._inlet.facts.is_text else ""
+            try:
+                items.append(intent_of(wants, min(t_ns, self._now_ns())))
+            except ValueError as error:
+                shown = f"{str(values)[:80]} is skipped: {NOT_UNDERSTOOD} ({error})"
+                self._skipped.count(NOT_UNDERSTOOD, shown)
+
+        return items
+
+
+# -- what goes out
+
+
+class LslAnswers:
+    """Sends each sample and its answer as two streams, NAME and NAME-decision.
+
+    The samples are the prepared values, nan where a sensor is not valid; the decisions are
+    DECISION, state as an index of SITUATIONS or UNKNOWN_STATE. Both have the sample's time.
+    now_ns: the clock of the samples' stamps. not_learned: what the model cannot tell, nan in each
+    decision.
     """
 
     def __init__(
         self,
-        samples: Outlet,
-        decisions: Outlet,
-        offset_ns: int,
+        name: str,
+        n_sensors: int,
+        unit: Unit,
+        rate_hz: float,
+        now_ns: Callable[[], int],
         not_learned: Collection[str] = (),
     ) -> None:
+        labels = channel_names(n_sensors)
+        units = [unit] * len(labels)
+        self._samples = _outlet(name, "Tactile", rate_hz, labels, units)
+        no_units = [""] * len(DECISION)
+        self._decisions = _outlet(
+            f"{name}-decision", "Decision", rate_hz, DECISION, no_units
+        )
+        self._offset_ns = now_ns() - round(1e9 * pylsl.local_clock())
         self._not_learned = not_learned
-        self._samples = samples
-        self._decisions = decisions
-        self._offset_ns = offset_ns
 
     def write(
         self, prediction: Prediction, sample: Sample, reading: object = None
     ) -> None:
-        """Send both without waiting."""
+        """Send both; threads of liblsl do it, so nothing waits."""
         stamp_s = 1e-9 * (sample.t_ns - self._offset_ns)
         # receivers must not take a held value for a measured one
         values = np.where(np.repeat(sample.valid, 3), sample.values, np.nan)
-        self._samples.push(values.tolist(), stamp_s)
+        self._samples.push_sample(values.tolist(), stamp_s)
         decision = decision_row(prediction, self._not_learned)
-        self._decisions.push(decision, stamp_s)
+        self._decisions.push_sample(decision, stamp_s)
 
     def close(self, reason: str = "") -> None:
         """The streams end with the program."""
+
+
+def _outlet(
+    name: str, kind: str, rate_hz: float, labels: Sequence[str], units: Sequence[str]
+) -> Any:
+    """A stream of doubles. By its source_id a receiver finds it again after a restart."""
+    source_id = f"holdfast-{name}"
+    info: Any = pylsl.StreamInfo(
+        name, kind, len(labels), rate_hz, pylsl.cf_double64, source_id
+    )
+    info.set_channel_labels(list(labels))
+    info.set_channel_units(list(units))
+    return pylsl.StreamOutlet(info, 1)
 
 
 def decision_row(
@@ -283,29 +383,3 @@ def decision_row(
         float(prediction.arm),
         float(prediction.act),
     ]
-
-
-class LslIntent:
-    """An inlet as a stream of items. A text stream has words in its first channel."""
-
-    def __init__(
-        self, inlet: Inlet, now_ns: Callable[[], int], report: Callable[[str], object]
-    ) -> None:
-        self._stream = _Stamped(inlet, now_ns, report)
-        self._now_ns = now_ns
-        self._is_text = inlet.facts.is_text
-        self._skipped = Skipped("wearer", report, now_ns)
-
-    def __call__(self) -> list[Intent]:
-        """What came; the newest stamp is not in the future."""
-        items = [self._item(t_ns, values) for t_ns, values in self._stream.pull(0.0)]
-        return [one for one in items if one is not None]
-
-    def _item(self, t_ns: int, values: Sequence[Any]) -> Intent | None:
-        wants = values[0] if self._is_text else ""
-        try:
-            return intent_of(wants, min(t_ns, self._now_ns()))
-        except ValueError as error:
-            shown = f"{str(values)[:80]} is skipped: {NOT_UNDERSTOOD} ({error})"
-            self._skipped.count(NOT_UNDERSTOOD, shown)
-            return None

@@ -52,9 +52,6 @@ STATUS_BITS = (
 )
 """Register and bit of what a chip reports as wrong."""
 TIMED_SCANS = 20
-MODEL_RATES_HZ = (300.0, 150.0, 100.0, 50.0)
-SPARE = 0.8
-"""Largest share of a period that a scan may take: the rest is for the model and for delays."""
 
 
 @dataclass(frozen=True)
@@ -178,15 +175,13 @@ def as_layout(found: list[BusDevice]) -> str:
 class ScannedBus:
     """What is on one bus. layout: of its sensors, "" without one.
 
-    scan_s: median time of a scan of all sensors. model_hz: the fastest model that this serves, None
-    where it serves none.
+    scan_s: median time of a scan of all sensors.
     """
 
     url: str
     devices: list[BusDevice]
     layout: str = ""
     scan_s: float | None = None
-    model_hz: float | None = None
 
     def lines(self) -> list[str]:
         """A line for each device (where, what it is, what is wrong), then the rate."""
@@ -197,14 +192,11 @@ class ScannedBus:
         if self.scan_s is None:
             cause = "power, SDA and SCL swapped, or pull-ups missing?"
             return [*lines, f"  no sensor: {cause}"]
-        serves = f"serves no model, {MODEL_RATES_HZ[-1]:g} Hz needs another bridge"
-        if self.model_hz is not None:
-            serves = f"serves a model of {self.model_hz:g} Hz"
         rate = f"a scan takes {1e3 * self.scan_s:.2f} ms ({1.0 / self.scan_s:.0f} Hz)"
         return [
             *lines,
             f"  layout={self.layout} (put them in the order of the fingers)",
-            f"  {rate}: {serves}",
+            f"  {rate}",
         ]
 
 
@@ -219,9 +211,7 @@ def survey(
     layout = as_layout(devices)
     if not layout:
         return ScannedBus(url, devices)
-    scan_s = median_scan_s(bus, layout)
-    served = [rate_hz for rate_hz in MODEL_RATES_HZ if scan_s * rate_hz < SPARE]
-    return ScannedBus(url, devices, layout, scan_s, max(served, default=None))
+    return ScannedBus(url, devices, layout, median_scan_s(bus, layout))
 
 
 def median_scan_s(bus: Bus, layout: str) -> float:

@@ -52,43 +52,37 @@ class Register:
 
         return byte
 
+    def setting(self, **fields: int) -> tuple[int, int]:
+        """(address, byte) with these fields set, to be written."""
+        return self.address, self.value(**fields)
+
     def read(self, byte: int, name: str) -> int:
         """One field out of a byte."""
         low, bits = self.fields[name]
         return byte >> low & (1 << bits) - 1
 
 
+# Of the fields only those that the driver or the emulation uses.
 REGISTERS: dict[str, Register] = {
     "DEVICE_CONFIG_1": Register(
         0x00,
         fields={
-            "CRC_EN": (7, 1),
             "MAG_TEMPCO": (5, 2),
             "CONV_AVG": (2, 3),
-            "I2C_RD": (0, 2),
         },
     ),
     "DEVICE_CONFIG_2": Register(
         0x01,
         fields={
-            "THR_HYST": (5, 3),
             "LP_LN": (4, 1),
-            "I2C_GLITCH_FILTER": (3, 1),
-            "TRIGGER_MODE": (2, 1),
             "OPERATING_MODE": (0, 2),
         },
     ),
-    "SENSOR_CONFIG_1": Register(
-        0x02, fields={"MAG_CH_EN": (4, 4), "SLEEPTIME": (0, 4)}
-    ),
+    "SENSOR_CONFIG_1": Register(0x02, fields={"MAG_CH_EN": (4, 4)}),
     "SENSOR_CONFIG_2": Register(
         0x03,
         writable=0x7F,
         fields={
-            "THRX_COUNT": (6, 1),
-            "MAG_THR_DIR": (5, 1),
-            "MAG_GAIN_CH": (4, 1),
-            "ANGLE_EN": (2, 2),
             "X_Y_RANGE": (1, 1),
             "Z_RANGE": (0, 1),
         },
@@ -96,22 +90,18 @@ REGISTERS: dict[str, Register] = {
     "X_THR_CONFIG": Register(0x04),
     "Y_THR_CONFIG": Register(0x05),
     "Z_THR_CONFIG": Register(0x06),
-    "T_CONFIG": Register(0x07, fields={"T_THR": (1, 7), "T_CH_EN": (0, 1)}),
+    "T_CONFIG": Register(0x07),
     "INT_CONFIG_1": Register(
         0x08,
         fields={
-            "RSLT_INT": (7, 1),
-            "THRSLD_INT": (6, 1),
-            "INT_STATE": (5, 1),
-            "INT_MODE": (2, 3),
             "MASK_INTB": (0, 1),
         },
     ),
     "MAG_GAIN_CONFIG": Register(0x09),
     "MAG_OFFSET_CONFIG_1": Register(0x0A),
     "MAG_OFFSET_CONFIG_2": Register(0x0B),
-    "I2C_ADDRESS": Register(0x0C, fields={"ADDRESS": (1, 7), "UPDATE_EN": (0, 1)}),
-    "DEVICE_ID": Register(0x0D, reset=0x01, writable=0, fields={"VER": (0, 2)}),
+    "I2C_ADDRESS": Register(0x0C),
+    "DEVICE_ID": Register(0x0D, reset=0x01, writable=0),
     "MANUFACTURER_ID_LSB": Register(0x0E, reset=MANUFACTURER_ID & 0xFF, writable=0),
     "MANUFACTURER_ID_MSB": Register(0x0F, reset=MANUFACTURER_ID >> 8, writable=0),
     "T_MSB_RESULT": Register(0x10, writable=0),
@@ -143,9 +133,7 @@ REGISTERS: dict[str, Register] = {
         writable=0,
         write_one_clears=0x0F,
         fields={
-            "INTB_RB": (4, 1),
             "OSC_ER": (3, 1),
-            "INT_ER": (2, 1),
             "OTP_CRC_ER": (1, 1),
             "VCC_UV_ER": (0, 1),
         },
@@ -198,23 +186,14 @@ class Setup:
     def registers(self) -> list[tuple[int, int]]:
         """(address, byte) in the order to write: the operating mode last."""
         one = REGISTERS
-        config = one["DEVICE_CONFIG_1"].value(
-            MAG_TEMPCO=1, CONV_AVG=self.averages.bit_length() - 1
-        )
-        ranges = one["SENSOR_CONFIG_2"].value(Z_RANGE=1)
+        averaging = self.averages.bit_length() - 1
         return [
-            (one["INT_CONFIG_1"].address, one["INT_CONFIG_1"].value(MASK_INTB=1)),
-            (
-                one["SENSOR_CONFIG_1"].address,
-                one["SENSOR_CONFIG_1"].value(MAG_CH_EN=XYZ),
-            ),
-            (one["SENSOR_CONFIG_2"].address, ranges),
-            (one["T_CONFIG"].address, 0),
-            (one["DEVICE_CONFIG_1"].address, config),
-            (
-                one["DEVICE_CONFIG_2"].address,
-                one["DEVICE_CONFIG_2"].value(LP_LN=1, OPERATING_MODE=CONTINUOUS),
-            ),
+            one["INT_CONFIG_1"].setting(MASK_INTB=1),
+            one["SENSOR_CONFIG_1"].setting(MAG_CH_EN=XYZ),
+            one["SENSOR_CONFIG_2"].setting(Z_RANGE=1),
+            one["T_CONFIG"].setting(),
+            one["DEVICE_CONFIG_1"].setting(MAG_TEMPCO=1, CONV_AVG=averaging),
+            one["DEVICE_CONFIG_2"].setting(LP_LN=1, OPERATING_MODE=CONTINUOUS),
         ]
 
 
@@ -230,11 +209,6 @@ class Packet:
 
     raw: tuple[int, int, int]
     status: int
-
-    @property
-    def set_count(self) -> int:
-        """Rolls over 0 .. 7 with every conversion."""
-        return REGISTERS["CONV_STATUS"].read(self.status, "SET_COUNT")
 
     @property
     def reset(self) -> bool:
@@ -253,7 +227,5 @@ def packet(data: bytes) -> Packet:
     >>> packet(bytes([0x40, 0, 0xFF, 0xFF, 0, 1, 0xB1])).raw
     (16384, -1, 1)
     """
-    if len(data) != PACKET_BYTES:
-        raise ValueError(f"{len(data)} bytes, not {PACKET_BYTES}")
     x, y, z, status = LAYOUT.unpack(data)
     return Packet((x, y, z), status)

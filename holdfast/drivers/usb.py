@@ -1,8 +1,8 @@
-"""A bridge on USB through pyusb, with typed errors: the only importer of usb and libusb_package."""
+"""The FT232H through pyusb, with typed errors: the only importer of usb and libusb_package."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -19,6 +19,7 @@ from holdfast.core.errors import (
     LibraryMissing,
     TransferFailed,
 )
+from holdfast.drivers.bus import BRIDGE
 
 TIMEOUT_MS = 10
 """A live stream cannot wait longer: at 150 Hz this is one and a half samples."""
@@ -30,8 +31,7 @@ DOCTOR = "holdfast doctor"
 INTERFACE = 0
 """Of an FT232H there is one."""
 
-UsbId = tuple[int, int]
-"""Vendor, product."""
+VENDOR, PRODUCT = 0x0403, 0x6014
 
 
 def real_backend() -> Any:
@@ -46,12 +46,13 @@ def real_backend() -> Any:
     return backend
 
 
-def find_usb(ids: Sequence[UsbId], backend: Any) -> list[Any]:
-    """Unopened pyusb devices with one of these ids. Raises AccessDenied or TransferFailed."""
+def find_usb(backend: Any) -> list[Any]:
+    """Unopened pyusb devices, one for each FT232H. Raises AccessDenied or TransferFailed."""
     with named_errors("USB"):
-        # pyusb's own filter takes one pair of ids only
-        everything = usb.core.find(find_all=True, backend=backend)
-        return [one for one in everything if (one.idVendor, one.idProduct) in ids]
+        found = usb.core.find(
+            find_all=True, backend=backend, idVendor=VENDOR, idProduct=PRODUCT
+        )
+        return list(found)
 
 
 class Stalled(TransferFailed):
@@ -59,28 +60,18 @@ class Stalled(TransferFailed):
 
 
 class UsbPort:
-    """An opened device with one claimed interface; its kernel driver is detached.
+    """An opened FT232H with its interface claimed; the kernel's driver is detached.
 
-    name: for messages. number: which device with these ids, 0 is the first found. Raises
-    DeviceNotFound, AccessDenied or DeviceLost.
+    number: which one, 0 is the first found. Raises DeviceNotFound, AccessDenied or DeviceLost.
     """
 
-    def __init__(
-        self,
-        name: str,
-        ids: Sequence[UsbId],
-        backend: Any,
-        *,
-        number: int = 0,
-    ) -> None:
-        self.name = name
-        found = find_usb(ids, backend)
+    def __init__(self, backend: Any, *, number: int = 0) -> None:
+        found = find_usb(backend)
         if number >= len(found):
-            shown = [f"{vendor:04x}:{product:04x}" for vendor, product in ids]
             raise DeviceNotFound(
                 f"only {len(found)} on USB" if found else "none on USB",
-                where=name,
-                cause=f"not plugged in, or another bridge than {' or '.join(shown)}",
+                where=BRIDGE,
+                cause=f"not plugged in, or another bridge than {VENDOR:04x}:{PRODUCT:04x}",
                 next_step="holdfast scan lists the bridges on USB",
             )
 
@@ -90,11 +81,13 @@ class UsbPort:
         # the kernel's driver may have the interface
         self._claim()
 
-    def write(self, endpoint: int, data: bytes, timeout_ms: int = TIMEOUT_MS) -> None:
+    def write(self, endpoint: int, data: bytes) -> None:
         """Send all of the data. Raises TransferFailed, DeviceLost."""
         with self._unhalting(endpoint):
-            sent = self.device.write(endpoint, data, timeout_ms)
-        self._require_all(sent, data)
+            sent = self.device.write(endpoint, data, TIMEOUT_MS)
+        if sent != len(data):
+            what = f"{sent} of {len(data)} bytes went out"
+            raise TransferFailed(what, where=BRIDGE)
 
     def read(self, endpoint: int, length: int, timeout_ms: int = TIMEOUT_MS) -> bytes:
         """What one transfer brings, at most length bytes. Raises TransferFailed, DeviceLost."""
@@ -102,21 +95,13 @@ class UsbPort:
             return bytes(self.device.read(endpoint, length, timeout_ms))
 
     def control_out(
-        self,
-        request_type: int,
-        request: int,
-        value: int,
-        index: int,
-        data: bytes = b"",
-        timeout_ms: int = TIMEOUT_MS,
+        self, request_type: int, request: int, value: int, index: int
     ) -> None:
-        """A control transfer out; all of the data must be sent."""
-        with named_errors(self.name):
-            sent = self.device.ctrl_transfer(
-                request_type, request, value, index, data, timeout_ms
+        """A control transfer out, without data."""
+        with named_errors():
+            self.device.ctrl_transfer(
+                request_type, request, value, index, b"", TIMEOUT_MS
             )
-
-        self._require_all(sent, data)
 
     def drain(self, endpoint: int, length: int, *, empty: int) -> None:
         """Read away what is left of a transfer that timed out, so that no later request gets it.
@@ -154,21 +139,16 @@ class UsbPort:
         A stalled endpoint stays halted until the host clears it, so clear it at once.
         """
         try:
-            with named_errors(self.name):
+            with named_errors():
                 yield
         except Stalled:
-            with named_errors(self.name):
+            with named_errors():
                 self.device.clear_halt(endpoint)
             raise
 
-    def _require_all(self, sent: int, data: bytes) -> None:
-        if sent != len(data):
-            what = f"{sent} of {len(data)} bytes went out"
-            raise TransferFailed(what, where=self.name)
-
     def _claim(self) -> None:
         """Detach the kernel's driver, and claim the interface."""
-        with named_errors(self.name):
+        with named_errors():
             try:
                 if self.device.is_kernel_driver_active(INTERFACE):
                     self.device.detach_kernel_driver(INTERFACE)
@@ -179,7 +159,7 @@ class UsbPort:
 
 
 @contextmanager
-def named_errors(name: str) -> Iterator[None]:
+def named_errors(name: str = BRIDGE) -> Iterator[None]:
     """pyusb's errors as ours."""
     try:
         yield

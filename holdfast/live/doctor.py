@@ -155,23 +155,21 @@ def _model(word: str) -> list[Finding]:
 def _bridges() -> list[Finding]:
     """Every bridge on USB: whether this user may open it, and which kernel driver is bound."""
     from holdfast.core.errors import DeviceError
-    from holdfast.drivers.bridges import BRIDGES, ids_of
+    from holdfast.drivers.bus import BRIDGE
     from holdfast.drivers.usb import UsbPort, find_usb, real_backend
 
     findings = []
     backend = real_backend()
-    for name in BRIDGES:
-        ids = ids_of(name)
-        # several bridges of one kind are told apart by their number
-        for number in range(len(find_usb(ids, backend))):
-            # only opening it shows whether this user may
-            try:
-                UsbPort(name, ids, backend, number=number).close()
-                findings.append(Finding(f"bridge {name}", "ok", "can be opened"))
-            except DeviceError as error:
-                step = f"{RULES}, then plug it in again"
-                found = Finding(f"bridge {name}", "broken", str(error), step)
-                findings.append(found)
+    # several bridges are told apart by their number
+    for number in range(len(find_usb(backend))):
+        # only opening it shows whether this user may
+        try:
+            UsbPort(backend, number=number).close()
+            findings.append(Finding(f"bridge {BRIDGE}", "ok", "can be opened"))
+        except DeviceError as error:
+            step = f"{RULES}, then plug it in again"
+            found = Finding(f"bridge {BRIDGE}", "broken", str(error), step)
+            findings.append(found)
 
     return findings or [Finding("bridges", "ok", "none on USB")]
 

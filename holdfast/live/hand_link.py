@@ -27,7 +27,7 @@ from typing import Any
 
 from holdfast.core.errors import DeviceError
 from holdfast.core.hand_lines import not_an_address
-from holdfast.drivers.serial_port import open_port
+from holdfast.drivers.line_feeds import open_port
 from holdfast.edge_runtime.supervisor import EXPIRES_MS
 from holdfast.live.sources import source_url
 

@@ -20,7 +20,7 @@ from holdfast.core.lines import Sink, stream_sink
 from holdfast.core.schema import DEFAULT_MODEL
 from holdfast.core.source import Source
 from holdfast.core.trial_file import Zero
-from holdfast.drivers.hand import LiveHand
+from holdfast.drivers.hand import Hand
 from holdfast.drivers.replay import at_rate, zero_of
 from holdfast.edge_runtime.engine import (
     AUTO,
@@ -312,11 +312,11 @@ class _Run:
             )
             return self._page
         elif kind == "lsl":
-            from holdfast.drivers.lsl_library import open_answers
+            from holdfast.drivers.lsl import LslAnswers
 
             sensors = card.n_channels // 3
             now_ns, gaps = self._clock.now_ns, card.not_learned
-            return open_answers(place, sensors, card.unit, card.rate_hz, now_ns, gaps)
+            return LslAnswers(place, sensors, card.unit, card.rate_hz, now_ns, gaps)
         return None
 
     def _open_wearer(
@@ -415,7 +415,7 @@ def answer(
         model,
         clock.now_ns,
         bias_known=resting is not None or zero_of(source) == "measured",
-        has_counters=isinstance(source, LiveHand),
+        has_counters=isinstance(source, Hand),
     )
     tare = tare_of(card, source, resting)
     return run_live(

@@ -6,7 +6,7 @@
               &fault=nack:3@1.5%2B0.2         trial, and faults (drivers/virtual/virtual_hand.py)
     lsl://NAME?unit=N                         a stream of the lab streaming layer (extra `lsl`)
     -, stdin://                               lines of any program: JSON objects, or CSV below a
-                                              header; of a file, at its own pace
+                                              header
     unix:///PATH                              datagrams of lines to a file with permissions 0600
     serial:///dev/ttyACM0?baud=115200         lines of a serial port (extra `serial`)
     sim://SCENE?seed=S&trial=N                a trial of a scene, simulated now
@@ -35,15 +35,16 @@ from holdfast.core.contract import FloatArray, Unit
 from holdfast.core.errors import CardError, DataNotFound, UsageError
 from holdfast.core.schema import checked
 from holdfast.core.source import Source, SourceUrl
-from holdfast.drivers.bridges import BRIDGES, open_virtual
 from holdfast.drivers.bridges import open_bus as open_bridge
+from holdfast.drivers.bridges import open_virtual
+from holdfast.drivers.bus import BRIDGE
 from holdfast.drivers.replay import PacedReplay, Replay, open_replay
 from holdfast.live.running import say
 
 if TYPE_CHECKING:
     from holdfast.core.column_map import ColumnMap
     from holdfast.drivers.bus import Bus
-    from holdfast.drivers.hand import LiveHand
+    from holdfast.drivers.hand import Hand
     from holdfast.drivers.line_feeds import Feed
     from holdfast.drivers.virtual.virtual_hand import VirtualHand
 
@@ -135,8 +136,8 @@ def source_url(url: str) -> SourceUrl:
         )
 
     name = unquote(parts.netloc + parts.path)
-    if parts.scheme in ("usb", "virtual") and name not in BRIDGES:
-        step = f"one of {', '.join(BRIDGES)}"
+    if parts.scheme in ("usb", "virtual") and name != BRIDGE:
+        step = f"{parts.scheme}://{BRIDGE}"
         raise UsageError(f"{url!r}: no bridge {name!r}", next_step=step)
     # an option that is given twice counts by its last value, but for faults
     raw: dict[str, Any] = parse_qs(parts.query, keep_blank_values=True)
@@ -248,7 +249,7 @@ def open_bus(url: str, clock: Any, report: Report = say) -> Bus:
     source = source_url(url)
     if source.scheme == "virtual":
         hand = _virtual_hand(source, _Opening(clock, report))
-        return open_virtual(source.name, hand, source.options.bus_hz)()
+        return open_virtual(hand, source.options.bus_hz)()
     if source.scheme not in HANDS:
         raise UsageError(f"{url!r} is not a hand", next_step="holdfast help scan")
     return _bridge(source)()
@@ -274,10 +275,10 @@ def _virtual(source: SourceUrl, opening: _Opening) -> Source:
         return np.einsum("ij,sj->si", FORCE_N_PER_UT, field_ut)
 
     hand = _virtual_hand(source, opening)
-    bridge = open_virtual(source.name, hand, source.options.bus_hz)
+    bridge = open_virtual(hand, source.options.bus_hz)
     live = _started(bridge, source, opening, opening.to_force or scene_force)
     # truth and camera of a scene count from its start, which is not that of the first sample
-    live.began_ns = hand.born_ns
+    live.began_ns = hand.faults.born_ns
     return live
 
 
@@ -286,8 +287,8 @@ def _started(
     source: SourceUrl,
     opening: _Opening,
     to_force: ToForce | None,
-) -> LiveHand:
-    from holdfast.drivers.hand import Hand, LiveHand
+) -> Hand:
+    from holdfast.drivers.hand import Hand
     from holdfast.drivers.layout import read_layout
     from holdfast.drivers.tmag5273 import Setup
 
@@ -299,20 +300,21 @@ def _started(
         say=opening.report,
         setup=Setup(options.averages),
         pause=lambda seconds: opening.clock.spend(round(1e9 * seconds)),
+        to_force=to_force,
     )
     hand.start()
-    return LiveHand(hand, to_force)
+    return hand
 
 
 def _virtual_hand(source: SourceUrl, opening: _Opening) -> VirtualHand:
     from holdfast.drivers.layout import read_layout
     from holdfast.drivers.virtual.faults import read_fault
-    from holdfast.drivers.virtual.virtual_hand import VirtualHand, wiring_of
+    from holdfast.drivers.virtual.virtual_hand import VirtualHand, require_wired
 
     options = source.options
     places = read_layout(options.layout)
     # before the scene is simulated, which takes seconds
-    wiring = wiring_of(places)
+    require_wired(places)
     faults = [read_fault(text) for text in options.fault]
     for fault in faults:
         if (fault.sensor or 0) > len(places):
@@ -330,15 +332,11 @@ def _virtual_hand(source: SourceUrl, opening: _Opening) -> VirtualHand:
             next_step="name a place for each sensor, such as layout=0:35,0:22 for two",
         )
     clock, seed = opening.clock, options.seed
-    hand = VirtualHand(clock, track=track, wiring=wiring, seed=seed, faults=faults)
-    # the emulated multiplexer answers where the URL's layout looks for it
-    hand.mux.address = places[0].mux
-    return hand
+    return VirtualHand(clock, track=track, places=places, seed=seed, faults=faults)
 
 
 def _stream(source: SourceUrl, opening: _Opening) -> Source:
-    from holdfast.drivers.lsl import LslSource
-    from holdfast.drivers.lsl_library import LslInlet
+    from holdfast.drivers.lsl import LslInlet, LslSource
 
     if opening.to_force is not None:
         raise UsageError(
@@ -347,14 +345,19 @@ def _stream(source: SourceUrl, opening: _Opening) -> Source:
         )
     options = source.options
     inlet = LslInlet(stream_name(source.name))
-    now_ns, report = opening.clock.now_ns, opening.report
-    return LslSource(inlet, now_ns, report, options.unit, options.rate_hz)
+    clock, report = opening.clock, opening.report
+    return LslSource(inlet, clock, report, options.unit, options.rate_hz)
 
 
 def _lines(source: SourceUrl, opening: _Opening) -> Source:
-    from holdfast.drivers.line_source import LineOptions, LineSource
-    from holdfast.drivers.sample_lines import SampleReader
+    from holdfast.drivers.lines import LineSource, SampleReader
 
+    # a file is there as a whole, and lines come as time goes by
+    if source.scheme == "stdin" and stat.S_ISREG(os.fstat(0).st_mode):
+        raise UsageError(
+            f"{source.url}: standard input is a file, which is a recording",
+            next_step=f"{REPLAY}FILE (holdfast import reads other columns)",
+        )
     options = source.options
     column_map = _column_map(options)
     own_unit: Unit = options.unit or "N"
@@ -366,15 +369,12 @@ def _lines(source: SourceUrl, opening: _Opening) -> Source:
         )
 
     rate_hz = options.rate_hz or (column_map.time.rate_hz if column_map else None)
-    # a file is there as a whole, and a pipe is written as time goes by
-    paced = source.scheme == "stdin" and stat.S_ISREG(os.fstat(0).st_mode)
-    how = LineOptions(rate_hz, paced)
-    reader = SampleReader(column_map, own_unit)
+    reader = SampleReader(column_map, own_unit, opening.to_force)
     feed = open_feed(source, "--source")
     opening.report(f"{feed.name}: waiting for the first samples")
     clock, report = opening.clock, opening.report
     try:
-        return LineSource(feed, reader, clock, report, how, opening.to_force)
+        return LineSource(feed, reader, clock, report, rate_hz)
     except BaseException:
         feed.close()
         raise

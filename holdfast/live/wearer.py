@@ -161,8 +161,7 @@ def _words_of(
     if url.startswith(REPLAY):
         return replayed_words(Path(url.removeprefix(REPLAY)), now_ns)
     if url.startswith("lsl://"):
-        from holdfast.drivers.lsl import LslIntent
-        from holdfast.drivers.lsl_library import LslInlet
+        from holdfast.drivers.lsl import LslInlet, LslIntent
 
         name = stream_name(source_url(url).name)
         inlet = stack.enter_context(closing(LslInlet(name)))

@@ -18,7 +18,6 @@ from holdfast.core.source import SelfPaced, Source
 from holdfast.drivers.calibration import (
     Bias,
     Calibration,
-    CalibrationOrigin,
     bias_of,
     turn,
 )
@@ -150,11 +149,18 @@ def calibrate(loads: LoadSet, source: str, date: str) -> Fit:
 
     # Several sensors under one load share one residual: no load is known for each of them.
     residual = np.tile(_rmse(moved, force, matrix), (len(matrix), 1))
-    origin = CalibrationOrigin(
-        f"{source}/{loads.name}", date, loads.load_unit, len(force), residual
-    )
     gain = measured_shear_gain(loads.force_n, np.einsum("sij,tsj->ti", matrix, moved))
-    fitted = Calibration(matrix, loads.rest_ut, loads.reversed_, origin, gain)
+    fitted = Calibration(
+        matrix,
+        loads.rest_ut,
+        loads.reversed_,
+        source=f"{source}/{loads.name}",
+        date=date,
+        load_unit=loads.load_unit,
+        n=len(force),
+        residual_n=residual,
+        shear_gain=gain,
+    )
     return Fit(fitted, np.array(held_out))
 
 

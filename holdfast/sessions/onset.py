@@ -179,7 +179,7 @@ def write_label(
 
     where = _write_events(trial.path, phases)
     found = {"written": str(where), "phases": phases, **basis}
-    frames = {"frames": len(moved.t_s), "frames_seen": moved.seen}
+    frames = {"frames": len(moved.t_s), "frames_seen": len(moved.seen_rows)}
     return f"{words}; {where}", found | frames
 
 

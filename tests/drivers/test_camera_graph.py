@@ -118,8 +118,7 @@ def watched(monkeypatch: Any, tmp_path: Path) -> Watched:
         kept: list[float] = [] if pauses is None else pauses
         monkeypatch.setitem(sys.modules, "depthai", script)
         monkeypatch.setattr(time, "sleep", kept.append)
-        stamps_s = {k: STEP_S * k for k in in_video}
-        monkeypatch.setattr(graph, "stamps_of_video", lambda folder, dai: stamps_s)
+        monkeypatch.setattr(graph, "frames_of_video", lambda *given: {*in_video})
         return graph.watch(script, tmp_path)
 
     return run

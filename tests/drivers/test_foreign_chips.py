@@ -143,7 +143,7 @@ def test_a_named_layout_has_its_mux_where_the_url_says(layout, capsys):
     out = capsys.readouterr().out
     assert "  74  " in out
     assert "layout=74/0:35," in out
-    assert "serves a model of" in out
+    assert "a scan takes" in out
 
 
 # -- what tells a sensor in 1-byte mode from another chip

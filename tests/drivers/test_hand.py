@@ -50,7 +50,7 @@ def test_six_fingers_report_the_field_at_their_magnets(layout):
     reading = bench.read_for(0.05)[-1]
     assert reading.valid.all()
     assert reading.why == ("",) * 6
-    np.testing.assert_allclose(reading.field_ut, field_ut[0], atol=110.0)
+    np.testing.assert_allclose(reading.values, field_ut[0].reshape(-1), atol=110.0)
 
 
 def test_a_start_waits_until_the_first_reading_is_whole():
@@ -108,7 +108,7 @@ def test_a_chip_that_lost_itself_is_brought_up_while_the_others_are_read(fault, 
 @pytest.mark.parametrize("at_s", [0.999, 1.0, 1.002, 1.004, 2.05])
 def test_a_chip_that_slept_gives_no_erased_result_as_a_reading(at_s):
     for reading in started(f"sleep:5@{at_s}").read_for(2.0):
-        field_ut = reading.field_ut.reshape(-1, 3)
+        field_ut = reading.values.reshape(-1, 3)
         assert (np.abs(field_ut[reading.valid]).max(axis=1) > 0.0).all()
 
 
@@ -128,7 +128,7 @@ def test_a_bridge_that_fails_makes_every_finger_invalid_at_once_and_is_brought_b
     found = bad(bench.read_for(2.5))
     assert found[0].t_ns < 1e9 + 2 * PERIOD_NS
     assert not found[0].valid.any()
-    assert np.isnan(found[0].field_ut).all()
+    assert np.isnan(found[0].values).all()
     assert found[-1].t_ns < 1e9 + 0.3e9 + 0.15e9
     assert bench.messages[-1].endswith("good again")
 
@@ -148,7 +148,7 @@ def test_a_late_reply_never_answers_the_next_question():
             expected = np.interp(
                 reading.t_ns * 1e-9 - 0.0025, [0.9, 1.1], [1000.0, 30000.0]
             )
-            assert np.abs(reading.field_ut[:, 2] - expected).max() < 1200.0
+            assert np.abs(reading.values[2::3] - expected).max() < 1200.0
 
 
 @CORRUPT_READING.mark

@@ -79,7 +79,7 @@ def test_three_failures_in_a_row_or_a_lost_bridge_open_it_again_and_fewer_do_not
     assert [one.why for one in readings] == [(word,) * 6 for word in words]
     for reading in readings:
         assert reading.valid.tolist() == [reading.why[0] == ""] * 6
-        assert np.isnan(reading.field_ut).all() == (reading.why[0] != "")
+        assert np.isnan(reading.values).all() == (reading.why[0] != "")
     assert scripted.opened_ns == []
     scripted.bench.read_for(1 / 150)
     assert len(scripted.opened_ns) == (words[-1] == "lost")

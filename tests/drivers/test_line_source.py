@@ -27,14 +27,9 @@ from holdfast.core.errors import (
 )
 from holdfast.core.hand_lines import LONGEST_LINE
 from holdfast.core.source import Source, SourceReading
+from holdfast.drivers.arrivals import LOST, SKIPPED
 from holdfast.drivers.line_feeds import DatagramFeed, LineSplitter, StreamFeed
-from holdfast.drivers.line_source import (
-    LOST,
-    SKIPPED,
-    LineOptions,
-    LineSource,
-)
-from holdfast.drivers.sample_lines import SampleReader
+from holdfast.drivers.lines import LineSource, SampleReader
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.model import Model
 from holdfast.live.running import RunClock
@@ -44,7 +39,7 @@ PERIOD_NS = round(1e9 / 150)
 NAMES = channel_names(6)
 AHEAD_NS = 77 * 10**9
 """The sender's clock over this machine's."""
-AT_150_HZ = LineOptions(rate_hz=150.0)
+RATE_HZ = 150.0
 
 
 def text_of(k: int, **more: Any) -> bytes:
@@ -54,7 +49,7 @@ def text_of(k: int, **more: Any) -> bytes:
     return json.dumps(fields | {"n": k} | more).encode()
 
 
-class ScriptedFeed:
+class ScriptedFeed(StreamFeed):
     """Line k is sent at (k + 0.5) periods and arrives after late_ns(k); None: never. The feed ends
     after `ends` lines."""
 
@@ -107,12 +102,12 @@ class ScriptedFeed:
 
 def opened(
     clock: VirtualClock,
-    options: LineOptions = AT_150_HZ,
+    rate_hz: float | None = RATE_HZ,
     **script: Any,
 ) -> tuple[LineSource, ScriptedFeed, list[str]]:
     said: list[str] = []
     feed = ScriptedFeed(clock, **script)
-    source = LineSource(feed, SampleReader(), clock, said.append, options)
+    source = LineSource(feed, SampleReader(), clock, said.append, rate_hz)
     return source, feed, said
 
 
@@ -147,7 +142,7 @@ def test_every_line_is_read_once_at_its_arrival() -> None:
 def test_a_silent_sender_is_unknown_and_comes_back(model: Model) -> None:
     clock = VirtualClock()
     gap = range(300, 450)
-    source, _, _ = opened(clock, AT_150_HZ, late_ns=lambda k: None if k in gap else 0)
+    source, _, _ = opened(clock, late_ns=lambda k: None if k in gap else 0)
     answers = answered(model, clock, source, 620)
     at = [round(one.t_decided_ns / PERIOD_NS - 0.5) for one in answers]
     states = dict(zip(at, (one.state for one in answers), strict=True))
@@ -188,7 +183,7 @@ def test_what_waited_while_nothing_was_read_is_dropped() -> None:
     source.close()
     assert said[1:] == [
         "script: 140 samples dropped: nothing was read",
-        "script: its lines ended after 51 samples",
+        "script: its lines ended",
         "script: 149 skipped in all",
     ]
 
@@ -209,54 +204,33 @@ def test_the_end_of_the_lines_is_a_sentence_and_the_end() -> None:
     assert source.read() is None
     assert count == 30
     source.close()
-    assert said[-1] == "script: its lines ended after 30 samples"
+    assert said[-1] == "script: its lines ended"
 
 
 def test_a_calibration_turns_a_field_into_a_force() -> None:
     clock = VirtualClock()
     feed = ScriptedFeed(clock)
-    options = LineOptions(rate_hz=150.0)
-    reader = SampleReader(unit="uT")
-    source = LineSource(feed, reader, clock, print, options, lambda field: 2.0 * field)
+    reader = SampleReader(unit="uT", to_force=lambda field: 2.0 * field)
+    source = LineSource(feed, reader, clock, print, RATE_HZ)
     assert source.unit == "N"
     assert read(source).values[0] == 2.0 * json.loads(feed.line(0))["X1"]
 
 
 @pytest.mark.parametrize(
-    ("script", "options", "error", "says"),
+    ("script", "error", "says"),
     [
-        ({"ends": 0}, LineOptions(), DeviceNotFound, "start the sender"),
-        ({"late_ns": lambda k: 10**12}, LineOptions(), DeviceNotFound, "in 10 s"),
-        ({"line": lambda k: b"a"}, LineOptions(), DeviceNotFound, "not understood"),
-        ({"line": lambda k: b"a"}, LineOptions(), DeviceNotFound, "correct the lines"),
-        ({"line": text_of, "ends": 1}, LineOptions(), RateError, "rate_hz=150"),
+        ({"ends": 0}, DeviceNotFound, "start the sender"),
+        ({"late_ns": lambda k: 10**12}, DeviceNotFound, "in 10 s"),
+        ({"line": lambda k: b"a"}, DeviceNotFound, "not understood"),
+        ({"line": lambda k: b"a"}, DeviceNotFound, "correct the lines"),
+        ({"line": text_of, "ends": 1}, RateError, "rate_hz=150"),
     ],
 )
 def test_a_source_without_samples_says_so(
-    script: Any, options: LineOptions, error: type[Exception], says: str
+    script: Any, error: type[Exception], says: str
 ) -> None:
     with pytest.raises(error, match=says):
-        opened(VirtualClock(), options, **script)
-
-
-# -- a recording as lines
-
-
-def recording(count: int, gap: range = range(0)) -> Callable[[int], bytes]:
-    return lambda k: text_of(k, t_s=k / 150 + (1.0 if k >= gap.start > 0 else 0.0))
-
-
-def test_a_recording_that_is_there_at_once_goes_at_its_own_pace(model: Model) -> None:
-    clock = VirtualClock()
-    options = LineOptions(paced=True)
-    source, _, _ = opened(
-        clock, options, late_ns=lambda k: -k * PERIOD_NS, line=recording(300), ends=300
-    )
-    assert source.rate_hz == pytest.approx(150.0)
-    answers = answered(model, clock, source, 10**6)
-    assert len(answers) == 300
-    assert clock.now_ns() == pytest.approx(300 * PERIOD_NS, abs=3 * PERIOD_NS)
-    assert {one.state for one in answers[100:]} == {"nothing"}
+        opened(VirtualClock(), None, **script)
 
 
 # -- bytes
@@ -371,6 +345,19 @@ def test_a_url_that_cannot_be_is_a_usage_error(url: str, says: str) -> None:
     assert says in str(error.value)
 
 
+def test_a_file_on_standard_input_is_a_recording(
+    stack: ExitStack, tmp_path: Path
+) -> None:
+    path = tmp_path / "trial_1.csv"
+    path.write_text("Time,X1,Y1,Z1\n0,1,2,3\n")
+    stdin = os.dup(0)
+    stack.callback(os.dup2, stdin, 0)
+    with path.open() as file:
+        os.dup2(file.fileno(), 0)
+    with pytest.raises(UsageError, match="replay://FILE"):
+        open_live("-", clock=VirtualClock(), report=print)
+
+
 # -- exact times
 
 
@@ -419,13 +406,11 @@ def test_after_a_pause_of_more_than_three_periods_what_waits_has_no_known_time(
 
 def test_a_burst_at_the_beginning_does_not_count_for_the_rate() -> None:
     clock = VirtualClock()
-    source, _, _ = opened(
-        clock, LineOptions(), late_ns=lambda k: max(0, (20 - k) * PERIOD_NS)
-    )
+    source, _, _ = opened(clock, None, late_ns=lambda k: max(0, (20 - k) * PERIOD_NS))
     assert source.rate_hz == pytest.approx(150.0, rel=1e-6)
 
 
-# -- what waited before, tables, and recordings that are not in order
+# -- what waited before, and tables
 
 
 def table(k: int) -> bytes:
@@ -441,22 +426,6 @@ def test_a_header_that_waited_before_the_program_names_the_rows_that_come_later(
     assert feed.next == 21
     assert said[0].endswith("; 19 samples before that are dropped")
     assert read(source).values.tolist() == [20.0, 40.0, 60.0]
-
-
-def paced(line: Callable[[int], bytes], **options: Any) -> tuple[Any, list[str]]:
-    """(time in ms, values) of the readings of a recording that is there at once."""
-    clock = VirtualClock()
-    source, _, said = opened(
-        clock,
-        LineOptions(paced=True, **options),
-        late_ns=lambda k: -k * PERIOD_NS,
-        line=line,
-        ends=30,
-    )
-    assert not [one for one in said if "dropped" in one]
-    readings = list(iter(source.read, None))
-    began_ns = readings[0].t_ns
-    return [(1e-6 * (r.t_ns - began_ns), r.values[0]) for r in readings], said
 
 
 # -- where bytes come from

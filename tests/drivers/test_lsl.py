@@ -25,16 +25,17 @@ from holdfast.core.errors import (
     RateError,
     UnitError,
 )
-from holdfast.drivers import lsl_library
+from holdfast.drivers import lsl
+from holdfast.drivers.arrivals import SKIPPED
 from holdfast.drivers.lsl import (
     DECISION,
     NO_NUMBER,
-    SKIPPED,
+    LslAnswers,
+    LslInlet,
     LslSource,
     StreamFacts,
     decision_row,
 )
-from holdfast.drivers.lsl_library import LslInlet, open_answers
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 
@@ -47,7 +48,7 @@ BEHIND_S = 1000.0
 LOOPBACK = "[multicast]\nResolveScope = machine\n"
 
 
-class ScriptedInlet:
+class ScriptedInlet(LslInlet):
     """Sends a sample a period, on a virtual clock; none in `gone`, and it ends at `ends`."""
 
     def __init__(
@@ -99,7 +100,7 @@ def opened(
 ) -> tuple[LslSource, ScriptedInlet, list[str]]:
     said: list[str] = []
     inlet = ScriptedInlet(clock, **script)
-    return LslSource(inlet, clock.now_ns, said.append), inlet, said
+    return LslSource(inlet, clock, said.append), inlet, said
 
 
 def test_every_sample_is_read_once_and_its_stamp_is_on_our_clock():
@@ -200,7 +201,7 @@ def test_values_and_decisions_go_out_and_come_back(name):
     model = Model(DEFAULT)
     offset_ns = round(1e9 * pylsl.local_clock())
     clock.spend(offset_ns)  # the stamps of the samples: the LSL clock itself
-    answers = open_answers(
+    answers = LslAnswers(
         name, 6, "N", RATE_HZ, lambda: round(1e9 * pylsl.local_clock())
     )
     inlet = LslInlet(name)
@@ -239,10 +240,10 @@ def test_a_url_that_cannot_be_a_stream_is_a_usage_error(run):
 
 
 def test_without_pylsl_the_error_names_the_extra(monkeypatch):
-    monkeypatch.delitem(sys.modules, "holdfast.drivers.lsl_library")
+    monkeypatch.delitem(sys.modules, "holdfast.drivers.lsl")
     monkeypatch.setitem(sys.modules, "pylsl", None)
     with pytest.raises(LibraryMissing, match=r"pip install 'holdfast\[lsl\]'"):
-        import holdfast.drivers.lsl_library  # noqa: F401
+        import holdfast.drivers.lsl  # noqa: F401
 
 
 @pytest.mark.parametrize(
@@ -258,7 +259,7 @@ def test_a_stamp_may_be_a_millisecond_ahead_and_is_then_now(ahead_ns, late_ns):
         def clock_s(self):
             return 1e3
 
-    source = LslSource(Inlet(clock), clock.now_ns, print)
+    source = LslSource(Inlet(clock), clock, print)
     assert abs(source.read().t_ns - clock.now_ns() - late_ns) <= 1
 
 
@@ -269,7 +270,7 @@ def test_an_opened_stream_has_five_seconds_and_its_url_may_say_unit_and_rate():
     assert clock.now_ns() == 5_000_000_000
     facts = StreamFacts("hand", False, 0.0, LABELS, ("",) * 18)
     source = LslSource(
-        ScriptedInlet(VirtualClock(), facts), VirtualClock().now_ns, print, "uT", 100.0
+        ScriptedInlet(VirtualClock(), facts), VirtualClock(), print, "uT", 100.0
     )
     assert (source.unit, source.rate_hz) == ("uT", 100.0)
     with pytest.raises(UnitError, match=r"lsl://hand\?unit=N\|uT\|count"):
@@ -302,7 +303,7 @@ def scripted(monkeypatch: Any, **errors: Exception) -> Any:
     inlet.info.return_value.channel_count.return_value = 1
     inlet.pull_sample.return_value = ([1.0], 5.0)
     inlet.configure_mock(**{f"{name}.side_effect": e for name, e in errors.items()})
-    monkeypatch.setattr(lsl_library, "pylsl", script)
+    monkeypatch.setattr(lsl, "pylsl", script)
     return script
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from io import StringIO
@@ -17,17 +16,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_bench import DEFAULT, closing_output
-from test_line_source import AT_150_HZ, ScriptedFeed
+from test_line_source import ScriptedFeed
 from test_lsl import ScriptedInlet
 
 from holdfast.cli import replay
 from holdfast.core.contract import FloatArray, Prediction, channel_names
 from holdfast.core.source import Source
-from holdfast.drivers.line_feeds import StreamFeed
-from holdfast.drivers.line_source import LineOptions, LineSource
+from holdfast.drivers.lines import LineSource, SampleReader
 from holdfast.drivers.lsl import LslSource
 from holdfast.drivers.replay import zero_of
-from holdfast.drivers.sample_lines import SampleReader
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.model import Model
 from holdfast.live.outputs import SampleFile, emit_to
@@ -99,7 +96,7 @@ def lines(clock: Any, card: Path, rows: FloatArray, losses: Losses) -> Source:
     feed = ScriptedFeed(
         clock, lambda k: None if None in lost(losses, k) else 0, line, ends=ROWS
     )
-    return LineSource(feed, SampleReader(), clock, lambda line: None, AT_150_HZ)
+    return LineSource(feed, SampleReader(), clock, lambda line: None, RATE_HZ)
 
 
 def lsl(clock: Any, card: Path, rows: FloatArray, losses: Losses) -> Source:
@@ -112,7 +109,7 @@ def lsl(clock: Any, card: Path, rows: FloatArray, losses: Losses) -> Source:
     inlet = ScriptedInlet(clock, rows=row)
     # whole samples that never come
     inlet.gone = [k for k in range(ROWS) if None in lost(losses, k)]  # type: ignore[assignment]
-    return LslSource(inlet, clock.now_ns, lambda line: None)
+    return LslSource(inlet, clock, lambda line: None)
 
 
 Open = Callable[[Any, Path, FloatArray, Losses], Source]
@@ -177,9 +174,10 @@ def replayed(path: Path) -> list[tuple[str, bool]]:
 
 
 def as_lines(path: Path, clock: VirtualClock) -> Source:
-    """The file as `run --source - < FILE` reads it."""
-    feed = StreamFeed(str(path), os.open(path, os.O_RDONLY))
-    return LineSource(feed, SampleReader(), clock, print, LineOptions(paced=True))
+    """The file as a pipe brings it, row by row."""
+    rows = path.read_bytes().splitlines()
+    feed = ScriptedFeed(clock, line=rows.__getitem__, ends=len(rows))
+    return LineSource(feed, SampleReader(), clock, print, RATE_HZ)
 
 
 def as_recording(path: Path, clock: VirtualClock) -> Source:

@@ -15,11 +15,8 @@ from holdfast.core.column_map import ColumnMap
 from holdfast.core.errors import ColumnError
 from holdfast.core.hand_lines import NOT_RISING, NOT_UNDERSTOOD, LineRefused
 from holdfast.core.schema import checked, toml_of
-from holdfast.drivers.sample_lines import (
-    SampleLine,
-    SampleReader,
-    map_of_names,
-)
+from holdfast.core.source import SourceReading
+from holdfast.drivers.lines import SampleReader, map_of_names
 
 NAMES = ("X1", "Y1", "Z1", "X2", "Y2", "Z2")
 MS = 1_000_000
@@ -40,7 +37,7 @@ def line(value: float = 1.0, **more: Any) -> bytes:
     return json.dumps(dict.fromkeys(NAMES, value) | more).encode()
 
 
-def taken(reader: SampleReader, text: bytes, at_ms: int = 0) -> SampleLine:
+def taken(reader: SampleReader, text: bytes, at_ms: int = 0) -> SourceReading:
     sample = reader.take(text, at_ms * MS)
     assert sample is not None
     return sample
@@ -68,7 +65,7 @@ def test_rows_are_read_by_their_header(header: str, row: str) -> None:
     assert reader.take(b"", 0) is None
     sample = taken(reader, row.encode())
     assert sample.values.tolist() == [1.0, -2.5, 3.0]
-    assert sample.stamp_ns == 500 * MS
+    assert refused(reader, row.encode()) == NOT_RISING
 
 
 def test_a_header_that_comes_again_may_have_another_order() -> None:
@@ -83,7 +80,7 @@ def test_a_column_map_names_turns_and_scales() -> None:
     reader = SampleReader(checked(toml_of(MAP), ColumnMap, "map.toml"))
     sample = taken(reader, b'{"imu":{"ms":1500},"f":[100,200,-300]}')
     np.testing.assert_allclose(sample.values, [0.1, -0.2, -0.3])
-    assert sample.stamp_ns == 1500 * MS
+    assert refused(reader, b'{"imu":{"ms":1499},"f":[1,2,3]}') == NOT_RISING
 
 
 @pytest.mark.parametrize("cell", ["", "nan", "inf", "-inf", "1e999"])
@@ -189,13 +186,13 @@ def test_there_may_be_12_sensors_and_as_many_as_have_all_their_columns() -> None
 
 
 @pytest.mark.parametrize(
-    ("name", "value"),
-    [("Time", 2), ("t_s", 2), ("t_ms", 2e3), ("t_us", 2e6), ("t_ns", 2e9)],
+    ("name", "unit"),
+    [("Time", "s"), ("t_s", "s"), ("t_ms", "ms"), ("t_us", "us"), ("t_ns", "ns")],
 )
-def test_a_column_of_time_has_the_unit_of_its_name(name: str, value: float) -> None:
-    assert taken(SampleReader(), line(**{name: value})).stamp_ns == 2_000_000_000
-    assert taken(SampleReader(), line(Time=2, t_ms=1)).stamp_ns == 2_000_000_000
-    assert taken(SampleReader(), line()).stamp_ns is None
+def test_a_column_of_time_has_the_unit_of_its_name(name: str, unit: str) -> None:
+    time = map_of_names((*NAMES, name), "N").time
+    assert (time.column, time.unit) == (name, unit)
+    assert map_of_names(NAMES, "N").time.arrival
 
 
 @pytest.mark.parametrize("flag", [0, "0", "false", False, 0.0])

@@ -25,7 +25,7 @@ from holdfast.core.errors import (
     TransferFailed,
 )
 from holdfast.drivers import usb as bridge_on_usb
-from holdfast.drivers.bridges import bridges_on_usb, ids_of, open_bus
+from holdfast.drivers.bridges import bridges_on_usb, open_bus
 from holdfast.drivers.usb import Stalled, UsbPort, named_errors, real_backend
 from holdfast.drivers.virtual.faults import Fault
 
@@ -87,7 +87,6 @@ def test_bridges_on_usb_are_urls_with_their_numbers(make, monkeypatch):
     backend = make("ft232h").backend
     monkeypatch.setattr(bridge_on_usb, "real_backend", lambda: backend)
     assert bridges_on_usb() == ["usb://ft232h?number=0"]
-    assert ids_of("ft232h") == ((0x0403, 0x6014),)
     with pytest.raises(AccessDenied, match="busy"):
         open_bus("usb", "ft232h")
     with pytest.raises(DeviceNotFound, match="only 1"):
@@ -98,13 +97,9 @@ def test_bridges_on_usb_are_urls_with_their_numbers(make, monkeypatch):
 def test_bytes_that_did_not_go_out_are_a_transfer_that_failed(make, sent):
     port = make("ft232h").bus._port
     device = port.device
-    port.device = SimpleNamespace(
-        write=lambda endpoint, data, wait: sent, ctrl_transfer=lambda *given: sent
-    )
+    port.device = SimpleNamespace(write=lambda endpoint, data, wait: sent)
     with pytest.raises(TransferFailed, match=f"{sent} of 3 bytes went out"):
         port.write(0x02, b"abc")
-    with pytest.raises(TransferFailed, match=f"{sent} of 3 bytes went out"):
-        port.control_out(0x40, 0, 0, 0, b"abc")
     port.device = device
 
 
@@ -115,11 +110,11 @@ def test_only_a_kernel_driver_that_was_there_is_brought_back_and_once(
     monkeypatch, active, brought_back
 ):
     """NotImplementedError: a backend that knows of no kernel drivers."""
-    device, other = MagicMock(idVendor=1, idProduct=2), MagicMock(idVendor=1)
+    device = MagicMock()
     device.is_kernel_driver_active.side_effect = [active]
-    monkeypatch.setattr(usb.core, "find", lambda **given: [other, device])
+    monkeypatch.setattr(usb.core, "find", lambda **given: [device])
     monkeypatch.setattr(usb, "util", MagicMock())
-    port = UsbPort("a", [(1, 2), (3, 4)], None)
+    port = UsbPort(None)
     port.close()
     port.close()
     assert device.detach_kernel_driver.call_count == brought_back

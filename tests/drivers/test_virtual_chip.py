@@ -36,7 +36,13 @@ class ChipOnWire:
     ) -> None:
         self.clock = VirtualClock(5)
         self.chip = Chip(
-            number, A, version, field_ut, self.clock, Faults(faults), seed=seed
+            number,
+            A,
+            version,
+            field_ut,
+            self.clock,
+            Faults(self.clock, faults),
+            seed=seed,
         )
         self.wire = Wire([self.chip])
 

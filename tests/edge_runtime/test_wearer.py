@@ -20,7 +20,7 @@ from numbered_lines import numbered_sender
 
 from holdfast.core.errors import DeviceLost, NotANumber, UsageError
 from holdfast.core.hand_lines import SILENCE_NS
-from holdfast.drivers.lsl import LslIntent, StreamFacts
+from holdfast.drivers.lsl import LslInlet, LslIntent, StreamFacts
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.wearer import (
     INTENT_HEADER,
@@ -282,7 +282,7 @@ def test_a_port_that_is_unplugged_is_reported_once_and_gives_nothing_more():
 # -- the lab streaming layer
 
 
-class ScriptedInlet:
+class ScriptedInlet(LslInlet):
     """Gives what it was given; its clock is 1000 s ahead of the run's."""
 
     def __init__(self, pairs: list[tuple[float, list[Any]]]) -> None:

@@ -33,21 +33,21 @@ from holdfast.drivers.replay import open_replay
 
 KILLED = """
 import os, signal, sys
-from holdfast.drivers.hand import LiveHand
+from holdfast.drivers.hand import Hand
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.cli.command import Parser
 from holdfast.cli import record
 from holdfast.sessions.recorder.keys import Keys
 from holdfast.sessions.recorder.recording import record as record_trials
 from holdfast.sessions.recorder.session import Display, RunContext
-plain, reads = LiveHand.read, 0
+plain, reads = Hand.read, 0
 def read(self):
     global reads
     reads += 1
     if reads > 100 + 77:  # a second of bias, then so many samples
         os.kill(os.getpid(), signal.SIGKILL)
     return plain(self)
-LiveHand.read = read
+Hand.read = read
 parser = Parser(prog="holdfast record")
 record.add_arguments(parser)
 options = record.options_of(parser.parse_args(sys.argv[1:]))

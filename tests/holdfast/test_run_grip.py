@@ -23,7 +23,6 @@ from holdfast.core.contract import GripCommand
 from holdfast.core.errors import ChannelError, UsageError
 from holdfast.drivers.calibration import (
     Calibration,
-    CalibrationOrigin,
     write_calibration,
 )
 from holdfast.drivers.virtual.faults import VirtualClock
@@ -215,9 +214,10 @@ def test_the_friction_of_a_live_run_is_that_of_the_object(model, tmp_path, monke
 def test_the_shear_gain_is_that_of_the_calibration_or_of_the_scenes_sensors(
     model, tmp_path
 ):
-    meta = CalibrationOrigin("loads", "2026-11-23", "N", 9, np.zeros((6, 3)))
     matrix = np.tile(np.eye(3), (6, 1, 1))
-    known = Calibration(matrix, np.zeros((6, 3)), np.zeros(6, bool), meta, 0.8)
+    nothing = np.zeros((6, 3))
+    words = ("loads", "2026-11-23", "N", 9)
+    known = Calibration(matrix, nothing, np.zeros(6, bool), *words, nothing, 0.8)
     path = write_calibration(tmp_path / "c.json", known)
     assert shear_gain_of("usb://ft232h", path) == 0.8
     assert shear_gain_of(REST, None) == magnet_gain()

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+from virtual_i2c import VirtualI2cDev
 
 from holdfast.drivers.bus import Bus, Transfer
 from holdfast.drivers.ft232h import Ft232h
@@ -18,9 +19,7 @@ from holdfast.drivers.tmag5273 import (
 )
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.drivers.virtual.ft232h import VirtualFt232h
-from holdfast.drivers.virtual.native import VirtualI2cDev
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
-from holdfast.drivers.virtual.usb_device import Device
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 
 A, B, C, D = FACTORY_ADDRESSES
@@ -46,7 +45,7 @@ class Bench:
     def __init__(self, kind: str, **options: Any) -> None:
         self.clock = VirtualClock()
         self.hand = VirtualHand(self.clock, **options)
-        self.device: Device | None = None
+        self.device: VirtualFt232h | None = None
         self.backend: Any
         self.open: Callable[[], Bus]
         if kind == "native":
@@ -54,9 +53,7 @@ class Bench:
             self.open = lambda: NativeI2C(1)
         else:
             self.device = VirtualFt232h(self.hand)
-            self.backend = VirtualBackend(
-                self.device, self.clock, self.hand.faults, self.hand.power_off
-            )
+            self.backend = VirtualBackend(self.device)
             self.open = lambda: Ft232h(self.backend)
         self.bus: Bus = self.open()
 

@@ -18,7 +18,7 @@ from camera_frames import GREY, Camera, Frames
 from camera_process import CameraProcess
 
 from holdfast.core.contract import FloatArray
-from holdfast.drivers.camera.sources import QUIET
+from holdfast.drivers.camera.graph import QUIET
 
 ROOT = Path(__file__).resolve().parents[2]
 SIZE = {"width_px": 320.0, "height_px": 240.0}
@@ -100,10 +100,8 @@ import json, os, signal, sys
 from pathlib import Path
 from typing import Any
 import numpy as np
-from holdfast.drivers.camera.graph import stamps_of_video, watch
-from holdfast.drivers.camera.sources import load_depthai
-from holdfast.drivers.camera.recording import Lens, read_about, read_tracks
-from holdfast.drivers.camera.sources import Frame, Stored, read_frames
+from holdfast.drivers.camera.graph import Stored, frames_of_video, load_depthai, watch
+from holdfast.drivers.camera.recording import Frame, Lens, read_about, read_frames, read_tracks
 from holdfast.core.errors import DeviceLost, HoldfastError
 """
 

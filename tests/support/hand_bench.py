@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from holdfast.core.source import SourceReading
 from holdfast.drivers.bus import Bus
-from holdfast.drivers.fingers import Reading
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.hand import Hand
 from holdfast.drivers.layout import read_layout
@@ -32,14 +32,11 @@ class Bench:
         self.virtual = VirtualHand(
             self.clock,
             track=self.track,
-            layout=self.on_wire or self.layout,
+            places=read_layout(self.on_wire or self.layout),
             seed=0,
             faults=[read_fault(one) for one in self.faults],
         )
-        virtual = self.virtual
-        self.backend = VirtualBackend(
-            VirtualFt232h(virtual), self.clock, virtual.faults, virtual.power_off
-        )
+        self.backend = VirtualBackend(VirtualFt232h(self.virtual))
         self.messages: list[str] = []
         self.hand = Hand(
             self.open_bus,
@@ -53,7 +50,7 @@ class Bench:
         """A driver on the bridge, opened."""
         return Ft232h(self.backend)
 
-    def read_for(self, seconds: float, rate_hz: float = 150.0) -> list[Reading]:
+    def read_for(self, seconds: float, rate_hz: float = 150.0) -> list[SourceReading]:
         start_ns = self.clock.now_ns()
         readings = []
         for k in range(round(rate_hz * seconds)):
@@ -68,7 +65,9 @@ def started(*faults: str, **options: object) -> Bench:
     return bench
 
 
-def bad(readings: list[Reading], finger: int | None = None) -> list[Reading]:
+def bad(
+    readings: list[SourceReading], finger: int | None = None
+) -> list[SourceReading]:
     return [
         r
         for r in readings

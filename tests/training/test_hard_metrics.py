@@ -15,7 +15,6 @@ from holdfast.core.contract import SITUATIONS, FloatArray
 from holdfast.core.errors import DataError, LabelError
 from holdfast.drivers.calibration import Calibration as FieldCalibration
 from holdfast.drivers.calibration import (
-    CalibrationOrigin,
     read_calibration,
     write_calibration,
 )
@@ -164,9 +163,9 @@ def test_a_prediction_that_is_no_label_is_refused_by_its_number(foreign: int) ->
 
 def field_calibration(matrix: npt.ArrayLike) -> FieldCalibration:
     whole = np.stack([0.01 * np.eye(3), np.asarray(matrix, dtype=np.float64)])
-    meta = CalibrationOrigin("made up", "2026-01-02", "N", 100, np.full((2, 3), 0.1))
     rest_ut = np.zeros((2, 3))
-    return FieldCalibration(whole, rest_ut, np.zeros(2, dtype=np.bool_), meta)
+    words = ("made up", "2026-01-02", "N", 100)
+    return FieldCalibration(whole, rest_ut, np.zeros(2, np.bool_), *words, rest_ut)
 
 
 ROW = [0.01, 0.002, -0.003]

@@ -1,28 +1,38 @@
-"""The graph: frames -> lossless video, and -> tags -> tags.csv. Only the source differs.
+"""The graph: frames -> lossless video, and -> tags -> tags.csv. Only the source differs: an OAK
+camera, or frames on disk (recording.py).
 
-Four properties of depthai shape this code. An error in a callback ends the interpreter, so no
-Python that may raise runs in depthai's threads, and answers are pulled. By default inputs drop
-frames, so they block here. What is queued when a pipeline stops is lost, so the queues are emptied
-first. A video that could not be written raises no error, so it is read again.
+The only import of depthai is here: late, and with its telemetry switched off first. Four properties
+of depthai shape this code. An error in a callback ends the interpreter, so no Python that may raise
+runs in depthai's threads, and answers are pulled. By default inputs drop frames, so they block
+here. What is queued when a pipeline stops is lost, so the queues are emptied first. A video that
+could not be written raises no error, so it is read again.
 """
 
 from __future__ import annotations
 
 import math
+import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from datetime import timedelta
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from threading import get_native_id
 from typing import Any, TextIO
 
 import msgspec
+import numpy as np
 
 from holdfast.core.errors import (
+    CameraUnavailable,
     DeviceLost,
     HoldfastError,
     OutputError,
+    TransferFailed,
+    needs_extra,
 )
 from holdfast.drivers.camera.recording import (
     ABOUT,
@@ -31,13 +41,40 @@ from holdfast.drivers.camera.recording import (
     VIDEO,
     CameraFacts,
     Corners,
+    Frame,
+    Lens,
     new_tag_file,
     read_tracks,
     write_about,
     write_tags,
 )
-from holdfast.drivers.camera.sources import LONGEST_WAIT_S, FrameSource, load_depthai
 
+OAK = "oak"
+OAK_SIZE = (640, 400)
+"""One core cannot write lossless video of more pixels at 60 frames a second."""
+OAK_ISO = 800
+QUEUE, ANSWERS = 4, 30
+PUT_POLL_S = 0.001
+LONGEST_WAIT_S = 10.0
+LOSSLESS_LAST = 20
+"""A camera films on while it is stopped: this many last frames may have tags and no picture."""
+QUIET = {
+    "DEPTHAI_TELEMETRY": "0",
+    "DEPTHAI_CRASHDUMP": "0",
+    "DEPTHAI_DISABLE_CRASHDUMP_COLLECTION": "1",
+    "DEPTHAI_ZOO_INTERNET_CHECK": "0",
+    "DEPTHAI_PROTOCOL": "usb",
+    "DEPTHAI_SEARCH_TIMEOUT": "1500",
+    "DEPTHAI_LEVEL": "error",
+    "DEPTHAI_INSTALL_SIGNAL_HANDLER": "0",
+    "OPENCV_FOR_THREADS_NUM": "1",
+}
+"""Environment of depthai unless the user has set it: no telemetry, no dumps, no network.
+
+It also searches 1.5 s instead of ten, logs errors only, and installs no signal handler (with it, a
+file-size limit kills the process). Video is written by one thread, because further threads wait for
+each frame busily, with thousands of wake-ups a second and a sixth of a core.
+"""
 FAMILY = "36h11"
 QUAD_DECIMATE = 2
 THREADS = 1
@@ -45,12 +82,156 @@ THREADS = 1
 
 On a busy machine two threads take 10 times as long.
 """
-ANSWERS = 30
 LIVE_WAIT_S = 0.1
-EMPTY_POLLS = 6
-POLL_S = 0.01
-STAMP_S = 2e-6
-"""depthai keeps stamps to a microsecond."""
+EMPTY_POLLS, POLL_S = 6, 0.01
+
+
+def load_depthai() -> Any:
+    """Import depthai after putting QUIET into the environment. Raises LibraryMissing.
+
+    depthai reads its environment once, when it is imported; a later change has no effect.
+    """
+    for name, value in QUIET.items():
+        # what the user has set stays
+        os.environ.setdefault(name, value)
+    with needs_extra("camera"):
+        return import_module("depthai")
+
+
+# -- where frames come from
+
+
+@dataclass
+class Stored:
+    """Frames from disk (read_frames) or from an iterable, through a pipeline without a device.
+
+    last_lost: frames at the end that a stop may cost the video.
+    """
+
+    last_lost = 0
+    name: str
+    lens: Lens
+    frames: Iterable[Frame]
+
+    def open(self, dai: Any) -> Any:
+        """A pipeline that has no device and looks for none."""
+        return dai.Pipeline(createImplicitDevice=False)
+
+    def connect(
+        self, dai: Any, pipeline: Any, inputs: Sequence[Any]
+    ) -> Callable[[], bool]:
+        """One queue for each input; each step puts one frame into all of them, from our thread."""
+        # blocking: a dropped frame would be a gap in the track
+        queues = [one.createInputQueue(maxSize=QUEUE, blocking=True) for one in inputs]
+        frames = iter(self.frames)
+
+        def step() -> bool:
+            frame = next(frames, None)
+            if frame is None:
+                return False
+            message = _message(dai, frame)
+            for queue in queues:
+                _put(dai, queue, message, pipeline)
+            return True
+
+        return step
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+@dataclass
+class Oak:
+    """An OAK camera on USB, global shutter, fixed exposure, stamps on this machine's clock.
+
+    A camera that falls off the bus does not come back within a trial: the trial is void.
+    """
+
+    name = OAK
+    last_lost = LOSSLESS_LAST
+
+    lens: Lens
+    seconds: float | None = None
+    """After them it ends, None: when it is stopped."""
+    device: Any = None
+
+    def open(self, dai: Any) -> Any:
+        """Open the first camera found. Raises CameraUnavailable."""
+        try:
+            self.device = dai.Device()
+        except RuntimeError as error:
+            raise CameraUnavailable(
+                f"no camera ({error})",
+                where=OAK,
+                cause="not plugged in, a cable for power only, or no udev rule for 03e7",
+                next_step="lsusb -d 03e7: lists it if it is there; docs/camera.md has the rule",
+            ) from None
+        self.device.setMaxReconnectionAttempts(0)
+        pipeline = dai.Pipeline(self.device)
+        pipeline.setStopOnDeviceLoss(True)
+        return pipeline
+
+    def connect(
+        self, dai: Any, pipeline: Any, inputs: Sequence[Any]
+    ) -> Callable[[], bool]:
+        """The camera sends frames to the inputs by itself.
+
+        A step only checks whether the time is up.
+        """
+        camera = pipeline.create(dai.node.Camera).build(sensorFps=self.lens.fps)
+        exposure_us = round(1e3 * self.lens.exposure_ms)
+        camera.initialControl.setManualExposure(exposure_us, OAK_ISO)
+        output = camera.requestOutput(
+            OAK_SIZE, type=dai.ImgFrame.Type.GRAY8, fps=self.lens.fps
+        )
+        for one in inputs:
+            output.link(one)
+        until_s = time.monotonic() + (self.seconds or math.inf)
+        return lambda: time.monotonic() < until_s
+
+    def close(self) -> None:
+        """Give the camera back."""
+        if self.device is not None:
+            self.device.close()
+
+
+FrameSource = Stored | Oak
+
+
+def _message(dai: Any, frame: Frame) -> Any:
+    message = dai.ImgFrame()
+    message.setType(dai.ImgFrame.Type.GRAY8)
+    message.setSize(frame.image.shape[1], frame.image.shape[0])
+    message.setData(np.ascontiguousarray(frame.image).ravel())
+    message.setSequenceNum(frame.sequence)
+    # video and tags must carry the same stamp
+    for stamp in (message.setTimestamp, message.setTimestampDevice):
+        stamp(timedelta(seconds=frame.end_s))
+
+    return message
+
+
+def _put(dai: Any, queue: Any, message: Any, pipeline: Any) -> None:
+    """Wait for room.
+
+    Raises TransferFailed where the graph stopped or takes nothing for ten seconds.
+    """
+    until_s = time.monotonic() + LONGEST_WAIT_S
+    while pipeline.isRunning() and time.monotonic() < until_s:
+        # a stopping graph has closed the queue
+        with suppress(dai.MessageQueue.QueueException):
+            if queue.trySend(message):
+                return
+        time.sleep(PUT_POLL_S)
+    raise TransferFailed(
+        "the graph takes no more frames",
+        where="depthai",
+        cause="a node of the graph stopped",
+        next_step="run again with DEPTHAI_LEVEL=info, which logs the reason",
+    )
+
+
+# -- the graph
 
 
 def watch(
@@ -63,24 +244,29 @@ def watch(
     source raises.
     """
     dai = load_depthai()
+    # of the files of a recording it is the first that is written
+    if (out / ABOUT).exists():
+        raise OutputError(
+            f"holds {ABOUT} already",
+            where=out,
+            next_step="name a new folder, or remove this one",
+        )
+    facts = CameraFacts(
+        **msgspec.structs.asdict(source.lens),
+        source=source.name,
+        family=FAMILY,
+        quad_decimate=QUAD_DECIMATE,
+        void="interrupted",
+        depthai=version("depthai"),
+    )
+    pipeline = source.open(dai)
     failed: HoldfastError | None = None
     try:
-        pipeline = source.open(dai)
-        _require_new(out)
-        facts = CameraFacts(
-            **msgspec.structs.asdict(source.lens),
-            source=source.name,
-            family=FAMILY,
-            quad_decimate=QUAD_DECIMATE,
-            void="interrupted",
-            depthai=version("depthai"),
-        )
         # written first, so that a killed recording says so
         write_about(out, facts)
-        try:
-            _film(dai, pipeline, source, out, stopped)
-        except HoldfastError as error:
-            failed = error
+        _film(dai, pipeline, source, out, stopped)
+    except HoldfastError as error:
+        failed = error
     finally:
         source.close()
 
@@ -92,16 +278,6 @@ def watch(
     if failed is not None:
         raise failed
     return facts
-
-
-def _require_new(out: Path) -> None:
-    for name in (VIDEO, STAMPS, TAGS, ABOUT):
-        if (out / name).exists():
-            raise OutputError(
-                f"holds {name} already",
-                where=out,
-                next_step="name a new folder, or remove this one",
-            )
 
 
 # -- filming
@@ -180,38 +356,34 @@ def _counted(
         tracks = read_tracks(out)
     except HoldfastError as error:
         return facts, error
-    frames = len(tracks.sequence)
-    in_video_s = stamps_of_video(out, dai)
+    numbers = tracks.sequence.tolist()
+    in_video = frames_of_video(out, dai)
     facts = msgspec.structs.replace(
         facts,
-        frames=frames,
-        lost=int(tracks.sequence[-1] - tracks.sequence[0]) + 1 - frames,
-        in_video=len(in_video_s),
+        frames=len(numbers),
+        lost=numbers[-1] - numbers[0] + 1 - len(numbers),
+        in_video=len(in_video),
     )
-    ends_s = tracks.t_s + 5e-4 * source.lens.exposure_ms
-    required = max(1, frames - source.last_lost)
-    missing = 0
-    for number, end_s in zip(tracks.sequence[:required], ends_s, strict=False):
-        off_s = abs(in_video_s.get(int(number), math.inf) - end_s)
-        missing += off_s > STAMP_S
+    required = max(1, len(numbers) - source.last_lost)
+    missing = set(numbers[:required]) - in_video
     if not missing:
         return facts, None
     return facts, OutputError(
-        f"{missing} of {frames} frames are not in the video",
+        f"{len(missing)} of {len(numbers)} frames are not in the video",
         where=out / VIDEO,
         cause="a full disk, or a machine too slow for lossless video",
         next_step=f"make room and record again; {TAGS} holds the tracks",
     )
 
 
-def stamps_of_video(folder: Path, dai: Any) -> dict[int, float]:
-    """The frames of a recorded video: their number -> end of exposure, s.
+def frames_of_video(folder: Path, dai: Any) -> set[int]:
+    """The numbers of the frames of a recorded video.
 
     The end of the file stops depthai's pipeline at once, and a queue that is pulled would lose the
     last frames. So a callback in depthai's own thread takes them.
     """
     if not (folder / VIDEO).is_file():
-        return {}
+        return set()
     pipeline = dai.Pipeline(createImplicitDevice=False)
     replay = pipeline.create(dai.node.ReplayVideo)
     replay.setReplayVideoFile(folder / VIDEO)
@@ -220,12 +392,12 @@ def stamps_of_video(folder: Path, dai: Any) -> dict[int, float]:
     replay.setLoop(False)
     # as fast as the frames are taken
     replay.setFps(1000)
-    end_s: dict[int, float] = {}
+    numbers = set[int]()
     threads = set[int]()
 
     def take(message: Any) -> None:
         threads.add(get_native_id())
-        end_s[message.getSequenceNum()] = message.getTimestamp().total_seconds()
+        numbers.add(message.getSequenceNum())
 
     replay.out.createOutputQueue(maxSize=1, blocking=False).addCallback(take)
     pipeline.start()
@@ -236,7 +408,7 @@ def stamps_of_video(folder: Path, dai: Any) -> dict[int, float]:
     # and they wait for that lock.
     while any(Path(f"/proc/self/task/{thread}").exists() for thread in threads):
         time.sleep(POLL_S)
-    return end_s
+    return numbers
 
 
 def _corners(found: Any) -> dict[int, Corners]:

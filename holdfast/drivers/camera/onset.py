@@ -16,20 +16,19 @@ slip).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.contract import BoolArray, FloatArray, IntArray
 from holdfast.core.errors import LabelError, TagError
 
 # How an object moves in the hand, from the corners of two printed tags in a camera's frames.
 #
 # One tag is on the object and one on the hand. The object's place is given in the axes of the
-# hand's
-# tag, in mm of the printed side. So a hand that moves, turns or comes nearer changes nothing. Numpy
-# only.
+# hand's tag, in mm of the printed side. So a hand that moves, turns or comes nearer changes
+# nothing. Numpy only.
 
 SIGMAS = 5.0
 FLOOR_PX = 0.15
@@ -54,28 +53,21 @@ class Motion:
     place_mm: FloatArray
     mm_per_px: float
 
-    @property
-    def seen(self) -> int:
-        """Frames that show both tags."""
-        return len(self._seen_mm)
+    @cached_property
+    def seen_rows(self) -> IntArray:
+        """The frames that show both tags."""
+        return np.flatnonzero(np.isfinite(self.place_mm).all(axis=1))
 
-    @property
-    def _seen_mm(self) -> FloatArray:
-        return self.place_mm[np.isfinite(self.place_mm).all(axis=1)]
-
-    @property
+    @cached_property
     def sigma_mm(self) -> float:
         """Noise of one axis, from the median step between frames.
 
         A slip of a few frames does not change it.
         """
+        steps = np.diff(self.place_mm[self.seen_rows], axis=0)
         # 1.4826 makes the median deviation of a normal distribution its sigma
-        steps = np.diff(self._seen_mm, axis=0)
-        return (
-            float(1.4826 * np.median(np.abs(steps)) / np.sqrt(2.0))
-            if len(steps)
-            else 0.0
-        )
+        deviation = np.median(np.abs(steps)) if len(steps) else 0.0
+        return float(1.4826 * deviation / np.sqrt(2.0))
 
     @property
     def threshold_mm(self) -> float:
@@ -152,7 +144,6 @@ def _require_one_size(
         )
 
 
-IN_A_ROW = 3
 LONGEST_STEP = 2.5
 """Seen frames that are further apart than this many periods have a gap between them."""
 FIT_FRAMES = 4
@@ -168,20 +159,14 @@ STEPS = 4000
 class Slip:
     """One slip, times in s as in the frames.
 
-    start_sd_s: standard deviation of the fit. frame_s: the longest frame step.
+    uncertainty_s: standard deviation of the start: that of the fit, and that of a frame period.
     """
 
     start_s: float
-    start_sd_s: float
+    uncertainty_s: float
     seen_s: float
     gross_s: float
     end_s: float
-    frame_s: float
-
-    @property
-    def uncertainty_s(self) -> float:
-        """Standard deviation of the start: that of the fit, and that of a frame period."""
-        return float(np.hypot(self.start_sd_s, self.frame_s / np.sqrt(12.0)))
 
 
 @dataclass(frozen=True)
@@ -195,64 +180,68 @@ class HiddenMotion:
     to_s: float
 
 
-@dataclass(frozen=True)
-class Departure:
-    """A motion away from a rest: level_mm [2] of that rest, and rows of the track.
-
-    first: the first of three frames away. stop: the first frame after the next rest began, or the
-    track's end.
-    """
-
-    level_mm: FloatArray
-    first: int
-    stop: int
-
-
 def find_slip(moved: Motion, gross_mm: float) -> Slip | HiddenMotion | None:
     """The first motion from rest that reaches gross_mm; None without one. Raises LabelError.
 
     LabelError: the object never rests.
     """
     track = _Track(moved)
-    for departure in track.departures():
-        far = np.flatnonzero(track.away_mm(departure) >= gross_mm)
-        if not far.size:
-            continue
-        gross = departure.first + int(far[0])
-        gap = track.first_gap(departure.first - 1, gross + 1)
-        if gap is not None:
-            return HiddenMotion(float(track.t_s[gap]), float(track.t_s[gap + 1]))
-        return _slip(track, departure, gross, gross_mm)
+    rest = track.rest(0)
+    if rest is None:
+        raise LabelError(
+            f"the object never rests in the hand for {REST_S:g} s",
+            cause="hidden tags, or an object that moves all the time",
+            next_step="hold still before the action, or choose a part with --until",
+        )
+    level_mm, after = rest
+    # every motion away from a rest is measured from the rest before it
+    while rest and (first := track.departs(after, level_mm)) is not None:
+        rest = track.rest(first)
+        stop = rest[1] if rest else len(track.t_s)
+        away_mm = track.away_mm(first, level_mm)[: stop - first]
+        if away_mm.max() >= gross_mm:
+            gross = first + int(np.argmax(away_mm >= gross_mm))
+            gap = track.first_gap(first - 1, gross + 1)
+            if gap is not None:
+                return HiddenMotion(float(track.t_s[gap]), float(track.t_s[gap + 1]))
+            return _slip(track, Departure(level_mm, first, gross, stop), gross_mm)
+        if rest:
+            level_mm, after = rest
 
-    return track.hidden_while_away()
+    return track.hidden_at_the_end(level_mm)
+
+
+@dataclass(frozen=True)
+class Departure:
+    """A motion away from a rest: level_mm [2] of that rest, and rows of the track.
+
+    first: the first of three frames away. gross: the first beyond the gross distance. stop: the
+    first frame after the next rest began, or the track's end.
+    """
+
+    level_mm: FloatArray
+    first: int
+    gross: int
+    stop: int
 
 
 class _Track:
     """The frames that show both tags: t_s [N], place_mm [N, 2]."""
 
     def __init__(self, moved: Motion) -> None:
-        seen = np.isfinite(moved.place_mm).all(axis=1)
-        self.t_s = moved.t_s[seen]
-        self.place_mm = moved.place_mm[seen]
-        self.threshold_mm = moved.threshold_mm
-        self.sigma_mm = moved.sigma_mm
-        self._all_s = moved.t_s
+        self.moved = moved
+        self.t_s = moved.t_s[moved.seen_rows]
+        self.place_mm = moved.place_mm[moved.seen_rows]
 
-    @property
-    def longest_s(self) -> float:
-        """The longest step between seen frames that is no gap."""
-        return LONGEST_STEP * float(np.median(np.diff(self._all_s)))
-
-    def away_mm(self, departure: Departure) -> FloatArray:
-        """Distance from the rest, for each frame of a departure."""
-        places_mm = self.place_mm[departure.first : departure.stop]
-        away_mm: FloatArray = np.linalg.norm(places_mm - departure.level_mm, axis=1)
+    def away_mm(self, first: int, level_mm: FloatArray) -> FloatArray:
+        """Distance from a rest, from this frame on."""
+        away_mm: FloatArray = np.linalg.norm(self.place_mm[first:] - level_mm, axis=1)
         return away_mm
 
-    def first_gap(self, first: int, stop: int) -> int | None:
-        """The first of these frames that a gap follows."""
-        gaps = np.flatnonzero(np.diff(self.t_s[first:stop]) > self.longest_s)
-        return first + int(gaps[0]) if gaps.size else None
+    def is_away(self, first: int, level_mm: FloatArray) -> BoolArray:
+        """Whether the object has moved from a rest, from this frame on."""
+        away: BoolArray = self.away_mm(first, level_mm) > self.moved.threshold_mm
+        return away
 
     def rest(self, first: int) -> tuple[FloatArray, int] | None:
         """Level [2] of the first rest from this frame on, and the first frame after it."""
@@ -263,96 +252,57 @@ class _Track:
             if stop > len(self.t_s):
                 return None
             level_mm = np.median(self.place_mm[start:stop], axis=0)
-            away = self._away(start, level_mm)
-            if not away[: stop - start].any():
+            if not self.is_away(start, level_mm)[: stop - start].any():
                 return level_mm, stop
 
         return None
 
-    def first_rest(self) -> tuple[FloatArray, int]:
-        """The first rest of the recording. Raises LabelError: the object never rests."""
-        found = self.rest(0)
-        if found is None:
-            raise LabelError(
-                f"the object never rests in the hand for {REST_S:g} s",
-                cause="hidden tags, or an object that moves all the time",
-                next_step="hold still before the action, or choose a part with --until",
-            )
-        return found
-
-    def departures(self) -> Iterator[Departure]:
-        """Every motion away from a rest, each from the rest before it."""
-        level_mm, after = self.first_rest()
-        while (first := self._departs(after, level_mm)) is not None:
-            again = self.rest(first)
-            if again is None:
-                yield Departure(level_mm, first, len(self.t_s))
-                return
-            yield Departure(level_mm, first, again[1])
-            level_mm, after = again
-
-    def hidden_while_away(self) -> HiddenMotion | None:
-        """The gap at the end of what is seen, if the object was away from its rest then."""
-        level_mm, after = self.first_rest()
-        while (again := self.rest(after)) is not None:
-            level_mm, after = again
-        last = len(self.t_s) - 1
-        last_s = float(self.t_s[last])
-        end_s = float(self._all_s[-1])
-        if end_s - last_s > self.longest_s and self._away(last, level_mm).any():
-            return HiddenMotion(last_s, end_s)
-        return None
-
-    def _away(self, first: int, level_mm: FloatArray) -> BoolArray:
-        away_mm = np.linalg.norm(self.place_mm[first:] - level_mm, axis=1)
-        away: BoolArray = away_mm > self.threshold_mm
-        return away
-
-    def _departs(self, first: int, level_mm: FloatArray) -> int | None:
+    def departs(self, first: int, level_mm: FloatArray) -> int | None:
         """The first frame of three in a row that are away from this level."""
-        run = 0
-        for row, away in enumerate(self._away(first, level_mm).tolist(), first):
-            run = run + 1 if away else 0
-            if run == IN_A_ROW:
-                return row - IN_A_ROW + 1
+        away = self.is_away(first, level_mm)
+        in_a_row = away[:-2] & away[1:-1] & away[2:]
+        return first + int(np.argmax(in_a_row)) if in_a_row.any() else None
+
+    def is_gap(self, step_s: FloatArray) -> BoolArray:
+        """Whether tags were hidden between seen frames that are so far apart."""
+        return step_s > LONGEST_STEP * np.median(np.diff(self.moved.t_s))
+
+    def first_gap(self, first: int, stop: int) -> int | None:
+        """The first of these frames that a gap follows."""
+        gaps = np.flatnonzero(self.is_gap(np.diff(self.t_s[first:stop])))
+        return first + int(gaps[0]) if gaps.size else None
+
+    def hidden_at_the_end(self, level_mm: FloatArray) -> HiddenMotion | None:
+        """The gap at the end of what is seen, if the object was away from its rest then."""
+        ends_s = np.array([self.t_s[-1], self.moved.t_s[-1]])
+        last = len(self.t_s) - 1
+        if self.is_gap(np.diff(ends_s)).any() and self.is_away(last, level_mm).any():
+            return HiddenMotion(*ends_s.tolist())
         return None
 
 
-def _slip(track: _Track, departure: Departure, gross: int, gross_mm: float) -> Slip:
-    """The times of a slip. gross: the first frame beyond the gross distance."""
-    t_s = track.t_s
-    first = departure.first
-    stop = departure.stop
+def _slip(track: _Track, departure: Departure, gross_mm: float) -> Slip:
+    """The times of a slip."""
+    t_s, first, gross = track.t_s, departure.first, departure.gross
     offset_mm = track.place_mm - departure.level_mm
     along_mm = offset_mm @ (offset_mm[gross] / np.linalg.norm(offset_mm[gross]))
-    start_s, start_sd_s = fitted_start(
-        t_s, along_mm, first, track.threshold_mm, track.sigma_mm
-    )
+    start_s, start_sd_s = fitted_start(t_s, along_mm, first, track.moved)
     around = slice(gross - 1, gross + 1)
     # a constant acceleration: the root of the distance grows linearly with time
     roots = np.sqrt(np.linalg.norm(offset_mm[around], axis=1))
     gross_s = float(np.interp(np.sqrt(gross_mm), roots, t_s[around]))
-    gap = track.first_gap(gross, stop)
-    end_s = float(t_s[stop - 1 if gap is None else gap])
-    if gap is None and stop < len(t_s):
+    gap = track.first_gap(gross, departure.stop)
+    end_s = float(t_s[departure.stop - 1 if gap is None else gap])
+    if gap is None and departure.stop < len(t_s):
         # the next rest was recognised only at its end
         end_s = max(gross_s, end_s - REST_S)
-    return Slip(
-        start_s=start_s,
-        start_sd_s=start_sd_s,
-        seen_s=float(t_s[first]),
-        gross_s=gross_s,
-        end_s=end_s,
-        frame_s=float(np.diff(t_s[first - 1 : gross + 1]).max()),
-    )
+    longest_s = np.diff(t_s[first - 1 : gross + 1]).max()
+    uncertainty_s = float(np.hypot(start_sd_s, longest_s / np.sqrt(12.0)))
+    return Slip(start_s, uncertainty_s, float(t_s[first]), gross_s, end_s)
 
 
 def fitted_start(
-    t_s: FloatArray,
-    along_mm: FloatArray,
-    first: int,
-    threshold_mm: float,
-    sigma_mm: float,
+    t_s: FloatArray, along_mm: FloatArray, first: int, moved: Motion
 ) -> tuple[float, float]:
     """Start of c + k (t - start)^2, 0 before it, by least squares, and its standard deviation, s.
 
@@ -361,12 +311,12 @@ def fitted_start(
     standard deviation is half of the span of starts whose squared residual is larger than the
     least by at most the squared noise (the larger of residual and noise at rest).
     """
-    begin, stop = _frames_to_fit(t_s, along_mm, first, threshold_mm)
+    begin, stop = _frames_to_fit(t_s, along_mm, first, moved.threshold_mm)
     starts_s = np.linspace(t_s[begin], t_s[first], STEPS)
     misfit = _misfit(t_s[begin:stop], along_mm[begin:stop], starts_s)
     best = int(np.argmin(misfit))
     # three parameters were fitted: level, acceleration and start
-    variance = max(sigma_mm**2, misfit[best] / max(stop - begin - 3, 1))
+    variance = max(moved.sigma_mm**2, misfit[best] / max(stop - begin - 3, 1))
     likely_s = starts_s[misfit <= misfit[best] + variance]
     return float(starts_s[best]), 0.5 * float(likely_s[-1] - likely_s[0])
 
@@ -376,13 +326,11 @@ def _frames_to_fit(
 ) -> tuple[int, int]:
     """First and last + 1 of the frames of the fit."""
     begin = int(np.searchsorted(t_s, t_s[first] - REST_S))
-    stop = min(first + FIT_FRAMES, len(t_s))
-    limit_mm = FIT_THRESHOLDS * threshold_mm
-    while stop < len(t_s) and along_mm[stop] <= limit_mm:
-        if t_s[stop] - t_s[first] >= REST_S:
-            break
-        stop += 1
-
+    is_near = along_mm <= FIT_THRESHOLDS * threshold_mm
+    is_near &= t_s - t_s[first] < REST_S
+    is_near[: first + FIT_FRAMES] = True
+    # the first frame that is not, or the end
+    stop = int(np.argmin(is_near)) or len(t_s)
     return begin, stop
 
 

@@ -1,4 +1,4 @@
-"""The folder of a camera recording, and how it is read.
+"""The folder of a camera recording, and frames on disk: how they are written and read.
 
     camera.mkv     the frames, lossless (FFV1)
     camera.mcap    the frames' stamps and numbers
@@ -12,11 +12,12 @@ depthai; everything else is read with numpy alone.
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, TextIO
+from typing import Annotated, Any, Literal, NamedTuple, TextIO
 
 import msgspec
 import numpy as np
@@ -31,7 +32,7 @@ from holdfast.core.errors import (
     OutputError,
     TimeError,
 )
-from holdfast.core.schema import read
+from holdfast.core.schema import checked, read
 from holdfast.core.writing import write_whole
 
 VIDEO = "camera.mkv"
@@ -150,23 +151,21 @@ def read_tracks(folder: Path) -> Tracks:
     """
     path = folder / TAGS
     try:
-        lines = path.read_text("utf-8").split("\n")
+        head, *lines = path.read_text("utf-8").split("\n")
     except FileNotFoundError:
         raise _not_watched(folder, TAGS) from None
-    rows = [line.split(",") for line in lines]
-    if rows[0] != COLUMNS:
+    if head.split(",") != COLUMNS:
         expected = f"expected: {','.join(COLUMNS)}"
         raise ColumnError("unexpected columns", where=path, next_step=expected)
     # nothing stands behind the last line end, or an incomplete line of a killed program
-    body = rows[1:-1]
+    body = lines[:-1]
     if not body:
         raise EmptyRecording("no frame", where=path, cause="it was stopped at once")
     try:
-        cells = [[float(cell or "nan") for cell in row] for row in body]
-        table = np.array(cells).reshape(-1, len(COLUMNS))
+        table = np.genfromtxt(body, delimiter=",", usecols=range(len(COLUMNS)), ndmin=2)
     except ValueError:
         raise NotANumber(
-            "a line does not hold numbers", where=path, next_step="record again"
+            "lines differ in their cells", where=path, next_step="record again"
         ) from None
     return _tracks(table, path)
 
@@ -194,3 +193,51 @@ def require_forward(ends_s: npt.NDArray[np.float64], where: Path) -> None:
             cause="a camera driver with wrong stamps",
             next_step="record again",
         )
+
+
+# -- frames on disk
+
+
+class Frame(NamedTuple):
+    """One picture [H, W], its number, and the end of its exposure, s."""
+
+    sequence: int
+    end_s: float
+    image: npt.NDArray[np.uint8]
+
+
+def read_frames(path: Path) -> tuple[str, Lens, Iterator[Frame]]:
+    """The name, lens and frames of an .npz file.
+
+    The file holds `frames` [K, H, W] uint8, H and W even, `time_s` [K] ends of exposure, fps,
+    exposure_ms and tag_mm. Raises DataNotFound, EmptyRecording, TimeError.
+    """
+    numbers: dict[str, Any] = {"clock": "trial"}
+    try:
+        with path.open("rb") as opened, np.load(opened) as file:
+            images, ends_s = file["frames"], file["time_s"]
+            for name in ("fps", "exposure_ms", "tag_mm"):
+                numbers[name] = float(file[name])
+    except FileNotFoundError:
+        next_step = "check the path; watch takes oak or a .frames.npz"
+        raise DataNotFound("no such file", where=path, next_step=next_step) from None
+    except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise EmptyRecording(
+            f"cannot be read as frames ({error})",
+            where=path,
+            next_step="docs/camera.md describes the file",
+        ) from None
+
+    lens = checked(numbers, Lens, path, EmptyRecording)
+    is_grey = images.ndim == 3 and images.dtype == np.uint8 and images.size
+    is_odd = any(size % 2 for size in images.shape[1:3])
+    if not is_grey or is_odd or ends_s.shape != images.shape[:1]:
+        raise EmptyRecording(
+            f"frames are {images.dtype} {images.shape} and stamps {ends_s.shape}",
+            where=path,
+            cause="the pictures are not grey, or a size is odd, which no lossless video has",
+            next_step="store frames as uint8 [K, H, W], H and W even, and time_s as [K]",
+        )
+    require_forward(ends_s, path)
+    stamped = zip(range(len(images)), ends_s.tolist(), images, strict=True)
+    return path.name, lens, map(Frame._make, stamped)

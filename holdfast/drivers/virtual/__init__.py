@@ -1,5 +1,5 @@
-"""The virtual hand: emulated bridges with register-level chips, at the lowest seam (USB or ioctl).
+"""The virtual hand: an emulated bridge with register-level chips, at the lowest seam (USB).
 
 The drivers do not know that it is there: they get another pyusb backend. It follows the data sheets
-and the bridges' protocols, not our drivers.
+and the bridge's protocol, not our drivers.
 """

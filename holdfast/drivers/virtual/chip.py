@@ -25,7 +25,6 @@ from holdfast.drivers.tmag5273 import (
     SHORTEST_WAKE_S,
     SLEEP,
     STANDBY,
-    Register,
     conversion_s,
 )
 from holdfast.drivers.virtual.faults import Clock, Faults
@@ -114,42 +113,8 @@ def settings(registers: bytes, version: int) -> Settings:
 
 LAST = max(register.address for register in REGISTERS.values())
 BY_ADDRESS = {register.address: register for register in REGISTERS.values()}
+MODE = REGISTERS["DEVICE_CONFIG_2"]
 CONFIGURATION_BYTES = REGISTERS["I2C_ADDRESS"].address
-
-
-class RegisterFile:
-    """The bytes of all registers by address, as after power-on; version 1 or 2 of the chip."""
-
-    def __init__(self, factory_address: int, version: int) -> None:
-        self.bytes = bytearray(LAST + 1)
-        for register in REGISTERS.values():
-            self.bytes[register.address] = register.reset
-        self.bytes[REGISTERS["I2C_ADDRESS"].address] = factory_address << 1
-        self.bytes[REGISTERS["DEVICE_ID"].address] = version
-
-    @property
-    def configuration(self) -> bytes:
-        """The configuration registers, from address 0."""
-        return bytes(self.bytes[:CONFIGURATION_BYTES])
-
-    def field(self, register: str, name: str) -> int:
-        """One bit field of a register."""
-        return REGISTERS[register].read(self.bytes[REGISTERS[register].address], name)
-
-    def set_mode(self, mode: int) -> None:
-        """Set DEVICE_CONFIG_2.OPERATING_MODE."""
-        address = REGISTERS["DEVICE_CONFIG_2"].address
-        self.bytes[address] = self.bytes[address] & ~3 & 0xFF | mode
-
-    def store(self, address: int, byte: int) -> Register | None:
-        """Write a byte as the chip takes it; the register, or None where there is none."""
-        register = BY_ADDRESS.get(address)
-        if register is not None:
-            cleared = register.write_one_clears & byte
-            read_only = ~register.writable & 0xFF
-            kept = self.bytes[address] & read_only & ~cleared
-            self.bytes[address] = kept | byte & register.writable
-        return register
 
 
 class Chip:
@@ -161,7 +126,7 @@ class Chip:
     def __init__(
         self,
         number: int,
-        factory_address: int,
+        address: int,
         version: int,
         field: FieldSource,
         clock: Clock,
@@ -170,20 +135,21 @@ class Chip:
         seed: int | None = None,
     ) -> None:
         self.number = number
-        self.factory_address = factory_address
+        self.address = address
         self.version = version
         self._field = field
         self._clock = clock
         self._faults = faults
-        self._born_ns = clock.now_ns()
         self._noise_ut = noise_of(seed, number)
         self.power_on()
 
     def power_on(self) -> None:
-        """Every register as after power-up, and the factory address."""
-        self._registers = RegisterFile(self.factory_address, self.version)
-        self._bytes = self._registers.bytes
-        self.address = self.factory_address
+        """Every register as after power-up."""
+        self._bytes = bytearray(LAST + 1)
+        for register in REGISTERS.values():
+            self._bytes[register.address] = register.reset
+        self._bytes[REGISTERS["I2C_ADDRESS"].address] = self.address << 1
+        self._bytes[REGISTERS["DEVICE_ID"].address] = self.version
         self._configured()
         self._pointer = 0
         self._conversions = 0
@@ -244,23 +210,29 @@ class Chip:
         return byte
 
     def _store(self, address: int, byte: int) -> None:
-        mode = self._mode
-        register = self._registers.store(address, byte)
+        register = BY_ADDRESS.get(address)
         if register is None:
             return
+        cleared = register.write_one_clears & byte
+        read_only = ~register.writable & 0xFF
+        kept = self._bytes[address] & read_only & ~cleared
+        self._bytes[address] = kept | byte & register.writable
+        mode = self._mode
         self._configured()
         if any(register is REGISTERS[name] for name in RESTARTING):
             self._restart(mode)
 
     def _configured(self) -> None:
         """Decode the registers once, not at every conversion."""
-        self._mode = self._registers.field("DEVICE_CONFIG_2", "OPERATING_MODE")
-        self._settings = settings(self._registers.configuration, self.version)
+        self._mode = MODE.read(self._bytes[MODE.address], "OPERATING_MODE")
+        self._settings = settings(
+            bytes(self._bytes[:CONFIGURATION_BYTES]), self.version
+        )
 
     # -- conversions
 
     def _set_mode(self, mode: int) -> None:
-        self._registers.set_mode(mode)
+        self._bytes[MODE.address] = self._bytes[MODE.address] & ~3 & 0xFF | mode
         self._configured()
 
     def _restart(self, mode_before: int) -> None:
@@ -295,7 +267,7 @@ class Chip:
         self._conversions += done - self._done
         # conversions in between leave no result, but count
         self._done = done
-        began_s = 1e-9 * (self._started_ns - self._born_ns)
+        began_s = 1e-9 * (self._started_ns - self._faults.born_ns)
         # a conversion measures the mean field, which is about that of its middle
         self._convert(began_s + done * wanted.duration_s - 0.5 * wanted.duration_s)
 
@@ -312,19 +284,16 @@ class Chip:
 
     # -- faults
 
-    def _now_s(self) -> float:
-        return 1e-9 * (self._clock.now_ns() - self._born_ns)
-
     def _has(self, fault: str) -> bool:
         """Whether this chip has a fault now."""
         if not self._faults:
             return False
-        return self._faults.lasts(fault, self._now_s(), self.number)
+        return self._faults.lasts(fault, self.number)
 
     def _suffer(self) -> None:
-        if self._faults.happened("por", self._now_s(), self.number):
+        if self._faults.happened("por", self.number):
             self.power_on()
-        if self._faults.happened("sleep", self._now_s(), self.number):
+        if self._faults.happened("sleep", self.number):
             self._set_mode(SLEEP)
             self._forget()
             self._started_ns = None

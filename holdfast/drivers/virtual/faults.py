@@ -121,9 +121,14 @@ def read_fault(text: str) -> Fault:
 
 
 class Faults:
-    """The script, which the parts of the virtual hand query as time goes by."""
+    """The script, which the parts of a virtual hand query as time goes by.
 
-    def __init__(self, faults: Iterable[Fault] = ()) -> None:
+    born_ns: when the hand was made; the times of the faults begin then.
+    """
+
+    def __init__(self, clock: Clock, faults: Iterable[Fault] = ()) -> None:
+        self.born_ns = clock.now_ns()
+        self._clock = clock
         self._pending: list[Fault] = []
         self._lasting: dict[tuple[str, int | None], list[Fault]] = {}
         for fault in faults:
@@ -137,19 +142,24 @@ class Faults:
         """Whether the script has any fault left."""
         return bool(self._lasting or self._pending)
 
-    def lasts(self, kind: str, now_s: float, sensor: int | None = None) -> bool:
+    def now_s(self) -> float:
+        """Time since the hand was made."""
+        return 1e-9 * (self._clock.now_ns() - self.born_ns)
+
+    def lasts(self, kind: str, sensor: int | None = None) -> bool:
         """Whether a lasting fault is active."""
+        now_s = self.now_s()
         for fault in self._lasting.get((kind, sensor), ()):
             if fault.at_s <= now_s < fault.at_s + fault.lasts_s:
                 return True
         return False
 
-    def happened(self, kind: str, now_s: float, sensor: int | None = None) -> bool:
+    def happened(self, kind: str, sensor: int | None = None) -> bool:
         """Whether a fault that happens once has happened since the last call."""
         happened = False
         for fault in list(self._pending):
             same = fault.kind == kind and fault.sensor == sensor
-            if same and fault.at_s <= now_s:
+            if same and fault.at_s <= self.now_s():
                 self._pending.remove(fault)
                 happened = True
         return happened

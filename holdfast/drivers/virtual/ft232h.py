@@ -1,15 +1,18 @@
 """An FT232H: its control requests, its MPSSE engine (FTDI AN 108), and the two lines it drives.
 
-The engine moves whole bytes, because the emulation's computing time is taken from the reader in
-the same process. A driver that clocks single bits of a byte would not be understood.
+It knows the commands that a driver of I2C needs, and answers others as the chip does. The engine
+moves whole bytes, because the emulation's computing time is taken from the reader in the same
+process. A driver that clocks single bits of a byte would not be understood.
 """
 
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
-from holdfast.drivers.virtual.usb_device import Device, stall
-from holdfast.drivers.virtual.virtual_hand import RELEASED, VirtualHand, Wire
+import usb.core
+
+from holdfast.drivers.virtual.virtual_hand import VirtualHand, Wire
 
 OUT_ENDPOINT = 0x02
 IN_ENDPOINT = 0x81
@@ -23,10 +26,7 @@ SDA = 0x02
 SDA_IN = 0x04
 SIO_RESET = 0x00
 SIO_LATENCY = 0x09
-SIO_GET_LATENCY = 0x0A
 SIO_BITMODE = 0x0B
-SIO_GET_PINS = 0x0C
-SIO_GET_STATUS = 0x05
 PURGE_SENT = 1
 PURGE_ANSWERS = 2
 """Values of SIO_RESET: 1 clears what the host sent, 2 what waits for it, 0 both.
@@ -35,19 +35,29 @@ libftdi calls 1 SIO_TCOFLUSH.
 """
 MPSSE = 2
 SET_PINS = 0x80
-LENGTHS = dict.fromkeys(
-    (SET_PINS, 0x82, 0x86, 0x9E, 0x10, 0x11, 0x20, 0x24, 0x12, 0x13), 3
-)
-LENGTHS |= {0x22: 2, 0x26: 2}
+WRITE_BYTES, WRITE_BITS, READ_BYTES, READ_BITS = 0x11, 0x13, 0x20, 0x22
+SET_OTHER_PINS, DIVIDER, OPEN_DRAIN = 0x82, 0x86, 0x9E
+LENGTHS = {
+    SET_PINS: 3,
+    SET_OTHER_PINS: 3,
+    DIVIDER: 3,
+    OPEN_DRAIN: 3,
+    WRITE_BYTES: 3,
+    WRITE_BITS: 3,
+    READ_BYTES: 3,
+    READ_BITS: 2,
+}
 """Bytes of the commands that have arguments, data of byte writes not counted."""
-BYTE_WRITES = (0x10, 0x11)
-BIT_WRITES = (0x12, 0x13)
-BYTE_READS = (0x20, 0x24)
-BIT_READS = (0x22, 0x26)
-WITHOUT_EFFECT = (0x82, 0x84, 0x85, 0x8D, 0x96, 0x97, 0x9E)
+WITHOUT_EFFECT = (SET_OTHER_PINS, 0x85, 0x97, OPEN_DRAIN)
+STALL = 32
 
 Command = tuple[int, bytes]
 """An opcode and its arguments."""
+
+
+def stall() -> Any:
+    """What libusb raises on a STALL."""
+    return usb.core.USBError("Pipe error", STALL, STALL)
 
 
 @lru_cache(maxsize=64)
@@ -62,7 +72,7 @@ def parsed(commands: bytes) -> tuple[tuple[Command, ...], int]:
     while at < len(commands):
         opcode = commands[at]
         used = LENGTHS.get(opcode, 1)
-        if opcode in BYTE_WRITES and at + used <= len(commands):
+        if opcode == WRITE_BYTES and at + used <= len(commands):
             used += 1 + int.from_bytes(commands[at + 1 : at + 3], "little")
         if at + used > len(commands):
             break
@@ -74,19 +84,8 @@ def parsed(commands: bytes) -> tuple[tuple[Command, ...], int]:
     return tuple(found), at
 
 
-class VirtualFt232h(Device):
+class VirtualFt232h:
     """The bridge in front of a virtual hand."""
-
-    # USB 2.0, 64 bytes in a control packet, 0403:6014, release 9.00, three strings
-    device_descriptor = bytes.fromhex(
-        "12 01 00 02 00 00 00 40 03 04 14 60 00 09 01 02 03 01"
-    )
-    # 100 mA from the bus; one vendor's interface; bulk endpoints 0x81 and 0x02 of 512 bytes
-    configuration = bytes.fromhex(
-        "09 02 20 00 01 01 00 80 32  09 04 00 00 02 ff ff ff 00"
-        "07 05 81 02 00 02 01  07 05 02 02 00 02 01"
-    )
-    strings = ("FTDI", "Single RS232-HS", "FTHOLD01")
 
     def __init__(self, hand: VirtualHand) -> None:
         self.hand = hand
@@ -102,39 +101,26 @@ class VirtualFt232h(Device):
         self._lines = BusLines(self.hand.wire)
         self._shifted = 0
         self._divider = 0
-        self._by_five = True
+        self._master_hz = 12e6
         self._phases = 2
 
     # -- control requests
 
-    def control_out(
-        self, request_type: int, request: int, value: int, index: int, data: bytes
-    ) -> None:
+    def control_out(self, request: int, value: int) -> None:
         """FTDI's own requests; those for the serial port are accepted and ignored."""
-        purges = (0, PURGE_SENT, PURGE_ANSWERS)
+        if request == SIO_LATENCY:
+            self._latency_ms = value & 0xFF
+            return
         if request == SIO_BITMODE:
             self._mode = value >> 8
-        if request == SIO_BITMODE or (request == SIO_RESET and value in purges):
-            if request == SIO_BITMODE or value != PURGE_ANSWERS:
-                self._commands = b""
-            if request == SIO_BITMODE or value != PURGE_SENT:
-                self._answers = bytearray()
-        elif request == SIO_LATENCY:
-            self._latency_ms = value & 0xFF
-        elif request > SIO_GET_PINS:
-            raise stall()
-
-    def control_in(
-        self, request_type: int, request: int, value: int, index: int, length: int
-    ) -> bytes:
-        """Latency, pins, modem status."""
-        if request == SIO_GET_LATENCY:
-            return bytes([self._latency_ms])
-        if request == SIO_GET_PINS:
-            return bytes([self._levels()])
-        if request == SIO_GET_STATUS:
-            return bytes([0x01, 0x60])
-        raise stall()
+            # a new mode begins with empty buffers, as after a reset
+            value = 0
+        elif request != SIO_RESET:
+            return
+        if value != PURGE_ANSWERS:
+            self._commands = b""
+        if value != PURGE_SENT:
+            self._answers = bytearray()
 
     # -- bulk
 
@@ -157,8 +143,7 @@ class VirtualFt232h(Device):
         for opcode, arguments in commands:
             self._carry_out(opcode, arguments)
 
-        master_hz = 12e6 if self._by_five else 60e6
-        bus_hz = master_hz / ((1 + self._divider) * self._phases)
+        bus_hz = self._master_hz / ((1 + self._divider) * self._phases)
         duration_ns = round(1e9 * (wire.bits - bits) / bus_hz)
         clock.spend(from_ns + duration_ns - clock.now_ns())
 
@@ -191,17 +176,17 @@ class VirtualFt232h(Device):
             # a pin that is not driven is pulled up
             high = levels | ~driven
             self._lines.set(bool(high & SCL), bool(high & SDA))
-        elif opcode in BYTE_WRITES:
+        elif opcode == WRITE_BYTES:
             for byte in arguments[2:]:
                 self._lines.byte_out(byte)
-        elif opcode in BIT_READS:
+        elif opcode == READ_BITS:
             # the newest bit is the lowest, and older ones stay above it
             self._shifted = (self._shifted << 1 | self._lines.acknowledge_in()) & 0xFF
             self._answers.append(self._shifted)
-        elif opcode in BYTE_READS:
+        elif opcode == READ_BYTES:
             for _ in range(int.from_bytes(arguments, "little") + 1):
                 self._answers.append(self._lines.byte_in())
-        elif opcode in BIT_WRITES:
+        elif opcode == WRITE_BITS:
             self._lines.acknowledge_out(bool(arguments[1] & 0x80))
         else:
             self._configure(opcode, arguments)
@@ -210,16 +195,14 @@ class VirtualFt232h(Device):
         """Commands that do not move the lines."""
         if opcode == 0x81:
             self._answers.append(self._levels())
-        elif opcode == 0x83:
-            self._answers.append(0)
-        elif opcode == 0x86:
+        elif opcode == DIVIDER:
             self._divider = int.from_bytes(arguments, "little")
         elif opcode == 0x87:
             self._flushed = True
-        elif opcode in (0x8A, 0x8B):
-            self._by_five = opcode == 0x8B
-        elif opcode in (0x8C, 0x8D):
-            self._phases = 3 if opcode == 0x8C else 2
+        elif opcode == 0x8A:
+            self._master_hz = 60e6
+        elif opcode == 0x8C:
+            self._phases = 3
         elif opcode not in WITHOUT_EFFECT:
             self._answers += bytes([0xFA, opcode])
 
@@ -230,9 +213,7 @@ class BusLines:
     def __init__(self, wire: Wire) -> None:
         self.wire = wire
         self.scl = self.master = True
-        self._state = "idle"
-        self._addressing = self._acked = False
-        self._byte = 0
+        self._acked = False
 
     @property
     def sda(self) -> bool:
@@ -242,7 +223,8 @@ class BusLines:
     def set(self, scl: bool, sda: bool) -> None:
         """Pins written by the master; SDA that moves while SCL is high is a START or a STOP."""
         if self.scl and scl and sda != self.master and not self.wire.held_low:
-            self._stop() if sda else self._start()
+            self.wire.stop() if sda else self.wire.start()
+            self._acked = False
         rises = scl and not self.scl
         self.scl = scl
         self.master = sda
@@ -253,35 +235,27 @@ class BusLines:
         """A byte from the master."""
         self.scl = False
         self.master = bool(byte & 1)
-        if not self._held(8) and self._state == "listen":
-            self._byte, self._acked = byte, self.wire.write(byte)
+        if not self._held(8):
+            self._acked = self.wire.write(byte)
 
     def acknowledge_in(self) -> int:
         """The level of SDA after a byte from the master: low where a chip acknowledges."""
         self.scl = False
         if self._held(1):
             return 0
-        if self._state != "listen":
-            return int(self.master)
-        # the chip that acknowledged its address for a read sends next
-        if self._addressing and self._acked and self._byte & 1:
-            self._state = "talk"
-        self._addressing = False
         return int(self.master and not self._acked)
 
     def byte_in(self) -> int:
         """A byte from the chips; the released line where none sends."""
         self.scl = False
-        if self._held(8):
-            return 0
-        return self.wire.read() if self._state == "talk" else RELEASED
+        return 0 if self._held(8) else self.wire.read()
 
     def acknowledge_out(self, level: bool) -> None:
         """The master's acknowledge of a byte; a high level silences the chips."""
         self.scl = False
         self.master = level
-        if not self._held(1) and self._state == "talk" and level:
-            self._state = "silent"
+        if not self._held(1) and level:
+            self.wire.refuse()
 
     def _held(self, clocks: int) -> bool:
         """Whether a chip holds SDA low; it counts these clocks."""
@@ -289,13 +263,3 @@ class BusLines:
         for _ in range(clocks if held else 0):
             self.wire.clock()
         return held
-
-    def _start(self) -> None:
-        self.wire.start()
-        self._state = "listen"
-        self._addressing = True
-        self._acked = False
-
-    def _stop(self) -> None:
-        self.wire.stop()
-        self._state = "idle"

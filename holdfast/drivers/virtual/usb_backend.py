@@ -1,14 +1,12 @@
 """A pyusb backend whose devices are emulated: drivers use it as they use libusb.
 
-Faults of the bridge happen here, in the same way for every device: a stall, a time-out whose reply
-comes late, half of an answer, a device that is unplugged (and comes back as another one, after the
-sensors lost their power).
+Faults of the bridge happen here: a stall, a time-out whose reply comes late, half of an answer, a
+device that is unplugged (and comes back as another one, after the sensors lost their power).
 """
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -16,37 +14,78 @@ from typing import Any
 import usb.backend
 import usb.core
 
-from holdfast.drivers.virtual.faults import Clock, Faults
-from holdfast.drivers.virtual.usb_device import Device, stall
+from holdfast.core.contract import Json
+from holdfast.drivers.virtual.ft232h import (
+    IN_ENDPOINT,
+    OUT_ENDPOINT,
+    PACKET,
+    VirtualFt232h,
+    stall,
+)
 
 BUSY = 16
 NO_DEVICE = 19
 TIMED_OUT = 110
 LIBUSB_ERROR_BUSY = -6
-IN = 0x80
-TYPE_MASK = 0x60
-STANDARD = 0x00
-"""Of bmRequestType."""
-GET_DESCRIPTOR = 6
-HIGH_SPEED = 3
-HEADS, ENDPOINT_BYTES = 18, 7
-"""Bytes of a configuration and its interface together, and of each endpoint behind them."""
-DEVICE_FIELDS = (
-    "bLength bDescriptorType bcdUSB bDeviceClass bDeviceSubClass bDeviceProtocol "
-    "bMaxPacketSize0 idVendor idProduct bcdDevice iManufacturer iProduct iSerialNumber "
-    "bNumConfigurations"
+# An FT232H without strings, by the fields of USB 2.0 (tables 9-8, 9-10, 9-12 and 9-13).
+DEVICE: Json = {
+    "bLength": 18,
+    "bDescriptorType": 1,
+    "bcdUSB": 0x0200,
+    "bDeviceClass": 0,
+    "bDeviceSubClass": 0,
+    "bDeviceProtocol": 0,
+    "bMaxPacketSize0": 64,
+    "idVendor": 0x0403,
+    "idProduct": 0x6014,
+    "bcdDevice": 0x0900,
+    "iManufacturer": 0,
+    "iProduct": 0,
+    "iSerialNumber": 0,
+    "bNumConfigurations": 1,
+    "bus": 1,
+    "port_number": 1,
+    "port_numbers": (1,),
+    "speed": 3,
+}
+"""Of high speed."""
+CONFIGURATION = SimpleNamespace(
+    bLength=9,
+    bDescriptorType=2,
+    wTotalLength=32,
+    bNumInterfaces=1,
+    bConfigurationValue=1,
+    iConfiguration=0,
+    bmAttributes=0x80,
+    bMaxPower=50,
+    extra_descriptors=[],
 )
-CONFIGURATION_FIELDS = (
-    "bLength bDescriptorType wTotalLength bNumInterfaces bConfigurationValue "
-    "iConfiguration bmAttributes bMaxPower"
+"""100 mA from the bus."""
+INTERFACE = SimpleNamespace(
+    bLength=9,
+    bDescriptorType=4,
+    bInterfaceNumber=0,
+    bAlternateSetting=0,
+    bNumEndpoints=2,
+    bInterfaceClass=0xFF,
+    bInterfaceSubClass=0xFF,
+    bInterfaceProtocol=0xFF,
+    iInterface=0,
+    extra_descriptors=[],
 )
-INTERFACE_FIELDS = (
-    "bLength bDescriptorType bInterfaceNumber bAlternateSetting bNumEndpoints "
-    "bInterfaceClass bInterfaceSubClass bInterfaceProtocol iInterface"
-)
-ENDPOINT_FIELDS = (
-    "bLength bDescriptorType bEndpointAddress bmAttributes wMaxPacketSize bInterval"
-)
+"""One vendor's own."""
+ENDPOINTS = (IN_ENDPOINT, OUT_ENDPOINT)
+ENDPOINT: Json = {
+    "bLength": 7,
+    "bDescriptorType": 5,
+    "bmAttributes": 2,
+    "wMaxPacketSize": PACKET,
+    "bInterval": 1,
+    "bRefresh": 0,
+    "bSynchAddress": 0,
+    "extra_descriptors": [],
+}
+"""Bulk."""
 
 
 def no_device() -> Any:
@@ -63,13 +102,6 @@ def timed_out() -> Any:
 def busy() -> Any:
     """What libusb raises when another handle or a kernel driver has the interface."""
     return usb.core.USBError("Resource busy", LIBUSB_ERROR_BUSY, BUSY)
-
-
-def _named(form: str, names: str, descriptor: bytes, **more: object) -> SimpleNamespace:
-    """A descriptor's fields by name, as pyusb has them."""
-    values = struct.unpack_from(form, descriptor)
-    fields = dict(zip(names.split(), values, strict=True))
-    return SimpleNamespace(**fields, extra_descriptors=[], **more)
 
 
 @dataclass
@@ -89,23 +121,13 @@ class Handle:
 
 
 class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
-    """One device on its own bus, with a kernel driver. power_off: called when it is unplugged."""
+    """One device on its own bus, with a kernel driver."""
 
-    def __init__(
-        self,
-        device: Device,
-        clock: Clock,
-        faults: Faults,
-        power_off: Callable[[], None] = lambda: None,
-    ) -> None:
+    def __init__(self, device: VirtualFt232h) -> None:
         self.device = device
         self.traffic = Traffic()
-        self._clock = clock
-        self._faults = faults
-        self._power_off = power_off
-        self._born_ns = clock.now_ns()
+        self._hand = device.hand
         self._generation = 0
-        self._gone = False
         self._late: dict[int, list[bytes]] = {}
         self._claimed: Handle | None = None
         self._detached = False
@@ -121,40 +143,24 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         """No hub."""
 
     def get_device_descriptor(self, dev: Any) -> Any:
-        """Its ids, its speed, and which strings it has."""
-        return _named(
-            "<BBHBBBBHHHBBBB",
-            DEVICE_FIELDS,
-            self.device.device_descriptor,
-            address=dev.generation + 1,
-            bus=1,
-            port_number=1,
-            port_numbers=(1,),
-            speed=HIGH_SPEED,
-        )
+        """Its ids and its speed."""
+        return SimpleNamespace(address=dev.generation + 1, **DEVICE)
 
     def get_configuration_descriptor(self, dev: Any, config: int) -> Any:
         """The only one."""
-        if config:
-            raise IndexError(config)
-        found = self.device.configuration
-        return _named("<BBHBBBBB", CONFIGURATION_FIELDS, found)
+        return (CONFIGURATION,)[config]
 
     def get_interface_descriptor(
         self, dev: Any, intf: int, alt: int, config: int
     ) -> Any:
         """The only one, without alternatives."""
-        if intf or alt:
-            raise IndexError(intf)
-        return _named("<9x9B", INTERFACE_FIELDS, self.device.configuration)
+        return (INTERFACE,)[intf + alt]
 
     def get_endpoint_descriptor(
         self, dev: Any, ep: int, intf: int, alt: int, config: int
     ) -> Any:
-        """As the device says."""
-        found = self.device.configuration[HEADS + ENDPOINT_BYTES * ep :]
-        more = {"bRefresh": 0, "bSynchAddress": 0}
-        return _named("<BBBBHB", ENDPOINT_FIELDS, found, **more)
+        """In, or out."""
+        return SimpleNamespace(bEndpointAddress=ENDPOINTS[ep], **ENDPOINT)
 
     # -- opening
 
@@ -219,19 +225,9 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         data: Any,
         timeout: int,
     ) -> int:
-        """Out or in, by the highest bit of the request type."""
+        """Out; nothing asks this device for descriptors or the state of its port."""
         self._begin(dev_handle)
-        if request_type & IN:
-            if request_type & TYPE_MASK == STANDARD:
-                if request != GET_DESCRIPTOR:
-                    raise stall()
-                answer = self.device.descriptor(value >> 8, value & 0xFF)[: len(data)]
-            else:
-                answer = self.device.control_in(
-                    request_type, request, value, index, len(data)
-                )
-            return self._deliver(self._spoilt(answer, timeout), data)
-        self.device.control_out(request_type, request, value, index, bytes(data))
+        self.device.control_out(request, value)
         self._spoilt(b"", timeout)
         self.traffic.bytes_out += len(data)
         return len(data)
@@ -261,7 +257,7 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
             self._late.setdefault(ep, []).append(answer)
             answer = b""
         if not answer:
-            self._clock.spend(1_000_000 * timeout)
+            self._hand.clock.spend(1_000_000 * timeout)
             raise timed_out()
         return self._deliver(self._spoilt(answer, timeout), buff)
 
@@ -280,7 +276,7 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
 
     def _spoilt(self, answer: bytes, timeout: int) -> bytes:
         if self._lasts("late"):
-            self._clock.spend(1_000_000 * timeout)
+            self._hand.clock.spend(1_000_000 * timeout)
             raise timed_out()
         return answer[: len(answer) // 2] if self._lasts("short") else answer
 
@@ -290,17 +286,14 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
 
     def _unplugged(self) -> bool:
         """Whether it is away. A device that leaves drops all claims and late replies."""
-        gone = self._lasts("unplug")
-        if gone and not self._gone:
-            self._generation += 1
+        gone = self._hand.unplugged()
+        if self._generation != self._hand.generation:
+            self._generation = self._hand.generation
             self._claimed = None
             self._detached = False
             self._late.clear()
             self.device.reset()
-            # the sensors get their power from the bridge
-            self._power_off()
-        self._gone = gone
         return gone
 
     def _lasts(self, kind: str) -> bool:
-        return self._faults.lasts(kind, 1e-9 * (self._clock.now_ns() - self._born_ns))
+        return self._hand.faults.lasts(kind)

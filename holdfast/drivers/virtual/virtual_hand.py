@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -24,8 +23,6 @@ BITS_OF_A_BYTE = 9
 RELEASED = 0xFF
 """What is read where nothing pulls SDA low."""
 CLOCKS_TO_FREE = 9
-Wiring = Sequence[tuple[int, int]]
-"""Mux channel and factory address of each finger."""
 BIT_ERROR_RATE = 1e-4
 """Of the fault "noise"."""
 REST_UT = np.array([0.0, 0.0, 23730.0])
@@ -36,40 +33,19 @@ FORCE_N_PER_UT = np.diag(
 """The calibration of these sensors: the linear map that the simulation's magnet is fitted with."""
 
 
-class Target(Protocol):
-    """Something with an address on a wire."""
-
-    def addressed(self, address: int, *, read: bool) -> bool:
-        """After a START: whether it acknowledges."""
-        ...
-
-    def write(self, byte: int) -> bool:
-        """A byte from the master; whether it is acknowledged."""
-        ...
-
-    def read(self) -> int:
-        """The next byte for the master."""
-        ...
-
-    def stop(self) -> None:
-        """STOP was seen."""
-        ...
-
-
 class Noise:
-    """Bits that flip on their way, each with the same probability. seed: decides which bits."""
+    """Bits that flip on their way, each with the same probability, always the same ones."""
 
-    def __init__(self, bit_error_rate: float, seed: int = 0) -> None:
-        self._rate = bit_error_rate
-        self._random = np.random.default_rng(seed)
-        self._until = int(self._random.geometric(self._rate))
+    def __init__(self) -> None:
+        self._random = np.random.default_rng(0)
+        self._until = int(self._random.geometric(BIT_ERROR_RATE))
 
     def flips(self) -> int:
         """Which bits of the next byte flip: a mask of nine bits, the acknowledge lowest."""
         mask = 0
         while self._until <= BITS_OF_A_BYTE:
             mask |= 1 << BITS_OF_A_BYTE - self._until
-            self._until += int(self._random.geometric(self._rate))
+            self._until += int(self._random.geometric(BIT_ERROR_RATE))
         self._until -= BITS_OF_A_BYTE
         return mask
 
@@ -133,6 +109,10 @@ class Wire:
         # a target that sees no acknowledge ends
         self._silent = self._silent or bool(flips & 1)
         return byte ^ flips >> 1
+
+    def refuse(self) -> None:
+        """The master does not acknowledge a byte: the targets send no more of them."""
+        self._silent = True
 
     def _written(self, byte: int) -> bool:
         if self._address_next:
@@ -234,6 +214,14 @@ class Mux:
                 self._enabled += channel
 
 
+Target = Chip | Mux
+"""Something with an address on a wire.
+
+`addressed` after a START says whether it acknowledges, `write` whether it acknowledges a byte of
+the master, `read` gives the next byte for the master, and `stop` tells it of a STOP.
+"""
+
+
 @dataclass(frozen=True)
 class Track:
     """A recorded or simulated field: t_s [T] from 0, field_ut [T, S, 3], linear in between.
@@ -276,9 +264,8 @@ def still(field_ut: FloatArray = REST_UT, sensors: int = 6) -> Track:
     return Track(np.array([0.0]), np.broadcast_to(field_ut, (1, sensors, 3)))
 
 
-def wiring_of(places: Sequence[Finger]) -> Wiring:
-    """The wiring on which a driver with this layout finds its sensors. Raises UsageError."""
-    wiring = []
+def require_wired(places: Sequence[Finger]) -> None:
+    """Raise UsageError for a layout on which no virtual hand has its sensors."""
     for one in places:
         same_mux = one.mux == places[0].mux
         if one.channel is None or not same_mux or one.address not in FACTORY_ADDRESSES:
@@ -288,15 +275,12 @@ def wiring_of(places: Sequence[Finger]) -> Wiring:
                 next_step=f"layout={' or layout='.join(LAYOUTS)}, or channel:address for "
                 "each sensor, such as layout=0:35,0:22",
             )
-        wiring.append((one.channel, one.address))
-    return tuple(wiring)
 
 
 class VirtualHand:
-    """Chips, mux and wire. layout: a name of LAYOUTS; seed: of the chips' noise, None for none.
+    """Chips, mux and wire. places: of the fingers; seed: of the chips' noise, None for none.
 
-    wiring: mux channel and factory address of each finger, in place of a layout with a name.
-    born_ns: when the hand was made; its field and its faults begin then.
+    Raises UsageError for places that are not behind one mux.
     """
 
     def __init__(
@@ -304,28 +288,31 @@ class VirtualHand:
         clock: Clock,
         *,
         track: Track | None = None,
-        layout: str = "mux",
-        wiring: Wiring | None = None,
+        places: Sequence[Finger] = LAYOUTS["mux"],
         version: int = 1,
         seed: int | None = None,
         faults: Sequence[Fault] = (),
     ) -> None:
-        places = wiring_of(LAYOUTS[layout]) if wiring is None else wiring
+        require_wired(places)
         self.clock = clock
-        self.faults = Faults(faults)
+        self.faults = Faults(clock, faults)
+        self.generation = 0
+        """How often its bridge has been unplugged."""
+        self._gone = False
         self.track = track or still(sensors=len(places))
-        self.born_ns = clock.now_ns()
         self.chips: list[Chip] = []
         channels: list[list[Target]] = [[] for _ in range(8)]
-        for k, (channel, address) in enumerate(places):
+        for k, place in enumerate(places):
             field = self._field_of(k)
-            chip = Chip(k + 1, address, version, field, clock, self.faults, seed=seed)
+            chip = Chip(
+                k + 1, place.address, version, field, clock, self.faults, seed=seed
+            )
             self.chips.append(chip)
-            channels[channel].append(chip)
+            channels[place.channel or 0].append(chip)
 
-        self.mux = Mux(channels)
+        self.mux = Mux(channels, places[0].mux)
         self.wire = Wire([self.mux])
-        self._noise = Noise(BIT_ERROR_RATE)
+        self._noise = Noise()
 
     def power_off(self) -> None:
         """The power goes and comes back: everything on the wire starts again."""
@@ -338,10 +325,18 @@ class VirtualHand:
         """Apply the faults of the bus; a bridge calls it before it uses the wire."""
         if not self.faults:
             return
-        now_s = 1e-9 * (self.clock.now_ns() - self.born_ns)
-        if self.faults.happened("stuck", now_s):
+        if self.faults.happened("stuck"):
             self.wire.hold_low()
-        self.wire.noise = self._noise if self.faults.lasts("noise", now_s) else None
+        self.wire.noise = self._noise if self.faults.lasts("noise") else None
+
+    def unplugged(self) -> bool:
+        """Whether its bridge is away; the sensors get their power from it."""
+        gone = self.faults.lasts("unplug")
+        if gone and not self._gone:
+            self.generation += 1
+            self.power_off()
+        self._gone = gone
+        return gone
 
     def _field_of(self, sensor: int) -> FieldSource:
         return lambda now_s: self.track.at(now_s, sensor)

@@ -16,8 +16,8 @@ from holdfast.core.errors import LabelError
 from holdfast.core.hand_card import read_hand_card
 from holdfast.core.schema import json_of, text_of
 from holdfast.core.trial_layout import checked_name, mass_g
-from holdfast.drivers.calibration import bias_json, read_calibration
-from holdfast.drivers.hand import LiveHand
+from holdfast.drivers.calibration import fields_of, read_calibration
+from holdfast.drivers.hand import Hand
 from holdfast.edge_runtime.wearer import IntentMonitor
 from holdfast.live.hand_files import force_of
 from holdfast.live.running import first_in_line
@@ -102,7 +102,7 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
         about = {
             "unit": source.unit,
             "rate_hz": rate_hz,
-            "hand": source.about() if isinstance(source, LiveHand) else None,
+            "hand": source.about() if isinstance(source, Hand) else None,
             "calibration": _calibration(options.calibration),
             "bias": _bias(measured),
             "protocol": _protocol(plan, options.seed),
@@ -175,7 +175,7 @@ def _configuration(options: RecordOptions) -> Json:
 
 def _bias(measured: MeasuredBias) -> Json:
     warnings = list(measured.warnings)
-    return {**bias_json(measured.bias), "warnings": warnings, "good": measured.good}
+    return {**fields_of(measured.bias), "warnings": warnings, "good": measured.good}
 
 
 def _protocol(plan: Plan, seed: int) -> Json | None:
@@ -194,13 +194,13 @@ def _calibration(path: Path | None) -> Json | None:
     if path is None:
         return None
     text = text_of(path)
-    meta = read_calibration(path).meta
+    known = read_calibration(path)
     return {
         "file": path.name,
         "sha256": hashlib.sha256(text.encode()).hexdigest(),
-        "source": meta.source,
-        "date": meta.date,
-        "n": meta.n,
+        "source": known.source,
+        "date": known.date,
+        "n": known.n,
         # The whole calibration: the file may be changed later, the recording may not.
         "content": json_of(text),
     }

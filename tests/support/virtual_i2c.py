@@ -34,8 +34,8 @@ def _refused(number: int) -> OSError:
 class VirtualI2cDev:
     """The board's I2C in front of a virtual hand, within a `with` block.
 
-    number: N of /dev/i2c-N. nack_errno: EREMOTEIO as on a Raspberry Pi, ENXIO on others. readable:
-    by this user. traffic: transfers are ioctls, bytes their payload.
+    number: N of /dev/i2c-N. nack_errno: EREMOTEIO as on a Raspberry Pi, ENXIO on others. traffic:
+    transfers are ioctls, bytes their payload.
     """
 
     def __init__(
@@ -44,19 +44,13 @@ class VirtualI2cDev:
         number: int = 1,
         *,
         nack_errno: int = errno.EREMOTEIO,
-        readable: bool = True,
     ) -> None:
         self.hand = hand
         self.traffic = Traffic()
-        self.readable = readable
         self.open_files = 0
         self._number = number
         self._nack_errno = nack_errno
-        self._born_ns = hand.clock.now_ns()
-        self._gone = False
         self._replaced: Any = None
-        self.generation = 0
-        """How often it has been unplugged."""
 
     def __enter__(self) -> VirtualI2cDev:
         """Replace smbus2's SMBus; several can be nested."""
@@ -77,10 +71,8 @@ class VirtualI2cDev:
         """The opened file; a real one where the number belongs to another device."""
         if number != self._number:
             return self._replaced(number)
-        if self.unplugged():
+        if self.hand.unplugged():
             raise _refused(errno.ENOENT)
-        if not self.readable:
-            raise _refused(errno.EACCES)
         return OpenedBus(self)
 
     # -- the controller
@@ -121,27 +113,14 @@ class VirtualI2cDev:
 
     def _suffer(self) -> None:
         self.hand.suffer()
-        if self.hand.wire.held_low or self._lasts("late"):
+        if self.hand.wire.held_low or self.hand.faults.lasts("late"):
             # the kernel waits for its controller before it gives up
             self.hand.clock.spend(TIMEOUT_NS)
             raise _refused(errno.ETIMEDOUT)
-        if self._lasts("stall"):
+        if self.hand.faults.lasts("stall"):
             raise _refused(errno.EIO)
-        if self._lasts("short"):
+        if self.hand.faults.lasts("short"):
             raise _refused(errno.EAGAIN)
-
-    def unplugged(self) -> bool:
-        """Whether it is away; the sensors lose their power with it."""
-        gone = self._lasts("unplug")
-        if gone and not self._gone:
-            self.generation += 1
-            self.hand.power_off()
-        self._gone = gone
-        return gone
-
-    def _lasts(self, kind: str) -> bool:
-        now_s = 1e-9 * (self.hand.clock.now_ns() - self._born_ns)
-        return self.hand.faults.lasts(kind, now_s)
 
 
 class OpenedBus:
@@ -149,13 +128,14 @@ class OpenedBus:
 
     def __init__(self, device: VirtualI2cDev) -> None:
         self._device = device
-        self._generation = device.generation
+        self._generation = device.hand.generation
         self._is_open = True
         device.open_files += 1
 
     def i2c_rdwr(self, *messages: Any) -> None:
         """Carry out the messages. Raises OSError, as the kernel does."""
-        if self._device.unplugged() or self._device.generation != self._generation:
+        hand = self._device.hand
+        if hand.unplugged() or hand.generation != self._generation:
             raise _refused(errno.ENODEV)
         self._device.transfer(messages)
 
