@@ -25,6 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import (
+    Command,
     FloatArray,
     Prediction,
     Sample,
@@ -33,7 +34,6 @@ from holdfast.core.errors import count_of
 from holdfast.core.source import SelfPaced, Source, SourceReading
 from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.edge_runtime.wearer import Command
 
 STAGES = ("read", "convert", "step", "decide", "emit")
 REMEMBERED = 1 << 16

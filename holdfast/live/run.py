@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import msgspec
 
-from holdfast.core.contract import FloatArray
+from holdfast.core.contract import Command, FloatArray
 from holdfast.core.errors import OutputError, UsageError, visible
 from holdfast.core.lines import Sink, stream_sink
 from holdfast.core.schema import DEFAULT_MODEL
@@ -30,7 +30,6 @@ from holdfast.edge_runtime.engine import (
 )
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit
-from holdfast.edge_runtime.wearer import Command
 from holdfast.live.hand_files import (
     AnswerWatch,
     ZeroWatch,

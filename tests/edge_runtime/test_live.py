@@ -22,7 +22,7 @@ from hypothesis.extra import numpy as hnp
 from live_bench import ROOT, RUN, Steady, closing_output, go
 from made_prediction import prediction
 
-from holdfast.core.contract import Prediction, Sample
+from holdfast.core.contract import Command, Prediction, Sample
 from holdfast.core.errors import (
     ChannelError,
     OutputError,
@@ -33,7 +33,6 @@ from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.monitor import Model
 from holdfast.edge_runtime.preparation import Preparation, Tare
-from holdfast.edge_runtime.wearer import Command
 from holdfast.live.loop import Summary
 from holdfast.live.outputs import SampleFile, file_sink, udp_sink
 from holdfast.live.run import answer
