@@ -381,7 +381,7 @@ def test_the_shipped_service_s_command_is_one_that_the_program_understands():
     import shlex
 
     from holdfast.cli.command import Parser
-    from holdfast.cli.run import add_arguments
+    from holdfast.cli.run import add_run_arguments
 
     unit = (
         (ROOT / "drivers" / "board" / "holdfast.service")
@@ -390,7 +390,7 @@ def test_the_shipped_service_s_command_is_one_that_the_program_understands():
     )
     line = next(line for line in unit.splitlines() if line.startswith("ExecStart="))
     parser = Parser(prog="holdfast run")
-    add_arguments(parser)
+    add_run_arguments(parser)
     words = shlex.split(line.removeprefix("ExecStart="))
     args = parser.parse_args(words[2:])
     assert words[1] == "run"
