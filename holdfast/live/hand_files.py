@@ -1,12 +1,15 @@
 """The files of a hand, and its zero where it has none: calibration, shear gain and bias.
 
+OpenHand (`holdfast.open_hand`) is a hand with them, for a program of one's own.
+
 Where no bias was measured, the zero is taken from the first samples: ZeroWatch warns where that
 was a closed hand.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -20,11 +23,13 @@ from holdfast.core.contract import (
 )
 from holdfast.core.errors import UnitError
 from holdfast.core.hand_card import sensor_names
-from holdfast.core.source import Source, SourceReading
-from holdfast.drivers.replay import zero_of
+from holdfast.core.source import SelfPaced, Source, SourceReading
+from holdfast.drivers.replay import at_rate, zero_of
 from holdfast.edge_runtime.model_file import ModelCard
+from holdfast.edge_runtime.monitor import GripMonitor, require_fit
 from holdfast.edge_runtime.preparation import Preparation, Tare
-from holdfast.live.sources import SIM, ToForce, source_url
+from holdfast.live.running import RunClock, say
+from holdfast.live.sources import SIM, ToForce, open_live, source_url
 
 SILENT_S = 2.0
 """A sensor that was not valid for so long after the start is named."""
@@ -179,8 +184,77 @@ def resting_of(path: str | Path | None, source: Source) -> FloatArray | None:
     return bias.values
 
 
-def tare_of(card: ModelCard, source: Source, resting: FloatArray | None) -> Tare:
-    """What removes sign and zero from the samples of a source; resting [C]: a measured zero."""
+def tare_of(
+    card: ModelCard,
+    source: Source,
+    resting: FloatArray | None,
+    where: str = "source",
+) -> Tare:
+    """What removes sign and zero from the samples of a source; resting [C]: a measured zero.
+
+    Raises ChannelError, UnitError or RateError where the source does not fit the model.
+    """
+    # a polled hand has no rate of its own: it is read at that of the model
+    rate_hz = source.rate_hz or card.rate_hz
+    require_fit(
+        card,
+        n_channels=source.n_channels,
+        unit=source.unit,
+        rate_hz=rate_hz,
+        where=where,
+    )
     # the samples of another run have lost both already
     bare = card.preparation if zero_of(source) is None else Preparation()
     return Tare(bare, card.n_channels, resting)
+
+
+class OpenHand(ExitStack):
+    """A source that is read now; close it, or use it in a `with` block.
+
+    url, calibration, bias: as for `holdfast run`. Raises UsageError, DeviceError or DataError.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        calibration: str | Path | None = None,
+        bias: str | Path | None = None,
+    ) -> None:
+        super().__init__()
+        self.url = url
+        self._clock = RunClock()
+        to_force = force_of(calibration)
+        self._source = open_live(url, clock=self._clock, report=say, to_force=to_force)
+        self.callback(self._source.close)
+        try:
+            self._resting = resting_of(bias, self._source)
+        except BaseException:
+            self.close()
+            raise
+
+    def samples(
+        self, monitor: GripMonitor, *, seconds: float | None = None
+    ) -> Iterator[Sample]:
+        """Samples for a monitor, on time and at its rate, until the source ends.
+
+        seconds: end after so many. Without a file of the bias it is taken from the first rows, as
+        the model's card says; until then no sensor is valid, and the hand must be empty. Raises
+        UnitError, ChannelError or RateError where the source does not fit the model.
+        """
+        card = monitor.card
+        source = at_rate(self._source, card.rate_hz, say)
+        rate_hz = source.rate_hz or card.rate_hz
+        tare = tare_of(card, source, self._resting, self.url)
+        start_ns = self._clock.now_ns()
+        sequence = 0
+        while seconds is None or sequence < seconds * rate_hz:
+            # an absolute schedule: a late sample delays no other one
+            if not isinstance(source, SelfPaced):
+                self._clock.wait_until(start_ns + round(1e9 * sequence / rate_hz))
+            reading = source.read()
+            if reading is None:
+                return
+            # the model was trained on values without the bias of the unloaded hand
+            values, valid = tare.prepare(reading.values, reading.valid)
+            yield Sample(reading.t_ns, values, valid, sequence)
+            sequence += 1

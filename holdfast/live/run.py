@@ -29,7 +29,7 @@ from holdfast.edge_runtime.engine import (
     OpenedModel,
 )
 from holdfast.edge_runtime.model_file import ModelCard
-from holdfast.edge_runtime.monitor import GripMonitor, require_fit
+from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.live.hand_files import (
     AnswerWatch,
     ZeroWatch,
@@ -236,7 +236,7 @@ class _Run:
                 self._report_end(summary, scene)
 
         # exact only now: while sinks are open, waiting lines count as dropped
-        summary.dropped = self.lines.dropped
+        summary.lost["dropped"] = self.lines.dropped
         summary.lost_sinks = self.lines.lost()
         return summary
 
@@ -397,26 +397,26 @@ def answer(
     *,
     resting: FloatArray | None = None,
     command: Callable[[], Command] = Command,
+    summary: Summary | None = None,
 ) -> Summary:
-    """Run the live loop. Raises ChannelError, UnitError, RateError if source and model differ."""
-    card = model.card
-    # a polled hand has no rate of its own: the loop reads it at that of the model
-    rate_hz = card.rate_hz if source.rate_hz is None else source.rate_hz
-    require_fit(
-        card,
-        n_channels=source.n_channels,
-        unit=source.unit,
-        rate_hz=rate_hz,
-        where="source",
-    )
+    """Run the live loop. Raises ChannelError, UnitError, RateError if source and model differ.
 
+    summary: of an earlier part, which is counted on.
+    """
+    tare = tare_of(model.card, source, resting)
     monitor = GripMonitor(
         model,
         clock.now_ns,
         bias_known=resting is not None or zero_of(source) == "measured",
         has_counters=isinstance(source, LiveHand),
     )
-    tare = tare_of(card, source, resting)
     return run_live(
-        source, monitor, tare, clock, emit, stopped=stopped, command=command
+        source,
+        monitor,
+        tare,
+        clock,
+        emit,
+        stopped=stopped,
+        command=command,
+        summary=summary,
     )

@@ -82,16 +82,16 @@ def test_a_pipe_without_a_reader_loses_whole_lines_counted_and_delays_no_sample(
         stopped=lambda: False,
     )
     outlets.close()
-    summary.dropped = outlets.dropped
+    summary.lost["dropped"] = outlets.dropped
     taken = lines_of(stalled[0])
-    record_property("dropped of 400", summary.dropped)
+    record_property("dropped of 400", summary.lost["dropped"])
     assert summary.overruns == 0
     lines = kept.getvalue().splitlines()
     assert len(lines) == 400
-    assert summary.dropped - (400 - len(taken)) in (0, 1), (
+    assert summary.lost["dropped"] - (400 - len(taken)) in (0, 1), (
         "the line under way goes out once there is room"
     )
-    assert summary.dropped > 100
+    assert summary.lost["dropped"] > 100
     assert taken == lines[: len(taken)]
 
 
@@ -219,7 +219,7 @@ def on_time(count: int, start_ns: int = 0) -> list[int]:
 def test_a_source_that_repeats_itself_is_lost_and_then_unknown(model):
     stamps = on_time(200) + [on_time(200)[-1]] * 20 + on_time(120, round(220e9 / 150))
     summary, predictions, _ = go(model, Stamped(clock := VirtualClock(), stamps), clock)
-    assert summary.repeated == 20
+    assert summary.lost["repeated"] == 20
     assert {p.state for p in predictions[150:200]} == {"nothing"}
     assert {p.state for p in predictions[200:220]} == {"unknown"}
     assert predictions[-1].state == "nothing"
@@ -237,7 +237,11 @@ def test_two_readings_in_the_wrong_order_cost_one_sample_and_no_error(model):
     summary, predictions, samples = go(
         model, Stamped(clock := VirtualClock(), stamps), clock
     )
-    assert (summary.late, summary.repeated, summary.restarts) == (1, 0, 0)
+    assert (
+        summary.lost["late"],
+        summary.lost["repeated"],
+        summary.lost["restarts"],
+    ) == (1, 0, 0)
     assert not samples[201].valid.any()
     assert predictions[201].state == "unknown"
     assert predictions[202].state == "nothing"
@@ -261,7 +265,7 @@ def test_stamps_that_jump_back_begin_anew_and_are_unknown_until_settled(
     record_property(
         "unknown_samples", sum(p.state == "unknown" for p in predictions[200:])
     )
-    assert summary.restarts == 1
+    assert summary.lost["restarts"] == 1
     assert {p.state for p in predictions[200 : 200 + settle - 1]} == {"unknown"}
     assert {p.state for p in predictions[200 + settle :]} == {"nothing"}
 
