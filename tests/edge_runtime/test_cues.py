@@ -180,7 +180,6 @@ WHOLE = f"most_per_s = 3\n{UNKNOWN}{ACT}"
         ("pulses = 2", "pulses = 2.0", "cues.act.pulses"),
         ("pulses = 2", "pulses = true", "cues.act.pulses"),
         ("on_ms = 60\n", "", "cues.act.on_ms is missing"),
-        ("off_ms = 40", "off_ms = 0", "cues.act: off_ms"),
         ("strength = 1.0", "strength = 1.5", "cues.act.strength"),
         ("strength = 1.0", "strength = nan", "nan"),
         ("strength = 1.0", 'strength = "much"', "cues.act.strength"),
