@@ -9,6 +9,7 @@ import errno
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack, closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -28,7 +29,6 @@ from holdfast.edge_runtime.engine import (
     ModelChoice,
     OpenedModel,
 )
-from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.live.hand_files import (
     AnswerWatch,
@@ -158,27 +158,26 @@ def run(
     return live.stopped.exit_code
 
 
+@dataclass
 class _Run:
     """Everything that a run writes to, opened in order and closed within bounded time."""
 
-    def __init__(
-        self, options: RunOptions, model: OpenedModel, clock: RunClock, stderr: Sink
-    ) -> None:
-        self._options = options
-        self._model = model
-        self._card = model.card
-        self._clock = clock
-        self._stderr = stderr
+    options: RunOptions
+    model: OpenedModel
+    clock: RunClock
+    stderr: Sink
+
+    def __post_init__(self) -> None:
+        self._card = self.model.card
         # one output for all lines, so that each answer is written as text only once
-        self.lines = LineOutput([], self.report, [stderr], model.card.not_learned)
+        self.lines = LineOutput([], self.report, [self.stderr], self._card.not_learned)
         self._samples: SampleFile | None = None
         self._view: View | None = None
         self._page: RunPage | None = None
         self._grip: GripOutput | None = None
-        self._answers = AnswerWatch(model.card, self.report)
+        self._scene: LiveScene | None = None
+        self._answers = AnswerWatch(self._card, self.report)
         self.stopped = StopRequest()
-        # read over true; None where never measured
-        self._shear_gain: float | None = 1.0
 
     def report(self, text: str) -> None:
         """A message: above the picture while it is drawn, else on stderr."""
@@ -186,7 +185,7 @@ class _Run:
         if self._view and self._view.drawing:
             self._view.report(line)
         else:
-            self._stderr(line)
+            self.stderr(line)
         if self._page:
             self._page.report(line)
 
@@ -194,20 +193,19 @@ class _Run:
         self, seconds: float | None, read_set: SetReader | None
     ) -> Summary:
         """Open everything, run the loop, close everything."""
-        options = self._options
+        options, clock = self.options, self.clock
         with ExitStack() as stack:
             # first, so that Ctrl-C while outputs are opened ends the run in order
-            stopped = self.stopped = stack.enter_context(stop_signals())
-            self._shear_gain = known_shear_gain(options, self._card)
+            self.stopped = stack.enter_context(stop_signals())
             outputs = self._open_outputs(stack)
             command = self._open_wearer(stack, outputs)
             moving = self._open_moving(stack)
             source = open_live(
                 options.source,
-                clock=self._clock,
+                clock=clock,
                 report=self.report,
                 to_force=force_of(options.calibration),
-                field=None if self._grip is None else self._grip.scene,
+                field=self._scene,
                 read_set=read_set,
             )
             source = at_rate(source, self._card.rate_hz, self.report)
@@ -222,33 +220,31 @@ class _Run:
                 if self._grip is not None:
                     self._grip.begin(source)
                 resting = self._begin(source, outputs)
-                scene = None if self._grip is None else self._grip.scene
                 summary = answer(
                     source,
-                    self._model,
-                    self._clock,
+                    self.model,
+                    clock,
                     # the hand and the wearer come first: their lines must not wait for the others
                     emit_to([*moving, *outputs]),
-                    until(stopped, self._clock, seconds, scene),
+                    until(self.stopped, clock, seconds, self._scene),
                     resting=resting,
                     command=command,
                 )
-                self._report_end(summary, scene)
+                self._report_end(summary)
 
         # exact only now: while sinks are open, waiting lines count as dropped
         summary.lost["dropped"] = self.lines.dropped
         summary.lost_sinks = self.lines.lost()
         return summary
 
-    def _report_end(self, summary: Summary, scene: LiveScene | None) -> None:
+    def _report_end(self, summary: Summary) -> None:
         """Why the loop has ended, for the terminal and the page."""
         why = "it was stopped" if self.stopped() else "its time is over"
-        if summary.source_ended or (scene is not None and scene.ended):
-            why = (
-                "the source has ended"
-                if summary.source_ended
-                else "the scene has ended"
-            )
+        if self._scene is not None and self._scene.ended:
+            why = "the scene has ended"
+        if summary.source_ended:
+            why = "the source has ended"
+        if why.endswith("ended"):
             self.report(f"{why}; samples: {summary.samples}")
         if self._page:
             self._page.why_ended = why
@@ -256,11 +252,9 @@ class _Run:
 
     def _begin(self, source: Source, outputs: list[Output]) -> FloatArray | None:
         """Report what the run begins with; returns the measured bias, if there is one."""
-        for line in about_model(self._model, self._options.model):
+        for line in about_model(self.model, self.options.model):
             self.report(line)
-        if self._shear_gain is None:
-            self.report(NO_SHEAR_GAIN)
-        resting = resting_of(self._options.bias, source)
+        resting = resting_of(self.options.bias, source)
         bare = resting is None and zero_of(source) is None
         if bare and self._card.preparation.bias_rows:
             outputs.append(ZeroWatch(self._card, self.report))
@@ -271,7 +265,7 @@ class _Run:
         """Those that only show or keep answers, in the order in which they get one."""
         outputs: list[Output] = [self.lines]
         close_at_end(stack, self.lines)
-        for kind, place in self._options.outputs():
+        for kind, place in self.options.outputs():
             output = self._opened(kind, place)
             if output is not None:
                 close_at_end(stack, output)
@@ -292,7 +286,7 @@ class _Run:
         elif kind == "udp":
             self.lines.add_lines(udp_sink(place))
         elif kind == "csv":
-            zero: Zero = "measured" if self._options.bias else "first samples"
+            zero: Zero = "measured" if self.options.bias else "first samples"
             self._samples = SampleFile(Path(place), card.n_channels, card.unit, zero)
             self.lines.add(self._samples.sink)
             return self._samples
@@ -304,8 +298,8 @@ class _Run:
         elif kind == "web":
             from holdfast.live.page.run_page import open_run_page
 
-            source, model = self._options.source, self._options.model
-            with_grip = self._options.grip is not None
+            source, model = self.options.source, self.options.model
+            with_grip = self.options.grip is not None
             self._page = open_run_page(
                 place, source, model, card, self.report, with_grip=with_grip
             )
@@ -314,7 +308,7 @@ class _Run:
             from holdfast.drivers.lsl_library import open_answers
 
             sensors = card.n_channels // 3
-            now_ns, gaps = self._clock.now_ns, card.not_learned
+            now_ns, gaps = self.clock.now_ns, card.not_learned
             return open_answers(place, sensors, card.unit, card.rate_hz, now_ns, gaps)
         return None
 
@@ -322,12 +316,12 @@ class _Run:
         self, stack: ExitStack, outputs: list[Output]
     ) -> Callable[[], Command]:
         """What the wearer commands at a sample."""
-        if self._options.wearer is None:
+        if self.options.wearer is None:
             return Command
         from holdfast.live.wearer import IntentLog, wearer_monitor
 
-        clock = self._clock
-        opened = wearer_monitor(self._options.wearer, clock, self.report)
+        clock = self.clock
+        opened = wearer_monitor(self.options.wearer, clock, self.report)
         wearer = stack.enter_context(opened)
         for shown in (self._view, self._page):
             if shown is not None:
@@ -341,10 +335,11 @@ class _Run:
 
     def _open_moving(self, stack: ExitStack) -> list[Output]:
         """The grip and the wearer's cues."""
-        options = self._options
+        options = self.options
         moving: list[Output] = []
         if options.grip:
             self._grip = self._open_grip(options.grip)
+            self._scene = self._grip.scene
             moving.append(self._grip)
         if self._page:
             self._page.grip = self._grip
@@ -352,40 +347,33 @@ class _Run:
             from holdfast.live.cues import open_cues
 
             table = None if options.cues is None else Path(options.cues)
-            now_ns = self._clock.now_ns
+            now_ns = self.clock.now_ns
             moving.append(open_cues(options.feedback, table, now_ns, self.report))
         for output in moving:
             close_at_end(stack, output)
         return moving
 
     def _open_grip(self, url: str) -> GripOutput:
-        from holdfast.live import grip
+        from holdfast.live.grip import controller_for, open_grip
 
-        options, card, clock = self._options, self._card, self._clock
-        controller = grip.controller_for(
+        options, card = self.options, self._card
+        # only the grip needs friction, and raw fields have no newtons to correct
+        gain: float | None = 1.0
+        if card.unit == "N":
+            gain = shear_gain_of(options.source, options.calibration)
+        # a calibration file may be older than its gain, and a bare hand has no calibration at all
+        if gain is None:
+            self.report(NO_SHEAR_GAIN)
+        controller = controller_for(
             options.controller,
             card,
             self.report,
             ceiling_n=options.ceiling_n,
             most_over_n=options.most_over_wearers_n,
-            shear_gain=self._shear_gain or 1.0,
+            shear_gain=gain or 1.0,
         )
-        if not options.moves_scene:
-            return grip.grip_to_link(url, controller, card.rate_hz, clock, self.report)
-        # the scene's hand is part of the source, so its commands go through no wire
-        source, ceiling_n = options.source, options.ceiling_n
-        return grip.grip_to_scene(
-            url, source, controller, ceiling_n, clock, self.report
-        )
-
-
-def known_shear_gain(options: RunOptions, card: ModelCard) -> float | None:
-    """Of the calibration or the scene; None where it was never measured."""
-    # A calibration file may be older than its gain, and a bare hand has no calibration at all.
-    # only the grip needs friction, and raw fields have no newtons to correct
-    if not options.grip or card.unit != "N":
-        return 1.0
-    return shear_gain_of(options.source, options.calibration)
+        source, clock = options.source, self.clock
+        return open_grip(url, controller, card.rate_hz, source, clock, self.report)
 
 
 def answer(
