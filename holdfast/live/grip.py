@@ -147,8 +147,10 @@ def open_grip(
 
     link = open_hand_link(url, "grip", last_line, report, clock.now_ns)
     # reported at the start, since otherwise the dropped lines would look like a fault
-    if link.most_hz < rate_hz:
-        carried = f"carries about {link.most_hz:.0f} of {rate_hz:.0f} commands a second"
+    if link.port.most_hz < rate_hz:
+        carried = (
+            f"carries about {link.port.most_hz:.0f} of {rate_hz:.0f} commands a second"
+        )
         report(
             f"{link.name}: {carried}; the others are left out (baud=460800 carries them)"
         )

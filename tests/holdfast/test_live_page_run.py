@@ -26,8 +26,7 @@ from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.edge_runtime.wearer import Intent, IntentMonitor
 from holdfast.live.loop import run_live
-from holdfast.live.page.link import PageLink, open_page
-from holdfast.live.page.run_page import RunPage
+from holdfast.live.page.run_page import PageLink, RunPage, open_page
 
 VALID = np.ones(6, dtype=np.bool_)
 READING = SourceReading(0, np.zeros(18), VALID, ("",) * 6)
@@ -158,7 +157,7 @@ def test_the_page_ends_with_what_it_shows_and_its_port_is_free_again():
         link = open_page(address, ABOUT, lines.append)
         assert b"Holdfast live" in ask(page_in(lines[-1]), "/")
         assert link.send({"said": "begun"})
-        process = link._process
+        process = link.process
         assert process is not None
         link.close("the run has ended")
         # a busy machine gives the process, which is nice, more time than a run waits for it
@@ -169,7 +168,9 @@ def test_the_page_ends_with_what_it_shows_and_its_port_is_free_again():
 
 
 def test_a_page_whose_process_does_not_start_is_an_error(monkeypatch):
-    monkeypatch.setattr("holdfast.live.page.link.PROCESS", "holdfast.no_such_module")
+    monkeypatch.setattr(
+        "holdfast.live.page.run_page.PROCESS", "holdfast.no_such_module"
+    )
     error = pytest.raises(
         OutputError, match=r"no process for the live page.*run without the page"
     )
