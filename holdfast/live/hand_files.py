@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -40,14 +41,17 @@ PULLS_FLOORS, PULLS_S = 2.0, 0.1
 where its zero was taken from a closed hand."""
 
 
+@dataclass
 class AnswerWatch:
     """An output of a run that names the sensors which have not answered for SILENT_S."""
 
-    def __init__(self, card: ModelCard, report: Callable[[str], None]) -> None:
-        self._report = report
-        self._names = sensor_names(card.hand, card.n_channels // 3)
+    card: ModelCard
+    report: Callable[[str], None]
+
+    def __post_init__(self) -> None:
+        self._names = sensor_names(self.card.hand, self.card.n_channels // 3)
         self._heard: BoolArray = np.zeros(len(self._names), dtype=np.bool_)
-        self._left = round(SILENT_S * card.rate_hz)
+        self._left = round(SILENT_S * self.card.rate_hz)
 
     def silent(self) -> tuple[str, ...]:
         """Sensors that have never been valid, where some sample came."""
@@ -63,7 +67,7 @@ class AnswerWatch:
         self._left -= 1
         if self._left == 0:
             for name in self.silent():
-                self._report(
+                self.report(
                     f"{name} has not answered yet; next: check its wires, or the columns of the "
                     "sender"
                 )
@@ -72,23 +76,23 @@ class AnswerWatch:
         """Nothing to close."""
 
 
+@dataclass
 class ZeroWatch:
     """An output of a run whose zero is taken from its first samples: says so, and when it is wrong.
 
     card: of the model, whose unit the samples have.
     """
 
-    def __init__(self, card: ModelCard, report: Callable[[str], None]) -> None:
-        self._report = report
-        self._floor = card.normal_floor
-        self._least = -PULLS_FLOORS * card.normal_floor
-        self._resting: FloatArray = np.zeros(card.n_channels // 3)
-        self._unit = card.unit
-        self._longest = max(1, round(PULLS_S * card.rate_hz))
-        self._below: IntArray = np.zeros(card.n_channels // 3, dtype=np.int64)
+    card: ModelCard
+    report: Callable[[str], None]
+
+    def __post_init__(self) -> None:
+        self._resting: FloatArray = np.zeros(self.card.n_channels // 3)
+        self._longest = max(1, round(PULLS_S * self.card.rate_hz))
+        self._below: IntArray = np.zeros(self.card.n_channels // 3, dtype=np.int64)
         self._taken = self._warned = False
-        rows = card.preparation.bias_rows
-        report(
+        rows = self.card.preparation.bias_rows
+        self.report(
             f"no --bias: the zero is taken from the first {rows} samples; keep the hand open and "
             "touch nothing"
         )
@@ -98,31 +102,34 @@ class ZeroWatch:
         if not self._taken and sample.valid.all():
             self._taken = True
             self._resting = np.abs(reading.values[NORMAL_AXIS::3])
-            self._report("the zero is taken: the hand may close now")
+            self.report("the zero is taken: the hand may close now")
         if self._warned:
             return
         normal = sample.values[NORMAL_AXIS::3]
-        if self._unit == "N" and (sample.valid & (np.abs(normal) > MOST_N)).any():
-            self._warned = True
-            self._report(
-                f"warning: {np.abs(normal).max():.4g} N along a normal, and no hand presses with "
-                f"more than {MOST_N:g}: are these mN? Send N, or name the unit in a map"
+        unit, least = self.card.unit, -PULLS_FLOORS * self.card.normal_floor
+        self._below += 1
+        self._below[~(sample.valid & (normal < least))] = 0
+        most = float(np.abs(normal[sample.valid]).max(initial=0.0))
+        sensor = int(self._below.argmax())
+        if unit == "N" and most > MOST_N:
+            warning = (
+                f"{most:.4g} N along a normal, and no hand presses with more than {MOST_N:g}: are "
+                "these mN? Send N, or name the unit in a map"
             )
+        elif self._below[sensor] > self._longest:
+            warning = (
+                f"sensor {sensor + 1} reads {normal[sensor]:.2g} {unit} along its normal, as if "
+                f"pulled: {self._cause(sensor)}"
+            )
+        else:
             return
-        below = sample.valid & (normal < self._least)
-        self._below = np.where(below, self._below + 1, 0)
-        if (self._below > self._longest).any():
-            self._warned = True
-            sensor = int(self._below.argmax())
-            self._report(
-                f"warning: sensor {sensor + 1} reads {normal[sensor]:.2g} {self._unit} along its "
-                f"normal, as if pulled: {self._cause(sensor)}"
-            )
+        self._warned = True
+        self.report(f"warning: {warning}")
 
     def _cause(self, sensor: int) -> str:
         """The likely cause of a normal below zero."""
         # a sensor whose zero was taken while nothing pressed it reads little there
-        if self._unit == "N" and self._resting[sensor] < self._floor:
+        if self.card.unit == "N" and self._resting[sensor] < self.card.normal_floor:
             return "its normal axis points the other way. Multiply it by -1 in the sender or a map"
         return (
             "the zero was taken while it was pressed. Open the hand and start again, or measure "

@@ -24,6 +24,7 @@ import socket
 import time
 from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, Protocol
 from urllib.parse import urlsplit
@@ -76,8 +77,9 @@ def output_url(url: str) -> OutputUrl:
         return OutputUrl(scheme, place)
     if url in ("-", "view", "none"):
         return OutputUrl(url, "")
-    if url == "web" or url.startswith("web:"):
-        return OutputUrl("web", url.removeprefix("web").removeprefix(":") or WEB_PORT)
+    name, _, port = url.partition(":")
+    if name == "web":
+        return OutputUrl(name, port or WEB_PORT)
     kind = Path(url).suffix.removeprefix(".")
     if kind in ("jsonl", "csv") and not mark:
         return OutputUrl(kind, url)
@@ -151,26 +153,23 @@ def about_model(model: OpenedModel, path: str | Path) -> list[str]:
     return lines
 
 
+@dataclass
 class UdpSink:
     """One datagram for each line. A port without a listener is no failure.
 
     A controller may start later.
     """
 
+    sender: socket.socket
+    target: tuple[object, ...]
+    name: str
+    dropped: int = 0
     failure: OSError | None = None
-
-    def __init__(
-        self, sender: socket.socket, target: tuple[object, ...], name: str
-    ) -> None:
-        self.name = name
-        self.dropped = 0
-        self._sender = sender
-        self._target = target
 
     def __call__(self, line: str) -> bool:
         """Send it; False where the buffer is full or the network is down."""
         try:
-            self._sender.sendto(line.encode(), self._target)
+            self.sender.sendto(line.encode(), self.target)
         # the network may come back, so the sink stays and only the line is lost
         except OSError:
             self.dropped += 1
@@ -182,7 +181,7 @@ class UdpSink:
 
     def close(self, wait_s: float = CLOSING_S) -> None:
         """Close the socket; no line is waiting."""
-        self._sender.close()
+        self.sender.close()
 
 
 def udp_sink(address: str) -> UdpSink:
@@ -219,6 +218,7 @@ def file_sink(path: Path, header: str | None = None) -> LineWriter:
     return LineWriter(handle, str(path), header)
 
 
+@dataclass
 class LineOutput:
     """Predictions as JSON lines, to every sink that works; it reports the sinks that fail.
 
@@ -227,19 +227,14 @@ class LineOutput:
     model cannot tell.
     """
 
-    def __init__(
-        self,
-        sinks: Sequence[Sink],
-        report: Callable[[str], object],
-        watched: Sequence[Sink] = (),
-        not_learned: Collection[str] = (),
-    ) -> None:
-        self.failures: dict[str, OSError] = {}
-        self._not_learned = not_learned
-        self._report = report
-        self._sinks = list(sinks)
-        self._closed_here = list(sinks)
-        self._watched = list(watched)
+    sinks: list[Sink]
+    report: Callable[[str], object]
+    watched: Sequence[Sink] = ()
+    not_learned: Collection[str] = ()
+    failures: dict[str, OSError] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._closed_here = list(self.sinks)
 
     @property
     def dropped(self) -> int:
@@ -254,7 +249,7 @@ class LineOutput:
 
     def add_lines(self, sink: Sink) -> None:
         """One more sink of the lines."""
-        self._sinks.append(sink)
+        self.sinks.append(sink)
         self.add(sink)
 
     def add(self, sink: Sink) -> None:
@@ -268,21 +263,20 @@ class LineOutput:
         reading: SourceReading | None = None,
     ) -> None:
         """Pass the prediction to all working sinks, and look for failures."""
-        line = to_json_line(prediction, self._not_learned)
-        for sink in self._sinks:
+        line = to_json_line(prediction, self.not_learned)
+        for sink in self.sinks:
             if sink.failure is None:
                 sink(line)
         self._note_failures()
 
     def _note_failures(self) -> None:
         """Report each sink that has failed, once; it gets no more lines."""
-        for sink in (*self._closed_here, *self._watched):
-            error = sink.failure
-            if error is not None and sink.name not in self.failures:
-                self.failures[sink.name] = error
-                why = error.strerror or error
-                self._report(
-                    f"{sink.name} takes no more lines ({why}); it is dropped, control goes on"
+        for sink in (*self._closed_here, *self.watched):
+            if sink.failure is not None and sink.name not in self.failures:
+                self.failures[sink.name] = sink.failure
+                self.report(
+                    f"{sink.name} takes no more lines ({self.lost()[sink.name]}); it is dropped, "
+                    "control goes on"
                 )
 
     def close(self, reason: str = STOPPED, wait_s: float = CLOSING_S) -> None:

@@ -47,8 +47,6 @@ def until(
     stopped: Callable[[], bool], clock: Any, seconds: float | None, scene: Any = None
 ) -> Callable[[], bool]:
     """Stopped by a signal, after a number of seconds, or at the end of a scene with `ended`."""
-    if seconds is None and scene is None:
-        return stopped
     # on the run's clock, which stands still while a scene is computed
     end_ns = math.inf if seconds is None else clock.now_ns() + round(1e9 * seconds)
 
