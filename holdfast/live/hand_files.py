@@ -53,27 +53,24 @@ class AnswerWatch:
         self._heard: BoolArray = np.zeros(len(self._names), dtype=np.bool_)
         self._left = round(SILENT_S * self.card.rate_hz)
 
-    def silent(self) -> tuple[str, ...]:
-        """Sensors that have never been valid, where some sample came."""
-        if not self._heard.any():
-            return ()
-        return tuple(self._names[k] for k in np.flatnonzero(~self._heard))
+    def _report_silent(self, trouble: str) -> None:
+        """Name the sensors that have never been valid, where some sample came."""
+        if self._heard.any() and not self._heard.all():
+            names = [self._names[k] for k in np.flatnonzero(~self._heard)]
+            self.report(f"{', '.join(names)} {trouble}")
 
     def write(self, prediction: object, sample: Sample, reading: SourceReading) -> None:
         """Look at one reading."""
-        if self._heard.all():
-            return
         self._heard |= reading.valid
         self._left -= 1
         if self._left == 0:
-            for name in self.silent():
-                self.report(
-                    f"{name} has not answered yet; next: check its wires, or the columns of the "
-                    "sender"
-                )
+            self._report_silent(
+                "has not answered yet; next: check its wires, or the columns of the sender"
+            )
 
     def close(self, reason: str = "") -> None:
-        """Nothing to close."""
+        """Name them once more: the message may have scrolled away."""
+        self._report_silent("never answered")
 
 
 @dataclass

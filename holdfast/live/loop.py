@@ -60,11 +60,7 @@ class Summary:
     acts: int = 0
     acting: bool = False
     lost: dict[str, int] = field(default_factory=lambda: dict.fromkeys(LOSSES, 0))
-    lost_sinks: dict[str, str] = field(default_factory=dict)
-    """The error after which a consumer got no more lines, by its name."""
     states: Counter[str] = field(default_factory=Counter)
-    silent: tuple[str, ...] = ()
-    """Sensors that were never valid."""
     source_ended: bool = False
     """It had no more samples, as a recording; a hand never ends by itself."""
     stage_us: npt.NDArray[np.float32] = field(
@@ -248,21 +244,13 @@ def run_live(
 
 
 def report_summary(summary: Summary, report: Callable[[str], object]) -> None:
-    """Print counts, lost outputs, and the latency of each stage."""
-    states = ", ".join(f"{name} {count}" for name, count in summary.states.items())
-    counts = [
-        count_of(summary.samples, "sample"),
-        count_of(summary.overruns, "overrun"),
-    ]
-    counts += [f"{count} {name}" for name, count in summary.lost.items() if count]
-    counts.append(count_of(summary.acts, "act"))
-    report(f"\n{', '.join(counts)}; {states}")
-
-    if summary.silent:
-        report(f"never answered: {', '.join(summary.silent)}")
-    # a sink that broke during the run is named once more: its message may have scrolled away
-    for sink, reason in summary.lost_sinks.items():
-        report(f"lost: {sink} ({reason})")
+    """Print counts, and the latency of each stage."""
+    counts = {"sample": summary.samples, "overrun": summary.overruns}
+    words = [count_of(n, name) for name, n in counts.items()]
+    words += [f"{n} {name}" for name, n in summary.lost.items() if n]
+    words.append(count_of(summary.acts, "act"))
+    states = ", ".join(f"{name} {n}" for name, n in summary.states.items())
+    report(f"\n{', '.join(words)}; {states}")
     for stage, figures in summary.latency_us().items():
         each = "  ".join(f"{name} {value:8.1f} us" for name, value in figures.items())
         report(f"{stage:<14}{each}")

@@ -241,12 +241,6 @@ class LineOutput:
         """Lines that were offered to sinks and are not in them; exact after `close`."""
         return sum(sink.dropped for sink in self._closed_here)
 
-    def lost(self) -> dict[str, str]:
-        """The reason why a sink failed, by its name."""
-        return {
-            name: str(error.strerror or error) for name, error in self.failures.items()
-        }
-
     def add_lines(self, sink: Sink) -> None:
         """One more sink of the lines."""
         self.sinks.append(sink)
@@ -272,11 +266,12 @@ class LineOutput:
     def _note_failures(self) -> None:
         """Report each sink that has failed, once; it gets no more lines."""
         for sink in (*self._closed_here, *self.watched):
-            if sink.failure is not None and sink.name not in self.failures:
-                self.failures[sink.name] = sink.failure
+            error = sink.failure
+            if error is not None and sink.name not in self.failures:
+                self.failures[sink.name] = error
+                why = error.strerror or error
                 self.report(
-                    f"{sink.name} takes no more lines ({self.lost()[sink.name]}); it is dropped, "
-                    "control goes on"
+                    f"{sink.name} takes no more lines ({why}); it is dropped, control goes on"
                 )
 
     def close(self, reason: str = STOPPED, wait_s: float = CLOSING_S) -> None:

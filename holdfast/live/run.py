@@ -147,15 +147,15 @@ def run(
         closing(stream_sink(sys.stderr, STDERR)) as stderr,
     ):
         live = _Run(options, model, clock, stderr)
-        summary = live.until_stopped(seconds, read_set)
-        report_summary(summary, stderr)
-
-    for name, error in live.lines.failures.items():
-        # a reader that went away on purpose leaves no incomplete file
-        if name not in (STDOUT, STDERR) or error.errno not in READER_GONE:
-            return OutputError.exit_code
-
-    return live.stopped.exit_code
+        report_summary(live.until_stopped(seconds, read_set), stderr)
+        code = live.stopped.exit_code
+        for name, error in live.lines.failures.items():
+            # named once more: its message may have scrolled away
+            stderr(f"lost: {name} ({error.strerror or error})")
+            # a reader that went away on purpose leaves no incomplete file
+            if name not in (STDOUT, STDERR) or error.errno not in READER_GONE:
+                code = OutputError.exit_code
+    return code
 
 
 @dataclass
@@ -234,7 +234,6 @@ class _Run:
 
         # exact only now: while sinks are open, waiting lines count as dropped
         summary.lost["dropped"] = self.lines.dropped
-        summary.lost_sinks = self.lines.lost()
         return summary
 
     def _report_end(self, summary: Summary) -> None:
@@ -248,7 +247,7 @@ class _Run:
             self.report(f"{why}; samples: {summary.samples}")
         if self._page:
             self._page.why_ended = why
-        summary.silent = self._answers.silent()
+        self._answers.close()
 
     def _begin(self, source: Source, outputs: list[Output]) -> FloatArray | None:
         """Report what the run begins with; returns the measured bias, if there is one."""
@@ -330,7 +329,7 @@ class _Run:
             log = IntentLog(wearer, clock.now_ns, self._samples)
             self.lines.add(log.sink)
             # after the file of samples, whose first sample sets the time axis of both
-            outputs.insert(outputs.index(self._samples) + 1, log)
+            outputs.insert(-1, log)
         return wearer.command
 
     def _open_moving(self, stack: ExitStack) -> list[Output]:
