@@ -13,7 +13,7 @@ A grip controller decides (managed), or what a study puts in its place.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, Protocol
 
@@ -221,9 +221,8 @@ class ClosedLoop:
 
         # Only the wearer, and a baseline of a study, use the truth.
         now = LoopTruth(rows / self.rate_hz, self.actuator.grip_n)
-        opening = self.wearer.opening(now.t_s)
-        overridden = self._overridden(now)
-        sense = replace(sense, opening=opening, overridden=overridden)
+        sense.opening = self.wearer.opening(now.t_s)
+        sense.overridden = self._overridden(now)
         self._p_risky = np.where(sense.known, sense.p_risky, 0.0)
         # A queue: what is decided now acts delay_samples later.
         self._late.append(self.controller.step(sense, now))
