@@ -129,7 +129,7 @@ def _run(verb: str, argv: Sequence[str]) -> int:
     return run(parser.parse_args(list(map(_stdin_url, argv))))
 
 
-def functions_of(verb: str) -> tuple[Callable[[Parser], None], Callable[..., int]]:
+def functions_of(verb: str) -> tuple[Callable[..., None], Callable[..., int]]:
     """What declares the options of a verb, and what runs it."""
     module = import_module(VERBS[verb][0])
     # a file of several verbs names them

@@ -120,7 +120,7 @@ USAGE = {
     "evaluate m.onnx": "--data",
     "export a b": "b",
     "train --seed=-1": "whole number from 0 to",
-    "run --seconds inf": "is not a number above 0",
+    "run --seconds inf": "is not a number from",
 }
 """What is typed, and what the error names."""
 
