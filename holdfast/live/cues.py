@@ -194,7 +194,7 @@ class CueOutput:
 
 def open_cues(
     url: str,
-    path: Path | None,
+    path: str | Path,
     now_ns: Callable[[], int],
     report: Callable[[str], object],
 ) -> CueOutput:
@@ -202,7 +202,7 @@ def open_cues(
 
     Raises UsageError, DeviceError, OutputError, CardError, DataNotFound.
     """
-    table = read_cues(path or SHIPPED)
+    table = read_cues(Path(path))
 
     def last(sequence: int, t_ns: int, reason: str) -> str:
         # it ends the cues, or begins them after a failure: the state is not known

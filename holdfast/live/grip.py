@@ -6,6 +6,7 @@ the run goes on and reports it (holdfast/live/hand_link.py).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -59,17 +60,15 @@ def controller_for(
             "or run without --grip",
         )
 
-    bounds = {} if most_over_n is None else {"most_over_n": most_over_n}
-    limits = Limits() if ceiling_n is None else Limits(ceiling_n=ceiling_n)
     control = GripControl(
         name,
         card.rate_hz,
         unit=card.unit,
         n_fingers=n_sensors,
-        limits=limits,
+        limits=Limits(ceiling_n=ceiling_n or Limits.ceiling_n),
         shear_gain=shear_gain,
         thumb=thumb,
-        rules=AnswerRules.of(card.decision, **bounds),
+        rules=AnswerRules.of(card.decision, most_over_n=most_over_n or math.inf),
     )
     # a raw field gives no force in N, so there is no target to command
     if control.reduced:

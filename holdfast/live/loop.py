@@ -132,16 +132,19 @@ class Stamps:
 
 
 @dataclass
-class _LiveRun:
-    """A running loop: its source, its schedule, and what it has counted so far."""
+class LiveRun:
+    """A running loop: its source, its schedule, and what it has counted so far.
+
+    clock: has now_ns and wait_until. The summary counts no dropped lines: emit knows them.
+    """
 
     source: Source
     monitor: GripMonitor
     tare: Tare
     clock: Any
     emit: Emit
-    command: Callable[[], Command]
-    summary: Summary
+    command: Callable[[], Command] = Command
+    summary: Summary = field(default_factory=Summary)
 
     def __post_init__(self) -> None:
         self._period_ns = 1e9 / (self.source.rate_hz or self.monitor.card.rate_hz)
@@ -150,6 +153,15 @@ class _LiveRun:
         # its reads wait for the next sample: a schedule of this clock would drift from its own
         self._is_paced = isinstance(self.source, SelfPaced)
         self._turn = 0
+
+    def until(self, stopped: Callable[[], bool]) -> Summary:
+        """Read, answer and emit until stopped or until the source ends.
+
+        What source and emit raise passes.
+        """
+        while not stopped() and self.answer_next():
+            pass
+        return self.summary
 
     def answer_next(self) -> bool:
         """Wait until the next sample is due, read and answer it; False where the source ended."""
@@ -219,28 +231,6 @@ class _LiveRun:
         if missed > 0:
             self.summary.overruns += missed
             self._turn += missed
-
-
-def run_live(
-    source: Source,
-    monitor: GripMonitor,
-    tare: Tare,
-    clock: Any,
-    emit: Emit,
-    *,
-    stopped: Callable[[], bool],
-    command: Callable[[], Command] = Command,
-    summary: Summary | None = None,
-) -> Summary:
-    """Read, answer and emit until stopped or until the source ends.
-
-    clock: has now_ns and wait_until. summary: of an earlier part, which is counted on. What source
-    and emit raise passes. The summary counts no dropped lines: emit knows them.
-    """
-    run = _LiveRun(source, monitor, tare, clock, emit, command, summary or Summary())
-    while not stopped() and run.answer_next():
-        pass
-    return run.summary
 
 
 def report_summary(summary: Summary, report: Callable[[str], object]) -> None:

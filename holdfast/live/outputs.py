@@ -222,7 +222,8 @@ def file_sink(path: Path, header: str | None = None) -> LineWriter:
 class LineOutput:
     """Predictions as JSON lines, to every sink that works; it reports the sinks that fail.
 
-    watched: sinks that get their lines elsewhere and are only checked for failures. report:
+    watched, kept: sinks that get their lines elsewhere and are only checked for failures, or closed
+    with the others too. report:
     receives a line for each failure. failures: the error by the sink's name. not_learned: what the
     model cannot tell.
     """
@@ -232,23 +233,15 @@ class LineOutput:
     watched: Sequence[Sink] = ()
     not_learned: Collection[str] = ()
     failures: dict[str, OSError] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self._closed_here = list(self.sinks)
+    kept: list[Sink] = field(default_factory=list)
 
     @property
     def dropped(self) -> int:
         """Lines that were offered to sinks and are not in them; exact after `close`."""
-        return sum(sink.dropped for sink in self._closed_here)
+        return sum(sink.dropped for sink in self._closed_here())
 
-    def add_lines(self, sink: Sink) -> None:
-        """One more sink of the lines."""
-        self.sinks.append(sink)
-        self.add(sink)
-
-    def add(self, sink: Sink) -> None:
-        """Check one more sink that gets its lines elsewhere, and close it with the others."""
-        self._closed_here.append(sink)
+    def _closed_here(self) -> list[Sink]:
+        return [*self.sinks, *self.kept]
 
     def write(
         self,
@@ -265,7 +258,7 @@ class LineOutput:
 
     def _note_failures(self) -> None:
         """Report each sink that has failed, once; it gets no more lines."""
-        for sink in (*self._closed_here, *self.watched):
+        for sink in (*self._closed_here(), *self.watched):
             error = sink.failure
             if error is not None and sink.name not in self.failures:
                 self.failures[sink.name] = error
@@ -280,10 +273,10 @@ class LineOutput:
         Report those that failed.
         """
         # all end before one is waited for, so that they share the time
-        for sink in self._closed_here:
+        for sink in self._closed_here():
             sink.end()
         end_s = time.monotonic() + wait_s
-        for sink in self._closed_here:
+        for sink in self._closed_here():
             sink.close(end_s - time.monotonic())
         self._note_failures()
 

@@ -38,7 +38,7 @@ from holdfast.live.hand_files import (
     shear_gain_of,
     tare_of,
 )
-from holdfast.live.loop import Emit, Summary, report_summary, run_live
+from holdfast.live.loop import Emit, LiveRun, Summary, report_summary
 from holdfast.live.outputs import (
     KINDS,
     LineOutput,
@@ -279,15 +279,15 @@ class _Run:
         """One output of its own; None for lines, which one output writes, and for none."""
         card = self._card
         if kind == "-":
-            self.lines.add_lines(stream_sink(sys.stdout, STDOUT))
+            self.lines.sinks.append(stream_sink(sys.stdout, STDOUT))
         elif kind == "jsonl":
-            self.lines.add_lines(file_sink(Path(place)))
+            self.lines.sinks.append(file_sink(Path(place)))
         elif kind == "udp":
-            self.lines.add_lines(udp_sink(place))
+            self.lines.sinks.append(udp_sink(place))
         elif kind == "csv":
             zero: Zero = "measured" if self.options.bias else "first samples"
             self._samples = SampleFile(Path(place), card.n_channels, card.unit, zero)
-            self.lines.add(self._samples.sink)
+            self.lines.kept.append(self._samples.sink)
             return self._samples
         elif kind == "view":
             from holdfast.live.view import open_view
@@ -327,7 +327,7 @@ class _Run:
                 shown.intent = wearer
         if self._samples is not None:
             log = IntentLog(wearer, clock.now_ns, self._samples)
-            self.lines.add(log.sink)
+            self.lines.kept.append(log.sink)
             # after the file of samples, whose first sample sets the time axis of both
             outputs.insert(-1, log)
         return wearer.command
@@ -343,10 +343,9 @@ class _Run:
         if self._page:
             self._page.grip = self._grip
         if options.feedback:
-            from holdfast.live.cues import open_cues
+            from holdfast.live.cues import SHIPPED, open_cues
 
-            table = None if options.cues is None else Path(options.cues)
-            now_ns = self.clock.now_ns
+            table, now_ns = options.cues or SHIPPED, self.clock.now_ns
             moving.append(open_cues(options.feedback, table, now_ns, self.report))
         for output in moving:
             close_at_end(stack, output)
@@ -397,13 +396,6 @@ def answer(
         bias_known=resting is not None or zero_of(source) == "measured",
         has_counters=isinstance(source, LiveHand),
     )
-    return run_live(
-        source,
-        monitor,
-        tare,
-        clock,
-        emit,
-        stopped=stopped,
-        command=command,
-        summary=summary,
-    )
+    counted = summary or Summary()
+    run = LiveRun(source, monitor, tare, clock, emit, command, counted)
+    return run.until(stopped)

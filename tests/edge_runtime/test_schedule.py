@@ -27,9 +27,8 @@ from holdfast.core.trial_file import read_trial
 from holdfast.drivers.replay import PacedReplay, Replay
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor
-from holdfast.edge_runtime.preparation import Tare
-from holdfast.live.loop import run_live
 from holdfast.live.outputs import LineOutput
+from holdfast.live.run import answer
 from holdfast.live.wearer import wearer_monitor
 
 AREA = "Time and schedule"
@@ -73,13 +72,12 @@ def test_a_pipe_without_a_reader_loses_whole_lines_counted_and_delays_no_sample(
     clock, kept = VirtualClock(), io.StringIO()
     with open(stalled[1], "w", encoding="utf-8", closefd=False) as stream:
         outlets = LineOutput([stream_sink(stream), stream_sink(kept)], print)
-    summary = run_live(
+    summary = answer(
         Steady(clock, 400),
-        GripMonitor(model, clock.now_ns),
-        Tare(model.card.preparation, 18),
+        model,
         clock,
         lambda prediction, sample, measured: outlets.write(prediction),
-        stopped=lambda: False,
+        lambda: False,
     )
     outlets.close()
     summary.lost["dropped"] = outlets.dropped
@@ -177,13 +175,12 @@ def test_a_recording_within_the_tolerance_is_read_row_by_row(model, rate_hz):
         "N",
     )
     met: list[float] = []
-    run_live(
+    answer(
         PacedReplay(replay, clock.now_ns),
-        GripMonitor(model, clock.now_ns),
-        Tare(model.card.preparation, 18),
+        model,
         clock,
         lambda prediction, sample, measured: met.append(measured.values[0]),
-        stopped=lambda: False,
+        lambda: False,
     )
     assert met == rows.tolist()
 

@@ -23,10 +23,9 @@ from holdfast.core.errors import OutputError
 from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor
-from holdfast.edge_runtime.preparation import Tare
 from holdfast.edge_runtime.wearer import Intent, IntentMonitor
-from holdfast.live.loop import run_live
 from holdfast.live.page.run_page import PageLink, RunPage, open_page
+from holdfast.live.run import answer
 
 VALID = np.ones(6, dtype=np.bool_)
 READING = SourceReading(0, np.zeros(18), VALID, ("",) * 6)
@@ -98,9 +97,8 @@ def test_a_page_whose_process_is_gone_is_reported_once(ends):
 def test_a_run_whose_page_takes_nothing_answers_every_sample(model, ends, not_for_ever):
     clock, link = VirtualClock(), PageLink(ends[0], print)
     page = RunPage(link, model.card)
-    monitor, tare = GripMonitor(model, clock.now_ns), Tare(model.card.preparation, 18)
     source = Steady(clock, 1500)
-    summary = run_live(source, monitor, tare, clock, page.write, stopped=lambda: False)
+    summary = answer(source, model, clock, page.write, lambda: False)
     assert (summary.samples, summary.overruns) == (1500, 0)
     assert 0 < link.unsent < 1500
 
