@@ -57,7 +57,10 @@ def add_scan_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_scan(args: argparse.Namespace) -> int:
-    """Look at one bus, or at every bridge that is plugged in."""
+    """Look at one bus, or at every bridge that is plugged in: its sensors, their faults, its rate.
+
+    Raises DeviceNotFound without a bridge, and other DeviceErrors.
+    """
     from holdfast.drivers.bridges import BRIDGES, bridges_on_usb
 
     urls = [args.url] if args.url else bridges_on_usb()
@@ -118,7 +121,10 @@ def add_bias_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_bias(args: argparse.Namespace) -> int:
-    """Measure, judge, write."""
+    """Measure the bias of the open, untouched hand; judge it, and write it where it is good.
+
+    Raises OutputError, and the errors of the hand.
+    """
     from holdfast.drivers.calibration import write_bias
     from holdfast.live.hand_files import force_of
     from holdfast.live.running import RunClock, say
@@ -138,6 +144,7 @@ def run_bias(args: argparse.Namespace) -> int:
         to_force=force_of(args.calibration),
         read_set=set_reader(args.source),
     )
+
     with closing(source):
         measured = measure_bias(source, clock, say, args.seconds)
 
@@ -191,7 +198,11 @@ def add_calibrate_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_calibrate(args: argparse.Namespace) -> int:
-    """Fit, judge on probings left out, print, write."""
+    """Fit the map from field to force, judge it on probings left out, print and write it.
+
+    The file has the columns Time, X1..Zn (uT) and Fx, Fy, Fz; every fingertip is pressed at least
+    twice. Raises DataError, OutputError.
+    """
     from holdfast.drivers.calibration import write_calibration
     from holdfast.sessions.calibrate import as_json, calibrate, in_words
     from holdfast.sessions.known_loads import read_loads
@@ -258,7 +269,10 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_bench(args: argparse.Namespace) -> int:
-    """Measure, write latency.json, print the tables."""
+    """Measure, write latency.json, print the tables.
+
+    Returns 1 where --check finds a budget exceeded.
+    """
     from holdfast.edge_runtime.model import Model
     from holdfast.evaluation.provenance import table_lines, write_measured
     from holdfast.live.bench import BenchRequest, figures_of

@@ -130,7 +130,10 @@ def _run(verb: str, argv: Sequence[str]) -> int:
 
 
 def functions_of(verb: str) -> tuple[Callable[..., None], Callable[..., int]]:
-    """What declares the options of a verb, and what runs it."""
+    """What declares the options of a verb, and what runs it.
+
+    The first takes a parser; the second takes its namespace and returns the exit code.
+    """
     module = import_module(VERBS[verb][0])
     # a file of several verbs names them
     if hasattr(module, f"run_{verb}"):

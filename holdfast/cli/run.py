@@ -90,7 +90,10 @@ def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_replay(args: argparse.Namespace) -> int:
-    """Replay the whole trial to stdout."""
+    """Replay the whole trial to stdout, one JSON line a sample.
+
+    Raises DataError, and ChannelError, UnitError, RateError where trial and model differ.
+    """
     from holdfast.core.contract import not_learned_in_words
     from holdfast.edge_runtime.monitor import GripMonitor, Model, require_fit
     from holdfast.live.outputs import to_json_line

@@ -79,8 +79,12 @@ class BenchRequest:
 
     def models(self) -> dict[str, OpenedModel]:
         """The models by the name of their step."""
-        models = {STEP: self.model, C_STEP: self.compiled, OLDER: self.older}
-        return {name: model for name, model in models.items() if model is not None}
+        models: dict[str, OpenedModel] = {STEP: self.model}
+        if self.compiled is not None:
+            models[C_STEP] = self.compiled
+        if self.older is not None:
+            models[OLDER] = self.older
+        return models
 
 
 def figures_of(request: BenchRequest) -> Json:
@@ -89,27 +93,33 @@ def figures_of(request: BenchRequest) -> Json:
     Raises the errors of `holdfast run`.
     """
     card = request.model.card
-    steps = {name: step_of(model) for name, model in request.models().items()}
+    calls: Calls = {}
+    for name, model in request.models().items():
+        calls[name] = step_of(model)
+
     # the median: a floor as long as a usual call, not as a disturbed one
-    usual = percentiles(time_in_turns({STEP: steps[STEP]}, turns=5)[STEP])
+    usual = percentiles(time_in_turns({STEP: calls[STEP]}, turns=5)[STEP])
     between = {GRIP: grip_of(request.model), FLOOR: busy_wait(usual["p50"])}
     with real_time():
-        hot = time_in_turns(steps | between)
+        hot = time_in_turns(calls | between)
         runs, deployed = live_runs(request, between)
 
-    way = []
+    way: list[Json] = []
     for name, run in runs.items():
         stages = run.latency_us()
         deployed[name] = stages["step"]
+        # the older file is there for its step alone
         if name == OLDER:
             continue
         for stage, us in stages.items():
             of = {"engine": ENGINES[name], "stage": stage, "overruns": run.overruns}
             way.append(of | _named(us))
-    rows = []
+
+    rows: list[Json] = []
     for name, values in hot.items():
         us = _named(percentiles(values), "hot_") | _named(deployed[name])
         rows.append({"what": name, **us})
+
     found = ratios(rows, way, card.rate_hz)
     found["model_mib"] = request.model.path.stat().st_size / 2**20
     budgets = budget_rows(found)
@@ -126,7 +136,7 @@ def figures_of(request: BenchRequest) -> Json:
 
 def _named(us: dict[str, float], before: str = "") -> Json:
     """Median and 99 % by their names in latency.json."""
-    return {f"{before}{name}_us": us[name] for name in ("p50", "p99")}
+    return {f"{before}p50_us": us["p50"], f"{before}p99_us": us["p99"]}
 
 
 # -- budgets
@@ -156,11 +166,12 @@ def ratios(
 def budget_rows(found: Mapping[str, float]) -> list[Json]:
     """Figures by the name of their budget, and their largest values."""
     limits = tomllib.loads(BUDGET.read_text(encoding="utf-8"))["at_most"]
-    return [
-        {"budget": name, "value": found[name], "at_most": most}
-        for name, most in limits.items()
-        if name in found
-    ]
+    rows = []
+    for name, most in limits.items():
+        # the C form is not everywhere
+        if name in found:
+            rows.append({"budget": name, "value": found[name], "at_most": most})
+    return rows
 
 
 # -- calls, and hot
@@ -262,19 +273,27 @@ def live_runs(
     lines = LineOutput([LineWriter(os.open(os.devnull, os.O_WRONLY))], say)
     source = open_live(request.source, clock=clock, report=say, to_force=to_force)
     models = request.models()
-    runs = {name: Summary() for name in models}
-    times: dict[str, list[float]] = {name: [] for name in between}
-    turns = max(1, round(request.seconds / TURN_S))
+    runs: dict[str, Summary] = {}
+    for name in models:
+        runs[name] = Summary()
+    times: dict[str, list[float]] = {}
+    for name in between:
+        times[name] = []
 
+    # asked between two samples, outside the stages of both
     def called() -> bool:
         for name, call in between.items():
             times[name].append(time_us(call))
         return False
 
+    turns = max(1, round(request.seconds / TURN_S))
     with closing(lines), closing(source):
         for name in turns * list(models):
             end = until(called, clock, request.seconds / turns)
-            answer(
-                source, models[name], clock, emit_to([lines]), end, summary=runs[name]
-            )
-    return runs, {name: percentiles(np.array(us)) for name, us in times.items()}
+            run = runs[name]
+            answer(source, models[name], clock, emit_to([lines]), end, summary=run)
+
+    deployed = {}
+    for name, us in times.items():
+        deployed[name] = percentiles(np.array(us))
+    return runs, deployed

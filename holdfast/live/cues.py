@@ -106,13 +106,17 @@ class Cues:
         # a request and a state can apply at once; the order of KINDS decides between them
         now = {state, "act" if act else "", "arm" if arm else ""} & self._rules.keys()
         kind = next((kind for kind in KINDS if kind in now), None)
+
         before, self._kind = self._kind, kind
         if kind is None:
             return None
+
         rule = self._rules[kind]
         # a state that lasts only a moment is not worth the wearer's attention
         if kind != before:
             self._due_ns = now_ns + MS_NS * rule.after_ms
+
+        # an urgent cue waits for urgent ones alone
         free_ns = self._urgent_free_ns if rule.urgent else self._free_ns
         return kind if now_ns >= max(free_ns, self._due_ns) else None
 

@@ -102,12 +102,16 @@ class ZeroWatch:
             self.report("the zero is taken: the hand may close now")
         if self._warned:
             return
+
         normal = sample.values[NORMAL_AXIS::3]
         unit, least = self.card.unit, -PULLS_FLOORS * self.card.normal_floor
+
+        # samples in a row; one that is not below, or not valid, begins anew
         self._below += 1
         self._below[~(sample.valid & (normal < least))] = 0
         most = float(np.abs(normal[sample.valid]).max(initial=0.0))
         sensor = int(self._below.argmax())
+
         if unit == "N" and most > MOST_N:
             warning = (
                 f"{most:.4g} N along a normal, and no hand presses with more than {MOST_N:g}: are "

@@ -235,12 +235,20 @@ class LiveRun:
 
 def report_summary(summary: Summary, report: Callable[[str], object]) -> None:
     """Print counts, and the latency of each stage."""
-    counts = {"sample": summary.samples, "overrun": summary.overruns}
-    words = [count_of(n, name) for name, n in counts.items()]
-    words += [f"{n} {name}" for name, n in summary.lost.items() if n]
-    words.append(count_of(summary.acts, "act"))
-    states = ", ".join(f"{name} {n}" for name, n in summary.states.items())
-    report(f"\n{', '.join(words)}; {states}")
+    counts = [
+        count_of(summary.samples, "sample"),
+        count_of(summary.overruns, "overrun"),
+    ]
+    for name, n in summary.lost.items():
+        if n:
+            counts.append(f"{n} {name}")
+    counts.append(count_of(summary.acts, "act"))
+
+    states = []
+    for name, n in summary.states.items():
+        states.append(f"{name} {n}")
+
+    report(f"\n{', '.join(counts)}; {', '.join(states)}")
     for stage, figures in summary.latency_us().items():
         each = "  ".join(f"{name} {value:8.1f} us" for name, value in figures.items())
         report(f"{stage:<14}{each}")

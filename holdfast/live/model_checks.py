@@ -51,6 +51,8 @@ def _judged(what: str, law: Law, model: Model) -> list[Finding]:
     """Whether a law holds for the golden input without its corrupted and lost samples."""
     card = model.card
     values, valid = golden_input(card.n_channels, card.unit, card.settle_samples)
+
+    # zeros in place of its corrupted samples
     good = np.isfinite(values) & (np.abs(values) < 1e6)
     if law(model, np.where(good, values, 0.0), np.ones_like(valid)):
         return [Finding(what, "ok", f"{len(values)} rows: the same bits")]
@@ -61,6 +63,7 @@ def one_against_many(model: Model, values: FloatArray, valid: BoolArray) -> bool
     """A recording alone and the same one in a batch must give the same bits."""
     # different recordings, so that one that leaks into another shows
     recordings = [values * factor for factor in BATCH]
+
     alone = []
     for recording in recordings:
         alone += _recorded(model, [recording], valid)
@@ -83,6 +86,7 @@ def _recorded(
     """Every output at every row, of recordings that run together, one after the other."""
     names = [one.name for one in model.session.get_outputs()]
     names.remove("state_out")
+
     n = len(recordings)
     rows = [np.arange(len(valid))] * n
     bits = []

@@ -356,6 +356,7 @@ class _Run:
 
         options, card = self.options, self._card
         # only the grip needs friction, and raw fields have no newtons to correct
+        # read over true; None where it was never measured
         gain: float | None = 1.0
         if card.unit == "N":
             gain = shear_gain_of(options.source, options.calibration)

@@ -122,15 +122,18 @@ def source_url(url: str) -> SourceUrl:
     if "://" not in url or url.startswith(REPLAY):
         return SourceUrl(url, "replay", url.removeprefix(REPLAY), NoOptions())
 
+    # not by urlsplit, which raises for a bracket in a name
     scheme, _, rest = url.partition("://")
     name, _, query = rest.partition("?")
     name = unquote(name)
     if scheme not in SCHEMES:
         what = f"{url[:80]!r}: no such source"
         raise UsageError(what, next_step=f"one of {_known()}")
+
     if scheme in ("usb", "virtual") and name not in BRIDGES:
         step = f"one of {', '.join(BRIDGES)}"
         raise UsageError(f"{url!r}: no bridge {name!r}", next_step=step)
+
     # an option that is given twice counts by its last value, but for faults
     raw: dict[str, Any] = parse_qs(query, keep_blank_values=True)
     raw = {key: raw[key] if key == "fault" else raw[key][-1] for key in raw}

@@ -219,9 +219,12 @@ def _sensors(shown: Shown) -> Table:
     names = sensor_names(shown.card.hand, len(sample.valid))
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     unit = shown.card.unit
+
     for heading in ("sensor", f"normal, {unit}", f"shear, {unit}"):
         table.add_column(heading, justify="right")
     table.add_column(style=COLOURS["unknown"])
+
+    # [S, 3]: x and y along the skin, z along the normal
     forces = sample.values.reshape(-1, 3)
     for k, (name, force) in enumerate(zip(names, forces, strict=True)):
         shear = float(np.hypot(*force[:NORMAL_AXIS]))
