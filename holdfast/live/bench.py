@@ -31,7 +31,7 @@ from pathlib import Path
 import numpy as np
 
 from holdfast import edge_runtime
-from holdfast.core.contract import BoolArray, FloatArray, Json, Sample
+from holdfast.core.contract import FloatArray, Json, Sample
 from holdfast.core.lines import LineWriter
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.grip_control import GripControl
@@ -179,8 +179,10 @@ def budget_rows(found: Mapping[str, float]) -> list[Json]:
 
 def step_of(model: OpenedModel) -> Callable[[], object]:
     """Step over the golden sequence with its faults again and again."""
-    graph = model.stepper(answers_of(model.card))
-    turn = cycle(zip(*golden(model), strict=True))
+    card = model.card
+    rows = golden_input(card.n_channels, card.unit, card.settle_samples)
+    graph = model.stepper(answers_of(card))
+    turn = cycle(zip(*rows, strict=True))
 
     def step() -> None:
         # Into the buffers of the graph, as the live loop does it: no array is made.
@@ -193,9 +195,10 @@ def step_of(model: OpenedModel) -> Callable[[], object]:
 def grip_of(model: Model) -> Callable[[], object]:
     """The grip controller's command for each golden sample, its predictions made before."""
     card = model.card
+    rows = golden_input(card.n_channels, card.unit, card.settle_samples)
     monitor = GripMonitor(model, None)
     felt = []
-    for k, (values, valid) in enumerate(zip(*golden(model), strict=True)):
+    for k, (values, valid) in enumerate(zip(*rows, strict=True)):
         # Times at the model's rate: no sample is late, and no state unknown for it.
         sample = Sample(round(k * 1e9 / card.rate_hz), values, valid, k)
         felt.append((monitor.feed(sample), values, valid))
@@ -204,12 +207,6 @@ def grip_of(model: Model) -> Callable[[], object]:
     control = GripControl("holdfast", card.rate_hz, unit=card.unit, n_fingers=fingers)
     turn = cycle(felt)
     return lambda: control.step(*next(turn))
-
-
-def golden(model: OpenedModel) -> tuple[FloatArray, BoolArray]:
-    """Values [T, C] and valid [T, C/3] of the sequence that this file is checked with at load."""
-    card = model.card
-    return golden_input(card.n_channels, card.unit, card.settle_samples)
 
 
 def busy_wait(microseconds: float) -> Callable[[], None]:

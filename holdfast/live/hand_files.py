@@ -84,7 +84,6 @@ class ZeroWatch:
     report: Callable[[str], None]
 
     def __post_init__(self) -> None:
-        self._resting: FloatArray = np.zeros(self.card.n_channels // 3)
         self._longest = max(1, round(PULLS_S * self.card.rate_hz))
         self._below: IntArray = np.zeros(self.card.n_channels // 3, dtype=np.int64)
         self._taken = self._warned = False
@@ -95,10 +94,9 @@ class ZeroWatch:
         )
 
     def write(self, prediction: object, sample: Sample, reading: SourceReading) -> None:
-        """Look at one prepared sample, and the reading that it was made of."""
+        """Look at one prepared sample."""
         if not self._taken and sample.valid.all():
             self._taken = True
-            self._resting = np.abs(reading.values[NORMAL_AXIS::3])
             self.report("the zero is taken: the hand may close now")
         if self._warned:
             return
@@ -120,22 +118,14 @@ class ZeroWatch:
         elif self._below[sensor] > self._longest:
             warning = (
                 f"sensor {sensor + 1} reads {normal[sensor]:.2g} {unit} along its normal, as if "
-                f"pulled: {self._cause(sensor)}"
+                "pulled: it was pressed when its zero was taken (open the hand and start again, or "
+                "measure the zero with holdfast bias), or its normal axis points the other way "
+                "(multiply it by -1 in the sender or a map)"
             )
         else:
             return
         self._warned = True
         self.report(f"warning: {warning}")
-
-    def _cause(self, sensor: int) -> str:
-        """The likely cause of a normal below zero."""
-        # a sensor whose zero was taken while nothing pressed it reads little there
-        if self.card.unit == "N" and self._resting[sensor] < self.card.normal_floor:
-            return "its normal axis points the other way. Multiply it by -1 in the sender or a map"
-        return (
-            "the zero was taken while it was pressed. Open the hand and start again, or measure "
-            "the zero with holdfast bias"
-        )
 
     def close(self, reason: str = "") -> None:
         """Nothing to close."""

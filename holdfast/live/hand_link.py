@@ -5,8 +5,8 @@
 
 A thread writes, so the loop never waits. It takes the newest line when the link has room: a line
 that a newer one overtakes is left out and counted, so what arrives is never old. A link that fails,
-or that has no room for EXPIRES_MS, is reported once and opened again, at first soon, then every two
-seconds. Its first line is then `hold`. The last line of a run is `hold`. Where the process dies
+or that has no room for EXPIRES_MS, is reported once, and tried again every
+RETRY_S. Its first line is then `hold`. The last line of a run is `hold`. Where the process dies
 without it, the receiver holds EXPIRES_MS after the last line.
 
 A serial port carries few lines: 115200 baud about 55 a second. It is the one that pyserial opens
@@ -42,8 +42,8 @@ PATIENCE_S = 1e-3 * EXPIRES_MS
 """A link that has no room for so long has failed."""
 LOOK_AGAIN_S = 0.002
 """Between two looks at how many bytes a port has still to send."""
-FIRST_RETRY_S, LAST_RETRY_S = 0.05, 2.0
-"""From a failure to the first try, and the longest time between two tries."""
+RETRY_S = 0.2
+"""From a failure to the first try, and between two tries."""
 LAST_LINE_S = 0.2
 """The last line waits this long for room."""
 END_S = 0.5
@@ -237,10 +237,7 @@ class HandLink:
         reason = getattr(error, "strerror", None) or error
         self.report(f"{self.name}: no line arrives ({reason}); {self.effect}")
 
-        wait_s = FIRST_RETRY_S
-        while not self._ends_within(wait_s):
-            # ever longer, so that a device that is gone costs little
-            wait_s = min(2 * wait_s, LAST_RETRY_S)
+        while not self._ends_within(RETRY_S):
             with suppress(*FAILURES):
                 self.port.open()
                 # a hold line: a command from before the failure would be old
