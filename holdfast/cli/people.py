@@ -224,14 +224,14 @@ def run_study(args: argparse.Namespace) -> int:
 
 def _require_study_options(args: argparse.Namespace) -> None:
     """Raise UsageError for an option that is missing, or that goes with no other."""
-    needed = {"--out": args.out, "--person": args.person}
+    needed = ["out", "person"]
     # Reports and withdrawals work on files alone, without a hand.
     if not args.report and not args.withdraw:
-        needed["--source"] = args.source
-    for option, value in needed.items():
-        if value is None:
+        needed.append("source")
+    for option in needed:
+        if getattr(args, option) is None:
             step = "holdfast study --help shows all"
-            raise UsageError(f"{option} is missing", next_step=step)
+            raise UsageError(f"--{option} is missing", next_step=step)
 
 
 # -- watch
