@@ -22,7 +22,7 @@ from __future__ import annotations
 import os
 import time
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import cycle
@@ -59,8 +59,8 @@ TURNS = 40
 CALLS_A_TURN = 100
 TURN_S = 5.0
 """So long a live run has before the next one takes its turn."""
-AROUND = ("convert", "decide", "emit")
-"""What a sample takes besides reading it and its step."""
+Percentiles = dict[str, float]
+"""p50 and p99 of times, us."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def figures_of(request: BenchRequest) -> Json:
         us = _named(percentiles(values), "hot_") | _named(deployed[name])
         rows.append({"what": name, **us})
 
-    found = ratios(rows, way, card.rate_hz)
+    found = ratios(deployed, runs[STEP].latency_us(), card.rate_hz)
     found["model_mib"] = request.model.path.stat().st_size / 2**20
     budgets = budget_rows(found)
     return {
@@ -134,7 +134,7 @@ def figures_of(request: BenchRequest) -> Json:
     }
 
 
-def _named(us: dict[str, float], before: str = "") -> Json:
+def _named(us: Percentiles, before: str = "") -> Json:
     """Median and 99 % by their names in latency.json."""
     return {f"{before}p50_us": us["p50"], f"{before}p99_us": us["p99"]}
 
@@ -143,23 +143,25 @@ def _named(us: dict[str, float], before: str = "") -> Json:
 
 
 def ratios(
-    rows: Sequence[Json], way: Sequence[Json], rate_hz: float
+    deployed: Mapping[str, Percentiles],
+    stages: Mapping[str, Percentiles],
+    rate_hz: float,
 ) -> dict[str, float]:
-    """Ratios of one run as deployed, by the name of their budget; of C where it was timed."""
-    p50_us = {row["what"]: row["p50_us"] for row in rows}
-    p99_us = {row["what"]: row["p99_us"] for row in rows}
-    around_us = 0.0
-    for row in way:
-        if row["engine"] == ENGINES[STEP] and row["stage"] in AROUND:
-            around_us += row["p50_us"]
+    """Ratios of one run as deployed, by the name of their budget; of C where it was timed.
+
+    deployed: us of each call; stages: of the way of a sample in onnxruntime.
+    """
+    step, grip = deployed[STEP], deployed[GRIP]
+    # what a sample takes besides reading it and its step
+    around_us = sum(stages[one]["p50"] for one in ("convert", "decide", "emit"))
     found = {
         # the rest of the time between two samples is left for the bus and for a busy machine
-        "step_and_grip_of_period": 1e-6 * rate_hz * (p99_us[STEP] + p99_us[GRIP]),
-        "grip_over_step": p50_us[GRIP] / p50_us[STEP],
-        "around_over_step": around_us / p50_us[STEP],
+        "step_and_grip_of_period": 1e-6 * rate_hz * (step["p99"] + grip["p99"]),
+        "grip_over_step": grip["p50"] / step["p50"],
+        "around_over_step": around_us / step["p50"],
     }
-    if C_STEP in p50_us:
-        found["c_step_over_step"] = p50_us[C_STEP] / p50_us[STEP]
+    if C_STEP in deployed:
+        found["c_step_over_step"] = deployed[C_STEP]["p50"] / step["p50"]
     return found
 
 
@@ -260,7 +262,7 @@ def time_us(call: Callable[[], object]) -> float:
 
 def live_runs(
     request: BenchRequest, between: Calls
-) -> tuple[dict[str, Summary], dict[str, dict[str, float]]]:
+) -> tuple[dict[str, Summary], dict[str, Percentiles]]:
     """Live runs by the name of their step, and percentiles of what was called between samples.
 
     A hand is read, and answers are written as JSON lines.

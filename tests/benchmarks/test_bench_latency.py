@@ -9,7 +9,6 @@ import tomllib
 
 import pytest
 
-from holdfast.core.contract import Json
 from holdfast.core.schema import DEFAULT_MODEL, model_path
 from holdfast.edge_runtime.model import Model
 from holdfast.live.bench import (
@@ -52,24 +51,21 @@ def test_the_bench_times_a_file_an_older_one_and_the_way_of_a_sample(run, tmp_pa
     assert not list(model.parent.glob("*-c"))
 
 
-def timed(name: str, p50_us: float, p99_us: float) -> Json:
-    return {"what": name, "p50_us": p50_us, "p99_us": p99_us}
+def of(p50_us: float, p99_us: float) -> dict[str, float]:
+    return {"p50": p50_us, "p99": p99_us}
 
 
 def test_ratios_are_of_calls_as_deployed():
-    way = [
-        {"engine": "onnxruntime", "stage": stage, "p50_us": us}
-        for stage, us in zip(STAGES, (2000.0, 1.0, 10.0, 2.0, 3.0), strict=True)
-    ]
-    way.append({"engine": "C", "stage": "emit", "p50_us": 1e6})
-    calls = [timed(STEP, 10.0, 40.0), timed(GRIP, 2.0, 10.0)]
+    times_us = (2000.0, 1.0, 10.0, 2.0, 3.0)
+    way = {stage: of(us, us) for stage, us in zip(STAGES, times_us, strict=True)}
+    calls = {STEP: of(10.0, 40.0), GRIP: of(2.0, 10.0)}
     on_a_board = {
         "step_and_grip_of_period": pytest.approx(0.05),
         "grip_over_step": 0.2,
         "around_over_step": pytest.approx(0.6),
     }
     assert ratios(calls, way, rate_hz=1000.0) == on_a_board
-    calls += [timed(C_STEP, 1.0, 9.0), timed(OLDER, 20.0, 30.0)]
+    calls |= {C_STEP: of(1.0, 9.0), OLDER: of(20.0, 30.0)}
     in_c = {**on_a_board, "c_step_over_step": 0.1}
     assert ratios(calls, way, rate_hz=1000.0) == in_c
 
