@@ -137,10 +137,11 @@ def functions_of(verb: str) -> tuple[Callable[..., None], Callable[..., int]]:
     module = import_module(VERBS[verb][0])
     # a file of several verbs names them
     if hasattr(module, f"run_{verb}"):
-        names = f"add_{verb}_arguments", f"run_{verb}"
-    else:
-        names = "add_arguments", "run"
-    return getattr(module, names[0]), getattr(module, names[1])
+        return (
+            getattr(module, f"add_{verb}_arguments"),
+            getattr(module, f"run_{verb}"),
+        )
+    return module.add_arguments, module.run
 
 
 def _stdin_url(word: str) -> str:

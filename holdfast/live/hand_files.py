@@ -133,7 +133,7 @@ class ZeroWatch:
 
 def force_of(path: str | Path | None) -> ToForce | None:
     """The map from field to force in a calibration file, or None. Raises a DataError."""
-    if path is None:
+    if not path:
         return None
     from holdfast.drivers.calibration import read_calibration
 
@@ -145,7 +145,7 @@ def shear_gain_of(url: str, calibration: str | Path | None) -> float | None:
 
     Of the calibration, else of the sensors that a scene emulates. Raises a DataError.
     """
-    if calibration is not None:
+    if calibration:
         from holdfast.drivers.calibration import read_calibration
 
         return read_calibration(Path(calibration)).shear_gain
@@ -164,7 +164,7 @@ def shear_gain_of(url: str, calibration: str | Path | None) -> float | None:
 
 def resting_of(path: str | Path | None, source: Source) -> FloatArray | None:
     """A bias file [C] that fits the source, or None. Raises a DataError."""
-    if path is None:
+    if not path:
         return None
     from holdfast.drivers.calibration import read_bias
 

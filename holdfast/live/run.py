@@ -90,24 +90,24 @@ class RunOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     source: Text = ""
     model: Text = DEFAULT_MODEL
-    calibration: Text | None = None
-    bias: Text | None = None
-    wearer: Text | None = None
-    hand: Text | None = None
-    grip: Text | None = None
+    calibration: Text = ""
+    bias: Text = ""
+    wearer: Text = ""
+    hand: Text = ""
+    grip: Text = ""
     to: tuple[Text, ...] = ()
     engine: Literal["auto", "onnxruntime", "c"] = AUTO
-    library: Text | None = None
+    library: Text = ""
     controller: Text = "holdfast"
     ceiling_n: Annotated[float, msgspec.Meta(gt=0.0, le=1e4)] | None = None
     most_over_wearers_n: Annotated[float, msgspec.Meta(gt=0.0, le=1e4)] | None = None
-    feedback: Text | None = None
-    cues: Text | None = None
+    feedback: Text = ""
+    cues: Text = ""
 
     @property
     def moves_scene(self) -> bool:
         """Whether commands go to the hand in the scene of the source."""
-        return (self.grip or "").startswith("virtual")
+        return self.grip.startswith("virtual")
 
     def outputs(self) -> list[OutputUrl]:
         """Where answers go, in the order of KINDS; JSON lines where nothing is named."""
@@ -116,8 +116,8 @@ class RunOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def choice(self) -> ModelChoice:
         """The model and its engine."""
-        library = None if self.engine == ONNXRUNTIME else self.library
-        return ModelChoice(str(self.model), self.engine, library)
+        library = "" if self.engine == ONNXRUNTIME else self.library
+        return ModelChoice(str(self.model), self.engine, library or None)
 
 
 def run(
@@ -131,7 +131,7 @@ def run(
     """
     # what contradicts itself is refused before anything is opened
     options.outputs()
-    if all(map(is_standard_input, (options.wearer or "", options.source))):
+    if is_standard_input(options.wearer) and is_standard_input(options.source):
         what = "--wearer - and --source -: standard input cannot be both"
         raise UsageError(what, next_step="--wearer unix:///run/holdfast/wearer")
     clock = RunClock()
@@ -298,7 +298,7 @@ class _Run:
             from holdfast.live.page.run_page import open_run_page
 
             source, model = self.options.source, self.options.model
-            with_grip = self.options.grip is not None
+            with_grip = bool(self.options.grip)
             self._page = open_run_page(
                 place, source, model, card, self.report, with_grip=with_grip
             )
@@ -315,7 +315,7 @@ class _Run:
         self, stack: ExitStack, outputs: list[Output]
     ) -> Callable[[], Command]:
         """What the wearer commands at a sample."""
-        if self.options.wearer is None:
+        if not self.options.wearer:
             return Command
         from holdfast.live.wearer import IntentLog, wearer_monitor
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import pytest
 from hazard_marks import SILENT_CUES
@@ -17,6 +18,7 @@ from holdfast.live.cues import (
     CueRule,
     Cues,
     CueTable,
+    Kind,
     cue_line,
     read_cues,
 )
@@ -32,7 +34,7 @@ def at(
     return prediction(state=state, act=act, arm=arm, t_decided_ns=ms * MS)
 
 
-def due(cues: Cues, one: Prediction) -> str | None:
+def due(cues: Cues, one: Prediction) -> Kind | None:
     return cues.due(one.state, one.act, one.arm, one.t_decided_ns)
 
 
@@ -48,7 +50,8 @@ def played(table: CueTable, stream: list[Prediction]) -> list[tuple[int, str]]:
 
 
 def table(most_per_s: int = 3, **rules: CueRule) -> CueTable:
-    return CueTable({"unknown": CueRule(1, 600, 0, 0.5), **rules}, most_per_s)
+    kinds: dict[Any, CueRule] = {"unknown": CueRule(1, 600, 0, 0.5), **rules}
+    return CueTable(kinds, most_per_s)
 
 
 def short(after_ms: int = 0, *, urgent: bool = False) -> CueRule:
