@@ -38,7 +38,7 @@ def due(cues: Cues, one: Prediction) -> Kind | None:
     return cues.due(one.state, one.act, one.arm, one.t_decided_ns)
 
 
-def played(table: CueTable, stream: list[Prediction]) -> list[tuple[int, str]]:
+def played(table: CueTable, stream: list[Prediction]) -> list[tuple[int, Kind]]:
     """(ms, kind) of all cues that are sent."""
     cues, out = Cues(table), []
     for one in stream:
