@@ -25,7 +25,6 @@ from holdfast.core.errors import (
     visible_lines,
 )
 from holdfast.core.lines import stream_sink
-from holdfast.core.writing import require_writable, write_whole
 
 WITH_SETTINGS = ("run", "record", "bias", "study", "replay")
 """Commands whose options may stand in holdfast.toml."""
@@ -205,6 +204,8 @@ def require_json_writable(args: argparse.Namespace) -> None:
     """Raise OutputError where the file of --json cannot be written, before the work begins."""
     # A run of hours must not end with a folder that cannot be written to.
     if args.json not in (None, STDOUT):
+        from holdfast.core.writing import require_writable
+
         require_writable(args.json.parent)
 
 
@@ -226,5 +227,7 @@ def write_found(args: argparse.Namespace, found: Mapping[str, Any]) -> None:
     text = json.dumps(found, indent=1, allow_nan=False, default=str) + "\n"
     if args.json == STDOUT:
         sys.stdout.write(text)
-    else:
-        write_whole(args.json, text)
+        return
+    from holdfast.core.writing import write_whole
+
+    write_whole(args.json, text)
