@@ -6,7 +6,7 @@ has it), not measured on silicon; times of computing are this machine's.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -22,10 +22,9 @@ from holdfast.drivers.layout import read_layout
 from holdfast.drivers.virtual.faults import VirtualClock, read_fault
 from holdfast.drivers.virtual.usb_backend import Traffic
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
-from holdfast.edge_runtime.monitor import GripMonitor, Model
-from holdfast.edge_runtime.preparation import Tare
+from holdfast.edge_runtime.model import Model
 from holdfast.live.bench import step_of, time_in_turns
-from holdfast.live.loop import Summary, run_live
+from holdfast.live.run import answer
 
 FAULTS = {
     "nack:3@3+0.3": "finger 3 does not acknowledge for 0.3 s",
@@ -202,7 +201,9 @@ def _fault_row(model: Model, fault: str, compute_ms: float, phases: int) -> Faul
         rows.append((answered_s, _answer(prediction)))
 
     end_ns = round(1e9 * FAULT_RUN_S)
-    summary = _answered(bench, model, emit, lambda: bench.clock.now_ns() >= end_ns)
+    summary = answer(
+        bench.hand, model, bench.clock, emit, lambda: bench.clock.now_ns() >= end_ns
+    )
     last_lost_s = max(t for t, state in rows if t >= FAULT_AT_S and state in LOST)
     ends_s = FAULT_AT_S + (read_fault(fault).lasts_s if "+" in fault else 0.0)
     detected_ms = []
@@ -241,16 +242,5 @@ def _detected_ms(model: Model, fault: str, phase: float) -> float:
     def stopped() -> bool:
         return bool(found_s) or bench.clock.now_ns() >= end_ns
 
-    _answered(bench, model, emit, stopped)
+    answer(bench.hand, model, bench.clock, emit, stopped)
     return 1e3 * (found_s[0] - at_s) if found_s else float("inf")
-
-
-def _answered(
-    bench: Bench,
-    model: Model,
-    emit: Callable[..., None],
-    stopped: Callable[[], bool],
-) -> Summary:
-    monitor = GripMonitor(model, bench.clock.now_ns)
-    tare = Tare(model.card.preparation, 18)
-    return run_live(bench.hand, monitor, tare, bench.clock, emit, stopped=stopped)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from holdfast.core.trial_file import read_trial as read_trial
     from holdfast.edge_runtime.monitor import GripMonitor
     from holdfast.edge_runtime.recording import Answers as Answers
-    from holdfast.live.open_hand import OpenHand
+    from holdfast.live.hand_files import OpenHand
 
 # onnxruntime from 1.31 on collects and sends usage data unless this turns it off before its import
 os.environ["ORT_DISABLE_TELEMETRY"] = "1"
@@ -93,7 +93,7 @@ def open_hand(
     `holdfast bias`; without it the hand must be empty at first. Raises UsageError, DeviceError or
     DataError.
     """
-    from holdfast.live.open_hand import OpenHand
+    from holdfast.live.hand_files import OpenHand
 
     return OpenHand(url, calibration, bias)
 

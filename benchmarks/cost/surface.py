@@ -3,8 +3,8 @@
 Every point is a learner evaluated on unseen streams of scenes or people, sample by sample: recall
 at one false alarm a minute, delay after load onset, macro F1 over four situations on held-out
 windows; and the microseconds of a step, hot in a row and as deployed, one a sample and asleep in
-between, all points interleaved in one run. Points are stored one by one, so an interrupted run
-continues.
+between, the points of a rate interleaved in one run. Points are stored one by one, so an
+interrupted run continues.
 """
 
 from __future__ import annotations
@@ -27,9 +27,11 @@ from holdfast.core.contract import FloatArray, Json
 from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.graph import StepGraph, open_session
 from holdfast.evaluation.jobs import Workers
-from holdfast.live.bench import time_deployed, time_in_turns
+from holdfast.live.bench import time_in_turns, time_us
+from holdfast.live.running import RunClock, real_time
 
 HERE = Workers(CORES)
+Calls = dict[str, Callable[[], object]]
 TIMED_EVENTS = 10
 TIMED_S = 0.2
 TURNS = 10
@@ -84,8 +86,8 @@ def _file(folder: Path, point: Point, kind: str) -> Path:
 
 
 def _times_us(folder: Path, points: Sequence[Point]) -> dict[Point, Json]:
-    """Median us of every learner's step; all interleaved in one run."""
-    steps: dict[float, dict[str, Callable[[], object]]] = {}
+    """Median us of every learner's step; those of a rate interleaved in one run."""
+    steps: dict[float, Calls] = {}
     samples: dict[Point, FloatArray] = {}
     fitted = list(dict.fromkeys(point.fitted for point in points))
     for point in fitted:
@@ -96,17 +98,35 @@ def _times_us(folder: Path, points: Sequence[Point]) -> dict[Point, Json]:
         step = step_call(model.SerializeToString(), samples[at])
         steps.setdefault(point.rate_hz, {})[point.name] = step
 
-    every = {name: step for of in steps.values() for name, step in of.items()}
-    hot = time_in_turns(every, TURNS, CALLS)
-    deployed: dict[str, FloatArray] = {}
-    for rate_hz, of in steps.items():
-        deployed |= time_deployed(of, rate_hz, DEPLOYED_S)
+    hot: dict[str, FloatArray] = {}
+    deployed: dict[str, list[float]] = {}
+    with real_time():
+        for rate_hz, of in steps.items():
+            hot |= time_in_turns(of, TURNS, CALLS)
+            deployed |= time_deployed(of, rate_hz)
     found = {}
     for point in fitted:
         step_us = float(np.median(deployed[point.name]))
         hot_us = float(np.median(hot[point.name]))
         found[point] = {"step_us": step_us, "hot_us": hot_us}
     return found
+
+
+def time_deployed(
+    calls: Calls, rate_hz: float, seconds: float = DEPLOYED_S
+) -> dict[str, list[float]]:
+    """Wall-clock us of calls that come once each period, asleep in between.
+
+    Each call has `seconds` of its own, a second at a time in turn.
+    """
+    clock = RunClock()
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    for name in round(seconds) * list(calls):
+        start_ns = clock.now_ns()
+        for k in range(1, 1 + round(rate_hz)):
+            clock.wait_until(start_ns + round(1e9 * k / rate_hz))
+            times[name].append(time_us(calls[name]))
+    return times
 
 
 def step_call(model: bytes, samples: FloatArray) -> Callable[[], object]:

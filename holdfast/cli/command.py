@@ -25,7 +25,6 @@ from holdfast.core.errors import (
     visible_lines,
 )
 from holdfast.core.lines import stream_sink
-from holdfast.core.writing import require_writable, write_whole
 
 WITH_SETTINGS = ("run", "record", "bias", "study", "replay")
 """Commands whose options may stand in holdfast.toml."""
@@ -66,18 +65,22 @@ def path_argument(word: str) -> Path:
     return Path(word)
 
 
-LEAST_NUMBER, MOST_NUMBER = 1e-6, 1e9
-"""Of what is given as a time, a rate, a size or a force: their quotients are times and counts."""
+def number(least: float, most: float) -> Callable[[str], float]:
+    """What reads a number from the command line, within bounds."""
+
+    def read(word: str) -> float:
+        value = float(word)
+        if not least <= value <= most:
+            raise argparse.ArgumentTypeError(
+                f"{word!r} is not a number from {least:g} to {most:g}"
+            )
+        return value
+
+    return read
 
 
-def positive(word: str) -> float:
-    """A number above zero from the command line, of a size that times and rates can have."""
-    number = float(word)
-    if not LEAST_NUMBER <= number <= MOST_NUMBER:
-        raise argparse.ArgumentTypeError(
-            f"{word!r} is not a number above 0, from {LEAST_NUMBER:g} to {MOST_NUMBER:g}"
-        )
-    return number
+positive = number(1e-6, 1e9)
+"""A time, a rate, a size or a force: their quotients are times and counts."""
 
 
 def show(text: str) -> None:
@@ -103,12 +106,6 @@ def finish(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
             # Flushed here, so that an error of the last lines still becomes an exit code.
             sys.stdout.flush()
             return code
-        except (HoldfastError, ModuleNotFoundError) as error:
-            if "--debug" in argv:
-                raise
-            shown = error if isinstance(error, HoldfastError) else _not_installed(error)
-            on_stderr(f"error: {type(shown).__name__}: {shown}")
-            return shown.exit_code
         # 130 is 128 + SIGINT, as shells report it.
         except KeyboardInterrupt:
             on_stderr("interrupted")
@@ -116,15 +113,12 @@ def finish(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
         # The reader of a pipe has seen enough (`| head`): that is no failure.
         except BrokenPipeError:
             return 0
-        except OSError as error:
+        except (HoldfastError, ModuleNotFoundError, OSError) as error:
             if "--debug" in argv:
                 raise
-            what = one_line(str(error))
-            next_step = (
-                "choose another place to write to; --debug shows the whole error"
-            )
-            on_stderr(f"error: OutputError: {what}; next: {next_step}")
-            return OutputError.exit_code
+            shown = _as_ours(error)
+            on_stderr(f"error: {type(shown).__name__}: {shown}")
+            return shown.exit_code
         finally:
             _forget_what_cannot_be_written(sys.stdout)
 
@@ -161,7 +155,13 @@ def _forget_what_cannot_be_written(stream: TextIO) -> None:
         os.close(nothing)
 
 
-def _not_installed(error: ModuleNotFoundError) -> UsageError:
+def _as_ours(error: Exception) -> HoldfastError:
+    """The error with an exit code of ours."""
+    if isinstance(error, HoldfastError):
+        return error
+    if not isinstance(error, ModuleNotFoundError):
+        step = "choose another place to write to; --debug shows the whole error"
+        return OutputError(str(error), next_step=step)
     # the modules of other extras name these themselves (core/errors.py: needs_extra)
     extra = "dask" if error.name == "distributed" else "train,viz"
     return UsageError(
@@ -204,6 +204,8 @@ def require_json_writable(args: argparse.Namespace) -> None:
     """Raise OutputError where the file of --json cannot be written, before the work begins."""
     # A run of hours must not end with a folder that cannot be written to.
     if args.json not in (None, STDOUT):
+        from holdfast.core.writing import require_writable
+
         require_writable(args.json.parent)
 
 
@@ -225,5 +227,7 @@ def write_found(args: argparse.Namespace, found: Mapping[str, Any]) -> None:
     text = json.dumps(found, indent=1, allow_nan=False, default=str) + "\n"
     if args.json == STDOUT:
         sys.stdout.write(text)
-    else:
-        write_whole(args.json, text)
+        return
+    from holdfast.core.writing import write_whole
+
+    write_whole(args.json, text)

@@ -11,9 +11,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Mapping
 from dataclasses import asdict
-from importlib import import_module
 from typing import TYPE_CHECKING
 
 from holdfast.cli.command import (
@@ -76,27 +74,24 @@ def run(args: argparse.Namespace) -> int:
 
 def _complete(shell: str) -> int:
     """Print the script that a shell reads."""
-    from holdfast.cli.main import VERBS
-
     with needs_extra("completion"):
         import shtab
 
-    print(shtab.complete(whole_parser(VERBS, shtab.FILE), shell))
+    print(shtab.complete(whole_parser(shtab.FILE), shell))
     return 0
 
 
-def whole_parser(
-    verbs: Mapping[str, tuple[str, str]], files: object
-) -> argparse.ArgumentParser:
+def whole_parser(files: object) -> argparse.ArgumentParser:
     """All commands in one parser. files: how shtab completes names of files."""
     # here: the rest of the doctor runs where no package is installed
+    from holdfast.cli.main import VERBS, functions_of
     from holdfast.cli.options import add_config_option
 
     whole = argparse.ArgumentParser(prog="holdfast")
     commands = whole.add_subparsers()
-    for verb, (module, about) in verbs.items():
+    for verb, (_, about) in VERBS.items():
         parser = commands.add_parser(verb, help=about)
-        import_module(module).add_arguments(parser)
+        functions_of(verb)[0](parser)
         if verb in WITH_SETTINGS:
             add_config_option(parser)
         for action in parser._actions:

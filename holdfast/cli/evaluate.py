@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
 
 from holdfast.cli.command import (
     add_json_option,
@@ -21,11 +20,6 @@ from holdfast.cli.options import (
 )
 from holdfast.core.writing import require_writable
 from holdfast.evaluation import MOST_FALSE_PER_MIN
-
-if TYPE_CHECKING:
-    from holdfast.evaluation.evaluate import EvaluationRequest
-    from holdfast.evaluation.scored_set import Evaluation
-    from holdfast.training.progress import Stages
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -78,8 +72,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Evaluate, print the figures in words, write them as JSON and as a report."""
-    from holdfast.evaluation.evaluate import EvaluationRequest
-    from holdfast.evaluation.report import evaluation_lines
+    from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
+    from holdfast.evaluation.report import evaluation_lines, write_event_report
     from holdfast.training.progress import Stages
 
     require_json_writable(args)
@@ -96,25 +90,11 @@ def run(args: argparse.Namespace) -> int:
     )
     begin = Stages()
     begin("loading the libraries and the model")
-    evaluation = _evaluated(args, request, begin)
-
-    show_found(args, "\n".join(evaluation_lines(evaluation)), evaluation.to_json())
-    return 0
-
-
-def _evaluated(
-    args: argparse.Namespace, request: EvaluationRequest, begin: Stages
-) -> Evaluation:
-    """The evaluation, once its report is written."""
-    from holdfast.evaluation.evaluate import evaluate_events
-
-    model = chosen_model(args)
-    workers = chosen_workers(args)
+    model, workers = chosen_model(args), chosen_workers(args)
     evaluation = evaluate_events(model, request, begin, begin.part, workers)
     if args.report is not None:
-        from holdfast.evaluation.report import write_event_report
-
         begin("drawing the report")
         write_event_report(args.report, evaluation)
 
-    return evaluation
+    show_found(args, "\n".join(evaluation_lines(evaluation)), evaluation.to_json())
+    return 0

@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
                 f"{'--hand' if args.hand else '--rule'} with --to c",
                 next_step="export the model file that way first, then that file to C",
             )
-        _report_begin(args)
+        _report(f"exporting {args.artifact}")
         return _export_c(args)
 
     if args.build:
@@ -118,13 +118,13 @@ def run(args: argparse.Namespace) -> int:
         require_replaceable,
     )
 
-    _report_begin(args)
+    _report(f"exporting {args.artifact}")
 
     model = args.out or args.artifact / MODEL_NAME
     # Before the export, whose work would be lost.
     require_replaceable(args.artifact, model, force=args.force)
     path, report = export_artifact(
-        args.artifact, args.out, hand=_hand(args), report=_report_stage
+        args.artifact, args.out, hand=_hand(args), report=_report
     )
     lines = [f"{name}: {_agreement(head)}" for name, head in report.heads.items()]
     lines += [
@@ -145,8 +145,8 @@ def _hand(args: argparse.Namespace) -> HandCard | None:
     return read_hand_card(args.hand)
 
 
-def _report_begin(args: argparse.Namespace) -> None:
-    sys.stderr.write(f"exporting {visible(str(args.artifact))}\n")
+def _report(line: str) -> None:
+    sys.stderr.write(f"  {visible(line)}\n")
 
 
 def _export_again(args: argparse.Namespace) -> int:
@@ -161,7 +161,7 @@ def _export_again(args: argparse.Namespace) -> int:
             next_step="name it: --out NEW.onnx",
         )
     require_free(args.out, force=args.force)
-    _report_begin(args)
+    _report(f"exporting {args.artifact}")
     require_writable(args.out.parent)
     base = read_sealed(args.artifact)
     data = changed(base, _hand(args), dict(args.rule), args.artifact)
@@ -188,10 +188,6 @@ def _export_c(args: argparse.Namespace) -> int:
     ]
     show_found(args, "\n".join(lines), {"folder": folder, **asdict(done)})
     return 0
-
-
-def _report_stage(line: str) -> None:
-    sys.stderr.write(f"  {line}\n")
 
 
 def _agreement(head: HeadVerification) -> str:

@@ -1,4 +1,4 @@
-"""`holdfast VERB ..`: one parser, one module a verb, imported only for its verb.
+"""`holdfast VERB ..`: one parser; the module of a verb is imported only for its verb.
 
 Exit codes: 0 done, 1 failed, 2 usage, 3 data, 4 model, 5 output, 6 device, 130 interrupted.
 """
@@ -6,7 +6,7 @@ Exit codes: 0 done, 1 failed, 2 usage, 3 data, 4 model, 5 output, 6 device, 130 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from importlib.metadata import version
 
@@ -16,8 +16,8 @@ from holdfast.core.errors import UsageError
 GROUPS = {
     "every day": {
         "run": ("run", "read a hand live and answer every sample"),
-        "record": ("record", "record trials by keys and a protocol"),
-        "replay": ("replay", "a model's answers on a recorded trial, as JSON lines"),
+        "record": ("people", "record trials by keys and a protocol"),
+        "replay": ("run", "a model's answers on a recorded trial, as JSON lines"),
         "check": (
             "check",
             "say what a folder of recordings holds and lacks; repair it",
@@ -30,16 +30,16 @@ GROUPS = {
     },
     "set up a hand": {
         "doctor": ("doctor", "what is installed and missing here; or check a MODEL"),
-        "scan": ("scan", "list the sensors on a bus, their faults and the rate"),
-        "bias": ("bias", "measure the bias of the open, untouched hand"),
-        "calibrate": ("calibrate", "fit the map from field to force, from known loads"),
-        "bench": ("bench", "say whether this machine is fast enough"),
-        "board": ("board", "print udev rules or a systemd unit for the board"),
+        "scan": ("hand", "list the sensors on a bus, their faults and the rate"),
+        "bias": ("hand", "measure the bias of the open, untouched hand"),
+        "calibrate": ("hand", "fit the map from field to force, from known loads"),
+        "bench": ("hand", "say whether this machine is fast enough"),
+        "board": ("hand", "print udev rules or a systemd unit for the board"),
     },
     "with people": {
-        "study": ("study", "run a study with a person: steps, trials, report"),
+        "study": ("people", "run a study with a person: steps, trials, report"),
         "adapt": ("adapt", "adapt a model file to one person, from two minutes"),
-        "watch": ("watch", "film two printed tags; label the onset of slip"),
+        "watch": ("people", "film two printed tags; label the onset of slip"),
     },
     "other formats": {
         "convert": ("convert", "write recordings in the formats of other tools"),
@@ -122,13 +122,26 @@ def _listed() -> str:
 
 
 def _run(verb: str, argv: Sequence[str]) -> int:
-    name, about = VERBS[verb]
     # Only the verb's module: `holdfast run` must start without the packages of training.
-    module = import_module(name)
-    parser = _parser(verb, argv, about)
-    module.add_arguments(parser)
-    code: int = module.run(parser.parse_args(list(map(_stdin_url, argv))))
-    return code
+    add_arguments, run = functions_of(verb)
+    parser = _parser(verb, argv, VERBS[verb][1])
+    add_arguments(parser)
+    return run(parser.parse_args(list(map(_stdin_url, argv))))
+
+
+def functions_of(verb: str) -> tuple[Callable[..., None], Callable[..., int]]:
+    """What declares the options of a verb, and what runs it.
+
+    The first takes a parser; the second takes its namespace and returns the exit code.
+    """
+    module = import_module(VERBS[verb][0])
+    # a file of several verbs names them
+    if hasattr(module, f"run_{verb}"):
+        return (
+            getattr(module, f"add_{verb}_arguments"),
+            getattr(module, f"run_{verb}"),
+        )
+    return module.add_arguments, module.run
 
 
 def _stdin_url(word: str) -> str:

@@ -25,7 +25,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from holdfast.cli.command import Parser, path_argument, positive, whole
+from holdfast.cli.command import Parser, number, path_argument, positive, whole
 from holdfast.core.errors import DataNotFound
 from holdfast.core.schema import read, shipped
 from holdfast.edge_runtime.engine import ENGINES, ONNXRUNTIME, ModelChoice
@@ -104,7 +104,7 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
     option = parser.add_argument
     option(
         "--tag-mm",
-        type=printed_mm,
+        type=number(*SIDE_MM),
         metavar="MM",
         help="oak: measured side of the printed tags",
     )
@@ -114,17 +114,6 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
     option(
         "--exposure-ms", type=positive, metavar="MS", help="oak: exposure (default 2)"
     )
-
-
-def printed_mm(word: str) -> float:
-    """A tag's printed side from the command line, mm."""
-    side_mm = positive(word)
-    if not SIDE_MM[0] <= side_mm <= SIDE_MM[1]:
-        allowed = f"{SIDE_MM[0]:g} to {SIDE_MM[1]:g}"
-        raise argparse.ArgumentTypeError(
-            f"{word!r} mm is not the side of a tag: {allowed}"
-        )
-    return side_mm
 
 
 def add_wearer_option(parser: argparse.ArgumentParser) -> None:
@@ -227,12 +216,13 @@ def read_settings(path: Path | None) -> dict[str, Any]:
         ) from None
 
     given = {}
+    usual = RunOptions()
     for name in RunOptions.__struct_fields__:
         value = getattr(settings, name)
         # a shipped model is found by its name, in any folder
         if name in FILES and value and value not in shipped():
             value = str(path.parent / value)
-        if value != getattr(RunOptions(), name):
+        if value != getattr(usual, name):
             given[name] = value
     return given
 

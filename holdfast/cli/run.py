@@ -1,10 +1,11 @@
-"""`holdfast run [MODEL] --source URL`: reads a hand and answers every sample, until it is stopped.
+"""`holdfast run` answers every sample of a hand until it is stopped; `replay` those of a recording.
 
 holdfast run --source usb://ft232h
 holdfast run --source "virtual://ft232h?scene=falling-bottle" --to view
 holdfast run mine.onnx --source usb://ft232h --grip unix:///run/hand/grip
 holdfast run mine.onnx --source usb://ft232h --engine onnxruntime
 holdfast run --source usb://ft232h --to web:8000 --to today.jsonl
+holdfast replay holdfast-150hz trials/p01/cup/pull/trial_1
 
 What is of a hand and seldom changes stands in holdfast.toml (cli/options.py).
 """
@@ -12,6 +13,7 @@ What is of a hand and seldom changes stands in holdfast.toml (cli/options.py).
 from __future__ import annotations
 
 import argparse
+import sys
 
 from holdfast.cli.command import path_argument, positive
 from holdfast.cli.options import (
@@ -25,7 +27,7 @@ from holdfast.core.schema import DEFAULT_MODEL
 from holdfast.edge_runtime.engine import AUTO
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     option(
@@ -66,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> int:
+def run_run(args: argparse.Namespace) -> int:
     """Run until stopped; answers to --to, messages and the summary on stderr."""
     from holdfast.live.run import RunOptions, run
 
@@ -75,3 +77,50 @@ def run(args: argparse.Namespace) -> int:
         if name in RunOptions.__struct_fields__ and value:
             values[name] = value
     return run(RunOptions(**values), args.seconds, set_reader(args.source))
+
+
+def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this verb."""
+    parser.add_argument("model", metavar="MODEL", help="a sealed holdfast.onnx")
+    parser.add_argument(
+        "trial",
+        metavar="TRIAL",
+        help="a trial's CSV or folder, SET#N, or sim://CARD?trial=N",
+    )
+
+
+def run_replay(args: argparse.Namespace) -> int:
+    """Replay the whole trial to stdout, one JSON line a sample.
+
+    Raises DataError, and ChannelError, UnitError, RateError where trial and model differ.
+    """
+    from holdfast.core.contract import not_learned_in_words
+    from holdfast.edge_runtime.monitor import GripMonitor, Model, require_fit
+    from holdfast.live.outputs import to_json_line
+    from holdfast.live.running import say
+    from holdfast.live.sources import open_source
+
+    model = Model(args.model)
+    card = model.card
+    source = open_source(
+        args.trial,
+        channels=card.n_channels,
+        read_set=set_reader(args.trial),
+    )
+    source = source.at_rate(card.rate_hz, say).prepared(card.preparation)
+    # Before the first answer, so that stdout holds either answers of this trial or nothing.
+    require_fit(
+        card,
+        n_channels=source.values.shape[1],
+        unit=source.unit,
+        rate_hz=source.rate_hz,
+        where=args.trial,
+    )
+    # Without a clock: an answer of a replay is never late.
+    monitor = GripMonitor(model, None, bias_known=source.zero == "measured")
+    not_learned = card.not_learned
+    for line in not_learned_in_words(not_learned):
+        sys.stderr.write(f"{line}\n")
+    for sample in source:
+        sys.stdout.write(to_json_line(monitor.feed(sample), not_learned) + "\n")
+    return 0

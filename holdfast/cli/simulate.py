@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 import signal
-from collections.abc import Mapping
-from typing import Any
 
 from holdfast.cli.command import (
     add_json_option,
@@ -77,6 +75,7 @@ def run(args: argparse.Namespace) -> int:
         scene, args.out, args.trials, lambda done: progress.part(done / total)
     )
 
+    locked = lock_of(args.out)
     found = {
         "kind": "simulated",
         "card": card.name,
@@ -84,16 +83,13 @@ def run(args: argparse.Namespace) -> int:
         "recordings": files,
         "rate_hz": card.rate_hz,
         "seed": args.seed,
-        "locked": lock_of(args.out),
+        "locked": locked,
         "out": args.out,
     }
-    show_found(args, _in_words(found), found)
+    next_step = f"next: holdfast train --data {args.out} --out build/model"
+    if locked:
+        next_step = f"for a last test, not to train or choose on: {locked}"
+    rate = f"{count_of(files, 'recording')} at {card.rate_hz:g} Hz"
+    words = f"{card.title}\n{rate}, simulated, seed {args.seed}; {next_step}"
+    show_found(args, words, found)
     return 0
-
-
-def _in_words(found: Mapping[str, Any]) -> str:
-    rate = f"{count_of(found['recordings'], 'recording')} at {found['rate_hz']:g} Hz"
-    next_step = f"next: holdfast train --data {found['out']} --out build/model"
-    if found["locked"]:
-        next_step = f"for a last test, not to train or choose on: {found['locked']}"
-    return f"{found['title']}\n{rate}, simulated, seed {found['seed']}; {next_step}"

@@ -235,3 +235,15 @@ class GripCommand(NamedTuple):
     mu_hat: float | None = None
     margin: float | None = None
     needed_n: float | None = None
+
+
+class Command(NamedTuple):
+    """What the wearer commands at a sample.
+
+    opening ends an act and prevents a new one; override ends every request and blocks new ones for
+    a while. link: whether words have come at all, and whether they still come.
+    """
+
+    opening: bool = False
+    override: bool = False
+    link: CommandLink = "none"

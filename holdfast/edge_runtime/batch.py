@@ -37,13 +37,20 @@ class Batch:
         return a if a > b else b
 
     @staticmethod
+    def span(numbers: list[Number]) -> tuple[Number, Number]:
+        """The smallest and the largest of several, none of them NaN."""
+        return min(numbers), max(numbers)
+
+    @staticmethod
     def no(flag: Flag) -> Flag:
         """Not."""
         return not flag
 
-    def within(self, low: Number, x: Number, high: Number) -> Number:
+    @staticmethod
+    def within(low: Number, x: Number, high: Number) -> Number:
         """x, not below low and not above high."""
-        return self.least(self.most(x, low), high)
+        x = x if x > low else low
+        return x if x < high else high
 
     def zero(self) -> Number:
         """0 for every hand."""
@@ -71,6 +78,11 @@ class ManyHands(Batch):
         return np.logical_not(flag)
 
     @staticmethod
+    def span(numbers: list[Number]) -> tuple[Number, Number]:
+        """The smallest and the largest of several, none of them NaN."""
+        return np.minimum.reduce(numbers), np.maximum.reduce(numbers)
+
+    @staticmethod
     def least(a: Number, b: Number) -> Number:
         """The smaller of two."""
         # not np.minimum: where one of them is NaN, Python's comparison gives b
@@ -80,6 +92,12 @@ class ManyHands(Batch):
     def most(a: Number, b: Number) -> Number:
         """The larger of two."""
         return np.where(a > b, a, b)
+
+    @staticmethod
+    def within(low: Number, x: Number, high: Number) -> Number:
+        """x, not below low and not above high."""
+        x = np.where(x > low, x, low)
+        return np.where(x < high, x, high)
 
     def zero(self) -> Number:
         """Zeros."""

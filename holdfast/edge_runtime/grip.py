@@ -17,12 +17,14 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
+import msgspec
+
 from holdfast.edge_runtime.batch import Batch, Flag, Number
 from holdfast.edge_runtime.decision import DecisionRules
 
 
-@dataclass(slots=True)
-class GripSense:
+# a Struct: two of it are made at every sample, with the caches of a small board cold
+class GripSense(msgspec.Struct):
     """What a controller knows at one sample.
 
     grip_n: normal force of either side (half of all fingers' sum). load_n: force along the skin,
@@ -50,15 +52,22 @@ def possible(batch: Batch, sense: GripSense) -> GripSense:
     A sample with a number that is NaN is unknown: it says nothing, and the grip is held. Without
     this, one infinite force would stay in what a controller remembers.
     """
-    numbers = (sense.grip_n, sense.load_n, sense.p_risky, sense.p_safe)
-    known = sense.known
-    for number in numbers:
-        # only NaN differs from itself
-        known = known & (number == number)
-    grip_n, load_n = (batch.within(0.0, force_n, LARGEST) for force_n in numbers[:2])
-    p_risky, p_safe = (batch.within(0.0, p, 1.0) for p in numbers[2:])
-    flags = (known, sense.empty, sense.opening, sense.overridden)
-    return GripSense(grip_n, load_n, p_risky, p_safe, *flags)
+    grip_n, load_n = sense.grip_n, sense.load_n
+    p_risky, p_safe = sense.p_risky, sense.p_safe
+    # only NaN differs from itself
+    forces = (grip_n == grip_n) & (load_n == load_n)
+    known = sense.known & forces & (p_risky == p_risky) & (p_safe == p_safe)
+    within = batch.within
+    return GripSense(
+        within(0.0, grip_n, LARGEST),
+        within(0.0, load_n, LARGEST),
+        within(0.0, p_risky, 1.0),
+        within(0.0, p_safe, 1.0),
+        known,
+        sense.empty,
+        sense.opening,
+        sense.overridden,
+    )
 
 
 class WearersGrip:

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from math import sqrt
 
 from holdfast.core.contract import BoolArray, FloatArray, Prediction, Unit
 from holdfast.core.errors import UsageError
@@ -113,11 +114,8 @@ class FrictionMargin:
         likely = sense.known & (sense.p_risky > SURE_P)
 
         # a 0 in the row keeps it from standing still
-        ratio = batch.choose(likely, ratio, 0.0)
-        low = high = ratio
-        for earlier in self._last:
-            low = batch.least(low, earlier)
-            high = batch.most(high, earlier)
+        row = [batch.choose(likely, ratio, 0.0), *self._last]
+        low, high = batch.span(row)
 
         # While the object slides the ratio is the friction coefficient, whatever the load is
         # (Coulomb).
@@ -125,7 +123,7 @@ class FrictionMargin:
         # the least of the row, so that noise does not raise the estimate
         slid = batch.most(self._slid, low)
         self._slid = batch.choose(still, slid, self._slid)
-        self._last = [ratio, *self._last[:-1]]
+        self._last = row[:-1]
 
     def _take_quiet(self, sense: GripSense, ratio: Number, firm: Flag) -> None:
         """The largest ratio that was held in quiet."""
@@ -281,8 +279,9 @@ def sense_of(
         # a larger number counts as no force, and NaN is not below LARGEST
         if good and abs(x) + abs(y) + abs(z) < LARGEST:
             # a finger can press, not pull: less than 0 is noise
-            grip_n += weight * z if z > 0.0 else 0.0
-            load_n += weight * math.sqrt(x * x + y * y)
+            if z > 0.0:
+                grip_n += weight * z
+            load_n += weight * sqrt(x * x + y * y)
 
     return GripSense(
         # the fingers press from two sides, each with half of the sum

@@ -22,7 +22,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from holdfast.core.contract import CommandLink
+from holdfast.core.contract import Command, CommandLink
 from holdfast.core.errors import NotANumber
 from holdfast.core.hand_lines import SILENCE_NS
 from holdfast.core.schema import text_of
@@ -33,18 +33,6 @@ EXPIRES_NS = SILENCE_NS
 """The word of a sender that has been silent for longer expires."""
 INTENT_HEADER = "Time (s),host (ns),wants"
 """The first line of a file, without its line end."""
-
-
-class Command(NamedTuple):
-    """What the wearer commands at a sample.
-
-    opening ends an act and prevents a new one; override ends every request and blocks new ones for
-    a while. link: whether words have come at all, and whether they still come.
-    """
-
-    opening: bool = False
-    override: bool = False
-    link: CommandLink = "none"
 
 
 class Intent(NamedTuple):

@@ -13,12 +13,13 @@ looks after the grip any more.
 
 from __future__ import annotations
 
-import json
+import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal, get_args
 
 import msgspec
+from msgspec.json import encode
 
 from holdfast.core.contract import Prediction
 from holdfast.core.errors import DataNotFound
@@ -26,11 +27,12 @@ from holdfast.core.schema import read
 from holdfast.live.hand_link import HandLink, open_hand_link
 from holdfast.live.outputs import STOPPED
 
-KINDS = ("unknown", "act", "arm", "risky_slip", "safe_slip", "grasp", "nothing")
+Kind = Literal["unknown", "act", "arm", "risky_slip", "safe_slip", "grasp", "nothing"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
 """The situations, and before them the decision's requests; the first that applies counts."""
-UNKNOWN = "unknown"
+UNKNOWN = KINDS[0]
 QUIET = "quiet"
-SHORTEST_PAUSE_MS, LONGEST_MS = 10, 60_000
+LONGEST_MS = 60_000
 Milliseconds = Annotated[int, msgspec.Meta(ge=0, le=LONGEST_MS)]
 MS_NS, SECOND_NS = 1_000_000, 1_000_000_000
 QUIET_NS = SECOND_NS
@@ -54,14 +56,6 @@ class CueRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     repeat_ms: Milliseconds = 0
     urgent: bool = False
 
-    def __post_init__(self) -> None:
-        """Raise ValueError for pulses that are felt as one."""
-        if self.pulses > 1 and self.off_ms < SHORTEST_PAUSE_MS:
-            raise ValueError(
-                f"off_ms = {self.off_ms}: pulses without a pause are felt as one; "
-                f"allowed: {SHORTEST_PAUSE_MS} or more"
-            )
-
     @property
     def length_ns(self) -> int:
         """From its first pulse to the end of its last pause."""
@@ -79,26 +73,21 @@ SILENCE = CueRule(0, 0, 0, 0.0)
 class CueTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The rules by kind; a kind without one has no cue."""
 
-    rules: dict[str, CueRule] = msgspec.field(name="cues")
+    rules: dict[Kind, CueRule] = msgspec.field(name="cues")
     most_per_s: Annotated[int, msgspec.Meta(ge=1, le=10)]
     title: str = ""
 
     def __post_init__(self) -> None:
         """Raise ValueError where `unknown` is missing, or felt as another cue."""
-        if strange := set(self.rules) - set(KINDS):
-            known = ", ".join(KINDS)
-            raise ValueError(f"cues.{min(strange)} is not known; allowed: {known}")
         # without it, a hand that feels nothing is silent like a safe one
         if UNKNOWN not in self.rules:
             raise ValueError("no [cues.unknown]; allowed: a pattern of its own")
-        felt = self.rules[UNKNOWN].felt
-        for kind, rule in self.rules.items():
-            # a wearer does not tell them apart by strength alone
-            if kind != UNKNOWN and rule.felt == felt:
-                raise ValueError(
-                    f"[cues.{kind}] and [cues.unknown] have the same pulses; "
-                    "allowed: another pattern for unknown"
-                )
+        # a wearer does not tell them apart by strength alone
+        felt = [rule.felt for rule in self.rules.values()]
+        if felt.count(self.rules[UNKNOWN].felt) > 1:
+            raise ValueError(
+                "a cue has the same pulses as [cues.unknown]; allowed: a pattern of its own"
+            )
 
 
 class Cues:
@@ -106,43 +95,37 @@ class Cues:
 
     def __init__(self, table: CueTable) -> None:
         self._rules = table.rules
-        self._kinds = [kind for kind in KINDS if kind in table.rules]
         self._pause_ns = SECOND_NS // table.most_per_s
-        self._kind: str | None = None
-        self._since_ns = 0
-        self._last_ns: int | None = None
+        self._kind: Kind | None = None
+        self._due_ns: float = 0
         self._free_ns = 0
         self._urgent_free_ns = 0
 
-    def due(self, state: str, act: bool, arm: bool, now_ns: int) -> str | None:
+    def due(self, state: str, act: bool, arm: bool, now_ns: int) -> Kind | None:
         """The kind of cue to send now, or None; act, arm: what the decision requests."""
         # a request and a state can apply at once; the order of KINDS decides between them
-        now = {state, "act" if act else "", "arm" if arm else ""}
-        kind = next((kind for kind in self._kinds if kind in now), None)
-        if kind != self._kind:
-            self._kind = kind
-            self._since_ns = now_ns
-            self._last_ns = None
+        now = {state, "act" if act else "", "arm" if arm else ""} & self._rules.keys()
+        kind = next((kind for kind in KINDS if kind in now), None)
+
+        before, self._kind = self._kind, kind
         if kind is None:
             return None
 
         rule = self._rules[kind]
         # a state that lasts only a moment is not worth the wearer's attention
-        if now_ns - self._since_ns < MS_NS * rule.after_ms:
-            return None
-        if self._last_ns is not None:
-            silent_ns = now_ns - self._last_ns
-            # 0: once, for as long as the same kind applies
-            if not rule.repeat_ms or silent_ns < MS_NS * rule.repeat_ms:
-                return None
-        free_ns = self._urgent_free_ns if rule.urgent else self._free_ns
-        return kind if now_ns >= free_ns else None
+        if kind != before:
+            self._due_ns = now_ns + MS_NS * rule.after_ms
 
-    def sent(self, kind: str, now_ns: int) -> None:
+        # an urgent cue waits for urgent ones alone
+        free_ns = self._urgent_free_ns if rule.urgent else self._free_ns
+        return kind if now_ns >= max(free_ns, self._due_ns) else None
+
+    def sent(self, kind: Kind, now_ns: int) -> None:
         """The cue that was due has left."""
         rule = self._rules[kind]
         ends_ns = now_ns + rule.length_ns
-        self._last_ns = now_ns
+        # without repeat_ms: once, for as long as the same kind applies
+        self._due_ns = now_ns + MS_NS * rule.repeat_ms if rule.repeat_ms else math.inf
         self._free_ns = max(ends_ns, now_ns + self._pause_ns)
         # later urgent cues must not cut this one off
         if rule.urgent:
@@ -161,7 +144,7 @@ def cue_line(sequence: int, t_ns: int, kind: str, rule: CueRule) -> str:
         "strength": rule.strength,
         "expires_ms": EXPIRES_MS,
     }
-    return json.dumps(line, separators=(",", ":"))
+    return encode(line).decode()
 
 
 def read_cues(path: Path = SHIPPED) -> CueTable:
@@ -183,7 +166,7 @@ class CueOutput:
         self._link = link
         self._table = table
         self._cues = Cues(table)
-        self._newest_ns: int | None = None
+        self._newest_ns = -QUIET_NS
 
     def write(
         self, prediction: Prediction, sample: object = None, reading: object = None
@@ -196,28 +179,26 @@ class CueOutput:
         if not self._link.idle:
             return
         now_ns = prediction.t_decided_ns
-        state, act, arm = prediction.state, prediction.act, prediction.arm
-        kind = self._cues.due(state, act, arm, now_ns)
+        kind = self._cues.due(prediction.state, prediction.act, prediction.arm, now_ns)
+        name, rule = QUIET, SILENCE
         if kind is not None:
-            self._send(prediction, kind, self._table.rules[kind])
+            name, rule = kind, self._table.rules[kind]
             self._cues.sent(kind, now_ns)
         # without a line for EXPIRES_MS the device would go to `unknown` by itself
-        elif self._newest_ns is None or now_ns - self._newest_ns >= QUIET_NS:
-            self._send(prediction, QUIET, SILENCE)
+        elif now_ns - self._newest_ns < QUIET_NS:
+            return
+        line = cue_line(prediction.sequence, prediction.t_acquired_ns, name, rule)
+        self._link(line, prediction.sequence)
+        self._newest_ns = now_ns
 
     def close(self, reason: str = STOPPED) -> None:
         """Send the cue `unknown`: nothing looks after the grip any more."""
         self._link.close(reason)
 
-    def _send(self, prediction: Prediction, kind: str, rule: CueRule) -> None:
-        line = cue_line(prediction.sequence, prediction.t_acquired_ns, kind, rule)
-        self._link(line, prediction.sequence)
-        self._newest_ns = prediction.t_decided_ns
-
 
 def open_cues(
     url: str,
-    path: Path | None,
+    path: str | Path,
     now_ns: Callable[[], int],
     report: Callable[[str], object],
 ) -> CueOutput:
@@ -225,7 +206,7 @@ def open_cues(
 
     Raises UsageError, DeviceError, OutputError, CardError, DataNotFound.
     """
-    table = read_cues(path or SHIPPED)
+    table = read_cues(Path(path))
 
     def last(sequence: int, t_ns: int, reason: str) -> str:
         # it ends the cues, or begins them after a failure: the state is not known

@@ -6,8 +6,10 @@ the run goes on and reports it (holdfast/live/hand_link.py).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import nullcontext
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from holdfast.core.contract import GripCommand, Prediction, Sample
@@ -20,12 +22,15 @@ from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.supervisor import Limits, last_line, to_line
 from holdfast.live.hand_link import HandLink, open_hand_link
 from holdfast.live.outputs import STOPPED
+from holdfast.live.sources import source_url
 
 if TYPE_CHECKING:
     from holdfast.live.scene import LiveScene
 
 WHO_LETS_GO = "the hand obeys its wearer's opening (rule of the receiver)"
 """The link is one-way: a run states the rule, and cannot test it."""
+VIRTUAL = "virtual"
+"""The grip of the hand in the scene of the source."""
 Report = Callable[[str], None]
 
 
@@ -55,17 +60,15 @@ def controller_for(
             "or run without --grip",
         )
 
-    bounds = {} if most_over_n is None else {"most_over_n": most_over_n}
-    limits = Limits() if ceiling_n is None else Limits(ceiling_n=ceiling_n)
     control = GripControl(
         name,
         card.rate_hz,
         unit=card.unit,
         n_fingers=n_sensors,
-        limits=limits,
+        limits=Limits(ceiling_n=ceiling_n or Limits.ceiling_n),
         shear_gain=shear_gain,
         thumb=thumb,
-        rules=AnswerRules.of(card.decision, **bounds),
+        rules=AnswerRules.of(card.decision, most_over_n=most_over_n or math.inf),
     )
     # a raw field gives no force in N, so there is no target to command
     if control.reduced:
@@ -76,31 +79,23 @@ def controller_for(
     return control
 
 
+@dataclass
 class GripOutput:
     """Controller of a run, and the link or the scene that its commands go to.
 
     newest: the command of the last sample, None before the first.
     """
 
-    def __init__(
-        self,
-        controller: GripControl,
-        clock: Any,
-        report: Report,
-        *,
-        link: HandLink | None = None,
-        scene: LiveScene | None = None,
-    ) -> None:
-        self._controller = controller
-        self._clock = clock
-        self._report = report
-        self._link = link
-        self.scene = scene
-        self.newest: GripCommand | None = None
+    controller: GripControl
+    clock: Any
+    report: Report
+    link: HandLink | None = None
+    scene: LiveScene | None = None
+    newest: GripCommand | None = None
 
     def begin(self, source: Source) -> None:
         """The loop begins to read this source."""
-        self._report(WHO_LETS_GO)
+        self.report(WHO_LETS_GO)
         if self.scene is not None:
             self.scene.began_ns = getattr(source, "began_ns", 0)
 
@@ -109,57 +104,53 @@ class GripOutput:
     ) -> None:
         """Send the command of one sample."""
         # here and not in a thread: the command is as fresh as the answer it follows
-        command = self._controller.step(prediction, sample.values, sample.valid)
+        command = self.controller.step(prediction, sample.values, sample.valid)
         # for the page, which shows it with the same sample
         self.newest = command
-        if self._link is not None:
-            self._link(to_line(command), command.sequence)
+        if self.link is not None:
+            self.link(to_line(command), command.sequence)
         if self.scene is not None:
-            self.scene.obey(command, self._clock.now_ns())
+            self.scene.obey(command, self.clock.now_ns())
 
     def close(self, reason: str = STOPPED) -> None:
         """Send `hold` as the last command; report what became of a scene."""
-        if self._link is not None:
-            self._link.close(reason)
+        if self.link is not None:
+            self.link.close(reason)
         # only once, and not for a run whose source did not open
         if self.scene is not None and self.newest is not None:
-            self._report(self.scene.outcome().line())
+            self.report(self.scene.outcome().line())
         self.newest = None
 
 
-def grip_to_link(
-    url: str, controller: GripControl, rate_hz: float, clock: Any, report: Report
-) -> GripOutput:
-    """Commands to unix:// or serial://. Raises UsageError, DeviceError."""
-    link = open_hand_link(url, "grip", last_line, report, clock.now_ns)
-
-    # reported at the start, since otherwise the dropped lines would look like a fault
-    if link.most_hz < rate_hz:
-        carried = f"carries about {link.most_hz:.0f} of {rate_hz:.0f} commands a second"
-        report(
-            f"{link.name}: {carried}; the others are left out (baud=460800 carries them)"
-        )
-
-    return GripOutput(controller, clock, report, link=link)
-
-
-def grip_to_scene(
+def open_grip(
     url: str,
-    source: str,
     controller: GripControl,
-    ceiling_n: float | None,
+    rate_hz: float,
+    source: str,
     clock: Any,
     report: Report,
 ) -> GripOutput:
-    """Commands to the hand in the scene of a virtual source. url: virtual?lag_ms=.. for its drive.
+    """Commands to unix:// or serial://, or by virtual?lag_ms=.. to the hand in a source's scene.
 
-    clock: a SceneClock, or a virtual one. Raises UsageError, CardError.
+    clock: of a run with a scene a SceneClock, or a virtual one. Raises UsageError, DeviceError,
+    CardError.
     """
-    from holdfast.live.scene import SceneClock, drive_of, live_scene
-    from holdfast.live.sources import source_url
+    if url.startswith(VIRTUAL):
+        from holdfast.live.scene import SceneClock, drive_of, live_scene
 
-    drive = drive_of(url, ceiling_n)
-    # a virtual clock stands still by itself: computing takes no time on it
-    still = clock.still if isinstance(clock, SceneClock) else nullcontext
-    scene = live_scene(source_url(source), drive, still)
-    return GripOutput(controller, clock, report, scene=scene)
+        drive = drive_of(url, controller.limits.ceiling_n)
+        # a virtual clock stands still by itself: computing takes no time on it
+        still = clock.still if isinstance(clock, SceneClock) else nullcontext
+        scene = live_scene(source_url(source), drive, still)
+        return GripOutput(controller, clock, report, scene=scene)
+
+    link = open_hand_link(url, "grip", last_line, report, clock.now_ns)
+    # reported at the start, since otherwise the dropped lines would look like a fault
+    if link.port.most_hz < rate_hz:
+        carried = (
+            f"carries about {link.port.most_hz:.0f} of {rate_hz:.0f} commands a second"
+        )
+        report(
+            f"{link.name}: {carried}; the others are left out (baud=460800 carries them)"
+        )
+    return GripOutput(controller, clock, report, link)

@@ -1,12 +1,16 @@
 """The files of a hand, and its zero where it has none: calibration, shear gain and bias.
 
+OpenHand (`holdfast.open_hand`) is a hand with them, for a program of one's own.
+
 Where no bias was measured, the zero is taken from the first samples: ZeroWatch warns where that
 was a closed hand.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,11 +24,13 @@ from holdfast.core.contract import (
 )
 from holdfast.core.errors import UnitError
 from holdfast.core.hand_card import sensor_names
-from holdfast.core.source import Source, SourceReading
-from holdfast.drivers.replay import zero_of
+from holdfast.core.source import SelfPaced, Source, SourceReading
+from holdfast.drivers.replay import at_rate, zero_of
 from holdfast.edge_runtime.model_file import ModelCard
+from holdfast.edge_runtime.monitor import GripMonitor, require_fit
 from holdfast.edge_runtime.preparation import Preparation, Tare
-from holdfast.live.sources import SIM, ToForce, source_url
+from holdfast.live.running import RunClock, say
+from holdfast.live.sources import SIM, ToForce, open_live, source_url
 
 SILENT_S = 2.0
 """A sensor that was not valid for so long after the start is named."""
@@ -35,94 +41,91 @@ PULLS_FLOORS, PULLS_S = 2.0, 0.1
 where its zero was taken from a closed hand."""
 
 
+@dataclass
 class AnswerWatch:
     """An output of a run that names the sensors which have not answered for SILENT_S."""
 
-    def __init__(self, card: ModelCard, report: Callable[[str], None]) -> None:
-        self._report = report
-        self._names = sensor_names(card.hand, card.n_channels // 3)
-        self._heard: BoolArray = np.zeros(len(self._names), dtype=np.bool_)
-        self._left = round(SILENT_S * card.rate_hz)
+    card: ModelCard
+    report: Callable[[str], None]
 
-    def silent(self) -> tuple[str, ...]:
-        """Sensors that have never been valid, where some sample came."""
-        if not self._heard.any():
-            return ()
-        return tuple(self._names[k] for k in np.flatnonzero(~self._heard))
+    def __post_init__(self) -> None:
+        self._names = sensor_names(self.card.hand, self.card.n_channels // 3)
+        self._heard: BoolArray = np.zeros(len(self._names), dtype=np.bool_)
+        self._left = round(SILENT_S * self.card.rate_hz)
+
+    def _report_silent(self, trouble: str) -> None:
+        """Name the sensors that have never been valid, where some sample came."""
+        if self._heard.any() and not self._heard.all():
+            names = [self._names[k] for k in np.flatnonzero(~self._heard)]
+            self.report(f"{', '.join(names)} {trouble}")
 
     def write(self, prediction: object, sample: Sample, reading: SourceReading) -> None:
         """Look at one reading."""
-        if self._heard.all():
-            return
         self._heard |= reading.valid
         self._left -= 1
         if self._left == 0:
-            for name in self.silent():
-                self._report(
-                    f"{name} has not answered yet; next: check its wires, or the columns of the "
-                    "sender"
-                )
+            self._report_silent(
+                "has not answered yet; next: check its wires, or the columns of the sender"
+            )
 
     def close(self, reason: str = "") -> None:
-        """Nothing to close."""
+        """Name them once more: the message may have scrolled away."""
+        self._report_silent("never answered")
 
 
+@dataclass
 class ZeroWatch:
     """An output of a run whose zero is taken from its first samples: says so, and when it is wrong.
 
     card: of the model, whose unit the samples have.
     """
 
-    def __init__(self, card: ModelCard, report: Callable[[str], None]) -> None:
-        self._report = report
-        self._floor = card.normal_floor
-        self._least = -PULLS_FLOORS * card.normal_floor
-        self._resting: FloatArray = np.zeros(card.n_channels // 3)
-        self._unit = card.unit
-        self._longest = max(1, round(PULLS_S * card.rate_hz))
-        self._below: IntArray = np.zeros(card.n_channels // 3, dtype=np.int64)
+    card: ModelCard
+    report: Callable[[str], None]
+
+    def __post_init__(self) -> None:
+        self._longest = max(1, round(PULLS_S * self.card.rate_hz))
+        self._below: IntArray = np.zeros(self.card.n_channels // 3, dtype=np.int64)
         self._taken = self._warned = False
-        rows = card.preparation.bias_rows
-        report(
+        rows = self.card.preparation.bias_rows
+        self.report(
             f"no --bias: the zero is taken from the first {rows} samples; keep the hand open and "
             "touch nothing"
         )
 
     def write(self, prediction: object, sample: Sample, reading: SourceReading) -> None:
-        """Look at one prepared sample, and the reading that it was made of."""
+        """Look at one prepared sample."""
         if not self._taken and sample.valid.all():
             self._taken = True
-            self._resting = np.abs(reading.values[NORMAL_AXIS::3])
-            self._report("the zero is taken: the hand may close now")
+            self.report("the zero is taken: the hand may close now")
         if self._warned:
             return
-        normal = sample.values[NORMAL_AXIS::3]
-        if self._unit == "N" and (sample.valid & (np.abs(normal) > MOST_N)).any():
-            self._warned = True
-            self._report(
-                f"warning: {np.abs(normal).max():.4g} N along a normal, and no hand presses with "
-                f"more than {MOST_N:g}: are these mN? Send N, or name the unit in a map"
-            )
-            return
-        below = sample.valid & (normal < self._least)
-        self._below = np.where(below, self._below + 1, 0)
-        if (self._below > self._longest).any():
-            self._warned = True
-            sensor = int(self._below.argmax())
-            self._report(
-                f"warning: sensor {sensor + 1} reads {normal[sensor]:.2g} {self._unit} along its "
-                f"normal, as if pulled: {self._cause(sensor)}"
-            )
 
-    def _cause(self, sensor: int) -> str:
-        """The likely cause of a normal below zero."""
-        # a sensor whose zero was taken while nothing pressed it reads little there
-        if self._unit == "N" and self._resting[sensor] < self._floor:
-            return "its normal axis points the other way. Multiply it by -1 in the sender or a map"
-        return (
-            "the zero was taken while it was pressed. Open the hand and start again, or measure "
-            "the zero with holdfast bias"
-        )
+        normal = sample.values[NORMAL_AXIS::3]
+        unit, least = self.card.unit, -PULLS_FLOORS * self.card.normal_floor
+
+        # samples in a row; one that is not below, or not valid, begins anew
+        self._below += 1
+        self._below[~(sample.valid & (normal < least))] = 0
+        most = float(np.abs(normal[sample.valid]).max(initial=0.0))
+        sensor = int(self._below.argmax())
+
+        if unit == "N" and most > MOST_N:
+            warning = (
+                f"{most:.4g} N along a normal, and no hand presses with more than {MOST_N:g}: are "
+                "these mN? Send N, or name the unit in a map"
+            )
+        elif self._below[sensor] > self._longest:
+            warning = (
+                f"sensor {sensor + 1} reads {normal[sensor]:.2g} {unit} along its normal, as if "
+                "pulled: it was pressed when its zero was taken (open the hand and start again, or "
+                "measure the zero with holdfast bias), or its normal axis points the other way "
+                "(multiply it by -1 in the sender or a map)"
+            )
+        else:
+            return
+        self._warned = True
+        self.report(f"warning: {warning}")
 
     def close(self, reason: str = "") -> None:
         """Nothing to close."""
@@ -130,7 +133,7 @@ class ZeroWatch:
 
 def force_of(path: str | Path | None) -> ToForce | None:
     """The map from field to force in a calibration file, or None. Raises a DataError."""
-    if path is None:
+    if not path:
         return None
     from holdfast.drivers.calibration import read_calibration
 
@@ -142,7 +145,7 @@ def shear_gain_of(url: str, calibration: str | Path | None) -> float | None:
 
     Of the calibration, else of the sensors that a scene emulates. Raises a DataError.
     """
-    if calibration is not None:
+    if calibration:
         from holdfast.drivers.calibration import read_calibration
 
         return read_calibration(Path(calibration)).shear_gain
@@ -161,7 +164,7 @@ def shear_gain_of(url: str, calibration: str | Path | None) -> float | None:
 
 def resting_of(path: str | Path | None, source: Source) -> FloatArray | None:
     """A bias file [C] that fits the source, or None. Raises a DataError."""
-    if path is None:
+    if not path:
         return None
     from holdfast.drivers.calibration import read_bias
 
@@ -179,8 +182,77 @@ def resting_of(path: str | Path | None, source: Source) -> FloatArray | None:
     return bias.values
 
 
-def tare_of(card: ModelCard, source: Source, resting: FloatArray | None) -> Tare:
-    """What removes sign and zero from the samples of a source; resting [C]: a measured zero."""
+def tare_of(
+    card: ModelCard,
+    source: Source,
+    resting: FloatArray | None,
+    where: str = "source",
+) -> Tare:
+    """What removes sign and zero from the samples of a source; resting [C]: a measured zero.
+
+    Raises ChannelError, UnitError or RateError where the source does not fit the model.
+    """
+    # a polled hand has no rate of its own: it is read at that of the model
+    rate_hz = source.rate_hz or card.rate_hz
+    require_fit(
+        card,
+        n_channels=source.n_channels,
+        unit=source.unit,
+        rate_hz=rate_hz,
+        where=where,
+    )
     # the samples of another run have lost both already
     bare = card.preparation if zero_of(source) is None else Preparation()
     return Tare(bare, card.n_channels, resting)
+
+
+class OpenHand(ExitStack):
+    """A source that is read now; close it, or use it in a `with` block.
+
+    url, calibration, bias: as for `holdfast run`. Raises UsageError, DeviceError or DataError.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        calibration: str | Path | None = None,
+        bias: str | Path | None = None,
+    ) -> None:
+        super().__init__()
+        self.url = url
+        self._clock = RunClock()
+        to_force = force_of(calibration)
+        self._source = open_live(url, clock=self._clock, report=say, to_force=to_force)
+        self.callback(self._source.close)
+        try:
+            self._resting = resting_of(bias, self._source)
+        except BaseException:
+            self.close()
+            raise
+
+    def samples(
+        self, monitor: GripMonitor, *, seconds: float | None = None
+    ) -> Iterator[Sample]:
+        """Samples for a monitor, on time and at its rate, until the source ends.
+
+        seconds: end after so many. Without a file of the bias it is taken from the first rows, as
+        the model's card says; until then no sensor is valid, and the hand must be empty. Raises
+        UnitError, ChannelError or RateError where the source does not fit the model.
+        """
+        card = monitor.card
+        source = at_rate(self._source, card.rate_hz, say)
+        rate_hz = source.rate_hz or card.rate_hz
+        tare = tare_of(card, source, self._resting, self.url)
+        start_ns = self._clock.now_ns()
+        sequence = 0
+        while seconds is None or sequence < seconds * rate_hz:
+            # an absolute schedule: a late sample delays no other one
+            if not isinstance(source, SelfPaced):
+                self._clock.wait_until(start_ns + round(1e9 * sequence / rate_hz))
+            reading = source.read()
+            if reading is None:
+                return
+            # the model was trained on values without the bias of the unloaded hand
+            values, valid = tare.prepare(reading.values, reading.valid)
+            yield Sample(reading.t_ns, values, valid, sequence)
+            sequence += 1

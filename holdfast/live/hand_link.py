@@ -5,8 +5,8 @@
 
 A thread writes, so the loop never waits. It takes the newest line when the link has room: a line
 that a newer one overtakes is left out and counted, so what arrives is never old. A link that fails,
-or that has no room for EXPIRES_MS, is reported once and opened again, at first soon, then every two
-seconds. Its first line is then `hold`. The last line of a run is `hold`. Where the process dies
+or that has no room for EXPIRES_MS, is reported once, and tried again every
+RETRY_S. Its first line is then `hold`. The last line of a run is `hold`. Where the process dies
 without it, the receiver holds EXPIRES_MS after the last line.
 
 A serial port carries few lines: 115200 baud about 55 a second. It is the one that pyserial opens
@@ -22,6 +22,7 @@ import termios
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from threading import Condition, Thread
 from typing import Any
 
@@ -41,8 +42,8 @@ PATIENCE_S = 1e-3 * EXPIRES_MS
 """A link that has no room for so long has failed."""
 LOOK_AGAIN_S = 0.002
 """Between two looks at how many bytes a port has still to send."""
-FIRST_RETRY_S, LAST_RETRY_S = 0.05, 2.0
-"""From a failure to the first try, and the longest time between two tries."""
+RETRY_S = 0.2
+"""From a failure to the first try, and between two tries."""
 LAST_LINE_S = 0.2
 """The last line waits this long for room."""
 END_S = 0.5
@@ -70,12 +71,13 @@ class UnixPort:
     def __init__(self, path: str) -> None:
         self._path = path
         self._sender = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._sender.setblocking(False)
+        # one that starts later is found then; until then its absence is reported
+        with suppress(OSError):
+            self.open()
 
     def open(self) -> None:
-        """Find the receiver. Raises OSError."""
-        self._sender.close()
-        self._sender = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self._sender.setblocking(False)
+        """Find the receiver, or the one that came in its place. Raises OSError."""
         self._sender.connect(self._path)
 
     def wait_for_room(self, wait_s: float) -> None:
@@ -101,23 +103,27 @@ class SerialPort:
         self.most_hz = baud / BITS_A_COMMAND
         self._path = path
         self._baud = baud
-        self._port: Any = None
+        # a port that is not there is a mistake now, and a fault later
+        self._port = self._opened()
 
     def open(self) -> None:
-        """Open the port. Raises UsageError, DeviceError."""
+        """Open the port again. Raises UsageError, DeviceError."""
         # an unplugged adapter gets another name as long as a process holds the old one
-        if self._port is not None:
-            with suppress(*FAILURES):
-                # what is unsent must not be waited for
-                self._port.reset_output_buffer()
-            self.close()
-        self._port = open_port(self._path, self._baud)
-        self._port.write_timeout = PATIENCE_S
+        with suppress(*FAILURES):
+            # what is unsent must not be waited for
+            self._port.reset_output_buffer()
+        self.close()
+        self._port = self._opened()
+
+    def _opened(self) -> Any:
+        port = open_port(self._path, self._baud)
+        port.write_timeout = PATIENCE_S
         # the modem lines stay as they are when it is closed: some boards reset on them
-        flags = termios.tcgetattr(self._port.fd)
+        flags = termios.tcgetattr(port.fd)
         flags[CONTROL_FLAGS] &= ~termios.HUPCL
-        termios.tcsetattr(self._port.fd, termios.TCSANOW, flags)
-        self._port.write(self.begins)
+        termios.tcsetattr(port.fd, termios.TCSANOW, flags)
+        port.write(self.begins)
+        return port
 
     def wait_for_room(self, wait_s: float) -> None:
         """Wait until few bytes are unsent: a line behind many would arrive old."""
@@ -140,33 +146,26 @@ class SerialPort:
 Port = UnixPort | SerialPort
 
 
+@dataclass
 class HandLink:
     """One link with its thread and its retries. dropped: lines that did not leave.
 
-    effect: of a link that fails, for people. works: lines leave.
+    name, effect: of the link, and of its failure, for people. works: lines leave.
     """
 
-    def __init__(
-        self,
-        port: Port,
-        name: str,
-        last: LastLine,
-        report: Report,
-        now_ns: Callable[[], int],
-        effect: str = HOLDS,
-    ) -> None:
-        self.name = name
-        self.most_hz = port.most_hz
-        self.dropped = 0
-        self.works = True
-        self._port = port
-        self._last = last
-        self._report = report
-        self._now_ns = now_ns
-        self._effect = effect
-        self._sequence = -1
-        self._line: str | None = None
-        self._ended = ""
+    port: Port
+    name: str
+    last: LastLine
+    report: Report
+    now_ns: Callable[[], int]
+    effect: str = HOLDS
+    dropped: int = 0
+    works: bool = True
+    _sequence: int = -1
+    _line: str | None = None
+    _ended: str = ""
+
+    def __post_init__(self) -> None:
         # guards the line that waits, its number and the end
         self._changed = Condition()
         self._thread = Thread(target=self._write_all, name="hand link", daemon=True)
@@ -197,25 +196,25 @@ class HandLink:
         # bounded: a port that never opens must not keep the program from ending
         self._thread.join(END_S)
         if self.dropped:
-            self._report(f"{self.name}: {self.dropped} lines did not leave")
+            self.report(f"{self.name}: {self.dropped} lines did not leave")
 
     # -- in the thread
 
     def _write_all(self) -> None:
         while self._wait_for_line():
             try:
-                self._port.wait_for_room(PATIENCE_S)
-                self._port.write(self._newest().encode())
+                self.port.wait_for_room(PATIENCE_S)
+                self.port.write(self._newest().encode())
             except FAILURES as error:
                 self._recover(error)
 
-        line = self._last(self._sequence + 1, self._now_ns(), self._ended)
+        line = self.last(self._sequence + 1, self.now_ns(), self._ended)
         with suppress(*FAILURES):
             if not self.works:
-                self._port.open()
-            self._port.wait_for_room(LAST_LINE_S)
-            self._port.write(self._port.begins + line.encode())
-        self._port.close()
+                self.port.open()
+            self.port.wait_for_room(LAST_LINE_S)
+            self.port.write(self.port.begins + line.encode())
+        self.port.close()
 
     def _wait_for_line(self) -> bool:
         """Wait for a line; False where the run ends and none waits."""
@@ -236,19 +235,16 @@ class HandLink:
             self.dropped += self._line is not None
             self._line = None
         reason = getattr(error, "strerror", None) or error
-        self._report(f"{self.name}: no line arrives ({reason}); {self._effect}")
+        self.report(f"{self.name}: no line arrives ({reason}); {self.effect}")
 
-        wait_s = FIRST_RETRY_S
-        while not self._ends_within(wait_s):
-            # ever longer, so that a device that is gone costs little
-            wait_s = min(2 * wait_s, LAST_RETRY_S)
+        while not self._ends_within(RETRY_S):
             with suppress(*FAILURES):
-                self._port.open()
+                self.port.open()
                 # a hold line: a command from before the failure would be old
-                self._port.write(self._hold().encode())
+                self.port.write(self._hold().encode())
                 self.works = True
                 after_s = time.monotonic() - began_s
-                self._report(f"{self.name}: lines arrive again, after {after_s:.1f} s")
+                self.report(f"{self.name}: lines arrive again, after {after_s:.1f} s")
                 return
 
     def _ends_within(self, wait_s: float) -> bool:
@@ -257,7 +253,7 @@ class HandLink:
 
     def _hold(self) -> str:
         # the number of a line that did not leave, above that of every line that did
-        return self._last(self._sequence, self._now_ns(), LOST)
+        return self.last(self._sequence, self.now_ns(), LOST)
 
 
 def open_hand_link(
@@ -272,23 +268,12 @@ def open_hand_link(
 
     Raises UsageError, DeviceError.
     """
-    return HandLink(_port_of(url, name), f"{name} {url}", last, report, now_ns, effect)
-
-
-def _port_of(url: str, name: str) -> Port:
-    """Raises UsageError, DeviceError."""
     # serial://dev/ttyX, with two slashes, would lose the first part of the path
     if not url.startswith(("unix:///", "serial:///")):
         raise not_an_address(url, name, "unix:///PATH or serial:///DEVICE")
     where = source_url(url)
     if where.scheme == "unix":
-        receiver = UnixPort(where.name)
-        # one that starts later is found then; until then its absence is reported
-        with suppress(OSError):
-            receiver.open()
-        return receiver
-
-    port = SerialPort(where.name, where.options.baud)
-    # a port that is not there is a mistake now, and a fault later
-    port.open()
-    return port
+        port: Port = UnixPort(where.name)
+    else:
+        port = SerialPort(where.name, where.options.baud)
+    return HandLink(port, f"{name} {url}", last, report, now_ns, effect)

@@ -24,6 +24,7 @@ import socket
 import time
 from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, Protocol
 from urllib.parse import urlsplit
@@ -75,8 +76,9 @@ def output_url(url: str) -> OutputUrl:
         return OutputUrl(scheme, place)
     if url in ("-", "view", "none"):
         return OutputUrl(url, "")
-    if url == "web" or url.startswith("web:"):
-        return OutputUrl("web", url.removeprefix("web").removeprefix(":") or WEB_PORT)
+    name, _, port = url.partition(":")
+    if name == "web":
+        return OutputUrl(name, port or WEB_PORT)
     kind = Path(url).suffix.removeprefix(".")
     if kind in ("jsonl", "csv") and not mark:
         return OutputUrl(kind, url)
@@ -148,26 +150,23 @@ def about_model(model: OpenedModel) -> list[str]:
     return lines
 
 
+@dataclass
 class UdpSink:
     """One datagram for each line. A port without a listener is no failure.
 
     A controller may start later.
     """
 
+    sender: socket.socket
+    target: tuple[object, ...]
+    name: str
+    dropped: int = 0
     failure: OSError | None = None
-
-    def __init__(
-        self, sender: socket.socket, target: tuple[object, ...], name: str
-    ) -> None:
-        self.name = name
-        self.dropped = 0
-        self._sender = sender
-        self._target = target
 
     def __call__(self, line: str) -> bool:
         """Send it; False where the buffer is full or the network is down."""
         try:
-            self._sender.sendto(line.encode(), self._target)
+            self.sender.sendto(line.encode(), self.target)
         # the network may come back, so the sink stays and only the line is lost
         except OSError:
             self.dropped += 1
@@ -179,7 +178,7 @@ class UdpSink:
 
     def close(self, wait_s: float = CLOSING_S) -> None:
         """Close the socket; no line is waiting."""
-        self._sender.close()
+        self.sender.close()
 
 
 def udp_sink(address: str) -> UdpSink:
@@ -216,47 +215,30 @@ def file_sink(path: Path, header: str | None = None) -> LineWriter:
     return LineWriter(handle, str(path), header)
 
 
+@dataclass
 class LineOutput:
     """Predictions as JSON lines, to every sink that works; it reports the sinks that fail.
 
-    watched: sinks that get their lines elsewhere and are only checked for failures. report:
+    watched, kept: sinks that get their lines elsewhere and are only checked for failures, or closed
+    with the others too. report:
     receives a line for each failure. failures: the error by the sink's name. not_learned: what the
     model cannot tell.
     """
 
-    def __init__(
-        self,
-        sinks: Sequence[Sink],
-        report: Callable[[str], object],
-        watched: Sequence[Sink] = (),
-        not_learned: Collection[str] = (),
-    ) -> None:
-        self.failures: dict[str, OSError] = {}
-        self._not_learned = not_learned
-        self._report = report
-        self._sinks = list(sinks)
-        self._closed_here = list(sinks)
-        self._watched = list(watched)
+    sinks: list[Sink]
+    report: Callable[[str], object]
+    watched: Sequence[Sink] = ()
+    not_learned: Collection[str] = ()
+    failures: dict[str, OSError] = field(default_factory=dict)
+    kept: list[Sink] = field(default_factory=list)
 
     @property
     def dropped(self) -> int:
         """Lines that were offered to sinks and are not in them; exact after `close`."""
-        return sum(sink.dropped for sink in self._closed_here)
+        return sum(sink.dropped for sink in self._closed_here())
 
-    def lost(self) -> dict[str, str]:
-        """The reason why a sink failed, by its name."""
-        return {
-            name: str(error.strerror or error) for name, error in self.failures.items()
-        }
-
-    def add_lines(self, sink: Sink) -> None:
-        """One more sink of the lines."""
-        self._sinks.append(sink)
-        self.add(sink)
-
-    def add(self, sink: Sink) -> None:
-        """Check one more sink that gets its lines elsewhere, and close it with the others."""
-        self._closed_here.append(sink)
+    def _closed_here(self) -> list[Sink]:
+        return [*self.sinks, *self.kept]
 
     def write(
         self,
@@ -265,20 +247,20 @@ class LineOutput:
         reading: SourceReading | None = None,
     ) -> None:
         """Pass the prediction to all working sinks, and look for failures."""
-        line = to_json_line(prediction, self._not_learned)
-        for sink in self._sinks:
+        line = to_json_line(prediction, self.not_learned)
+        for sink in self.sinks:
             if sink.failure is None:
                 sink(line)
         self._note_failures()
 
     def _note_failures(self) -> None:
         """Report each sink that has failed, once; it gets no more lines."""
-        for sink in (*self._closed_here, *self._watched):
+        for sink in (*self._closed_here(), *self.watched):
             error = sink.failure
             if error is not None and sink.name not in self.failures:
                 self.failures[sink.name] = error
                 why = error.strerror or error
-                self._report(
+                self.report(
                     f"{sink.name} takes no more lines ({why}); it is dropped, control goes on"
                 )
 
@@ -288,10 +270,10 @@ class LineOutput:
         Report those that failed.
         """
         # all end before one is waited for, so that they share the time
-        for sink in self._closed_here:
+        for sink in self._closed_here():
             sink.end()
         end_s = time.monotonic() + wait_s
-        for sink in self._closed_here:
+        for sink in self._closed_here():
             sink.close(end_s - time.monotonic())
         self._note_failures()
 

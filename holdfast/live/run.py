@@ -9,12 +9,13 @@ import errno
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack, closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import msgspec
 
-from holdfast.core.contract import FloatArray
+from holdfast.core.contract import Command, FloatArray
 from holdfast.core.errors import OutputError, UsageError, visible
 from holdfast.core.lines import Sink, stream_sink
 from holdfast.core.schema import DEFAULT_MODEL
@@ -28,9 +29,7 @@ from holdfast.edge_runtime.engine import (
     ModelChoice,
     OpenedModel,
 )
-from holdfast.edge_runtime.model_file import ModelCard
-from holdfast.edge_runtime.monitor import GripMonitor, require_fit
-from holdfast.edge_runtime.wearer import Command
+from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.live.hand_files import (
     AnswerWatch,
     ZeroWatch,
@@ -39,7 +38,7 @@ from holdfast.live.hand_files import (
     shear_gain_of,
     tare_of,
 )
-from holdfast.live.loop import Emit, Summary, report_summary, run_live
+from holdfast.live.loop import Emit, LiveRun, Summary, report_summary
 from holdfast.live.outputs import (
     KINDS,
     LineOutput,
@@ -91,24 +90,24 @@ class RunOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     source: Text = ""
     model: Text = DEFAULT_MODEL
-    calibration: Text | None = None
-    bias: Text | None = None
-    wearer: Text | None = None
-    hand: Text | None = None
-    grip: Text | None = None
+    calibration: Text = ""
+    bias: Text = ""
+    wearer: Text = ""
+    hand: Text = ""
+    grip: Text = ""
     to: tuple[Text, ...] = ()
     engine: Literal["auto", "onnxruntime", "c"] = AUTO
-    library: Text | None = None
+    library: Text = ""
     controller: Text = "holdfast"
     ceiling_n: Annotated[float, msgspec.Meta(gt=0.0, le=1e4)] | None = None
     most_over_wearers_n: Annotated[float, msgspec.Meta(gt=0.0, le=1e4)] | None = None
-    feedback: Text | None = None
-    cues: Text | None = None
+    feedback: Text = ""
+    cues: Text = ""
 
     @property
     def moves_scene(self) -> bool:
         """Whether commands go to the hand in the scene of the source."""
-        return (self.grip or "").startswith("virtual")
+        return self.grip.startswith("virtual")
 
     def outputs(self) -> list[OutputUrl]:
         """Where answers go, in the order of KINDS; JSON lines where nothing is named."""
@@ -117,8 +116,8 @@ class RunOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def choice(self) -> ModelChoice:
         """The model and its engine."""
-        library = None if self.engine == ONNXRUNTIME else self.library
-        return ModelChoice(str(self.model), self.engine, library)
+        library = "" if self.engine == ONNXRUNTIME else self.library
+        return ModelChoice(str(self.model), self.engine, library or None)
 
 
 def run(
@@ -132,7 +131,7 @@ def run(
     """
     # what contradicts itself is refused before anything is opened
     options.outputs()
-    if all(map(is_standard_input, (options.wearer or "", options.source))):
+    if is_standard_input(options.wearer) and is_standard_input(options.source):
         what = "--wearer - and --source -: standard input cannot be both"
         raise UsageError(what, next_step="--wearer unix:///run/holdfast/wearer")
     clock = RunClock()
@@ -148,38 +147,37 @@ def run(
         closing(stream_sink(sys.stderr, STDERR)) as stderr,
     ):
         live = _Run(options, model, clock, stderr)
-        summary = live.until_stopped(seconds, read_set)
-        report_summary(summary, stderr)
+        report_summary(live.until_stopped(seconds, read_set), stderr)
+        code = live.stopped.exit_code
+        for name, error in live.lines.failures.items():
+            # named once more: its message may have scrolled away
+            stderr(f"lost: {name} ({error.strerror or error})")
+            # a reader that went away on purpose leaves no incomplete file
+            if name not in (STDOUT, STDERR) or error.errno not in READER_GONE:
+                code = OutputError.exit_code
+    return code
 
-    for name, error in live.lines.failures.items():
-        # a reader that went away on purpose leaves no incomplete file
-        if name not in (STDOUT, STDERR) or error.errno not in READER_GONE:
-            return OutputError.exit_code
 
-    return live.stopped.exit_code
-
-
+@dataclass
 class _Run:
     """Everything that a run writes to, opened in order and closed within bounded time."""
 
-    def __init__(
-        self, options: RunOptions, model: OpenedModel, clock: RunClock, stderr: Sink
-    ) -> None:
-        self._options = options
-        self._model = model
-        self._card = model.card
-        self._clock = clock
-        self._stderr = stderr
+    options: RunOptions
+    model: OpenedModel
+    clock: RunClock
+    stderr: Sink
+
+    def __post_init__(self) -> None:
+        self._card = self.model.card
         # one output for all lines, so that each answer is written as text only once
-        self.lines = LineOutput([], self.report, [stderr], model.card.not_learned)
+        self.lines = LineOutput([], self.report, [self.stderr], self._card.not_learned)
         self._samples: SampleFile | None = None
         self._view: View | None = None
         self._page: RunPage | None = None
         self._grip: GripOutput | None = None
-        self._answers = AnswerWatch(model.card, self.report)
+        self._scene: LiveScene | None = None
+        self._answers = AnswerWatch(self._card, self.report)
         self.stopped = StopRequest()
-        # read over true; None where never measured
-        self._shear_gain: float | None = 1.0
 
     def report(self, text: str) -> None:
         """A message: above the picture while it is drawn, else on stderr."""
@@ -187,7 +185,7 @@ class _Run:
         if self._view and self._view.drawing:
             self._view.report(line)
         else:
-            self._stderr(line)
+            self.stderr(line)
         if self._page:
             self._page.report(line)
 
@@ -195,20 +193,19 @@ class _Run:
         self, seconds: float | None, read_set: SetReader | None
     ) -> Summary:
         """Open everything, run the loop, close everything."""
-        options = self._options
+        options, clock = self.options, self.clock
         with ExitStack() as stack:
             # first, so that Ctrl-C while outputs are opened ends the run in order
-            stopped = self.stopped = stack.enter_context(stop_signals())
-            self._shear_gain = known_shear_gain(options, self._card)
+            self.stopped = stack.enter_context(stop_signals())
             outputs = self._open_outputs(stack)
             command = self._open_wearer(stack, outputs)
             moving = self._open_moving(stack)
             source = open_live(
                 options.source,
-                clock=self._clock,
+                clock=clock,
                 report=self.report,
                 to_force=force_of(options.calibration),
-                field=None if self._grip is None else self._grip.scene,
+                field=self._scene,
                 read_set=read_set,
             )
             source = at_rate(source, self._card.rate_hz, self.report)
@@ -223,45 +220,40 @@ class _Run:
                 if self._grip is not None:
                     self._grip.begin(source)
                 resting = self._begin(source, outputs)
-                scene = None if self._grip is None else self._grip.scene
                 summary = answer(
                     source,
-                    self._model,
-                    self._clock,
+                    self.model,
+                    clock,
                     # the hand and the wearer come first: their lines must not wait for the others
                     emit_to([*moving, *outputs]),
-                    until(stopped, self._clock, seconds, scene),
+                    until(self.stopped, clock, seconds, self._scene),
                     resting=resting,
                     command=command,
                 )
-                self._report_end(summary, scene)
+                self._report_end(summary)
 
         # exact only now: while sinks are open, waiting lines count as dropped
-        summary.dropped = self.lines.dropped
-        summary.lost_sinks = self.lines.lost()
+        summary.lost["dropped"] = self.lines.dropped
         return summary
 
-    def _report_end(self, summary: Summary, scene: LiveScene | None) -> None:
+    def _report_end(self, summary: Summary) -> None:
         """Why the loop has ended, for the terminal and the page."""
         why = "it was stopped" if self.stopped() else "its time is over"
-        if summary.source_ended or (scene is not None and scene.ended):
-            why = (
-                "the source has ended"
-                if summary.source_ended
-                else "the scene has ended"
-            )
+        if self._scene is not None and self._scene.ended:
+            why = "the scene has ended"
+        if summary.source_ended:
+            why = "the source has ended"
+        if why.endswith("ended"):
             self.report(f"{why}; samples: {summary.samples}")
         if self._page:
             self._page.why_ended = why
-        summary.silent = self._answers.silent()
+        self._answers.close()
 
     def _begin(self, source: Source, outputs: list[Output]) -> FloatArray | None:
         """Report what the run begins with; returns the measured bias, if there is one."""
-        for line in about_model(self._model):
+        for line in about_model(self.model):
             self.report(line)
-        if self._shear_gain is None:
-            self.report(NO_SHEAR_GAIN)
-        resting = resting_of(self._options.bias, source)
+        resting = resting_of(self.options.bias, source)
         bare = resting is None and zero_of(source) is None
         if bare and self._card.preparation.bias_rows:
             outputs.append(ZeroWatch(self._card, self.report))
@@ -272,7 +264,7 @@ class _Run:
         """Those that only show or keep answers, in the order in which they get one."""
         outputs: list[Output] = [self.lines]
         close_at_end(stack, self.lines)
-        for kind, place in self._options.outputs():
+        for kind, place in self.options.outputs():
             output = self._opened(kind, place)
             if output is not None:
                 close_at_end(stack, output)
@@ -287,15 +279,15 @@ class _Run:
         """One output of its own; None for lines, which one output writes, and for none."""
         card = self._card
         if kind == "-":
-            self.lines.add_lines(stream_sink(sys.stdout, STDOUT))
+            self.lines.sinks.append(stream_sink(sys.stdout, STDOUT))
         elif kind == "jsonl":
-            self.lines.add_lines(file_sink(Path(place)))
+            self.lines.sinks.append(file_sink(Path(place)))
         elif kind == "udp":
-            self.lines.add_lines(udp_sink(place))
+            self.lines.sinks.append(udp_sink(place))
         elif kind == "csv":
-            zero: Zero = "measured" if self._options.bias else "first samples"
+            zero: Zero = "measured" if self.options.bias else "first samples"
             self._samples = SampleFile(Path(place), card.n_channels, card.unit, zero)
-            self.lines.add(self._samples.sink)
+            self.lines.kept.append(self._samples.sink)
             return self._samples
         elif kind == "view":
             from holdfast.live.view import open_view
@@ -305,8 +297,8 @@ class _Run:
         elif kind == "web":
             from holdfast.live.page.run_page import open_run_page
 
-            source, model = self._options.source, self._options.model
-            with_grip = self._options.grip is not None
+            source, model = self.options.source, self.options.model
+            with_grip = bool(self.options.grip)
             self._page = open_run_page(
                 place, source, model, card, self.report, with_grip=with_grip
             )
@@ -315,7 +307,7 @@ class _Run:
             from holdfast.drivers.lsl import LslAnswers
 
             sensors = card.n_channels // 3
-            now_ns, gaps = self._clock.now_ns, card.not_learned
+            now_ns, gaps = self.clock.now_ns, card.not_learned
             return LslAnswers(place, sensors, card.unit, card.rate_hz, now_ns, gaps)
         return None
 
@@ -323,70 +315,64 @@ class _Run:
         self, stack: ExitStack, outputs: list[Output]
     ) -> Callable[[], Command]:
         """What the wearer commands at a sample."""
-        if self._options.wearer is None:
+        if not self.options.wearer:
             return Command
         from holdfast.live.wearer import IntentLog, wearer_monitor
 
-        clock = self._clock
-        opened = wearer_monitor(self._options.wearer, clock, self.report)
+        clock = self.clock
+        opened = wearer_monitor(self.options.wearer, clock, self.report)
         wearer = stack.enter_context(opened)
         for shown in (self._view, self._page):
             if shown is not None:
                 shown.intent = wearer
         if self._samples is not None:
             log = IntentLog(wearer, clock.now_ns, self._samples)
-            self.lines.add(log.sink)
+            self.lines.kept.append(log.sink)
             # after the file of samples, whose first sample sets the time axis of both
-            outputs.insert(outputs.index(self._samples) + 1, log)
+            outputs.insert(-1, log)
         return wearer.command
 
     def _open_moving(self, stack: ExitStack) -> list[Output]:
         """The grip and the wearer's cues."""
-        options = self._options
+        options = self.options
         moving: list[Output] = []
         if options.grip:
             self._grip = self._open_grip(options.grip)
+            self._scene = self._grip.scene
             moving.append(self._grip)
         if self._page:
             self._page.grip = self._grip
         if options.feedback:
-            from holdfast.live.cues import open_cues
+            from holdfast.live.cues import SHIPPED, open_cues
 
-            table = None if options.cues is None else Path(options.cues)
-            now_ns = self._clock.now_ns
+            table, now_ns = options.cues or SHIPPED, self.clock.now_ns
             moving.append(open_cues(options.feedback, table, now_ns, self.report))
         for output in moving:
             close_at_end(stack, output)
         return moving
 
     def _open_grip(self, url: str) -> GripOutput:
-        from holdfast.live import grip
+        from holdfast.live.grip import controller_for, open_grip
 
-        options, card, clock = self._options, self._card, self._clock
-        controller = grip.controller_for(
+        options, card = self.options, self._card
+        # only the grip needs friction, and raw fields have no newtons to correct
+        # read over true; None where it was never measured
+        gain: float | None = 1.0
+        if card.unit == "N":
+            gain = shear_gain_of(options.source, options.calibration)
+        # a calibration file may be older than its gain, and a bare hand has no calibration at all
+        if gain is None:
+            self.report(NO_SHEAR_GAIN)
+        controller = controller_for(
             options.controller,
             card,
             self.report,
             ceiling_n=options.ceiling_n,
             most_over_n=options.most_over_wearers_n,
-            shear_gain=self._shear_gain or 1.0,
+            shear_gain=gain or 1.0,
         )
-        if not options.moves_scene:
-            return grip.grip_to_link(url, controller, card.rate_hz, clock, self.report)
-        # the scene's hand is part of the source, so its commands go through no wire
-        source, ceiling_n = options.source, options.ceiling_n
-        return grip.grip_to_scene(
-            url, source, controller, ceiling_n, clock, self.report
-        )
-
-
-def known_shear_gain(options: RunOptions, card: ModelCard) -> float | None:
-    """Of the calibration or the scene; None where it was never measured."""
-    # A calibration file may be older than its gain, and a bare hand has no calibration at all.
-    # only the grip needs friction, and raw fields have no newtons to correct
-    if not options.grip or card.unit != "N":
-        return 1.0
-    return shear_gain_of(options.source, options.calibration)
+        source, clock = options.source, self.clock
+        return open_grip(url, controller, card.rate_hz, source, clock, self.report)
 
 
 def answer(
@@ -398,26 +384,19 @@ def answer(
     *,
     resting: FloatArray | None = None,
     command: Callable[[], Command] = Command,
+    summary: Summary | None = None,
 ) -> Summary:
-    """Run the live loop. Raises ChannelError, UnitError, RateError if source and model differ."""
-    card = model.card
-    # a polled hand has no rate of its own: the loop reads it at that of the model
-    rate_hz = card.rate_hz if source.rate_hz is None else source.rate_hz
-    require_fit(
-        card,
-        n_channels=source.n_channels,
-        unit=source.unit,
-        rate_hz=rate_hz,
-        where="source",
-    )
+    """Run the live loop. Raises ChannelError, UnitError, RateError if source and model differ.
 
+    summary: of an earlier part, which is counted on.
+    """
+    tare = tare_of(model.card, source, resting)
     monitor = GripMonitor(
         model,
         clock.now_ns,
         bias_known=resting is not None or zero_of(source) == "measured",
         has_counters=isinstance(source, Hand),
     )
-    tare = tare_of(card, source, resting)
-    return run_live(
-        source, monitor, tare, clock, emit, stopped=stopped, command=command
-    )
+    counted = summary or Summary()
+    run = LiveRun(source, monitor, tare, clock, emit, command, counted)
+    return run.until(stopped)

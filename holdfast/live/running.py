@@ -47,8 +47,6 @@ def until(
     stopped: Callable[[], bool], clock: Any, seconds: float | None, scene: Any = None
 ) -> Callable[[], bool]:
     """Stopped by a signal, after a number of seconds, or at the end of a scene with `ended`."""
-    if seconds is None and scene is None:
-        return stopped
     # on the run's clock, which stands still while a scene is computed
     end_ns = math.inf if seconds is None else clock.now_ns() + round(1e9 * seconds)
 
@@ -173,13 +171,9 @@ class ServiceWatchdog:
         path = environment.get("NOTIFY_SOCKET", "")
         # sd_notify(3): an @ stands for the zero byte of a socket without a file
         self._address = "\0" + path[1:] if path.startswith("@") else path
-        self._sender: socket.socket | None = None
-        if path:
-            kind = socket.SOCK_DGRAM | socket.SOCK_CLOEXEC
-            self._sender = socket.socket(socket.AF_UNIX, kind)
-            # a service manager that is busy must not hold up the loop
-            self._sender.setblocking(False)
-
+        self._sender = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        # a service manager that is busy must not hold up the loop
+        self._sender.setblocking(False)
         self._last_ns = -SIGN_OF_LIFE_NS
 
     def write(
@@ -196,13 +190,11 @@ class ServiceWatchdog:
     def close(self, reason: str = "") -> None:
         """The run ends."""
         self._send("STOPPING=1")
-        if self._sender is not None:
-            self._sender.close()
-            self._sender = None
+        self._sender.close()
 
     def _send(self, message: str) -> None:
         """Send one datagram; it is lost where it cannot be sent at once."""
-        if self._sender is not None:
+        if self._address:
             with suppress(OSError):
                 self._sender.sendto(message.encode(), self._address)
 

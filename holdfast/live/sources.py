@@ -26,7 +26,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
-from urllib.parse import parse_qs, unquote, urlsplit
+from urllib.parse import parse_qs, unquote
 
 import msgspec
 import numpy as np
@@ -123,28 +123,24 @@ def source_url(url: str) -> SourceUrl:
     if "://" not in url or url.startswith(REPLAY):
         return SourceUrl(url, "replay", url.removeprefix(REPLAY), NoOptions())
 
-    try:
-        parts = urlsplit(url)
-    except ValueError as error:
-        raise UsageError(
-            f"{url[:80]!r} is not a URL ({error})",
-            next_step="write SCHEME://NAME?key=value",
-        ) from None
-    if parts.scheme not in SCHEMES:
-        raise UsageError(
-            f"{url[:80]!r}: no such source", next_step=f"one of {_known()}"
-        )
+    # not by urlsplit, which raises for a bracket in a name
+    scheme, _, rest = url.partition("://")
+    name, _, query = rest.partition("?")
+    name = unquote(name)
+    if scheme not in SCHEMES:
+        what = f"{url[:80]!r}: no such source"
+        raise UsageError(what, next_step=f"one of {_known()}")
 
-    name = unquote(parts.netloc + parts.path)
-    if parts.scheme in ("usb", "virtual") and name != BRIDGE:
-        step = f"{parts.scheme}://{BRIDGE}"
+    if scheme in ("usb", "virtual") and name != BRIDGE:
+        step = f"{scheme}://{BRIDGE}"
         raise UsageError(f"{url!r}: no bridge {name!r}", next_step=step)
+
     # an option that is given twice counts by its last value, but for faults
-    raw: dict[str, Any] = parse_qs(parts.query, keep_blank_values=True)
+    raw: dict[str, Any] = parse_qs(query, keep_blank_values=True)
     raw = {key: raw[key] if key == "fault" else raw[key][-1] for key in raw}
-    kind = SCHEMES[parts.scheme].options
-    options = checked(raw, kind, f"{parts.scheme}://", UsageError, strict=False)
-    return SourceUrl(url, parts.scheme, name, options)
+    kind = SCHEMES[scheme].options
+    options = checked(raw, kind, f"{scheme}://", UsageError, strict=False)
+    return SourceUrl(url, scheme, name, options)
 
 
 def _known() -> str:

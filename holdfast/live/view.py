@@ -9,8 +9,8 @@ from __future__ import annotations
 import os
 import sys
 from collections import deque
-from collections.abc import Collection, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from threading import Event, Thread
 from typing import TYPE_CHECKING, NamedTuple, TextIO
 
@@ -43,14 +43,12 @@ COLOURS = {
 
 
 class Shown(NamedTuple):
-    """What the picture shows. names: of the sensors; not_learned: what the model cannot tell."""
+    """What the picture shows. card: of the model; intent: the wearer's, where there is a stream."""
 
     prediction: Prediction
     sample: Sample
     reading: SourceReading
-    unit: str
-    names: Sequence[str] = ()
-    not_learned: Collection[str] = ()
+    card: ModelCard
     intent: Intent | None = None
 
     @property
@@ -63,19 +61,20 @@ class Shown(NamedTuple):
         return f"{_words(answer.state).upper()}{missing}{request}"
 
 
+@dataclass
 class View:
     """The newest sample as a picture that is redrawn in place, with messages above it.
 
     card: of the model. intent: the wearer's stream, where there is one.
     """
 
-    def __init__(self, card: ModelCard, terminal: TextIO) -> None:
-        self._card = card
-        self._names = sensor_names(card.hand, card.n_channels // 3)
-        self._terminal = terminal
+    card: ModelCard
+    terminal: TextIO
+    intent: IntentMonitor | None = None
+
+    def __post_init__(self) -> None:
         self._newest: Shown | None = None
         self._messages: deque[str] = deque(maxlen=STREAM_LINES)
-        self.intent: IntentMonitor | None = None
         self._done = Event()
         self._thread = Thread(target=self._draw_until_done, name="view", daemon=True)
 
@@ -83,18 +82,9 @@ class View:
         self, prediction: Prediction, sample: Sample, reading: SourceReading
     ) -> None:
         """Set what the next picture shows."""
-        card = self._card
         intent = None if self.intent is None else self.intent.newest
         # one assignment: the drawing thread sees all of one sample, or all of the last
-        self._newest = Shown(
-            prediction,
-            sample,
-            reading,
-            card.unit,
-            self._names,
-            card.not_learned,
-            intent,
-        )
+        self._newest = Shown(prediction, sample, reading, self.card, intent)
 
     def report(self, line: str) -> None:
         """Put a message above the picture."""
@@ -131,7 +121,7 @@ class View:
         from rich.console import Console
         from rich.live import Live
 
-        file = _Whole(self._terminal.fileno())
+        file = _Whole(self.terminal.fileno())
         console = Console(file=file, force_terminal=True, highlight=False)  # type: ignore[arg-type]
         ended = False
         with Live(console=console, auto_refresh=False, transient=True) as live:
@@ -144,7 +134,7 @@ class View:
                 live.update(picture(shown) if shown else "waiting", refresh=True)
 
     def _write_lines(self) -> None:
-        file = _Whole(self._terminal.fileno())
+        file = _Whole(self.terminal.fileno())
         ended = False
         while not ended:
             ended = self._done.wait(PLAIN_S)
@@ -212,7 +202,7 @@ def _situations(shown: Shown) -> Table:
 
     table = Table.grid(padding=(0, 1))
     for name in SITUATIONS:
-        if name in shown.not_learned:
+        if name in shown.card.not_learned:
             table.add_row(_words(name), "cannot tell")
             continue
         share = shown.prediction.p_situation[name]
@@ -226,15 +216,20 @@ def _sensors(shown: Shown) -> Table:
     from rich.table import Table
 
     sample, why = shown.sample, shown.reading.why
+    names = sensor_names(shown.card.hand, len(sample.valid))
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    for heading in ("sensor", f"normal, {shown.unit}", f"shear, {shown.unit}"):
+    unit = shown.card.unit
+
+    for heading in ("sensor", f"normal, {unit}", f"shear, {unit}"):
         table.add_column(heading, justify="right")
     table.add_column(style=COLOURS["unknown"])
-    for k, force in enumerate(sample.values.reshape(-1, 3)):
+
+    # [S, 3]: x and y along the skin, z along the normal
+    forces = sample.values.reshape(-1, 3)
+    for k, (name, force) in enumerate(zip(names, forces, strict=True)):
         shear = float(np.hypot(*force[:NORMAL_AXIS]))
         # a sensor that was read well and is not valid still waits for its bias
         trouble = "" if sample.valid[k] else (why[k] if why else "") or "taring"
-        name = shown.names[k] if shown.names else str(k + 1)
         table.add_row(name, f"{force[NORMAL_AXIS]:.2f}", f"{shear:.2f}", trouble)
     return table
 

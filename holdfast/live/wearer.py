@@ -15,6 +15,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -46,29 +47,29 @@ if TYPE_CHECKING:
     from holdfast.drivers.line_feeds import Feed
 
 
+@dataclass
 class IntentLog:
     """An output: a file of the items that came at each sample, next to the samples' file.
 
     now_ns: the run's clock. Raises OutputError.
     """
 
-    def __init__(
-        self, intent: IntentMonitor, now_ns: Callable[[], int], samples: SampleFile
-    ) -> None:
-        self.sink = file_sink(intent_path(samples.path), INTENT_HEADER)
-        self._intent = intent
-        self._now_ns = now_ns
-        self._samples = samples
+    intent: IntentMonitor
+    now_ns: Callable[[], int]
+    samples: SampleFile
+
+    def __post_init__(self) -> None:
+        self.sink = file_sink(intent_path(self.samples.path), INTENT_HEADER)
 
     def write(self, *sample: object) -> None:
         """The items of one sample, on the time axis of the samples' file."""
-        first_ns = self._samples.first_ns
+        first_ns = self.samples.first_ns
         # without a first sample there is no time axis for the items yet
         if first_ns is None or self.sink.failure is not None:
             return
         # the file has both times of an item: a run with a scene has a clock of its own
-        after_ns = time.monotonic_ns() - self._now_ns()
-        for item in self._intent.fresh:
+        after_ns = time.monotonic_ns() - self.now_ns()
+        for item in self.intent.fresh:
             self.sink(intent_row(item, first_ns, after_ns))
 
     def close(self, reason: str = STOPPED) -> None:
@@ -76,25 +77,25 @@ class IntentLog:
         self.sink.close()
 
 
+@dataclass
 class LineWords:
     """Items as lines, stamped at the sample at which they are read."""
 
-    def __init__(
-        self, feed: Feed, now_ns: Callable[[], int], report: Callable[[str], object]
-    ) -> None:
-        self._feed: Feed | None = feed
-        self._now_ns = now_ns
-        self._report = report
+    feed: Feed | None
+    now_ns: Callable[[], int]
+    report: Callable[[str], object]
+
+    def __post_init__(self) -> None:
         self._rule = RisingRule()
-        self._skipped = Skipped("wearer", report, now_ns)
+        self._skipped = Skipped("wearer", self.report, self.now_ns)
 
     def __call__(self) -> list[Intent]:
         """What is waiting, oldest first; nothing any more once a port was unplugged."""
         try:
-            lines = self._feed.pull(0.0) if self._feed else []
+            lines = self.feed.pull(0.0) if self.feed else []
         except DeviceLost as error:
-            self._report(f"wearer: {error}")
-            self._feed = None
+            self.report(f"wearer: {error}")
+            self.feed = None
             return []
         items = []
         for line in lines:
@@ -103,19 +104,17 @@ class LineWords:
 
     def _read(self, line: bytes) -> list[Intent]:
         """The item of a line; none where it is skipped."""
-        now_ns = self._now_ns()
+        now_ns, kind, why = self.now_ns(), NOT_RISING, ""
         try:
             is_object = line.startswith(b"{")
             fields = fields_of(line) if is_object else {"wants": line.decode().strip()}
             sequence = sequence_of(fields.get("sequence"))
             item = intent_of(fields.get("wants"), now_ns)
+            if self._rule.obeys(now_ns, sequence):
+                return [item]
         except ValueError as error:
-            shown = f"{printable(line)} is skipped: {NOT_UNDERSTOOD} ({error})"
-            self._skipped.count(NOT_UNDERSTOOD, shown)
-            return []
-        if self._rule.obeys(now_ns, sequence):
-            return [item]
-        self._skipped.count(NOT_RISING, f"{printable(line)} is skipped: {NOT_RISING}")
+            kind, why = NOT_UNDERSTOOD, f" ({error})"
+        self._skipped.count(kind, f"{printable(line)} is skipped: {kind}{why}")
         return []
 
     def close(self) -> None:

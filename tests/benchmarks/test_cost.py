@@ -5,14 +5,15 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 from page_tables import filled
 
-from benchmarks.cost import recordings
+from benchmarks.cost import recordings, surface
 from benchmarks.cost.hands import DIES_S, HANDS, UNCHANGED, on_hand
 from benchmarks.cost.measure import look_backs_s, seen
 from benchmarks.cost.picture import figure
@@ -30,6 +31,7 @@ from benchmarks.cost.surface import cost
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.errors import UsageError
 from holdfast.core.trial_file import read_trial
+from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.evaluation.jobs import Workers
 from holdfast.export.features import feature_count
 from holdfast.export.spec import StepSpec
@@ -200,3 +202,29 @@ def test_pages_and_picture_show_every_point_and_hand(
     drawn = figure(rows)
     for words in ("simulated", "shipped", "50 Hz", "debounce 2"):
         assert words in drawn
+
+
+class Schedule(VirtualClock):
+    """Notes what it is asked to wait for."""
+
+    waits_ns: ClassVar[list[int]] = []
+
+    def wait_until(self, t_ns: int) -> None:
+        self.waits_ns.append(t_ns)
+        super().wait_until(t_ns)
+
+
+def test_as_deployed_calls_come_once_a_period_and_take_turns_by_the_second(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(surface, "RunClock", Schedule)
+    came: list[str] = []
+    calls: surface.Calls = {
+        name: partial(came.append, name) for name in ("one", "other")
+    }
+    times = surface.time_deployed(calls, rate_hz=20.0, seconds=2.0)
+    assert came == (["one"] * 20 + ["other"] * 20) * 2
+    sizes = {name: len(values) for name, values in times.items()}
+    assert sizes == dict.fromkeys(calls, 40)
+    # asleep in between, for a period
+    assert set(np.diff(Schedule.waits_ns)) == {50_000_000}

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from holdfast.cli import calibrate
+from holdfast.cli import hand
 from holdfast.cli.command import Parser
 from holdfast.core.contract import FloatArray, IntArray, channel_names
 from holdfast.core.errors import (
@@ -290,8 +290,8 @@ def test_a_broken_bias_is_refused(
 
 def calibrate_with(*words: str | Path) -> int:
     parser = Parser(prog="holdfast calibrate")
-    calibrate.add_arguments(parser)
-    return calibrate.run(parser.parse_args([str(word) for word in words]))
+    hand.add_calibrate_arguments(parser)
+    return hand.run_calibrate(parser.parse_args([str(word) for word in words]))
 
 
 def write_loads(

@@ -139,7 +139,7 @@ def test_without_tactile_samples_onset_counts_from_the_first_frame(tmp_path, cap
     [
         ((), "", 2, "--action pull|fall"),
         (("--action", "fly"), "", 2, "fly"),
-        (("--gross-mm", "0"), "", 2, "not a number above 0"),
+        (("--gross-mm", "0"), "", 2, "not a number from"),
         (("--until", "0.1"), "", 3, "rest"),
         (("--action", "pull"), "tactile.csv", 3, "host_ns"),
         (("--action", "pull"), "events.jsonl", 3, "not a JSON object"),

@@ -173,7 +173,7 @@ def test_a_silent_stream_is_unknown_and_never_safe(script):
         assert len(said) == 1
     else:
         assert states[max(states)] == "nothing"
-    assert summary.repeated > 0
+    assert summary.lost["repeated"] > 0
     source.close()
     assert inlet.closed
 

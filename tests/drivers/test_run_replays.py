@@ -19,7 +19,7 @@ from live_bench import DEFAULT, closing_output
 from test_line_source import ScriptedFeed
 from test_lsl import ScriptedInlet
 
-from holdfast.cli import replay
+from holdfast.cli.run import run_replay
 from holdfast.core.contract import FloatArray, Prediction, channel_names
 from holdfast.core.source import Source
 from holdfast.drivers.lines import LineSource, SampleReader
@@ -168,7 +168,7 @@ def replayed(path: Path) -> list[tuple[str, bool]]:
     """(state, settled) of each line of `holdfast replay`."""
     out = StringIO()
     with redirect_stdout(out):
-        replay.run(argparse.Namespace(model=str(DEFAULT), trial=str(path)))
+        run_replay(argparse.Namespace(model=str(DEFAULT), trial=str(path)))
     found = [json.loads(line) for line in out.getvalue().splitlines()]
     return [(one["state"], one["settled"]) for one in found]
 

@@ -22,7 +22,7 @@ from hypothesis.extra import numpy as hnp
 from live_bench import ROOT, RUN, Steady, closing_output, go
 from made_prediction import prediction
 
-from holdfast.core.contract import Prediction, Sample
+from holdfast.core.contract import Command, Prediction, Sample
 from holdfast.core.errors import (
     ChannelError,
     OutputError,
@@ -33,7 +33,6 @@ from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.monitor import Model
 from holdfast.edge_runtime.preparation import Preparation, Tare
-from holdfast.edge_runtime.wearer import Command
 from holdfast.live.loop import Summary
 from holdfast.live.outputs import SampleFile, file_sink, udp_sink
 from holdfast.live.run import answer
@@ -378,7 +377,7 @@ def test_the_shipped_service_s_command_is_one_that_the_program_understands():
     import shlex
 
     from holdfast.cli.command import Parser
-    from holdfast.cli.run import add_arguments
+    from holdfast.cli.run import add_run_arguments
 
     unit = (
         (ROOT / "drivers" / "board" / "holdfast.service")
@@ -387,7 +386,7 @@ def test_the_shipped_service_s_command_is_one_that_the_program_understands():
     )
     line = next(line for line in unit.splitlines() if line.startswith("ExecStart="))
     parser = Parser(prog="holdfast run")
-    add_arguments(parser)
+    add_run_arguments(parser)
     words = shlex.split(line.removeprefix("ExecStart="))
     args = parser.parse_args(words[2:])
     assert words[1] == "run"

@@ -27,9 +27,8 @@ from holdfast.core.trial_file import read_trial
 from holdfast.drivers.replay import PacedReplay, Replay
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor
-from holdfast.edge_runtime.preparation import Tare
-from holdfast.live.loop import run_live
 from holdfast.live.outputs import LineOutput
+from holdfast.live.run import answer
 from holdfast.live.wearer import wearer_monitor
 
 AREA = "Time and schedule"
@@ -73,25 +72,24 @@ def test_a_pipe_without_a_reader_loses_whole_lines_counted_and_delays_no_sample(
     clock, kept = VirtualClock(), io.StringIO()
     with open(stalled[1], "w", encoding="utf-8", closefd=False) as stream:
         outlets = LineOutput([stream_sink(stream), stream_sink(kept)], print)
-    summary = run_live(
+    summary = answer(
         Steady(clock, 400),
-        GripMonitor(model, clock.now_ns),
-        Tare(model.card.preparation, 18),
+        model,
         clock,
         lambda prediction, sample, measured: outlets.write(prediction),
-        stopped=lambda: False,
+        lambda: False,
     )
     outlets.close()
-    summary.dropped = outlets.dropped
+    summary.lost["dropped"] = outlets.dropped
     taken = lines_of(stalled[0])
-    record_property("dropped of 400", summary.dropped)
+    record_property("dropped of 400", summary.lost["dropped"])
     assert summary.overruns == 0
     lines = kept.getvalue().splitlines()
     assert len(lines) == 400
-    assert summary.dropped - (400 - len(taken)) in (0, 1), (
+    assert summary.lost["dropped"] - (400 - len(taken)) in (0, 1), (
         "the line under way goes out once there is room"
     )
-    assert summary.dropped > 100
+    assert summary.lost["dropped"] > 100
     assert taken == lines[: len(taken)]
 
 
@@ -177,13 +175,12 @@ def test_a_recording_within_the_tolerance_is_read_row_by_row(model, rate_hz):
         "N",
     )
     met: list[float] = []
-    run_live(
+    answer(
         PacedReplay(replay, clock.now_ns),
-        GripMonitor(model, clock.now_ns),
-        Tare(model.card.preparation, 18),
+        model,
         clock,
         lambda prediction, sample, measured: met.append(measured.values[0]),
-        stopped=lambda: False,
+        lambda: False,
     )
     assert met == rows.tolist()
 
@@ -219,7 +216,7 @@ def on_time(count: int, start_ns: int = 0) -> list[int]:
 def test_a_source_that_repeats_itself_is_lost_and_then_unknown(model):
     stamps = on_time(200) + [on_time(200)[-1]] * 20 + on_time(120, round(220e9 / 150))
     summary, predictions, _ = go(model, Stamped(clock := VirtualClock(), stamps), clock)
-    assert summary.repeated == 20
+    assert summary.lost["repeated"] == 20
     assert {p.state for p in predictions[150:200]} == {"nothing"}
     assert {p.state for p in predictions[200:220]} == {"unknown"}
     assert predictions[-1].state == "nothing"
@@ -237,7 +234,11 @@ def test_two_readings_in_the_wrong_order_cost_one_sample_and_no_error(model):
     summary, predictions, samples = go(
         model, Stamped(clock := VirtualClock(), stamps), clock
     )
-    assert (summary.late, summary.repeated, summary.restarts) == (1, 0, 0)
+    assert (
+        summary.lost["late"],
+        summary.lost["repeated"],
+        summary.lost["restarts"],
+    ) == (1, 0, 0)
     assert not samples[201].valid.any()
     assert predictions[201].state == "unknown"
     assert predictions[202].state == "nothing"
@@ -261,7 +262,7 @@ def test_stamps_that_jump_back_begin_anew_and_are_unknown_until_settled(
     record_property(
         "unknown_samples", sum(p.state == "unknown" for p in predictions[200:])
     )
-    assert summary.restarts == 1
+    assert summary.lost["restarts"] == 1
     assert {p.state for p in predictions[200 : 200 + settle - 1]} == {"unknown"}
     assert {p.state for p in predictions[200 + settle :]} == {"nothing"}
 

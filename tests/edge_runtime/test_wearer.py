@@ -18,13 +18,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numbered_lines import numbered_sender
 
+from holdfast.core.contract import Command
 from holdfast.core.errors import DeviceLost, NotANumber, UsageError
 from holdfast.core.hand_lines import SILENCE_NS
 from holdfast.drivers.lsl import LslInlet, LslIntent, StreamFacts
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.wearer import (
     INTENT_HEADER,
-    Command,
     Intent,
     IntentMonitor,
     intent_row,

@@ -66,7 +66,7 @@ def kept(
     summary = answer(
         source, model, clock, emit_to([grip]), lambda: clock.now_ns() >= end_ns
     )
-    return scene.outcome().kept, summary.overruns + sum(summary.lost().values())
+    return scene.outcome().kept, summary.overruns + sum(summary.lost.values())
 
 
 def seeds(clock: RunClock) -> Iterator[int]:

@@ -23,11 +23,9 @@ from holdfast.core.errors import OutputError
 from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor
-from holdfast.edge_runtime.preparation import Tare
 from holdfast.edge_runtime.wearer import Intent, IntentMonitor
-from holdfast.live.loop import run_live
-from holdfast.live.page.link import PageLink, open_page
-from holdfast.live.page.run_page import RunPage
+from holdfast.live.page.run_page import PageLink, RunPage, open_page
+from holdfast.live.run import answer
 
 VALID = np.ones(6, dtype=np.bool_)
 READING = SourceReading(0, np.zeros(18), VALID, ("",) * 6)
@@ -99,9 +97,8 @@ def test_a_page_whose_process_is_gone_is_reported_once(ends):
 def test_a_run_whose_page_takes_nothing_answers_every_sample(model, ends, not_for_ever):
     clock, link = VirtualClock(), PageLink(ends[0], print)
     page = RunPage(link, model.card)
-    monitor, tare = GripMonitor(model, clock.now_ns), Tare(model.card.preparation, 18)
     source = Steady(clock, 1500)
-    summary = run_live(source, monitor, tare, clock, page.write, stopped=lambda: False)
+    summary = answer(source, model, clock, page.write, lambda: False)
     assert (summary.samples, summary.overruns) == (1500, 0)
     assert 0 < link.unsent < 1500
 
@@ -158,7 +155,7 @@ def test_the_page_ends_with_what_it_shows_and_its_port_is_free_again():
         link = open_page(address, ABOUT, lines.append)
         assert b"Holdfast live" in ask(page_in(lines[-1]), "/")
         assert link.send({"said": "begun"})
-        process = link._process
+        process = link.process
         assert process is not None
         link.close("the run has ended")
         # a busy machine gives the process, which is nice, more time than a run waits for it
@@ -169,7 +166,9 @@ def test_the_page_ends_with_what_it_shows_and_its_port_is_free_again():
 
 
 def test_a_page_whose_process_does_not_start_is_an_error(monkeypatch):
-    monkeypatch.setattr("holdfast.live.page.link.PROCESS", "holdfast.no_such_module")
+    monkeypatch.setattr(
+        "holdfast.live.page.run_page.PROCESS", "holdfast.no_such_module"
+    )
     error = pytest.raises(
         OutputError, match=r"no process for the live page.*run without the page"
     )

@@ -36,7 +36,8 @@ import os, signal, sys
 from holdfast.drivers.hand import Hand
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.cli.command import Parser
-from holdfast.cli import record
+from holdfast.cli.people import add_record_arguments
+from holdfast.sessions.recorder.plan import RecordOptions
 from holdfast.sessions.recorder.keys import Keys
 from holdfast.sessions.recorder.recording import record as record_trials
 from holdfast.sessions.recorder.session import Display, RunContext
@@ -49,8 +50,8 @@ def read(self):
     return plain(self)
 Hand.read = read
 parser = Parser(prog="holdfast record")
-record.add_arguments(parser)
-options = record.options_of(parser.parse_args(sys.argv[1:]))
+add_record_arguments(parser)
+options = RecordOptions.of(parser.parse_args(sys.argv[1:]))
 clock = VirtualClock(7_000_000_000)
 display = Display(print)
 context = RunContext(clock, Keys(None), display, lambda: False, host_ns=clock.now_ns)

@@ -15,7 +15,7 @@ from live_bench import RUN, closing_output
 from made_prediction import prediction
 
 from holdfast.drivers.virtual.faults import VirtualClock
-from holdfast.live.cues import QUIET_NS, CueOutput, open_cues, read_cues
+from holdfast.live.cues import QUIET_NS, SHIPPED, CueOutput, open_cues, read_cues
 
 PERIOD_NS = 6_666_667
 UNKNOWN = read_cues().rules["unknown"]
@@ -26,7 +26,7 @@ def opened(
     url: str,
     clock: VirtualClock | None = None,
     report: Callable[[str], object] = print,
-    path: Path | None = None,
+    path: Path = SHIPPED,
 ) -> Iterator[CueOutput]:
     now_ns = (clock or VirtualClock()).now_ns
     with closing_output(open_cues(url, path, now_ns, report)) as cues:

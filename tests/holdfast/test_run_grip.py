@@ -32,14 +32,11 @@ from holdfast.live.grip import (
     WHO_LETS_GO,
     GripOutput,
     controller_for,
-    grip_to_link,
-    grip_to_scene,
+    open_grip,
 )
 from holdfast.live.hand_files import shear_gain_of
 from holdfast.live.outputs import emit_to
-from holdfast.live.run import (
-    answer,
-)
+from holdfast.live.run import answer
 from holdfast.live.scene import ROWS_HZ, STEP_S, drive_of, live_scene, planned_trial
 from holdfast.live.sources import open_live, source_url
 from holdfast.simulation.magnet import shear_gain as magnet_gain
@@ -62,7 +59,7 @@ def to_link(
     """The controller on a link, closed as a run closes it."""
     control = controller_for("holdfast", model.card, report)
     rate_hz = model.card.rate_hz
-    grip = grip_to_link(url, control, rate_hz, VirtualClock(), report)
+    grip = open_grip(url, control, rate_hz, "", VirtualClock(), report)
     with closing_output(grip):
         yield grip
 
@@ -178,9 +175,7 @@ def test_what_is_seen_first_is_a_fall_that_the_commands_prevent(
     messages: list[str] = []
     clock = VirtualClock()
     control = controller_for(controller, model.card, print)
-    grip = grip_to_scene(
-        "virtual?lag_ms=50", url, control, None, clock, messages.append
-    )
+    grip = open_grip("virtual?lag_ms=50", control, 150.0, url, clock, messages.append)
     run_on(grip, model, url, 4.0, clock)
     grip.close()
     assert messages[0] == WHO_LETS_GO
@@ -202,7 +197,7 @@ def test_the_friction_of_a_live_run_is_that_of_the_object(model, tmp_path, monke
     assert gain is not None
     clock = VirtualClock()
     control = controller_for("holdfast", model.card, print, shear_gain=gain)
-    grip = grip_to_scene("virtual", url, control, None, clock, print)
+    grip = open_grip("virtual", control, 150.0, url, clock, print)
     run_on(grip, model, url, 3.9, clock)
     _, trial = planned_trial(source_url(url), ROWS_HZ, STEP_S)
     assert grip.newest is not None

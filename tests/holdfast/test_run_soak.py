@@ -35,7 +35,7 @@ from holdfast.core.source import Source, SourceReading
 from holdfast.drivers.virtual.faults import KINDS, OF_A_SENSOR, VirtualClock
 from holdfast.drivers.virtual.virtual_hand import Track
 from holdfast.edge_runtime.model import Model
-from holdfast.live.grip import GripOutput, controller_for, grip_to_link
+from holdfast.live.grip import GripOutput, controller_for, open_grip
 from holdfast.live.loop import Summary
 from holdfast.live.outputs import LineOutput, Output, close_at_end, emit_to, file_sink
 from holdfast.live.run import answer
@@ -276,7 +276,7 @@ class Soak:
             control = controller_for("holdfast", self.model.card, lambda line: None)
             url = f"unix://{hand_path}"
             rate_hz = self.model.card.rate_hz
-            grip = grip_to_link(url, control, rate_hz, self.clock, lambda line: None)
+            grip = open_grip(url, control, rate_hz, "", self.clock, lambda line: None)
             close_at_end(stack, grip)
             witness = Witness(grip, wire)
             # one seed: the emulated chips keep their noise, 3 MB, which is no memory of the run

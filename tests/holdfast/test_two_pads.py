@@ -13,7 +13,7 @@ from holdfast.cli.main import main
 from holdfast.core.errors import UsageError
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.model import Model
-from holdfast.live.grip import controller_for, grip_to_scene
+from holdfast.live.grip import controller_for, open_grip
 from holdfast.live.hand_files import shear_gain_of
 from holdfast.live.sources import open_live
 
@@ -75,7 +75,7 @@ def test_a_tug_at_a_gripper_of_two_pads_is_held_by_the_commands(
     clock = VirtualClock()
     gain = shear_gain_of(url, None) or 1.0
     control = controller_for(controller, model.card, print, shear_gain=gain)
-    grip = grip_to_scene("virtual?lag_ms=50", url, control, None, clock, print)
+    grip = open_grip("virtual?lag_ms=50", control, 150.0, url, clock, print)
     run_on(grip, model, url, 4.0, clock)
     assert grip.scene is not None
     outcome = grip.scene.outcome()

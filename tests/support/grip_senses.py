@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import struct
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
+from msgspec.structs import fields
 
 from holdfast.edge_runtime.batch import Batch
 from holdfast.edge_runtime.grip import Controller, GripSense, Holdfast

@@ -16,10 +16,9 @@ import pytest
 from holdfast.core.contract import Prediction, Sample
 from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.faults import VirtualClock
-from holdfast.edge_runtime.monitor import GripMonitor, Model
-from holdfast.edge_runtime.preparation import Tare
+from holdfast.edge_runtime.monitor import Model
 from holdfast.live.grip import GripOutput
-from holdfast.live.loop import Summary, run_live
+from holdfast.live.loop import Summary
 from holdfast.live.outputs import Output, close_at_end, emit_to
 from holdfast.live.run import answer
 from holdfast.live.sources import open_live
@@ -90,13 +89,12 @@ def go(
     model: Model, source: Any, clock: VirtualClock, **options: Any
 ) -> tuple[Summary, list[Prediction], list[Sample]]:
     answered: list[tuple[Prediction, Sample]] = []
-    summary = run_live(
+    summary = answer(
         source,
-        GripMonitor(model, clock.now_ns),
-        Tare(model.card.preparation, 18),
+        model,
         clock,
         lambda prediction, sample, measured: answered.append((prediction, sample)),
-        stopped=options.pop("stopped", lambda: False),
+        options.pop("stopped", lambda: False),
         **options,
     )
     return summary, [one for one, _ in answered], [one for _, one in answered]

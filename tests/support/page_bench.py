@@ -11,8 +11,7 @@ from threading import Thread
 from typing import Any
 
 from holdfast.live.page.run_page import drawn_hand
-from holdfast.live.page.server import PageServer
-from holdfast.live.page.stream import LiveStream
+from holdfast.live.page.server import LiveStream, PageServer
 
 TOKEN = "a-token-of-the-test"
 ABOUT = {

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holdfast.cli import record
 from holdfast.cli.command import Parser
+from holdfast.cli.people import add_record_arguments
 from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.sessions.recorder.keys import Keys
@@ -105,8 +105,8 @@ def errors_in(text: str) -> list[str]:
 def options_of(*words: object) -> RecordOptions:
     """What the recorder gets of the words of the verb."""
     parser = Parser(prog="holdfast record")
-    record.add_arguments(parser)
-    return record.options_of(parser.parse_args([str(one) for one in words]))
+    add_record_arguments(parser)
+    return RecordOptions.of(parser.parse_args([str(one) for one in words]))
 
 
 def context_of(

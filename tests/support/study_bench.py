@@ -10,8 +10,8 @@ from typing import Any
 
 from recorder_bench import meta_of, never
 
-from holdfast.cli import study
 from holdfast.cli.command import Parser
+from holdfast.cli.people import add_study_arguments
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.sessions.recorder.keys import Keys
 from holdfast.sessions.recorder.plan import RecordOptions
@@ -109,7 +109,7 @@ def protocol_of(folder: Path, text: str) -> Path:
 def options(protocol: Path, out: Path, *words: object) -> argparse.Namespace:
     """The options of the verb."""
     parser = Parser(prog="holdfast study")
-    study.add_arguments(parser)
+    add_study_arguments(parser)
     given = [protocol, "--out", out, "--person", "p01", *words]
     return parser.parse_args([str(one) for one in given])
 

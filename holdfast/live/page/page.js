@@ -178,6 +178,9 @@ function wearer({ wants, link }) {
   return wants;
 }
 
+/** So many samples span one period fewer. */
+const rate = (rows) => (rows.length > 1 ? `${number((rows.length - 1) / (rows.at(-1).t_s - rows[0].t_s), 1)} Hz` : "–");
+
 function showNumbers() {
   const { sample, about } = page;
   if (!sample) return;
@@ -190,7 +193,7 @@ function showNumbers() {
   figures["latency"] = `${number(1e-3 * answer.latency_us)} ms`;
   figures["request"] = answer.act ? "act" : answer.arm ? "arm" : "none";
   if (sample.intent) figures["wearer's command"] = wearer(sample.intent);
-  figures["rate"] = sample.rate_hz === null ? "–" : `${number(sample.rate_hz, 1)} Hz`;
+  figures["rate"] = rate(page.rows.filter((row) => row.t_s > last.t_s - 1));
   figures["lost samples"] = sample.lost === 0 ? "none" : `${sample.lost} in this run`;
   if (sample.unsent) figures["not shown here"] = `${sample.unsent} messages that this page missed`;
   const list = at("numbers");

@@ -1,8 +1,8 @@
-"""The process that serves the live page: the standard library only, started by link.py.
+"""The process that serves the live page: the standard library only, started by run_page.py.
 
     python -m holdfast.live.page.process LISTENER_FD LINK_FD
 
-It takes the messages of the run and keeps the last 30 s. It ends when the run ends, or dies.
+It takes the messages of the run. It ends when the run ends, or dies.
 """
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ import time
 from collections.abc import Iterator
 from threading import Thread
 
-from holdfast.live.page.server import PageServer
-from holdfast.live.page.stream import FRAME_S, LiveStream, Message
+from holdfast.live.page.server import FRAME_S, LiveStream, Message, PageServer
 
 LARGEST_MESSAGE = 1 << 20
 NICENESS = 10
@@ -40,8 +39,7 @@ def main(listener_fd: int, link_fd: int) -> None:
     first = json.loads(link.recv(LARGEST_MESSAGE))
     stream = LiveStream(first["about"])
     # the token comes by the link: on the command line every user of the machine could read it
-    token = first["token"]
-    server = PageServer(listener, stream, token)
+    server = PageServer(listener, stream, first["token"])
 
     Thread(target=server.serve_forever, name="live page", daemon=True).start()
     link.send(READY)
