@@ -87,7 +87,7 @@ def picture_of(
     return StreamPicture(
         recording=recording,
         names=sensor_names(hand, recording.n_sensors),
-        phases=read_truth(truth, t_s),
+        phases=read_truth(truth).phases_on(t_s, truth),
         events=events,
         points=offline_critical_points(recording),
         answer=answer,

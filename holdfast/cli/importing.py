@@ -102,8 +102,7 @@ def run(args: argparse.Namespace) -> int:
         lines = [*found.lines, *reading.lines()]
         # nothing is kept where the block is left by an error
         _require_wanted(args, found, lines)
-    from holdfast.training.check import examine
-    from holdfast.training.check_lines import report_lines
+    from holdfast.training.check import examine, report_lines
 
     first, *_, verdict = report_lines(examine(args.out))
     shown = [*lines, "", *_picture(args.out), first, verdict]

@@ -19,8 +19,7 @@ import numpy.typing as npt
 from holdfast.core.contract import NOTHING, RISKY_SLIP, BoolArray, FloatArray
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules, period_us
 from holdfast.evaluation.formats import Spread, spread
-from holdfast.training.figures import Interval
-from holdfast.training.metrics import INTERVAL_PERCENT, draw_groups
+from holdfast.training.metrics import INTERVAL_PERCENT, Interval, draw_groups
 from holdfast.training.recording import Recording
 from holdfast.training.timeline import RiskyEvent
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from holdfast.core.contract import BoolArray
-from holdfast.training.figures import ABSENT, Interval, Share
+from holdfast.training.metrics import ABSENT, Interval, Share
 
 # Figures that every table uses: a spread of times, a share with its interval, McNemar's test.
 #

@@ -23,7 +23,7 @@ from holdfast.evaluation.alarms import (
 )
 from holdfast.evaluation.formats import share
 from holdfast.evaluation.trials import DISTURBANCES, LabelledTrial, voluntary_actions
-from holdfast.training.figures import Interval, Share
+from holdfast.training.metrics import Interval, Share
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,8 @@ from holdfast.evaluation.alarms import Answers
 from holdfast.export.heads import riskier_argmax
 from holdfast.export.network import IntArray
 from holdfast.training.featurise import pick_rows, stepped
-from holdfast.training.figures import HeadFigures
 from holdfast.training.fitting import fingerprint
-from holdfast.training.metrics import report
+from holdfast.training.metrics import HeadFigures, report
 from holdfast.training.plan import TASK_HEADS
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import DataSet, Recording

@@ -30,7 +30,9 @@ from holdfast.evaluation.style import labelled, svg, write_page
 from holdfast.evaluation.trials import AnsweredTrial, LabelledTrial, central_trial
 from holdfast.export.spec import window_samples
 from holdfast.training.crossval import main_task
-from holdfast.training.figures import (
+from holdfast.training.fitting import Trained
+from holdfast.training.judging import CurvePoint, per_doubling
+from holdfast.training.metrics import (
     PLURAL,
     HeadFigures,
     Interval,
@@ -38,8 +40,6 @@ from holdfast.training.figures import (
     situation_lines,
     with_interval,
 )
-from holdfast.training.fitting import Trained
-from holdfast.training.judging import CurvePoint, per_doubling
 from holdfast.training.recording import DataSet
 
 # An evaluation as lines for people, with the caveats that belong to its figures.

@@ -19,8 +19,7 @@ from holdfast.evaluation.alarms import EventMatch, event_scores, match_alarms
 from holdfast.evaluation.formats import Spread, share
 from holdfast.evaluation.model_outputs import ModelOutputs
 from holdfast.evaluation.trials import voluntary_actions, without_samples
-from holdfast.training.figures import Share, SituationFigures
-from holdfast.training.metrics import situation_scores
+from holdfast.training.metrics import Share, SituationFigures, situation_scores
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -26,7 +26,7 @@ from holdfast.core.contract import SITUATIONS, not_learned_in_words
 from holdfast.core.errors import count_of
 from holdfast.core.writing import write_whole
 from holdfast.evaluation import formats
-from holdfast.training.figures import over
+from holdfast.training.metrics import over
 
 # HTML from templates: the one place that knows jinja2. The templates are in templates/.
 #

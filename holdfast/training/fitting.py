@@ -21,8 +21,6 @@ from holdfast.core.contract import (
     not_learned_of,
 )
 from holdfast.core.errors import RateError
-from holdfast.core.hand_card import hand_or_usual
-from holdfast.core.trial_layout import HAND_FILE
 from holdfast.core.writing import require_writable
 from holdfast.export.artifact import (
     Artifact,
@@ -39,9 +37,8 @@ from holdfast.training.crossval import (
     with_even_classes,
 )
 from holdfast.training.datasets import find, join, load
-from holdfast.training.datasets.trials import DoubtfulData
+from holdfast.training.datasets.trials import sides_unknown, warn_of
 from holdfast.training.featurise import FloatRows, features_of, spec_for
-from holdfast.training.figures import PLURAL, HeadFigures
 from holdfast.training.fixture import write_fixture
 from holdfast.training.judging import (
     CurvePoint,
@@ -49,7 +46,7 @@ from holdfast.training.judging import (
     learning_curve,
     strictest_hold_out,
 )
-from holdfast.training.metrics import report
+from holdfast.training.metrics import PLURAL, HeadFigures, report
 from holdfast.training.plan import (
     PLANS,
     TASK_HEADS,
@@ -63,6 +60,7 @@ from holdfast.training.recording import (
     HoldOut,
     Recording,
     cannot_tell,
+    counts_in_words,
     learnable,
 )
 from holdfast.training.windows import Choice
@@ -229,10 +227,9 @@ def _counts(data: DataSet) -> str:
     if "windows_natural" in data.notes:
         counts["before undersampling"] = data.notes["windows_natural"]
 
-    lines = []
-    for task, of_class in counts.items():
-        cells = ", ".join(f"{name} {count:,}" for name, count in of_class.items())
-        lines.append(f"{task}: {sum(of_class.values()):,} windows ({cells})")
+    lines = [
+        f"{task}: {counts_in_words(of_class)}" for task, of_class in counts.items()
+    ]
     return "\n".join(lines)
 
 
@@ -299,15 +296,9 @@ def train(
 
     spec = spec_for(data, plan.groups)
     spec.warn_of_lost_bands()
-    if plan.copies and hand_or_usual(data.hand, data.n_sensors) is None:
-        warnings.warn(
-            f"{data.name}: {data.n_sensors} sensors and no hand card, so each is taken to be on "
-            f"the side of the fingers; next: write {HAND_FILE} (holdfast check)",
-            DoubtfulData,
-            stacklevel=2,
-        )
-
     if plan.copies:
+        warn_of(sides_unknown(data, Path(data.name)))
+
         # only a plan of pooled features has copies
         from holdfast.training.nuisances import with_copies
 

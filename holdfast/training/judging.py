@@ -19,7 +19,7 @@ from holdfast.training.crossval import (
     splits_of,
 )
 from holdfast.training.featurise import FloatRows
-from holdfast.training.figures import HeadFigures, Interval
+from holdfast.training.metrics import HeadFigures, Interval
 from holdfast.training.plan import TrainingPlan
 from holdfast.training.progress import Say, ignored
 from holdfast.training.recording import (

@@ -10,7 +10,7 @@ trial at a time. Intervals resample groups. Folds are dealt here and not by scik
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -142,6 +142,12 @@ class LabelledRows:
         """The windows of the recordings at these ascending places, numbered anew."""
         kept = self.take(np.isin(self.trial, index))
         return replace(kept, trial=np.searchsorted(index, kept.trial).astype(np.int64))
+
+
+def counts_in_words(counts: Mapping[str, int]) -> str:
+    """Windows by class or situation: "30 windows (grasp 10, nothing 20)"."""
+    cells = ", ".join(f"{name} {count:,}" for name, count in counts.items())
+    return f"{sum(counts.values()):,} windows ({cells})"
 
 
 @dataclass(frozen=True)

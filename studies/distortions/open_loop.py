@@ -25,7 +25,7 @@ from holdfast.evaluation.model_outputs import (
 )
 from holdfast.evaluation.trials import voluntary_actions
 from holdfast.simulation.closed_loop import model_of
-from holdfast.training.figures import Interval
+from holdfast.training.metrics import Interval
 from studies.distortions.statistics import mean_interval, paired_change
 from studies.distortions.table import by_name
 from studies.distortions.trials import NOTHING_ACTION, felt_set, recording_of

@@ -19,8 +19,8 @@ from holdfast.training.datasets.human_slip_uskin import (
     SPREAD_TAXELS,
 )
 from holdfast.training.featurise import FloatRows, features_of, spec_for
-from holdfast.training.figures import HeadFigures
 from holdfast.training.fitting import held_out_figures
+from holdfast.training.metrics import HeadFigures
 from holdfast.training.plan import ForestPlan, TrainingPlan
 from holdfast.training.progress import Say
 from holdfast.training.recording import DataSet

@@ -29,9 +29,8 @@ from holdfast.export.learner import reference_votes
 from holdfast.export.network import IntArray
 from holdfast.training.crossval import HeldOut, fit_learner
 from holdfast.training.featurise import FloatRows, features_of, spec_for
-from holdfast.training.figures import HeadFigures
 from holdfast.training.fitting import final_artifact, versions
-from holdfast.training.metrics import report
+from holdfast.training.metrics import HeadFigures, report
 from holdfast.training.plan import RAW_BASELINE, TrainingPlan
 from holdfast.training.progress import Say, Stages
 from holdfast.training.recording import DataSet

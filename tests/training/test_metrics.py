@@ -13,11 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.metrics import average_precision_score, f1_score, roc_auc_score
 
-from holdfast.training.figures import (
+from holdfast.training.metrics import (
     PredictionFigures,
     SituationFigures,
-)
-from holdfast.training.metrics import (
     draw_groups,
     prediction_scores,
     rank,

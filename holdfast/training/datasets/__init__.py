@@ -105,8 +105,11 @@ def load(
             data = assembled(reader.about(root), found, channels, windows, seed)
             data = with_hand(data, root)
         else:
+            from holdfast.training.datasets.public_files import copied_whole
+
             # A public set brings its own windows, and has a usual number of channels.
-            data = reader.load(root, **({"channels": channels} if channels else {}))
+            with copied_whole(root):
+                data = reader.load(root, **({"channels": channels} if channels else {}))
     except ChannelsNotOffered as error:
         # the user knows the folder, and not the name that stands in its meta.json
         name = str(name_or_path)

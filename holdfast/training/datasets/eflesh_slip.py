@@ -13,11 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.core.contract import GRASP, RISKY_SLIP, SITUATIONS, FloatArray
-from holdfast.core.errors import LabelError
 from holdfast.core.hand_card import read_hand_card
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.datasets.public_files import (
-    COPY_AGAIN,
     join_trials,
     offered_channels,
     read_arrays,
@@ -48,22 +46,12 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
 
     Task "situations": windows of 6 rows side by side in the last second, grasp (held) or risky_slip
     (tugged). A group is a block of six neighbouring trials.
-    Raises DataNotFound, ColumnError, NotANumber, LabelError or ChannelError.
+    Raises ChannelError.
     """
     offered = {18: SIX_MAGNETOMETERS, 30: range(10)}
     columns = offered_channels("eflesh_slip", channels, offered)
-    arrays = read_arrays(root / ARRAYS, {"X": (None, TRIAL_ROWS, 30), "y": (None,)})
-
-    tugged = arrays["y"]
-    binary = bool(np.isin(tugged, (0, 1)).all())
-    if not len(tugged) or len(tugged) != len(arrays["X"]) or not binary:
-        raise LabelError(
-            "y is not one 0 or 1 for each trial of X",
-            where=root / ARRAYS,
-            next_step=COPY_AGAIN,
-        )
-
-    raw = arrays["X"][:, :, columns].astype(np.float64)
+    field, tugged = read_arrays(root / ARRAYS, "X", "y")
+    raw = field[:, :, columns].astype(np.float64)
     row = np.arange(LAST_SECOND.start + WINDOW_ROWS - 1, LAST_SECOND.stop, WINDOW_ROWS)
 
     # One label stands for a whole trial, since the set stores no onset.

@@ -9,14 +9,12 @@ preparation, objects and windows are the thesis'.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from holdfast.core.contract import UNITS, Json
 from holdfast.core.errors import DataNotFound, LabelError, UnitError
-from holdfast.core.trial_file import Trial
 from holdfast.core.trial_layout import (
     DISCARDED,
     META,
@@ -33,7 +31,6 @@ from holdfast.training.datasets.trials import (
     TrialReader,
     refuse,
 )
-from holdfast.training.timeline import Phases, RiskyEvents, read_events, read_truth
 from holdfast.training.windows import TimedTrial
 
 KEPT = "kept"
@@ -132,35 +129,26 @@ def _reader(path: Path, meta: Json, root: Path, rate_hz: float | None) -> TrialR
 def _timed(
     place: TrialPlace, meta: Json, root: Path, rate_hz: float | None
 ) -> TimedTrial:
-    """A kept trial, read and labelled by its truth."""
+    """A kept trial, read and labelled by its truth. Raises LabelError without one."""
     folder = place.path.parent
-
-    quality = meta.get("quality")
-    recorded = quality.get("samples") if isinstance(quality, dict) else None
-    about = thesis.SetMeta(unit=meta["unit"])
-    timed = thesis.timed(place, root, about, phased, recorded, rate_hz)
-    trial_id = folder.name if folder == root else folder.relative_to(root).as_posix()
-    # The object is the one in meta.json; the folder may be called otherwise.
-    name = object_name(str(meta.get("object"))) if place.object_folder else None
-    recording = replace(
-        timed.recording, trial_id=trial_id, group=trial_id, object_name=name
-    )
-
-    # A pressed key is late by a reaction; a scene and a camera know the moment.
-    phases: Sequence[Json] = read_json(truth_path(place.path)).get("phases", [])
-    exact = any(str(phase.get("provenance")) in EXACT for phase in phases)
-    return replace(timed, recording=recording, timed=exact)
-
-
-def phased(trial: Trial) -> tuple[Phases, RiskyEvents]:
-    """Phases and risky events of the truth for a trial. Raises LabelError."""
-    truth = truth_path(trial.path)
+    truth = truth_path(place.path)
     if not truth.exists():
         raise LabelError(
             "a kept trial without its truth",
             where=truth,
             next_step="holdfast check --repair, or record again",
         )
-    if not read_json(truth).get("phases"):
-        return (), ()
-    return read_truth(truth, trial.t_s), read_events(truth)
+
+    recorded = (meta.get("quality") or {}).get("samples")
+    timed = thesis.timed(
+        place, root, thesis.SetMeta(unit=meta["unit"]), recorded, rate_hz
+    )
+    # The object is the one in meta.json; the folder may be called otherwise.
+    name = object_name(str(meta.get("object"))) if place.object_folder else None
+    trial_id = folder.name if folder == root else folder.relative_to(root).as_posix()
+    recording = replace(
+        timed.recording, trial_id=trial_id, group=trial_id, object_name=name
+    )
+    # A pressed key is late by a reaction; a scene and a camera know the moment.
+    exact = any(source in timed.labels_by.split(", ") for source in EXACT)
+    return replace(timed, recording=recording, timed=exact)

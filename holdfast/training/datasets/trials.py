@@ -35,17 +35,19 @@ from holdfast.core.errors import (
     UnitError,
     count_of,
 )
+from holdfast.core.hand_card import hand_or_usual
 from holdfast.core.trial_file import Trial
 from holdfast.core.trial_layout import (
+    HAND_FILE,
     META,
     SITUATION_OF_ACTION,
     UNSCRIPTED,
     plain_word,
     read_json,
+    truth_path,
 )
 from holdfast.export.spec import HISTORY_S
-from holdfast.training.recording import Recording, whole_history
-from holdfast.training.timeline import labels_end_s
+from holdfast.training.recording import DataSet, Recording, whole_history
 from holdfast.training.windows import TimedTrial
 
 EMPTY_HAND = "nothing"
@@ -112,18 +114,6 @@ class TrialReader:
 
     place: TrialPlace
     read: Callable[[], TimedTrial]
-
-
-def read_all(readers: Sequence[TrialReader], fault: Fault) -> list[TimedTrial | None]:
-    """The trials in their order, None for one that cannot be used. fault: gets its DataError."""
-    trials: list[TimedTrial | None] = []
-    for reader in readers:
-        try:
-            trials.append(reader.read())
-        except DataError as error:
-            fault(error)
-            trials.append(None)
-    return trials
 
 
 def has_thesis_layout(root: Path) -> bool:
@@ -263,7 +253,7 @@ class Missing:
 # -- what is refused
 
 
-def require_whole(trial: Trial, truth: Path, recorded: int | None) -> None:
+def require_whole(trial: Trial, labels_end_s: float, recorded: int | None) -> None:
     """Raise LabelError for labels after the last row, and EmptyRecording for rows that are missing.
 
     recorded: how many samples the recorder counted, None where that is not known.
@@ -276,13 +266,12 @@ def require_whole(trial: Trial, truth: Path, recorded: int | None) -> None:
             cause=TORN,
             next_step="copy the trial again, or move it out of the set",
         )
-    end_s = labels_end_s(truth)
-    if end_s > trial.t_s[-1] + AFTER_S:
+    if labels_end_s > trial.t_s[-1] + AFTER_S:
         raise LabelError(
-            f"labels reach {end_s:.2f} s, and the last row is at {trial.t_s[-1]:.2f} s",
+            f"labels reach {labels_end_s:.2f} s, and the last row is at {trial.t_s[-1]:.2f} s",
             where=trial.path,
             cause=TORN,
-            next_step=f"copy the trial again, or correct {truth.name}",
+            next_step=f"copy the trial again, or correct {truth_path(trial.path).name}",
         )
 
 
@@ -346,18 +335,34 @@ def doubts_of(
             yield Missing("doubt", recording.trial_id, what, step)
 
 
-def warn_of(trials: Sequence[TimedTrial]) -> None:
-    """A warning for each kind of doubt about trials, with the first trial that shows it."""
-    kinds: dict[str, list[Missing]] = {}
-    for doubt in doubts_of(trials):
-        kinds.setdefault(doubt.next_step, []).append(doubt)
-    for first, *others in kinds.values():
+def sides_unknown(data: DataSet, root: Path) -> Iterator[Missing]:
+    """A doubt where no card says on which side of the hand the sensors of a set are."""
+    if hand_or_usual(data.hand, data.n_sensors) is None:
+        what = f"{count_of(data.n_sensors, 'sensor')} and no hand card: pooled features take each "
+        what += "to be on the side of the fingers"
+        step = "write which are on the thumb's side (docs/scenes.md, hands)"
+        yield Missing("doubt", str(root / HAND_FILE), what, step)
+
+
+def warn_of(doubts: Iterable[Missing]) -> None:
+    """A warning for each kind of doubt, with the first that was met."""
+    for first, *others in in_kinds(doubts, lambda one: one.next_step):
         more = f" (and {len(others)} more like it)" if others else ""
         warnings.warn(
             f"{first.where}: {first.what}{more}; next: {first.next_step}",
             DoubtfulData,
             stacklevel=4,
         )
+
+
+def in_kinds(
+    found: Iterable[Missing], kind: Callable[[Missing], str]
+) -> list[list[Missing]]:
+    """Those of a kind together, in order of first sight."""
+    kinds: dict[str, list[Missing]] = {}
+    for one in found:
+        kinds.setdefault(kind(one), []).append(one)
+    return list(kinds.values())
 
 
 def _turned(trials: Sequence[TimedTrial]) -> Iterator[Missing]:
