@@ -118,7 +118,7 @@ class TrialReader:
 
 def has_thesis_layout(root: Path) -> bool:
     """Whether a folder, or that of a person in it, holds an `<object>/<action>/trial_<n>.csv`."""
-    return _has_trials(root) or bool(people_of(root))
+    return _has_actions(_trials(root, 2)) or bool(people_of(root))
 
 
 def people_of(root: Path) -> list[Path]:
@@ -126,15 +126,15 @@ def people_of(root: Path) -> list[Path]:
 
     A folder that is a set itself is no person's.
     """
-    folders = []
-    for folder in _folders(root):
+    trials = {}
+    for folder in sorted(root.glob("*/")):
         if not KEYS_OF_A_SET & read_json(folder / META).keys():
-            folders.append(folder)
+            trials[folder] = _trials(folder, 2)
 
     # Only names of actions show that a level of folders is people and not objects.
-    if not any(map(_has_trials, folders)):
+    if not any(map(_has_actions, trials.values())):
         return []
-    return [folder for folder in folders if _trials_in(folder)]
+    return [folder for folder, paths in trials.items() if paths]
 
 
 def places(root: Path, fault: Fault = refuse) -> Iterator[TrialPlace]:
@@ -149,31 +149,41 @@ def places(root: Path, fault: Fault = refuse) -> Iterator[TrialPlace]:
         if not people:
             yield place
         elif place.object_folder is None or place.action != EMPTY_HAND:
-            fault(_without_a_person(place, root))
+            within = place.path.relative_to(root).as_posix()
+            error = LabelError(
+                "a trial without a person, in a set with folders of people",
+                where=place.path,
+                cause="trials of the hand alone belong to a person too",
+                next_step=f"move it to {root.name}/<person>/{within}",
+            )
+            fault(error)
         elif place.object_folder not in people:
             # `p03/nothing/trial_1.csv` of a person without any other trial
             yield TrialPlace(place.path, person=place.object_folder.name)
 
 
-def _of_one_hand(root: Path, person: str | None, fault: Fault) -> Iterator[TrialPlace]:
+def _of_one_hand(home: Path, person: str | None, fault: Fault) -> Iterator[TrialPlace]:
     """The trials of one person, or of a folder without people, by object and action."""
-    for folder in _folders(root):
-        if plain_word(folder.name) == EMPTY_HAND:
-            for path in _numbered(folder):
+    for path in sorted(_trials(home, 1) + _trials(home, 2), key=_order):
+        folder = path.parent
+        if folder.parent == home:
+            if plain_word(folder.name) == EMPTY_HAND:
                 yield TrialPlace(path, person=person)
-            continue
-
-        for action_folder in _folders(folder):
-            action = action_of(action_folder.name)
-            trials = _numbered(action_folder)
-            if action is None and trials:
-                fault(_not_an_action(action_folder))
+        elif plain_word(folder.parent.name) != EMPTY_HAND:
+            action = action_of(folder.name)
             if action is not None:
-                for path in trials:
-                    yield TrialPlace(path, folder, action, person)
+                yield TrialPlace(path, folder.parent, action, person)
+                continue
+            known = ", ".join(FOLDERS)
+            error = LabelError(
+                f"{folder.name!r} is not an action",
+                where=folder,
+                next_step=f"name the folder one of {known}, or move it out of the set",
+            )
+            fault(error)
 
-    if (root / f"{EMPTY_HAND}.csv").is_file():
-        yield TrialPlace(root / f"{EMPTY_HAND}.csv", person=person)
+    if (home / f"{EMPTY_HAND}.csv").is_file():
+        yield TrialPlace(home / f"{EMPTY_HAND}.csv", person=person)
 
 
 def action_of(name: str) -> str | None:
@@ -182,53 +192,19 @@ def action_of(name: str) -> str | None:
     return known.get(plain_word(name))
 
 
-def _has_trials(root: Path) -> bool:
-    """Whether a folder holds `<object>/<action>/trial_<n>.csv` with a known action."""
-    return any(action_of(path.parent.name) for path in _trials_in(root))
+def _has_actions(trials: Iterable[Path]) -> bool:
+    return any(action_of(path.parent.name) for path in trials)
 
 
-def _trials_in(root: Path) -> list[Path]:
-    """Files two folders below that are named as trials are, whatever the folders are called."""
-    paths = root.glob("*/*/trial_*.csv")
+def _trials(home: Path, depth: int) -> list[Path]:
+    """Files so many folders below that are named as trials are, whatever the folders are called."""
+    paths = home.glob("*/" * depth + "trial_*.csv")
     return [path for path in paths if TRIAL_NAME.fullmatch(path.name)]
 
 
-def _folders(root: Path) -> list[Path]:
-    """The folders in a folder, by name; none where it is no folder."""
-    if not root.is_dir():
-        return []
-    return sorted(path for path in root.iterdir() if path.is_dir())
-
-
-def _numbered(folder: Path) -> list[Path]:
-    """The trials in a folder, by number."""
+def _order(path: Path) -> tuple[Path, int, Path]:
     # By number and not by name, where trial_10 would come before trial_2.
-    numbers = {}
-    for path in folder.iterdir():
-        match = TRIAL_NAME.fullmatch(path.name)
-        if match:
-            numbers[path] = int(match[1])
-
-    return sorted(numbers, key=lambda path: (numbers[path], path))
-
-
-def _not_an_action(folder: Path) -> LabelError:
-    """The error for a folder with trials in it that is named after no action."""
-    return LabelError(
-        f"{folder.name!r} is not an action",
-        where=folder,
-        next_step=f"name the folder one of {', '.join(FOLDERS)}, or move it out of the set",
-    )
-
-
-def _without_a_person(place: TrialPlace, root: Path) -> LabelError:
-    """The error for a trial outside all folders of people, where there are such folders."""
-    return LabelError(
-        "a trial without a person, in a set with folders of people",
-        where=place.path,
-        cause="trials of the hand alone belong to a person too",
-        next_step=f"move it to {root.name}/<person>/{place.path.relative_to(root).as_posix()}",
-    )
+    return path.parent, int(path.stem.removeprefix("trial_")), path
 
 
 class DoubtfulData(UserWarning):
