@@ -29,12 +29,15 @@ from holdfast.export.history import LAGS_S
 from holdfast.export.learner import Learner, reference_votes
 from holdfast.export.pooled import side_matrix
 from holdfast.export.spec import StepSpec
-from holdfast.training.crossval import HeldOut, fit_learner, main_task, uncalibrated
-from holdfast.training.featurise import (
+from holdfast.training.crossval import (
     FloatRows,
-    features_everywhere,
+    HeldOut,
+    features_at,
     features_of,
+    fit_learner,
+    main_task,
     spec_for,
+    uncalibrated,
 )
 from holdfast.training.fitting import held_out_figures
 from holdfast.training.recording import DataSet, Recording, assign_groups
@@ -136,7 +139,7 @@ def _on_people(
     """
     spec = points[0].spec(data)
     windows = features_of(data, spec)["situations"]
-    everywhere = features_everywhere(data, spec)
+    everywhere = features_at(data, spec, _every_row(data))
     groups = data.group_of("situations")
     folds = assign_groups(groups, FOLDS)
     fold_of_window = np.array([folds[str(group)] for group in groups])
@@ -170,12 +173,16 @@ def _on_people(
     return found
 
 
+def _every_row(data: DataSet) -> list[IntArray]:
+    return [np.arange(len(recording.samples)) for recording in data.recordings]
+
+
 def _votes(learners: dict[Point, Learner], data: DataSet) -> dict[Point, Votes]:
     """What learners of the same features vote at every sample; features are computed once."""
     if not learners:
         return {}
     spec = next(iter(learners)).spec(data)
-    each = features_everywhere(data, spec)
+    each = features_at(data, spec, _every_row(data))
     n_classes = len(data.tasks["classes"].classes)
     votes = {}
     for point, learner in learners.items():

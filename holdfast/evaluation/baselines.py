@@ -55,8 +55,13 @@ from holdfast.export.detectors import detector_names
 from holdfast.export.features import add_features_alone
 from holdfast.export.heads import Head, add_heads
 from holdfast.export.spec import StepSpec
-from holdfast.training.crossval import fit_learner, main_task, uncalibrated
-from holdfast.training.featurise import features_of, spec_for
+from holdfast.training.crossval import (
+    features_of,
+    fit_learner,
+    main_task,
+    spec_for,
+    uncalibrated,
+)
 from holdfast.training.plan import RAW_BASELINE
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import DataSet, Recording

@@ -23,7 +23,7 @@ from holdfast.edge_runtime.monitor import require_fit
 from holdfast.evaluation.alarms import Answers
 from holdfast.export.heads import riskier_argmax
 from holdfast.export.network import IntArray
-from holdfast.training.featurise import pick_rows, stepped
+from holdfast.training.crossval import pick_rows, stepped
 from holdfast.training.fitting import fingerprint
 from holdfast.training.metrics import HeadFigures, report
 from holdfast.training.plan import TASK_HEADS

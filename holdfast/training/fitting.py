@@ -29,16 +29,18 @@ from holdfast.export.artifact import (
 )
 from holdfast.export.heads import Head
 from holdfast.training.crossval import (
+    FloatRows,
     HeldOut,
     cross_validate,
+    features_of,
     fit_calibration,
     fit_learner,
     main_task,
+    spec_for,
     with_even_classes,
 )
 from holdfast.training.datasets import find, join, load
 from holdfast.training.datasets.trials import sides_unknown, warn_of
-from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.fixture import write_fixture
 from holdfast.training.judging import (
     CurvePoint,

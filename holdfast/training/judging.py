@@ -13,12 +13,12 @@ import numpy as np
 
 from holdfast.core.errors import TooFewGroups
 from holdfast.training.crossval import (
+    FloatRows,
     HeldOut,
     answer_fold,
     main_task,
     splits_of,
 )
-from holdfast.training.featurise import FloatRows
 from holdfast.training.metrics import HeadFigures, Interval
 from holdfast.training.plan import TrainingPlan
 from holdfast.training.progress import Say, ignored

@@ -25,7 +25,7 @@ from holdfast.core.contract import (
     FloatArray,
 )
 from holdfast.export.pooled import side_matrix
-from holdfast.training.featurise import spec_for
+from holdfast.training.crossval import spec_for
 from holdfast.training.plan import POOLED_GROUPS
 from holdfast.training.recording import DataSet, LabelledRows, Recording
 

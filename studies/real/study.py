@@ -27,8 +27,13 @@ from holdfast.export.exporting import export_artifact
 from holdfast.export.heads import riskier_argmax
 from holdfast.export.learner import reference_votes
 from holdfast.export.network import IntArray
-from holdfast.training.crossval import HeldOut, fit_learner
-from holdfast.training.featurise import FloatRows, features_of, spec_for
+from holdfast.training.crossval import (
+    FloatRows,
+    HeldOut,
+    features_of,
+    fit_learner,
+    spec_for,
+)
 from holdfast.training.fitting import final_artifact, versions
 from holdfast.training.metrics import HeadFigures, report
 from holdfast.training.plan import RAW_BASELINE, TrainingPlan

@@ -17,9 +17,16 @@ from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.model_outputs import WindowFigures
 from holdfast.evaluation.provenance import host
 from holdfast.export.verify import ExportReport
-from holdfast.training.crossval import HeldOut, answer_fold, cross_validate, splits_of
+from holdfast.training.crossval import (
+    FloatRows,
+    HeldOut,
+    answer_fold,
+    cross_validate,
+    features_of,
+    spec_for,
+    splits_of,
+)
 from holdfast.training.datasets import load
-from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.fitting import held_out_figures, versions
 from holdfast.training.plan import (
     ForestPlan,
