@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     """Measure, write latency.json, print the tables."""
     from holdfast.core.writing import require_writable
     from holdfast.edge_runtime.model import Model
-    from holdfast.evaluation.provenance import table_lines, write_measured
+    from holdfast.evaluation.formats import table_lines, write_measured
     from holdfast.live.bench import BenchRequest, figures_of
     from holdfast.live.running import say
 
@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
         )
         figures = figures_of(request)
 
-    written = write_measured(args.out, "latency", "time on this machine", figures, None)
+    written = write_measured(args.out, "latency", "time on this machine", figures)
     if args.json != STDOUT:
         show("\n".join([*table_lines(figures), *written]))
     write_found(args, {"latency": figures})

@@ -180,10 +180,10 @@ def _picture(out: Path) -> list[str]:
     from holdfast.training.datasets.thesis import readers
 
     try:
-        from holdfast.evaluation.pictures import recording
+        from holdfast.evaluation.pictures import trial
 
         first = readers(out)[0].read().recording
     except (LibraryMissing, DataError):
         return []
-    write_whole(out / PICTURE, recording(first, "imported"))
+    write_whole(out / PICTURE, trial(first, "imported"))
     return [f"picture of {first.trial_id}: {out / PICTURE}"]

@@ -107,8 +107,13 @@ def _source(args: argparse.Namespace) -> FrameSource:
     from holdfast.drivers.camera.sources import OAK, Oak, read_frames
     from holdfast.sessions.camera import CameraOptions
 
-    options = CameraOptions(args.camera, args.tag_mm, args.fps, args.exposure_ms)
-    options.require_usable()
+    options = CameraOptions(
+        camera=args.camera,
+        tag_mm=args.tag_mm,
+        fps=args.fps,
+        exposure_ms=args.exposure_ms,
+    )
+    options.require_camera()
     if args.camera == OAK:
         lens = Lens(**options.shooting(), clock="monotonic")
         return Oak(lens, args.seconds)

@@ -239,8 +239,18 @@ def choose_confidence(
 
 
 @dataclass(frozen=True)
-class EventScores:
-    """Alarms of many streams against their events; intervals are over groups.
+class AlarmRates:
+    """Share of the events that were detected, and false alarms a minute; intervals over groups."""
+
+    recall: float | None
+    recall_ci: Interval | None
+    false_per_min: float | None
+    false_per_min_ci: Interval | None
+
+
+@dataclass(frozen=True)
+class EventScores(AlarmRates):
+    """Alarms of many streams against their events.
 
     already_on: events missed because the hand acted before them. delay_ms: load onset to alarm.
     lead_ms: alarm to gross slip. available_ms: load onset to gross slip. lead_used: share of that
@@ -254,10 +264,6 @@ class EventScores:
     already_on: int
     minutes: float
     false_alarms: int
-    recall: float | None
-    recall_ci: Interval | None
-    false_per_min: float | None
-    false_per_min_ci: Interval | None
     false_per_hour: float | None
     delay_ms: Spread | None
     lead_ms: Spread | None

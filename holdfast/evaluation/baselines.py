@@ -10,6 +10,7 @@ false alarms: the first setting with no more of them.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -284,23 +285,18 @@ def matched(
     """
     requests = baseline.on(recordings)
 
-    def rate_at(place: int) -> float:
-        return false_per_min(recordings, requests(baseline.settings[place]))
+    def rate_at(setting: float) -> float:
+        return false_per_min(recordings, requests(setting))
 
-    low = 0
-    high = len(baseline.settings) - 1
-    while low < high:
-        # A setting that is quiet enough may still be the one, so `high` stays on it.
-        middle = (low + high) // 2
-        if rate_at(middle) <= most_false_per_min:
-            high = middle
-        else:
-            low = middle + 1
-
+    *others, last = baseline.settings
+    place = bisect_left(
+        others, True, key=lambda setting: rate_at(setting) <= most_false_per_min
+    )
+    setting = [*others, last][place]
     # Also of the least sensitive setting, which may still be above what is allowed.
-    rate = rate_at(low)
+    rate = rate_at(setting)
     fits = rate <= most_false_per_min
-    return MatchedBaseline(baseline.name, baseline.settings[low], rate, fits)
+    return MatchedBaseline(baseline.name, setting, rate, fits)
 
 
 @dataclass(frozen=True)

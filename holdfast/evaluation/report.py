@@ -24,7 +24,6 @@ from holdfast.evaluation.formats import (
 )
 from holdfast.evaluation.methods import MethodFigures
 from holdfast.evaluation.model_outputs import WindowFigures
-from holdfast.evaluation.pictures import trial
 from holdfast.evaluation.scored_set import Evaluation
 from holdfast.evaluation.style import labelled, svg, write_page
 from holdfast.evaluation.trials import AnsweredTrial, LabelledTrial, central_trial
@@ -49,7 +48,7 @@ RISKY = SITUATIONS[RISKY_SLIP]
 
 def evaluation_lines(of: Evaluation) -> list[str]:
     """The figures as lines for people, with the caveats that belong to them."""
-    not_learned = of.model.cannot_tell
+    not_learned = of.model.not_learned
     lines: list[str] = []
     for one in of.sets.values():
         lines += _windows_in_words(one.windows, not_learned)
@@ -180,11 +179,15 @@ def write_event_report(path: Path, evaluation: Evaluation) -> Path:
         timelines={
             title: draw.timelines(rows, kind) for title, rows in of.drawn.items()
         },
-        central_picture=draw.trial(of.central, kind) if of.central else "",
+        central_picture=_drawn(of.central, kind),
         distributions=draw.distributions(of.times, kind),
         calibration=_calibration(of, kind),
         onsets_in_words=onsets_in_words,
     )
+
+
+def _drawn(central: AnsweredTrial | None, kind: str) -> str:
+    return draw.trial(central.trial.recording, kind, central) if central else ""
 
 
 def kind_of(of: Evaluation) -> str:
@@ -246,7 +249,7 @@ def write_training_report(
         n_groups=n_groups,
         curve=curve,
         central=central,
-        central_picture=trial(central, data.kind) if central else "",
+        central_picture=_drawn(central, data.kind),
         points=points,
         gain=per_doubling(points),
         artifact=artifact,

@@ -234,22 +234,6 @@ def _card(
     )
 
 
-@dataclass(frozen=True)
-class EvaluatedModel:
-    """The model file that was evaluated.
-
-    trained_on: None where its card does not say. cannot_tell: what its data did not show, with the
-    reason.
-    """
-
-    model_id: str
-    rate_hz: float
-    unit: str
-    votes_for: list[str]
-    trained_on: str | None
-    cannot_tell: dict[str, str]
-
-
 class Times(NamedTuple):
     """Times of a set's events: load onset to the first risky state, ms, and those of the alarms."""
 
@@ -259,12 +243,12 @@ class Times(NamedTuple):
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Everything the report shows. rows, mcnemar: of all sets together.
+    """Everything the report shows. rows, mcnemar: of all sets together. model: its card.
 
     thresholds: of the first set where each set has its own. drawn, times, central: of pictures.
     """
 
-    model: EvaluatedModel
+    model: ModelCard
     thresholds: Thresholds
     seed: int
     sets: dict[str, SetFigures]
@@ -281,8 +265,17 @@ class Evaluation:
         if len(self.sets) == 1:
             top = next(iter(self.sets.values())).windows.to_json()
 
+        # trained_on: None where its card does not say.
+        model = {
+            "model_id": self.model.model_id,
+            "rate_hz": self.model.rate_hz,
+            "unit": self.model.unit,
+            "votes_for": list(self.model.classes),
+            "trained_on": self.model.raw["training"].get("data"),
+            "cannot_tell": self.model.not_learned,
+        }
         return top | {
-            "model": asdict(self.model),
+            "model": model,
             "thresholds": self.thresholds.to_json(),
             "seed": self.seed,
             "sets": {name: one.to_json() for name, one in self.sets.items()},
@@ -313,17 +306,8 @@ def all_sets(
             of_events = event_times([outcome.match for outcome in headline])
             times[name] = Times(one.to_state_ms, of_events)
 
-    model = EvaluatedModel(
-        model_id=card.model_id,
-        rate_hz=card.rate_hz,
-        unit=card.unit,
-        votes_for=list(card.classes),
-        trained_on=card.raw["training"].get("data"),
-        cannot_tell=card.not_learned,
-    )
-
     return Evaluation(
-        model=model,
+        model=card,
         thresholds=thresholds,
         seed=seed,
         sets={name: one.figures for name, one in scored.items()},

@@ -242,7 +242,6 @@ def confusion(
         labelled.label,
         answered,
         labelled.group,
-        classes=SITUATIONS,
         not_learned=not_learned,
         seed=seed,
     )

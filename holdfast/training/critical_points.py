@@ -22,7 +22,7 @@ import numpy as np
 from holdfast.core.contract import NORMAL_AXIS, BoolArray, FloatArray, IntArray
 from holdfast.export.detectors import sections
 from holdfast.export.spec import bands_for
-from holdfast.training.recording import Recording
+from holdfast.training.recording import Recording, runs_of
 
 PointMethod = Literal["band-pass", "friction", "both"]
 
@@ -110,10 +110,7 @@ def band_pass_rows(samples: FloatArray, rate_hz: float) -> IntArray:
 
 def _fresh_edges(above: BoolArray, quiet: int) -> IntArray:
     """First rows of the excursions that begin at least `quiet` rows after the one before ended."""
-    change = np.diff(above.astype(np.int8), prepend=0, append=0)
-    starts = np.flatnonzero(change == 1)
-    stops = np.flatnonzero(change == -1)
-
+    starts, stops = runs_of(above)
     # The bank rings on: an excursion right after another is the same event.
     fresh = np.ones(len(starts), dtype=np.bool_)
     pauses = starts[1:] - stops[:-1]

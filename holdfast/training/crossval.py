@@ -271,15 +271,13 @@ def answer_fold(
 
     The arguments are those of `cross_validate`; split: one of `splits_of`.
     """
-    held = {}
-    votes = {}
-    learners = {}
+    answers = FoldAnswers({}, {}, {})
     for task, (train, test) in split.items():
         learner = fit_learner(data, features[task], plan, task, train, seed)
         n_classes = len(data.tasks[task].classes)
-        votes[task] = reference_votes(learner, features[task][test], n_classes)
-        held[task], learners[task] = test, learner
-    return FoldAnswers(held, votes, learners)
+        answers.votes[task] = reference_votes(learner, features[task][test], n_classes)
+        answers.rows[task], answers.learners[task] = test, learner
+    return answers
 
 
 def main_task(data: DataSet) -> str:

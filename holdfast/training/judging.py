@@ -153,21 +153,24 @@ def learning_curve(
     # The prediction ahead is not drawn, so it is not trained again.
     main = main_task(data)
     one_task = replace(data, tasks={main: data.tasks[main]})
+    label = one_task.tasks[main].label
     # By groups: with few of them two shares are the same, and the largest may be the whole.
     points: dict[float, CurvePoint] = {}
-    for share in SHARES:
-        say(f"learning curve: {share:.0%} of the training data")
+    for share in (*SHARES, 1.0):
         folds = _cut(one_task, plan, share, seed)
-        if _all_classes(one_task, folds):
+        figures = whole
+        if share < 1.0:
+            fewest = min(len(np.unique(label[train])) for train, _ in folds)
+            if fewest < len(np.unique(label)):
+                continue
+            say(f"learning curve: {share:.0%} of the training data")
             answers = []
             for fold in folds:
                 split = {main: fold}
                 answers.append(answer_fold(one_task, features, plan, split, seed))
             figures = figures_of(one_task, HeldOut.of(one_task, answers), seed)
-            point = _point(one_task, folds, figures)
-            points[point.n_groups] = point
-    every = _point(one_task, _cut(one_task, plan, 1.0, seed), whole)
-    points[every.n_groups] = every
+        point = _point(one_task, folds, figures)
+        points[point.n_groups] = point
     return list(points.values()) if len(points) > 1 else []
 
 
@@ -186,23 +189,19 @@ def per_doubling(points: Sequence[CurvePoint]) -> float | None:
 
 
 def _cut(data: DataSet, plan: TrainingPlan, share: float, seed: int) -> list[Fold]:
-    """The folds of the main task, with this share of their training groups."""
+    """The folds of the main task, with this share of their training groups, one at least.
+
+    A larger share has all groups of a smaller one.
+    """
     main = main_task(data)
     groups = data.group_of(main)
     folds = []
     for split in splits_of(data, plan, seed):
         train, test = split[main]
-        kept = _some(groups[train].tolist(), share, seed)
-        fewer = train[np.isin(groups[train], kept)]
-        folds.append((fewer, test))
+        names = np.random.default_rng(seed).permutation(np.unique(groups[train]))
+        kept = names[: max(1, round(share * len(names)))]
+        folds.append((train[np.isin(groups[train], kept)], test))
     return folds
-
-
-def _all_classes(data: DataSet, folds: Sequence[Fold]) -> bool:
-    """Whether every fold can be trained on all classes."""
-    label = data.tasks[main_task(data)].label
-    classes = np.unique(label)
-    return all(np.array_equal(np.unique(label[train]), classes) for train, _ in folds)
 
 
 def _point(data: DataSet, folds: Sequence[Fold], figures: HeadFigures) -> CurvePoint:
@@ -213,10 +212,3 @@ def _point(data: DataSet, folds: Sequence[Fold], figures: HeadFigures) -> CurveP
     n_groups, n_trials = np.mean(sizes, axis=0).tolist()
     of = figures.situations
     return CurvePoint(n_groups, n_trials, of.macro_f1, of.macro_f1_ci)
-
-
-def _some(groups: Sequence[str], share: float, seed: int) -> list[str]:
-    """This share of the groups, one at least; a larger share has all those of a smaller one."""
-    names = sorted(set(groups))
-    shuffled = np.random.default_rng(seed).permutation(names).tolist()
-    return shuffled[: max(1, round(share * len(names)))]

@@ -145,28 +145,28 @@ def situation_scores(
     predicted: Labels,
     groups: npt.ArrayLike,
     *,
-    classes: tuple[str, ...] = SITUATIONS,
     not_learned: Collection[str] = (),
     n_draws: int = N_DRAWS,
     seed: int = 0,
 ) -> SituationFigures:
-    """F1 by class, its mean and their intervals, from labels [M], [M] and groups [M].
+    """F1 by situation, its mean and their intervals, from labels [M], [M] and groups [M].
 
-    not_learned: classes without a figure, because the model cannot answer them; what it says in
+    not_learned: situations without a figure, because the model cannot answer them; what it says in
     their place still counts against the others.
-    A prediction of len(classes) means "unknown": an answer withheld, which misses what was there.
+    A prediction of len(SITUATIONS) means "unknown": an answer withheld, which misses what was
+    there.
     Raises LabelError for any other number: -1, the decision's own "unknown", would silently count
     as another class' answer.
     """
-    f1, f1_draws = f1_and_draws(truth, predicted, groups, len(classes), n_draws, seed)
-    for k, name in enumerate(classes):
+    f1, f1_draws = f1_and_draws(
+        truth, predicted, groups, len(SITUATIONS), n_draws, seed
+    )
+    figures: dict[str, float | None] = {}
+    intervals: dict[str, Interval | None] = {}
+    for k, name in enumerate(SITUATIONS):
         if name in not_learned:
             f1[k] = np.nan
             f1_draws[:, k] = np.nan
-
-    figures: dict[str, float | None] = {}
-    intervals: dict[str, Interval | None] = {}
-    for k, name in enumerate(classes):
         figures[name] = _value(f1[k])
         intervals[name] = interval_of(f1_draws[:, k])
 
@@ -301,10 +301,15 @@ def rank(truth: Labels, score: FloatArray) -> Ranking:
     falling = score[order]
 
     # Equal scores are one step of the curve, whatever the order of their rows.
-    starts = np.ones(len(falling), dtype=np.bool_)
-    starts[1:] = falling[1:] != falling[:-1]
     positive = np.asarray(truth)[order] == 1
-    return Ranking(order, np.flatnonzero(starts), positive)
+    return Ranking(order, run_starts(falling), positive)
+
+
+def run_starts(values: npt.NDArray[Any]) -> IntArray:
+    """[K] where each run of equal values [M] begins."""
+    begins = np.ones(len(values), dtype=np.bool_)
+    begins[1:] = values[1:] != values[:-1]
+    return np.flatnonzero(begins)
 
 
 @lru_cache(maxsize=4)
@@ -336,11 +341,8 @@ def _require_labels(labels: npt.ArrayLike, n: int, what: str) -> None:
 def _codes(groups: npt.ArrayLike) -> IntArray:
     """[M] number of each row's group, in order of the names; sorts one name a run of equal ones."""
     names = np.asarray(groups, dtype=str)
-    changes = np.ones(len(names), dtype=np.bool_)
-    changes[1:] = names[1:] != names[:-1]
-
     # Windows of a group stand in runs, and sorting long texts takes longer than sorting numbers.
-    starts = np.flatnonzero(changes)
+    starts = run_starts(names)
     code = np.unique(names[starts], return_inverse=True)[1].astype(np.int64)
     return np.repeat(code, np.diff(np.append(starts, len(names))))
 
@@ -395,10 +397,8 @@ def over(f1: Mapping[str, float | None]) -> str:
         return ""
 
     # Without this note a mean over three classes would be read as one over four.
-    present = [
-        name.replace("_", " ") for name, value in f1.items() if value is not None
-    ]
-    return f"over {', '.join(present) or 'no class'} alone"
+    present = ", ".join(name for name, value in f1.items() if value is not None)
+    return f"over {present.replace('_', ' ') or 'no class'} alone"
 
 
 def situation_lines(

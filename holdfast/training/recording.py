@@ -85,9 +85,15 @@ def whole_history(recording: Recording) -> BoolArray:
 
 def lost_spans(valid: BoolArray) -> list[tuple[int, int]]:
     """[first, stop) rows of every run in which no sensor [T, S] is valid."""
-    lost = ~valid.any(axis=1)
-    edges = np.flatnonzero(np.diff(lost.astype(np.int8), prepend=0, append=0))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+    firsts, stops = runs_of(~valid.any(axis=1))
+    return list(zip(firsts.tolist(), stops.tolist(), strict=True))
+
+
+def runs_of(flags: BoolArray) -> tuple[IntArray, IntArray]:
+    """First rows of the runs of flags [T], and the rows after their last."""
+    # A zero on both sides makes a run at either end begin and stop like any other.
+    edges = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0))
+    return edges[::2], edges[1::2]
 
 
 @dataclass(frozen=True)
@@ -120,17 +126,11 @@ class LabelledRows:
     @staticmethod
     def concatenated(parts: Sequence[LabelledRows]) -> LabelledRows:
         """The windows of all parts, one after the other, with the classes of the first."""
-        trials, rows, labels = [], [], []
-        for part in parts:
-            trials.append(part.trial)
-            rows.append(part.row)
-            labels.append(part.label)
-        return LabelledRows(
-            trial=np.concatenate(trials),
-            row=np.concatenate(rows).astype(np.int64),
-            label=np.concatenate(labels).astype(np.int64),
-            classes=parts[0].classes,
-        )
+        joined = []
+        for name in ("trial", "row", "label"):
+            values = np.concatenate([getattr(part, name) for part in parts])
+            joined.append(values.astype(np.int64))
+        return LabelledRows(*joined, parts[0].classes)
 
     def of_situations(self) -> LabelledRows:
         """The same windows labelled with the four situations, from these or the eight classes."""
@@ -208,12 +208,8 @@ class DataSet:
 
     def of_groups(self, names: Collection[str]) -> DataSet:
         """The part of the set that these people (or blocks) recorded; the set's rate stays."""
-        index, kept = [], []
-        for k, recording in enumerate(self.recordings):
-            if recording.group in names:
-                index.append(k)
-                kept.append(recording)
-
+        index = [k for k, one in enumerate(self.recordings) if one.group in names]
+        kept = [self.recordings[k] for k in index]
         tasks = {task: rows.of_trials(index) for task, rows in self.tasks.items()}
         return replace(self, recordings=kept, tasks=tasks)
 
@@ -282,12 +278,10 @@ def cannot_tell(data: DataSet, *, by_force: bool) -> dict[str, str]:
 
 def _of_one_weight(rows: LabelledRows) -> bool:
     """Whether a situation with contact occurs with light objects or with heavy ones alone."""
-    counts = list(rows.class_counts().values())
-    for situation in range(NOTHING + 1, len(SITUATIONS)):
-        light, heavy = counts[2 * situation : 2 * situation + 2]
-        if (light == 0) != (heavy == 0):
-            return True
-    return False
+    # rows: situations; columns: light, heavy
+    counts = np.reshape(list(rows.class_counts().values()), (-1, 2))
+    held = counts[NOTHING + 1 :] > 0
+    return bool(np.any(held[:, 0] != held[:, 1]))
 
 
 Fold = tuple[IntArray, IntArray]
@@ -329,9 +323,8 @@ def assign_groups(
 
 def folds_of(groups: npt.ArrayLike, assignment: dict[str, int]) -> list[Fold]:
     """Training and test rows of every fold, for windows of these groups [M]."""
-    names, place = np.unique(np.asarray(groups, dtype=str), return_inverse=True)
-    folds = np.array([assignment[name] for name in names.tolist()], dtype=np.int64)
-    fold = folds[place]
+    names = np.asarray(groups, dtype=str).tolist()
+    fold = np.array([assignment[name] for name in names], dtype=np.int64)
     numbers = sorted(set(assignment.values()))
     return [(np.flatnonzero(fold != k), np.flatnonzero(fold == k)) for k in numbers]
 
@@ -355,14 +348,13 @@ def regrouped(data: DataSet, by: HoldOut) -> DataSet:
     """The same set held out by something else. Raises TooFewGroups with less than two groups."""
     recordings = _grouped_by(data.recordings, by)
     regrouped_set = replace(data, recordings=recordings, group_kind=by)
+    why_not = f"one {by} alone" if len(regrouped_set.groups()) < 2 else ""
     # A recording without a person could be of one on the other side of a split.
-    unnamed = [one for one in data.recordings if by == "person" and not one.person]
-    why_not = ""
-    if unnamed:
-        some = len(unnamed) < len(data.recordings)
-        why_not = "some trials name no person" if some else "the set names no people"
-    elif len(regrouped_set.groups()) < 2:
-        why_not = f"one {by} alone"
+    people = [one.person for one in data.recordings]
+    if by == "person" and not all(people):
+        why_not = "some trials name no person"
+        if not any(people):
+            why_not = "the set names no people"
     if why_not:
         raise TooFewGroups(
             f"the recordings cannot be held out by {by}",

@@ -167,8 +167,8 @@ def undersample(windows: pd.DataFrame, seed: int) -> pd.DataFrame:
     ones share the rest. The same seed draws the same windows; order is by trial and row. A class
     that does not occur has none.
     """
-    order = np.random.default_rng(seed).permutation(len(windows))
-    shuffled = windows.assign(_draw=order)
+    draw = np.random.default_rng(seed).permutation(len(windows))
+    shuffled = windows.assign(_draw=draw)
     # The turn of a window is its place in its cell: all firsts come before all seconds.
     turn = shuffled.groupby(["label", *STRATA])["_draw"].rank()
     dealt = shuffled.assign(_turn=turn).sort_values(["_turn", "_draw"])

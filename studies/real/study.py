@@ -19,9 +19,8 @@ import numpy as np
 
 from holdfast.cli.options import add_job_options, chosen_workers
 from holdfast.core.writing import require_writable
-from holdfast.evaluation.formats import interval, number
+from holdfast.evaluation.formats import host, interval, number
 from holdfast.evaluation.jobs import Workers
-from holdfast.evaluation.provenance import host
 from holdfast.export.artifact import Artifact, write_artifact
 from holdfast.export.exporting import export_artifact
 from holdfast.export.heads import riskier_argmax

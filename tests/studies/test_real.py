@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from page_tables import filled
 
+from holdfast.evaluation.formats import host
 from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.model_outputs import WindowFigures
-from holdfast.evaluation.provenance import host
 from holdfast.export.verify import ExportReport
 from holdfast.training.crossval import (
     FloatRows,

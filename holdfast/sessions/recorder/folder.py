@@ -26,7 +26,7 @@ from holdfast.core.tactile_file import RepairResult, repair_lines, repair_table
 from holdfast.core.trial_layout import DISCARDED, EVENTS, HAND_FILE, META, TACTILE
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.sessions.recorder.labels import read_meta
-from holdfast.sessions.recorder.protocol import NOTHING, Task
+from holdfast.sessions.recorder.plan import NOTHING, Task
 
 FORMAT = 1
 """Version of the layout, in every meta.json."""

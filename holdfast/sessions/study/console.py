@@ -5,8 +5,7 @@ from __future__ import annotations
 from enum import StrEnum
 
 from holdfast.core.errors import visible
-from holdfast.sessions.recorder.keys import ESCAPE
-from holdfast.sessions.recorder.session import RunContext
+from holdfast.sessions.recorder.terminal import ESCAPE, RunContext
 
 
 class Key(StrEnum):

@@ -37,7 +37,7 @@ import msgspec
 
 from holdfast.core.errors import CardError, DataNotFound
 from holdfast.core.schema import checked, read, text_of
-from holdfast.sessions.recorder.protocol import (
+from holdfast.sessions.recorder.plan import (
     Mass,
     Protocol,
     Task,

@@ -26,6 +26,7 @@ from holdfast.core.errors import (
     UsageError,
     command,
 )
+from holdfast.core.hand_card import read_hand_card
 from holdfast.core.trial_layout import (
     HAND_FILE,
     META,
@@ -34,7 +35,7 @@ from holdfast.core.trial_layout import (
     import_command,
     read_json,
 )
-from holdfast.training.datasets.trials import ChannelsNotOffered, has_thesis_layout
+from holdfast.training.datasets.trials import has_thesis_layout, require_offered
 from holdfast.training.recording import (
     DataSet,
     HoldOut,
@@ -48,6 +49,8 @@ PUBLIC_SETS = ("human_slip_uskin", "eflesh_slip")
 """Sets that `load` finds by name in the data folder."""
 LAYOUTS = ("recorded", "thesis")
 """Layouts of folders that users fill with trials of their own."""
+USUAL_CHANNELS = 18
+"""Of a public set, where no number is given."""
 FOLDER_VARIABLE = "HOLDFAST_DATA"
 """The environment variable that names the data folder."""
 MUST_AGREE: dict[str, type[DataError]] = {
@@ -81,7 +84,7 @@ def load(
     that is natural, to score on (training/windows.py), or none: recordings alone, which are read
     sooner. hold_out: what a group is; None for people where there are two.
 
-    Raises DataNotFound, ChannelsNotOffered, UsageError, or a DataError of the reader.
+    Raises DataNotFound, ChannelError, UsageError, or a DataError of the reader.
     """
     root = find(name_or_path)
     layout = layout_of(root)
@@ -97,23 +100,19 @@ def load(
         )
 
     reader = reader_of(layout)
-    try:
-        if layout in LAYOUTS:
-            from holdfast.training.datasets.thesis import assembled
+    if layout in LAYOUTS:
+        from holdfast.training.datasets.thesis import assembled
 
-            found = reader.readers(root, rate_hz=rate_hz)
-            data = assembled(reader.about(root), found, channels, windows, seed)
-            data = with_hand(data, root)
-        else:
-            from holdfast.training.datasets.public_files import copied_whole
+        found = reader.readers(root, rate_hz=rate_hz)
+        data = with_hand(assembled(reader.about(root), found, windows, seed), root)
+        if channels:
+            require_offered(root, channels, [3 * data.n_sensors])
+    else:
+        from holdfast.training.datasets.public_files import copied_whole
 
-            # A public set brings its own windows, and has a usual number of channels.
-            with copied_whole(root):
-                data = reader.load(root, **({"channels": channels} if channels else {}))
-    except ChannelsNotOffered as error:
-        # the user knows the folder, and not the name that stands in its meta.json
-        name = str(name_or_path)
-        raise ChannelsNotOffered(name, error.channels, error.numbers) from None
+        # A public set brings its own windows, and has a usual number of channels.
+        with copied_whole(root):
+            data = reader.load(root, channels=channels or USUAL_CHANNELS)
     if hold_out is not None:
         data = regrouped(data, hold_out)
     return data if groups is None else keep_groups(data, groups, seed=seed)
@@ -122,26 +121,13 @@ def load(
 def with_hand(data: DataSet, root: Path) -> DataSet:
     """The set with the hand card of its folder, where it has one.
 
-    Raises CardError, DataNotFound for a card that meta.json names and that is not there, and
-    ChannelError where it is another hand's.
+    Raises CardError, and ChannelError where it is another hand's.
     """
     path = root / HAND_FILE
-    named = read_json(root / META).get("hand")
     if not path.is_file():
-        if named is None:
-            return data
-        raise DataNotFound(
-            f"no {HAND_FILE}, which {META} names",
-            where=root,
-            next_step="copy the whole set again",
-        )
-
-    # Most sets have no hand card, and do not load its reader.
-    from holdfast.core.hand_card import read_hand_card
-
+        return data
     hand = read_hand_card(path)
-    changed = isinstance(named, dict) and named.get("sha256") not in (None, hand.sha256)
-    if changed or hand.n_sensors != data.n_sensors:
+    if hand.n_sensors != data.n_sensors:
         raise ChannelError(
             f"{HAND_FILE} is the card of another hand",
             where=path,
@@ -245,13 +231,8 @@ def join(sets: Sequence[DataSet]) -> DataSet:
         return first
 
     recordings: list[Recording] = []
-    kinds, caveats, group_kinds, notes = [], [], [], {}
     parts: dict[str, list[LabelledRows]] = {task: [] for task in first.tasks}
     for data in sets:
-        kinds.append(data.kind)
-        caveats.append(data.caveat)
-        group_kinds.append(data.group_kind)
-        notes[data.name] = data.notes
         # Trials are numbered on where those of the sets before end.
         for task, rows in data.tasks.items():
             parts[task].append(replace(rows, trial=rows.trial + len(recordings)))
@@ -264,11 +245,11 @@ def join(sets: Sequence[DataSet]) -> DataSet:
         name=" + ".join(names),
         recordings=recordings,
         tasks={task: LabelledRows.concatenated(rows) for task, rows in parts.items()},
-        kind=_each_once(" + ", kinds),
+        kind=_each_once(" + ", sets, "kind"),
         redistributable=all(data.redistributable for data in sets),
-        caveat=_each_once(" ", caveats),
-        notes={"sets": notes},
-        group_kind=_each_once(" and by ", group_kinds),
+        caveat=_each_once(" ", sets, "caveat"),
+        notes={"sets": {data.name: data.notes for data in sets}},
+        group_kind=_each_once(" and by ", sets, "group_kind"),
         hand=with_card[0].hand if with_card else None,
         forces_verified=all(data.forces_verified for data in sets),
     )
@@ -308,6 +289,6 @@ def _facts(data: DataSet) -> dict[str, object]:
     }
 
 
-def _each_once(separator: str, texts: list[str]) -> str:
-    """The texts joined, each of them once, in order."""
-    return separator.join(dict.fromkeys(texts))
+def _each_once(separator: str, sets: Sequence[DataSet], name: str) -> str:
+    """The texts of this name, each of them once, in order of the sets."""
+    return separator.join(dict.fromkeys(getattr(data, name) for data in sets))

@@ -16,10 +16,11 @@ from holdfast.core.contract import GRASP, RISKY_SLIP, SITUATIONS, FloatArray
 from holdfast.core.hand_card import read_hand_card
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.datasets.public_files import (
+    channels_of,
     join_trials,
-    offered_channels,
     read_arrays,
 )
+from holdfast.training.datasets.trials import require_offered
 from holdfast.training.recording import DataSet, Recording, finite_sensors
 
 ARRAYS = "eflesh_slip.npz"
@@ -49,7 +50,8 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
     Raises ChannelError.
     """
     offered = {18: SIX_MAGNETOMETERS, 30: range(10)}
-    columns = offered_channels("eflesh_slip", channels, offered)
+    require_offered(root, channels, offered)
+    columns = channels_of(offered[channels])
     field, tugged = read_arrays(root / ARRAYS, "X", "y")
     raw = field[:, :, columns].astype(np.float64)
     row = np.arange(LAST_SECOND.start + WINDOW_ROWS - 1, LAST_SECOND.stop, WINDOW_ROWS)

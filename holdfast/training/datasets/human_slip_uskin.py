@@ -42,10 +42,11 @@ from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.datasets.public_files import (
     UNLABELLED,
     TrialRows,
+    channels_of,
     join_trials,
-    offered_channels,
     read_arrays,
 )
+from holdfast.training.datasets.trials import require_offered
 from holdfast.training.recording import DataSet, Recording, finite_sensors
 from holdfast.training.timeline import Phase, Phases, RiskyEvent, RiskyEvents
 
@@ -112,7 +113,8 @@ def load(
     import pandas as pd  # a third of a second, which sets in other formats do not need
 
     offered = {18: [taxel - 1 for taxel in six], 48: range(N_TAXELS)}
-    columns = offered_channels("human_slip_uskin", channels, offered)
+    require_offered(root, channels, offered)
+    columns = channels_of(offered[channels])
     xela, imu = read_arrays(root / SIGNALS, "xela", "object_imu")
     # As texts first, since pandas' own reader rounds some decimals differently in the last bit.
     texts = pd.read_csv(root / TRIALS, dtype=str)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,6 @@ from holdfast.core.errors import (
     NotANumber,
     one_line,
 )
-from holdfast.training.datasets.trials import ChannelsNotOffered
 from holdfast.training.recording import LabelledRows
 
 TrialRows = tuple[npt.NDArray[Any], npt.NDArray[Any]]
@@ -63,15 +62,6 @@ def copied_whole(root: Path) -> Iterator[None]:
 def channels_of(sensors: Sequence[int]) -> list[int]:
     """The columns of 3-axis sensors, counted from 0, in a table of all sensors' channels."""
     return [3 * sensor + axis for sensor in sensors for axis in range(3)]
-
-
-def offered_channels(
-    name: str, channels: int, offered: Mapping[int, Sequence[int]]
-) -> list[int]:
-    """The columns for so many channels; offered: channels -> sensors. Raises ChannelsNotOffered."""
-    if channels not in offered:
-        raise ChannelsNotOffered(name, channels, offered)
-    return channels_of(offered[channels])
 
 
 def join_trials(parts: Sequence[TrialRows], classes: tuple[str, ...]) -> LabelledRows:

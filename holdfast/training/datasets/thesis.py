@@ -53,7 +53,6 @@ from holdfast.core.trial_layout import (
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.export.spec import bands_for
 from holdfast.training.datasets.trials import (
-    ChannelsNotOffered,
     Fault,
     TrialPlace,
     TrialReader,
@@ -157,7 +156,6 @@ def readers(
 def assembled(
     meta: SetMeta,
     readers: Sequence[TrialReader],
-    channels: int | None,
     windows: Choice,
     seed: int,
 ) -> DataSet:
@@ -169,8 +167,6 @@ def assembled(
     trials = [reader.read() for reader in readers]
     rate_hz = common_rate([trial.recording for trial in trials])
     data = of_trials(trials, meta, rate_hz, windows, seed)
-    if channels not in (None, 3 * data.n_sensors):
-        raise ChannelsNotOffered(meta.name, channels, [3 * data.n_sensors])
     warn_of(doubts_of(trials))
     return data
 

@@ -78,20 +78,17 @@ def refuse(error: DataError) -> NoReturn:
     raise error
 
 
-class ChannelsNotOffered(ChannelError):
-    """A set cannot be read with that number of channels; numbers: those that it has."""
-
-    def __init__(self, set_name: str, channels: int, numbers: Iterable[int]) -> None:
-        self.channels = channels
-        self.numbers = sorted(numbers)
-        offered = " or ".join(map(str, self.numbers))
-        super().__init__(
-            f"recordings of {offered} channels, not {channels}",
-            where=set_name,
+def require_offered(root: Path, channels: int, offered: Iterable[int]) -> None:
+    """Raise ChannelError where a set does not offer that number of channels."""
+    numbers = sorted(offered)
+    if channels not in numbers:
+        raise ChannelError(
+            f"recordings of {' or '.join(map(str, numbers))} channels, not {channels}",
+            where=root,
             cause="a model made for other sensors",
             next_step="holdfast export MODEL --hand CARD --out FILE, where MODEL has pooled "
             "features, as the shipped one has (CARD: these sensors, docs/your-data.md); or "
-            f"holdfast train --data {set_name} --out DIR",
+            f"holdfast train --data {root} --out DIR",
         )
 
 
