@@ -19,7 +19,7 @@ import numpy.typing as npt
 from holdfast.core.contract import NOTHING, RISKY_SLIP, BoolArray, FloatArray
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules, period_us
 from holdfast.evaluation.formats import Spread, spread
-from holdfast.training.metrics import INTERVAL_PERCENT, Interval, draw_groups
+from holdfast.training.metrics import Interval, draw_groups, interval_of
 from holdfast.training.recording import Recording
 from holdfast.training.timeline import RiskyEvent
 
@@ -387,9 +387,4 @@ def ratio_interval(drawn: FloatArray | None, above: int, below: int) -> Interval
         return None
     # A draw of groups that have no event, or no minute, has no ratio.
     defined = drawn[drawn[:, below] > 0]
-    ratios = defined[:, above] / defined[:, below]
-    if not len(ratios):
-        return None
-
-    low, high = np.percentile(ratios, INTERVAL_PERCENT)
-    return float(low), float(high)
+    return interval_of(defined[:, above] / defined[:, below])

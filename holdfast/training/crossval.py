@@ -33,11 +33,11 @@ from holdfast.export.heads import (
 )
 from holdfast.export.learner import (
     Committee,
-    Forest,
     Learner,
     reference_votes,
     votes_of_trees,
 )
+from holdfast.export.network import Network
 from holdfast.export.spec import StepSpec
 from holdfast.training.plan import TrainingPlan
 from holdfast.training.progress import Part, Say, ignored
@@ -303,48 +303,23 @@ def fit_learner(
         )
 
     given = data.tasks[task]
-    n_classes = len(given.classes)
-    return learner_of(plan, task, features[rows], given.label[rows], n_classes, seed)
+    chosen, label = features[rows], given.label[rows]
 
-
-def learner_of(
-    plan: TrainingPlan,
-    task: str,
-    rows: FloatRows,
-    label: IntArray,
-    n_classes: int,
-    seed: int,
-) -> Learner:
-    """The plan's learner for a task, fitted on rows [N, F] with labels [N]."""
-    if plan.learner == "network":
+    def network(*votes: int) -> Network:
         # a forest alone needs no network
         from holdfast.training.network_fit import fit_network
 
-        return fit_network(plan.network_for(task), rows, label, n_classes, seed)
+        how, n_classes = plan.network_for(task), len(given.classes)
+        return fit_network(how, chosen, label, n_classes, seed, *votes)
+
+    if plan.learner == "network":
+        return network()
     # A tree reads by column: the same forest, sooner.
-    by_column = np.asfortranarray(rows)
-    forest = plan.forest_for(task).build(seed).fit(by_column, label)
+    forest = plan.forest_for(task).build(seed).fit(np.asfortranarray(chosen), label)
     if plan.learner == "forest":
         return forest
-    return joined_by_network(forest, plan, task, rows, label, n_classes, seed)
-
-
-def joined_by_network(
-    forest: Forest,
-    plan: TrainingPlan,
-    task: str,
-    rows: FloatRows,
-    label: IntArray,
-    n_classes: int,
-    seed: int,
-) -> Committee:
-    """A fitted forest and the plan's network, fitted on the same rows [N, F] and labels [N]."""
-    from holdfast.training.network_fit import fit_network
-
     # The network gets as many votes as the trees have in all, so that both halves count the same.
-    votes = votes_of_trees(len(forest.estimators_))
-    network = fit_network(plan.network_for(task), rows, label, n_classes, seed, votes)
-    return Committee(forest, network)
+    return Committee(forest, network(votes_of_trees(len(forest.estimators_))))
 
 
 def fit_calibration(shares: FloatArray, label: IntArray) -> Calibration:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -148,7 +148,11 @@ def train_on_sets(
         names = (str(request.out / FIXTURE),)
 
     else:
-        _require_open(names)
+        # The generated set is open by its making, so a run without data does not load this.
+        from holdfast.core.locked import require_open
+
+        for name in names:
+            require_open(find(name), "a model")
 
     sets = []
     for name in names:
@@ -212,15 +216,6 @@ def _held_out(
             stacklevel=2,
         )
     return choice.data
-
-
-def _require_open(names: Sequence[str]) -> None:
-    """Raise SetLocked for a set that is kept for a last test, before any is read."""
-    # The generated set is open by its making, so a run without data does not load this.
-    from holdfast.core.locked import require_open
-
-    for name in names:
-        require_open(find(name), "a model")
 
 
 def _counts(data: DataSet) -> str:

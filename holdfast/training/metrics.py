@@ -102,7 +102,6 @@ def report(
     risky_score: FloatArray | None = None,
     *,
     not_learned: Collection[str] = (),
-    n_draws: int = N_DRAWS,
     seed: int = 0,
 ) -> HeadFigures:
     """All figures for answers at every window of a set.
@@ -117,7 +116,6 @@ def report(
         predicted,
         data.group_of("situations"),
         not_learned=not_learned,
-        n_draws=n_draws,
         seed=seed,
     )
 
@@ -127,7 +125,6 @@ def report(
             data.tasks["predict_250ms"].label,
             risky_score,
             data.group_of("predict_250ms"),
-            n_draws=n_draws,
             seed=seed,
         )
 
@@ -158,9 +155,22 @@ def situation_scores(
     Raises LabelError for any other number: -1, the decision's own "unknown", would silently count
     as another class' answer.
     """
-    f1, f1_draws = f1_and_draws(
-        truth, predicted, groups, len(SITUATIONS), n_draws, seed
-    )
+    n = len(SITUATIONS)
+    _require_labels(truth, n, "truth")
+    _require_labels(predicted, n + 1, "prediction")
+    code = _codes(groups)
+    n_groups = int(code.max(initial=-1)) + 1
+
+    # One count of all (group, truth, prediction) gives every draw by weighted sums.
+    row = code * n + np.asarray(truth)
+    cells = row * (n + 1) + np.asarray(predicted)
+    counts = np.bincount(cells, minlength=n_groups * n * (n + 1))
+    by_group = counts.reshape(-1, n, n + 1)
+
+    # A draw counts the windows of a group as often as it drew the group.
+    times_drawn = draw_groups(len(by_group), n_draws, seed)
+    f1 = _f1(by_group.sum(axis=0))
+    f1_draws = _f1(np.einsum("bg,gij->bij", times_drawn, by_group))
     figures: dict[str, float | None] = {}
     intervals: dict[str, Interval | None] = {}
     for k, name in enumerate(SITUATIONS):
@@ -178,32 +188,6 @@ def situation_scores(
         f1=figures,
         f1_ci=intervals,
     )
-
-
-def f1_and_draws(
-    truth: Labels,
-    predicted: Labels,
-    groups: npt.ArrayLike,
-    n: int,
-    n_draws: int,
-    seed: int,
-) -> tuple[FloatArray, FloatArray]:
-    """F1 of n classes [n], and of each draw of groups [B, n]; as situation_scores."""
-    _require_labels(truth, n, "truth")
-    _require_labels(predicted, n + 1, "prediction")
-    code = _codes(groups)
-    n_groups = int(code.max(initial=-1)) + 1
-
-    # One count of all (group, truth, prediction) gives every draw by weighted sums.
-    row = code * n + np.asarray(truth)
-    cells = row * (n + 1) + np.asarray(predicted)
-    counts = np.bincount(cells, minlength=n_groups * n * (n + 1))
-    by_group = counts.reshape(-1, n, n + 1)
-
-    # A draw counts the windows of a group as often as it drew the group.
-    times_drawn = draw_groups(len(by_group), n_draws, seed)
-    draws = np.einsum("bg,gij->bij", times_drawn, by_group)
-    return _f1(by_group.sum(axis=0)), _f1(draws)
 
 
 def prediction_scores(
@@ -229,80 +213,53 @@ def prediction_scores(
 
     # By number and not by name: the order of the groups decides which of them a draw takes.
     code = _codes(groups)
-    draws = ranking_draws(truth, score, code, n_draws, seed)
+    draws = draw_groups(int(code.max()) + 1, n_draws, seed)
+    # Sorted once, best first, so that each draw costs one pass.
+    order = np.argsort(-np.asarray(score), kind="stable")
+    # Equal scores are one step of the curve, whatever the order of their rows.
+    first = run_starts(np.asarray(score)[order])
+    positive = truth[order] == 1
+    figures = np.empty((len(draws), 2))
+    for number, times_drawn in enumerate(draws):
+        weight = times_drawn[code[order]]
+        figures[number] = _auc_and_precision(weight, positive, first)
     return PredictionFigures(
         auc=float(roc_auc_score(truth, score)),
-        auc_ci=interval_of(draws[:, 0]),
+        auc_ci=interval_of(figures[:, 0]),
         average_precision=float(average_precision_score(truth, score)),
-        average_precision_ci=interval_of(draws[:, 1]),
+        average_precision_ci=interval_of(figures[:, 1]),
     )
 
 
-def ranking_draws(
-    truth: Labels, score: FloatArray, groups: npt.ArrayLike, n_draws: int, seed: int
-) -> FloatArray:
-    """[B, 2] AUC and average precision of each draw of groups [M]; nan where not defined."""
-    code = _codes(groups)
-    ranking = rank(truth, score)
-    draws = draw_groups(int(code.max()) + 1, n_draws, seed)
+def _auc_and_precision(
+    weight: FloatArray, positive: BoolArray, first: IntArray
+) -> tuple[float, float]:
+    """AUC and average precision of rows with weights [M], best first; nan with only one class left.
 
-    figures = np.empty((len(draws), 2))
-    for number, times_drawn in enumerate(draws):
-        figures[number] = ranking.auc_and_precision(times_drawn[code])
-    return figures
-
-
-@dataclass(frozen=True)
-class Ranking:
-    """Scores sorted once, best first, so that each reweighting costs one pass.
-
-    order [M] sorts rows; first [K] starts each run of equal scores in that order; positive [M]
-    sorted.
+    positive [M]. first [K]: where each run of equal scores begins. Equal to scikit-learn's on rows
+    repeated `weight` times: ties count half, and precision steps at distinct scores.
     """
+    of_hits = np.where(positive, weight, 0.0)
+    of_misses = np.where(positive, 0.0, weight)
+    # At each distinct score: the weight of its rows, then that of all rows down to it.
+    hit = np.add.reduceat(of_hits, first)
+    miss = np.add.reduceat(of_misses, first)
+    hits = np.cumsum(hit)
+    misses = np.cumsum(miss)
+    all_hits = hits[-1]
+    all_misses = misses[-1]
+    if all_hits == 0.0 or all_misses == 0.0:
+        return np.nan, np.nan
 
-    order: IntArray
-    first: IntArray
-    positive: BoolArray
+    # Each hit ranks above the misses after it, and half above those of its own score.
+    below = all_misses - misses + 0.5 * miss
+    auc = np.sum(hit * below) / (all_hits * all_misses)
 
-    def auc_and_precision(self, weight: FloatArray) -> tuple[float, float]:
-        """AUC and average precision with row weights [M]; nan with only one class left.
-
-        Equal to scikit-learn's on rows repeated `weight` times: ties count half, and precision
-        steps at distinct scores.
-        """
-        sorted_weight = weight[self.order]
-        of_hits = np.where(self.positive, sorted_weight, 0.0)
-        of_misses = np.where(self.positive, 0.0, sorted_weight)
-        # At each distinct score: the weight of its rows, then that of all rows down to it.
-        hit = np.add.reduceat(of_hits, self.first)
-        miss = np.add.reduceat(of_misses, self.first)
-        hits = np.cumsum(hit)
-        misses = np.cumsum(miss)
-        all_hits = hits[-1]
-        all_misses = misses[-1]
-        if all_hits == 0.0 or all_misses == 0.0:
-            return np.nan, np.nan
-
-        # Each hit ranks above the misses after it, and half above those of its own score.
-        below = all_misses - misses + 0.5 * miss
-        auc = np.sum(hit * below) / (all_hits * all_misses)
-
-        # A score without a hit adds nothing, and the first may have a weight of zero in all.
-        zero = np.zeros_like(hits)
-        precision = np.divide(hits, hits + misses, out=zero, where=hit > 0.0)
-        average = np.sum(hit * precision) / all_hits
-        return float(auc), float(average)
-
-
-def rank(truth: Labels, score: FloatArray) -> Ranking:
-    """Sort rows by falling score [M], once for all weightings."""
-    score = np.asarray(score)
-    order = np.argsort(-score, kind="stable")
-    falling = score[order]
-
-    # Equal scores are one step of the curve, whatever the order of their rows.
-    positive = np.asarray(truth)[order] == 1
-    return Ranking(order, run_starts(falling), positive)
+    # A score without a hit adds nothing, and the first may have a weight of zero in all.
+    zero = np.zeros_like(hits)
+    precision = np.divide(hits, hits + misses, out=zero, where=hit > 0.0)
+    average = np.sum(hit * precision) / all_hits
+    return float(auc), float(average)
 
 
 def run_starts(values: npt.NDArray[Any]) -> IntArray:
@@ -375,16 +332,14 @@ def _value(figure: float) -> float | None:
     return float(figure) if np.isfinite(figure) else None
 
 
-def interval_of(
-    draws: FloatArray, percent: tuple[float, float] = INTERVAL_PERCENT
-) -> Interval | None:
+def interval_of(draws: FloatArray) -> Interval | None:
     """Percentiles of the draws [B] that are defined; None without one."""
     # A draw without a class in it has no figure, and counts neither as good nor as bad.
     defined = draws[np.isfinite(draws)]
     if not defined.size:
         return None
 
-    low, high = np.percentile(defined, percent)
+    low, high = np.percentile(defined, INTERVAL_PERCENT)
     return float(low), float(high)
 
 

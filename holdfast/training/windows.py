@@ -135,7 +135,7 @@ def windows_of(trials: Sequence[TimedTrial], choice: Choice) -> pd.DataFrame:
 
     rows_of = {"balanced": _dense_rows, "dense": _denser_rows}.get(choice)
     lines = []
-    weighed = classes_of(trials) == CLASSES
+    classes = classes_of(trials)
     for index, trial in enumerate(trials):
         name = trial.recording.object_name or NO_OBJECT
         action = trial.recording.action or NO_OBJECT
@@ -153,9 +153,7 @@ def windows_of(trials: Sequence[TimedTrial], choice: Choice) -> pd.DataFrame:
         for number, spot in enumerate(spots):
             # Without an object windows are light and heavy alternately.
             heavy = bool(number % 2) if trial.heavy is None else trial.heavy
-            label = spot.situation
-            if weighed:
-                label = class_id(spot.situation, heavy=heavy)
+            label = _label(spot.situation, heavy, classes)
             lines.append((index, spot.row, label, name, action, spot.source))
     return pd.DataFrame(lines, columns=COLUMNS)
 
@@ -192,15 +190,15 @@ def sample_counts(trials: Sequence[TimedTrial]) -> dict[str, int]:
     classes = classes_of(trials)
     counts = dict.fromkeys(classes, 0)
     for trial in trials:
-        if not trial.has_object:
-            continue
-        for phase in trial.recording.phases:
-            number = phase.situation
-            if classes == CLASSES:
-                number = class_id(phase.situation, heavy=bool(trial.heavy))
-            name = classes[number]
-            counts[name] += phase.stop - phase.first
+        for phase in trial.recording.phases if trial.has_object else ():
+            number = _label(phase.situation, bool(trial.heavy), classes)
+            counts[classes[number]] += phase.stop - phase.first
     return counts
+
+
+def _label(situation: int, heavy: bool, classes: tuple[str, ...]) -> int:
+    """The number of a situation among classes, which may know no weight."""
+    return class_id(situation, heavy=heavy) if classes == CLASSES else situation
 
 
 def _natural(trial: TimedTrial) -> list[_Spot]:

@@ -251,27 +251,21 @@ def events(found: Phases, rate_hz: float) -> RiskyEvents:
 
     Load onset was not recorded; the onset here is the object's, which is later.
     """
-    result = []
-    onset = gross = None
-    for phase, following in zip(found, (*found[1:], None), strict=True):
-        if phase.situation not in (SAFE_SLIP, RISKY_SLIP):
-            continue
-        if onset is None:
-            onset = phase.first
-        if gross is None and phase.situation == RISKY_SLIP:
-            gross = phase.first
+    slips = [phase for phase in found if phase.situation in (SAFE_SLIP, RISKY_SLIP)]
+    # Rows without a label between two phases end a slip, as rows of another situation do.
+    runs: list[list[Phase]] = []
+    for phase in slips:
+        if runs and runs[-1][-1].stop == phase.first:
+            runs[-1].append(phase)
+        else:
+            runs.append([phase])
 
-        # Rows without a label between two phases end the slip too.
-        slips_on = (
-            following is not None
-            and following.first == phase.stop
-            and following.situation in (SAFE_SLIP, RISKY_SLIP)
-        )
-        if not slips_on:
-            if gross is not None:
-                stop_s = phase.stop / rate_hz
-                result.append(RiskyEvent(onset / rate_hz, gross / rate_hz, stop_s))
-            onset = gross = None
+    result = []
+    for run in runs:
+        risky = [phase for phase in run if phase.situation == RISKY_SLIP]
+        if risky:
+            rows = np.array([run[0].first, risky[0].first, run[-1].stop])
+            result.append(RiskyEvent(*(rows / rate_hz).tolist()))
     return tuple(result)
 
 

@@ -220,11 +220,8 @@ def _caveat(trials: Sequence[TimedTrial], meta: SetMeta) -> str:
     events = [event for trial in trials for event in trial.recording.events]
     if n_lost := sum(event.lost for event in events):
         sentences.append(LOST_CAVEAT.format(n=n_lost, of=len(events)))
-    rates_hz: dict[int, list[float]] = {}
-    for trial in trials:
-        if trial.averaged > 1:
-            rates_hz.setdefault(trial.averaged, []).append(trial.recording.rate_hz)
-    for n, of_n in sorted(rates_hz.items()):
+    for n in sorted({trial.averaged for trial in trials} - {1}):
+        of_n = [trial.recording.rate_hz for trial in trials if trial.averaged == n]
         words = averaged_in_words(n * float(np.median(of_n)), n)
         sentences.append(f"{count_of(len(of_n), 'trial')}: {words}.")
     return " ".join(sentences)
