@@ -12,7 +12,6 @@ import numpy.typing as npt
 from holdfast.core.contract import (
     RISKY_SLIP,
     SITUATIONS,
-    BoolArray,
     Json,
 )
 from holdfast.core.errors import ChannelError
@@ -30,7 +29,7 @@ from holdfast.training.plan import TASK_HEADS
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import DataSet, Recording
 
-OUTPUTS = ("situation", "votes", "unknown", "detectors", "p_situation")
+OUTPUTS = ("situation", "votes", "unknown", "p_situation")
 NO_CLASS = -1
 """Where no class is known; below every class, as UNKNOWN is below every situation."""
 
@@ -39,8 +38,8 @@ NO_CLASS = -1
 class ModelOutputs:
     """The outputs of a model file on one recording.
 
-    situation [T]: UNKNOWN or 0..3. risky_permille [T]: of the votes. p_situation [T, 4]. detectors
-    [T, D]. eight [T]: the class with most votes (the riskier on a tie). NO_CLASS where the state is
+    situation [T]: UNKNOWN or 0..3. risky_permille [T]: of the votes. p_situation [T, 4].
+    eight [T]: the class with most votes (the riskier on a tie). NO_CLASS where the state is
     unknown, or the model has no weight output.
     """
 
@@ -49,7 +48,6 @@ class ModelOutputs:
     risky_permille: npt.NDArray[np.int64]
     p_situation: npt.NDArray[np.float32]
     eight: npt.NDArray[np.int64]
-    detectors: BoolArray
 
     @property
     def answers(self) -> Answers:
@@ -103,7 +101,6 @@ def read_outputs(
                 risky_permille=risky_permille(votes),
                 p_situation=out["p_situation"],
                 eight=eight,
-                detectors=out["detectors"],
             )
         )
 

@@ -34,7 +34,6 @@ from holdfast.training.judging import CurvePoint, per_doubling
 from holdfast.training.metrics import (
     PLURAL,
     HeadFigures,
-    Interval,
     in_words,
     situation_lines,
     with_interval,
@@ -227,13 +226,7 @@ def write_training_report(
     kind = figures.group_kind
     # A joined set may be held out by several kinds.
     groups = PLURAL.get(kind, "groups")
-    n_groups = count_of(figures.n_groups, "group")
-    if kind in PLURAL:
-        n_groups = in_words(figures.n_groups, kind)
-
-    curve = ""
-    if trained.curve:
-        curve = _curve(points, data.kind, groups)
+    n_groups = count_of(figures.n_groups, kind if kind in PLURAL else "group", groups)
 
     central = held_out_trial(data, trained)
     return write_page(
@@ -247,7 +240,7 @@ def write_training_report(
         not_held_out=trained.not_held_out,
         groups=groups,
         n_groups=n_groups,
-        curve=curve,
+        curve=_curve(points, data.kind, groups) if points else "",
         central=central,
         central_picture=_drawn(central, data.kind),
         points=points,
@@ -287,14 +280,9 @@ def _curve(points: list[CurvePoint], kind: str, groups: str) -> str:
                 continue
             x.append(point.n_trials)
             y.append(point.macro_f1)
-            low, high = _ends(point.macro_f1_ci, point.macro_f1)
-            axes.plot([point.n_trials] * 2, [low, high], color="#0072b2", alpha=0.4)
+            if point.macro_f1_ci:
+                axes.vlines(x[-1], *point.macro_f1_ci, color="#0072b2", alpha=0.4)
         axes.plot(x, y, "o-", color="#0072b2", markersize=4)
         axes.set(xlabel=f"trials of the {groups}", ylabel="macro F1, held out")
         axes.set_ylim(0.0, 1.02)
         return svg(figure)
-
-
-def _ends(interval: Interval | None, value: float) -> Interval:
-    """An interval, or the value itself where there is none."""
-    return interval or (value, value)

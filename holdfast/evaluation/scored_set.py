@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from holdfast.core.contract import (
-    RISKY_SLIP,
-    SITUATIONS,
-    BoolArray,
-    Json,
-)
+from holdfast.core.contract import BoolArray, Json
 from holdfast.core.trial_layout import read_json
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.evaluation.alarms import EventTimes, event_times
@@ -31,7 +27,6 @@ from holdfast.evaluation.trials import (
     AnsweredTrial,
     LabelledTrial,
     central_trial,
-    counted,
     drawn_trials,
     labelled_trials,
 )
@@ -212,7 +207,7 @@ def _card(
         # Each recording has a rate of its own, by which its samples count.
         seconds += len(one.samples) / one.rate_hz
         events += len(one.events)
-        onsets += trial.sources((SITUATIONS[RISKY_SLIP],))
+        onsets += trial.sources
 
     return SetCard(
         name=data.name,
@@ -227,7 +222,7 @@ def _card(
         minutes=seconds / 60.0,
         events=events,
         samples=data.notes.get("samples"),
-        onsets_by=counted(onsets),
+        onsets_by=dict(sorted(Counter(onsets).items())),
         trained_on_recordings=windows.trained_on_recordings,
         caveat=data.caveat,
         timed=any(one.phases or one.events for one in data.recordings),

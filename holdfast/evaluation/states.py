@@ -205,12 +205,9 @@ def _bins(
     said = np.bincount(place, weights=probability, minlength=BINS)
     was = np.bincount(place, weights=true, minlength=BINS)
     bins = []
-    for k in np.flatnonzero(counts).tolist():
-        n = int(counts[k])
-        mean_said = float(said[k]) / n
-        share_true = float(was[k]) / n
-        bins.append(CalibrationBin(n, mean_said, share_true))
-
+    for n, all_said, all_was in np.stack([counts, said, was], axis=1).tolist():
+        if n:
+            bins.append(CalibrationBin(int(n), all_said / n, all_was / n))
     return bins
 
 

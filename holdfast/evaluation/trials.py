@@ -8,14 +8,21 @@ actions come from the labelled phases, which every trial has.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import NOTHING, RISKY_SLIP, SAFE_SLIP, BoolArray, Json
+from holdfast.core.contract import (
+    NOTHING,
+    RISKY_SLIP,
+    SAFE_SLIP,
+    SITUATIONS,
+    BoolArray,
+    Json,
+)
 from holdfast.core.trial_layout import (
     OTHER_ACTIONS,
     RISKY_ACTIONS,
@@ -78,12 +85,13 @@ class LabelledTrial:
                     break
         return found
 
-    def sources(self, labels: Collection[str]) -> list[str]:
-        """What gave each phase with one of these labels: scene, camera or key."""
+    @property
+    def sources(self) -> list[str]:
+        """What gave each risky slip: scene, camera or key."""
         sources = []
         for phase in self.truth.get("phases", []):
             # Older truths do not name what gave a label.
-            if phase.get("label") in labels and "provenance" in phase:
+            if phase.get("label") == SITUATIONS[RISKY_SLIP] and "provenance" in phase:
                 sources.append(str(phase["provenance"]))
         return sources
 
@@ -121,11 +129,6 @@ def _csv(root: Path, trial_id: str) -> Path:
         if (folder / TACTILE).is_file():
             return folder / TACTILE
     return root / f"{trial_id}.csv"
-
-
-def counted(names: Sequence[str]) -> dict[str, int]:
-    """Name -> how often it occurs, by name."""
-    return dict(sorted(Counter(names).items()))
 
 
 def voluntary_actions(recording: Recording) -> list[VoluntaryAction]:
@@ -224,13 +227,13 @@ def _title(recording: Recording) -> str:
 
 def _interleaved(trials: Sequence[AnsweredTrial]) -> list[AnsweredTrial]:
     """The first trial of every object before the second of any."""
-    count: dict[str | None, int] = {}
+    met: Counter[str | None] = Counter()
     rounds = []
     for one in trials:
         name = one.trial.recording.object_name
         # The round of a trial is how many of its object came before it, and itself.
-        count[name] = count.get(name, 0) + 1
-        rounds.append(count[name])
+        met[name] += 1
+        rounds.append(met[name])
 
     # Stable: within a round the trials keep their order.
     order = np.argsort(rounds, kind="stable")

@@ -71,8 +71,8 @@ FORMATS = {"thesis": "folders of CSV trials", "recorded": "folders of holdfast r
 HEADS = ("person", "object", "action", "trials", "mass, g", "labels by")
 CellName = tuple[str | None, str | None, str | None]
 """Person, object, action."""
-Cells = dict[CellName, list[TimedTrial | None]]
-"""The trials of each cell in order of first sight; None for one that cannot be read."""
+Found = list[tuple[CellName, TimedTrial | None]]
+"""Trials with their cells; None for one that cannot be read."""
 
 
 @dataclass(frozen=True)
@@ -150,12 +150,11 @@ def examine(root: Path, most_n: float | None = None) -> FolderReport:
     else:
         # The reader of a public set refuses what is wrong, and the set lacks nothing.
         data = load(root)
-        cells: Cells = {}
+        found: Found = []
         for one in data.recordings:
             trial = TimedTrial(one, None, labels_by="labels of the set")
-            name = (one.person, one.object_name, one.action)
-            cells.setdefault(name, []).append(trial)
-        report.cells = [_cell(name, trials) for name, trials in cells.items()]
+            found.append(((one.person, one.object_name, one.action), trial))
+        report.cells = _cells(found)
         _describe(report, data)
     return report
 
@@ -171,19 +170,18 @@ def _examine_trials(
         readers = layout.readers(root, faults.append)
     except DataError as error:
         faults.append(error)
-    trials: list[TimedTrial] = []
-    cells: Cells = {}
+    found: Found = []
     for reader in readers:
         folder = reader.place.object_folder
         name = object_name(folder.name) if folder else None
-        of_cell = cells.setdefault((reader.place.person, name, reader.place.action), [])
+        trial = None
         try:
-            trials.append(reader.read())
-            of_cell.append(trials[-1])
+            trial = reader.read()
         except DataError as error:
             faults.append(error)
-            of_cell.append(None)
-    report.cells = [_cell(name, of_cell) for name, of_cell in cells.items()]
+        found.append(((reader.place.person, name, reader.place.action), trial))
+    report.cells = _cells(found)
+    trials = [trial for _, trial in found if trial]
 
     # Checks of the whole set compare only what can be read: a fault of one trial is noted already.
     doubts: list[Missing] = []
@@ -253,20 +251,28 @@ def _not_read(root: Path, read: Sequence[Path]) -> list[Missing]:
     return [Missing("advice" if read else "error", str(root), what, step)]
 
 
-def _cell(name: CellName, trials: list[TimedTrial | None]) -> Cell:
-    """The figures of a cell; its mass is that of its first trial."""
-    read = [trial for trial in trials if trial]
-    recordings = [trial.recording for trial in read]
-    mass = next((trial.mass for trial in read if trial.mass), None)
-    return Cell(
-        *name,
-        trials=len(trials),
-        read=len(read),
-        seconds=sum(len(one.samples) / one.rate_hz for one in recordings),
-        mass_g=mass.mass_g if mass else None,
-        mass_from=mass.source if mass else None,
-        labels_by=dict(Counter(trial.labels_by for trial in read)),
-    )
+def _cells(found: Found) -> list[Cell]:
+    """The figures of each cell, in order of first sight; its mass is that of its first trial."""
+    by_name: dict[CellName, list[TimedTrial | None]] = {}
+    for name, trial in found:
+        by_name.setdefault(name, []).append(trial)
+
+    cells = []
+    for name, trials in by_name.items():
+        read = [trial for trial in trials if trial]
+        recordings = [trial.recording for trial in read]
+        mass = next((trial.mass for trial in read if trial.mass), None)
+        cell = Cell(
+            *name,
+            trials=len(trials),
+            read=len(read),
+            seconds=sum(len(one.samples) / one.rate_hz for one in recordings),
+            mass_g=mass.mass_g if mass else None,
+            mass_from=mass.source if mass else None,
+            labels_by=dict(Counter(trial.labels_by for trial in read)),
+        )
+        cells.append(cell)
+    return cells
 
 
 # -- what more data would bring

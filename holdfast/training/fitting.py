@@ -180,7 +180,7 @@ def train_on_sets(
     not_held_out: list[str] = []
     chosen = [_held_out(data, plan.folds, request, not_held_out) for data in sets]
     joined = learnable(join(chosen))
-    warn_of_scarcity(joined, undersampled=request.windows == "thesis")
+    warn_of_scarcity(joined)
 
     trained = train(
         joined,
@@ -230,11 +230,8 @@ def _counts(data: DataSet) -> str:
     return "\n".join(lines)
 
 
-def warn_of_scarcity(data: DataSet, *, undersampled: bool = False) -> None:
-    """Warn (FewWindows, FewGroups) of a set that holds too little; each names the next step.
-
-    undersampled: its windows are the thesis' set, which is as small as its rarest class.
-    """
+def warn_of_scarcity(data: DataSet) -> None:
+    """Warn (FewWindows, FewGroups) of a set that holds too little; each names the next step."""
     few = []
     groups: set[str] = set()
     for task, rows in data.tasks.items():
@@ -244,12 +241,12 @@ def warn_of_scarcity(data: DataSet, *, undersampled: bool = False) -> None:
             if 0 < count < FEWEST_WINDOWS:
                 few.append(f"{name} ({count})")
 
+    # The thesis' undersampled set is as small as its rarest class.
     if few:
-        remedy = "leave out --windows thesis, or " if undersampled else ""
         warnings.warn(
             f"{data.name}: fewer than {FEWEST_WINDOWS} windows of {', '.join(few)}; do not trust "
-            f"the answers and figures of these; next: {remedy}record or simulate more trials with "
-            "them",
+            "the answers and figures of these; next: record or simulate more trials with them, or "
+            "leave out --windows thesis",
             FewWindows,
             stacklevel=2,
         )
@@ -258,11 +255,9 @@ def warn_of_scarcity(data: DataSet, *, undersampled: bool = False) -> None:
     # twice.
     if len(groups) == 2:
         kind = PLURAL.get(data.group_kind, "groups")
-        cut_down = "kept_groups" in data.notes
-        remedy = "raise --groups" if cut_down else f"record more {kind}"
         warnings.warn(
             f"{data.name}: two {kind} only; each is answered by a model of the other alone, and "
-            f"intervals mean little; next: {remedy}",
+            f"intervals mean little; next: record more {kind}, or raise --groups",
             FewGroups,
             stacklevel=2,
         )
