@@ -58,8 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Fit, judge on probings left out, print, write."""
     from holdfast.drivers.calibration import write_calibration
-    from holdfast.sessions.calibrate import as_json, calibrate, in_words
-    from holdfast.sessions.known_loads import read_loads
+    from holdfast.sessions.calibrate import as_json, calibrate, in_words, read_loads
 
     # Before the fit, whose result would otherwise be lost.
     require_writable(args.out.parent)

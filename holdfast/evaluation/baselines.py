@@ -397,7 +397,7 @@ def find_thresholds(
 
     # A baseline may have as many false alarms as this model: their recalls then compare.
     permille = next(iter(confidences.values()))
-    headline = requests_of(streams.outputs, rules, permille)
+    headline = requests_at(streams.outputs, rules, permille)
     # Measured on the same streams that the baselines are matched on.
     rate = false_per_min(streams.recordings, headline)
 
@@ -408,10 +408,3 @@ def find_thresholds(
         part(number / len(baselines))
 
     return Thresholds(confidences, found, rules, streams.names, chosen, rate)
-
-
-def requests_of(
-    outputs: Sequence[ModelOutputs], rules: DecisionRules, permille: int
-) -> list[BoolArray]:
-    """[T] a stream: whether an act is requested, from a confidence on."""
-    return requests_at([one.answers for one in outputs], rules, permille)

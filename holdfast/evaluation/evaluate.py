@@ -193,9 +193,8 @@ class _Run:
         outputs = read_outputs(self.model, recordings, computed)
 
         most = self.request.most_false_per_min
-        answers = [one.answers for one in outputs]
         # The budget of false alarms is fixed first; recall is what comes out.
-        permille = choose_confidence(answers, card.decision, most)
+        permille = choose_confidence(outputs, card.decision, most)
         self.say(
             f"confidence {permille} of 1000 chosen; matching {len(baselines)} baselines"
         )

@@ -35,24 +35,15 @@ NO_CLASS = -1
 
 
 @dataclass(frozen=True)
-class ModelOutputs:
-    """The outputs of a model file on one recording.
+class ModelOutputs(Answers):
+    """The outputs of a model file on one recording; its answers are what the decision is made from.
 
-    situation [T]: UNKNOWN or 0..3. risky_permille [T]: of the votes. p_situation [T, 4].
-    eight [T]: the class with most votes (the riskier on a tie). NO_CLASS where the state is
-    unknown, or the model has no weight output.
+    p_situation [T, 4]. eight [T]: the class with most votes (the riskier on a tie). NO_CLASS where
+    the state is unknown, or the model has no weight output.
     """
 
-    recording: Recording
-    situation: npt.NDArray[np.int64]
-    risky_permille: npt.NDArray[np.int64]
     p_situation: npt.NDArray[np.float32]
     eight: npt.NDArray[np.int64]
-
-    @property
-    def answers(self) -> Answers:
-        """What the decision is made from."""
-        return Answers(self.recording, self.situation, self.risky_permille)
 
 
 def run_model(model: OpenedModel, data: DataSet) -> list[ModelOutputs]:

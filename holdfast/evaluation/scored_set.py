@@ -11,8 +11,8 @@ from typing import NamedTuple
 from holdfast.core.contract import BoolArray, Json
 from holdfast.core.trial_layout import read_json
 from holdfast.edge_runtime.model_file import ModelCard
-from holdfast.evaluation.alarms import EventTimes, event_times
-from holdfast.evaluation.baselines import Baseline, Thresholds, requests_of
+from holdfast.evaluation.alarms import EventTimes, event_times, requests_at
+from holdfast.evaluation.baselines import Baseline, Thresholds
 from holdfast.evaluation.formats import McNemar, mcnemar
 from holdfast.evaluation.methods import (
     MethodFigures,
@@ -170,7 +170,7 @@ def _requests(
     """Method -> [T] a recording, whether an act is requested."""
     requests = {}
     for name, permille in thresholds.confidences.items():
-        requests[name] = requests_of(outputs, thresholds.rules, permille)
+        requests[name] = requests_at(outputs, thresholds.rules, permille)
 
     by_name = {one.name: one for one in baselines}
     for matched in thresholds.baselines:

@@ -329,7 +329,7 @@ def _missing_situations(
     """Situations without a window, and those with light or with heavy objects alone."""
     # Situation by situation; where a mass is not known, no weight is learned whatever there is.
     counts = np.reshape(list(windows.values()), (len(SITUATIONS), -1))
-    present = counts.any(axis=1)
+    present = counts.max(axis=1) > 0
     # Of one situation alone there is nothing to learn.
     alone = present.sum() < 2
     for number, situation in enumerate(SITUATIONS):

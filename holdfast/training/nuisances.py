@@ -190,7 +190,8 @@ def _scaled(values: FloatArray, rng: np.random.Generator) -> FloatArray:
     if _strikes("gain", rng):
         gain *= np.exp(rng.uniform(*np.log(GAIN)))
     if _strikes("own gain", rng):
-        gain *= np.exp(rng.uniform(*np.log(OWN_GAIN), (len(gain), 1)))
+        low, high = np.log(OWN_GAIN)
+        gain *= np.exp(rng.uniform(low, high, (len(gain), 1)))
 
     if _strikes("shear gain", rng):
         gain[:, :2] *= rng.uniform(*SHEAR_GAIN)

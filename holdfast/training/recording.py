@@ -85,7 +85,7 @@ def whole_history(recording: Recording) -> BoolArray:
 
 def lost_spans(valid: BoolArray) -> list[tuple[int, int]]:
     """[first, stop) rows of every run in which no sensor [T, S] is valid."""
-    firsts, stops = runs_of(~valid.any(axis=1))
+    firsts, stops = runs_of(np.asarray(~valid.any(axis=1)))
     return list(zip(firsts.tolist(), stops.tolist(), strict=True))
 
 
@@ -126,11 +126,11 @@ class LabelledRows:
     @staticmethod
     def concatenated(parts: Sequence[LabelledRows]) -> LabelledRows:
         """The windows of all parts, one after the other, with the classes of the first."""
-        joined = []
+        joined = {}
         for name in ("trial", "row", "label"):
             values = np.concatenate([getattr(part, name) for part in parts])
-            joined.append(values.astype(np.int64))
-        return LabelledRows(*joined, parts[0].classes)
+            joined[name] = values.astype(np.int64)
+        return LabelledRows(**joined, classes=parts[0].classes)
 
     def of_situations(self) -> LabelledRows:
         """The same windows labelled with the four situations, from these or the eight classes."""

@@ -27,7 +27,7 @@ from holdfast.core.errors import LabelError, OutputError, UsageError
 from holdfast.core.schema import checked
 from holdfast.core.tactile_file import repair_lines
 from holdfast.core.trial_layout import read_events
-from holdfast.sessions.recorder.folder import alone, is_json_object
+from holdfast.sessions.recorder.folder import alone, is_json_object, written
 
 JOURNAL = "study.jsonl"
 """In the person's folder."""
@@ -147,12 +147,12 @@ class Progress:
 class Journal:
     """The open journal of one person."""
 
-    def __init__(self, path: Path, n_parts: int, now_ns: Callable[[], int]) -> None:
+    def __init__(self, path: Path, now_ns: Callable[[], int]) -> None:
         self.path = path
         self._now_ns = now_ns
         self.entries = read_journal(path)
         # Read back from the file alone: nothing else says where the study stands.
-        self.progress = progress_of(self.entries, path, n_parts)
+        self.progress = progress_of(self.entries)
         self._began_ns = now_ns()
 
     @property
@@ -183,7 +183,7 @@ def utc_now() -> str:
 
 def write_line(path: Path, line: bytes, next_step: str) -> None:
     """Append a line to a file, on the disk when this returns. Raises OutputError."""
-    try:
+    with written(path, next_step=next_step):
         # Opened anew for each line: after a full disk the next line is tried afresh.
         handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
         try:
@@ -193,13 +193,6 @@ def write_line(path: Path, line: bytes, next_step: str) -> None:
             os.fsync(handle)
         finally:
             os.close(handle)
-    except OSError as error:
-        raise OutputError(
-            f"cannot write ({error.strerror})",
-            where=path,
-            cause="a full disk, or no permission",
-            next_step=next_step,
-        ) from None
 
 
 def read_journal(path: Path) -> list[Entry]:
@@ -210,8 +203,8 @@ def read_journal(path: Path) -> list[Entry]:
     return entries
 
 
-def opened_journal(home: Path, n_parts: int, now_ns: Callable[[], int]) -> Journal:
-    """The journal of a person's folder, new or repaired. n_parts: of the protocol.
+def opened_journal(home: Path, now_ns: Callable[[], int]) -> Journal:
+    """The journal of a person's folder, new or repaired.
 
     Raises LabelError (a line that cannot be read), OutputError.
     """
@@ -220,22 +213,14 @@ def opened_journal(home: Path, n_parts: int, now_ns: Callable[[], int]) -> Journ
     path.touch()
     # A line that a kill tore is moved aside before the file is read.
     repair_lines(path, is_json_object)
-    return Journal(path, n_parts, now_ns)
+    return Journal(path, now_ns)
 
 
-def progress_of(entries: list[Entry], path: Path, n_parts: int) -> Progress:
-    """Where the lines leave the study of a protocol with so many parts. Raises LabelError."""
+def progress_of(entries: list[Entry]) -> Progress:
+    """Where the lines leave a study."""
     progress = Progress()
-    for number, entry in enumerate(entries, 1):
+    for entry in entries:
         progress.take(entry)
-        # The last part done leaves the study at n_parts, which no entry may name.
-        if entry.part >= n_parts or not 0 <= progress.part <= n_parts:
-            raise LabelError(
-                f"line {number} names a part that the protocol does not have",
-                where=path,
-                cause="it was edited, or it is another file",
-                next_step="correct that line, or take another --out",
-            )
     return progress
 
 

@@ -115,7 +115,7 @@ def outcome_of(root: Path, person: str, protocol: StudyProtocol) -> StudyOutcome
             next_step="holdfast evaluate MODEL --data FOLDER --report OUT scores such recordings",
         )
 
-    progress = progress_of(entries, journal, len(protocol.parts))
+    progress = progress_of(entries)
     return StudyOutcome(
         person=person,
         title=protocol.title,

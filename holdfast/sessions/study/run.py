@@ -128,7 +128,7 @@ def run_parts(
     home = root / options.person
     # For the whole study: between two trials another program would take numbers and time.
     with reserved(root):
-        journal = opened_journal(home, len(protocol.parts), context.clock.now_ns)
+        journal = opened_journal(home, context.clock.now_ns)
         # Before the first part: a trial that a kill left is recorded again, and must not count.
         trials.repair()
         console = Console(context)
