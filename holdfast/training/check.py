@@ -386,13 +386,16 @@ def report_lines(report: FolderReport) -> list[str]:
 
 def _summary(report: FolderReport, held_out_by: str) -> list[str]:
     """The first lines of a report: how much was read, and what is held out together."""
-    trials = sum(cell.trials for cell in report.cells)
-    minutes = sum(cell.seconds for cell in report.cells) / 60.0
-    people = {cell.person for cell in report.cells} - {None}
+    trials, seconds = 0, 0.0
+    people = set()
+    for cell in report.cells:
+        trials += cell.trials
+        seconds += cell.seconds
+        people |= {cell.person} - {None}
     of = f" of {in_words(len(people), 'person')}" if people else ""
     form = FORMATS.get(report.layout or "", "a public set")
     return [
-        f"{report.folder}: {in_words(trials, 'trial')}{of}, {minutes:.1f} min, "
+        f"{report.folder}: {in_words(trials, 'trial')}{of}, {seconds / 60.0:.1f} min, "
         f"{report.channels} channels in {report.unit} at {report.rate_hz:g} Hz; {form}",
         f"held out by {held_out_by}: {in_words(report.groups, held_out_by)}",
         *report.not_held_out,

@@ -172,19 +172,12 @@ def _moved(x: FloatArray, back: int, ahead: int) -> FloatArray:
 
 def _held(samples: FloatArray, valid: BoolArray) -> FloatArray:
     """Lost values replaced by the last good one, else the first good one, else zero."""
+    import pandas as pd  # late: dense windows need no critical points
+
     good = np.isfinite(samples) & np.repeat(valid, 3, axis=1)
-
-    # The row of the last good value so far, -1 before the first.
-    numbers = np.arange(len(samples))[:, None]
-    last = np.maximum.accumulate(np.where(good, numbers, -1), axis=0)
-
-    # Before the first good value of a channel, that value stands in.
-    first = good.argmax(axis=0)
-
+    known = pd.DataFrame(np.where(good, samples, np.nan))
     # The filters and quotients that follow need a finite value in every row.
-    source = np.where(last < 0, first, last)
-    held = np.take_along_axis(samples, source, axis=0)
-    return np.where(good.any(axis=0), held, 0.0)
+    return known.ffill().bfill().fillna(0.0).to_numpy()
 
 
 def _at_rest_zero(samples: FloatArray, rate_hz: float) -> FloatArray:

@@ -236,10 +236,10 @@ def learnable(data: DataSet) -> DataSet:
         data = data.without_weight()
 
     for task, rows in data.tasks.items():
-        counts = rows.class_counts()
-        if task in ("classes", "situations"):
-            counts = rows.of_situations().class_counts()
-        present = [name for name, count in counts.items() if count]
+        # Light and heavy of one situation are nothing to tell apart.
+        if task == "classes":
+            rows = rows.of_situations()
+        present = [name for name, count in rows.class_counts().items() if count]
         if len(present) < 2:
             raise ClassMissing(
                 f"task {task}: windows of {' and '.join(present) or 'no class'} alone, "

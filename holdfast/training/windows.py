@@ -32,7 +32,7 @@ thesis    the thesis' undersampled set: natural windows, as many of each class a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -133,15 +133,14 @@ def windows_of(trials: Sequence[TimedTrial], choice: Choice) -> pd.DataFrame:
     """
     import pandas as pd  # a third of a second, which no command without windows needs
 
-    rows_of = {"balanced": _dense_rows, "dense": _denser_rows}.get(choice)
     lines = []
     classes = classes_of(trials)
     for index, trial in enumerate(trials):
         name = trial.recording.object_name or NO_OBJECT
         action = trial.recording.action or NO_OBJECT
         # A script does not say when each sample begins to slip.
-        if rows_of and trial.timed and trial.has_object:
-            spots = _dense(trial.recording, rows_of)
+        if choice in ("balanced", "dense") and trial.timed and trial.has_object:
+            spots = _dense(trial.recording, closer=choice == "dense")
         else:
             spots = _natural(trial)
 
@@ -221,32 +220,28 @@ def _natural(trial: TimedTrial) -> list[_Spot]:
     return sorted(spots, key=lambda spot: spot.row)
 
 
-def _dense(
-    recording: Recording, rows_of: Callable[[Phase, int, float], list[int]]
-) -> list[_Spot]:
-    """Windows by phase alone. rows_of: the rows of a phase, from the settled row on, at a rate."""
+def _dense(recording: Recording, *, closer: bool) -> list[_Spot]:
+    """Windows by phase alone. closer: while a phase begins, and few of a slip that lasts."""
     rate_hz = recording.rate_hz
     # Before that a hand answers nothing, because its history is not whole.
     settled = math.ceil(HISTORY_S * rate_hz)
     spots = []
     for phase in recording.phases:
-        for row in rows_of(phase, settled, rate_hz):
+        first = max(phase.first, settled)
+        every = max(1, round(DENSE_EVERY_S[phase.situation] * rate_hz))
+        rows = list(range(first, phase.stop, every))
+        if closer:
+            rows = _closer(rows, first, phase, rate_hz)
+        for row in rows:
             spots.append(_Spot(row, phase.situation, "dense"))
     return spots
 
 
-def _dense_rows(phase: Phase, settled: int, rate_hz: float) -> list[int]:
-    every = max(1, round(DENSE_EVERY_S[phase.situation] * rate_hz))
-    return list(range(max(phase.first, settled), phase.stop, every))
-
-
-def _denser_rows(phase: Phase, settled: int, rate_hz: float) -> list[int]:
-    first = max(phase.first, settled)
+def _closer(rows: list[int], first: int, phase: Phase, rate_hz: float) -> list[int]:
+    """The rows of a phase from its row `first` on, and others while it begins."""
     begun = min(phase.stop, first + round(BEGIN_S * rate_hz))
-    begin_every = max(1, round(BEGIN_EVERY_S[phase.situation] * rate_hz))
-    rows = {*range(first, begun, begin_every), *_dense_rows(phase, settled, rate_hz)}
-
-    in_order = sorted(rows)
+    every = max(1, round(BEGIN_EVERY_S[phase.situation] * rate_hz))
+    in_order = sorted({*range(first, begun, every), *rows})
     if phase.situation != RISKY_SLIP or len(in_order) <= MOST_RISKY:
         return in_order
     # A slow slide of a second would outweigh thirty fast slips.

@@ -144,14 +144,15 @@ def data_folder() -> Path:
 def find(name_or_path: str | Path) -> Path:
     """Folder of a set. Raises DataNotFound with the likely cause."""
     path = Path(name_or_path)
+    is_public = str(name_or_path) in PUBLIC_SETS
     # A public name goes first to the data folder, so that a folder of that name here does not hide
     # it.
     public = data_folder() / name_or_path
-    if str(name_or_path) in PUBLIC_SETS and (public.is_dir() or not path.is_dir()):
-        path = public
+    if is_public and public.is_dir():
+        return public
     if path.is_dir():
         return path
-    if path is public:
+    if is_public:
         raise DataNotFound(
             f"data set {name_or_path} not found",
             where=public,

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contract import GRASP, RISKY_SLIP, SITUATIONS, FloatArray
+from holdfast.core.contract import GRASP, RISKY_SLIP, SITUATIONS
 from holdfast.core.hand_card import read_hand_card
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.datasets.public_files import (
@@ -60,7 +60,16 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
     recordings, windows = [], []
     for number, tug in enumerate(tugged):
         label = RISKY_SLIP if tug else GRASP
-        recordings.append(_recording(number, raw[number], bool(tug)))
+        recording = Recording(
+            trial_id=f"trial_{number:03d}",
+            group=f"block_{number // BLOCK_TRIALS:02d}",
+            samples=PREPARATION.apply(raw[number]),
+            valid=finite_sensors(raw[number]),
+            rate_hz=RATE_HZ,
+            unit="uT",
+            action="tug" if tug else "hold",
+        )
+        recordings.append(recording)
         windows.append((row, np.full(len(row), label)))
 
     return DataSet(
@@ -78,17 +87,4 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
         notes={
             "doubtful_trials": ["trial_086: labelled as held, but shows a large event"]
         },
-    )
-
-
-def _recording(number: int, raw: FloatArray, tug: bool) -> Recording:
-    """A trial of the set; its block is its group."""
-    return Recording(
-        trial_id=f"trial_{number:03d}",
-        group=f"block_{number // BLOCK_TRIALS:02d}",
-        samples=PREPARATION.apply(raw),
-        valid=finite_sensors(raw),
-        rate_hz=RATE_HZ,
-        unit="uT",
-        action="tug" if tug else "hold",
     )
