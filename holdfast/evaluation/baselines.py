@@ -372,23 +372,19 @@ class Thresholds:
         }
 
 
-@dataclass(frozen=True)
-class MatchingStreams:
-    """Streams that settings are found on, as the model answered them; names of their sets."""
-
-    recordings: Sequence[Recording]
-    outputs: Sequence[ModelOutputs]
-    names: list[str]
-
-
 def find_thresholds(
     card: ModelCard,
-    streams: MatchingStreams,
+    recordings: Sequence[Recording],
+    outputs: Sequence[ModelOutputs],
     baselines: Sequence[Baseline],
+    names: list[str],
     chosen: Chosen | None = None,
     part: Part = ignored,
 ) -> Thresholds:
-    """This model as deployed and, first, as chosen; baselines at the headline's own rate."""
+    """This model as deployed and, first, as chosen; baselines at the headline's own rate.
+
+    outputs: of the model on these recordings. names: of their sets.
+    """
     rules = card.decision
     # The first is the headline, which every baseline is compared with.
     confidences = {CHOSEN: chosen.permille} if chosen else {}
@@ -397,14 +393,14 @@ def find_thresholds(
 
     # A baseline may have as many false alarms as this model: their recalls then compare.
     permille = next(iter(confidences.values()))
-    headline = requests_at(streams.outputs, rules, permille)
+    headline = requests_at(outputs, rules, permille)
     # Measured on the same streams that the baselines are matched on.
-    rate = false_per_min(streams.recordings, headline)
+    rate = false_per_min(recordings, headline)
 
     found = []
     for number, one in enumerate(baselines, 1):
-        found.append(matched(one, streams.recordings, rate))
+        found.append(matched(one, recordings, rate))
         # Each baseline takes seconds to minutes, since every setting is a pass over the streams.
         part(number / len(baselines))
 
-    return Thresholds(confidences, found, rules, streams.names, chosen, rate)
+    return Thresholds(confidences, found, rules, names, chosen, rate)

@@ -198,14 +198,13 @@ def distributions(times: dict[str, Times], kind: str) -> str:
     with labelled(kind, width, 2.35 * n_rows + 0.3) as figure:
         panels = figure.subplots(n_rows, n_columns, squeeze=False, sharey=True)
         for axes, (name, one) in zip(panels.flat, many.items(), strict=False):
+            of, to_act = one.of_events, one.of_events.delay_ms
             # The first is wide: the second often lies on it.
             first = "to the first risky_slip state"
             _curve(axes, one.to_state_ms, first, "#56b4e9", 3.6)
-            to_act, left = one.of_events.delay_ms, one.of_events.lead_ms
-            available = one.of_events.available_ms
             _curve(axes, to_act, "to act", "#d55e00")
-            _curve(axes, available, "lead available", "#009e73", linestyle="--")
-            _curve(axes, left, "lead left at act", "#000000")
+            _curve(axes, of.available_ms, "lead available", "#009e73", linestyle="--")
+            _curve(axes, of.lead_ms, "lead left at act", "#000000")
             axes.set_title(name, fontsize=9, loc="left")
             # Below 0: an alarm within the collar comes before the load onset.
             axes.set(xlim=(-20.0, _last_ms(to_act)), ylim=(0.0, 1.02), xlabel="ms")
@@ -240,12 +239,8 @@ def _curve(
     if not values:
         return
 
-    n = len(values)
-    shares = np.arange(1, n + 1) / n
-    axes.step(
-        np.sort(values),
-        shares,
-        where="post",
+    axes.ecdf(
+        values,
         label=title,
         color=colour,
         linestyle=linestyle,
