@@ -207,7 +207,8 @@ def _read_csv(path: Path, load_unit: str) -> tuple[FloatArray, FloatArray]:
     import pandas as pd  # a third of a second, which a bias does not need
 
     try:
-        table = pd.read_csv(path, dtype=float, float_precision="round_trip")
+        # As texts first: pandas' own reader rounds some decimals differently in the last bit.
+        table = pd.read_csv(path, dtype=str).astype(float)
     except OSError:
         raise DataNotFound(
             "no such file, or unreadable", where=path, next_step="check the path"

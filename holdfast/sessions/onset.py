@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from holdfast.core.errors import (
     DataError,
     DataNotFound,
+    EmptyRecording,
     LabelError,
     NotANumber,
     TimeError,
@@ -63,7 +64,7 @@ class WatchedTrial:
 def read_motion(folder: Path, tag_mm: float | None = None) -> WatchedTrial:
     """The object's motion in the hand, from a watched folder. Raises a DataError."""
     from holdfast.drivers.camera.onset import motion
-    from holdfast.drivers.camera.recording import read_about, read_tracks
+    from holdfast.drivers.camera.recording import TAGS, read_about, read_tracks
 
     if not folder.is_dir():
         raise DataNotFound(
@@ -81,6 +82,15 @@ def read_motion(folder: Path, tag_mm: float | None = None) -> WatchedTrial:
         )
 
     tracks = read_tracks(folder)
+    # A file that was cut would give a slip that ends too early.
+    if len(tracks.t_s) < about.frames:
+        raise EmptyRecording(
+            f"holds {len(tracks.t_s)} of its {about.frames} frames",
+            where=folder / TAGS,
+            cause="an interrupted copy, or a broken disk",
+            next_step="copy it again from where it was recorded",
+        )
+
     with _placed(folder):
         moved = motion(
             tracks.t_s,
