@@ -22,6 +22,7 @@ from holdfast.evaluation.alarms import (
     match_alarms,
     requests_at,
 )
+from holdfast.evaluation.model_outputs import every_row
 from holdfast.export.exporting import whole_graph
 from holdfast.export.features import SCALED_LAGS, SPANS_S, feature_count
 from holdfast.export.heads import Head, riskier_argmax, situation_votes
@@ -39,7 +40,7 @@ from holdfast.training.crossval import (
     spec_for,
     uncalibrated,
 )
-from holdfast.training.fitting import held_out_figures
+from holdfast.training.judging import held_out_figures
 from holdfast.training.recording import DataSet, Recording, assign_groups
 
 FOLDS = 3
@@ -139,7 +140,7 @@ def _on_people(
     """
     spec = points[0].spec(data)
     windows = features_of(data, spec)["situations"]
-    everywhere = features_at(data, spec, _every_row(data))
+    everywhere = features_at(data, spec, every_row(data.recordings))
     groups = data.group_of("situations")
     folds = assign_groups(groups, FOLDS)
     fold_of_window = np.array([folds[str(group)] for group in groups])
@@ -173,16 +174,12 @@ def _on_people(
     return found
 
 
-def _every_row(data: DataSet) -> list[IntArray]:
-    return [np.arange(len(recording.samples)) for recording in data.recordings]
-
-
 def _votes(learners: dict[Point, Learner], data: DataSet) -> dict[Point, Votes]:
     """What learners of the same features vote at every sample; features are computed once."""
     if not learners:
         return {}
     spec = next(iter(learners)).spec(data)
-    each = features_at(data, spec, _every_row(data))
+    each = features_at(data, spec, every_row(data.recordings))
     n_classes = len(data.tasks["classes"].classes)
     votes = {}
     for point, learner in learners.items():

@@ -67,8 +67,12 @@ def everywhere(
 ) -> list[Outputs]:
     """Outputs [T, ..] of a step at every sample of every recording, in their order."""
     # Not only at windows: alarms begin at any sample.
-    every_row = [np.arange(len(one.samples)) for one in recordings]
-    return stepped(steps, recordings, every_row, part)
+    return stepped(steps, recordings, every_row(recordings), part)
+
+
+def every_row(recordings: Sequence[Recording]) -> list[IntArray]:
+    """The rows [T] of all samples of each recording."""
+    return [np.arange(len(one.samples)) for one in recordings]
 
 
 def read_outputs(
@@ -203,5 +207,5 @@ def at_windows(
     data: DataSet, task: str, output: str, computed: Sequence[Outputs]
 ) -> npt.NDArray[Any]:
     """[M, ..] an output at the task's windows, out of all samples of each recording."""
-    every_row = [np.arange(len(one.samples)) for one in data.recordings]
-    return pick_rows(data, task, every_row, [one[output] for one in computed])
+    of_output = [one[output] for one in computed]
+    return pick_rows(data, task, every_row(data.recordings), of_output)

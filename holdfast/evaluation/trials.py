@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -185,7 +186,7 @@ def central_trial(
 
     Without such a trial it is the first of all, and None without a trial. No answer decides.
     """
-    rows = [one for of_title in drawn.values() for one in of_title]
+    rows = list(chain.from_iterable(drawn.values()))
     slips = [one for one in rows if one.trial.recording.action in RISKY_ACTIONS]
     if not rows:
         return None
@@ -203,20 +204,20 @@ def drawn_trials(answered: Sequence[AnsweredTrial]) -> dict[str, list[AnsweredTr
     bottle, the heaviest object, have a picture of their own.
     """
     by_title: dict[str, list[AnsweredTrial]] = {}
+    for one in answered:
+        # By action and object alone: no answer decides what is shown.
+        by_title.setdefault(_title(one.trial.recording), []).append(one)
     # A fixed order, so that reports of two models can be read side by side.
     titles = ["pass", "pull", "fall", "put-down", "pass, full-bottle"]
-    found = {_title(one.trial.recording) for one in answered}
-    if not found.intersection(titles):
+    if not by_title.keys() & set(titles):
         # Recordings of a laboratory have actions of their own, or none that is named.
-        titles = sorted(found)[:MOST_TITLES]
+        titles = sorted(by_title)[:MOST_TITLES]
 
+    drawn = {}
     for title in titles:
-        # By action and object alone: no answer decides what is shown.
-        rows = [one for one in answered if _title(one.trial.recording) == title]
-        if rows:
-            by_title[title or "trials"] = _interleaved(rows)[:ROWS_DRAWN]
-
-    return by_title
+        if title in by_title:
+            drawn[title or "trials"] = _interleaved(by_title[title])[:ROWS_DRAWN]
+    return drawn
 
 
 def _title(recording: Recording) -> str:

@@ -278,6 +278,10 @@ def _cells(found: Found) -> list[Cell]:
 # -- what more data would bring
 
 
+def _advise(where: Path | str, what: str, step: str) -> Missing:
+    return Missing("advice", str(where), what, step)
+
+
 def _advice(
     report: FolderReport, root: Path, trials: Sequence[TimedTrial], *, all_read: bool
 ) -> Iterator[Missing]:
@@ -286,8 +290,7 @@ def _advice(
     bare = report.layout == "thesis"
     if bare and "unit" not in read_json(root / META):
         units = " or ".join(f'{{"unit": "{unit}"}}' for unit in UNITS)
-        where = str(root / META)
-        yield Missing("advice", where, "no unit; N is assumed", f"write {units}")
+        yield _advise(root / META, "no unit; N is assumed", f"write {units}")
 
     people = {trial.recording.person for trial in trials} - {None}
     if len(people) < 2:
@@ -295,7 +298,7 @@ def _advice(
         held_out = f"figures are held out by {report.held_out_by}"
         what = f"{named}: {held_out} and do not apply to other people"
         step = f"sort trials of several people into {LAYOUT}"
-        yield Missing("advice", str(root), what, step)
+        yield _advise(root, what, step)
 
     for trial in trials:
         recording = trial.recording
@@ -303,14 +306,14 @@ def _advice(
             # The folder of the object is two above the file of the trial.
             folder = root / Path(recording.trial_id).parent.parent
             what = f"no mass given for object {recording.object_name!r}: {NO_WEIGHT}"
-            yield Missing("advice", str(folder), what, weigh_it(folder))
+            yield _advise(folder, what, weigh_it(folder))
         lost = [stop - first for first, stop in lost_spans(recording.valid)]
         if lost:
             total_s, longest_s = np.array([sum(lost), max(lost)]) / recording.rate_hz
             gaps = f"{count_of(len(lost), 'gap')} of {total_s:.2f} s together"
             what = f"{gaps}, the longest of {longest_s:.2f} s"
             step = "nothing: they are lost samples, and the answer is unknown over them"
-            yield Missing("advice", recording.trial_id, what, step)
+            yield _advise(recording.trial_id, what, step)
 
     if all_read:
         yield from _missing_situations(report.windows, root, in_n=report.unit == "N")
@@ -320,7 +323,7 @@ def _advice(
         share = f"{len(scripted)} of {len(trials)} trials"
         what = f"{share} have labels by the script, not measured ones"
         step = f"where you know the times, write {PHASES}"
-        yield Missing("advice", str(truth), what, step)
+        yield _advise(truth, what, step)
 
 
 def _missing_situations(
@@ -341,7 +344,7 @@ def _missing_situations(
         elif number != NOTHING and not counts[number].all():
             lacks = "heavy" if counts[number, 0] else "light"
             what = f"no {situation} with a {lacks} object: {NO_WEIGHT}"
-            yield Missing("advice", str(root), what, step)
+            yield _advise(root, what, step)
 
 
 # -- as lines for people

@@ -195,9 +195,7 @@ def _rows(seconds: float, rate_hz: float) -> int:
 def _inside(rows: IntArray, n_rows: int, rate_hz: float) -> IntArray:
     """The rows that keep off both ends of a recording."""
     edge = _rows(EDGE_S, rate_hz)
-    after_start = rows >= edge
-    before_end = rows < n_rows - edge
-    return rows[after_start & before_end]
+    return rows[(rows >= edge) & (rows < n_rows - edge)]
 
 
 def _first_of_any(rows: IntArray, apart: int) -> IntArray:
@@ -235,5 +233,4 @@ def _source(
 
 def _any_within(rows: IntArray, first: int, apart: int) -> bool:
     """Whether one of the rows lies in first .. first + apart."""
-    later = rows - first
-    return bool(np.any((later >= 0) & (later <= apart)))
+    return bool(np.any((rows >= first) & (rows <= first + apart)))

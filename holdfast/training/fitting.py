@@ -45,10 +45,11 @@ from holdfast.training.fixture import write_fixture
 from holdfast.training.judging import (
     CurvePoint,
     as_grouped,
+    held_out_figures,
     learning_curve,
     strictest_hold_out,
 )
-from holdfast.training.metrics import PLURAL, HeadFigures, report
+from holdfast.training.metrics import PLURAL, HeadFigures
 from holdfast.training.plan import (
     PLANS,
     TASK_HEADS,
@@ -308,9 +309,7 @@ def train(
     write_artifact(out, artifact)
     curve = []
     if judge:
-        curve = learning_curve(
-            data, features, plan, seed, held_out_figures, figures, say
-        )
+        curve = learning_curve(data, features, plan, seed, figures, say)
     return Trained(
         figures, held_out, curve, not_learned_of({"training": artifact.training})
     )
@@ -350,15 +349,6 @@ def final_artifact(
         rows=np.concatenate(list(features.values())),
         training=_origin(data, plan, spec, seed, figures),
     )
-
-
-def held_out_figures(data: DataSet, held_out: HeldOut, seed: int = 0) -> HeadFigures:
-    """Metrics of the held-out votes, situations always four."""
-    # The second class is the one that slips within 0.25 s.
-    score = None
-    if "predict_250ms" in data.tasks:
-        score = held_out.shares("predict_250ms")[:, 1]
-    return report(data.with_situations(), held_out.situations(), score, seed=seed)
 
 
 def fingerprint(recording: Recording) -> str:

@@ -231,10 +231,7 @@ def learnable(data: DataSet) -> DataSet:
     Without weights where a situation has only light or only heavy objects: a model of those would
     take the situation for the weight. Raises ClassMissing where there is nothing to tell apart.
     """
-    rows = data.tasks.get("classes")
-    if rows is not None and _of_one_weight(rows):
-        data = data.without_weight()
-
+    data = with_learned_weight(data)
     for task, rows in data.tasks.items():
         # Light and heavy of one situation are nothing to tell apart.
         if task == "classes":
@@ -252,11 +249,10 @@ def learnable(data: DataSet) -> DataSet:
     return data
 
 
-def learned_rows(rows: LabelledRows) -> LabelledRows:
-    """The windows as `learnable` has them: situations where the weight is not learned."""
-    if len(rows.classes) > len(SITUATIONS) and _of_one_weight(rows):
-        return rows.of_situations()
-    return rows
+def with_learned_weight(data: DataSet) -> DataSet:
+    """The set without weights where a situation has only light or only heavy objects."""
+    rows = data.tasks.get("classes")
+    return data.without_weight() if rows and _of_one_weight(rows) else data
 
 
 def cannot_tell(data: DataSet, *, by_force: bool) -> dict[str, str]:
@@ -265,9 +261,8 @@ def cannot_tell(data: DataSet, *, by_force: bool) -> dict[str, str]:
     by_force: the model's contact rule tells "nothing", also where no window shows it.
     """
     not_learned = {}
-    main = data.tasks.get("classes", data.tasks.get("situations"))
-    assert main is not None
-    for name, count in main.of_situations().class_counts().items():
+    situations = data.with_situations().tasks["situations"]
+    for name, count in situations.class_counts().items():
         by_rule = by_force and name == SITUATIONS[NOTHING]
         if not count and not by_rule:
             not_learned[name] = f"{NOT_SHOWN[name]} in the training data"

@@ -26,7 +26,7 @@ from holdfast.training.datasets.human_slip_uskin import (
     MOST_LOADED_TAXELS,
     SPREAD_TAXELS,
 )
-from holdfast.training.fitting import held_out_figures
+from holdfast.training.judging import held_out_figures
 from holdfast.training.metrics import HeadFigures
 from holdfast.training.plan import ForestPlan, TrainingPlan
 from holdfast.training.progress import Say

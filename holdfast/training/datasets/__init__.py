@@ -200,8 +200,7 @@ def keep_groups(data: DataSet, n_groups: int, *, seed: int = 0) -> DataSet:
         )
 
     kept = set(np.random.default_rng(seed).permutation(names)[:n_groups].tolist())
-    smaller = data.of_groups(kept)
-    return replace(smaller, notes={**data.notes, "kept_groups": sorted(kept)})
+    return data.of_groups(kept)
 
 
 def join(sets: Sequence[DataSet]) -> DataSet:
@@ -249,7 +248,7 @@ def join(sets: Sequence[DataSet]) -> DataSet:
         kind=_each_once(" + ", sets, "kind"),
         redistributable=all(data.redistributable for data in sets),
         caveat=_each_once(" ", sets, "caveat"),
-        notes={"sets": {data.name: data.notes for data in sets}},
+        notes={},
         group_kind=_each_once(" and by ", sets, "group_kind"),
         hand=with_card[0].hand if with_card else None,
         forces_verified=all(data.forces_verified for data in sets),

@@ -36,6 +36,7 @@ TRIAL_ROWS, WINDOW_ROWS = 300, 6
 LAST_SECOND = slice(TRIAL_ROWS - 100, TRIAL_ROWS)
 BLOCK_TRIALS = 6
 """Object ids are not published; neighbouring trials are likely of one object and stay together."""
+# trial_086 is labelled as held, but shows a large event.
 CAVEAT = (
     "Tug against steady hold, one label a trial and no onset; an easy set: one threshold on the "
     "amplitude is right in 0.993 of the trials, so a forest cannot show an advantage here."
@@ -84,7 +85,4 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
         caveat=CAVEAT,
         group_kind="block",
         hand=read_hand_card(SIX_MAGNETOMETERS_CARD) if channels == 18 else None,
-        notes={
-            "doubtful_trials": ["trial_086: labelled as held, but shows a large event"]
-        },
     )

@@ -179,6 +179,7 @@ def of_trials(
     seed: int,
 ) -> DataSet:
     """The data set of trials that are read. meta: name, kind, origin."""
+    bands_for(rate_hz)  # raises RateError where the rate carries none
     tasks: dict[str, LabelledRows] = {}
     notes: Json = {}
     if windows != "none":
@@ -197,11 +198,7 @@ def of_trials(
         redistributable=meta.redistributable,
         caveat=_caveat(trials, meta),
         group_kind=group_kind,
-        notes={
-            "bands_hz": list(bands_for(rate_hz)),
-            "samples": sample_counts(trials),
-            **notes,
-        },
+        notes={"samples": sample_counts(trials), **notes},
     )
 
 
@@ -230,7 +227,7 @@ def _caveat(trials: Sequence[TimedTrial], meta: SetMeta) -> str:
 def _windows(
     trials: list[TimedTrial], choice: Choice, seed: int
 ) -> tuple[dict[str, LabelledRows], Json]:
-    """The task on the chosen windows, "classes" or "situations", and their counts for the notes."""
+    """The task on the chosen windows, "classes" or "situations", and notes of it."""
     notes: Json = {}
     classes = classes_of(trials)
     task = "classes" if classes == CLASSES else "situations"
@@ -238,9 +235,7 @@ def _windows(
     if choice == "thesis":
         notes["windows_natural"] = labelled_rows(chosen, classes).class_counts()
         chosen = undersample(chosen, seed)
-    rows = labelled_rows(chosen, classes)
-    notes["windows"] = rows.class_counts()
-    return {task: rows}, notes
+    return {task: labelled_rows(chosen, classes)}, notes
 
 
 class SetMeta(msgspec.Struct, frozen=True):
