@@ -203,32 +203,38 @@ def probing_starts(load_n: FloatArray) -> list[int]:
 
 
 def _read_csv(path: Path, load_unit: str) -> tuple[FloatArray, FloatArray]:
-    """(field [T, S, 3] uT, force [T, 3] N) of a CSV file: Time, X1..Zn (uT), Fx, Fy, Fz."""
-    import pandas as pd  # a third of a second, which a bias does not need
-
+    """(field [T, S, 3] uT, force [T, 3] N)."""
     try:
-        # As texts first: pandas' own reader rounds some decimals differently in the last bit.
-        table = pd.read_csv(path, dtype=str).astype(float)
+        table = np.loadtxt(path, delimiter=",", ndmin=2, skiprows=1)
     except OSError:
         raise DataNotFound(
             "no such file, or unreadable", where=path, next_step="check the path"
         ) from None
     except ValueError as error:
-        step = "write plain decimal numbers, and nan for a value that was lost"
-        raise NotANumber(str(error), where=path, next_step=step) from None
+        raise NotANumber(
+            str(error),
+            where=path,
+            next_step="write plain decimal numbers, and nan for a value that was lost",
+        ) from None
 
-    table.columns = list(map(str.strip, table.columns))
+    names = path.read_text("utf-8-sig").partition("\n")[0].split(",")
+    header = list(map(str.strip, names))
     # Time, three columns a sensor, three forces, in any order.
-    expected = ["Time", *channel_names(max(1, (table.shape[1] - 4) // 3)), *FORCES]
-    if sorted(table.columns) != sorted(expected):
+    expected = ("Time", *channel_names(max(1, (len(header) - 4) // 3)), *FORCES)
+    if sorted(header) != sorted(expected) or table.shape[1] != len(header):
+        missing = ", ".join(name for name in expected if name not in header)
         raise ColumnError(
-            f"columns named {', '.join(table.columns)}",
+            f"{table.shape[1]} columns named {', '.join(header)}; "
+            f"missing: {missing or 'none'}",
             where=path,
             next_step="name the columns Time,X1,Y1,Z1,..,Fx,Fy,Fz and remove the others",
         )
-    values = table[expected].to_numpy()
-    force_n = UNIT_OF[load_unit][1] * values[:, -len(FORCES) :]
-    return values[:, 1 : -len(FORCES)].reshape(len(values), -1, 3), force_n
+
+    # Columns may stand in any order: they are taken by their names.
+    fields = list(map(header.index, expected[1:-3]))
+    forces = list(map(header.index, FORCES))
+    by_sensor = table[:, fields].reshape(len(table), -1, 3)
+    return by_sensor, UNIT_OF[load_unit][1] * table[:, forces]
 
 
 # -- a calibration

@@ -53,15 +53,6 @@ USUAL_CHANNELS = 18
 """Of a public set, where no number is given."""
 FOLDER_VARIABLE = "HOLDFAST_DATA"
 """The environment variable that names the data folder."""
-MUST_AGREE: dict[str, type[DataError]] = {
-    "rate in Hz": RateError,
-    "unit": UnitError,
-    "sensors": ChannelError,
-    "sides": ChannelError,
-    "tasks": LabelError,
-    "preparation": DataError,
-}
-"""In what sets must agree to train one model."""
 BESIDE_THE_CHECKOUT = Path(__file__).resolve().parents[4] / "shared" / "data"
 
 
@@ -260,33 +251,27 @@ def _require_alike(other: DataSet, first: DataSet) -> None:
 
     Raises RateError, UnitError, ChannelError, LabelError or DataError.
     """
-    one, reference = _facts(other), _facts(first)
-    # The rate of a set that is near enough counts as the same.
-    if abs(other.rate_hz / first.rate_hz - 1.0) <= RATE_TOLERANCE:
-        one["rate in Hz"] = reference["rate in Hz"]
-    # A set without a card fits any hand.
-    if other.hand is None or first.hand is None:
-        one["sides"] = reference["sides"]
-    for name, error in MUST_AGREE.items():
-        if one[name] != reference[name]:
+    # A rate that is near enough counts as the same, and a set without a card fits any hand.
+    is_near = abs(other.rate_hz / first.rate_hz - 1.0) <= RATE_TOLERANCE
+    rate_hz = first.rate_hz if is_near else other.rate_hz
+    ours, theirs = other.hand or first.hand, first.hand or other.hand
+    sides = ours and ours.sensor_sides
+    must_agree: list[tuple[type[DataError], str, object, object]] = [
+        (RateError, "rate in Hz", rate_hz, first.rate_hz),
+        (UnitError, "unit", other.unit, first.unit),
+        (ChannelError, "sensors", other.n_sensors, first.n_sensors),
+        (ChannelError, "sides", sides, theirs and theirs.sensor_sides),
+        (LabelError, "tasks", sorted(other.tasks), sorted(first.tasks)),
+        (DataError, "preparation", other.preparation, first.preparation),
+    ]
+    for error, name, one, reference in must_agree:
+        if one != reference:
             raise error(
-                f"{other.name} differs in {name}: {one[name]}, not {reference[name]}",
+                f"{other.name} differs in {name}: {one}, not {reference}",
                 where=other.name,
                 cause=f"recorded with other settings than {first.name}",
                 next_step="use sets that were recorded alike, or one of them alone",
             )
-
-
-def _facts(data: DataSet) -> dict[str, object]:
-    """What one model needs to know of a set, by the names of MUST_AGREE."""
-    return {
-        "rate in Hz": data.rate_hz,
-        "unit": data.unit,
-        "sensors": data.n_sensors,
-        "sides": data.hand.sensor_sides if data.hand else None,
-        "tasks": ", ".join(sorted(data.tasks)),
-        "preparation": data.preparation,
-    }
 
 
 def _each_once(separator: str, sets: Sequence[DataSet], name: str) -> str:

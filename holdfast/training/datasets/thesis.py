@@ -162,7 +162,7 @@ def assembled(
     """A data set of trials. Raises RateError, ChannelError, .., which name the trial.
 
     People are the groups; without at least two, every trial is its own. `notes` has the counts of
-    samples and of windows, and of those before undersampling.
+    samples, and of windows before undersampling.
     """
     trials = [reader.read() for reader in readers]
     rate_hz = common_rate([trial.recording for trial in trials])
