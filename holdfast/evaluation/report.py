@@ -30,7 +30,7 @@ from holdfast.evaluation.trials import AnsweredTrial, LabelledTrial, central_tri
 from holdfast.export.spec import window_samples
 from holdfast.training.crossval import main_task
 from holdfast.training.fitting import Trained
-from holdfast.training.judging import CurvePoint, per_doubling
+from holdfast.training.judging import CurvePoint
 from holdfast.training.metrics import (
     PLURAL,
     HeadFigures,
@@ -244,7 +244,6 @@ def write_training_report(
         central=central,
         central_picture=_drawn(central, data.kind),
         points=points,
-        gain=per_doubling(points),
         artifact=artifact,
     )
 

@@ -179,20 +179,6 @@ def learning_curve(
     return list(points.values()) if len(points) > 1 else []
 
 
-def per_doubling(points: Sequence[CurvePoint]) -> float | None:
-    """What twice the trials brought to the macro F1: a line through it over log2 of the trials.
-
-    A curve flattens, so the next doubling brings this much at most. None with less than three
-    points: two say nothing of how well a line fits.
-    """
-    known = [(one.n_trials, one.macro_f1) for one in points if one.macro_f1 is not None]
-    if len(known) < 3:
-        return None
-    n_trials, macro_f1 = np.array(known).T
-    slope, _ = np.polyfit(np.log2(n_trials), macro_f1, 1)
-    return float(slope)
-
-
 def _cut(data: DataSet, plan: TrainingPlan, share: float, seed: int) -> list[Fold]:
     """The folds of the main task, with this share of their training groups, one at least.
 

@@ -191,8 +191,7 @@ class DataSet:
         """The same set with a task "situations", made from the eight classes where it has none."""
         if "situations" in self.tasks:
             return self
-        situations = self.tasks["classes"].of_situations()
-        return replace(self, tasks={**self.tasks, "situations": situations})
+        return replace(self, tasks=self.without_weight().tasks | self.tasks)
 
     def without_weight(self) -> DataSet:
         """The same set with the four situations in place of the eight classes, if it has these."""

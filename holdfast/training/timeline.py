@@ -122,7 +122,7 @@ def scripted(
     if not onset < acts < empty:
         raise _off_the_script(trial, action_at_s, onset, empty)
 
-    slip = situation_of(action)
+    slip = SITUATIONS.index(SITUATION_OF_ACTION[action])
     starts = {0: NOTHING, onset: GRASP, acts: slip}
 
     # These two actions have two steps: the object is set down or taken, then the hand lets go.
@@ -185,11 +185,6 @@ def of_whole_trial(t_s: FloatArray, samples: FloatArray, action: str) -> Phases:
     first = max(onset, at - round(SLIP_BEFORE_S / period_s))
     stop = min(empty, at + round(SLIP_AFTER_S / period_s))
     return (Phase(first, stop, RISKY_SLIP),)
-
-
-def situation_of(action: str) -> int:
-    """The situation that an action leads to, as an index of SITUATIONS."""
-    return SITUATIONS.index(SITUATION_OF_ACTION[action])
 
 
 def contact(t_s: FloatArray, samples: FloatArray) -> tuple[int, int]:

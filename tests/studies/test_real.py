@@ -27,7 +27,8 @@ from holdfast.training.crossval import (
     splits_of,
 )
 from holdfast.training.datasets import load
-from holdfast.training.judging import held_out_figures, versions
+from holdfast.training.fitting import versions
+from holdfast.training.judging import held_out_figures
 from holdfast.training.plan import (
     ForestPlan,
     TrainingPlan,

@@ -214,13 +214,8 @@ def rotation_from_start_deg(angle_deg: FloatArray, start: int) -> FloatArray:
 
 def situations(force_n: FloatArray, rotation_deg: FloatArray) -> IntArray:
     """[T] situation at every row, UNLABELLED where force or rotation is not finite."""
-    # The first condition that holds counts; a rotation of nan fulfils none.
-    conditions = [
-        rotation_deg < SAFE_DEG,
-        rotation_deg < RISKY_DEG,
-        rotation_deg >= RISKY_DEG,
-    ]
-    label = np.select(conditions, [GRASP, SAFE_SLIP, RISKY_SLIP], default=UNLABELLED)
+    label = GRASP + np.digitize(rotation_deg, [SAFE_DEG, RISKY_DEG])
+    label = np.where(np.isnan(rotation_deg), UNLABELLED, label)
 
     # Without contact there is no slip, whatever the object does.
     label = np.where(force_n < CONTACT_N, NOTHING, label)

@@ -54,6 +54,7 @@ EMPTY_HAND = "nothing"
 """The name of the folder or file of the hand alone."""
 FOLDERS = tuple(dict.fromkeys((*SITUATION_OF_ACTION, *UNSCRIPTED)))
 """The actions that a folder can be named after."""
+_ACTION_OF = {plain_word(action): action for action in FOLDERS}
 TRIAL_NAME = re.compile(r"trial_(\d+)\.csv")
 """The file of a trial, and its number."""
 KEYS_OF_A_SET = {"unit", "kind"}
@@ -185,8 +186,7 @@ def _of_one_hand(home: Path, person: str | None, fault: Fault) -> Iterator[Trial
 
 def action_of(name: str) -> str | None:
     """The action that a folder is named after, in any spelling; None for another name."""
-    known = {plain_word(action): action for action in FOLDERS}
-    return known.get(plain_word(name))
+    return _ACTION_OF.get(plain_word(name))
 
 
 def _has_actions(trials: Iterable[Path]) -> bool:
