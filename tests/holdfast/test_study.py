@@ -102,19 +102,19 @@ def test_a_study_goes_from_step_to_step_and_ends(talk: Study) -> None:
     assert talk.done() == [0, 1, 2]
 
 
-def test_skip_repeat_note_and_pause_are_entries_and_a_pause_takes_no_time(
+def test_skip_repeat_and_note_are_entries_and_time_is_counted_by_part(
     talk: Study,
 ) -> None:
-    talk.run("s" + "nlate bus\n" + "r" + " " + "pxp" + " q", pause_s=1.0)
+    talk.run("s" + "nlate bus\n" + "r" + " " + " q", pause_s=1.0)
     lines = [f"{entry['event']} {entry.get('part')}" for entry in talk.entries()]
     assert ", ".join(lines) == (
         "opened None, begun 0, skipped 0, begun 1, note 1, back 1, begun 0, done 0, "
-        "begun 1, paused 1, resumed 1, done 1, begun 2, quit 2"
+        "begun 1, done 1, begun 2, quit 2"
     )
     assert talk.entries("note")[0]["text"] == "late bus"
     assert said(talk.messages, "no names")
     spent_s = progress(talk).spent_s
-    assert spent_s == {0: 1.0 + 1.0, 1: 11.0 + 1.0 + 1.0, 2: 1.0}
+    assert spent_s == {0: 1.0 + 1.0, 1: 11.0 + 1.0, 2: 1.0}
 
 
 # -- where it goes on

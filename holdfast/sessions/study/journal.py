@@ -15,6 +15,7 @@ import json
 import os
 import shutil
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -47,8 +48,6 @@ class Event(StrEnum):
     DONE = "done"
     SKIPPED = "skipped"
     BACK = "back"
-    PAUSED = "paused"
-    RESUMED = "resumed"
     QUIT = "quit"
     FINISHED = "finished"
     NOTE = "note"
@@ -57,12 +56,12 @@ class Event(StrEnum):
     FAILED = "failed"
 
 
+STATES = {Event.BEGUN: "under way", Event.DONE: "done", Event.SKIPPED: "skipped"}
+"""What the last of these lines says of a part."""
 MOVES = (Event.DONE, Event.SKIPPED, Event.BACK)
 """They name the next part."""
-STARTS_TIME = (Event.BEGUN, Event.RESUMED)
-"""After one of these the part under way takes time."""
-STOPS_TIME = (*MOVES, Event.PAUSED, Event.QUIT)
-"""After one of these it takes none."""
+STOPS_TIME = (*MOVES, Event.QUIT)
+"""After one of these the part under way takes no time."""
 
 
 class Entry(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -93,12 +92,13 @@ class Entry(msgspec.Struct, frozen=True, omit_defaults=True):
 class Progress:
     """Where a study stands. part: the number of the part to do or under way, from 0.
 
-    begun: it is under way. kept_before: part -> trials of its task that were kept when it first
-    began. spent_s: part -> time in it.
+    states: part -> what its last line says. begun: part -> how often. spent_s: part -> time in it.
+    kept_before: part -> trials of its task that were kept when it first began.
     """
 
     part: int = 0
-    begun: bool = False
+    states: dict[int, str] = field(default_factory=dict)
+    begun: Counter[int] = field(default_factory=Counter)
     kept_before: dict[int, int] = field(default_factory=dict)
     spent_s: dict[int, float] = field(default_factory=dict)
     finished: bool = False
@@ -116,24 +116,25 @@ class Progress:
             self.finished = False
         elif event == Event.BEGUN:
             self.part = entry.part
-            self.begun = True
+            self._since_s = entry.t_s
             # Of its first beginning: a step that is begun again has its trials already.
             self.kept_before.setdefault(self.part, entry.kept)
         elif event == Event.FINISHED:
             self.finished = True
 
+        if event in STATES:
+            # A part may be begun again: its last line counts.
+            self.states[entry.part] = STATES[Event(event)]
+            self.begun[entry.part] += event == Event.BEGUN
         if event in STOPS_TIME:
             self._stop(entry.t_s)
-        elif event in STARTS_TIME and self.begun and self._since_s is None:
-            self._since_s = entry.t_s
         if event in MOVES:
             self.part = entry.next
-            self.begun = False
         self._last_s = entry.t_s
 
     def spent_until(self, t_s: float) -> float:
-        """Time in the part under way, s, pauses left out."""
-        # A pause, or a part that is not begun, takes no time.
+        """Time in the part under way, s."""
+        # A part that is not begun takes no time.
         now_s = 0.0 if self._since_s is None else t_s - self._since_s
         return self.spent_s.get(self.part, 0.0) + now_s
 

@@ -288,8 +288,6 @@ class Runner:
             return self._repeat(part)
         if key == Key.NOTE:
             return self._note()
-        if key == Key.PAUSE:
-            return self._pause()
         return self._adverse() if key == Key.ADVERSE else Ending.QUIT
 
     def _repeat(self, part: StudyPart) -> Ending:
@@ -305,18 +303,6 @@ class Runner:
         text = self.console.text(prompt)
         if text:
             self._note_down(Event.NOTE, text=text)
-        return Ending.GOES_ON
-
-    def _pause(self) -> Ending:
-        self._note_down(Event.PAUSED)
-        self.console.report("paused: space goes on")
-        key = None
-        # Any other key is ignored: a note or a skip during a pause would blur its time.
-        while key not in (Key.NEXT, Key.PAUSE, Key.QUIT):
-            key = self.console.key(0.0, paused=True)
-        if key == Key.QUIT:
-            return Ending.QUIT
-        self._note_down(Event.RESUMED)
         return Ending.GOES_ON
 
     def _adverse(self) -> Ending:
