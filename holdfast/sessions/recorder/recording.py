@@ -22,7 +22,7 @@ from holdfast.drivers.hand import LiveHand
 from holdfast.edge_runtime.wearer import IntentMonitor
 from holdfast.live.hand_files import force_of
 from holdfast.live.running import first_in_line
-from holdfast.live.sources import LINES, STANDARD_INPUT, open_live
+from holdfast.live.sources import is_hand, open_live
 from holdfast.live.wearer import wearer_monitor
 from holdfast.sessions.calibrate import MeasuredBias, measure_bias, require_good
 from holdfast.sessions.recorder.folder import (
@@ -50,13 +50,6 @@ CHECK_S = 1.0
 """Time over which the bias is measured."""
 ENDLESS = 100_000
 """Trials where --trials sets no number: more than anyone records."""
-KINDS = {
-    "usb": "recorded",
-    "i2c": "recorded",
-    "virtual": "simulated",
-    "sim": "simulated",
-    **dict.fromkeys(LINES, "recorded"),
-}
 
 
 def record(options: RecordOptions, context: RunContext) -> int:
@@ -142,10 +135,9 @@ def open_source(options: RecordOptions, context: RunContext) -> Source:
 
 def kind_of(url: str) -> str:
     """What trials from a source are: recorded, simulated or replayed."""
-    if url == STANDARD_INPUT:
-        return "recorded"
-    scheme, mark, _ = url.partition("://")
-    return KINDS.get(scheme if mark else "", "replayed")
+    if url.startswith(("virtual://", "sim://")):
+        return "simulated"
+    return "recorded" if is_hand(url) else "replayed"
 
 
 @dataclass(frozen=True)
