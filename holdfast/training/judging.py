@@ -56,7 +56,7 @@ class HoldOutChoice:
     """
 
     data: DataSet
-    skipped: dict[HoldOut, str] = field(default_factory=dict)
+    skipped: dict[str, str] = field(default_factory=dict)
     lacks: str = ""
 
     @property
@@ -80,7 +80,7 @@ def strictest_hold_out(data: DataSet, folds: int, seed: int) -> HoldOutChoice:
     if data.group_kind not in STRICTEST_FIRST:
         return as_grouped(data, folds, seed)
 
-    skipped: dict[HoldOut, str] = {}
+    skipped: dict[str, str] = {}
     last = HoldOutChoice(data)
     for kind in STRICTEST_FIRST:
         try:
@@ -94,8 +94,8 @@ def strictest_hold_out(data: DataSet, folds: int, seed: int) -> HoldOutChoice:
         skipped[kind] = last.lacks
 
     # What is taken is not skipped, whatever it lacks.
-    others = {kind: why for kind, why in skipped.items() if kind != last.kind}
-    return replace(last, skipped=others)
+    skipped.pop(last.kind, None)
+    return replace(last, skipped=skipped)
 
 
 def as_grouped(data: DataSet, folds: int, seed: int) -> HoldOutChoice:

@@ -127,18 +127,13 @@ def with_hand(data: DataSet, root: Path) -> DataSet:
     return replace(data, hand=hand)
 
 
-def data_folder() -> Path:
-    """Where public sets are looked up by name."""
-    return Path(os.environ.get(FOLDER_VARIABLE) or BESIDE_THE_CHECKOUT)
-
-
 def find(name_or_path: str | Path) -> Path:
     """Folder of a set. Raises DataNotFound with the likely cause."""
     path = Path(name_or_path)
     is_public = str(name_or_path) in PUBLIC_SETS
     # A public name goes first to the data folder, so that a folder of that name here does not hide
     # it.
-    public = data_folder() / name_or_path
+    public = Path(os.environ.get(FOLDER_VARIABLE) or BESIDE_THE_CHECKOUT, name_or_path)
     if is_public and public.is_dir():
         return public
     if path.is_dir():

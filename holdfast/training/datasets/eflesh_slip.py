@@ -60,7 +60,6 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
     # One label stands for a whole trial, since the set stores no onset.
     recordings, windows = [], []
     for number, tug in enumerate(tugged):
-        label = RISKY_SLIP if tug else GRASP
         recording = Recording(
             trial_id=f"trial_{number:03d}",
             group=f"block_{number // BLOCK_TRIALS:02d}",
@@ -71,7 +70,7 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
             action="tug" if tug else "hold",
         )
         recordings.append(recording)
-        windows.append((row, np.full(len(row), label)))
+        windows.append((row, np.full(len(row), RISKY_SLIP if tug else GRASP)))
 
     return DataSet(
         name="eflesh_slip",

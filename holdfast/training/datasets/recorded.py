@@ -36,7 +36,7 @@ from holdfast.training.windows import TimedTrial
 
 KEPT = "kept"
 """The state of a trial that was finished and not done again."""
-EXACT = ("scene", "camera")
+EXACT = {"scene", "camera"}
 """Provenances of phases that are known to the moment."""
 CAVEAT = (
     "Phases come from keys, a camera, a scene or a rule, as tactile.truth.json says of each: a "
@@ -142,5 +142,5 @@ def _timed(
         timed.recording, trial_id=trial_id, group=trial_id, object_name=name
     )
     # A pressed key is late by a reaction; a scene and a camera know the moment.
-    exact = any(source in timed.labels_by.split(", ") for source in EXACT)
+    exact = not EXACT.isdisjoint(timed.labels_by.split(", "))
     return replace(timed, recording=recording, timed=exact)
