@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure, write WHAT.json, print the tables."""
     from holdfast.core.writing import require_writable
-    from holdfast.evaluation.provenance import table_lines, write_measured
+    from holdfast.evaluation.formats import table_lines, write_measured
     from holdfast.training.progress import Stages
 
     require_writable(args.out)
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
         measure = MEASURES[what]
         begin(f"{what}: {measure.about}")
         figures = found[what] = measure.measure(args)
-        written = write_measured(args.out, what, measure.kind, figures, None)
+        written = write_measured(args.out, what, measure.kind, figures)
         if args.json != STDOUT:
             print("\n".join([*table_lines(figures), *written]))
     write_found(args, found)

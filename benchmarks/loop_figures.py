@@ -23,7 +23,7 @@ from holdfast.core.trial_layout import (
 )
 from holdfast.evaluation.formats import share
 from holdfast.simulation.loop_people import LoopOutcome
-from holdfast.training.figures import Interval
+from holdfast.training.metrics import Interval
 
 BLOCKED_N = 5.0
 BLOCKED_S = 0.3

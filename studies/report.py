@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from holdfast.evaluation.style import write_page
-from holdfast.training.figures import Interval, over
+from holdfast.training.metrics import Interval, over
 from studies.row_names import row_class, shown
 
 TEMPLATES = Path(__file__).with_name("templates")

@@ -112,7 +112,7 @@ def write_figures(path: Path, figures: Json) -> Path:
 
     A figure that is not a number is an error, for such a file is read by nothing else.
     """
-    from holdfast.evaluation.provenance import host
+    from holdfast.evaluation.formats import host
 
     content = {"host": asdict(host()), **figures}
     return write_whole(path, json.dumps(content, indent=1, allow_nan=False) + "\n")

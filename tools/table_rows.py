@@ -18,7 +18,7 @@ from holdfast.simulation.actions import ACTION_MODULES, COMMON, parameters_of
 from holdfast.simulation.effect import all_effects
 from holdfast.simulation.magnet import HEIGHT, dipole_ut, linear_map, loads_n, place_m
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.training.figures import ABSENT, over
+from holdfast.training.metrics import ABSENT, over
 from studies.row_names import shown
 from studies.shared_control.picture import front as loop_front
 from studies.shared_control.plan import CANNOT_TELL, UNSEEN

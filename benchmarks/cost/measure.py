@@ -22,6 +22,7 @@ from holdfast.evaluation.alarms import (
     match_alarms,
     requests_at,
 )
+from holdfast.evaluation.model_outputs import every_row
 from holdfast.export.exporting import whole_graph
 from holdfast.export.features import SCALED_LAGS, SPANS_S, feature_count
 from holdfast.export.heads import Head, riskier_argmax, situation_votes
@@ -29,14 +30,17 @@ from holdfast.export.history import LAGS_S
 from holdfast.export.learner import Learner, reference_votes
 from holdfast.export.pooled import side_matrix
 from holdfast.export.spec import StepSpec
-from holdfast.training.crossval import HeldOut, fit_learner, main_task, uncalibrated
-from holdfast.training.featurise import (
+from holdfast.training.crossval import (
     FloatRows,
-    features_everywhere,
+    HeldOut,
+    features_at,
     features_of,
+    fit_learner,
+    main_task,
     spec_for,
+    uncalibrated,
 )
-from holdfast.training.fitting import held_out_figures
+from holdfast.training.judging import held_out_figures
 from holdfast.training.recording import DataSet, Recording, assign_groups
 
 FOLDS = 3
@@ -136,7 +140,7 @@ def _on_people(
     """
     spec = points[0].spec(data)
     windows = features_of(data, spec)["situations"]
-    everywhere = features_everywhere(data, spec)
+    everywhere = features_at(data, spec, every_row(data.recordings))
     groups = data.group_of("situations")
     folds = assign_groups(groups, FOLDS)
     fold_of_window = np.array([folds[str(group)] for group in groups])
@@ -175,7 +179,7 @@ def _votes(learners: dict[Point, Learner], data: DataSet) -> dict[Point, Votes]:
     if not learners:
         return {}
     spec = next(iter(learners)).spec(data)
-    each = features_everywhere(data, spec)
+    each = features_at(data, spec, every_row(data.recordings))
     n_classes = len(data.tasks["classes"].classes)
     votes = {}
     for point, learner in learners.items():

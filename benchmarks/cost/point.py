@@ -7,7 +7,7 @@ from typing import Literal
 
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.export.spec import HISTORY_S, StepSpec
-from holdfast.training.featurise import spec_for
+from holdfast.training.crossval import spec_for
 from holdfast.training.plan import (
     CLOCK_FREE_GROUPS,
     HIGH_CONFIDENCE,

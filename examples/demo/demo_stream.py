@@ -22,8 +22,6 @@ from holdfast.core.trial_layout import HAND_FILE, read_json, truth_path
 from holdfast.evaluation.formats import spaced
 from holdfast.evaluation.pictures import draw_unknown, spans
 from holdfast.evaluation.style import (
-    FINGER_COLOURS,
-    FINGER_LINES,
     INK,
     NOTE,
     QUIET,
@@ -35,6 +33,10 @@ from holdfast.training.critical_points import CriticalPoint, offline_critical_po
 from holdfast.training.recording import Recording
 from holdfast.training.timeline import Phase, read_truth
 
+FINGER_COLOURS = ("#000000", "#999933", "#0072b2", "#e69f00", "#cc79a7", "#882255")
+FINGER_LINES = ("-", "--", "-", "--", "-", "--")
+"""Of thumb 1 and 2, index, middle, ring and little finger: none is a situation's colour, and a line
+behind a dashed one still shows."""
 EVENTS = {
     "load_onset_s": "load",
     "incipient_slip_s": "",
@@ -87,7 +89,7 @@ def picture_of(
     return StreamPicture(
         recording=recording,
         names=sensor_names(hand, recording.n_sensors),
-        phases=read_truth(truth, t_s),
+        phases=read_truth(truth).phases_on(t_s, truth),
         events=events,
         points=offline_critical_points(recording),
         answer=answer,

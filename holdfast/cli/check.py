@@ -47,8 +47,7 @@ def run(args: argparse.Namespace) -> int:
     if args.repair:
         return _repair(args)
     from holdfast.cli.options import read_settings, settings_file
-    from holdfast.training.check import examine
-    from holdfast.training.check_lines import report_lines
+    from holdfast.training.check import examine, report_lines
     from holdfast.training.datasets import find
     from holdfast.training.progress import Stages
 

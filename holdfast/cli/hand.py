@@ -204,8 +204,7 @@ def run_calibrate(args: argparse.Namespace) -> int:
     twice. Raises DataError, OutputError.
     """
     from holdfast.drivers.calibration import write_calibration
-    from holdfast.sessions.calibrate import as_json, calibrate, in_words
-    from holdfast.sessions.known_loads import read_loads
+    from holdfast.sessions.calibrate import as_json, calibrate, in_words, read_loads
 
     # Before the fit, whose result would otherwise be lost.
     require_writable(args.out.parent)
@@ -274,7 +273,7 @@ def run_bench(args: argparse.Namespace) -> int:
     Returns 1 where --check finds a budget exceeded.
     """
     from holdfast.edge_runtime.model import Model
-    from holdfast.evaluation.provenance import table_lines, write_measured
+    from holdfast.evaluation.formats import table_lines, write_measured
     from holdfast.live.bench import BenchRequest, figures_of
     from holdfast.live.running import say
 
@@ -293,7 +292,7 @@ def run_bench(args: argparse.Namespace) -> int:
         )
         figures = figures_of(request)
 
-    written = write_measured(args.out, "latency", "time on this machine", figures, None)
+    written = write_measured(args.out, "latency", "time on this machine", figures)
     if args.json != STDOUT:
         show("\n".join([*table_lines(figures), *written]))
     write_found(args, {"latency": figures})

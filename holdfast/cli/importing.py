@@ -75,8 +75,7 @@ def run(args: argparse.Namespace) -> int:
     found = _understood(args)
     from holdfast.interop.trials import TrialImport
     from holdfast.interop.writing import write_beside
-    from holdfast.training.check import examine
-    from holdfast.training.check_lines import report_lines
+    from holdfast.training.check import examine, report_lines
     from holdfast.training.progress import Stages
 
     with whole_folder(args.out) as folder:
@@ -158,10 +157,10 @@ def _picture(args: argparse.Namespace) -> list[str]:
     from holdfast.training.datasets.thesis import readers
 
     try:
-        from holdfast.evaluation.pictures import recording
+        from holdfast.evaluation.pictures import trial
 
         first = readers(args.out)[0].read().recording
     except (LibraryMissing, DataError):
         return []
-    write_whole(args.out / PICTURE, recording(first, "imported"))
+    write_whole(args.out / PICTURE, trial(first, "imported"))
     return [f"picture of {first.trial_id}: {args.out / PICTURE}"]

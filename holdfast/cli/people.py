@@ -114,27 +114,20 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_record(args: argparse.Namespace) -> int:
     """Record until the plan is done, the operator stops it, or an error ends it."""
-    from holdfast.core.lines import stream_sink
-    from holdfast.live.running import RunClock, stop_signals
+    from holdfast.live.running import stop_signals
     from holdfast.live.sources import is_standard_input
-    from holdfast.sessions.recorder.display import StatusLine, columns_of
-    from holdfast.sessions.recorder.keys import Keys, listening
     from holdfast.sessions.recorder.plan import RecordOptions
     from holdfast.sessions.recorder.recording import record
-    from holdfast.sessions.recorder.session import RunContext
+    from holdfast.sessions.recorder.terminal import Keys, context_of, listening
 
     options = RecordOptions.of(args)
-    # A sink: a terminal that stops reading must not stop the recording.
-    display = StatusLine(
-        stream_sink(sys.stderr), lambda: columns_of(sys.stderr), args.seconds
-    )
     with ExitStack() as stack:
         stopped = stack.enter_context(stop_signals())
         keys = Keys(None)
         # Samples are no keys.
         if not any(map(is_standard_input, (args.source, args.wearer or ""))):
             keys = stack.enter_context(listening(sys.stdin.fileno()))
-        kept = record(options, RunContext(RunClock(), keys, display, stopped))
+        kept = record(options, context_of(keys, stopped, args.seconds))
 
     next_step = f"next: {command('evaluate', 'MODEL', '--data', args.out)}"
     words = f"{count_of(kept, 'trial')} kept in {args.out / args.person}; {next_step}"
@@ -319,8 +312,13 @@ def _source(args: argparse.Namespace) -> FrameSource:
     from holdfast.drivers.camera.recording import Lens, read_frames
     from holdfast.sessions.camera import CameraOptions
 
-    options = CameraOptions(args.camera, args.tag_mm, args.fps, args.exposure_ms)
-    options.require_usable()
+    options = CameraOptions(
+        camera=args.camera,
+        tag_mm=args.tag_mm,
+        fps=args.fps,
+        exposure_ms=args.exposure_ms,
+    )
+    options.require_camera()
     if args.camera == OAK:
         lens = Lens(**options.shooting(), clock="monotonic")
         return Oak(lens, args.seconds)

@@ -133,7 +133,7 @@ def run(args: argparse.Namespace) -> int:
     """Train; prints the windows and the held-out figures, and the stages on stderr."""
     from holdfast.core.contract import CANNOT_TELL, not_learned_in_words
     from holdfast.core.errors import command
-    from holdfast.training.figures import situation_lines, with_interval
+    from holdfast.training.metrics import situation_lines, with_interval
     from holdfast.training.progress import Stages
 
     require_json_writable(args)

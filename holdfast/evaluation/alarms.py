@@ -19,8 +19,7 @@ import numpy.typing as npt
 from holdfast.core.contract import NOTHING, RISKY_SLIP, BoolArray, FloatArray
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules, period_us
 from holdfast.evaluation.formats import Spread, spread
-from holdfast.training.figures import Interval
-from holdfast.training.metrics import INTERVAL_PERCENT, draw_groups
+from holdfast.training.metrics import Interval, draw_groups, interval_of
 from holdfast.training.recording import Recording
 from holdfast.training.timeline import RiskyEvent
 
@@ -240,8 +239,18 @@ def choose_confidence(
 
 
 @dataclass(frozen=True)
-class EventScores:
-    """Alarms of many streams against their events; intervals are over groups.
+class AlarmRates:
+    """Share of the events that were detected, and false alarms a minute; intervals over groups."""
+
+    recall: float | None
+    recall_ci: Interval | None
+    false_per_min: float | None
+    false_per_min_ci: Interval | None
+
+
+@dataclass(frozen=True)
+class EventScores(AlarmRates):
+    """Alarms of many streams against their events.
 
     already_on: events missed because the hand acted before them. delay_ms: load onset to alarm.
     lead_ms: alarm to gross slip. available_ms: load onset to gross slip. lead_used: share of that
@@ -255,10 +264,6 @@ class EventScores:
     already_on: int
     minutes: float
     false_alarms: int
-    recall: float | None
-    recall_ci: Interval | None
-    false_per_min: float | None
-    false_per_min_ci: Interval | None
     false_per_hour: float | None
     delay_ms: Spread | None
     lead_ms: Spread | None
@@ -382,9 +387,4 @@ def ratio_interval(drawn: FloatArray | None, above: int, below: int) -> Interval
         return None
     # A draw of groups that have no event, or no minute, has no ratio.
     defined = drawn[drawn[:, below] > 0]
-    ratios = defined[:, above] / defined[:, below]
-    if not len(ratios):
-        return None
-
-    low, high = np.percentile(ratios, INTERVAL_PERCENT)
-    return float(low), float(high)
+    return interval_of(defined[:, above] / defined[:, below])

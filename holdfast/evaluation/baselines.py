@@ -10,6 +10,7 @@ false alarms: the first setting with no more of them.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -55,8 +56,13 @@ from holdfast.export.detectors import detector_names
 from holdfast.export.features import add_features_alone
 from holdfast.export.heads import Head, add_heads
 from holdfast.export.spec import StepSpec
-from holdfast.training.crossval import fit_learner, main_task, uncalibrated
-from holdfast.training.featurise import features_of, spec_for
+from holdfast.training.crossval import (
+    features_of,
+    fit_learner,
+    main_task,
+    spec_for,
+    uncalibrated,
+)
 from holdfast.training.plan import RAW_BASELINE
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import DataSet, Recording
@@ -279,23 +285,18 @@ def matched(
     """
     requests = baseline.on(recordings)
 
-    def rate_at(place: int) -> float:
-        return false_per_min(recordings, requests(baseline.settings[place]))
+    def rate_at(setting: float) -> float:
+        return false_per_min(recordings, requests(setting))
 
-    low = 0
-    high = len(baseline.settings) - 1
-    while low < high:
-        # A setting that is quiet enough may still be the one, so `high` stays on it.
-        middle = (low + high) // 2
-        if rate_at(middle) <= most_false_per_min:
-            high = middle
-        else:
-            low = middle + 1
-
+    *others, last = baseline.settings
+    place = bisect_left(
+        others, True, key=lambda setting: rate_at(setting) <= most_false_per_min
+    )
+    setting = [*others, last][place]
     # Also of the least sensitive setting, which may still be above what is allowed.
-    rate = rate_at(low)
+    rate = rate_at(setting)
     fits = rate <= most_false_per_min
-    return MatchedBaseline(baseline.name, baseline.settings[low], rate, fits)
+    return MatchedBaseline(baseline.name, setting, rate, fits)
 
 
 @dataclass(frozen=True)
@@ -371,23 +372,19 @@ class Thresholds:
         }
 
 
-@dataclass(frozen=True)
-class MatchingStreams:
-    """Streams that settings are found on, as the model answered them; names of their sets."""
-
-    recordings: Sequence[Recording]
-    outputs: Sequence[ModelOutputs]
-    names: list[str]
-
-
 def find_thresholds(
     card: ModelCard,
-    streams: MatchingStreams,
+    recordings: Sequence[Recording],
+    outputs: Sequence[ModelOutputs],
     baselines: Sequence[Baseline],
+    names: list[str],
     chosen: Chosen | None = None,
     part: Part = ignored,
 ) -> Thresholds:
-    """This model as deployed and, first, as chosen; baselines at the headline's own rate."""
+    """This model as deployed and, first, as chosen; baselines at the headline's own rate.
+
+    outputs: of the model on these recordings. names: of their sets.
+    """
     rules = card.decision
     # The first is the headline, which every baseline is compared with.
     confidences = {CHOSEN: chosen.permille} if chosen else {}
@@ -396,21 +393,14 @@ def find_thresholds(
 
     # A baseline may have as many false alarms as this model: their recalls then compare.
     permille = next(iter(confidences.values()))
-    headline = requests_of(streams.outputs, rules, permille)
+    headline = requests_at(outputs, rules, permille)
     # Measured on the same streams that the baselines are matched on.
-    rate = false_per_min(streams.recordings, headline)
+    rate = false_per_min(recordings, headline)
 
     found = []
     for number, one in enumerate(baselines, 1):
-        found.append(matched(one, streams.recordings, rate))
+        found.append(matched(one, recordings, rate))
         # Each baseline takes seconds to minutes, since every setting is a pass over the streams.
         part(number / len(baselines))
 
-    return Thresholds(confidences, found, rules, streams.names, chosen, rate)
-
-
-def requests_of(
-    outputs: Sequence[ModelOutputs], rules: DecisionRules, permille: int
-) -> list[BoolArray]:
-    """[T] a stream: whether an act is requested, from a confidence on."""
-    return requests_at([one.answers for one in outputs], rules, permille)
+    return Thresholds(confidences, found, rules, names, chosen, rate)

@@ -10,12 +10,12 @@ from holdfast.core.errors import UsageError, count_of
 from holdfast.core.locked import require_open
 from holdfast.core.trial_layout import read_json
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
+from holdfast.edge_runtime.graph import Outputs
 from holdfast.evaluation import MOST_FALSE_PER_MIN
 from holdfast.evaluation.alarms import choose_confidence
 from holdfast.evaluation.baselines import (
     Baseline,
     Chosen,
-    MatchingStreams,
     Thresholds,
     baselines,
     find_thresholds,
@@ -24,6 +24,7 @@ from holdfast.evaluation.baselines import (
 from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.model_outputs import (
     OUTPUTS,
+    ModelOutputs,
     everywhere,
     heads_with_task,
     read_outputs,
@@ -35,7 +36,7 @@ from holdfast.evaluation.scored_set import Evaluation, ScoredSet, all_sets, scor
 from holdfast.export.spec import StepSpec
 from holdfast.training.datasets import find, load
 from holdfast.training.progress import Part, Say, ignored
-from holdfast.training.recording import DataSet
+from holdfast.training.recording import DataSet, Recording
 
 
 @dataclass(frozen=True)
@@ -185,23 +186,17 @@ class _Run:
             recordings += data.recordings
             labels.append(_label(name, data))
 
-        self.say(
-            f"running the model on {count_of(len(recordings), 'recording')} to choose on"
-        )
-        steps = steps_with(self.model, OUTPUTS)
-        computed = everywhere(steps, recordings, self.part)
-        outputs = read_outputs(self.model, recordings, computed)
-
+        _, outputs = self._answered(recordings)
         most = self.request.most_false_per_min
-        answers = [one.answers for one in outputs]
         # The budget of false alarms is fixed first; recall is what comes out.
-        permille = choose_confidence(answers, card.decision, most)
+        permille = choose_confidence(outputs, card.decision, most)
         self.say(
             f"confidence {permille} of 1000 chosen; matching {len(baselines)} baselines"
         )
-        streams = MatchingStreams(recordings, outputs, labels)
         chosen = Chosen(permille, most)
-        return find_thresholds(card, streams, baselines, chosen, self.part)
+        return find_thresholds(
+            card, recordings, outputs, baselines, labels, chosen, self.part
+        )
 
     def scored(
         self, name: str, baselines: Sequence[Baseline], chosen: Thresholds | None
@@ -209,17 +204,10 @@ class _Run:
         """One set, scored; baselines are matched on it where nothing was chosen elsewhere."""
         self.say(f"reading {name}")
         data = self._load(name)
-        recordings = data.recordings
-
-        self.say(
-            f"{data.name}: running the model on {count_of(len(recordings), 'recording')}"
-        )
         # Heads without labels in this set cost time and cannot be scored.
         heads = heads_with_task(self.model, data.with_situations())
         # One pass gives both the states and what the windows are scored by.
-        steps = steps_with(self.model, [*OUTPUTS, *heads])
-        computed = everywhere(steps, recordings, self.part)
-        outputs = read_outputs(self.model, recordings, computed)
+        computed, outputs = self._answered(data.recordings, heads)
         windows = window_figures(self.model, data, computed, seed=self.request.seed)
         # The outputs of a long set take much memory, and are read by now.
         del computed
@@ -227,9 +215,11 @@ class _Run:
         thresholds = chosen
         if thresholds is None:
             self.say(f"{data.name}: matching {len(baselines)} baselines")
-            streams = MatchingStreams(recordings, outputs, [_label(name, data)])
+            names = [_label(name, data)]
             card = self.model.card
-            thresholds = find_thresholds(card, streams, baselines, part=self.part)
+            thresholds = find_thresholds(
+                card, data.recordings, outputs, baselines, names, part=self.part
+            )
 
         self.say(f"{data.name}: scoring the model and {len(baselines)} baselines")
 
@@ -244,6 +234,15 @@ class _Run:
             self.request.seed,
             self.part,
         )
+
+    def _answered(
+        self, recordings: list[Recording], heads: Sequence[str] = ()
+    ) -> tuple[list[Outputs], list[ModelOutputs]]:
+        """What the model computes at every sample, and its answers."""
+        self.say(f"running the model on {count_of(len(recordings), 'recording')}")
+        steps = steps_with(self.model, [*OUTPUTS, *heads])
+        computed = everywhere(steps, recordings, self.part)
+        return computed, read_outputs(self.model, recordings, computed)
 
     def _load(self, name: str) -> DataSet:
         data = load(

@@ -1,20 +1,26 @@
 """How numbers and names of methods are written for people: reports, documents, terminals.
 
 figures.json keeps the stored names. "-" stands where a figure is not defined; an interval that is
-not defined is not written at all.
+not defined is not written at all. What figures were measured on is written with them: host and
+versions.
 """
 
 from __future__ import annotations
 
+import json
+import os
+import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.stats import binomtest
 
-from holdfast.core.contract import BoolArray
-from holdfast.training.figures import ABSENT, Interval, Share
+from holdfast.core.contract import BoolArray, Json
+from holdfast.core.writing import write_whole
+from holdfast.training.metrics import ABSENT, Interval, Share
 
 # Figures that every table uses: a spread of times, a share with its interval, McNemar's test.
 #
@@ -185,3 +191,67 @@ def onsets_in_words(by: Mapping[str, int]) -> str:
         f"source of load onsets: {counts}; a camera gives the object's first motion, a pressed key "
         "is late"
     )
+
+
+# -- the files of a measurement
+
+SEED = 0
+"""All measures use fixed seeds."""
+
+
+@dataclass(frozen=True)
+class Host:
+    """A machine. machine: its instruction set. cpus: logical ones, None where not known."""
+
+    machine: str
+    system: str
+    cpus: int | None
+
+
+def host() -> Host:
+    """This machine."""
+    return Host(platform.machine(), platform.system(), os.cpu_count())
+
+
+def write_measured(out: Path, what: str, kind: str, figures: Json) -> list[str]:
+    """Write WHAT.json, with the machine; returns its name and the broken budgets."""
+    # A figure of time means nothing without its machine.
+    text = json.dumps(figures | machine_facts(kind), indent=2) + "\n"
+    path = write_whole(out / f"{what}.json", text)
+    return [f"{path}"] + [f"over budget: {line}" for line in figures.get("broken", [])]
+
+
+def table_lines(figures: Json) -> list[str]:
+    """The tables among the figures as lines for people; nested figures are only in the JSON."""
+    lines = []
+    for title, rows in figures.items():
+        # Rows that hold a table of their own (latencies by stage) are left to the JSON.
+        is_table = isinstance(rows, list) and rows and isinstance(rows[0], dict)
+        if is_table and "latency_us" not in rows[0]:
+            lines.append(f"{title}\n{markdown(rows)}\n")
+    return lines
+
+
+def machine_facts(kind: str) -> Json:
+    """Where and with what it was measured. kind: of the data."""
+    from holdfast.training.fitting import (
+        versions,  # late: what writes a number trains nothing
+    )
+
+    machine = {**asdict(host()), "cpu": _processor()}
+    return {"kind": kind, "seed": SEED, "host": machine, "versions": versions()}
+
+
+def _processor() -> str | None:
+    """The processor's name, None where the system does not have it."""
+    try:
+        # Other systems than Linux have no such file.
+        text = Path("/proc/cpuinfo").read_text("utf-8")
+    except OSError:
+        return None
+
+    for line in text.splitlines():
+        if line.startswith("model name"):
+            return line.partition(":")[2].strip()
+
+    return None

@@ -16,6 +16,7 @@ from holdfast.core.contract import BoolArray
 from holdfast.core.trial_layout import VOLUNTARY_ACTIONS
 from holdfast.evaluation.alarms import (
     WIDE_COLLAR_S,
+    AlarmRates,
     EventMatch,
     EventScores,
     event_scores,
@@ -23,7 +24,7 @@ from holdfast.evaluation.alarms import (
 )
 from holdfast.evaluation.formats import share
 from holdfast.evaluation.trials import DISTURBANCES, LabelledTrial, voluntary_actions
-from holdfast.training.figures import Interval, Share
+from holdfast.training.metrics import Interval, Share
 
 
 @dataclass(frozen=True)
@@ -78,26 +79,18 @@ def detected(outcomes: Outcomes) -> BoolArray:
 
 
 @dataclass(frozen=True)
-class CollarFigures:
+class CollarFigures(AlarmRates):
     """The figures that a wider collar changes."""
 
-    recall: float | None
-    recall_ci: Interval | None
-    false_per_min: float | None
-    false_per_min_ci: Interval | None
     already_on: int
     false_alarms: int
 
 
 @dataclass(frozen=True)
-class StyleFigures:
+class StyleFigures(AlarmRates):
     """One style; its intervals are over its trials."""
 
     events: int
-    recall: float | None
-    recall_ci: Interval | None
-    false_per_min: float | None
-    false_per_min_ci: Interval | None
     minutes: float
     safe_acts_called: Share
 

@@ -12,7 +12,6 @@ import numpy.typing as npt
 from holdfast.core.contract import (
     RISKY_SLIP,
     SITUATIONS,
-    BoolArray,
     Json,
 )
 from holdfast.core.errors import ChannelError
@@ -23,39 +22,28 @@ from holdfast.edge_runtime.monitor import require_fit
 from holdfast.evaluation.alarms import Answers
 from holdfast.export.heads import riskier_argmax
 from holdfast.export.network import IntArray
-from holdfast.training.featurise import pick_rows, stepped
-from holdfast.training.figures import HeadFigures
+from holdfast.training.crossval import pick_rows, stepped
 from holdfast.training.fitting import fingerprint
-from holdfast.training.metrics import report
+from holdfast.training.metrics import HeadFigures, report
 from holdfast.training.plan import TASK_HEADS
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import DataSet, Recording
 
-OUTPUTS = ("situation", "votes", "unknown", "detectors", "p_situation")
+OUTPUTS = ("situation", "votes", "unknown", "p_situation")
 NO_CLASS = -1
 """Where no class is known; below every class, as UNKNOWN is below every situation."""
 
 
 @dataclass(frozen=True)
-class ModelOutputs:
-    """The outputs of a model file on one recording.
+class ModelOutputs(Answers):
+    """The outputs of a model file on one recording; its answers are what the decision is made from.
 
-    situation [T]: UNKNOWN or 0..3. risky_permille [T]: of the votes. p_situation [T, 4]. detectors
-    [T, D]. eight [T]: the class with most votes (the riskier on a tie). NO_CLASS where the state is
-    unknown, or the model has no weight output.
+    p_situation [T, 4]. eight [T]: the class with most votes (the riskier on a tie). NO_CLASS where
+    the state is unknown, or the model has no weight output.
     """
 
-    recording: Recording
-    situation: npt.NDArray[np.int64]
-    risky_permille: npt.NDArray[np.int64]
     p_situation: npt.NDArray[np.float32]
     eight: npt.NDArray[np.int64]
-    detectors: BoolArray
-
-    @property
-    def answers(self) -> Answers:
-        """What the decision is made from."""
-        return Answers(self.recording, self.situation, self.risky_permille)
 
 
 def run_model(model: OpenedModel, data: DataSet) -> list[ModelOutputs]:
@@ -79,8 +67,12 @@ def everywhere(
 ) -> list[Outputs]:
     """Outputs [T, ..] of a step at every sample of every recording, in their order."""
     # Not only at windows: alarms begin at any sample.
-    every_row = [np.arange(len(one.samples)) for one in recordings]
-    return stepped(steps, recordings, every_row, part)
+    return stepped(steps, recordings, every_row(recordings), part)
+
+
+def every_row(recordings: Sequence[Recording]) -> list[IntArray]:
+    """The rows [T] of all samples of each recording."""
+    return [np.arange(len(one.samples)) for one in recordings]
 
 
 def read_outputs(
@@ -104,7 +96,6 @@ def read_outputs(
                 risky_permille=risky_permille(votes),
                 p_situation=out["p_situation"],
                 eight=eight,
-                detectors=out["detectors"],
             )
         )
 
@@ -216,5 +207,5 @@ def at_windows(
     data: DataSet, task: str, output: str, computed: Sequence[Outputs]
 ) -> npt.NDArray[Any]:
     """[M, ..] an output at the task's windows, out of all samples of each recording."""
-    every_row = [np.arange(len(one.samples)) for one in data.recordings]
-    return pick_rows(data, task, every_row, [one[output] for one in computed])
+    of_output = [one[output] for one in computed]
+    return pick_rows(data, task, every_row(data.recordings), of_output)

@@ -23,7 +23,7 @@ from holdfast.evaluation.style import (
     svg,
 )
 from holdfast.evaluation.trials import AnsweredTrial
-from holdfast.training.recording import Recording
+from holdfast.training.recording import Recording, runs_of
 
 SET_COLOURS = (
     "#d55e00",
@@ -56,10 +56,10 @@ def timelines(rows: Sequence[AnsweredTrial], kind: str) -> str:
         names = []
         last_s = 0.0
         for place, row in enumerate(rows):
-            # Less high than the truth, which shows above and below the answer.
-            heights = ((place - 0.42, 0.84), (place - 0.2, 0.4))
-            _draw_states(axes, row, *heights, alpha=0.38)
             recording = row.trial.recording
+            # Less high than the truth, which shows above and below the answer.
+            _draw_truth(axes, recording, (place - 0.42, 0.84), alpha=0.38)
+            _draw_answer(axes, row, (place - 0.2, 0.4))
             # Only the begin of each request: that is the moment at which the hand acts.
             for first_s, _ in spans(row.requests, 1.0 / recording.rate_hz):
                 mark = (first_s, place - 0.46)
@@ -84,22 +84,25 @@ def _row_name(recording: Recording) -> str:
     return " ".join(word for word in named if word)
 
 
-def _draw_states(
-    axes: Axes, row: AnsweredTrial, truth: Height, answer: Height, alpha: float = 1.0
+def _draw_truth(
+    axes: Axes, recording: Recording, height: Height, alpha: float = 1.0
 ) -> None:
-    """The truth in a colour of this alpha, and the state at every sample, at their heights."""
-    step_s = 1.0 / row.trial.recording.rate_hz
-    for phase in row.trial.recording.phases:
+    """The labelled phases as a bar, in a colour of this alpha."""
+    step_s = 1.0 / recording.rate_hz
+    for phase in recording.phases:
         span = (phase.first * step_s, (phase.stop - phase.first) * step_s)
         colour = SITUATION_COLOURS[phase.situation]
-        axes.broken_barh([span], truth, color=colour, alpha=alpha, linewidth=0)
+        axes.broken_barh([span], height, color=colour, alpha=alpha, linewidth=0)
+    axes.spines[:].set_visible(False)
 
+
+def _draw_answer(axes: Axes, row: AnsweredTrial, height: Height) -> None:
+    """The state at every sample as a bar."""
+    step_s = 1.0 / row.trial.recording.rate_hz
     for situation, colour in enumerate(SITUATION_COLOURS):
         here = spans(row.situation == situation, step_s)
-        axes.broken_barh(here, answer, color=colour, linewidth=0)
-
-    draw_unknown(axes, row.situation, step_s, answer)
-    axes.spines[:].set_visible(False)
+        axes.broken_barh(here, height, color=colour, linewidth=0)
+    draw_unknown(axes, row.situation, step_s, height)
 
 
 def draw_unknown(
@@ -122,72 +125,47 @@ def spans(flags: BoolArray, step_s: float) -> list[tuple[float, float]]:
     >>> spans(np.array([True, False, True, True]), 0.5)
     [(0.0, 0.5), (1.0, 1.0)]
     """
-    # A zero on both sides makes a run at either end begin and stop like any other.
-    change = np.diff(flags.astype(np.int8), prepend=0, append=0)
-    firsts = np.flatnonzero(change == 1)
-    lengths = np.flatnonzero(change == -1) - firsts
+    firsts, stops = runs_of(flags)
     starts_s = (firsts * step_s).tolist()
-    lengths_s = (lengths * step_s).tolist()
+    lengths_s = ((stops - firsts) * step_s).tolist()
     return list(zip(starts_s, lengths_s, strict=True))
 
 
-def trial(row: AnsweredTrial, kind: str) -> str:
-    """One trial as it went by: grip, load along the skin, and the answer below the truth.
+def trial(
+    recording: Recording, kind: str, answered: AnsweredTrial | None = None
+) -> str:
+    """One trial as it went by: the grip on each sensor, the load along the skin, and its labels.
 
-    The samples of its recording are needed. A request to act is a shade behind the grip.
+    answered: the same trial with its answers; a request to act is a shade behind the grip.
     """
-    recording = row.trial.recording
     step_s = 1.0 / recording.rate_hz
     t_s = np.arange(len(recording.samples)) * step_s
-    requests = spans(row.requests, step_s)
     forces = np.nan_to_num(recording.samples).reshape(len(t_s), -1, 3)
-    signals = {
-        "grip": np.abs(forces[..., NORMAL_AXIS]).sum(axis=1),
-        "load": np.hypot(forces[..., 0], forces[..., 1]).sum(axis=1),
-    }
     with labelled(kind, 5.4, 4.2) as figure:
-        *above, states = figure.subplots(3, 1, sharex=True, height_ratios=(1.1, 1.1, 1))
-        for axes, (name, signal) in zip(above, signals.items(), strict=True):
-            axes.plot(t_s, signal, color=OURS if name == "grip" else INK, linewidth=1.3)
-            axes.set_ylabel(f"{name}, {recording.unit}")
-            axes.set_ylim(bottom=0.0)
-            for first_s, length_s in requests:
-                end_s = first_s + max(length_s, step_s)
-                axes.axvspan(first_s, end_s, color=WARNING, alpha=0.3, linewidth=0)
-        # The truth stands above the answer, and a triangle where an act is requested.
-        _draw_states(states, row, (-0.4, 0.8), (0.6, 0.8))
-        for first_s, _ in requests:
-            states.plot(first_s, 1.6, "^", color=INK, markersize=6)
-        states.set_yticks([0, 1], ["truth", "answer"])
-        states.set_ylim(1.85, -0.6)
-        states.set_xlim(*_shown_s(recording, float(t_s[-1])))
-        states.set_xlabel("time in the trial, s")
-        return svg(figure)
-
-
-def recording(of: Recording, kind: str) -> str:
-    """A trial without answers: the grip of each sensor, the load, and its labels below."""
-    step_s = 1.0 / of.rate_hz
-    forces = np.nan_to_num(of.samples).reshape(len(of.samples), -1, 3)
-    t_s = np.arange(len(forces)) * step_s
-    with labelled(kind, 7.4, 4.2) as figure:
-        grip, load, labels = figure.subplots(
-            3, 1, sharex=True, height_ratios=(2, 1, 0.3)
+        grip, load, states = figure.subplots(
+            3, 1, sharex=True, height_ratios=(1.1, 1.1, 1)
         )
-        for sensor in range(forces.shape[1]):
-            normal = forces[:, sensor, NORMAL_AXIS]
-            grip.plot(t_s, normal, linewidth=0.9, label=f"sensor {sensor + 1}")
-        grip.set_ylabel(f"normal, {of.unit}")
-        grip.legend(fontsize=6, ncols=2)
+        grip.plot(t_s, forces[..., NORMAL_AXIS], color=OURS, linewidth=0.9)
+        grip.set_ylabel(f"grip, {recording.unit}")
         shear = np.hypot(forces[..., 0], forces[..., 1]).sum(axis=1)
-        load.plot(t_s, shear, color=INK, linewidth=1.1)
-        load.set_ylabel(f"load, {of.unit}")
-        for phase in of.phases:
-            span = (phase.first * step_s, (phase.stop - phase.first) * step_s)
-            colour = SITUATION_COLOURS[phase.situation]
-            labels.broken_barh([span], (0, 1), color=colour, linewidth=0)
-        labels.set_yticks([0.5], ["labels"])
-        labels.set_xlabel("time in the trial, s")
+        load.plot(t_s, shear, color=INK, linewidth=1.3)
+        load.set_ylabel(f"load, {recording.unit}")
+        load.set_ylim(bottom=0.0)
+        _draw_truth(states, recording, (-0.4, 0.8))
+        states.set_yticks([0, 1], ["truth", "answer"])
+        states.set_ylim(1.85 if answered else 0.6, -0.6)
+        states.set_xlabel("time in the trial, s")
+        if answered is None:
+            return svg(figure)
+
+        states.set_xlim(*_shown_s(recording, float(t_s[-1])))
+        _draw_answer(states, answered, (0.6, 0.8))
+        for first_s, length_s in spans(answered.requests, step_s):
+            end_s = first_s + max(length_s, step_s)
+            for axes in (grip, load):
+                axes.axvspan(first_s, end_s, color=WARNING, alpha=0.3, linewidth=0)
+            # A triangle where an act is requested, below the answer.
+            states.plot(first_s, 1.6, "^", color=INK, markersize=6)
         return svg(figure)
 
 
@@ -220,14 +198,13 @@ def distributions(times: dict[str, Times], kind: str) -> str:
     with labelled(kind, width, 2.35 * n_rows + 0.3) as figure:
         panels = figure.subplots(n_rows, n_columns, squeeze=False, sharey=True)
         for axes, (name, one) in zip(panels.flat, many.items(), strict=False):
+            of, to_act = one.of_events, one.of_events.delay_ms
             # The first is wide: the second often lies on it.
             first = "to the first risky_slip state"
             _curve(axes, one.to_state_ms, first, "#56b4e9", 3.6)
-            to_act, left = one.of_events.delay_ms, one.of_events.lead_ms
-            available = one.of_events.available_ms
             _curve(axes, to_act, "to act", "#d55e00")
-            _curve(axes, available, "lead available", "#009e73", linestyle="--")
-            _curve(axes, left, "lead left at act", "#000000")
+            _curve(axes, of.available_ms, "lead available", "#009e73", linestyle="--")
+            _curve(axes, of.lead_ms, "lead left at act", "#000000")
             axes.set_title(name, fontsize=9, loc="left")
             # Below 0: an alarm within the collar comes before the load onset.
             axes.set(xlim=(-20.0, _last_ms(to_act)), ylim=(0.0, 1.02), xlabel="ms")
@@ -262,12 +239,8 @@ def _curve(
     if not values:
         return
 
-    n = len(values)
-    shares = np.arange(1, n + 1) / n
-    axes.step(
-        np.sort(values),
-        shares,
-        where="post",
+    axes.ecdf(
+        values,
         label=title,
         color=colour,
         linestyle=linestyle,

@@ -24,22 +24,20 @@ from holdfast.evaluation.formats import (
 )
 from holdfast.evaluation.methods import MethodFigures
 from holdfast.evaluation.model_outputs import WindowFigures
-from holdfast.evaluation.pictures import trial
 from holdfast.evaluation.scored_set import Evaluation
 from holdfast.evaluation.style import labelled, svg, write_page
 from holdfast.evaluation.trials import AnsweredTrial, LabelledTrial, central_trial
 from holdfast.export.spec import window_samples
 from holdfast.training.crossval import main_task
-from holdfast.training.figures import (
+from holdfast.training.fitting import Trained
+from holdfast.training.judging import CurvePoint
+from holdfast.training.metrics import (
     PLURAL,
     HeadFigures,
-    Interval,
     in_words,
     situation_lines,
     with_interval,
 )
-from holdfast.training.fitting import Trained
-from holdfast.training.judging import CurvePoint, per_doubling
 from holdfast.training.recording import DataSet
 
 # An evaluation as lines for people, with the caveats that belong to its figures.
@@ -49,7 +47,7 @@ RISKY = SITUATIONS[RISKY_SLIP]
 
 def evaluation_lines(of: Evaluation) -> list[str]:
     """The figures as lines for people, with the caveats that belong to them."""
-    not_learned = of.model.cannot_tell
+    not_learned = of.model.not_learned
     lines: list[str] = []
     for one in of.sets.values():
         lines += _windows_in_words(one.windows, not_learned)
@@ -180,11 +178,15 @@ def write_event_report(path: Path, evaluation: Evaluation) -> Path:
         timelines={
             title: draw.timelines(rows, kind) for title, rows in of.drawn.items()
         },
-        central_picture=draw.trial(of.central, kind) if of.central else "",
+        central_picture=_drawn(of.central, kind),
         distributions=draw.distributions(of.times, kind),
         calibration=_calibration(of, kind),
         onsets_in_words=onsets_in_words,
     )
+
+
+def _drawn(central: AnsweredTrial | None, kind: str) -> str:
+    return draw.trial(central.trial.recording, kind, central) if central else ""
 
 
 def kind_of(of: Evaluation) -> str:
@@ -224,13 +226,7 @@ def write_training_report(
     kind = figures.group_kind
     # A joined set may be held out by several kinds.
     groups = PLURAL.get(kind, "groups")
-    n_groups = count_of(figures.n_groups, "group")
-    if kind in PLURAL:
-        n_groups = in_words(figures.n_groups, kind)
-
-    curve = ""
-    if trained.curve:
-        curve = _curve(points, data.kind, groups)
+    n_groups = count_of(figures.n_groups, kind if kind in PLURAL else "group", groups)
 
     central = held_out_trial(data, trained)
     return write_page(
@@ -244,11 +240,10 @@ def write_training_report(
         not_held_out=trained.not_held_out,
         groups=groups,
         n_groups=n_groups,
-        curve=curve,
+        curve=_curve(points, data.kind, groups) if points else "",
         central=central,
-        central_picture=trial(central, data.kind) if central else "",
+        central_picture=_drawn(central, data.kind),
         points=points,
-        gain=per_doubling(points),
         artifact=artifact,
     )
 
@@ -284,14 +279,9 @@ def _curve(points: list[CurvePoint], kind: str, groups: str) -> str:
                 continue
             x.append(point.n_trials)
             y.append(point.macro_f1)
-            low, high = _ends(point.macro_f1_ci, point.macro_f1)
-            axes.plot([point.n_trials] * 2, [low, high], color="#0072b2", alpha=0.4)
+            if point.macro_f1_ci:
+                axes.vlines(x[-1], *point.macro_f1_ci, color="#0072b2", alpha=0.4)
         axes.plot(x, y, "o-", color="#0072b2", markersize=4)
         axes.set(xlabel=f"trials of the {groups}", ylabel="macro F1, held out")
         axes.set_ylim(0.0, 1.02)
         return svg(figure)
-
-
-def _ends(interval: Interval | None, value: float) -> Interval:
-    """An interval, or the value itself where there is none."""
-    return interval or (value, value)

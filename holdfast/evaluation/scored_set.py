@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from holdfast.core.contract import (
-    RISKY_SLIP,
-    SITUATIONS,
-    BoolArray,
-    Json,
-)
+from holdfast.core.contract import BoolArray, Json
 from holdfast.core.trial_layout import read_json
 from holdfast.edge_runtime.model_file import ModelCard
-from holdfast.evaluation.alarms import EventTimes, event_times
-from holdfast.evaluation.baselines import Baseline, Thresholds, requests_of
+from holdfast.evaluation.alarms import EventTimes, event_times, requests_at
+from holdfast.evaluation.baselines import Baseline, Thresholds
 from holdfast.evaluation.formats import McNemar, mcnemar
 from holdfast.evaluation.methods import (
     MethodFigures,
@@ -31,7 +27,6 @@ from holdfast.evaluation.trials import (
     AnsweredTrial,
     LabelledTrial,
     central_trial,
-    counted,
     drawn_trials,
     labelled_trials,
 )
@@ -175,7 +170,7 @@ def _requests(
     """Method -> [T] a recording, whether an act is requested."""
     requests = {}
     for name, permille in thresholds.confidences.items():
-        requests[name] = requests_of(outputs, thresholds.rules, permille)
+        requests[name] = requests_at(outputs, thresholds.rules, permille)
 
     by_name = {one.name: one for one in baselines}
     for matched in thresholds.baselines:
@@ -212,7 +207,7 @@ def _card(
         # Each recording has a rate of its own, by which its samples count.
         seconds += len(one.samples) / one.rate_hz
         events += len(one.events)
-        onsets += trial.sources((SITUATIONS[RISKY_SLIP],))
+        onsets += trial.sources
 
     return SetCard(
         name=data.name,
@@ -227,27 +222,11 @@ def _card(
         minutes=seconds / 60.0,
         events=events,
         samples=data.notes.get("samples"),
-        onsets_by=counted(onsets),
+        onsets_by=dict(sorted(Counter(onsets).items())),
         trained_on_recordings=windows.trained_on_recordings,
         caveat=data.caveat,
         timed=any(one.phases or one.events for one in data.recordings),
     )
-
-
-@dataclass(frozen=True)
-class EvaluatedModel:
-    """The model file that was evaluated.
-
-    trained_on: None where its card does not say. cannot_tell: what its data did not show, with the
-    reason.
-    """
-
-    model_id: str
-    rate_hz: float
-    unit: str
-    votes_for: list[str]
-    trained_on: str | None
-    cannot_tell: dict[str, str]
 
 
 class Times(NamedTuple):
@@ -259,12 +238,12 @@ class Times(NamedTuple):
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Everything the report shows. rows, mcnemar: of all sets together.
+    """Everything the report shows. rows, mcnemar: of all sets together. model: its card.
 
     thresholds: of the first set where each set has its own. drawn, times, central: of pictures.
     """
 
-    model: EvaluatedModel
+    model: ModelCard
     thresholds: Thresholds
     seed: int
     sets: dict[str, SetFigures]
@@ -281,8 +260,17 @@ class Evaluation:
         if len(self.sets) == 1:
             top = next(iter(self.sets.values())).windows.to_json()
 
+        # trained_on: None where its card does not say.
+        model = {
+            "model_id": self.model.model_id,
+            "rate_hz": self.model.rate_hz,
+            "unit": self.model.unit,
+            "votes_for": list(self.model.classes),
+            "trained_on": self.model.raw["training"].get("data"),
+            "cannot_tell": self.model.not_learned,
+        }
         return top | {
-            "model": asdict(self.model),
+            "model": model,
             "thresholds": self.thresholds.to_json(),
             "seed": self.seed,
             "sets": {name: one.to_json() for name, one in self.sets.items()},
@@ -313,17 +301,8 @@ def all_sets(
             of_events = event_times([outcome.match for outcome in headline])
             times[name] = Times(one.to_state_ms, of_events)
 
-    model = EvaluatedModel(
-        model_id=card.model_id,
-        rate_hz=card.rate_hz,
-        unit=card.unit,
-        votes_for=list(card.classes),
-        trained_on=card.raw["training"].get("data"),
-        cannot_tell=card.not_learned,
-    )
-
     return Evaluation(
-        model=model,
+        model=card,
         thresholds=thresholds,
         seed=seed,
         sets={name: one.figures for name, one in scored.items()},

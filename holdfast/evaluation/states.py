@@ -19,8 +19,7 @@ from holdfast.evaluation.alarms import EventMatch, event_scores, match_alarms
 from holdfast.evaluation.formats import Spread, share
 from holdfast.evaluation.model_outputs import ModelOutputs
 from holdfast.evaluation.trials import voluntary_actions, without_samples
-from holdfast.training.figures import Share, SituationFigures
-from holdfast.training.metrics import situation_scores
+from holdfast.training.metrics import Share, SituationFigures, situation_scores
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -206,12 +205,9 @@ def _bins(
     said = np.bincount(place, weights=probability, minlength=BINS)
     was = np.bincount(place, weights=true, minlength=BINS)
     bins = []
-    for k in np.flatnonzero(counts).tolist():
-        n = int(counts[k])
-        mean_said = float(said[k]) / n
-        share_true = float(was[k]) / n
-        bins.append(CalibrationBin(n, mean_said, share_true))
-
+    for n, all_said, all_was in np.stack([counts, said, was], axis=1).tolist():
+        if n:
+            bins.append(CalibrationBin(int(n), all_said / n, all_was / n))
     return bins
 
 
@@ -243,7 +239,6 @@ def confusion(
         labelled.label,
         answered,
         labelled.group,
-        classes=SITUATIONS,
         not_learned=not_learned,
         seed=seed,
     )

@@ -26,7 +26,7 @@ from holdfast.core.contract import SITUATIONS, not_learned_in_words
 from holdfast.core.errors import count_of
 from holdfast.core.writing import write_whole
 from holdfast.evaluation import formats
-from holdfast.training.figures import over
+from holdfast.training.metrics import over
 
 # HTML from templates: the one place that knows jinja2. The templates are in templates/.
 #
@@ -102,10 +102,6 @@ GRID = "#e4e7eb"
 SITUATION_COLOURS = ("#bbbbbb", "#56b4e9", "#009e73", "#d55e00")
 """nothing, grasp, safe slip, risky slip: Okabe and Ito's sky blue, bluish green and vermilion,
 and a grey."""
-FINGER_COLOURS = ("#000000", "#999933", "#0072b2", "#e69f00", "#cc79a7", "#882255")
-FINGER_LINES = ("-", "--", "-", "--", "-", "--")
-"""Of thumb 1 and 2, index, middle, ring and little finger: none is a situation's colour, and a line
-behind a dashed one still shows."""
 DARK_INSTEAD = {
     "#ffffff": "#1e2129",
     "#000000": "#f5f7fa",

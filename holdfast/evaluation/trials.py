@@ -8,14 +8,22 @@ actions come from the labelled phases, which every trial has.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import NOTHING, RISKY_SLIP, SAFE_SLIP, BoolArray, Json
+from holdfast.core.contract import (
+    NOTHING,
+    RISKY_SLIP,
+    SAFE_SLIP,
+    SITUATIONS,
+    BoolArray,
+    Json,
+)
 from holdfast.core.trial_layout import (
     OTHER_ACTIONS,
     RISKY_ACTIONS,
@@ -78,12 +86,13 @@ class LabelledTrial:
                     break
         return found
 
-    def sources(self, labels: Collection[str]) -> list[str]:
-        """What gave each phase with one of these labels: scene, camera or key."""
+    @property
+    def sources(self) -> list[str]:
+        """What gave each risky slip: scene, camera or key."""
         sources = []
         for phase in self.truth.get("phases", []):
             # Older truths do not name what gave a label.
-            if phase.get("label") in labels and "provenance" in phase:
+            if phase.get("label") == SITUATIONS[RISKY_SLIP] and "provenance" in phase:
                 sources.append(str(phase["provenance"]))
         return sources
 
@@ -121,11 +130,6 @@ def _csv(root: Path, trial_id: str) -> Path:
         if (folder / TACTILE).is_file():
             return folder / TACTILE
     return root / f"{trial_id}.csv"
-
-
-def counted(names: Sequence[str]) -> dict[str, int]:
-    """Name -> how often it occurs, by name."""
-    return dict(sorted(Counter(names).items()))
 
 
 def voluntary_actions(recording: Recording) -> list[VoluntaryAction]:
@@ -182,7 +186,7 @@ def central_trial(
 
     Without such a trial it is the first of all, and None without a trial. No answer decides.
     """
-    rows = [one for of_title in drawn.values() for one in of_title]
+    rows = list(chain.from_iterable(drawn.values()))
     slips = [one for one in rows if one.trial.recording.action in RISKY_ACTIONS]
     if not rows:
         return None
@@ -200,20 +204,20 @@ def drawn_trials(answered: Sequence[AnsweredTrial]) -> dict[str, list[AnsweredTr
     bottle, the heaviest object, have a picture of their own.
     """
     by_title: dict[str, list[AnsweredTrial]] = {}
+    for one in answered:
+        # By action and object alone: no answer decides what is shown.
+        by_title.setdefault(_title(one.trial.recording), []).append(one)
     # A fixed order, so that reports of two models can be read side by side.
     titles = ["pass", "pull", "fall", "put-down", "pass, full-bottle"]
-    found = {_title(one.trial.recording) for one in answered}
-    if not found.intersection(titles):
+    if not by_title.keys() & set(titles):
         # Recordings of a laboratory have actions of their own, or none that is named.
-        titles = sorted(found)[:MOST_TITLES]
+        titles = sorted(by_title)[:MOST_TITLES]
 
+    drawn = {}
     for title in titles:
-        # By action and object alone: no answer decides what is shown.
-        rows = [one for one in answered if _title(one.trial.recording) == title]
-        if rows:
-            by_title[title or "trials"] = _interleaved(rows)[:ROWS_DRAWN]
-
-    return by_title
+        if title in by_title:
+            drawn[title or "trials"] = _interleaved(by_title[title])[:ROWS_DRAWN]
+    return drawn
 
 
 def _title(recording: Recording) -> str:
@@ -224,13 +228,13 @@ def _title(recording: Recording) -> str:
 
 def _interleaved(trials: Sequence[AnsweredTrial]) -> list[AnsweredTrial]:
     """The first trial of every object before the second of any."""
-    count: dict[str | None, int] = {}
+    met: Counter[str | None] = Counter()
     rounds = []
     for one in trials:
         name = one.trial.recording.object_name
         # The round of a trial is how many of its object came before it, and itself.
-        count[name] = count.get(name, 0) + 1
-        rounds.append(count[name])
+        met[name] += 1
+        rounds.append(met[name])
 
     # Stable: within a round the trials keep their order.
     order = np.argsort(rounds, kind="stable")

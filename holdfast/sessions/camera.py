@@ -43,7 +43,7 @@ LOG = "camera.log"
 """In the trial's folder: what the process printed."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CameraOptions:
     """A camera as the user named it. Only an OAK on USB uses the other options.
 
@@ -55,7 +55,7 @@ class CameraOptions:
     fps: float | None = None
     exposure_ms: float | None = None
 
-    def require_usable(self) -> None:
+    def require_camera(self) -> None:
         """Raise UsageError for a camera that cannot film, before the trials begin."""
         if self.camera == OAK and self.tag_mm is None:
             raise UsageError(

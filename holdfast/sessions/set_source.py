@@ -17,20 +17,17 @@ def read_set_trial(name: str, channels: int | None) -> Replay:
 
     folder, _, chosen = name.rpartition("#")
     data = load(folder, channels=channels, windows="none")
-    names = [recording.trial_id for recording in data.recordings]
-    numbers = list(map(str, range(len(names))))
+    known = {str(number): one for number, one in enumerate(data.recordings)}
     # A name comes before a number.
-    place = next(
-        (all_.index(chosen) for all_ in (names, numbers) if chosen in all_), None
-    )
-    if place is None:
+    known |= {one.trial_id: one for one in data.recordings}
+    if chosen not in known:
         raise DataNotFound(
-            f"no trial {chosen!r} among {len(names)}",
+            f"no trial {chosen!r} among {len(data.recordings)}",
             where=folder,
-            next_step=f"give 0..{len(names) - 1} or {names[0]!r}",
+            next_step=f"give 0..{len(data.recordings) - 1} or {list(known)[-1]!r}",
         )
 
-    recording = data.recordings[place]
+    recording = known[chosen]
     t_s = np.arange(len(recording.samples)) / recording.rate_hz
     t_ns = np.round(t_s * 1e9).astype(np.int64)
     return Replay(

@@ -1,4 +1,4 @@
-"""What a folder of recordings holds and what is missing, for `holdfast check`.
+"""What a folder of recordings holds and what is missing, for `holdfast check`: as data, as lines.
 
 Every trial is read; a fault is noted and the reading goes on. Each thing that is missing comes with
 what to write or record, and where. A model learns whatever situations and masses there are.
@@ -6,23 +6,18 @@ what to write or record, and where. A model learns whatever situations and masse
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
-from holdfast.core.contract import CLASSES, NOTHING, SITUATIONS, UNITS, Json
-from holdfast.core.errors import (
-    ColumnError,
-    DataError,
-    NotANumber,
-    count_of,
-)
-from holdfast.core.hand_card import HandCard, hand_or_usual
+from holdfast.core.contract import NOTHING, SITUATIONS, UNITS, Json
+from holdfast.core.errors import ColumnError, DataError, NotANumber, count_of
 from holdfast.core.trial_layout import (
-    HAND_FILE,
     META,
     TACTILE,
     has_logs,
@@ -45,12 +40,14 @@ from holdfast.training.datasets.trials import (
     Missing,
     TrialReader,
     doubts_of,
-    read_all,
+    in_kinds,
+    sides_unknown,
 )
 from holdfast.training.judging import strictest_hold_out
+from holdfast.training.metrics import in_words
 from holdfast.training.plan import TrainingPlan
-from holdfast.training.recording import DataSet, lost_spans
-from holdfast.training.windows import TimedTrial, classes_of
+from holdfast.training.recording import DataSet, counts_in_words, lost_spans
+from holdfast.training.windows import TimedTrial
 
 LAYOUT = "<person>/<object>/<action>/trial_1.csv"
 PHASES = '{"phases": [{"t0_s": 2.1, "t1_s": 6.4, "label": "grasp"}, ..]}'
@@ -63,10 +60,19 @@ RECORD = {
 }
 """Where a trial of each situation belongs, as it is advised."""
 NO_WEIGHT = "a model does not learn light and heavy"
+LEVELS = {
+    "error": "ERROR",
+    "doubt": "DOUBTFUL",
+    "training": "FOR TRAINING",
+    "advice": "ADVICE",
+}
+FORMATS = {"thesis": "folders of CSV trials", "recorded": "folders of holdfast record"}
+"""Layouts in words; any other is a public set."""
+HEADS = ("person", "object", "action", "trials", "mass, g", "labels by")
 CellName = tuple[str | None, str | None, str | None]
 """Person, object, action."""
-Cells = dict[CellName, list[TimedTrial | None]]
-"""The trials of each cell in order of first sight; None for one that cannot be read."""
+Found = list[tuple[CellName, TimedTrial | None]]
+"""Trials with their cells; None for one that cannot be read."""
 
 
 @dataclass(frozen=True)
@@ -83,21 +89,9 @@ class Cell:
     trials: int
     read: int
     seconds: float
-    rate_hz: float | None
-    unit: str | None
     mass_g: float | None
     mass_from: str | None
     labels_by: dict[str, int]
-
-
-@dataclass(frozen=True)
-class ClassSeconds:
-    """How long a situation lasts in all trials: with light, heavy and unweighed objects, s."""
-
-    situation: str
-    light_s: float
-    heavy_s: float
-    unweighed_s: float
 
 
 @dataclass
@@ -105,8 +99,9 @@ class FolderReport:
     """What was found in a folder, and what is missing.
 
     layout: None where no reader recognises the folder. held_out_by: what training holds out.
-    groups: how many of these there are. channels: of the first recording, three a sensor.
-    not_held_out: why not by something stricter, a line each.
+    groups: how many of these there are. channels: three a sensor. rate_hz, unit, channels: of the
+    whole set. windows: those that `train` learns from, by class or situation. not_held_out: why not
+    by something stricter, a line each.
     """
 
     folder: str
@@ -114,25 +109,27 @@ class FolderReport:
     held_out_by: str | None = None
     groups: int = 0
     channels: int | None = None
+    rate_hz: float | None = None
+    unit: str | None = None
     cells: list[Cell] = field(default_factory=list)
-    classes: list[ClassSeconds] = field(default_factory=list)
+    windows: dict[str, int] = field(default_factory=dict)
     missing: list[Missing] = field(default_factory=list)
     not_held_out: list[str] = field(default_factory=list)
 
     @property
+    def levels(self) -> set[str]:
+        """The levels of what is missing."""
+        return {one.level for one in self.missing}
+
+    @property
     def readable(self) -> bool:
         """Whether `evaluate` takes the folder as it is."""
-        return all(one.level != "error" for one in self.missing)
+        return "error" not in self.levels
 
     @property
     def trainable(self) -> bool:
         """Whether `train` takes the folder as it is."""
-        return all(one.level in ("advice", "doubt") for one in self.missing)
-
-    @property
-    def doubtful(self) -> bool:
-        """Whether figures of the folder are probably wrong."""
-        return any(one.level == "doubt" for one in self.missing)
+        return self.levels <= {"advice", "doubt"}
 
     def to_json(self) -> Json:
         """As `holdfast check --json` prints it."""
@@ -149,51 +146,48 @@ def examine(root: Path, most_n: float | None = None) -> FolderReport:
     if layout is None:
         report.missing = _not_read(root, [])
     elif layout in LAYOUTS:
-        _examine_trials(report, root, layout, most_n)
+        _examine_trials(report, root, reader_of(layout), most_n)
     else:
         # The reader of a public set refuses what is wrong, and the set lacks nothing.
         data = load(root)
-        cells: Cells = {}
+        found: Found = []
         for one in data.recordings:
-            name = (one.person, one.object_name, one.action)
             trial = TimedTrial(one, None, labels_by="labels of the set")
-            cells.setdefault(name, []).append(trial)
-        report.cells = [_cell(name, of_cell) for name, of_cell in cells.items()]
-        _hold_out(report, data)
+            found.append(((one.person, one.object_name, one.action), trial))
+        report.cells = _cells(found)
+        _describe(report, data)
     return report
 
 
 def _examine_trials(
-    report: FolderReport, root: Path, layout: str, most_n: float | None
+    report: FolderReport, root: Path, layout: ModuleType, most_n: float | None
 ) -> None:
-    """Read all trials of a folder of these, and fill in the report."""
+    """Read all trials of a folder by the module of its layout, and fill in the report."""
     # Faults are collected, so that one run names all of them.
     faults: list[DataError] = []
     readers: list[TrialReader] = []
     try:
-        readers = reader_of(layout).readers(root, faults.append)
+        readers = layout.readers(root, faults.append)
     except DataError as error:
         faults.append(error)
-    read = read_all(readers, faults.append)
-    trials = [trial for trial in read if trial]
-    doubts: list[Missing] = []
-    cells: Cells = {}
-    for reader, trial in zip(readers, read, strict=True):
-        cells.setdefault(_cell_of(reader), []).append(trial)
-    report.cells = [_cell(name, of_cell) for name, of_cell in cells.items()]
-    report.classes = _class_seconds(trials)
+    found: Found = []
+    for reader in readers:
+        folder = reader.place.object_folder
+        name = object_name(folder.name) if folder else None
+        trial = None
+        try:
+            trial = reader.read()
+        except DataError as error:
+            faults.append(error)
+        found.append(((reader.place.person, name, reader.place.action), trial))
+    report.cells = _cells(found)
+    trials = [trial for _, trial in found if trial]
 
     # Checks of the whole set compare only what can be read: a fault of one trial is noted already.
+    doubts: list[Missing] = []
     if trials:
-        thesis.common_rate([trial.recording for trial in trials], faults.append)
-        rate_hz = trials[0].recording.rate_hz
-        # Neither names nor rates change what is held out.
-        about = thesis.SetMeta()
         try:
-            data = thesis.of_trials(trials, about, rate_hz, "balanced", seed=0)
-            _hold_out(report, data)
-            hand = with_hand(data, root).hand
-            doubts += _sides_unknown(root, data.n_sensors, hand)
+            doubts += _examine_set(report, root, trials, faults)
         except DataError as error:
             faults.append(error)
         doubts += doubts_of(trials, most_n)
@@ -215,9 +209,21 @@ def _examine_trials(
     report.missing = list(dict.fromkeys(missing))
 
 
-def _hold_out(report: FolderReport, data: DataSet) -> None:
-    """What `train` holds out of a set where it is asked for nothing else."""
+def _examine_set(
+    report: FolderReport, root: Path, trials: list[TimedTrial], faults: list[DataError]
+) -> Iterator[Missing]:
+    """What is doubtful of all trials together; raises and appends the faults of the whole set."""
+    rate_hz = thesis.common_rate([trial.recording for trial in trials], faults.append)
+    data = thesis.of_trials(trials, thesis.SetMeta(), rate_hz, "balanced", seed=0)
+    _describe(report, data)
+    (report.windows,) = [rows.class_counts() for rows in data.tasks.values()]
+    return sides_unknown(with_hand(data, root), root)
+
+
+def _describe(report: FolderReport, data: DataSet) -> None:
+    """Rate, unit and channels of a set, and what `train` holds out if nothing else is given."""
     report.channels = 3 * data.n_sensors
+    report.rate_hz, report.unit = data.rate_hz, data.unit
     held_out = strictest_hold_out(data, TrainingPlan.folds, seed=0)
     report.held_out_by = held_out.kind
     report.groups = len(held_out.data.groups())
@@ -226,95 +232,54 @@ def _hold_out(report: FolderReport, data: DataSet) -> None:
 
 def _not_read(root: Path, read: Sequence[Path]) -> list[Missing]:
     """CSV files that are at no trial's place; an error where no file is at one."""
-    left = sorted(set(root.rglob("*.csv")) - set(read))
-    others = [path for path in left if not _is_of_a_trial(path)]
+    others = []
+    for path in sorted(set(root.rglob("*.csv")) - set(read)):
+        # Beside a trial stands trial_1.motion.csv, or what else is in the recorder's folder.
+        if "." not in path.stem and not path.with_name(TACTILE).is_file():
+            others.append(path.relative_to(root).as_posix())
     what = "no trial" if has_logs(root) else "no CSV file"
     if others:
-        first = others[0].relative_to(root).as_posix()
-        what = f"CSV files at no trial's place: {len(others)}, such as {first}"
+        what = f"CSV files at no trial's place: {len(others)}, such as {others[0]}"
     elif read:
         return []
 
     step = (
         f"a trial belongs at {root / LAYOUT}; an action is one of {', '.join(FOLDERS)}"
     )
-    if read:
-        return [Missing("advice", str(root), what, step)]
-    if has_logs(root):
+    if not read and has_logs(root):
         step += f"; logs of another program: {import_command(root)}"
-    return [Missing("error", str(root), what, step)]
+    return [Missing("advice" if read else "error", str(root), what, step)]
 
 
-def _is_of_a_trial(path: Path) -> bool:
-    """Whether a file lies in a trial's folder, or beside its trial as trial_1.motion.csv does."""
-    trial = path.with_name(f"{path.name.partition('.')[0]}.csv")
-    if trial != path and trial.is_file():
-        return True
-    return any((folder / TACTILE).is_file() for folder in path.parents)
+def _cells(found: Found) -> list[Cell]:
+    """The figures of each cell, in order of first sight; its mass is that of its first trial."""
+    by_name: dict[CellName, list[TimedTrial | None]] = {}
+    for name, trial in found:
+        by_name.setdefault(name, []).append(trial)
 
-
-def _sides_unknown(
-    root: Path, n_sensors: int, hand: HandCard | None
-) -> Iterator[Missing]:
-    """Where no card says on which side the sensors are."""
-    if hand_or_usual(hand, n_sensors) is None:
-        what = f"{count_of(n_sensors, 'sensor')} and no hand card: pooled features take each to be "
-        what += "on the side of the fingers"
-        step = "write which are on the thumb's side (docs/scenes.md, hands)"
-        yield Missing("doubt", str(root / HAND_FILE), what, step)
-
-
-# -- the two tables
-
-
-def _cell_of(reader: TrialReader) -> CellName:
-    """The cell that the folders of a trial name."""
-    place = reader.place
-    folder = place.object_folder
-    return place.person, object_name(folder.name) if folder else None, place.action
-
-
-def _cell(name: CellName, trials: list[TimedTrial | None]) -> Cell:
-    """The figures of a cell; its unit and its mass are those of its first trial."""
-    read = [trial for trial in trials if trial]
-    recordings = [trial.recording for trial in read]
-    rates_hz = [one.rate_hz for one in recordings]
-    mass = next((trial.mass for trial in read if trial.mass), None)
-    return Cell(
-        *name,
-        trials=len(trials),
-        read=len(read),
-        seconds=sum(len(one.samples) / one.rate_hz for one in recordings),
-        rate_hz=float(np.median(rates_hz)) if rates_hz else None,
-        unit=recordings[0].unit if recordings else None,
-        mass_g=mass.mass_g if mass else None,
-        mass_from=mass.source if mass else None,
-        labels_by=dict(Counter(trial.labels_by for trial in read)),
-    )
-
-
-def _class_seconds(trials: Sequence[TimedTrial]) -> list[ClassSeconds]:
-    """How long each situation lasts.
-
-    The hand alone counts half as light, half as heavy, where the weight is learned.
-    """
-    weighed = classes_of(trials) == CLASSES
-    # rows: situations; columns: light, heavy, mass unknown
-    seconds = np.zeros((len(SITUATIONS), 3))
-    shares = {False: [1.0, 0.0, 0.0], True: [0.0, 1.0, 0.0], None: [0.0, 0.0, 1.0]}
-    for trial in trials:
-        share = shares[trial.heavy]
-        if trial.heavy is None and weighed and not trial.has_object:
-            share = [0.5, 0.5, 0.0]
-        for phase in trial.recording.phases:
-            lasts_s = (phase.stop - phase.first) / trial.recording.rate_hz
-            seconds[phase.situation] += lasts_s * np.array(share)
-
-    rows = zip(SITUATIONS, seconds.tolist(), strict=True)
-    return [ClassSeconds(situation, *of_weight) for situation, of_weight in rows]
+    cells = []
+    for name, trials in by_name.items():
+        read = [trial for trial in trials if trial]
+        recordings = [trial.recording for trial in read]
+        mass = next((trial.mass for trial in read if trial.mass), None)
+        cell = Cell(
+            *name,
+            trials=len(trials),
+            read=len(read),
+            seconds=sum(len(one.samples) / one.rate_hz for one in recordings),
+            mass_g=mass.mass_g if mass else None,
+            mass_from=mass.source if mass else None,
+            labels_by=dict(Counter(trial.labels_by for trial in read)),
+        )
+        cells.append(cell)
+    return cells
 
 
 # -- what more data would bring
+
+
+def _advise(where: Path | str, what: str, step: str) -> Missing:
+    return Missing("advice", str(where), what, step)
 
 
 def _advice(
@@ -325,8 +290,7 @@ def _advice(
     bare = report.layout == "thesis"
     if bare and "unit" not in read_json(root / META):
         units = " or ".join(f'{{"unit": "{unit}"}}' for unit in UNITS)
-        where = str(root / META)
-        yield Missing("advice", where, "no unit; N is assumed", f"write {units}")
+        yield _advise(root / META, "no unit; N is assumed", f"write {units}")
 
     people = {trial.recording.person for trial in trials} - {None}
     if len(people) < 2:
@@ -334,60 +298,135 @@ def _advice(
         held_out = f"figures are held out by {report.held_out_by}"
         what = f"{named}: {held_out} and do not apply to other people"
         step = f"sort trials of several people into {LAYOUT}"
-        yield Missing("advice", str(root), what, step)
-
-    for trial in trials:
-        name = trial.recording.object_name
-        if name is not None and trial.heavy is None:
-            # The folder of the object is two above the file of the trial.
-            folder = root / Path(trial.recording.trial_id).parent.parent
-            what = f"no mass given for object {name!r}: {NO_WEIGHT}"
-            yield Missing("advice", str(folder), what, weigh_it(folder))
+        yield _advise(root, what, step)
 
     for trial in trials:
         recording = trial.recording
+        if trial.has_object and trial.heavy is None:
+            # The folder of the object is two above the file of the trial.
+            folder = root / Path(recording.trial_id).parent.parent
+            what = f"no mass given for object {recording.object_name!r}: {NO_WEIGHT}"
+            yield _advise(folder, what, weigh_it(folder))
         lost = [stop - first for first, stop in lost_spans(recording.valid)]
         if lost:
-            gaps = (
-                f"{count_of(len(lost), 'gap')} of {sum(lost) / recording.rate_hz:.2f} s"
-            )
-            what = (
-                f"{gaps} together, the longest of {max(lost) / recording.rate_hz:.2f} s"
-            )
+            total_s, longest_s = np.array([sum(lost), max(lost)]) / recording.rate_hz
+            gaps = f"{count_of(len(lost), 'gap')} of {total_s:.2f} s together"
+            what = f"{gaps}, the longest of {longest_s:.2f} s"
             step = "nothing: they are lost samples, and the answer is unknown over them"
-            yield Missing("advice", recording.trial_id, what, step)
+            yield _advise(recording.trial_id, what, step)
 
     if all_read:
-        yield from _missing_situations(report.classes, root, trials)
+        yield from _missing_situations(report.windows, root, in_n=report.unit == "N")
     scripted = [one for one in trials if one.labels_by.startswith(thesis.BY_SCRIPT)]
     if all_read and bare and scripted:
         truth = truth_path(root / f"{scripted[0].recording.trial_id}.csv")
         share = f"{len(scripted)} of {len(trials)} trials"
         what = f"{share} have labels by the script, not measured ones"
         step = f"where you know the times, write {PHASES}"
-        yield Missing("advice", str(truth), what, step)
+        yield _advise(truth, what, step)
 
 
 def _missing_situations(
-    classes: Sequence[ClassSeconds], root: Path, trials: Sequence[TimedTrial]
+    windows: dict[str, int], root: Path, *, in_n: bool
 ) -> Iterator[Missing]:
-    """Situations without a sample, and those with light or with heavy objects alone."""
-    # Where a mass is not known, no weight is learned whatever there is.
-    weighed = classes_of(trials) == CLASSES
-    in_n = trials[0].recording.unit == "N"
-    lasting: list[float] = []
-    for one in classes:
-        lasting.append(one.light_s + one.heavy_s + one.unweighed_s)
+    """Situations without a window, and those with light or with heavy objects alone."""
+    # Situation by situation; where a mass is not known, no weight is learned whatever there is.
+    counts = np.reshape(list(windows.values()), (len(SITUATIONS), -1))
+    present = counts.max(axis=1) > 0
     # Of one situation alone there is nothing to learn.
-    alone = np.count_nonzero(lasting) < 2
-    for one, lasts_s in zip(classes, lasting, strict=True):
-        step = f"record {root / RECORD[one.situation]}/trial_1.csv"
-        is_nothing = one.situation == SITUATIONS[NOTHING]
+    alone = present.sum() < 2
+    for number, situation in enumerate(SITUATIONS):
+        step = f"record {root / RECORD[situation]}/trial_1.csv"
         # In N a model knows an empty hand by its force, and learns nothing of it.
-        if not lasts_s and (alone or not (in_n and is_nothing)):
-            what = f"no {one.situation}: a model cannot tell it"
+        if not present[number] and (alone or not (in_n and number == NOTHING)):
+            what = f"no {situation}: a model cannot tell it"
             yield Missing("training" if alone else "advice", str(root), what, step)
-        elif weighed and not is_nothing and not (one.light_s and one.heavy_s):
-            lacks = "heavy" if one.light_s else "light"
-            what = f"no {one.situation} with a {lacks} object: {NO_WEIGHT}"
-            yield Missing("advice", str(root), what, step)
+        elif number != NOTHING and not counts[number].all():
+            lacks = "heavy" if counts[number, 0] else "light"
+            what = f"no {situation} with a {lacks} object: {NO_WEIGHT}"
+            yield _advise(root, what, step)
+
+
+# -- as lines for people
+
+
+def report_lines(report: FolderReport) -> list[str]:
+    """The report as lines for people."""
+    lines = [f"{report.folder}: no recording can be read"]
+    if report.held_out_by is not None:
+        lines = _summary(report, report.held_out_by)
+    if report.cells:
+        lines += ["", *_aligned([HEADS, *map(_row, report.cells)])]
+    if report.windows:
+        lines += ["", f"to learn from: {counts_in_words(report.windows)}"]
+
+    # One line for many faults of a kind: a folder of a hundred trials would fill the screen.
+    # Numbers are left out of the comparison: "at 49 Hz" and "at 51 Hz" are the same fault.
+    for first, *others in in_kinds(
+        report.missing, lambda one: re.sub(r"[0-9.]+", "#", f"{one.level} {one.what}")
+    ):
+        lines += ["", f"{LEVELS[first.level]} {first.where}: {first.what}"]
+        lines.append(f"  -> {first.next_step}")
+        if others:
+            places = [one.where.removeprefix(f"{report.folder}/") for one in others]
+            named = f": {', '.join(places)}" if first.level == "error" else ""
+            lines.append(f"  {len(others)} more like it{named}")
+
+    verdict = "ready for holdfast train and holdfast evaluate"
+    if "doubt" in report.levels:
+        verdict += ", but their figures are wrong if what is DOUBTFUL is"
+    if not report.readable:
+        verdict = "not ready: correct each ERROR, then run holdfast check again"
+    elif not report.trainable:
+        verdict = (
+            "ready for holdfast evaluate; holdfast train needs what FOR TRAINING says"
+        )
+    elif report.layout not in FORMATS:
+        verdict = "a public set, read as it is"
+
+    return [*lines, "", verdict]
+
+
+def _summary(report: FolderReport, held_out_by: str) -> list[str]:
+    """The first lines of a report: how much was read, and what is held out together."""
+    trials, seconds = 0, 0.0
+    people = set()
+    for cell in report.cells:
+        trials += cell.trials
+        seconds += cell.seconds
+        people |= {cell.person} - {None}
+    of = f" of {in_words(len(people), 'person')}" if people else ""
+    form = FORMATS.get(report.layout or "", "a public set")
+    return [
+        f"{report.folder}: {in_words(trials, 'trial')}{of}, {seconds / 60.0:.1f} min, "
+        f"{report.channels} channels in {report.unit} at {report.rate_hz:g} Hz; {form}",
+        f"held out by {held_out_by}: {in_words(report.groups, held_out_by)}",
+        *report.not_held_out,
+    ]
+
+
+def _row(cell: Cell) -> tuple[str, ...]:
+    """A cell as texts, one for each of HEADS; what is not known is "-"."""
+    unread = cell.trials - cell.read
+    mass = "-"
+    if cell.mass_g is not None:
+        mass = f"{cell.mass_g:g} ({Path(cell.mass_from or '').name})"
+    return (
+        cell.person or "-",
+        cell.object_name or "hand alone",
+        cell.action or "-",
+        f"{cell.trials} ({unread} unread)" if unread else f"{cell.trials}",
+        mass,
+        ", ".join(cell.labels_by) or "-",
+    )
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Rows of texts as lines, each column as wide as its widest text."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for row in rows:
+        cells = map(str.ljust, row, widths)
+        lines.append("  ".join(cells).rstrip())
+
+    return lines

@@ -22,7 +22,7 @@ import numpy as np
 from holdfast.core.contract import NORMAL_AXIS, BoolArray, FloatArray, IntArray
 from holdfast.export.detectors import sections
 from holdfast.export.spec import bands_for
-from holdfast.training.recording import Recording
+from holdfast.training.recording import Recording, runs_of
 
 PointMethod = Literal["band-pass", "friction", "both"]
 
@@ -110,10 +110,7 @@ def band_pass_rows(samples: FloatArray, rate_hz: float) -> IntArray:
 
 def _fresh_edges(above: BoolArray, quiet: int) -> IntArray:
     """First rows of the excursions that begin at least `quiet` rows after the one before ended."""
-    change = np.diff(above.astype(np.int8), prepend=0, append=0)
-    starts = np.flatnonzero(change == 1)
-    stops = np.flatnonzero(change == -1)
-
+    starts, stops = runs_of(above)
     # The bank rings on: an excursion right after another is the same event.
     fresh = np.ones(len(starts), dtype=np.bool_)
     pauses = starts[1:] - stops[:-1]
@@ -175,19 +172,12 @@ def _moved(x: FloatArray, back: int, ahead: int) -> FloatArray:
 
 def _held(samples: FloatArray, valid: BoolArray) -> FloatArray:
     """Lost values replaced by the last good one, else the first good one, else zero."""
+    import pandas as pd  # late: dense windows need no critical points
+
     good = np.isfinite(samples) & np.repeat(valid, 3, axis=1)
-
-    # The row of the last good value so far, -1 before the first.
-    numbers = np.arange(len(samples))[:, None]
-    last = np.maximum.accumulate(np.where(good, numbers, -1), axis=0)
-
-    # Before the first good value of a channel, that value stands in.
-    first = good.argmax(axis=0)
-
+    known = pd.DataFrame(np.where(good, samples, np.nan))
     # The filters and quotients that follow need a finite value in every row.
-    source = np.where(last < 0, first, last)
-    held = np.take_along_axis(samples, source, axis=0)
-    return np.where(good.any(axis=0), held, 0.0)
+    return known.ffill().bfill().fillna(0.0).to_numpy()
 
 
 def _at_rest_zero(samples: FloatArray, rate_hz: float) -> FloatArray:
@@ -205,9 +195,7 @@ def _rows(seconds: float, rate_hz: float) -> int:
 def _inside(rows: IntArray, n_rows: int, rate_hz: float) -> IntArray:
     """The rows that keep off both ends of a recording."""
     edge = _rows(EDGE_S, rate_hz)
-    after_start = rows >= edge
-    before_end = rows < n_rows - edge
-    return rows[after_start & before_end]
+    return rows[(rows >= edge) & (rows < n_rows - edge)]
 
 
 def _first_of_any(rows: IntArray, apart: int) -> IntArray:
@@ -245,5 +233,4 @@ def _source(
 
 def _any_within(rows: IntArray, first: int, apart: int) -> bool:
     """Whether one of the rows lies in first .. first + apart."""
-    later = rows - first
-    return bool(np.any((later >= 0) & (later <= apart)))
+    return bool(np.any((rows >= first) & (rows <= first + apart)))

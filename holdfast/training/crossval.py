@@ -1,12 +1,15 @@
-"""Windows -> forest (or network, or both), the last of four steps, with figures held out.
+"""Windows -> features -> forest (or network, or both), the last of four steps, figures held out.
 
-Cross-validation by person, learners, and calibration from the held-out votes. Predictions are the
-reference's (quantised leaves, riskier class on ties), that is, the exported file's.
+Features come from the step graph that runs on the hand. Recordings are stepped in batches on two
+threads; which of them run together changes no bit of the outputs. Then cross-validation by person,
+learners, and calibration from the held-out votes. Predictions are the reference's (quantised
+leaves, riskier class on ties), that is, the exported file's.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,24 +17,146 @@ from sklearn.linear_model import LogisticRegression
 
 from holdfast.core.contract import FloatArray, IntArray
 from holdfast.core.errors import ClassMissing
-from holdfast.export.heads import Calibration, riskier_argmax, situation_votes
+from holdfast.edge_runtime.graph import (
+    Outputs,
+    Steps,
+    open_session,
+    step_recordings,
+    steps_of,
+)
+from holdfast.export.features import features_alone
+from holdfast.export.heads import (
+    Calibration,
+    FloatRows,
+    riskier_argmax,
+    situation_votes,
+)
 from holdfast.export.learner import Learner, reference_votes, votes_of_trees
 from holdfast.export.network import VOTES
-from holdfast.training.featurise import FloatRows
+from holdfast.export.spec import StepSpec
 from holdfast.training.plan import TrainingPlan
-from holdfast.training.progress import Say, ignored
+from holdfast.training.progress import Part, Say, ignored
 from holdfast.training.recording import (
     DataSet,
     Fold,
+    Recording,
     StringArray,
     assign_groups,
     folds_of,
 )
 
+THREADS = 2
+FEWEST, MOST = 16, 32
+"""Recordings a batch: a step of 5 costs little more than one of 2, and 32 states fit the cache."""
 CALIBRATION_C = 1.0
 """Inverse regularisation of the calibration (scikit-learn's C) on vote shares between 0 and 1."""
 ABSENT_NATS = -30.0
 """Logit of a class without a window: a probability of about 1e-13."""
+
+
+# -- features by the graph that runs on the hand
+
+
+def stepped(
+    steps: Steps,
+    recordings: Sequence[Recording],
+    rows: Sequence[IntArray],
+    part: Part = ignored,
+) -> list[Outputs]:
+    """Outputs [M, ..] of a step at the wanted rows [M] of every recording.
+
+    part: called after every batch with the share of all samples that is done.
+    """
+    lengths = np.array([len(recording.samples) for recording in recordings])
+    # Recordings of like length together: a batch is padded to its longest.
+    order = np.argsort(lengths, kind="stable").tolist()
+    # Half of them for each thread, as far as the limits of a batch allow.
+    share = -(-len(order) // THREADS)
+    size = min(MOST, max(FEWEST, share))
+    batches = [order[start : start + size] for start in range(0, len(order), size)]
+
+    def run(batch: list[int]) -> list[Outputs]:
+        values = [recordings[k].samples for k in batch]
+        valid = [recordings[k].valid for k in batch]
+        wanted = [rows[k] for k in batch]
+        return step_recordings(steps, values, valid, wanted)
+
+    outputs: list[Outputs] = [{} for _ in recordings]
+    all_samples = int(lengths.sum())
+    done = 0
+    # Threads and no processes: the step leaves the interpreter alone while it runs.
+    with ThreadPoolExecutor(THREADS) as pool:
+        for batch, of_batch in zip(batches, pool.map(run, batches), strict=True):
+            for k, output in zip(batch, of_batch, strict=True):
+                outputs[k] = output
+            done += int(lengths[batch].sum())
+            part(done / all_samples)
+    return outputs
+
+
+def spec_for(data: DataSet, groups: tuple[str, ...]) -> StepSpec:
+    """The step a set is trained and served with: its sensors, its median rate, its unit."""
+    # Where the newtons are not verified, a threshold in N may lie inside a firm grip.
+    force_decides = None if data.forces_verified else False
+    return StepSpec(
+        n_sensors=data.n_sensors,
+        rate_hz=data.rate_hz,
+        unit=data.unit,
+        groups=groups,
+        hand=data.hand,
+        force_decides=force_decides,
+    )
+
+
+def features_of(
+    data: DataSet, spec: StepSpec, part: Part = ignored
+) -> dict[str, FloatRows]:
+    """Task -> features [M, F] float32 at the last row of every window; one pass for all tasks."""
+    wanted = rows_wanted(data)
+    computed = features_at(data, spec, wanted, part)
+    return {task: pick_rows(data, task, wanted, computed) for task in data.tasks}
+
+
+def features_at(
+    data: DataSet, spec: StepSpec, rows: list[IntArray], part: Part = ignored
+) -> list[FloatRows]:
+    """Features at these rows of each recording, by the graph without its learners."""
+    # The graph that runs on the hand, so that a model is trained on what it will be given there.
+    session = open_session(features_alone(spec).SerializeToString())
+    # The other outputs of a step are its state, which training does not need.
+    outputs = stepped(steps_of(session, ["features"]), data.recordings, rows, part)
+    return [output["features"] for output in outputs]
+
+
+def rows_wanted(data: DataSet) -> list[IntArray]:
+    """Per recording, the ascending rows at which any task has a window."""
+    wanted = [np.empty(0, np.int64) for _ in data.recordings]
+    for windows in data.tasks.values():
+        for trial in np.unique(windows.trial).tolist():
+            # Windows of several tasks often end at the same row, which is computed once for all of
+            # them.
+            rows = windows.row[windows.trial == trial]
+            wanted[trial] = np.union1d(wanted[trial], rows)
+    return wanted
+
+
+def pick_rows(
+    data: DataSet, task: str, wanted: list[IntArray], computed: list[FloatRows]
+) -> FloatRows:
+    """The task's windows in their order, out of what was computed per recording."""
+    windows = data.tasks[task]
+    first = computed[0]
+
+    picked = np.empty((len(windows), *first.shape[1:]), dtype=first.dtype)
+    for trial in np.unique(windows.trial).tolist():
+        here = windows.trial == trial
+        # The wanted rows ascend and hold every row of a window, so the search is exact.
+        places = np.searchsorted(wanted[trial], windows.row[here])
+        picked[here] = computed[trial][places]
+    return picked
+
+
+# -- learners and what they answer for people they never saw
 
 
 @dataclass(frozen=True)
@@ -141,15 +266,13 @@ def answer_fold(
 
     The arguments are those of `cross_validate`; split: one of `splits_of`.
     """
-    held = {}
-    votes = {}
-    learners = {}
+    answers = FoldAnswers({}, {}, {})
     for task, (train, test) in split.items():
         learner = fit_learner(data, features[task], plan, task, train, seed)
         n_classes = len(data.tasks[task].classes)
-        votes[task] = reference_votes(learner, features[task][test], n_classes)
-        held[task], learners[task] = test, learner
-    return FoldAnswers(held, votes, learners)
+        answers.votes[task] = reference_votes(learner, features[task][test], n_classes)
+        answers.rows[task], answers.learners[task] = test, learner
+    return answers
 
 
 def main_task(data: DataSet) -> str:
@@ -175,23 +298,12 @@ def fit_learner(
         )
 
     given = data.tasks[task]
-    n_classes = len(given.classes)
-    return learner_of(plan, task, features[rows], given.label[rows], n_classes, seed)
+    chosen, label = features[rows], given.label[rows]
 
-
-def learner_of(
-    plan: TrainingPlan,
-    task: str,
-    rows: FloatRows,
-    label: IntArray,
-    n_classes: int,
-    seed: int,
-) -> Learner:
-    """The plan's learner for a task, fitted on rows [N, F] with labels [N]."""
     forest, votes = None, VOTES
     if plan.learner != "network":
         # a tree reads by column: the same forest, sooner
-        by_column = np.asfortranarray(rows)
+        by_column = np.asfortranarray(chosen)
         forest = plan.forest_for(task).build(seed).fit(by_column, label)
         # a network gets as many votes as the trees have in all, so that both count the same
         votes = votes_of_trees(len(forest.estimators_))
@@ -201,8 +313,8 @@ def learner_of(
     # a forest alone needs no network
     from holdfast.training.network_fit import fit_network
 
-    network = fit_network(plan.network_for(task), rows, label, n_classes, seed, votes)
-    return Learner(forest, network)
+    how, n_classes = plan.network_for(task), len(given.classes)
+    return Learner(forest, fit_network(how, chosen, label, n_classes, seed, votes))
 
 
 def fit_calibration(shares: FloatArray, label: IntArray) -> Calibration:

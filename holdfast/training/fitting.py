@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -21,8 +21,6 @@ from holdfast.core.contract import (
     not_learned_of,
 )
 from holdfast.core.errors import RateError
-from holdfast.core.hand_card import hand_or_usual
-from holdfast.core.trial_layout import HAND_FILE
 from holdfast.core.writing import require_free, require_writable
 from holdfast.export.artifact import (
     INDEX,
@@ -31,25 +29,27 @@ from holdfast.export.artifact import (
 )
 from holdfast.export.heads import Head
 from holdfast.training.crossval import (
+    FloatRows,
     HeldOut,
     cross_validate,
+    features_of,
     fit_calibration,
     fit_learner,
     main_task,
+    spec_for,
     with_even_classes,
 )
 from holdfast.training.datasets import find, join, load
-from holdfast.training.datasets.trials import DoubtfulData
-from holdfast.training.featurise import FloatRows, features_of, spec_for
-from holdfast.training.figures import PLURAL, HeadFigures
+from holdfast.training.datasets.trials import sides_unknown, warn_of
 from holdfast.training.fixture import write_fixture
 from holdfast.training.judging import (
     CurvePoint,
     as_grouped,
+    held_out_figures,
     learning_curve,
     strictest_hold_out,
 )
-from holdfast.training.metrics import report
+from holdfast.training.metrics import PLURAL, HeadFigures
 from holdfast.training.plan import (
     PLANS,
     TASK_HEADS,
@@ -63,6 +63,7 @@ from holdfast.training.recording import (
     HoldOut,
     Recording,
     cannot_tell,
+    counts_in_words,
     learnable,
 )
 from holdfast.training.windows import Choice
@@ -147,7 +148,11 @@ def train_on_sets(
         names = (str(request.out / FIXTURE),)
 
     else:
-        _require_open(names)
+        # The generated set is open by its making, so a run without data does not load this.
+        from holdfast.core.locked import require_open
+
+        for name in names:
+            require_open(find(name), "a model")
 
     sets = []
     for name in names:
@@ -175,7 +180,7 @@ def train_on_sets(
     not_held_out: list[str] = []
     chosen = [_held_out(data, plan.folds, request, not_held_out) for data in sets]
     joined = learnable(join(chosen))
-    warn_of_scarcity(joined, undersampled=request.windows == "thesis")
+    warn_of_scarcity(joined)
 
     trained = train(
         joined,
@@ -213,33 +218,20 @@ def _held_out(
     return choice.data
 
 
-def _require_open(names: Sequence[str]) -> None:
-    """Raise SetLocked for a set that is kept for a last test, before any is read."""
-    # The generated set is open by its making, so a run without data does not load this.
-    from holdfast.core.locked import require_open
-
-    for name in names:
-        require_open(find(name), "a model")
-
-
 def _counts(data: DataSet) -> str:
     """Windows by class, a line for each task, and before they were undersampled."""
     counts = {task: rows.class_counts() for task, rows in data.tasks.items()}
     if "windows_natural" in data.notes:
         counts["before undersampling"] = data.notes["windows_natural"]
 
-    lines = []
-    for task, of_class in counts.items():
-        cells = ", ".join(f"{name} {count:,}" for name, count in of_class.items())
-        lines.append(f"{task}: {sum(of_class.values()):,} windows ({cells})")
+    lines = [
+        f"{task}: {counts_in_words(of_class)}" for task, of_class in counts.items()
+    ]
     return "\n".join(lines)
 
 
-def warn_of_scarcity(data: DataSet, *, undersampled: bool = False) -> None:
-    """Warn (FewWindows, FewGroups) of a set that holds too little; each names the next step.
-
-    undersampled: its windows are the thesis' set, which is as small as its rarest class.
-    """
+def warn_of_scarcity(data: DataSet) -> None:
+    """Warn (FewWindows, FewGroups) of a set that holds too little; each names the next step."""
     few = []
     groups: set[str] = set()
     for task, rows in data.tasks.items():
@@ -249,12 +241,12 @@ def warn_of_scarcity(data: DataSet, *, undersampled: bool = False) -> None:
             if 0 < count < FEWEST_WINDOWS:
                 few.append(f"{name} ({count})")
 
+    # The thesis' undersampled set is as small as its rarest class.
     if few:
-        remedy = "leave out --windows thesis, or " if undersampled else ""
         warnings.warn(
             f"{data.name}: fewer than {FEWEST_WINDOWS} windows of {', '.join(few)}; do not trust "
-            f"the answers and figures of these; next: {remedy}record or simulate more trials with "
-            "them",
+            "the answers and figures of these; next: record or simulate more trials with them, or "
+            "leave out --windows thesis",
             FewWindows,
             stacklevel=2,
         )
@@ -263,11 +255,9 @@ def warn_of_scarcity(data: DataSet, *, undersampled: bool = False) -> None:
     # twice.
     if len(groups) == 2:
         kind = PLURAL.get(data.group_kind, "groups")
-        cut_down = "kept_groups" in data.notes
-        remedy = "raise --groups" if cut_down else f"record more {kind}"
         warnings.warn(
             f"{data.name}: two {kind} only; each is answered by a model of the other alone, and "
-            f"intervals mean little; next: {remedy}",
+            f"intervals mean little; next: record more {kind}, or raise --groups",
             FewGroups,
             stacklevel=2,
         )
@@ -298,15 +288,9 @@ def train(
 
     spec = spec_for(data, plan.groups)
     spec.warn_of_lost_bands()
-    if plan.copies and hand_or_usual(data.hand, data.n_sensors) is None:
-        warnings.warn(
-            f"{data.name}: {data.n_sensors} sensors and no hand card, so each is taken to be on "
-            f"the side of the fingers; next: write {HAND_FILE} (holdfast check)",
-            DoubtfulData,
-            stacklevel=2,
-        )
-
     if plan.copies:
+        warn_of(sides_unknown(data, Path(data.name)))
+
         # only a plan of pooled features has copies
         from holdfast.training.nuisances import with_copies
 
@@ -324,9 +308,7 @@ def train(
     write_artifact(out, artifact)
     curve = []
     if judge:
-        curve = learning_curve(
-            data, features, plan, seed, held_out_figures, figures, say
-        )
+        curve = learning_curve(data, features, plan, seed, figures, say)
     return Trained(
         figures, held_out, curve, not_learned_of({"training": artifact.training})
     )
@@ -366,15 +348,6 @@ def final_artifact(
         rows=np.concatenate(list(features.values())),
         training=_origin(data, plan, spec, seed, figures),
     )
-
-
-def held_out_figures(data: DataSet, held_out: HeldOut, seed: int = 0) -> HeadFigures:
-    """Metrics of the held-out votes, situations always four."""
-    # The second class is the one that slips within 0.25 s.
-    score = None
-    if "predict_250ms" in data.tasks:
-        score = held_out.shares("predict_250ms")[:, 1]
-    return report(data.with_situations(), held_out.situations(), score, seed=seed)
 
 
 def fingerprint(recording: Recording) -> str:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contract import AXES, FloatArray, Json, channel_names
+from holdfast.core.contract import AXES, FloatArray, channel_names
 from holdfast.core.trial_file import TIME_COLUMN
 from holdfast.core.trial_layout import MASSES_G, META, is_heavy, truth_path
 from holdfast.core.writing import require_new, require_writable
@@ -103,8 +103,9 @@ class _Hand:
     ) -> FloatArray:
         """[T, 19] of grip, load, pull and shaking [n, 4] at these times [n], linear in between."""
         t_s = np.arange(round(ends_s[-1] * self.rate_hz)) / self.rate_hz
-        columns = [np.interp(t_s, ends_s, level_n) for level_n in levels_n.T]
-        grip_n, load_n, pull_n, shake_n = np.array(columns)[..., None]
+        grip_n, load_n, pull_n, shake_n = (
+            np.interp(t_s, ends_s, level_n)[:, None] for level_n in levels_n.T
+        )
         # No two grasps load the fingers alike, and each pad sticks and slips by itself.
         share = rng.uniform(0.5, 1.5, N_SENSORS)
         tone_hz = rng.uniform(9.0, 22.0, N_SENSORS)
@@ -161,6 +162,7 @@ def _write_table(
 TRIALS, LOGGER = "trials", "logger"
 EARLY_REST_S = 1.0
 """All actions of the example begin two seconds before the script's time."""
+TWO = ("soft-ball", "hard-ball")
 FINGERS = ("thumb", "index", "middle", "ring", "little", "palm")
 
 
@@ -173,12 +175,13 @@ def write_example(folder: Path) -> None:
     require_new(folder)
     require_writable(folder)
     trials = folder / TRIALS
-    two: Json = {"trials_per_cell": 1, "objects": ["soft-ball", "hard-ball"]}
     for seed, person in enumerate(("p01", "p02", "p03"), 1):
         own = trials / person
-        write_fixture(own, seed=seed, rest_s=EARLY_REST_S, **two)
+        write_fixture(
+            own, trials_per_cell=1, seed=seed, objects=TWO, rest_s=EARLY_REST_S
+        )
         # The mass of a mug is in no table.
-        (own / "hard-ball").rename(own / "mug")
+        (own / TWO[1]).rename(own / "mug")
 
     for path in trials.rglob("*.json"):
         path.unlink()
@@ -191,7 +194,6 @@ def write_example(folder: Path) -> None:
     table = 1000.0 * np.loadtxt(logged, delimiter=",", skiprows=1)
     table[:, 0] += 120_000
     logged.unlink()
-    names = [f"{finger}_{axis}" for finger in FINGERS for axis in AXES]
-    formats = "%.0f" + ",%.1f" * (3 * N_SENSORS)
+    names = ["millis", *(f"{finger}_{axis}" for finger in FINGERS for axis in AXES)]
     log = folder / LOGGER / "p03_soft-ball_put-down.csv"
-    _write_table(log, table, ["millis", *names], formats)
+    _write_table(log, table, names, "%.0f" + ",%.1f" * (3 * N_SENSORS))

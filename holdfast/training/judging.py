@@ -6,28 +6,28 @@ window: neighbours in time are nearly the same, and a model that saw one knows t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from holdfast.core.errors import TooFewGroups
 from holdfast.training.crossval import (
+    FloatRows,
     HeldOut,
     answer_fold,
     main_task,
     splits_of,
 )
-from holdfast.training.featurise import FloatRows
-from holdfast.training.figures import HeadFigures, Interval
+from holdfast.training.metrics import HeadFigures, Interval, report
 from holdfast.training.plan import TrainingPlan
 from holdfast.training.progress import Say, ignored
 from holdfast.training.recording import (
     DataSet,
     Fold,
     HoldOut,
-    learned_rows,
     regrouped,
+    with_learned_weight,
 )
 
 STRICTEST_FIRST: tuple[HoldOut, ...] = ("person", "object", "trial")
@@ -35,10 +35,6 @@ SHARES = (0.25, 0.5, 0.75)
 """Of the groups a fold trains on; the last point is the whole, the held-out figure itself."""
 MOST_NAMED = 3
 """Groups that a reason names."""
-
-
-FiguresOf = Callable[[DataSet, HeldOut, int], HeadFigures]
-"""Metrics of held-out votes, with a seed of their intervals."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +56,7 @@ class HoldOutChoice:
     """
 
     data: DataSet
-    skipped: dict[HoldOut, str] = field(default_factory=dict)
+    skipped: dict[str, str] = field(default_factory=dict)
     lacks: str = ""
 
     @property
@@ -84,7 +80,7 @@ def strictest_hold_out(data: DataSet, folds: int, seed: int) -> HoldOutChoice:
     if data.group_kind not in STRICTEST_FIRST:
         return as_grouped(data, folds, seed)
 
-    skipped: dict[HoldOut, str] = {}
+    skipped: dict[str, str] = {}
     last = HoldOutChoice(data)
     for kind in STRICTEST_FIRST:
         try:
@@ -98,8 +94,8 @@ def strictest_hold_out(data: DataSet, folds: int, seed: int) -> HoldOutChoice:
         skipped[kind] = last.lacks
 
     # What is taken is not skipped, whatever it lacks.
-    others = {kind: why for kind, why in skipped.items() if kind != last.kind}
-    return replace(last, skipped=others)
+    skipped.pop(last.kind, None)
+    return replace(last, skipped=skipped)
 
 
 def as_grouped(data: DataSet, folds: int, seed: int) -> HoldOutChoice:
@@ -110,7 +106,8 @@ def as_grouped(data: DataSet, folds: int, seed: int) -> HoldOutChoice:
     # An object brings its weight: votes of models that lack one would calibrate it the wrong way
     # round.
     if data.group_kind == "object":
-        rows = learned_rows(data.tasks[main])
+        learned = with_learned_weight(data)
+        rows = learned.tasks[main_task(learned)]
     label = rows.label
     n_folds = min(folds, len(np.unique(groups)))
     if n_folds < 2:
@@ -135,12 +132,20 @@ def _in_words(name: str) -> str:
     return f"{situation.replace('_', ' ')} with a {weight} object"
 
 
+def held_out_figures(data: DataSet, held_out: HeldOut, seed: int = 0) -> HeadFigures:
+    """Metrics of the held-out votes, situations always four."""
+    # The second class is the one that slips within 0.25 s.
+    score = None
+    if "predict_250ms" in data.tasks:
+        score = held_out.shares("predict_250ms")[:, 1]
+    return report(data.with_situations(), held_out.situations(), score, seed=seed)
+
+
 def learning_curve(
     data: DataSet,
     features: dict[str, FloatRows],
     plan: TrainingPlan,
     seed: int,
-    figures_of: FiguresOf,
     whole: HeadFigures,
     say: Say = ignored,
 ) -> list[CurvePoint]:
@@ -153,56 +158,41 @@ def learning_curve(
     # The prediction ahead is not drawn, so it is not trained again.
     main = main_task(data)
     one_task = replace(data, tasks={main: data.tasks[main]})
+    label = one_task.tasks[main].label
     # By groups: with few of them two shares are the same, and the largest may be the whole.
     points: dict[float, CurvePoint] = {}
-    for share in SHARES:
-        say(f"learning curve: {share:.0%} of the training data")
+    for share in (*SHARES, 1.0):
         folds = _cut(one_task, plan, share, seed)
-        if _all_classes(one_task, folds):
+        figures = whole
+        if share < 1.0:
+            fewest = min(len(np.unique(label[train])) for train, _ in folds)
+            if fewest < len(np.unique(label)):
+                continue
+            say(f"learning curve: {share:.0%} of the training data")
             answers = []
             for fold in folds:
                 split = {main: fold}
                 answers.append(answer_fold(one_task, features, plan, split, seed))
-            figures = figures_of(one_task, HeldOut.of(one_task, answers), seed)
-            point = _point(one_task, folds, figures)
-            points[point.n_groups] = point
-    every = _point(one_task, _cut(one_task, plan, 1.0, seed), whole)
-    points[every.n_groups] = every
+            figures = held_out_figures(one_task, HeldOut.of(one_task, answers), seed)
+        point = _point(one_task, folds, figures)
+        points[point.n_groups] = point
     return list(points.values()) if len(points) > 1 else []
 
 
-def per_doubling(points: Sequence[CurvePoint]) -> float | None:
-    """What twice the trials brought to the macro F1: a line through it over log2 of the trials.
-
-    A curve flattens, so the next doubling brings this much at most. None with less than three
-    points: two say nothing of how well a line fits.
-    """
-    known = [(one.n_trials, one.macro_f1) for one in points if one.macro_f1 is not None]
-    if len(known) < 3:
-        return None
-    n_trials, macro_f1 = np.array(known).T
-    slope, _ = np.polyfit(np.log2(n_trials), macro_f1, 1)
-    return float(slope)
-
-
 def _cut(data: DataSet, plan: TrainingPlan, share: float, seed: int) -> list[Fold]:
-    """The folds of the main task, with this share of their training groups."""
+    """The folds of the main task, with this share of their training groups, one at least.
+
+    A larger share has all groups of a smaller one.
+    """
     main = main_task(data)
     groups = data.group_of(main)
     folds = []
     for split in splits_of(data, plan, seed):
         train, test = split[main]
-        kept = _some(groups[train].tolist(), share, seed)
-        fewer = train[np.isin(groups[train], kept)]
-        folds.append((fewer, test))
+        names = np.random.default_rng(seed).permutation(np.unique(groups[train]))
+        kept = names[: max(1, round(share * len(names)))]
+        folds.append((train[np.isin(groups[train], kept)], test))
     return folds
-
-
-def _all_classes(data: DataSet, folds: Sequence[Fold]) -> bool:
-    """Whether every fold can be trained on all classes."""
-    label = data.tasks[main_task(data)].label
-    classes = np.unique(label)
-    return all(np.array_equal(np.unique(label[train]), classes) for train, _ in folds)
 
 
 def _point(data: DataSet, folds: Sequence[Fold], figures: HeadFigures) -> CurvePoint:
@@ -213,10 +203,3 @@ def _point(data: DataSet, folds: Sequence[Fold], figures: HeadFigures) -> CurveP
     n_groups, n_trials = np.mean(sizes, axis=0).tolist()
     of = figures.situations
     return CurvePoint(n_groups, n_trials, of.macro_f1, of.macro_f1_ci)
-
-
-def _some(groups: Sequence[str], share: float, seed: int) -> list[str]:
-    """This share of the groups, one at least; a larger share has all those of a smaller one."""
-    names = sorted(set(groups))
-    shuffled = np.random.default_rng(seed).permutation(names).tolist()
-    return shuffled[: max(1, round(share * len(names)))]

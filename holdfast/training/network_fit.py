@@ -86,21 +86,6 @@ class Members:
     networks: tuple[MLPClassifier, ...]
     present: IntArray
 
-    def shares(self, rows: FloatRows, n_classes: int) -> FloatArray:
-        """[N, n_classes] probabilities of the mean logits, before they become whole numbers."""
-        standardised = self.squash.standardised(rows)
-        logits = []
-        for network in self.networks:
-            shares = network.predict_proba(standardised)
-            # The floor keeps the logarithm of a share of 0 finite.
-            logits.append(np.log(np.maximum(shares, 1e-30)))
-
-        # The mean of logits, as the joined network has it, and not the mean of the shares.
-        mean = np.exp(np.mean(logits, axis=0))
-        wide = np.zeros((len(rows), n_classes))
-        wide[:, self.present] = mean / mean.sum(axis=1, keepdims=True)
-        return wide
-
 
 def fit_members(
     plan: NetworkPlan, rows: FloatRows, label: IntArray, seed: int

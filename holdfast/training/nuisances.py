@@ -25,7 +25,7 @@ from holdfast.core.contract import (
     FloatArray,
 )
 from holdfast.export.pooled import side_matrix
-from holdfast.training.featurise import spec_for
+from holdfast.training.crossval import spec_for
 from holdfast.training.plan import POOLED_GROUPS
 from holdfast.training.recording import DataSet, LabelledRows, Recording
 
@@ -188,7 +188,7 @@ def _scaled(values: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Gains of all sensors, of each, and of the shear."""
     gain = np.ones((values.shape[1], 3))
     if _strikes("gain", rng):
-        gain *= _log_uniform(GAIN, rng)
+        gain *= np.exp(rng.uniform(*np.log(GAIN)))
     if _strikes("own gain", rng):
         low, high = np.log(OWN_GAIN)
         gain *= np.exp(rng.uniform(low, high, (len(gain), 1)))
@@ -196,11 +196,6 @@ def _scaled(values: FloatArray, rng: np.random.Generator) -> FloatArray:
     if _strikes("shear gain", rng):
         gain[:, :2] *= rng.uniform(*SHEAR_GAIN)
     return values * gain
-
-
-def _log_uniform(ends: tuple[float, float], rng: np.random.Generator) -> float:
-    low, high = np.log(ends)
-    return float(np.exp(rng.uniform(low, high)))
 
 
 def _lagging(

@@ -35,10 +35,12 @@ POOLED_GROUPS = (
 """For the hand: the same however it is held, turned or mirrored, and for any number of sensors."""
 
 LearnerKind = Literal["forest", "network", "committee"]
+AHEAD = "predict_250ms"
+"""The task of the head that looks ahead."""
 TASK_HEADS = {
     "situations": "situation",
     "classes": "situation",
-    "predict_250ms": "p_risky_250ms",
+    AHEAD: "p_risky_250ms",
 }
 """Which head of the exported file learns which task."""
 
@@ -158,15 +160,11 @@ class TrainingPlan:
 
     def network_for(self, task: str) -> NetworkPlan:
         """The network of a task."""
-        if TASK_HEADS[task] == "p_risky_250ms":
-            return self.prediction_network
-        return self.network
+        return self.prediction_network if task == AHEAD else self.network
 
     def forest_for(self, task: str) -> ForestPlan:
         """The forest of a task."""
-        if TASK_HEADS[task] == "p_risky_250ms":
-            return self.prediction
-        return self.situation
+        return self.prediction if task == AHEAD else self.situation
 
     def to_json(self) -> Json:
         """As a JSON object, for the model card."""

@@ -10,7 +10,7 @@ trial at a time. Intervals resample groups. Folds are dealt here and not by scik
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -85,9 +85,15 @@ def whole_history(recording: Recording) -> BoolArray:
 
 def lost_spans(valid: BoolArray) -> list[tuple[int, int]]:
     """[first, stop) rows of every run in which no sensor [T, S] is valid."""
-    lost = ~valid.any(axis=1)
-    edges = np.flatnonzero(np.diff(lost.astype(np.int8), prepend=0, append=0))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+    firsts, stops = runs_of(np.asarray(~valid.any(axis=1)))
+    return list(zip(firsts.tolist(), stops.tolist(), strict=True))
+
+
+def runs_of(flags: BoolArray) -> tuple[IntArray, IntArray]:
+    """First rows of the runs of flags [T], and the rows after their last."""
+    # A zero on both sides makes a run at either end begin and stop like any other.
+    edges = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0))
+    return edges[::2], edges[1::2]
 
 
 @dataclass(frozen=True)
@@ -120,17 +126,11 @@ class LabelledRows:
     @staticmethod
     def concatenated(parts: Sequence[LabelledRows]) -> LabelledRows:
         """The windows of all parts, one after the other, with the classes of the first."""
-        trials, rows, labels = [], [], []
-        for part in parts:
-            trials.append(part.trial)
-            rows.append(part.row)
-            labels.append(part.label)
-        return LabelledRows(
-            trial=np.concatenate(trials),
-            row=np.concatenate(rows).astype(np.int64),
-            label=np.concatenate(labels).astype(np.int64),
-            classes=parts[0].classes,
-        )
+        joined = {}
+        for name in ("trial", "row", "label"):
+            values = np.concatenate([getattr(part, name) for part in parts])
+            joined[name] = values.astype(np.int64)
+        return LabelledRows(**joined, classes=parts[0].classes)
 
     def of_situations(self) -> LabelledRows:
         """The same windows labelled with the four situations, from these or the eight classes."""
@@ -142,6 +142,12 @@ class LabelledRows:
         """The windows of the recordings at these ascending places, numbered anew."""
         kept = self.take(np.isin(self.trial, index))
         return replace(kept, trial=np.searchsorted(index, kept.trial).astype(np.int64))
+
+
+def counts_in_words(counts: Mapping[str, int]) -> str:
+    """Windows by class or situation: "30 windows (grasp 10, nothing 20)"."""
+    cells = ", ".join(f"{name} {count:,}" for name, count in counts.items())
+    return f"{sum(counts.values()):,} windows ({cells})"
 
 
 @dataclass(frozen=True)
@@ -185,8 +191,7 @@ class DataSet:
         """The same set with a task "situations", made from the eight classes where it has none."""
         if "situations" in self.tasks:
             return self
-        situations = self.tasks["classes"].of_situations()
-        return replace(self, tasks={**self.tasks, "situations": situations})
+        return replace(self, tasks=self.without_weight().tasks | self.tasks)
 
     def without_weight(self) -> DataSet:
         """The same set with the four situations in place of the eight classes, if it has these."""
@@ -202,12 +207,8 @@ class DataSet:
 
     def of_groups(self, names: Collection[str]) -> DataSet:
         """The part of the set that these people (or blocks) recorded; the set's rate stays."""
-        index, kept = [], []
-        for k, recording in enumerate(self.recordings):
-            if recording.group in names:
-                index.append(k)
-                kept.append(recording)
-
+        index = [k for k, one in enumerate(self.recordings) if one.group in names]
+        kept = [self.recordings[k] for k in index]
         tasks = {task: rows.of_trials(index) for task, rows in self.tasks.items()}
         return replace(self, recordings=kept, tasks=tasks)
 
@@ -229,15 +230,12 @@ def learnable(data: DataSet) -> DataSet:
     Without weights where a situation has only light or only heavy objects: a model of those would
     take the situation for the weight. Raises ClassMissing where there is nothing to tell apart.
     """
-    rows = data.tasks.get("classes")
-    if rows is not None and _of_one_weight(rows):
-        data = data.without_weight()
-
+    data = with_learned_weight(data)
     for task, rows in data.tasks.items():
-        counts = rows.class_counts()
-        if task in ("classes", "situations"):
-            counts = rows.of_situations().class_counts()
-        present = [name for name, count in counts.items() if count]
+        # Light and heavy of one situation are nothing to tell apart.
+        if task == "classes":
+            rows = rows.of_situations()
+        present = [name for name, count in rows.class_counts().items() if count]
         if len(present) < 2:
             raise ClassMissing(
                 f"task {task}: windows of {' and '.join(present) or 'no class'} alone, "
@@ -250,11 +248,10 @@ def learnable(data: DataSet) -> DataSet:
     return data
 
 
-def learned_rows(rows: LabelledRows) -> LabelledRows:
-    """The windows as `learnable` has them: situations where the weight is not learned."""
-    if len(rows.classes) > len(SITUATIONS) and _of_one_weight(rows):
-        return rows.of_situations()
-    return rows
+def with_learned_weight(data: DataSet) -> DataSet:
+    """The set without weights where a situation has only light or only heavy objects."""
+    rows = data.tasks.get("classes")
+    return data.without_weight() if rows and _of_one_weight(rows) else data
 
 
 def cannot_tell(data: DataSet, *, by_force: bool) -> dict[str, str]:
@@ -263,9 +260,8 @@ def cannot_tell(data: DataSet, *, by_force: bool) -> dict[str, str]:
     by_force: the model's contact rule tells "nothing", also where no window shows it.
     """
     not_learned = {}
-    main = data.tasks.get("classes", data.tasks.get("situations"))
-    assert main is not None
-    for name, count in main.of_situations().class_counts().items():
+    situations = data.with_situations().tasks["situations"]
+    for name, count in situations.class_counts().items():
         by_rule = by_force and name == SITUATIONS[NOTHING]
         if not count and not by_rule:
             not_learned[name] = f"{NOT_SHOWN[name]} in the training data"
@@ -276,12 +272,10 @@ def cannot_tell(data: DataSet, *, by_force: bool) -> dict[str, str]:
 
 def _of_one_weight(rows: LabelledRows) -> bool:
     """Whether a situation with contact occurs with light objects or with heavy ones alone."""
-    counts = list(rows.class_counts().values())
-    for situation in range(NOTHING + 1, len(SITUATIONS)):
-        light, heavy = counts[2 * situation : 2 * situation + 2]
-        if (light == 0) != (heavy == 0):
-            return True
-    return False
+    # rows: situations; columns: light, heavy
+    counts = np.reshape(list(rows.class_counts().values()), (-1, 2))
+    held = counts[NOTHING + 1 :] > 0
+    return bool(np.any(held[:, 0] != held[:, 1]))
 
 
 Fold = tuple[IntArray, IntArray]
@@ -323,9 +317,8 @@ def assign_groups(
 
 def folds_of(groups: npt.ArrayLike, assignment: dict[str, int]) -> list[Fold]:
     """Training and test rows of every fold, for windows of these groups [M]."""
-    names, place = np.unique(np.asarray(groups, dtype=str), return_inverse=True)
-    folds = np.array([assignment[name] for name in names.tolist()], dtype=np.int64)
-    fold = folds[place]
+    names = np.asarray(groups, dtype=str).tolist()
+    fold = np.array([assignment[name] for name in names], dtype=np.int64)
     numbers = sorted(set(assignment.values()))
     return [(np.flatnonzero(fold != k), np.flatnonzero(fold == k)) for k in numbers]
 
@@ -349,14 +342,13 @@ def regrouped(data: DataSet, by: HoldOut) -> DataSet:
     """The same set held out by something else. Raises TooFewGroups with less than two groups."""
     recordings = _grouped_by(data.recordings, by)
     regrouped_set = replace(data, recordings=recordings, group_kind=by)
+    why_not = f"one {by} alone" if len(regrouped_set.groups()) < 2 else ""
     # A recording without a person could be of one on the other side of a split.
-    unnamed = [one for one in data.recordings if by == "person" and not one.person]
-    why_not = ""
-    if unnamed:
-        some = len(unnamed) < len(data.recordings)
-        why_not = "some trials name no person" if some else "the set names no people"
-    elif len(regrouped_set.groups()) < 2:
-        why_not = f"one {by} alone"
+    people = [one.person for one in data.recordings]
+    if by == "person" and not all(people):
+        why_not = "some trials name no person"
+        if not any(people):
+            why_not = "the set names no people"
     if why_not:
         raise TooFewGroups(
             f"the recordings cannot be held out by {by}",

@@ -93,11 +93,6 @@ Phases = tuple[Phase, ...]
 RiskyEvents = tuple[RiskyEvent, ...]
 
 
-def whole(n_rows: int, situation: int) -> Phases:
-    """One phase from end to end."""
-    return (Phase(0, n_rows, situation),)
-
-
 def scripted(
     trial: Trial,
     samples: FloatArray,
@@ -127,7 +122,7 @@ def scripted(
     if not onset < acts < empty:
         raise _off_the_script(trial, action_at_s, onset, empty)
 
-    slip = situation_of(action)
+    slip = SITUATIONS.index(SITUATION_OF_ACTION[action])
     starts = {0: NOTHING, onset: GRASP, acts: slip}
 
     # These two actions have two steps: the object is set down or taken, then the hand lets go.
@@ -192,11 +187,6 @@ def of_whole_trial(t_s: FloatArray, samples: FloatArray, action: str) -> Phases:
     return (Phase(first, stop, RISKY_SLIP),)
 
 
-def situation_of(action: str) -> int:
-    """The situation that an action leads to, as an index of SITUATIONS."""
-    return SITUATIONS.index(SITUATION_OF_ACTION[action])
-
-
 def contact(t_s: FloatArray, samples: FloatArray) -> tuple[int, int]:
     """First row with the hand closed on something, and first row after the last such.
 
@@ -231,111 +221,99 @@ class _GrossSlip(msgspec.Struct, frozen=True):
     gross_slip_s: float | None = None
 
 
-class _Truth(_GrossSlip, frozen=True):
-    """A truth file. trials: of a recording of several, each with its gross slip."""
+class Truth(_GrossSlip, frozen=True):
+    """A truth file, or nothing at all where a trial has none.
+
+    phases: None where the file only says when the action starts. trials: of a recording of several,
+    each with its gross slip. action_at_s: None where it gives no time.
+    """
 
     phases: list[_TruthPhase] | None = None
     trials: list[_GrossSlip] = []
     action_at_s: Annotated[float, msgspec.Meta(gt=0.0, lt=LONGEST_S)] | None = None
 
+    @property
+    def end_s(self) -> float:
+        """When the last phase ends, s from the first sample; 0 without any."""
+        return max((phase.t1_s for phase in self.phases or []), default=0.0)
 
-def _truth(path: Path) -> _Truth:
-    return checked(read_json(path), _Truth, path, LabelError)
+    def labels_by(self, action_at_s: float, action: str | None) -> str:
+        """What the labels come from: provenances of the phases, the folder, or the script.
+
+        action_at_s: of the set.
+        """
+        if self.phases is None:
+            if action in LABELLED_ACTIONS:
+                return OF_WHOLE_TRIAL[action]
+            source = " (truth file)" if self.action_at_s else ""
+            return f"script, action at {self.action_at_s or action_at_s:g} s{source}"
+
+        names = {phase.provenance or "truth file" for phase in self.phases}
+        # A phase that names its provenance tells more than that there is a file.
+        if len(names) > 1:
+            names.discard("truth file")
+        return ", ".join(sorted(names)) or "no label"
+
+    def phases_on(self, t_s: FloatArray, where: Path) -> Phases:
+        """The phases in rows of a trial with these times [T]; rows in none have no label.
+
+        Raises LabelError, which names the file `where`, for phases that overlap.
+        """
+        phases = []
+        for entry in self.phases or []:
+            first, stop = np.searchsorted(t_s, [entry.t0_s, entry.t1_s]).tolist()
+            phases.append(Phase(first, stop, SITUATIONS.index(entry.label)))
+        if any(phase.stop > later.first for phase, later in pairwise(phases)):
+            raise LabelError(
+                "phases overlap or are out of order",
+                where=where,
+                next_step="correct or remove it",
+            )
+        # A phase shorter than the time between two samples holds none of them.
+        return tuple(phase for phase in phases if phase.first < phase.stop)
+
+    def events(self) -> RiskyEvents:
+        """The risky phases, each with the first gross slip that falls into it."""
+        events = []
+        for entry in self.phases or []:
+            if entry.label != SITUATIONS[RISKY_SLIP]:
+                continue
+            gross_s = None
+            for trial in self.trials or [self]:
+                at_s = trial.gross_slip_s
+                is_within = at_s is not None and entry.t0_s <= at_s <= entry.t1_s
+                if gross_s is None and is_within:
+                    gross_s = at_s
+            events.append(RiskyEvent(entry.t0_s, gross_s, entry.t1_s))
+        return tuple(events)
 
 
-def action_of_trial_s(path: Path) -> float | None:
-    """When the action of a trial starts, s, by its truth; None where it gives no time."""
-    return _truth(path).action_at_s
+def read_truth(path: Path) -> Truth:
+    """A truth file: `{"phases": [{"t0_s", "t1_s", "label", "provenance"}, ..]}`; times in s.
 
-
-def has_phases(path: Path) -> bool:
-    """Whether a truth gives phases: one that is there, unless it only says when the action starts.
-
-    A truth with neither is one with its phases missing.
+    Empty where there is none. Raises LabelError, also for a file without phases that does not say
+    when the action starts either.
     """
-    if not path.exists():
-        return False
-    truth = _truth(path)
-    return truth.phases is not None or truth.action_at_s is None
+    raw = read_json(path)
+    if path.exists() and not raw.keys() & {"phases", ACTION_KEY}:
+        raise LabelError(
+            "holds no list of phases", where=path, next_step="correct or remove it"
+        )
+    return checked(raw, Truth, path, LabelError)
 
 
-def labels_by(path: Path, action_at_s: float, action: str | None) -> str:
-    """What the labels of a trial come from: provenances of its truth, its folder, or the script.
+def events_of(
+    phases: Phases, n_rows: int, rate_hz: float, action: str | None
+) -> RiskyEvents:
+    """The risky phases of a script, which knows no gross slip.
 
-    path: of the truth. action_at_s: of the set.
+    The event of a trial that is labelled slip as a whole lies somewhere in it.
     """
-    truth = _truth(path)
-    if not has_phases(path):
-        if action in LABELLED_ACTIONS:
-            return OF_WHOLE_TRIAL[action]
-        source = " (truth file)" if truth.action_at_s else ""
-        return f"script, action at {truth.action_at_s or action_at_s:g} s{source}"
-
-    names = {phase.provenance or "truth file" for phase in truth.phases or []}
-    # A phase that names its provenance tells more than that there is a file.
-    if len(names) > 1:
-        names.discard("truth file")
-    return ", ".join(sorted(names)) or "no label"
-
-
-def read_truth(path: Path, t_s: FloatArray) -> Phases:
-    """Phases from a truth file, times from the first sample.
-
-    The file holds `{"phases": [{"t0_s", "t1_s", "label", "provenance"}, ..]}`.
-
-    They follow each other without overlap; rows in no phase have no label. Raises LabelError.
-    """
-    phases = []
-    for entry in _truth(path).phases or []:
-        first, stop = np.searchsorted(t_s, [entry.t0_s, entry.t1_s]).tolist()
-        phases.append(Phase(first, stop, SITUATIONS.index(entry.label)))
-    fault = "" if phases else "holds no list of phases"
-    if any(phase.stop > later.first for phase, later in pairwise(phases)):
-        fault = "phases overlap or are out of order"
-    if fault:
-        raise LabelError(fault, where=path, next_step="correct or remove it")
-
-    # A phase shorter than the time between two samples holds none of them.
-    return tuple(phase for phase in phases if phase.first < phase.stop)
-
-
-def labels_end_s(path: Path) -> float:
-    """When the last phase of a truth file ends, s from the first sample; 0 without any."""
-    return max((phase.t1_s for phase in _truth(path).phases or []), default=0.0)
-
-
-def read_events(path: Path) -> RiskyEvents:
-    """The risky phases of a truth, each with the first gross slip that falls into it."""
-    truth = _truth(path)
-    events = []
-    for entry in truth.phases or []:
-        if entry.label != SITUATIONS[RISKY_SLIP]:
-            continue
-        gross_s = None
-        for trial in truth.trials or [truth]:
-            at_s = trial.gross_slip_s
-            if (
-                gross_s is None
-                and at_s is not None
-                and entry.t0_s <= at_s <= entry.t1_s
-            ):
-                gross_s = at_s
-        events.append(RiskyEvent(entry.t0_s, gross_s, entry.t1_s))
-    return tuple(events)
-
-
-def events_of(phases: Phases, rate_hz: float) -> RiskyEvents:
-    """The risky phases of a script, which knows no gross slip."""
+    if action == "slip":
+        return (RiskyEvent(0.0, None, n_rows / rate_hz, timed=False),)
     events = []
     for phase in phases:
         if phase.situation == RISKY_SLIP:
             onset_s, end_s = phase.first / rate_hz, phase.stop / rate_hz
             events.append(RiskyEvent(onset_s, None, end_s))
     return tuple(events)
-
-
-def events_of_whole_trial(n_rows: int, rate_hz: float, action: str) -> RiskyEvents:
-    """The slip of a trial that is labelled as a whole: somewhere in it; none of a hold."""
-    if action == "hold":
-        return ()
-    return (RiskyEvent(0.0, None, n_rows / rate_hz, timed=False),)

@@ -32,7 +32,7 @@ thesis    the thesis' undersampled set: natural windows, as many of each class a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -133,15 +133,14 @@ def windows_of(trials: Sequence[TimedTrial], choice: Choice) -> pd.DataFrame:
     """
     import pandas as pd  # a third of a second, which no command without windows needs
 
-    rows_of = {"balanced": _dense_rows, "dense": _denser_rows}.get(choice)
     lines = []
-    weighed = classes_of(trials) == CLASSES
+    classes = classes_of(trials)
     for index, trial in enumerate(trials):
         name = trial.recording.object_name or NO_OBJECT
         action = trial.recording.action or NO_OBJECT
         # A script does not say when each sample begins to slip.
-        if rows_of and trial.timed and trial.has_object:
-            spots = _dense(trial.recording, rows_of)
+        if choice in ("balanced", "dense") and trial.timed and trial.has_object:
+            spots = _dense(trial.recording, closer=choice == "dense")
         else:
             spots = _natural(trial)
 
@@ -153,9 +152,7 @@ def windows_of(trials: Sequence[TimedTrial], choice: Choice) -> pd.DataFrame:
         for number, spot in enumerate(spots):
             # Without an object windows are light and heavy alternately.
             heavy = bool(number % 2) if trial.heavy is None else trial.heavy
-            label = spot.situation
-            if weighed:
-                label = class_id(spot.situation, heavy=heavy)
+            label = _label(spot.situation, heavy, classes)
             lines.append((index, spot.row, label, name, action, spot.source))
     return pd.DataFrame(lines, columns=COLUMNS)
 
@@ -167,8 +164,8 @@ def undersample(windows: pd.DataFrame, seed: int) -> pd.DataFrame:
     ones share the rest. The same seed draws the same windows; order is by trial and row. A class
     that does not occur has none.
     """
-    order = np.random.default_rng(seed).permutation(len(windows))
-    shuffled = windows.assign(_draw=order)
+    draw = np.random.default_rng(seed).permutation(len(windows))
+    shuffled = windows.assign(_draw=draw)
     # The turn of a window is its place in its cell: all firsts come before all seconds.
     turn = shuffled.groupby(["label", *STRATA])["_draw"].rank()
     dealt = shuffled.assign(_turn=turn).sort_values(["_turn", "_draw"])
@@ -192,15 +189,15 @@ def sample_counts(trials: Sequence[TimedTrial]) -> dict[str, int]:
     classes = classes_of(trials)
     counts = dict.fromkeys(classes, 0)
     for trial in trials:
-        if not trial.has_object:
-            continue
-        for phase in trial.recording.phases:
-            number = phase.situation
-            if classes == CLASSES:
-                number = class_id(phase.situation, heavy=bool(trial.heavy))
-            name = classes[number]
-            counts[name] += phase.stop - phase.first
+        for phase in trial.recording.phases if trial.has_object else ():
+            number = _label(phase.situation, bool(trial.heavy), classes)
+            counts[classes[number]] += phase.stop - phase.first
     return counts
+
+
+def _label(situation: int, heavy: bool, classes: tuple[str, ...]) -> int:
+    """The number of a situation among classes, which may know no weight."""
+    return class_id(situation, heavy=heavy) if classes == CLASSES else situation
 
 
 def _natural(trial: TimedTrial) -> list[_Spot]:
@@ -223,32 +220,28 @@ def _natural(trial: TimedTrial) -> list[_Spot]:
     return sorted(spots, key=lambda spot: spot.row)
 
 
-def _dense(
-    recording: Recording, rows_of: Callable[[Phase, int, float], list[int]]
-) -> list[_Spot]:
-    """Windows by phase alone. rows_of: the rows of a phase, from the settled row on, at a rate."""
+def _dense(recording: Recording, *, closer: bool) -> list[_Spot]:
+    """Windows by phase alone. closer: while a phase begins, and few of a slip that lasts."""
     rate_hz = recording.rate_hz
     # Before that a hand answers nothing, because its history is not whole.
     settled = math.ceil(HISTORY_S * rate_hz)
     spots = []
     for phase in recording.phases:
-        for row in rows_of(phase, settled, rate_hz):
+        first = max(phase.first, settled)
+        every = max(1, round(DENSE_EVERY_S[phase.situation] * rate_hz))
+        rows = list(range(first, phase.stop, every))
+        if closer:
+            rows = _closer(rows, first, phase, rate_hz)
+        for row in rows:
             spots.append(_Spot(row, phase.situation, "dense"))
     return spots
 
 
-def _dense_rows(phase: Phase, settled: int, rate_hz: float) -> list[int]:
-    every = max(1, round(DENSE_EVERY_S[phase.situation] * rate_hz))
-    return list(range(max(phase.first, settled), phase.stop, every))
-
-
-def _denser_rows(phase: Phase, settled: int, rate_hz: float) -> list[int]:
-    first = max(phase.first, settled)
+def _closer(rows: list[int], first: int, phase: Phase, rate_hz: float) -> list[int]:
+    """The rows of a phase from its row `first` on, and others while it begins."""
     begun = min(phase.stop, first + round(BEGIN_S * rate_hz))
-    begin_every = max(1, round(BEGIN_EVERY_S[phase.situation] * rate_hz))
-    rows = {*range(first, begun, begin_every), *_dense_rows(phase, settled, rate_hz)}
-
-    in_order = sorted(rows)
+    every = max(1, round(BEGIN_EVERY_S[phase.situation] * rate_hz))
+    in_order = sorted({*range(first, begun, every), *rows})
     if phase.situation != RISKY_SLIP or len(in_order) <= MOST_RISKY:
         return in_order
     # A slow slide of a second would outweigh thirty fast slips.

@@ -14,8 +14,8 @@ from holdfast.evaluation.alarms import (
     EventMatch,
     event_scores,
     match_alarms,
+    requests_at,
 )
-from holdfast.evaluation.baselines import requests_of
 from holdfast.evaluation.formats import share
 from holdfast.evaluation.model_outputs import (
     ModelOutputs,
@@ -25,7 +25,7 @@ from holdfast.evaluation.model_outputs import (
 )
 from holdfast.evaluation.trials import voluntary_actions
 from holdfast.simulation.closed_loop import model_of
-from holdfast.training.figures import Interval
+from holdfast.training.metrics import Interval
 from studies.distortions.statistics import mean_interval, paired_change
 from studies.distortions.table import by_name
 from studies.distortions.trials import NOTHING_ACTION, felt_set, recording_of
@@ -75,7 +75,7 @@ class OpenJob:
         computed = everywhere(steps_with(model, OUTPUTS), recordings)
         outputs = read_outputs(model, recordings, computed)
         rules = model.card.decision
-        requests = requests_of(outputs, rules, rules.min_risky_permille)
+        requests = requests_at(outputs, rules, rules.min_risky_permille)
 
         return outcomes_of(outputs, requests, model.card.settle_samples, self.seed)
 

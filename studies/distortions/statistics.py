@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.stats import binomtest, sem, t
 
-from holdfast.training.figures import Interval
+from holdfast.training.metrics import Interval
 
 EACH = 0.975
 """Two intervals of this level hold together with 95 % (Bonferroni)."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from holdfast.core.contract import FloatArray, IntArray
-from holdfast.training.datasets.human_slip_labels import CONTACT_N, contact_force_n
+from holdfast.training.datasets.human_slip_uskin import CONTACT_N, contact_force_n
 from holdfast.training.recording import DataSet, LabelledRows
 
 

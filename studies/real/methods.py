@@ -12,15 +12,22 @@ import numpy as np
 
 from holdfast.evaluation.jobs import Job, Workers
 from holdfast.export.pooled import FAMILIES
-from holdfast.training.crossval import FoldAnswers, HeldOut, answer_fold, splits_of
+from holdfast.training.crossval import (
+    FloatRows,
+    FoldAnswers,
+    HeldOut,
+    answer_fold,
+    features_of,
+    spec_for,
+    splits_of,
+)
 from holdfast.training.datasets import find, human_slip_uskin
 from holdfast.training.datasets.human_slip_uskin import (
     MOST_LOADED_TAXELS,
     SPREAD_TAXELS,
 )
-from holdfast.training.featurise import FloatRows, features_of, spec_for
-from holdfast.training.figures import HeadFigures
-from holdfast.training.fitting import held_out_figures
+from holdfast.training.judging import held_out_figures
+from holdfast.training.metrics import HeadFigures
 from holdfast.training.plan import ForestPlan, TrainingPlan
 from holdfast.training.progress import Say
 from holdfast.training.recording import DataSet

@@ -25,9 +25,8 @@ from holdfast.core.writing import require_writable, write_whole
 from holdfast.export.heads import riskier_argmax
 from holdfast.export.learner import forest_votes, votes_of_trees
 from holdfast.export.network import IntArray, network_votes
-from holdfast.training.crossval import splits_of
+from holdfast.training.crossval import FloatRows, splits_of
 from holdfast.training.datasets.human_slip_uskin import MOST_LOADED_TAXELS
-from holdfast.training.featurise import FloatRows
 from holdfast.training.metrics import report
 from holdfast.training.network_fit import fit_network
 from holdfast.training.plan import TrainingPlan

@@ -19,8 +19,7 @@ from holdfast.evaluation.style import (
     svg,
 )
 from holdfast.training.crossval import HeldOut
-from holdfast.training.figures import ABSENT, HeadFigures, Interval
-from holdfast.training.metrics import situation_scores
+from holdfast.training.metrics import ABSENT, HeadFigures, Interval, situation_scores
 from holdfast.training.recording import DataSet
 from studies.real.figures import prediction_of
 from studies.row_names import row_class, shown

@@ -19,8 +19,14 @@ from holdfast.export.artifact import Artifact, write_artifact
 from holdfast.export.exporting import export_artifact
 from holdfast.export.heads import Head
 from holdfast.export.network import IntArray
-from holdfast.training.crossval import HeldOut, fit_calibration, fit_learner, splits_of
-from holdfast.training.featurise import FloatRows, spec_for
+from holdfast.training.crossval import (
+    FloatRows,
+    HeldOut,
+    fit_calibration,
+    fit_learner,
+    spec_for,
+    splits_of,
+)
 from holdfast.training.plan import TASK_HEADS, TrainingPlan
 from holdfast.training.recording import DataSet
 from studies.real.figures import StreamedFold

@@ -19,19 +19,22 @@ import numpy as np
 
 from holdfast.cli.options import add_job_options, chosen_workers
 from holdfast.core.writing import require_writable
-from holdfast.evaluation.formats import interval, number
+from holdfast.evaluation.formats import host, interval, number
 from holdfast.evaluation.jobs import Workers
-from holdfast.evaluation.provenance import host
 from holdfast.export.artifact import Artifact, write_artifact
 from holdfast.export.exporting import export_artifact
 from holdfast.export.heads import riskier_argmax
 from holdfast.export.learner import reference_votes
 from holdfast.export.network import IntArray
-from holdfast.training.crossval import HeldOut, fit_learner
-from holdfast.training.featurise import FloatRows, features_of, spec_for
-from holdfast.training.figures import HeadFigures
+from holdfast.training.crossval import (
+    FloatRows,
+    HeldOut,
+    features_of,
+    fit_learner,
+    spec_for,
+)
 from holdfast.training.fitting import final_artifact, versions
-from holdfast.training.metrics import report
+from holdfast.training.metrics import HeadFigures, report
 from holdfast.training.plan import RAW_BASELINE, TrainingPlan
 from holdfast.training.progress import Say, Stages
 from holdfast.training.recording import DataSet

@@ -36,9 +36,13 @@ from holdfast.drivers.calibration import (
     write_bias,
     write_calibration,
 )
-from holdfast.sessions.calibrate import Fit, measured_shear_gain
+from holdfast.sessions.calibrate import (
+    Fit,
+    LoadSet,
+    measured_shear_gain,
+    read_loads,
+)
 from holdfast.sessions.calibrate import calibrate as fit_calibration
-from holdfast.sessions.known_loads import LoadSet, read_loads
 from holdfast.simulation.magnet import HEIGHT, dipole_ut, place_m, shear_gain
 
 FINITE = st.floats(-1e4, 1e4)

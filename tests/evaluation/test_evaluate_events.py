@@ -305,7 +305,7 @@ def answered(
     p[:, RISKY_SLIP], p[:, NOTHING] = risky, 1.0 - risky
     of = recording(phases=phases, n=n)
     sure, none = np.full(n, 1000), np.full(n, NO_CLASS)
-    return ModelOutputs(of, situation, sure, p, none, np.zeros((n, 3), dtype=bool))
+    return ModelOutputs(of, situation, sure, p, none)
 
 
 @pytest.mark.parametrize(("risky", "error"), [(0.75, 0.0), (1.0, 0.25)])

@@ -12,7 +12,7 @@ import pytest
 from command_line import Run, fails
 from own_data import write_meta, write_people_folders, write_phases
 
-from holdfast.core.contract import channel_names
+from holdfast.core.contract import SITUATIONS, channel_names
 from holdfast.core.errors import DataError, EmptyRecording
 from holdfast.core.hand_card import HANDS
 from holdfast.core.trial_file import read_trial
@@ -66,8 +66,8 @@ def test_every_person_object_and_action_has_its_line(run: Run, own: Path) -> Non
     assert "held out by person: 2 people" in out
     assert out.endswith("ready for holdfast train and holdfast evaluate\n")
     lines = [" ".join(line.split()) for line in out.splitlines()]
-    assert "p01 soft-ball pull 1 50 N 15.1 (table) generated fixture" in lines
-    assert "p02 hard-ball fall 1 50 N 197.9 (table) script, action at 7 s" in lines
+    assert "p01 soft-ball pull 1 15.1 (table) generated fixture" in lines
+    assert "p02 hard-ball fall 1 197.9 (table) script, action at 7 s" in lines
 
 
 def test_the_json_has_rate_unit_mass_labels_and_their_sources(
@@ -82,8 +82,8 @@ def test_the_json_has_rate_unit_mass_labels_and_their_sources(
         "person",
         18,
     )
+    assert (report["rate_hz"], report["unit"]) == (50.0, "uT")
     first = cell(report, "p01", "soft-ball", "pull")
-    assert (first["rate_hz"], first["unit"]) == (50.0, "uT")
     assert (first["mass_g"], first["mass_from"]) == (20.0, "masses_g")
     assert first["labels_by"] == {"generated fixture": 1}
     other = cell(report, "p02", "hard-ball", "fall")
@@ -92,8 +92,8 @@ def test_the_json_has_rate_unit_mass_labels_and_their_sources(
     moved = cell(report, "p02", "soft-ball", "pull")
     assert moved["labels_by"] == {"script, action at 6.9 s (truth file)": 1}
     assert (report["readable"], report["trainable"]) == (True, True)
-    seconds = {one["situation"]: one for one in report["classes"]}
-    assert seconds["risky_slip"]["light_s"] > 0 < seconds["risky_slip"]["heavy_s"]
+    windows = report["windows"]
+    assert windows["risky_slip_light"] > 0 < windows["risky_slip_heavy"]
 
 
 def without_a_mass(own: Path) -> None:
@@ -174,10 +174,9 @@ def test_an_object_without_a_mass_is_trained_on_and_said(run: Run, own: Path) ->
     assert f"{own}/p01/mug no mass given for object 'mug'" in said
     assert "does not learn light and heavy weigh it" in said
     assert 'mug/meta.json: {"mass_g": 120.0}' in said
-    by_name = {one["situation"]: one for one in report["classes"]}
-    assert by_name["grasp"]["unweighed_s"] > 0 < by_name["grasp"]["light_s"]
+    assert report["windows"].keys() == set(SITUATIONS)
     code, out, _ = run("check", own)
-    assert "situation   light, s  heavy, s  mass unknown, s" in out
+    assert "windows (nothing " in out
     assert (code, "ready for holdfast train and" in out) == (0, True)
 
 
@@ -305,8 +304,8 @@ def test_what_would_make_figures_wrong_is_named_and_training_refuses_or_warns(
 
 def test_a_recording_that_lost_rows_is_told_by_its_meta_json(tmp_path: Path) -> None:
     folder = tmp_path / "p01/mug/hold/trial_1"
-    folder.mkdir(parents=True)
     rows = [f"{k / 50:.2f},0,0,{float(50 < k < 100)}" for k in range(120)]
+    write_phases(folder / "tactile.csv", "grasp")
     (folder / "tactile.csv").write_text("\n".join(["Time,X1,Y1,Z1", *rows]) + "\n")
     write_meta(
         folder,
@@ -343,7 +342,7 @@ def test_the_files_beside_a_trial_are_at_their_place(run: Run, own: Path) -> Non
     before = reported(run, own)
     (own / "p01" / PULL).with_name("trial_1.motion.csv").write_text("Time,x\n0,1\n")
     assert reported(run, own) == before
-    (own / "p01" / PULL).with_name("trial_9.motion.csv").write_text("Time,x\n0,1\n")
+    (own / "p01" / PULL).with_name("take_9.csv").write_text("Time,x\n0,1\n")
     assert "CSV files at no trial's place: 1" in missing(reported(run, own), "advice")
 
 

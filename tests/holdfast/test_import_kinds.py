@@ -601,7 +601,7 @@ def test_an_import_ends_with_a_picture_and_the_words_of_check(
     labelled(tmp_path / "logs", [made(1)], lambda one: one.words("0", "0", "1"), "slip")
     out = run("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")[1]
     picture = (tmp_path / "set/first-trial.svg").read_text("utf-8")
-    assert re.search("sensor 5.*labels", picture, re.DOTALL)
+    assert re.search("grip, .*load, .*truth", picture, re.DOTALL)
     checked = run("check", tmp_path / "set")[1].splitlines()
     assert checked[0] in out
     assert checked[-1] in out

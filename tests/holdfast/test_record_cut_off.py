@@ -38,9 +38,9 @@ from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.cli.command import Parser
 from holdfast.cli.people import add_record_arguments
 from holdfast.sessions.recorder.plan import RecordOptions
-from holdfast.sessions.recorder.keys import Keys
+from holdfast.sessions.recorder.terminal import Keys
 from holdfast.sessions.recorder.recording import record as record_trials
-from holdfast.sessions.recorder.session import Display, RunContext
+from holdfast.sessions.recorder.terminal import Display, RunContext
 plain, reads = Hand.read, 0
 def read(self):
     global reads

@@ -31,7 +31,7 @@ from recorder_bench import (
 )
 
 from holdfast.core.trial_file import read_trial
-from holdfast.sessions.recorder.protocol import Task
+from holdfast.sessions.recorder.plan import Task
 from holdfast.training.datasets import load
 
 

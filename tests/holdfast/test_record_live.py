@@ -23,12 +23,12 @@ from recorder_bench import columns_of as read_columns
 
 from holdfast.core.errors import EmptyRecording
 from holdfast.drivers.virtual.faults import VirtualClock
-from holdfast.sessions.recorder.display import (
+from holdfast.sessions.recorder.plan import Task
+from holdfast.sessions.recorder.terminal import (
     OVER_THE_LINE_ABOVE,
+    Display,
     StatusLine,
 )
-from holdfast.sessions.recorder.protocol import Task
-from holdfast.sessions.recorder.session import Display
 
 SHORT_SCENE = """
 [record]

@@ -27,7 +27,7 @@ from holdfast.core.errors import (
     UsageError,
 )
 from holdfast.sessions.recorder.folder import opened
-from holdfast.sessions.recorder.protocol import (
+from holdfast.sessions.recorder.plan import (
     ACTIONS,
     Task,
     read_protocol,

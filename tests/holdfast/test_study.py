@@ -57,7 +57,7 @@ def scene(tmp_path: Path, card: Path) -> Study:
 
 def progress(study: Study) -> Progress:
     """Where a journal leaves its study."""
-    return progress_of(read_journal(study.home / "study.jsonl"), study.home, 3)
+    return progress_of(read_journal(study.home / "study.jsonl"))
 
 
 class Kill(BaseException):
@@ -102,19 +102,19 @@ def test_a_study_goes_from_step_to_step_and_ends(talk: Study) -> None:
     assert talk.done() == [0, 1, 2]
 
 
-def test_skip_repeat_note_and_pause_are_entries_and_a_pause_takes_no_time(
+def test_skip_repeat_and_note_are_entries_and_time_is_counted_by_part(
     talk: Study,
 ) -> None:
-    talk.run("s" + "nlate bus\n" + "r" + " " + "pxp" + " q", pause_s=1.0)
+    talk.run("s" + "nlate bus\n" + "r" + " " + " q", pause_s=1.0)
     lines = [f"{entry['event']} {entry.get('part')}" for entry in talk.entries()]
     assert ", ".join(lines) == (
         "opened None, begun 0, skipped 0, begun 1, note 1, back 1, begun 0, done 0, "
-        "begun 1, paused 1, resumed 1, done 1, begun 2, quit 2"
+        "begun 1, done 1, begun 2, quit 2"
     )
     assert talk.entries("note")[0]["text"] == "late bus"
     assert said(talk.messages, "no names")
     spent_s = progress(talk).spent_s
-    assert spent_s == {0: 1.0 + 1.0, 1: 11.0 + 1.0 + 1.0, 2: 1.0}
+    assert spent_s == {0: 1.0 + 1.0, 1: 11.0 + 1.0, 2: 1.0}
 
 
 # -- where it goes on
@@ -154,17 +154,12 @@ def test_a_line_that_was_torn_is_moved_aside_and_its_step_is_done_again(
     assert talk.done() == [0, 1, 2]
 
 
-STAMP = '"run": 1, "t_s": 1, "at": "2026"'
-
-
 @pytest.mark.parametrize(
     "line",
     [
         "[]",
         '{"event": "begun"}',
         '{"event": "done", "t_s": "x", "at": "2026"}',
-        f'{{"event": "done", {STAMP}, "part": 1, "next": 5}}',
-        f'{{"event": "done", {STAMP}, "part": 1}}',
     ],
 )
 def test_a_journal_that_cannot_be_read_is_named_with_its_file(

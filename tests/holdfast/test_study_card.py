@@ -9,7 +9,7 @@ import pytest
 from study_bench import protocol_of
 
 from holdfast.core.errors import CardError
-from holdfast.sessions.recorder.protocol import Task
+from holdfast.sessions.recorder.plan import Task
 from holdfast.sessions.study.protocol import (
     read_study,
 )

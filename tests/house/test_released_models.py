@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from holdfast.edge_runtime.monitor import GripMonitor, Model
-from holdfast.evaluation.baselines import requests_of
+from holdfast.evaluation.alarms import requests_at
 from holdfast.evaluation.model_outputs import run_model
 from holdfast.live.sources import open_source
 from holdfast.simulation.folder import write_recording
@@ -76,7 +76,7 @@ def test_a_released_file_acts_in_pulls_of_an_unseen_object_and_in_few_hand_overs
     rules = model.card.decision
     folder = pulls_and_passes(model.card.rate_hz)
     outputs = run_model(model, load(folder, windows="none"))
-    requests = requests_of(outputs, rules, rules.min_risky_permille)
+    requests = requests_at(outputs, rules, rules.min_risky_permille)
     acted = [
         one.recording.trial_id
         for one, requested in zip(outputs, requests, strict=True)

@@ -156,4 +156,4 @@ def test_a_hold_that_a_table_bears_is_written_without_an_infinity_and_read_again
     path = tmp_path / "trial_1.truth.json"
     assert json.loads(path.read_text("utf-8"))["drawn"]["used"] is None
     times_s = read_trial(tmp_path / "trial_1.csv").t_s
-    assert read_truth(path, times_s)[0].situation == NOTHING
+    assert read_truth(path).phases_on(times_s, path)[0].situation == NOTHING

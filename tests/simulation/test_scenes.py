@@ -215,7 +215,8 @@ def test_a_folder_of_trials_is_read_and_trained_on_as_it_is(tmp_path):
     events = {"load_onset_s", "incipient_slip_s", "gross_slip_s", "contact_lost_s"}
     assert {"card", "seed", "slip_mm", *events} <= set(sidecar)
     t_s = read_trial(trial).t_s
-    phases = read_truth(trial.with_suffix(".truth.json"), t_s)
+    truth = trial.with_suffix(".truth.json")
+    phases = read_truth(truth).phases_on(t_s, truth)
     assert SITUATIONS[phases[2].situation] == "risky_slip"
     motion = (trial.parent / "trial_1.motion.csv").read_text("utf-8")
     assert motion.startswith("Time,object_x_mm")

@@ -9,8 +9,7 @@ import pytest
 
 from holdfast.core.contract import SITUATIONS as NAMES
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.training.crossval import splits_of
-from holdfast.training.featurise import features_of, spec_for
+from holdfast.training.crossval import features_of, spec_for, splits_of
 from holdfast.training.plan import ForestPlan, NetworkPlan, TrainingPlan
 from holdfast.training.recording import DataSet, LabelledRows, Recording
 from studies.real.nested_choice import (

@@ -13,14 +13,22 @@ import numpy as np
 import pytest
 from page_tables import filled
 
+from holdfast.evaluation.formats import host
 from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.model_outputs import WindowFigures
-from holdfast.evaluation.provenance import host
 from holdfast.export.verify import ExportReport
-from holdfast.training.crossval import HeldOut, answer_fold, cross_validate, splits_of
+from holdfast.training.crossval import (
+    FloatRows,
+    HeldOut,
+    answer_fold,
+    cross_validate,
+    features_of,
+    spec_for,
+    splits_of,
+)
 from holdfast.training.datasets import load
-from holdfast.training.featurise import FloatRows, features_of, spec_for
-from holdfast.training.fitting import held_out_figures, versions
+from holdfast.training.fitting import versions
+from holdfast.training.judging import held_out_figures
 from holdfast.training.plan import (
     ForestPlan,
     TrainingPlan,

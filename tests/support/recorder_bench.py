@@ -22,11 +22,10 @@ from holdfast.cli.command import Parser
 from holdfast.cli.people import add_record_arguments
 from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.faults import VirtualClock
-from holdfast.sessions.recorder.keys import Keys
-from holdfast.sessions.recorder.plan import RecordOptions
-from holdfast.sessions.recorder.protocol import Task
+from holdfast.sessions.recorder.plan import RecordOptions, Task
 from holdfast.sessions.recorder.recording import record as record_trials
-from holdfast.sessions.recorder.session import Display, RunContext, Session
+from holdfast.sessions.recorder.session import Session
+from holdfast.sessions.recorder.terminal import Display, Keys, RunContext
 
 PULL = Task("soft-ball", "pull")
 TRIAL = "p01/soft-ball/pull/trial_1"

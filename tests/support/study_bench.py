@@ -13,9 +13,8 @@ from recorder_bench import meta_of, never
 from holdfast.cli.command import Parser
 from holdfast.cli.people import add_study_arguments
 from holdfast.drivers.virtual.faults import VirtualClock
-from holdfast.sessions.recorder.keys import Keys
 from holdfast.sessions.recorder.plan import RecordOptions
-from holdfast.sessions.recorder.session import Display, RunContext
+from holdfast.sessions.recorder.terminal import Display, Keys, RunContext
 from holdfast.sessions.study.protocol import StudyProtocol, read_study
 from holdfast.sessions.study.run import require_consistent, run_parts
 

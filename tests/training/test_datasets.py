@@ -73,7 +73,6 @@ def test_kept_groups_come_with_their_windows_and_no_others(tmp_path: Path) -> No
     whole = load(write_eflesh(tmp_path))
     part = load(tmp_path, groups=2, seed=3)
     assert len(part.groups()) == 2
-    assert part.groups() == part.notes["kept_groups"]
     kept = np.isin(whole.group_of("situations"), part.groups())
     rows, expected = part.tasks["situations"], whole.tasks["situations"].take(kept)
     np.testing.assert_array_equal(rows.label, expected.label)

@@ -26,8 +26,11 @@ from holdfast.export.learner import Learner, reference_votes
 from holdfast.export.spec import StepSpec
 from holdfast.export.verify import cut_learners
 from holdfast.training.crossval import cross_validate, fit_calibration
-from holdfast.training.figures import PredictionFigures
-from holdfast.training.metrics import prediction_scores, situation_scores
+from holdfast.training.metrics import (
+    PredictionFigures,
+    prediction_scores,
+    situation_scores,
+)
 from holdfast.training.plan import ForestPlan, TrainingPlan
 from holdfast.training.recording import DataSet, LabelledRows
 

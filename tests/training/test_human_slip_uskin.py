@@ -18,7 +18,7 @@ from holdfast.core.errors import (
     NotANumber,
 )
 from holdfast.training.datasets import load
-from holdfast.training.datasets.human_slip_labels import middle_angle_deg
+from holdfast.training.datasets.human_slip_uskin import middle_angle_deg
 from holdfast.training.recording import DataSet
 
 Arrays = dict[str, Any]
@@ -190,7 +190,7 @@ def without(name: str) -> Spoil:
 @pytest.mark.parametrize(
     ("spoil", "error", "says"),
     [
-        (array("object_imu", lambda imu: imu[:-1]), ColumnError, "do not cover"),
+        (array("object_imu", lambda imu: imu[:-1]), NotANumber, "a copy cut short"),
         (array("xela", lambda _: np.array([None])), NotANumber, "pickled objects"),
         (without("frequency_hz"), ColumnError, "missing: .*frequency_hz"),
         (cell("start_index", "soon"), NotANumber, "'soon'"),

@@ -13,14 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.metrics import average_precision_score, f1_score, roc_auc_score
 
-from holdfast.training.figures import (
+from holdfast.training.metrics import (
     PredictionFigures,
     SituationFigures,
-)
-from holdfast.training.metrics import (
     draw_groups,
     prediction_scores,
-    rank,
     situation_scores,
 )
 
@@ -90,15 +87,16 @@ def test_figures_equal_scikit_learns(seed: int) -> None:
 
 @given(seed=SEEDS)
 @settings(max_examples=20)
-def test_weighted_figures_equal_scikit_learns_on_the_resampled_rows(seed: int) -> None:
+def test_a_draw_equals_scikit_learns_figures_on_the_resampled_rows(seed: int) -> None:
     a = answers(seed)
     code = a["groups"].astype(int)
-    draw = draw_groups(int(code.max()) + 1, 1, seed)[0]
+    draw = draw_groups(int(code.max()) + 1, 1, 0)[0]
     resampled = np.repeat(np.arange(len(code)), draw[code].astype(int))
-    auc, precision = rank(a["slips"], a["score"]).auc_and_precision(draw[code])
+    found = predictions_of(a, 1)
     slips, score = a["slips"][resampled], a["score"][resampled]
-    assert auc == pytest.approx(roc_auc_score(slips, score))
-    assert precision == pytest.approx(average_precision_score(slips, score))
+    assert found.auc_ci == pytest.approx([roc_auc_score(slips, score)] * 2)
+    precision = average_precision_score(slips, score)
+    assert found.average_precision_ci == pytest.approx([precision] * 2)
 
 
 @pytest.mark.parametrize("seed", range(5))

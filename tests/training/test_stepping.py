@@ -7,7 +7,7 @@ from small_model import spec
 
 from holdfast.edge_runtime.graph import open_session, run_recordings, steps_of
 from holdfast.export.features import feature_graph
-from holdfast.training.featurise import stepped
+from holdfast.training.crossval import stepped
 from holdfast.training.recording import Recording
 
 

@@ -129,7 +129,7 @@ def test_contact_is_read_from_the_forces_close_to_where_the_truth_says(
 ) -> None:
     for path in made.glob("*/p*/trial_*.csv"):
         trial = read_trial(path)
-        truth = read_truth(truth_path(path), trial.t_s)
+        truth = read_truth(truth_path(path)).phases_on(trial.t_s, path)
         onset, empty = contact(trial.t_s, thesis.preparation("N").apply(trial.raw))
         assert abs(onset - truth[1].first) < 0.4 * 50
         assert abs(empty - truth[-1].first) < 0.4 * 50

@@ -52,7 +52,7 @@ def test_train_without_flags_is_the_default_plan_on_balanced_windows(
     plan = json.loads(json.dumps(hand_plan("default").to_json()))
     assert made["training"]["plan"] == plan
     assert made["decision"] == hand_plan("default").decision.to_json()
-    dense = load(fixture_set, windows="balanced").notes["windows"]
+    dense = load(fixture_set, windows="balanced").tasks["classes"].class_counts()
     assert made["training"]["windows"] == {"classes": dense}
     lines = out.splitlines()
     assert any(

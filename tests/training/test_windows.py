@@ -167,12 +167,13 @@ def test_every_window_lies_inside_its_trial_and_no_row_is_used_twice(
 def test_balanced_windows_have_every_risky_sample_and_throw_none_away(
     data: DataSet, balanced: DataSet
 ) -> None:
-    counts = balanced.notes["windows"]
+    counts = balanced.tasks["classes"].class_counts()
+    undersampled = data.tasks["classes"].class_counts()
     for name in ("risky_slip_light", "risky_slip_heavy"):
         assert counts[name] == balanced.notes["samples"][name], (
             "a trial's truth is exact"
         )
-    assert all(counts[name] > 2 * data.notes["windows"][name] for name in counts)
+    assert all(counts[name] > 2 * undersampled[name] for name in counts)
     assert len(set(counts.values())) == len(CLASSES), (
         "none is cut to the size of another"
     )

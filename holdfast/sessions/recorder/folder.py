@@ -26,7 +26,7 @@ from holdfast.core.tactile_file import RepairResult, repair_lines, repair_table
 from holdfast.core.trial_layout import DISCARDED, EVENTS, HAND_FILE, META, TACTILE
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.sessions.recorder.labels import read_meta
-from holdfast.sessions.recorder.protocol import NOTHING, Task
+from holdfast.sessions.recorder.plan import NOTHING, Task
 
 FORMAT = 1
 """Version of the layout, in every meta.json."""
@@ -189,19 +189,24 @@ def new_trial(root: Path, person: str, task: Task) -> Path:
     # After the highest number that is there: a gap below it is not filled.
     taken = [number(path) for path in place.glob("*")]
     folder = place / f"trial_{max(taken, default=0) + 1}"
-    with _written(folder, "made"):
+    with written(folder, "cannot be made"):
         folder.mkdir(parents=True)
     return folder
 
 
 @contextmanager
-def _written(folder: Path, how: str) -> Iterator[None]:
-    """An OSError within is an OutputError: a folder that cannot be made or moved."""
+def written(
+    path: Path, what: str = "cannot write", next_step: str = "make room"
+) -> Iterator[None]:
+    """An OSError within is an OutputError: a file or folder that cannot be written, or moved."""
     try:
         yield
     except OSError as error:
         raise OutputError(
-            f"cannot be {how} ({error.strerror})", where=folder, next_step="make room"
+            f"{what} ({error.strerror})",
+            where=path,
+            cause="a full disk, or no permission",
+            next_step=next_step,
         ) from None
 
 
@@ -219,7 +224,7 @@ def discard(root: Path, person: str, folder: Path) -> Path:
         write_meta(folder, meta | {"state": REDONE})
     home = root / person
     place = home / DISCARDED / folder.parent.relative_to(home)
-    with _written(folder, "moved"):
+    with written(folder, "cannot be moved"):
         place.mkdir(parents=True, exist_ok=True)
         # The same trial may be repeated several times.
         earlier = len(list(place.glob(f"{folder.name}-*")))

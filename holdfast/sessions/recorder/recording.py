@@ -6,46 +6,50 @@ import hashlib
 import platform
 import re
 from contextlib import AbstractContextManager, closing, nullcontext
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from holdfast.core.contract import Json
-from holdfast.core.errors import LabelError
+from holdfast.core.errors import LabelError, UsageError
 from holdfast.core.hand_card import read_hand_card
 from holdfast.core.schema import json_of, text_of
+from holdfast.core.source import Source
 from holdfast.core.trial_layout import checked_name, mass_g
 from holdfast.drivers.calibration import fields_of, read_calibration
 from holdfast.drivers.hand import Hand
 from holdfast.edge_runtime.wearer import IntentMonitor
 from holdfast.live.hand_files import force_of
 from holdfast.live.running import first_in_line
-from holdfast.live.sources import LINES, STANDARD_INPUT, open_live
+from holdfast.live.sources import is_hand, open_live
 from holdfast.live.wearer import wearer_monitor
 from holdfast.sessions.calibrate import MeasuredBias, measure_bias, require_good
 from holdfast.sessions.recorder.folder import (
     RECORDING,
+    done,
     keep_hand,
     opened,
     require_ours,
     trials_of,
 )
 from holdfast.sessions.recorder.labels import scene_truth_of
-from holdfast.sessions.recorder.plan import Plan, RecordOptions, planned, require_keys
-from holdfast.sessions.recorder.protocol import NOTHING
-from holdfast.sessions.recorder.session import Display, RunContext, Session
+from holdfast.sessions.recorder.plan import (
+    NOTHING,
+    Protocol,
+    RecordOptions,
+    Task,
+    read_protocol,
+    tasks_left,
+)
+from holdfast.sessions.recorder.session import Session
+from holdfast.sessions.recorder.terminal import Display, Keys, RunContext
 from holdfast.sessions.set_source import read_set_trial
 
 CHECK_S = 1.0
 """Time over which the bias is measured."""
-KINDS = {
-    "usb": "recorded",
-    "i2c": "recorded",
-    "virtual": "simulated",
-    "sim": "simulated",
-    **dict.fromkeys(LINES, "recorded"),
-}
+ENDLESS = 100_000
+"""Trials where --trials sets no number: more than anyone records."""
 
 
 def record(options: RecordOptions, context: RunContext) -> int:
@@ -57,7 +61,7 @@ def record(options: RecordOptions, context: RunContext) -> int:
     require_ours(options.out)
     # In this order, so that every mistake of the options is reported before anything opens.
     plan = planned(options)
-    options.camera.require_usable()
+    options.require_camera()
     require_keys(options, plan, context.keys)
     _report_before(options, plan, context.display)
     return record_plan(options, plan, context)
@@ -72,13 +76,7 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
     report = context.display.report
     card = None if options.hand is None else read_hand_card(options.hand)
     report(f"opening {options.source}")
-    source = open_live(
-        options.source,
-        clock=clock,
-        report=report,
-        to_force=force_of(options.calibration),
-        read_set=read_set_trial,
-    )
+    source = open_source(options, context)
     # The folder is locked for the whole run: a second recorder would mix trial numbers.
     folder = opened(options.out, source.unit, kind_of(options.source))
     monitor: AbstractContextManager[IntentMonitor | None] = nullcontext()
@@ -124,12 +122,80 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
         return session.run(plan.tasks)
 
 
+def open_source(options: RecordOptions, context: RunContext) -> Source:
+    """The source of a run. Raises a HoldfastError."""
+    return open_live(
+        options.source,
+        clock=context.clock,
+        report=context.display.report,
+        to_force=force_of(options.calibration),
+        read_set=read_set_trial,
+    )
+
+
 def kind_of(url: str) -> str:
     """What trials from a source are: recorded, simulated or replayed."""
-    if url == STANDARD_INPUT:
-        return "recorded"
-    scheme, mark, _ = url.partition("://")
-    return KINDS.get(scheme if mark else "", "replayed")
+    if url.startswith(("virtual://", "sim://")):
+        return "simulated"
+    return "recorded" if is_hand(url) else "replayed"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Trials of a protocol, or one object and action repeatedly.
+
+    done: trials of it that were kept before.
+    """
+
+    protocol: Protocol | None
+    tasks: list[Task]
+    done: int
+
+    @property
+    def mass_g(self) -> dict[str, float]:
+        """Masses that the protocol gives, by object."""
+        return self.protocol.mass_g if self.protocol else {}
+
+
+def planned(options: RecordOptions) -> Plan:
+    """The tasks that are left. Raises UsageError, CardError."""
+    trials = options.trials
+    name = options.object
+    action = options.action
+    before = done(options.out, options.person)
+    if options.protocol is not None and name is None and action is None:
+        protocol = read_protocol(Path(options.protocol))
+        ordered = protocol.ordered(options.seed, options.person)
+        # The order is drawn for the whole protocol, so a second run continues the first one's.
+        tasks = tasks_left(ordered, before)
+        return Plan(protocol, tasks[:trials], len(ordered) - len(tasks))
+
+    # The empty hand holds no object.
+    goes_together = (name is None) == (action == NOTHING)
+    if options.protocol is not None or action is None or not goes_together:
+        raise UsageError(
+            "no trials given: --protocol alone, or --object and --action",
+            next_step="--protocol PROTOCOL, or --object soft-ball --action pull",
+        )
+    task = Task(checked_name(name, "object") if name else NOTHING, action)
+    count = ENDLESS if trials is None else trials
+    return Plan(None, [task] * count, before.count(task))
+
+
+def require_keys(options: RecordOptions, plan: Plan, keys: Keys) -> None:
+    """Raise UsageError where a trial of the plan needs a key and none can be pressed."""
+    missing = {}
+    if not options.at_once:
+        missing["begins"] = "--at-once"
+    if options.only_a_key_ends:
+        missing["ends"] = "--seconds 8"
+    if plan.tasks and missing and keys.ended():
+        raise UsageError(
+            f"only a key {' and '.join(missing)} a trial, and no key can be pressed",
+            cause="standard input is at its end (</dev/null) or is the source, or the program is "
+            "in the background",
+            next_step=f"run it in a terminal, or add {' '.join(missing.values())}",
+        )
 
 
 # -- before the first trial
@@ -166,8 +232,6 @@ def _report_before(options: RecordOptions, plan: Plan, display: Display) -> None
 def _configuration(options: RecordOptions) -> Json:
     """The options, without those that meta.json has a key for."""
     values = asdict(options)
-    # Flat, as the user typed them.
-    values |= values.pop("camera")
     for name in ("person", "object", "action"):
         del values[name]
     return {name: _without_folders(value) for name, value in values.items()}

@@ -11,14 +11,13 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from holdfast.core.contract import FloatArray, Json
 from holdfast.core.errors import EmptyRecording, TimeError
-from holdfast.core.source import SelfPaced, Source, SourceReading
+from holdfast.core.source import SelfPaced, Source
 from holdfast.core.trial_layout import META
 from holdfast.core.writing import write_whole
 from holdfast.drivers.replay import PacedReplay
@@ -32,10 +31,9 @@ from holdfast.sessions.recorder.folder import (
     discard,
     new_trial,
 )
-from holdfast.sessions.recorder.keys import HELP_READY, HELP_TRIAL, Keys
 from holdfast.sessions.recorder.labels import MARKS, TruthEvents, read_meta
-from holdfast.sessions.recorder.plan import RecordOptions
-from holdfast.sessions.recorder.protocol import NOTHING, Task
+from holdfast.sessions.recorder.plan import NOTHING, RecordOptions, Task
+from holdfast.sessions.recorder.terminal import HELP_READY, HELP_TRIAL, RunContext
 from holdfast.sessions.recorder.trial import Quality, TrialRecorder
 
 READY_WAIT_S = 0.1
@@ -47,37 +45,6 @@ SOURCE_OVER = "source over"
 SIGNAL = "signal"
 """SIGINT, SIGTERM or SIGHUP, or no key can be pressed any more."""
 NO_KEY = "no key can be pressed any more"
-
-
-class Display:
-    """What the operator sees of a session; this one passes messages on and shows nothing else."""
-
-    def __init__(self, sink: Callable[[str], object]) -> None:
-        self._sink = sink
-
-    def report(self, line: str) -> None:
-        """A message that stays."""
-        self._sink(line)
-
-    def draw(self, line: str) -> None:
-        """A line that the next one replaces."""
-
-    def show(self, trial: TrialRecorder, measured: SourceReading, now_ns: int) -> None:
-        """A sample of a trial when it is written; must return at once."""
-
-
-@dataclass(frozen=True)
-class RunContext:
-    """What surrounds a run: its clock, its operator, and what ends it.
-
-    host_ns: CLOCK_MONOTONIC, ns, which also stamps a camera's frames.
-    """
-
-    clock: Any
-    keys: Keys
-    display: Display
-    stopped: Callable[[], bool]
-    host_ns: Callable[[], int] = time.monotonic_ns
 
 
 @dataclass
@@ -107,7 +74,7 @@ class Session:
         self.report = self.context.display.report
         self.stopped = self.context.stopped
         self.period_ns = 1e9 / self.rate_hz
-        self.camera = CameraProcess(self.options.camera)
+        self.camera = CameraProcess(self.options)
 
     def run(self, tasks: Iterable[Task]) -> int:
         """Record the tasks in order; returns the number of trials kept.

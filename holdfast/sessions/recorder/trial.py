@@ -16,7 +16,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from holdfast.core.contract import FloatArray, IntArray, Json, channel_names
-from holdfast.core.errors import DataError, HoldfastError, OutputError
+from holdfast.core.errors import DataError, HoldfastError
 from holdfast.core.source import SourceReading
 from holdfast.core.tactile_file import TactileFile
 from holdfast.core.trial_layout import EVENTS, TACTILE, intent_path
@@ -27,6 +27,7 @@ from holdfast.sessions.recorder.folder import (
     KEPT,
     RECORDING,
     write_meta,
+    written,
 )
 from holdfast.sessions.recorder.labels import BY, truth_in, write_truth
 
@@ -279,11 +280,5 @@ class TrialRecorder:
 
 def _write_line(file: TextIO, line: str) -> None:
     """Write a line. Raises OutputError."""
-    try:
+    with written(Path(file.name)):
         file.write(line + "\n")
-    except OSError as error:
-        raise OutputError(
-            f"cannot write ({error.strerror})",
-            where=Path(file.name),
-            next_step="make room",
-        ) from None

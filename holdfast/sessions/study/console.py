@@ -5,8 +5,7 @@ from __future__ import annotations
 from enum import StrEnum
 
 from holdfast.core.errors import visible
-from holdfast.sessions.recorder.keys import ESCAPE
-from holdfast.sessions.recorder.session import RunContext
+from holdfast.sessions.recorder.terminal import ESCAPE, RunContext
 
 
 class Key(StrEnum):
@@ -17,7 +16,6 @@ class Key(StrEnum):
     REPEAT = "repeat"
     NOTE = "note"
     ADVERSE = "adverse"
-    PAUSE = "pause"
     QUIT = "quit"
 
 
@@ -30,10 +28,9 @@ KEYS = {
     "r": Key.REPEAT,
     "n": Key.NOTE,
     ADVERSE: Key.ADVERSE,
-    "p": Key.PAUSE,
     "q": Key.QUIT,
 }
-HELP = "keys: space goes on, s skip, r repeat, n note, a adverse event, p pause, q quit"
+HELP = "keys: space goes on, s skip, r repeat, n note, a adverse event, q quit"
 WAIT_S = 0.1
 """How long a look at the keys waits, so that a signal is seen at once."""
 REDRAW_S = 1.0
@@ -54,7 +51,7 @@ class Console:
         self._clock = context.clock
         self._stopped = context.stopped
 
-    def key(self, left_s: float, *, paused: bool = False) -> Key:
+    def key(self, left_s: float) -> Key:
         """What to do next; QUIT after a signal or where the terminal is gone.
 
         left_s: planned time that is left in this part.
@@ -65,8 +62,7 @@ class Console:
             spent_s = 1e-9 * (self._clock.now_ns() - began_ns)
             if spent_s >= drawn_s + REDRAW_S:
                 drawn_s = spent_s
-                paused_for = f"paused for {clock_text(spent_s)}"
-                self._draw(paused_for if paused else countdown(left_s - spent_s))
+                self._draw(countdown(left_s - spent_s))
             letter = self.keys.letter(WAIT_S)
             if letter in KEYS:
                 return KEYS[letter]

@@ -15,6 +15,7 @@ import json
 import os
 import shutil
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -27,7 +28,7 @@ from holdfast.core.errors import LabelError, OutputError, UsageError
 from holdfast.core.schema import checked
 from holdfast.core.tactile_file import repair_lines
 from holdfast.core.trial_layout import read_events
-from holdfast.sessions.recorder.folder import alone, is_json_object
+from holdfast.sessions.recorder.folder import alone, is_json_object, written
 
 JOURNAL = "study.jsonl"
 """In the person's folder."""
@@ -47,8 +48,6 @@ class Event(StrEnum):
     DONE = "done"
     SKIPPED = "skipped"
     BACK = "back"
-    PAUSED = "paused"
-    RESUMED = "resumed"
     QUIT = "quit"
     FINISHED = "finished"
     NOTE = "note"
@@ -57,12 +56,12 @@ class Event(StrEnum):
     FAILED = "failed"
 
 
+STATES = {Event.BEGUN: "under way", Event.DONE: "done", Event.SKIPPED: "skipped"}
+"""What the last of these lines says of a part."""
 MOVES = (Event.DONE, Event.SKIPPED, Event.BACK)
 """They name the next part."""
-STARTS_TIME = (Event.BEGUN, Event.RESUMED)
-"""After one of these the part under way takes time."""
-STOPS_TIME = (*MOVES, Event.PAUSED, Event.QUIT)
-"""After one of these it takes none."""
+STOPS_TIME = (*MOVES, Event.QUIT)
+"""After one of these the part under way takes no time."""
 
 
 class Entry(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -93,12 +92,13 @@ class Entry(msgspec.Struct, frozen=True, omit_defaults=True):
 class Progress:
     """Where a study stands. part: the number of the part to do or under way, from 0.
 
-    begun: it is under way. kept_before: part -> trials of its task that were kept when it first
-    began. spent_s: part -> time in it.
+    states: part -> what its last line says. begun: part -> how often. spent_s: part -> time in it.
+    kept_before: part -> trials of its task that were kept when it first began.
     """
 
     part: int = 0
-    begun: bool = False
+    states: dict[int, str] = field(default_factory=dict)
+    begun: Counter[int] = field(default_factory=Counter)
     kept_before: dict[int, int] = field(default_factory=dict)
     spent_s: dict[int, float] = field(default_factory=dict)
     finished: bool = False
@@ -116,24 +116,25 @@ class Progress:
             self.finished = False
         elif event == Event.BEGUN:
             self.part = entry.part
-            self.begun = True
+            self._since_s = entry.t_s
             # Of its first beginning: a step that is begun again has its trials already.
             self.kept_before.setdefault(self.part, entry.kept)
         elif event == Event.FINISHED:
             self.finished = True
 
+        if event in STATES:
+            # A part may be begun again: its last line counts.
+            self.states[entry.part] = STATES[Event(event)]
+            self.begun[entry.part] += event == Event.BEGUN
         if event in STOPS_TIME:
             self._stop(entry.t_s)
-        elif event in STARTS_TIME and self.begun and self._since_s is None:
-            self._since_s = entry.t_s
         if event in MOVES:
             self.part = entry.next
-            self.begun = False
         self._last_s = entry.t_s
 
     def spent_until(self, t_s: float) -> float:
-        """Time in the part under way, s, pauses left out."""
-        # A pause, or a part that is not begun, takes no time.
+        """Time in the part under way, s."""
+        # A part that is not begun takes no time.
         now_s = 0.0 if self._since_s is None else t_s - self._since_s
         return self.spent_s.get(self.part, 0.0) + now_s
 
@@ -147,12 +148,12 @@ class Progress:
 class Journal:
     """The open journal of one person."""
 
-    def __init__(self, path: Path, n_parts: int, now_ns: Callable[[], int]) -> None:
+    def __init__(self, path: Path, now_ns: Callable[[], int]) -> None:
         self.path = path
         self._now_ns = now_ns
         self.entries = read_journal(path)
         # Read back from the file alone: nothing else says where the study stands.
-        self.progress = progress_of(self.entries, path, n_parts)
+        self.progress = progress_of(self.entries)
         self._began_ns = now_ns()
 
     @property
@@ -183,7 +184,7 @@ def utc_now() -> str:
 
 def write_line(path: Path, line: bytes, next_step: str) -> None:
     """Append a line to a file, on the disk when this returns. Raises OutputError."""
-    try:
+    with written(path, next_step=next_step):
         # Opened anew for each line: after a full disk the next line is tried afresh.
         handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
         try:
@@ -193,13 +194,6 @@ def write_line(path: Path, line: bytes, next_step: str) -> None:
             os.fsync(handle)
         finally:
             os.close(handle)
-    except OSError as error:
-        raise OutputError(
-            f"cannot write ({error.strerror})",
-            where=path,
-            cause="a full disk, or no permission",
-            next_step=next_step,
-        ) from None
 
 
 def read_journal(path: Path) -> list[Entry]:
@@ -210,8 +204,8 @@ def read_journal(path: Path) -> list[Entry]:
     return entries
 
 
-def opened_journal(home: Path, n_parts: int, now_ns: Callable[[], int]) -> Journal:
-    """The journal of a person's folder, new or repaired. n_parts: of the protocol.
+def opened_journal(home: Path, now_ns: Callable[[], int]) -> Journal:
+    """The journal of a person's folder, new or repaired.
 
     Raises LabelError (a line that cannot be read), OutputError.
     """
@@ -220,22 +214,14 @@ def opened_journal(home: Path, n_parts: int, now_ns: Callable[[], int]) -> Journ
     path.touch()
     # A line that a kill tore is moved aside before the file is read.
     repair_lines(path, is_json_object)
-    return Journal(path, n_parts, now_ns)
+    return Journal(path, now_ns)
 
 
-def progress_of(entries: list[Entry], path: Path, n_parts: int) -> Progress:
-    """Where the lines leave the study of a protocol with so many parts. Raises LabelError."""
+def progress_of(entries: list[Entry]) -> Progress:
+    """Where the lines leave a study."""
     progress = Progress()
-    for number, entry in enumerate(entries, 1):
+    for entry in entries:
         progress.take(entry)
-        # The last part done leaves the study at n_parts, which no entry may name.
-        if entry.part >= n_parts or not 0 <= progress.part <= n_parts:
-            raise LabelError(
-                f"line {number} names a part that the protocol does not have",
-                where=path,
-                cause="it was edited, or it is another file",
-                next_step="correct that line, or take another --out",
-            )
     return progress
 
 

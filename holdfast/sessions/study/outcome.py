@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -24,8 +23,6 @@ from holdfast.sessions.study.journal import (
 )
 from holdfast.sessions.study.protocol import StudyProtocol
 
-STATES = {Event.BEGUN: "under way", Event.DONE: "done", Event.SKIPPED: "skipped"}
-"""What the last of these lines says of a part."""
 NOT_REACHED = "not reached"
 
 
@@ -115,7 +112,7 @@ def outcome_of(root: Path, person: str, protocol: StudyProtocol) -> StudyOutcome
             next_step="holdfast evaluate MODEL --data FOLDER --report OUT scores such recordings",
         )
 
-    progress = progress_of(entries, journal, len(protocol.parts))
+    progress = progress_of(entries)
     return StudyOutcome(
         person=person,
         title=protocol.title,
@@ -124,39 +121,28 @@ def outcome_of(root: Path, person: str, protocol: StudyProtocol) -> StudyOutcome
         runs=progress.runs,
         began=entries[0].at,
         ended=entries[-1].at,
-        parts=_parts(protocol, entries, progress),
+        parts=_parts(protocol, progress),
         adverse=_remarks(protocol, entries, Event.ADVERSE),
         notes=_remarks(protocol, entries, Event.NOTE),
         trials=_trials(protocol, home),
     )
 
 
-def _parts(
-    protocol: StudyProtocol, entries: list[Entry], progress: Progress
-) -> list[PartOutcome]:
-    begun: Counter[int] = Counter()
-    states: dict[int, str] = {}
-    for entry in entries:
-        if entry.event in STATES:
-            # A part may be begun again: its last line counts.
-            states[entry.part] = STATES[Event(entry.event)]
-            begun[entry.part] += entry.event == Event.BEGUN
-
+def _parts(protocol: StudyProtocol, progress: Progress) -> list[PartOutcome]:
     outcomes = []
     for number, part in enumerate(protocol.parts):
         spent_s = None
-        if number in states:
+        if number in progress.states:
             spent_s = round(progress.spent_s.get(number, 0.0), 1)
-        outcomes.append(
-            PartOutcome(
-                part.step,
-                part.title,
-                60.0 * part.minutes,
-                spent_s,
-                begun[number],
-                states.get(number, NOT_REACHED),
-            )
+        outcome = PartOutcome(
+            part.step,
+            part.title,
+            60.0 * part.minutes,
+            spent_s,
+            progress.begun[number],
+            progress.states.get(number, NOT_REACHED),
         )
+        outcomes.append(outcome)
     return outcomes
 
 

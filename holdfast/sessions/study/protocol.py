@@ -31,13 +31,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal
 
 import msgspec
 
 from holdfast.core.errors import CardError, DataNotFound
 from holdfast.core.schema import checked, read, text_of
-from holdfast.sessions.recorder.protocol import (
+from holdfast.sessions.recorder.plan import (
     Mass,
     Protocol,
     Task,
@@ -49,7 +49,6 @@ from holdfast.sessions.recorder.protocol import (
 PROTOCOLS = Path(__file__).with_name("protocols")
 """Folder of the study protocols that ship."""
 Kind = Literal["say", "mount", "video", "questions", "record"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
 QUESTIONS, RECORD = "questions", "record"
 
 

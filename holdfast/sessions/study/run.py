@@ -6,7 +6,6 @@ which its journal and its report say.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,18 +14,14 @@ from pathlib import Path
 from typing import TextIO
 
 from holdfast.core.errors import CardError, DataNotFound, HoldfastError, UsageError
-from holdfast.core.lines import stream_sink
 from holdfast.core.trial_layout import checked_name
 from holdfast.core.writing import require_writable, write_whole
-from holdfast.live.running import RunClock, StopRequest, stop_signals
+from holdfast.live.running import StopRequest, stop_signals
 from holdfast.live.sources import is_standard_input
-from holdfast.sessions.recorder.display import StatusLine, columns_of
 from holdfast.sessions.recorder.folder import alone, require_ours, reserved
-from holdfast.sessions.recorder.keys import listening
-from holdfast.sessions.recorder.plan import RecordOptions
-from holdfast.sessions.recorder.protocol import Task
+from holdfast.sessions.recorder.plan import RecordOptions, Task
 from holdfast.sessions.recorder.recording import kind_of
-from holdfast.sessions.recorder.session import RunContext
+from holdfast.sessions.recorder.terminal import RunContext, context_of, listening
 from holdfast.sessions.study.console import ADVERSE, HELP, Console, Key, clock_text
 from holdfast.sessions.study.journal import (
     JOURNAL,
@@ -78,9 +73,6 @@ def _terminal(
     keyboard: TextIO, stopped: StopRequest, seconds: float | None = None
 ) -> Iterator[RunContext]:
     """The operator's terminal. Raises UsageError where no key can be pressed."""
-    status = StatusLine(
-        stream_sink(sys.stderr), lambda: columns_of(sys.stderr), seconds
-    )
     with listening(keyboard.fileno()) as keys:
         # Without keys nothing could be confirmed, and no adverse event reported.
         if keys.ended():
@@ -89,7 +81,7 @@ def _terminal(
                 cause="standard input is at its end (</dev/null), or it is in the background",
                 next_step="run it in a terminal",
             )
-        yield RunContext(RunClock(), keys, status, stopped)
+        yield context_of(keys, stopped, seconds)
 
 
 def require_consistent(options: RecordOptions, protocol: StudyProtocol) -> None:
@@ -98,7 +90,7 @@ def require_consistent(options: RecordOptions, protocol: StudyProtocol) -> None:
     require_ours(options.out)
     # A person who withdrew must not come back under the same name by mistake.
     require_not_withdrawn(options.out, options.person)
-    options.camera.require_usable()
+    options.require_camera()
     if is_standard_input(options.source):
         raise UsageError(
             "a study is led by keys, and standard input is its source",
@@ -136,7 +128,7 @@ def run_parts(
     home = root / options.person
     # For the whole study: between two trials another program would take numbers and time.
     with reserved(root):
-        journal = opened_journal(home, len(protocol.parts), context.clock.now_ns)
+        journal = opened_journal(home, context.clock.now_ns)
         # Before the first part: a trial that a kill left is recorded again, and must not count.
         trials.repair()
         console = Console(context)
@@ -296,8 +288,6 @@ class Runner:
             return self._repeat(part)
         if key == Key.NOTE:
             return self._note()
-        if key == Key.PAUSE:
-            return self._pause()
         return self._adverse() if key == Key.ADVERSE else Ending.QUIT
 
     def _repeat(self, part: StudyPart) -> Ending:
@@ -313,18 +303,6 @@ class Runner:
         text = self.console.text(prompt)
         if text:
             self._note_down(Event.NOTE, text=text)
-        return Ending.GOES_ON
-
-    def _pause(self) -> Ending:
-        self._note_down(Event.PAUSED)
-        self.console.report("paused: space goes on")
-        key = None
-        # Any other key is ignored: a note or a skip during a pause would blur its time.
-        while key not in (Key.NEXT, Key.PAUSE, Key.QUIT):
-            key = self.console.key(0.0, paused=True)
-        if key == Key.QUIT:
-            return Ending.QUIT
-        self._note_down(Event.RESUMED)
         return Ending.GOES_ON
 
     def _adverse(self) -> Ending:

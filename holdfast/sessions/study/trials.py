@@ -6,8 +6,6 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from holdfast.live.hand_files import force_of
-from holdfast.live.sources import open_live
 from holdfast.sessions.recorder.folder import (
     KEPT,
     RECORDING,
@@ -20,11 +18,14 @@ from holdfast.sessions.recorder.folder import (
     task_folder,
     trials_of,
 )
-from holdfast.sessions.recorder.plan import Plan, RecordOptions
-from holdfast.sessions.recorder.protocol import Task
-from holdfast.sessions.recorder.recording import kind_of, record_plan
-from holdfast.sessions.recorder.session import RunContext
-from holdfast.sessions.set_source import read_set_trial
+from holdfast.sessions.recorder.plan import RecordOptions, Task
+from holdfast.sessions.recorder.recording import (
+    Plan,
+    kind_of,
+    open_source,
+    record_plan,
+)
+from holdfast.sessions.recorder.terminal import RunContext
 from holdfast.sessions.study.console import ADVERSE
 from holdfast.sessions.study.protocol import StudyProtocol
 
@@ -47,13 +48,7 @@ class Trials:
 
         It also makes the folder of recordings. Raises the errors of the source.
         """
-        source = open_live(
-            self.options.source,
-            clock=self.context.clock,
-            report=self.report,
-            to_force=force_of(self.options.calibration),
-            read_set=read_set_trial,
-        )
+        source = open_source(self.options, self.context)
         kind = kind_of(self.options.source)
         # Closed at once: every trial opens the hand for itself.
         with closing(source), opened(self.root, source.unit, kind):

@@ -26,6 +26,7 @@ from holdfast.core.errors import (
     UsageError,
     command,
 )
+from holdfast.core.hand_card import read_hand_card
 from holdfast.core.trial_layout import (
     HAND_FILE,
     META,
@@ -34,7 +35,7 @@ from holdfast.core.trial_layout import (
     import_command,
     read_json,
 )
-from holdfast.training.datasets.trials import ChannelsNotOffered, has_thesis_layout
+from holdfast.training.datasets.trials import has_thesis_layout, require_offered
 from holdfast.training.recording import (
     DataSet,
     HoldOut,
@@ -48,17 +49,10 @@ PUBLIC_SETS = ("human_slip_uskin", "eflesh_slip")
 """Sets that `load` finds by name in the data folder."""
 LAYOUTS = ("recorded", "thesis")
 """Layouts of folders that users fill with trials of their own."""
+USUAL_CHANNELS = 18
+"""Of a public set, where no number is given."""
 FOLDER_VARIABLE = "HOLDFAST_DATA"
 """The environment variable that names the data folder."""
-MUST_AGREE: dict[str, type[DataError]] = {
-    "rate in Hz": RateError,
-    "unit": UnitError,
-    "sensors": ChannelError,
-    "sides": ChannelError,
-    "tasks": LabelError,
-    "preparation": DataError,
-}
-"""In what sets must agree to train one model."""
 BESIDE_THE_CHECKOUT = Path(__file__).resolve().parents[4] / "shared" / "data"
 
 
@@ -81,7 +75,7 @@ def load(
     that is natural, to score on (training/windows.py), or none: recordings alone, which are read
     sooner. hold_out: what a group is; None for people where there are two.
 
-    Raises DataNotFound, ChannelsNotOffered, UsageError, or a DataError of the reader.
+    Raises DataNotFound, ChannelError, UsageError, or a DataError of the reader.
     """
     root = find(name_or_path)
     layout = layout_of(root)
@@ -97,20 +91,19 @@ def load(
         )
 
     reader = reader_of(layout)
-    try:
-        if layout in LAYOUTS:
-            from holdfast.training.datasets.thesis import assembled
+    if layout in LAYOUTS:
+        from holdfast.training.datasets.thesis import assembled
 
-            found = reader.readers(root, rate_hz=rate_hz)
-            data = assembled(reader.about(root), found, channels, windows, seed)
-            data = with_hand(data, root)
-        else:
-            # A public set brings its own windows, and has a usual number of channels.
-            data = reader.load(root, **({"channels": channels} if channels else {}))
-    except ChannelsNotOffered as error:
-        # the user knows the folder, and not the name that stands in its meta.json
-        name = str(name_or_path)
-        raise ChannelsNotOffered(name, error.channels, error.numbers) from None
+        found = reader.readers(root, rate_hz=rate_hz)
+        data = with_hand(assembled(reader.about(root), found, windows, seed), root)
+        if channels:
+            require_offered(root, channels, [3 * data.n_sensors])
+    else:
+        from holdfast.training.datasets.public_files import copied_whole
+
+        # A public set brings its own windows, and has a usual number of channels.
+        with copied_whole(root):
+            data = reader.load(root, channels=channels or USUAL_CHANNELS)
     if hold_out is not None:
         data = regrouped(data, hold_out)
     return data if groups is None else keep_groups(data, groups, seed=seed)
@@ -119,26 +112,13 @@ def load(
 def with_hand(data: DataSet, root: Path) -> DataSet:
     """The set with the hand card of its folder, where it has one.
 
-    Raises CardError, DataNotFound for a card that meta.json names and that is not there, and
-    ChannelError where it is another hand's.
+    Raises CardError, and ChannelError where it is another hand's.
     """
     path = root / HAND_FILE
-    named = read_json(root / META).get("hand")
     if not path.is_file():
-        if named is None:
-            return data
-        raise DataNotFound(
-            f"no {HAND_FILE}, which {META} names",
-            where=root,
-            next_step="copy the whole set again",
-        )
-
-    # Most sets have no hand card, and do not load its reader.
-    from holdfast.core.hand_card import read_hand_card
-
+        return data
     hand = read_hand_card(path)
-    changed = isinstance(named, dict) and named.get("sha256") not in (None, hand.sha256)
-    if changed or hand.n_sensors != data.n_sensors:
+    if hand.n_sensors != data.n_sensors:
         raise ChannelError(
             f"{HAND_FILE} is the card of another hand",
             where=path,
@@ -147,22 +127,18 @@ def with_hand(data: DataSet, root: Path) -> DataSet:
     return replace(data, hand=hand)
 
 
-def data_folder() -> Path:
-    """Where public sets are looked up by name."""
-    return Path(os.environ.get(FOLDER_VARIABLE) or BESIDE_THE_CHECKOUT)
-
-
 def find(name_or_path: str | Path) -> Path:
     """Folder of a set. Raises DataNotFound with the likely cause."""
     path = Path(name_or_path)
+    is_public = str(name_or_path) in PUBLIC_SETS
     # A public name goes first to the data folder, so that a folder of that name here does not hide
     # it.
-    public = data_folder() / name_or_path
-    if str(name_or_path) in PUBLIC_SETS and (public.is_dir() or not path.is_dir()):
-        path = public
+    public = Path(os.environ.get(FOLDER_VARIABLE) or BESIDE_THE_CHECKOUT, name_or_path)
+    if is_public and public.is_dir():
+        return public
     if path.is_dir():
         return path
-    if path is public:
+    if is_public:
         raise DataNotFound(
             f"data set {name_or_path} not found",
             where=public,
@@ -210,8 +186,7 @@ def keep_groups(data: DataSet, n_groups: int, *, seed: int = 0) -> DataSet:
         )
 
     kept = set(np.random.default_rng(seed).permutation(names)[:n_groups].tolist())
-    smaller = data.of_groups(kept)
-    return replace(smaller, notes={**data.notes, "kept_groups": sorted(kept)})
+    return data.of_groups(kept)
 
 
 def join(sets: Sequence[DataSet]) -> DataSet:
@@ -242,13 +217,8 @@ def join(sets: Sequence[DataSet]) -> DataSet:
         return first
 
     recordings: list[Recording] = []
-    kinds, caveats, group_kinds, notes = [], [], [], {}
     parts: dict[str, list[LabelledRows]] = {task: [] for task in first.tasks}
     for data in sets:
-        kinds.append(data.kind)
-        caveats.append(data.caveat)
-        group_kinds.append(data.group_kind)
-        notes[data.name] = data.notes
         # Trials are numbered on where those of the sets before end.
         for task, rows in data.tasks.items():
             parts[task].append(replace(rows, trial=rows.trial + len(recordings)))
@@ -261,11 +231,11 @@ def join(sets: Sequence[DataSet]) -> DataSet:
         name=" + ".join(names),
         recordings=recordings,
         tasks={task: LabelledRows.concatenated(rows) for task, rows in parts.items()},
-        kind=_each_once(" + ", kinds),
+        kind=_each_once(" + ", sets, "kind"),
         redistributable=all(data.redistributable for data in sets),
-        caveat=_each_once(" ", caveats),
-        notes={"sets": notes},
-        group_kind=_each_once(" and by ", group_kinds),
+        caveat=_each_once(" ", sets, "caveat"),
+        notes={},
+        group_kind=_each_once(" and by ", sets, "group_kind"),
         hand=with_card[0].hand if with_card else None,
         forces_verified=all(data.forces_verified for data in sets),
     )
@@ -276,35 +246,29 @@ def _require_alike(other: DataSet, first: DataSet) -> None:
 
     Raises RateError, UnitError, ChannelError, LabelError or DataError.
     """
-    one, reference = _facts(other), _facts(first)
-    # The rate of a set that is near enough counts as the same.
-    if abs(other.rate_hz / first.rate_hz - 1.0) <= RATE_TOLERANCE:
-        one["rate in Hz"] = reference["rate in Hz"]
-    # A set without a card fits any hand.
-    if other.hand is None or first.hand is None:
-        one["sides"] = reference["sides"]
-    for name, error in MUST_AGREE.items():
-        if one[name] != reference[name]:
+    # A rate that is near enough counts as the same, and a set without a card fits any hand.
+    is_near = abs(other.rate_hz / first.rate_hz - 1.0) <= RATE_TOLERANCE
+    rate_hz = first.rate_hz if is_near else other.rate_hz
+    ours, theirs = other.hand or first.hand, first.hand or other.hand
+    sides = ours and ours.sensor_sides
+    must_agree: list[tuple[type[DataError], str, object, object]] = [
+        (RateError, "rate in Hz", rate_hz, first.rate_hz),
+        (UnitError, "unit", other.unit, first.unit),
+        (ChannelError, "sensors", other.n_sensors, first.n_sensors),
+        (ChannelError, "sides", sides, theirs and theirs.sensor_sides),
+        (LabelError, "tasks", sorted(other.tasks), sorted(first.tasks)),
+        (DataError, "preparation", other.preparation, first.preparation),
+    ]
+    for error, name, one, reference in must_agree:
+        if one != reference:
             raise error(
-                f"{other.name} differs in {name}: {one[name]}, not {reference[name]}",
+                f"{other.name} differs in {name}: {one}, not {reference}",
                 where=other.name,
                 cause=f"recorded with other settings than {first.name}",
                 next_step="use sets that were recorded alike, or one of them alone",
             )
 
 
-def _facts(data: DataSet) -> dict[str, object]:
-    """What one model needs to know of a set, by the names of MUST_AGREE."""
-    return {
-        "rate in Hz": data.rate_hz,
-        "unit": data.unit,
-        "sensors": data.n_sensors,
-        "sides": data.hand.sensor_sides if data.hand else None,
-        "tasks": ", ".join(sorted(data.tasks)),
-        "preparation": data.preparation,
-    }
-
-
-def _each_once(separator: str, texts: list[str]) -> str:
-    """The texts joined, each of them once, in order."""
-    return separator.join(dict.fromkeys(texts))
+def _each_once(separator: str, sets: Sequence[DataSet], name: str) -> str:
+    """The texts of this name, each of them once, in order of the sets."""
+    return separator.join(dict.fromkeys(getattr(data, name) for data in sets))

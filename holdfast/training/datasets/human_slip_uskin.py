@@ -4,33 +4,70 @@ K. Nazari et al., "Bioinspired trajectory modulation for effective slip control 
 manipulation", Nature Machine Intelligence (2025), doi 10.1038/s42256-025-01062-2. No licence is
 stated: evaluate locally, redistribute nothing. Any folder with the same two files can be read, also
 of other people.
+
+The labels are situations from the rotation of the object, no model input. Per trial, with x the 48
+channels, e the middle angle of the object quaternion's xyx decomposition in degrees (the authors'
+own measure of slip), s and t the rows where the move starts and ends::
+
+    bias       xb = x - median(x[0:60])
+    contact    z = sum of the 16 normals of xb, z >= 1 N
+    reference  r = median(e[max(0, s-30) : s-3])
+    rotation   d = |e - r|
+    situation  z < 1 nothing; d < 5 grasp; 5 <= d < 15 safe_slip; d >= 15 risky_slip
+
+Contact always uses all 16 normals, so the labels do not depend on the channels a model gets.
 """
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import SITUATIONS
-from holdfast.core.errors import ColumnError, EmptyRecording, NotANumber
+from holdfast.core.contract import (
+    GRASP,
+    NORMAL_AXIS,
+    NOTHING,
+    RISKY_SLIP,
+    SAFE_SLIP,
+    SITUATIONS,
+    FloatArray,
+    IntArray,
+)
+from holdfast.core.errors import EmptyRecording
 from holdfast.core.hand_card import read_hand_card
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.training.datasets import human_slip_labels as labels
 from holdfast.training.datasets.public_files import (
-    COPY_AGAIN,
-    Shape,
+    UNLABELLED,
+    TrialRows,
+    channels_of,
     join_trials,
-    offered_channels,
     read_arrays,
-    read_table,
 )
+from holdfast.training.datasets.trials import require_offered
 from holdfast.training.recording import DataSet, Recording, finite_sensors
+from holdfast.training.timeline import Phase, Phases, RiskyEvent, RiskyEvents
 
 SIGNALS, TRIALS = "signals.npz", "trials.csv"
-PREPARATION = Preparation(bias_rows=labels.BIAS_ROWS, statistic="median")
+BIAS_ROWS = 60
+"""Rows of the tare at the start of a trial, about one second."""
+CONTACT_N = 1.0
+"""Sum of all normal forces from which the hand touches, N."""
+SAFE_DEG = 5.0
+"""Rotation from which the object slips."""
+RISKY_DEG = 15.0
+"""Rotation from which the slip is risky."""
+WINDOW_ROWS = 6
+"""0.10 s at the set's 58.9 Hz."""
+SITUATION_STEP_ROWS = 6
+PREDICTION_STEP_ROWS = 3
+AROUND_MOVE_ROWS = 60
+"""Situations go on for this long after the move; predictions start this long before it."""
+HORIZON_ROWS = 15
+"""0.25 s at the set's 58.9 Hz."""
+PREPARATION = Preparation(bias_rows=BIAS_ROWS, statistic="median")
 COLUMNS = {
     "subject": str,
     "stage": str,
@@ -42,11 +79,6 @@ COLUMNS = {
     "offset": int,
 }
 """Of trials.csv; others are ignored."""
-SHAPES: dict[str, Shape] = {
-    "xela": (None, 48),
-    "object_imu": (None, 7),
-    "offset": (None,),
-}
 N_TAXELS = 16
 """3-axis taxels of the set's uSkin, hence 48 channels; counted from 1, row by row."""
 SPREAD_TAXELS = (2, 5, 8, 11, 13, 16)
@@ -76,28 +108,32 @@ def load(
     rows). Unusable trials (not 60 < start < end <= n) are left out and counted in notes. Columns of
     trials.csv beyond the set's own are ignored: they describe trials and are read by name.
 
-    Raises DataNotFound, ColumnError, NotANumber, ChannelError or EmptyRecording.
+    Raises ChannelError or EmptyRecording.
     """
-    offered = {18: [taxel - 1 for taxel in six], 48: range(N_TAXELS)}
-    columns = offered_channels("human_slip_uskin", channels, offered)
-    arrays = read_arrays(root / SIGNALS, SHAPES)
-    table = read_table(root / TRIALS, COLUMNS)
-    _require_one_version(table, arrays, root / TRIALS)
+    import pandas as pd  # a third of a second, which sets in other formats do not need
 
-    angle_deg = labels.middle_angle_deg(arrays["object_imu"][:, :4])
-    recordings, situations, predictions = [], [], []
+    offered = {18: [taxel - 1 for taxel in six], 48: range(N_TAXELS)}
+    require_offered(root, channels, offered)
+    columns = channels_of(offered[channels])
+    xela, imu = read_arrays(root / SIGNALS, "xela", "object_imu")
+    # As texts first, since pandas' own reader rounds some decimals differently in the last bit.
+    texts = pd.read_csv(root / TRIALS, dtype=str)
+    table = texts[list(COLUMNS)].astype(COLUMNS)
+
+    angle_deg = middle_angle_deg(imu[:, :4])
+    recordings, windows, predictions = [], [], []
     for move in table.itertuples():
         start, end = move.start_index, move.end_index
         # The hold before the move and after it must be recorded.
-        if not labels.BIAS_ROWS < start < end <= move.n:
+        if not BIAS_ROWS < start < end <= move.n:
             continue
         rows = slice(move.offset, move.offset + move.n)
-        raw = arrays["xela"][rows].astype(np.float64)
+        raw = xela[rows].astype(np.float64)
         prepared = PREPARATION.apply(raw)
         # Contact is judged on all 48 channels, so that labels do not depend on the taxels.
-        force_n = labels.contact_force_n(prepared)
-        turned_deg = labels.rotation_from_start_deg(angle_deg[rows], start)
-        phases = labels.phases(force_n, turned_deg, end)
+        force_n = contact_force_n(prepared)
+        turned_deg = rotation_from_start_deg(angle_deg[rows], start)
+        found = phases(force_n, turned_deg, end)
         recording = Recording(
             trial_id=f"{move.subject}/{move.stage}/{move.sample}",
             group=move.subject,
@@ -107,13 +143,13 @@ def load(
             unit="N",
             object_name="book",
             action=move.stage,
-            phases=phases,
-            events=labels.events(phases, move.frequency_hz),
+            phases=found,
+            events=events(found, move.frequency_hz),
             person=move.subject,
         )
         recordings.append(recording)
-        situations.append(labels.situation_windows(force_n, turned_deg, end))
-        ahead = labels.prediction_windows(force_n, turned_deg, start, end)
+        windows.append(situation_windows(force_n, turned_deg, end))
+        ahead = prediction_windows(force_n, turned_deg, start, end)
         predictions.append(ahead)
     if not recordings:
         what = "no trial with 60 < start_index < end_index <= n: no usable trial"
@@ -123,7 +159,7 @@ def load(
         name="human_slip_uskin",
         recordings=recordings,
         tasks={
-            "situations": join_trials(situations, SITUATIONS),
+            "situations": join_trials(windows, SITUATIONS),
             "predict_250ms": join_trials(predictions, ("no", "yes")),
         },
         rate_hz=float(np.median([recording.rate_hz for recording in recordings])),
@@ -139,26 +175,128 @@ def load(
     )
 
 
-def _require_one_version(
-    table: Any, arrays: dict[str, npt.NDArray[Any]], where: Path
-) -> None:
-    """Raise ColumnError where signals and trials disagree, NotANumber for a rate that is none."""
-    n_rows = len(arrays["xela"])
-    bounds = np.append(table["offset"], n_rows)
-    # The offsets stand in both files, so files of two versions show themselves.
-    agree = (
-        bounds[0] == 0
-        and np.array_equal(bounds, arrays["offset"])
-        and np.array_equal(np.diff(bounds), table["n"])
-        and len(arrays["object_imu"]) == n_rows
-    )
-    if not agree:
-        raise ColumnError(
-            f"{len(table)} trials do not cover the {n_rows} rows of {SIGNALS}",
-            where=where,
-            cause="signals and trials of different versions",
-            next_step=COPY_AGAIN,
-        )
-    if not (table["frequency_hz"] > 0.0).all():
-        step = "correct that line"
-        raise NotANumber("frequency_hz must be positive", where=where, next_step=step)
+def contact_force_n(prepared: FloatArray) -> FloatArray:
+    """[T, 48] prepared -> z [T], the summed normal force in N."""
+    # inf - inf: not finite, hence no label, and no reason to warn
+    with np.errstate(invalid="ignore"):
+        return prepared[:, NORMAL_AXIS::3].sum(axis=1)
+
+
+def middle_angle_deg(quaternion: npt.NDArray[np.floating]) -> FloatArray:
+    """[T, 4] quaternions (w, x, y, z) -> [T] middle angle of the xyx Euler decomposition, degrees.
+
+    The closed form of scipy's `Rotation.from_quat([x, y, z, w]).as_euler("xyx")[1]`: R_xx =
+    cos(angle), hence angle = 2 atan2(|(y, z)|, |(w, x)|). It needs no unit norm and has no gimbal
+    lock; a zero or non-finite quaternion is no rotation and gives nan.
+
+    >>> middle_angle_deg(np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 0]]))
+    array([  0., 180.,  nan])
+    """
+    w, x, y, z = quaternion.astype(np.float64).T
+    across = np.hypot(y, z)
+    along = np.hypot(w, x)
+    angle_deg = np.degrees(2.0 * np.arctan2(across, along))
+
+    # atan2(0, 0) is 0, which would pass for "not turned".
+    norm = np.hypot(along, across)
+    is_rotation = np.isfinite(norm) & (norm > 0.0)
+    return np.where(is_rotation, angle_deg, np.nan)
+
+
+def rotation_from_start_deg(angle_deg: FloatArray, start: int) -> FloatArray:
+    """d [T]: rotation away from the angle just before the move; nan where the IMU gave none."""
+    # Three rows before the move are left out, and rows without an angle cannot be a reference.
+    before = angle_deg[max(0, start - 30) : start - 3]
+    known = before[np.isfinite(before)]
+    reference = np.median(known) if known.size else np.nan
+    return np.abs(angle_deg - reference)
+
+
+def situations(force_n: FloatArray, rotation_deg: FloatArray) -> IntArray:
+    """[T] situation at every row, UNLABELLED where force or rotation is not finite."""
+    label = GRASP + np.digitize(rotation_deg, [SAFE_DEG, RISKY_DEG])
+    label = np.where(np.isnan(rotation_deg), UNLABELLED, label)
+
+    # Without contact there is no slip, whatever the object does.
+    label = np.where(force_n < CONTACT_N, NOTHING, label)
+    return np.where(np.isfinite(force_n), label, UNLABELLED)
+
+
+def phases(force_n: FloatArray, rotation_deg: FloatArray, end: int) -> Phases:
+    """Runs of one situation, from the tare to 60 rows after the move.
+
+    Rows without a label are in none.
+    """
+    # Up to where situation_windows go.
+    label = situations(force_n, rotation_deg)[: end + AROUND_MOVE_ROWS]
+    label[:BIAS_ROWS] = UNLABELLED
+
+    edges = np.flatnonzero(np.diff(label)) + 1
+    rows = [0, *edges.tolist(), len(label)]
+
+    runs = []
+    for first, stop in pairwise(rows):
+        if label[first] != UNLABELLED:
+            runs.append(Phase(first, stop, int(label[first])))
+    return tuple(runs)
+
+
+def events(found: Phases, rate_hz: float) -> RiskyEvents:
+    """Slips that become risky: onset at 5 deg, gross slip at 15 deg, end below 5 deg.
+
+    Load onset was not recorded; the onset here is the object's, which is later.
+    """
+    slips = [phase for phase in found if phase.situation in (SAFE_SLIP, RISKY_SLIP)]
+    # Rows without a label between two phases end a slip, as rows of another situation do.
+    runs: list[list[Phase]] = []
+    for phase in slips:
+        if runs and runs[-1][-1].stop == phase.first:
+            runs[-1].append(phase)
+        else:
+            runs.append([phase])
+
+    result = []
+    for run in runs:
+        risky = [phase for phase in run if phase.situation == RISKY_SLIP]
+        if risky:
+            rows = np.array([run[0].first, risky[0].first, run[-1].stop])
+            result.append(RiskyEvent(*(rows / rate_hz).tolist()))
+    return tuple(result)
+
+
+def situation_windows(
+    force_n: FloatArray, rotation_deg: FloatArray, end: int
+) -> TrialRows:
+    """Adjacent windows of 6 rows, labelled by their last row, up to 60 rows after the move."""
+    stop = min(len(force_n), end + AROUND_MOVE_ROWS)
+    row = _last_rows(BIAS_ROWS, stop, SITUATION_STEP_ROWS)
+    label = situations(force_n, rotation_deg)[row]
+    is_labelled = label != UNLABELLED
+    return row[is_labelled], label[is_labelled]
+
+
+def prediction_windows(
+    force_n: FloatArray, rotation_deg: FloatArray, start: int, end: int
+) -> TrialRows:
+    """Grasp rows around the move: 1 where the rotation exceeds 15 deg within the next 15 rows."""
+    n = len(force_n)
+    first = max(BIAS_ROWS, start - AROUND_MOVE_ROWS)
+    row = _last_rows(first, min(end, n), PREDICTION_STEP_ROWS)
+
+    # Only a hand that holds and does not slip yet can be warned; the future must be recorded.
+    touches = force_n[row] >= CONTACT_N
+    holds = touches & (rotation_deg[row] < SAFE_DEG)
+    has_future = row + 1 < n
+    row = row[has_future & holds]
+
+    # Rows over 15 deg so far: more at the end of the horizon than at its start means a slip.
+    is_over = rotation_deg > RISKY_DEG
+    over = np.concatenate([[0], np.cumsum(is_over)])
+    horizon = np.minimum(row + 1 + HORIZON_ROWS, n)
+    return row, over[horizon] > over[row + 1]
+
+
+def _last_rows(first: int, stop: int, step: int) -> IntArray:
+    """Last rows of the windows that begin at first, first + step, .. and end before stop."""
+    begins = np.arange(first, stop - WINDOW_ROWS + 1, step, dtype=np.int64)
+    return begins + WINDOW_ROWS - 1

@@ -9,14 +9,13 @@ preparation, objects and windows are the thesis'.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from holdfast.core.contract import UNITS, Json
+from holdfast.core.contract import Json
 from holdfast.core.errors import DataNotFound, LabelError, UnitError
-from holdfast.core.trial_file import Trial
+from holdfast.core.schema import checked
 from holdfast.core.trial_layout import (
     DISCARDED,
     META,
@@ -33,12 +32,11 @@ from holdfast.training.datasets.trials import (
     TrialReader,
     refuse,
 )
-from holdfast.training.timeline import Phases, RiskyEvents, read_events, read_truth
 from holdfast.training.windows import TimedTrial
 
 KEPT = "kept"
 """The state of a trial that was finished and not done again."""
-EXACT = ("scene", "camera")
+EXACT = {"scene", "camera"}
 """Provenances of phases that are known to the moment."""
 CAVEAT = (
     "Phases come from keys, a camera, a scene or a rule, as tactile.truth.json says of each: a "
@@ -49,9 +47,9 @@ ONE_PERSON = " One person: the figures do not apply to other people."
 
 def about(root: Path) -> thesis.SetMeta:
     """Name and kind of a folder's kept trials, and what stands with their figures."""
-    kept = list(filter(_is_kept, _found(root).values()))
-    kinds = sorted({_kind(meta) for meta in kept})
-    people = {meta.get("person") for meta in kept}
+    metas = _kept(root).values()
+    kinds = sorted({_kind(meta) for meta in metas})
+    people = {meta.get("person") for meta in metas}
     caveat = CAVEAT + (ONE_PERSON if len(people) == 1 else "")
     kind, name = " and ".join(kinds), root.resolve().name
     return thesis.SetMeta(kind=kind, name=name, caveat=caveat)
@@ -64,58 +62,49 @@ def readers(
 
     Raises DataNotFound without any, and UnitError for several units.
     """
-    found = _found(root)
-
-    # A trial that was done again stays on disk in a folder of its own, and must not train a model.
-    kept = []
-    for path, meta in found.items():
-        if _is_kept(meta) and DISCARDED not in path.relative_to(root).parts:
-            kept.append(path)
+    kept = _kept(root)
     if not kept:
         raise DataNotFound(
-            f"no kept trial among {len(found)}",
+            "no kept trial",
             where=root,
             cause="all of them were interrupted or done again",
             next_step="record again",
         )
 
-    units = sorted({str(found[path].get("unit")) for path in kept})
+    units = sorted({str(meta.get("unit")) for meta in kept.values()})
     if len(units) > 1:
         raise UnitError(
             f"trials in {' and in '.join(units)}",
             where=root,
             next_step="keep them in two folders",
         )
-    if units[0] not in UNITS:
-        raise UnitError(f"unit {units[0]!r}", where=kept[0].with_name(META))
-    return [_reader(path, found[path], root, rate_hz) for path in kept]
+    return [_reader(path, meta, root, rate_hz) for path, meta in kept.items()]
 
 
-def _found(root: Path) -> dict[Path, Json]:
-    """Each tactile.csv with its meta.json, in order; trial_10 comes after trial_9."""
+def _kept(root: Path) -> dict[Path, Json]:
+    """Each tactile.csv of a finished trial with its meta.json; trial_10 comes after trial_9.
+
+    A trial that was done again stays on disk in a folder of its own, and must not train a model.
+    """
 
     def order(path: Path) -> tuple[Path, int, str]:
         # A longer name has a larger number.
         trial = path.parent
         return trial.parent, len(trial.name), trial.name
 
-    paths = sorted(root.rglob(TACTILE), key=order)
-    return {path: read_json(path.with_name(META)) for path in paths}
-
-
-def _is_kept(meta: Json) -> bool:
-    """Whether the recorder finished the trial and the person did not do it again."""
-    return meta.get("state") == KEPT
+    kept = {}
+    for path in sorted(root.rglob(TACTILE), key=order):
+        meta = read_json(path.with_name(META))
+        if meta.get("state") == KEPT and DISCARDED not in path.relative_to(root).parts:
+            kept[path] = meta
+    return kept
 
 
 def _kind(meta: Json) -> str:
     """simulated where the source was a virtual or simulated hand, else recorded."""
-    configuration = meta.get("configuration")
-    if isinstance(configuration, dict):
-        source = str(configuration.get("source", ""))
-        if source.startswith(("virtual://", "sim://")):
-            return "simulated"
-    return "recorded"
+    source = str((meta.get("configuration") or {}).get("source", ""))
+    virtual = source.startswith(("virtual://", "sim://"))
+    return "simulated" if virtual else "recorded"
 
 
 def _reader(path: Path, meta: Json, root: Path, rate_hz: float | None) -> TrialReader:
@@ -132,35 +121,26 @@ def _reader(path: Path, meta: Json, root: Path, rate_hz: float | None) -> TrialR
 def _timed(
     place: TrialPlace, meta: Json, root: Path, rate_hz: float | None
 ) -> TimedTrial:
-    """A kept trial, read and labelled by its truth."""
+    """A kept trial, read and labelled by its truth. Raises LabelError without one."""
     folder = place.path.parent
-
-    quality = meta.get("quality")
-    recorded = quality.get("samples") if isinstance(quality, dict) else None
-    about = thesis.SetMeta(unit=meta["unit"])
-    timed = thesis.timed(place, root, about, phased, recorded, rate_hz)
-    trial_id = folder.name if folder == root else folder.relative_to(root).as_posix()
-    # The object is the one in meta.json; the folder may be called otherwise.
-    name = object_name(str(meta.get("object"))) if place.object_folder else None
-    recording = replace(
-        timed.recording, trial_id=trial_id, group=trial_id, object_name=name
-    )
-
-    # A pressed key is late by a reaction; a scene and a camera know the moment.
-    phases: Sequence[Json] = read_json(truth_path(place.path)).get("phases", [])
-    exact = any(str(phase.get("provenance")) in EXACT for phase in phases)
-    return replace(timed, recording=recording, timed=exact)
-
-
-def phased(trial: Trial) -> tuple[Phases, RiskyEvents]:
-    """Phases and risky events of the truth for a trial. Raises LabelError."""
-    truth = truth_path(trial.path)
+    truth = truth_path(place.path)
     if not truth.exists():
         raise LabelError(
             "a kept trial without its truth",
             where=truth,
             next_step="holdfast check --repair, or record again",
         )
-    if not read_json(truth).get("phases"):
-        return (), ()
-    return read_truth(truth, trial.t_s), read_events(truth)
+
+    recorded = (meta.get("quality") or {}).get("samples")
+    unit = {"unit": meta.get("unit")}
+    about = checked(unit, thesis.SetMeta, place.path.with_name(META), UnitError)
+    timed = thesis.timed(place, root, about, recorded, rate_hz)
+    # The object is the one in meta.json; the folder may be called otherwise.
+    name = object_name(str(meta.get("object"))) if place.object_folder else None
+    trial_id = folder.name if folder == root else folder.relative_to(root).as_posix()
+    recording = replace(
+        timed.recording, trial_id=trial_id, group=trial_id, object_name=name
+    )
+    # A pressed key is late by a reaction; a scene and a camera know the moment.
+    exact = not EXACT.isdisjoint(timed.labels_by.split(", "))
+    return replace(timed, recording=recording, timed=exact)

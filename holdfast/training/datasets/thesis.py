@@ -13,7 +13,7 @@ average is left out, because it removes the vibrations that the band-pass bank d
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -53,10 +53,10 @@ from holdfast.core.trial_layout import (
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.export.spec import bands_for
 from holdfast.training.datasets.trials import (
-    ChannelsNotOffered,
     Fault,
     TrialPlace,
     TrialReader,
+    doubts_of,
     places,
     refuse,
     require_history,
@@ -74,18 +74,13 @@ from holdfast.training.recording import (
 from holdfast.training.timeline import (
     ACTION_S,
     OF_WHOLE_TRIAL,
+    Phase,
     Phases,
     RiskyEvent,
-    RiskyEvents,
-    action_of_trial_s,
+    Truth,
     events_of,
-    events_of_whole_trial,
-    has_phases,
-    labels_by,
-    read_events,
     read_truth,
     scripted,
-    whole,
 )
 from holdfast.training.windows import (
     Choice,
@@ -161,21 +156,18 @@ def readers(
 def assembled(
     meta: SetMeta,
     readers: Sequence[TrialReader],
-    channels: int | None,
     windows: Choice,
     seed: int,
 ) -> DataSet:
     """A data set of trials. Raises RateError, ChannelError, .., which name the trial.
 
     People are the groups; without at least two, every trial is its own. `notes` has the counts of
-    samples and of windows, and of those before undersampling.
+    samples, and of windows before undersampling.
     """
     trials = [reader.read() for reader in readers]
     rate_hz = common_rate([trial.recording for trial in trials])
     data = of_trials(trials, meta, rate_hz, windows, seed)
-    if channels not in (None, 3 * data.n_sensors):
-        raise ChannelsNotOffered(meta.name, channels, [3 * data.n_sensors])
-    warn_of(trials)
+    warn_of(doubts_of(trials))
     return data
 
 
@@ -187,6 +179,7 @@ def of_trials(
     seed: int,
 ) -> DataSet:
     """The data set of trials that are read. meta: name, kind, origin."""
+    bands_for(rate_hz)  # raises RateError where the rate carries none
     tasks: dict[str, LabelledRows] = {}
     notes: Json = {}
     if windows != "none":
@@ -205,11 +198,7 @@ def of_trials(
         redistributable=meta.redistributable,
         caveat=_caveat(trials, meta),
         group_kind=group_kind,
-        notes={
-            "bands_hz": list(bands_for(rate_hz)),
-            "samples": sample_counts(trials),
-            **notes,
-        },
+        notes={"samples": sample_counts(trials), **notes},
     )
 
 
@@ -228,11 +217,8 @@ def _caveat(trials: Sequence[TimedTrial], meta: SetMeta) -> str:
     events = [event for trial in trials for event in trial.recording.events]
     if n_lost := sum(event.lost for event in events):
         sentences.append(LOST_CAVEAT.format(n=n_lost, of=len(events)))
-    rates_hz: dict[int, list[float]] = {}
-    for trial in trials:
-        if trial.averaged > 1:
-            rates_hz.setdefault(trial.averaged, []).append(trial.recording.rate_hz)
-    for n, of_n in sorted(rates_hz.items()):
+    for n in sorted({trial.averaged for trial in trials} - {1}):
+        of_n = [trial.recording.rate_hz for trial in trials if trial.averaged == n]
         words = averaged_in_words(n * float(np.median(of_n)), n)
         sentences.append(f"{count_of(len(of_n), 'trial')}: {words}.")
     return " ".join(sentences)
@@ -241,7 +227,7 @@ def _caveat(trials: Sequence[TimedTrial], meta: SetMeta) -> str:
 def _windows(
     trials: list[TimedTrial], choice: Choice, seed: int
 ) -> tuple[dict[str, LabelledRows], Json]:
-    """The task on the chosen windows, "classes" or "situations", and their counts for the notes."""
+    """The task on the chosen windows, "classes" or "situations", and notes of it."""
     notes: Json = {}
     classes = classes_of(trials)
     task = "classes" if classes == CLASSES else "situations"
@@ -249,9 +235,7 @@ def _windows(
     if choice == "thesis":
         notes["windows_natural"] = labelled_rows(chosen, classes).class_counts()
         chosen = undersample(chosen, seed)
-    rows = labelled_rows(chosen, classes)
-    notes["windows"] = rows.class_counts()
-    return {task: rows}, notes
+    return {task: labelled_rows(chosen, classes)}, notes
 
 
 class SetMeta(msgspec.Struct, frozen=True):
@@ -270,23 +254,22 @@ def timed(
     place: TrialPlace,
     root: Path,
     meta: SetMeta,
-    phased: Callable[[Trial], tuple[Phases, RiskyEvents]] | None = None,
     recorded: int | None = None,
     rate_hz: float | None = None,
 ) -> TimedTrial:
-    """Read and prepare a trial. phased: gives its phases; default: its truth, else the script.
+    """Read and prepare a trial. Its phases are those of its truth, else of the script.
 
     recorded: how many samples the recorder counted, None where that is not known.
     """
     trial, folder = read_trial(place.path), place.object_folder
 
-    trial_id = place.path.relative_to(root).with_suffix("").as_posix()
-    truth = truth_path(trial.path)
-    require_whole(trial, truth, recorded)
+    truth = read_truth(truth_path(trial.path))
+    require_whole(trial, truth.end_s, recorded)
     # another rate is refused where the set is used, with what to do about it
     averaged = max(1, averaged_by(trial.rate_hz, rate_hz or trial.rate_hz))
     if averaged > 1:
         trial = trial.averaged(averaged)
+    trial_id = place.path.relative_to(root).with_suffix("").as_posix()
     recording = prepared(trial, meta.unit, trial_id)
     require_possible(recording, trial.path)
     whole = require_history(recording, trial.path)
@@ -297,21 +280,46 @@ def timed(
         person=place.person,
     )
 
-    action = _labelled_as(trial, place.action, meta.action_at_s)
-    if phased is None:
-        phases, events = _phased(trial, recording, action, meta.action_at_s)
-    else:
-        phases, events = phased(trial)
-    events = tuple(_lost_or_not(one, whole, trial.t_s) for one in events)
+    # A trial's own time goes before that of the set.
+    starts_s = truth.action_at_s or meta.action_at_s
+    action = place.action
+    # A pull that ends before the script's action is a slip.
+    if action in SLIPPING and truth.phases is None and trial.t_s[-1] < starts_s:
+        action = "slip"
+    phases = _phases(trial, recording, truth, action, starts_s)
+    events = events_of(phases, len(trial.t_s), trial.rate_hz, action)
+    if truth.phases is not None:
+        events = truth.events()
     mass = mass_of(folder, meta.masses_g) if folder else None
+    labels_by = truth.labels_by(meta.action_at_s, action) if folder else OPEN_HAND
     return TimedTrial(
-        replace(recording, phases=phases, events=events),
+        replace(
+            recording,
+            phases=phases,
+            events=tuple(_lost_or_not(one, whole, trial.t_s) for one in events),
+        ),
         heavy=mass.heavy if mass else None,
-        timed=has_phases(truth) or action in LABELLED_ACTIONS,
+        timed=truth.phases is not None or action in LABELLED_ACTIONS,
         mass=mass,
         averaged=averaged,
-        labels_by=labels_by(truth, meta.action_at_s, action) if folder else OPEN_HAND,
+        labels_by=labels_by,
     )
+
+
+def _phases(
+    trial: Trial,
+    recording: Recording,
+    truth: Truth,
+    action: str | None,
+    starts_s: float,
+) -> Phases:
+    """The phases of a trial: the open hand, else its truth, else the script."""
+    name = recording.object_name
+    if name is None or action is None:
+        return (Phase(0, len(trial.t_s), NOTHING),)
+    if truth.phases is not None:
+        return truth.phases_on(trial.t_s, truth_path(trial.path))
+    return scripted(trial, recording.samples, action, name, starts_s)
 
 
 def _lost_or_not(event: RiskyEvent, whole: BoolArray, t_s: FloatArray) -> RiskyEvent:
@@ -336,37 +344,6 @@ def prepared(trial: Trial, unit: Unit, trial_id: str) -> Recording:
     )
 
 
-def _labelled_as(trial: Trial, action: str | None, action_at_s: float) -> str | None:
-    """The action that labels a trial: a pull that ends before the script's action is a slip."""
-    truth = truth_path(trial.path)
-    starts_s = action_of_trial_s(truth) or action_at_s
-    if action in SLIPPING and not has_phases(truth) and trial.t_s[-1] < starts_s:
-        return "slip"
-    return action
-
-
-def _phased(
-    trial: Trial, recording: Recording, action: str | None, action_at_s: float
-) -> tuple[Phases, RiskyEvents]:
-    """Phases and risky events of a trial: the open hand, else its truth, else the script."""
-    truth = truth_path(trial.path)
-    name = recording.object_name
-    if name is None or action is None:
-        phases = whole(len(trial.t_s), NOTHING)
-    elif has_phases(truth):
-        phases = read_truth(truth, trial.t_s)
-    else:
-        # A trial's own time goes before that of the set.
-        starts_s = action_of_trial_s(truth) or action_at_s
-        phases = scripted(trial, recording.samples, action, name, starts_s)
-    if has_phases(truth):
-        return phases, read_events(truth)
-    if action in LABELLED_ACTIONS:
-        n_rows = len(trial.t_s)
-        return phases, events_of_whole_trial(n_rows, trial.rate_hz, action)
-    return phases, events_of(phases, trial.rate_hz)
-
-
 def common_rate(recordings: Sequence[Recording], fault: Fault = refuse) -> float:
     """Median sampling rate, Hz, to three digits.
 
@@ -377,29 +354,16 @@ def common_rate(recordings: Sequence[Recording], fault: Fault = refuse) -> float
     rate_hz = float(f"{np.median([recording.rate_hz for recording in recordings]):.3g}")
 
     first = recordings[0]
-    for recording in recordings:
-        impossible = implausible_rate(recording.rate_hz)
+    apart = "move it to a set of its own"
+    for one in recordings:
+        impossible = implausible_rate(one.rate_hz)
         if impossible:
-            no_rate = RateError(
-                impossible,
-                where=recording.trial_id,
-                next_step="write Time in seconds: holdfast import takes other units of time",
-            )
-            fault(no_rate)
-        elif abs(recording.rate_hz / rate_hz - 1.0) > RATE_TOLERANCE:
-            error = RateError(
-                f"runs at {recording.rate_hz:.4g} Hz, the set at {rate_hz:g} Hz",
-                where=recording.trial_id,
-                cause="recorded with other settings",
-                next_step="move it to a set of its own",
-            )
-            fault(error)
-        if recording.n_sensors != first.n_sensors:
-            differs = f"{recording.n_sensors} sensors, but {first.n_sensors}"
-            other_hand = ChannelError(
-                f"{differs} in {first.trial_id}",
-                where=recording.trial_id,
-                next_step="move it to a set of its own",
-            )
-            fault(other_hand)
+            step = "write Time in seconds: holdfast import takes other units of time"
+            fault(RateError(impossible, where=one.trial_id, next_step=step))
+        elif abs(one.rate_hz / rate_hz - 1.0) > RATE_TOLERANCE:
+            what = f"runs at {one.rate_hz:.4g} Hz, the set at {rate_hz:g} Hz"
+            fault(RateError(what, where=one.trial_id, next_step=apart))
+        if one.n_sensors != first.n_sensors:
+            what = f"{one.n_sensors} sensors, but {first.n_sensors} in {first.trial_id}"
+            fault(ChannelError(what, where=one.trial_id, next_step=apart))
     return rate_hz

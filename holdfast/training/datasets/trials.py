@@ -35,23 +35,26 @@ from holdfast.core.errors import (
     UnitError,
     count_of,
 )
+from holdfast.core.hand_card import hand_or_usual
 from holdfast.core.trial_file import Trial
 from holdfast.core.trial_layout import (
+    HAND_FILE,
     META,
     SITUATION_OF_ACTION,
     UNSCRIPTED,
     plain_word,
     read_json,
+    truth_path,
 )
 from holdfast.export.spec import HISTORY_S
-from holdfast.training.recording import Recording, whole_history
-from holdfast.training.timeline import labels_end_s
+from holdfast.training.recording import DataSet, Recording, whole_history
 from holdfast.training.windows import TimedTrial
 
 EMPTY_HAND = "nothing"
 """The name of the folder or file of the hand alone."""
 FOLDERS = tuple(dict.fromkeys((*SITUATION_OF_ACTION, *UNSCRIPTED)))
 """The actions that a folder can be named after."""
+_ACTION_OF = {plain_word(action): action for action in FOLDERS}
 TRIAL_NAME = re.compile(r"trial_(\d+)\.csv")
 """The file of a trial, and its number."""
 KEYS_OF_A_SET = {"unit", "kind"}
@@ -76,20 +79,17 @@ def refuse(error: DataError) -> NoReturn:
     raise error
 
 
-class ChannelsNotOffered(ChannelError):
-    """A set cannot be read with that number of channels; numbers: those that it has."""
-
-    def __init__(self, set_name: str, channels: int, numbers: Iterable[int]) -> None:
-        self.channels = channels
-        self.numbers = sorted(numbers)
-        offered = " or ".join(map(str, self.numbers))
-        super().__init__(
-            f"recordings of {offered} channels, not {channels}",
-            where=set_name,
+def require_offered(root: Path, channels: int, offered: Iterable[int]) -> None:
+    """Raise ChannelError where a set does not offer that number of channels."""
+    numbers = sorted(offered)
+    if channels not in numbers:
+        raise ChannelError(
+            f"recordings of {' or '.join(map(str, numbers))} channels, not {channels}",
+            where=root,
             cause="a model made for other sensors",
             next_step="holdfast export MODEL --hand CARD --out FILE, where MODEL has pooled "
             "features, as the shipped one has (CARD: these sensors, docs/your-data.md); or "
-            f"holdfast train --data {set_name} --out DIR",
+            f"holdfast train --data {root} --out DIR",
         )
 
 
@@ -114,21 +114,9 @@ class TrialReader:
     read: Callable[[], TimedTrial]
 
 
-def read_all(readers: Sequence[TrialReader], fault: Fault) -> list[TimedTrial | None]:
-    """The trials in their order, None for one that cannot be used. fault: gets its DataError."""
-    trials: list[TimedTrial | None] = []
-    for reader in readers:
-        try:
-            trials.append(reader.read())
-        except DataError as error:
-            fault(error)
-            trials.append(None)
-    return trials
-
-
 def has_thesis_layout(root: Path) -> bool:
     """Whether a folder, or that of a person in it, holds an `<object>/<action>/trial_<n>.csv`."""
-    return _has_trials(root) or bool(people_of(root))
+    return _has_actions(_trials(root, 2)) or bool(people_of(root))
 
 
 def people_of(root: Path) -> list[Path]:
@@ -136,15 +124,15 @@ def people_of(root: Path) -> list[Path]:
 
     A folder that is a set itself is no person's.
     """
-    folders = []
-    for folder in _folders(root):
+    trials = {}
+    for folder in sorted(root.glob("*/")):
         if not KEYS_OF_A_SET & read_json(folder / META).keys():
-            folders.append(folder)
+            trials[folder] = _trials(folder, 2)
 
     # Only names of actions show that a level of folders is people and not objects.
-    if not any(map(_has_trials, folders)):
+    if not any(map(_has_actions, trials.values())):
         return []
-    return [folder for folder in folders if _trials_in(folder)]
+    return [folder for folder, paths in trials.items() if paths]
 
 
 def places(root: Path, fault: Fault = refuse) -> Iterator[TrialPlace]:
@@ -159,86 +147,61 @@ def places(root: Path, fault: Fault = refuse) -> Iterator[TrialPlace]:
         if not people:
             yield place
         elif place.object_folder is None or place.action != EMPTY_HAND:
-            fault(_without_a_person(place, root))
+            within = place.path.relative_to(root).as_posix()
+            error = LabelError(
+                "a trial without a person, in a set with folders of people",
+                where=place.path,
+                cause="trials of the hand alone belong to a person too",
+                next_step=f"move it to {root.name}/<person>/{within}",
+            )
+            fault(error)
         elif place.object_folder not in people:
             # `p03/nothing/trial_1.csv` of a person without any other trial
             yield TrialPlace(place.path, person=place.object_folder.name)
 
 
-def _of_one_hand(root: Path, person: str | None, fault: Fault) -> Iterator[TrialPlace]:
+def _of_one_hand(home: Path, person: str | None, fault: Fault) -> Iterator[TrialPlace]:
     """The trials of one person, or of a folder without people, by object and action."""
-    for folder in _folders(root):
-        if plain_word(folder.name) == EMPTY_HAND:
-            for path in _numbered(folder):
+    for path in sorted(_trials(home, 1) + _trials(home, 2), key=_order):
+        folder = path.parent
+        if folder.parent == home:
+            if plain_word(folder.name) == EMPTY_HAND:
                 yield TrialPlace(path, person=person)
-            continue
-
-        for action_folder in _folders(folder):
-            action = action_of(action_folder.name)
-            trials = _numbered(action_folder)
-            if action is None and trials:
-                fault(_not_an_action(action_folder))
+        elif plain_word(folder.parent.name) != EMPTY_HAND:
+            action = action_of(folder.name)
             if action is not None:
-                for path in trials:
-                    yield TrialPlace(path, folder, action, person)
+                yield TrialPlace(path, folder.parent, action, person)
+                continue
+            known = ", ".join(FOLDERS)
+            error = LabelError(
+                f"{folder.name!r} is not an action",
+                where=folder,
+                next_step=f"name the folder one of {known}, or move it out of the set",
+            )
+            fault(error)
 
-    if (root / f"{EMPTY_HAND}.csv").is_file():
-        yield TrialPlace(root / f"{EMPTY_HAND}.csv", person=person)
+    if (home / f"{EMPTY_HAND}.csv").is_file():
+        yield TrialPlace(home / f"{EMPTY_HAND}.csv", person=person)
 
 
 def action_of(name: str) -> str | None:
     """The action that a folder is named after, in any spelling; None for another name."""
-    known = {plain_word(action): action for action in FOLDERS}
-    return known.get(plain_word(name))
+    return _ACTION_OF.get(plain_word(name))
 
 
-def _has_trials(root: Path) -> bool:
-    """Whether a folder holds `<object>/<action>/trial_<n>.csv` with a known action."""
-    return any(action_of(path.parent.name) for path in _trials_in(root))
+def _has_actions(trials: Iterable[Path]) -> bool:
+    return any(action_of(path.parent.name) for path in trials)
 
 
-def _trials_in(root: Path) -> list[Path]:
-    """Files two folders below that are named as trials are, whatever the folders are called."""
-    paths = root.glob("*/*/trial_*.csv")
+def _trials(home: Path, depth: int) -> list[Path]:
+    """Files so many folders below that are named as trials are, whatever the folders are called."""
+    paths = home.glob("*/" * depth + "trial_*.csv")
     return [path for path in paths if TRIAL_NAME.fullmatch(path.name)]
 
 
-def _folders(root: Path) -> list[Path]:
-    """The folders in a folder, by name; none where it is no folder."""
-    if not root.is_dir():
-        return []
-    return sorted(path for path in root.iterdir() if path.is_dir())
-
-
-def _numbered(folder: Path) -> list[Path]:
-    """The trials in a folder, by number."""
+def _order(path: Path) -> tuple[Path, int, Path]:
     # By number and not by name, where trial_10 would come before trial_2.
-    numbers = {}
-    for path in folder.iterdir():
-        match = TRIAL_NAME.fullmatch(path.name)
-        if match:
-            numbers[path] = int(match[1])
-
-    return sorted(numbers, key=lambda path: (numbers[path], path))
-
-
-def _not_an_action(folder: Path) -> LabelError:
-    """The error for a folder with trials in it that is named after no action."""
-    return LabelError(
-        f"{folder.name!r} is not an action",
-        where=folder,
-        next_step=f"name the folder one of {', '.join(FOLDERS)}, or move it out of the set",
-    )
-
-
-def _without_a_person(place: TrialPlace, root: Path) -> LabelError:
-    """The error for a trial outside all folders of people, where there are such folders."""
-    return LabelError(
-        "a trial without a person, in a set with folders of people",
-        where=place.path,
-        cause="trials of the hand alone belong to a person too",
-        next_step=f"move it to {root.name}/<person>/{place.path.relative_to(root).as_posix()}",
-    )
+    return path.parent, int(path.stem.removeprefix("trial_")), path
 
 
 class DoubtfulData(UserWarning):
@@ -263,7 +226,7 @@ class Missing:
 # -- what is refused
 
 
-def require_whole(trial: Trial, truth: Path, recorded: int | None) -> None:
+def require_whole(trial: Trial, labels_end_s: float, recorded: int | None) -> None:
     """Raise LabelError for labels after the last row, and EmptyRecording for rows that are missing.
 
     recorded: how many samples the recorder counted, None where that is not known.
@@ -276,13 +239,12 @@ def require_whole(trial: Trial, truth: Path, recorded: int | None) -> None:
             cause=TORN,
             next_step="copy the trial again, or move it out of the set",
         )
-    end_s = labels_end_s(truth)
-    if end_s > trial.t_s[-1] + AFTER_S:
+    if labels_end_s > trial.t_s[-1] + AFTER_S:
         raise LabelError(
-            f"labels reach {end_s:.2f} s, and the last row is at {trial.t_s[-1]:.2f} s",
+            f"labels reach {labels_end_s:.2f} s, and the last row is at {trial.t_s[-1]:.2f} s",
             where=trial.path,
             cause=TORN,
-            next_step=f"copy the trial again, or correct {truth.name}",
+            next_step=f"copy the trial again, or correct {truth_path(trial.path).name}",
         )
 
 
@@ -346,18 +308,34 @@ def doubts_of(
             yield Missing("doubt", recording.trial_id, what, step)
 
 
-def warn_of(trials: Sequence[TimedTrial]) -> None:
-    """A warning for each kind of doubt about trials, with the first trial that shows it."""
-    kinds: dict[str, list[Missing]] = {}
-    for doubt in doubts_of(trials):
-        kinds.setdefault(doubt.next_step, []).append(doubt)
-    for first, *others in kinds.values():
+def sides_unknown(data: DataSet, root: Path) -> Iterator[Missing]:
+    """A doubt where no card says on which side of the hand the sensors of a set are."""
+    if hand_or_usual(data.hand, data.n_sensors) is None:
+        what = f"{count_of(data.n_sensors, 'sensor')} and no hand card: pooled features take each "
+        what += "to be on the side of the fingers"
+        step = "write which are on the thumb's side (docs/scenes.md, hands)"
+        yield Missing("doubt", str(root / HAND_FILE), what, step)
+
+
+def warn_of(doubts: Iterable[Missing]) -> None:
+    """A warning for each kind of doubt, with the first that was met."""
+    for first, *others in in_kinds(doubts, lambda one: one.next_step):
         more = f" (and {len(others)} more like it)" if others else ""
         warnings.warn(
             f"{first.where}: {first.what}{more}; next: {first.next_step}",
             DoubtfulData,
             stacklevel=4,
         )
+
+
+def in_kinds(
+    found: Iterable[Missing], kind: Callable[[Missing], str]
+) -> list[list[Missing]]:
+    """Those of a kind together, in order of first sight."""
+    kinds: dict[str, list[Missing]] = {}
+    for one in found:
+        kinds.setdefault(kind(one), []).append(one)
+    return list(kinds.values())
 
 
 def _turned(trials: Sequence[TimedTrial]) -> Iterator[Missing]:
