@@ -9,6 +9,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -167,7 +168,8 @@ class TrialImport:
             within = touched[1:] & touched[:-1] & ~ends
             # a step within a touch is no pause, nor is one of its length
             ends |= steps > max(longest_s, 1.01 * steps[within].max(initial=0.0))
-        for _, part in rows.groupby(np.append(0, np.cumsum(ends))):
+        for first, stop in pairwise([0, *(np.flatnonzero(ends) + 1), len(rows)]):
+            part = rows.iloc[first:stop]
             if column and not part[column].iloc[0]:
                 continue
             if len(part) < FEWEST_ROWS:

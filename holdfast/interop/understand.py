@@ -38,6 +38,7 @@ from holdfast.interop.streams import (
     first_stream,
     is_text,
 )
+from holdfast.interop.tables import pd
 from holdfast.interop.trials import files_of, read_joined
 from holdfast.interop.understood import Answers, Sample, Understood
 from holdfast.training.progress import Part, ignored
@@ -164,17 +165,19 @@ def _fingers(samples: Sequence[Sample]) -> list[str]:
     tokens = [tokens_of(one.log.name) for one in samples]
     if any(len(one.sensors) > 1 for one in samples) or len({*map(len, tokens)}) > 1:
         return []
+    firsts = pd.Series([np.nanmin(one.stamps_s) for one in samples])
+    lasts = pd.Series([np.nanmax(one.stamps_s) for one in samples])
     # trials that begin at 0 each seem to run at the same time
-    is_clock = min(one.stamps_s[0] for one in samples) > CLOCK_S
+    is_clock = firsts.min() > CLOCK_S
     for k, words in enumerate(map(dict.fromkeys, zip(*tokens, strict=True))):
-        groups: dict[tuple[str, ...], list[Sample]] = {}
-        for sample, one in zip(samples, tokens, strict=True):
-            groups.setdefault((*one[:k], *one[k + 1 :]), []).append(sample)
         is_finger = all(map(FINGER.search, words))
         may_join = is_finger or (is_clock and not all(map(NUMBERED.fullmatch, words)))
-        is_whole = {*map(len, groups.values())} == {len(words)}
-        is_joined = may_join and is_whole and all(map(_overlap, groups.values()))
-        if len(words) > 1 and is_joined:
+        trials = np.array([" ".join([*one[:k], *one[k + 1 :]]) for one in tokens])
+        begins, ends = firsts.groupby(trials), lasts.groupby(trials)
+        both = ends.min() - begins.max()
+        overlap = both > OVERLAP * (ends.max() - begins.min())
+        is_whole = (ends.size() == len(words)).all() and overlap.all()
+        if len(words) > 1 and may_join and is_whole:
             return sorted(words, key=_finger_order)
 
     return []
@@ -183,10 +186,3 @@ def _fingers(samples: Sequence[Sample]) -> list[str]:
 def _finger_order(word: str) -> tuple[int, list[tuple[int, int, str]]]:
     named = [k for k, finger in enumerate(FINGERS) if finger in word.lower()]
     return min(named, default=len(FINGERS)), counted(word)
-
-
-def _overlap(group: Sequence[Sample]) -> bool:
-    """Whether logs run at the same time."""
-    firsts = [np.nanmin(one.stamps_s) for one in group]
-    lasts = [np.nanmax(one.stamps_s) for one in group]
-    return bool(min(lasts) - max(firsts) > OVERLAP * (max(lasts) - min(firsts)))

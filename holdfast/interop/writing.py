@@ -87,7 +87,7 @@ def hand_card_text(plan: ImportMap, near: Path) -> str:
     # the thumb's side comes first in a card: by the names, else a third of the sensors
     named = sum("thumb" in words_of(sensor.x) for sensor in plan.sensors)
     n_thumb = named if 0 < named < n_sensors else max(1, n_sensors // 3)
-    sensors = []
+    sensors: list[Json] = []
     for side, count in (("thumb", n_thumb), ("opposing", n_sensors - n_thumb)):
         for along_mm in np.linspace(FINGERS_AT_MM[0], FINGERS_AT_MM[-1], count):
             name = f"sensor-{len(sensors) + 1}"
