@@ -105,8 +105,8 @@ class Form:
             return
         actions = {}
         for word in dict.fromkeys(words):
-            meant = action_of_word(word, has_events=events is not None) or word
-            if action_of(word) != meant:
+            meant = action_of_word(word, has_events=events is not None)
+            if meant and action_of(word) != meant:
                 actions[word] = meant
         facts = {
             key: getattr(answers, key) for key in NAMES if f"{{{key}}}" not in path
