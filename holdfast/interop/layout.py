@@ -121,7 +121,8 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
 
     first = starts[0]
     is_odd = any(ARRIVAL.match(one) or VECTOR.search(one) for one in data[first:][:20])
-    above = [_heading_cells(line, comment, data[first], form) for line in lines[:first]]
+    bare = [line.lstrip(f" {comment}") for line in lines[:first]]
+    above = [_heading_cells(line, data[first], form) for line in bare]
     # pandas names columns without names 0, 1, 2, .., and writes nothing above the index
     counted = [*map(str, range(wide))]
     is_heading = wide > 3 and rows[first] in (counted, ["", *counted[:-1]])
@@ -199,12 +200,9 @@ def _under(above: Cells, below: Cells) -> Cells:
     return names
 
 
-def _heading_cells(line: str, comment: str, data: str, form: Form) -> Cells:
+def _heading_cells(line: str, data: str, form: Form) -> Cells:
     """The cells of a heading, with a name for each number of a vector below: force.0, force.1."""
-    bare = line.strip("\r\n")
-    if comment and _begins([line], comment):
-        bare = bare.lstrip().lstrip(comment).strip(" ")
-    cells = form.cells(bare)
+    cells = form.cells(line)
     # a vector of three is *3 here
     counts = VECTOR.sub(lambda found: f"*{len(re.split(GAP, found[1]))}", data)
     below = form.cells(counts)
