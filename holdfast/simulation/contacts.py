@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.contract import BoolArray, FloatArray, IntArray
 from holdfast.simulation.body import TINY, Body, State, brush_j
-from holdfast.simulation.core import IntArray, Swept, settle
+from holdfast.simulation.core import Swept, settle
 from holdfast.simulation.effect import (
     Drawn,
     Effect,

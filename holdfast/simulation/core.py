@@ -28,9 +28,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
-from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.contract import BoolArray, FloatArray, IntArray
 from holdfast.simulation.body import (
     TINY,
     Body,
@@ -46,8 +45,6 @@ from holdfast.simulation.body import (
 )
 from holdfast.simulation.effect import NO_EFFECTS, PhysicsEffects
 
-IntArray = npt.NDArray[np.int64]
-"""Numbers of trials, steps or samples."""
 Swept = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 """What a sweep of the brushes gives: speed, rho, trial stretch, length of the trial stretch."""
 RHO_TOLERANCE = 2e-3

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.contract import BoolArray, FloatArray, IntArray
 from holdfast.core.trial_layout import RISKY_ACTIONS
 from holdfast.simulation.body import Inputs
-from holdfast.simulation.core import IntArray, two_at_least
+from holdfast.simulation.core import two_at_least
 from holdfast.simulation.drive import Actuator
 from holdfast.simulation.effect import NO_EFFECTS
 from holdfast.simulation.loop_people import MISTAKEN_S, Habits, LoopScript

@@ -22,11 +22,11 @@ from holdfast.core.contract import (
     SAFE_SLIP,
     BoolArray,
     FloatArray,
+    IntArray,
 )
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.edge_runtime.preparation import Tare
-from holdfast.simulation.core import IntArray
 from holdfast.simulation.effect import Plan, PlanRequest, Rows
 from holdfast.simulation.objects import sensed_of
 from holdfast.simulation.protocol import Trials

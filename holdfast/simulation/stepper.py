@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.contract import BoolArray, FloatArray, IntArray
 from holdfast.simulation.body import Body, Inputs, State, at_rest
-from holdfast.simulation.core import IntArray, step
+from holdfast.simulation.core import step
 from holdfast.simulation.effect import (
     NO_EFFECTS,
     Interval,

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from holdfast.core.contract import FloatArray, Json
-from holdfast.simulation.core import IntArray
+from holdfast.core.contract import FloatArray, IntArray, Json
 from holdfast.simulation.effect import Rows
 from holdfast.simulation.loop_sensing import LoopSensors, PlanBatch
 from holdfast.simulation.protocol import PlannedTrial

@@ -7,7 +7,7 @@ size of gravity, and turning its direction (body.Changes).
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -24,9 +24,6 @@ from holdfast.simulation.script_times import (
     smooth_change,
 )
 
-if TYPE_CHECKING:
-    from holdfast.simulation.script import Script
-
 HEEL = 0.3
 """Second harmonic of the steps over the first: the heel strike."""
 TABLE_OVERSHOOT_M = 0.005
@@ -41,13 +38,16 @@ class Everyday:
     An action without a parameter has 0 in its place, or 1 where it is divided by, so most of what
     follows is nothing in other actions.
 
+    Made of the script of the batch (script.Script), which has:
+
     drawn  (name, default) -> [B] a drawn parameter; the default where an action has none
     push   [3, B] direction of tugs
+
     down   [3, B] unit vector of gravity
     axis   [3, B] unit vector across it: of turning, or of walking
     """
 
-    def __init__(self, script: Script) -> None:
+    def __init__(self, script: Any) -> None:
         self.body = body = script.body
         self.drawn = script.drawn
         self.act_s = script.act_s
