@@ -53,7 +53,7 @@ def read_forest(node: Node, n_classes: int) -> Forest:
     for name, values in node.attributes.items():
         is_real = name in ("nodes_values", "target_weights")
         about[name] = np.array(values, np.float32) if is_real else np.array(values)
-    branch = about["nodes_modes"] == b"BRANCH_LEQ"
+    branch = about["nodes_modes"] != b"LEAF"
     tree = about["nodes_treeids"]
 
     first = np.flatnonzero(about["nodes_nodeids"] == 0)
@@ -66,8 +66,12 @@ def read_forest(node: Node, n_classes: int) -> Forest:
     meaning = np.where(branch, place - starts[tree], ~leaf_of)
 
     # the ids of the file count from each tree's first node, here rows count through all trees
-    left_rows = first[tree] + about["nodes_truenodeids"]
-    right_rows = first[tree] + about["nodes_falsenodeids"]
+    is_true = first[tree] + about["nodes_truenodeids"]
+    is_false = first[tree] + about["nodes_falsenodeids"]
+    # the true child of "above" is the right one
+    is_above = about["nodes_modes"] == b"BRANCH_GT"
+    left_rows = np.where(is_above, is_false, is_true)
+    right_rows = np.where(is_above, is_true, is_false)
     left = meaning[left_rows[branch]]
     right = meaning[right_rows[branch]]
     roots = meaning[first]
