@@ -20,7 +20,7 @@ from holdfast.edge_runtime.graph import BATCH, open_session, steps_of
 from holdfast.evaluation.model_outputs import everywhere
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.detectors import add_bank, noise_gain
-from holdfast.export.guard import add_guard
+from holdfast.export.guard import USABLE, add_guard
 from holdfast.export.spec import NOISE_RMS, StepSpec
 from holdfast.training.recording import Recording
 
@@ -96,7 +96,8 @@ def _signals_graph(spec: StepSpec) -> bytes:
     bank = add_bank(graph, spec, guarded)
     graph.node("Identity", bank.loudest, out="loudest")
     graph.node("Identity", guarded.now, out="now")
-    graph.node("Cast", guarded.usable, out="usable", to=TensorProto.BOOL)
+    usable = graph.node("Gather", guarded.factors, [USABLE], axis=1)
+    graph.node("Cast", usable, out="usable", to=TensorProto.BOOL)
 
     # Double precision: the thresholds are compared as the detectors of the model compare them.
     graph.output("loudest", TensorProto.DOUBLE, 1, graph.n_channels)

@@ -48,11 +48,12 @@ class GraphBuilder:
         self._add(op, inputs, [made], attributes)
         return made
 
-    def split(self, tensor: str, sizes: list[int], outs: list[str]) -> list[str]:
-        """Parts of so many rows; a Split names several outputs, which are not numbered."""
-        names = [f"{self._prefix}part_{name}" for name in outs]
-        self._add("Split", (tensor, sizes), names, {"axis": 1})
-        return names
+    def split(self, tensor: str, sizes: dict[str, int]) -> dict[str, str]:
+        """Parts by name, of so many rows each; they share a node, so none has a number."""
+        parts = {name: f"{self._prefix}part_{name}" for name in sizes}
+        rows = list(sizes.values())
+        self._add("Split", (tensor, rows), list(parts.values()), {"axis": 1})
+        return parts
 
     def _add(
         self,

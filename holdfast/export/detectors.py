@@ -33,7 +33,7 @@ from onnx import TensorProto
 
 from holdfast.core.contract import FloatArray
 from holdfast.export.builder import GraphBuilder
-from holdfast.export.guard import GuardOutputs
+from holdfast.export.guard import MOVED, USABLE, GuardOutputs, hysteresis
 from holdfast.export.spec import NOISE_RMS, StepSpec
 
 DAMPING = 0.1
@@ -141,16 +141,17 @@ def noise_gain(
 
 @dataclass(frozen=True)
 class BankOutputs:
-    """Names of what the product gives. rectified: [B, rows, C], outputs, negatives, and rows more.
+    """Names of the product [B, rows, C], and of what it gives [B, 1, C].
 
-    Each [B, 1, C], and 0 where the sensor is not usable: loudest, the largest of the rectified
-    ones; now, the sample; means, for the contact rule, the mean and a step of the zero, none
-    without it.
+    These are 0 where a sensor is not usable. loudest: the largest size of the bands. now: the
+    sample. pressed: the sample less the least normal force, "" but in N. means: for the contact
+    rule, the mean and a step of the zero, none without it.
     """
 
-    rectified: str
+    product: str
     loudest: str
     now: str
+    pressed: str
     means: list[str]
 
 
@@ -159,60 +160,73 @@ def add_bank(graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs) -> Bank
 
     The normal has a bank too: separating its channels costs more than stepping it.
     """
-    bands = len(spec.usable_bands())
-    matrix, n_states = _linear_step(spec)
+    matrix, sizes = _linear_step(spec)
+    n_states = sizes["change"]
     before = graph.state("bank", n_states)
     difference = graph.node("Sub", guarded.now, guarded.last)
-    inputs = [difference, before, guarded.now, guarded.moved]
+    inputs = [difference, before, guarded.now, guarded.alive]
     joined = graph.node("Concat", *inputs, axis=1)
 
     # The matrix stands on the left: its product runs along the channels, so a batch multiplies
     # each recording by the same matrix in the same order as a recording alone.
     product = graph.node("MatMul", matrix, joined)
     # A lost sample holds the state: the last good value would read as a step of 0. A sensor without
-    # a past has no difference yet.
-    stepped = graph.node("Mul", product, guarded.moved)
-    n_means = 0 if spec.contact is None else 2
-    sizes = [n_states, 2 * bands + 1 + n_means]
-    change, heard = graph.split(stepped, sizes, ["change", "heard"])
-    following = graph.node("Add", before, change)
+    # a past has no difference yet. All else is of usable sensors.
+    factor_of_row = np.full(len(matrix), USABLE)
+    factor_of_row[:n_states] = MOVED
+    factors = graph.node("Gather", guarded.factors, factor_of_row, axis=1)
+    stepped = graph.node("Mul", product, factors)
+    parts = graph.split(stepped, sizes)
+
+    following = graph.node("Add", before, parts["change"])
     graph.keep("bank", graph.node("Mul", following, guarded.alive))
+    return BankOutputs(
+        product=product,
+        loudest=graph.node("ReduceMax", parts["bands"], [1], keepdims=1),
+        now=parts["usable_now"],
+        pressed=parts.get("pressed", ""),
+        means=[parts[name] for name in MEANS if name in parts],
+    )
 
-    counted = graph.node("Mul", heard, guarded.usable)
-    sizes = [2 * bands, *[1] * (1 + n_means)]
-    names = ["bands", "usable_now", "mean", "zero_step"][: len(sizes)]
-    swings, now, *means = graph.split(counted, sizes, names)
-    loudest = graph.node("ReduceMax", swings, [1], keepdims=1)
-    return BankOutputs(heard, loudest, now, means)
+
+MEANS = ("mean", "zero_step")
+"""What the contact rule reads."""
 
 
-def _linear_step(spec: StepSpec) -> tuple[FloatArray, int]:
-    """The matrix [outputs, inputs] of a step, and the number S of its states.
+def _linear_step(spec: StepSpec) -> tuple[FloatArray, dict[str, int]]:
+    """The matrix [outputs, inputs] of a step, and its outputs: how many rows each name has.
 
     Inputs: the difference of two samples, S states, the sample, and 1.0. Outputs: the change of S
-    states, each band and its negative, the sample, and for the contact rule the mean and a step of
-    the zero. The mean, the last state, is a low-pass m += share (x / hysteresis - m).
+    states, each band and its negative, the sample, in N the sample less the least normal force,
+    and for the contact rule the mean and a step of the zero. The mean, the last state, is a
+    low-pass m += share (x - m), in units of the root of the hysteresis of squares.
     """
     rule = spec.contact
-    bank = step_matrix(spec.rate_hz, spec.usable_bands()).T
-    n_states = bank.shape[1] - 1
+    of_bank = step_matrix(spec.rate_hz, spec.usable_bands()).T
+    n_bank = of_bank.shape[1] - 1
     # behind the bank's inputs: the mean, where there is one, the sample, and 1.0
-    more = 2 if rule is None else 3
-    bank = np.pad(bank, ((0, 0), (0, more)))
-    bank[:, -1] = GRAIN * bank[:, 0]
-    of_bank, bands = bank[:n_states], bank[n_states:]
-    change = of_bank - np.eye(n_states, bank.shape[1], k=1)
-    now = np.eye(1, bank.shape[1], k=bank.shape[1] - 2)
-    if rule is None:
-        return np.vstack([change, bands, -bands, now]), n_states
+    inputs = np.eye(1 + n_bank + (2 if rule is None else 3))
+    before, now, one = inputs[1 : 1 + n_bank], inputs[[-2]], inputs[[-1]]
+    bank = of_bank @ inputs[: 1 + n_bank] + GRAIN * of_bank[:, :1] * one
 
-    hysteresis = rule.on - rule.off
-    share = 1.0 - math.exp(-1.0 / (rule.mean_s * spec.rate_hz))
-    before = np.eye(1, bank.shape[1], k=1 + n_states)
-    mean = share / hysteresis * now + (1.0 - share) * before
-    step = mean * hysteresis / (rule.zero_s * spec.rate_hz)
-    rows = [change, mean - before, bands, -bands, now, mean, step]
-    return np.vstack(rows), n_states + 1
+    bands = bank[n_bank:]
+    rows = {
+        "change": bank[:n_bank] - before,
+        "bands": np.vstack([bands, -bands]),
+        "usable_now": now,
+    }
+    if spec.unit == "N":
+        rows["pressed"] = now - spec.detectors.min_normal_n * one
+    if rule is not None:
+        unit = math.sqrt(hysteresis(rule))
+        share = 1.0 - math.exp(-1.0 / (rule.mean_s * spec.rate_hz))
+        mean_before = inputs[[1 + n_bank]]
+        mean = share / unit * now + (1.0 - share) * mean_before
+        rows["change"] = np.vstack([rows["change"], mean - mean_before])
+        rows["mean"] = mean
+        rows["zero_step"] = mean * unit / (rule.zero_s * spec.rate_hz)
+    sizes = {name: len(some) for name, some in rows.items()}
+    return np.vstack(list(rows.values())), sizes
 
 
 def detector_names(spec: StepSpec) -> tuple[str, ...]:
@@ -226,23 +240,41 @@ def detector_names(spec: StepSpec) -> tuple[str, ...]:
 def add_detectors(
     graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs, bank: BankOutputs
 ) -> None:
-    """Publish `detectors` [B, D] bool, in any channel, in the order of `detector_names`."""
-    firing = _band_pass(graph, spec, guarded, bank.loudest)
-    point = _band_pass_point(graph, spec, firing)
-    rows = [firing, point]
-    if spec.unit == "N":
-        rows.append(_friction_cone(graph, spec, bank.now))
+    """Publish `detectors` [B, D] bool, in any channel, in the order of `detector_names`.
 
-    # each row [B, 1, C] has its flags in the columns of its channels; one "any" serves all rows
-    joined = graph.node("Concat", *rows, axis=1)
-    graph.node("ReduceMax", joined, [2], out="detectors", keepdims=0)
-    graph.output("detectors", TensorProto.BOOL, len(rows))
+    Each is a number that a threshold is exceeded by, so that one comparison of the largest number
+    over the channels serves all. An excursion begins at least `quiet_s` after the last one in any
+    channel: it exceeds the count of quiet samples too. That count is not limited: a float64 is
+    exact for longer than a hand lasts.
+    """
+    quiet = graph.state("quiet", 1)
+    # the count before this sample: an excursion that begins now has not ended the quiet yet
+    least_quiet = math.ceil(spec.detectors.quiet_s * spec.rate_hz) - 0.5
+    swing = _band_pass(graph, spec, guarded, bank.loudest, least_quiet)
+    numbers = [swing, graph.node("Min", swing, quiet)]
+    thresholds = [least_quiet, least_quiet]
+    if bank.pressed:
+        numbers.append(_friction_cone(graph, spec, bank))
+        thresholds.append(0.0)
+
+    joined = graph.node("Concat", *numbers, axis=1)
+    largest = graph.node("ReduceMax", joined, [2], keepdims=0)
+    graph.node("Greater", largest, thresholds, out="detectors")
+    graph.output("detectors", TensorProto.BOOL, len(numbers))
+
+    fired = graph.node("Gather", "detectors", [[0]], axis=1)
+    longer = graph.node("Add", quiet, 1.0)
+    graph.keep("quiet", graph.node("Where", fired, 0.0, longer))
 
 
 def _band_pass(
-    graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs, loudest: str
+    graph: GraphBuilder,
+    spec: StepSpec,
+    guarded: GuardOutputs,
+    loudest: str,
+    threshold: float,
 ) -> str:
-    """[B, 1, C]: a usable shear signal is above its noise floor.
+    """[B, 1, C]: above the threshold where a usable shear signal is above its noise floor.
 
     The state is the floor over `floor_share`, s: so loudest / state is s x ratio, and the floor is
     multiplied by 1 - s + s x ratio at each sample, by 1 where the sensor is not usable.
@@ -258,8 +290,9 @@ def _band_pass(
     factor = graph.node("Add", ratio, guarded.still)
 
     # the normal is not shear
-    ratios = np.tile([rules.band_ratio, rules.band_ratio, np.inf], spec.n_sensors)
-    above = graph.node("Greater", factor, 1.0 - share + share * ratios)
+    scale = threshold / (1.0 - share + share * rules.band_ratio)
+    swing = graph.node("Mul", factor, np.tile([scale, scale, 0.0], spec.n_sensors))
+    above = graph.node("Greater", swing, threshold)
 
     # Clipped, so that one loud sample cannot raise the floor for seconds. While it fires, the floor
     # almost stops: a slip must not raise its threshold.
@@ -267,38 +300,18 @@ def _band_pass(
     clipped = graph.node("Min", factor, 1.0 + more)
     taken = graph.node("Where", above, 1.0 + more * rules.firing_rate, clipped)
     graph.keep("floor", graph.node("Mul", floor, taken))
-    return above
+    return swing
 
 
-def _band_pass_point(graph: GraphBuilder, spec: StepSpec, firing: str) -> str:
-    """[B, 1, C]: an excursion begins, at least `quiet_s` after the last one in any channel.
-
-    The count of quiet samples is not limited: a float64 is exact for longer than a hand lasts.
-    """
-    quiet = graph.state("quiet", 1)
-    fired = graph.node("ReduceMax", firing, [2], keepdims=1)
-    longer = graph.node("Add", quiet, 1.0)
-    graph.keep("quiet", graph.node("Where", fired, 0.0, longer))
-
-    # the count before this sample: an excursion that begins now has not ended the quiet yet
-    needed = spec.detectors.quiet_s * spec.rate_hz
-    enough = graph.node("GreaterOrEqual", quiet, needed)
-    return graph.node("And", firing, enough)
-
-
-def _friction_cone(graph: GraphBuilder, spec: StepSpec, now: str) -> str:
-    """[B, 1, C] in the normal's column: |shear| > mu x normal at a usable, pressed finger."""
-    rules = spec.detectors
-
-    # Squares: no root, no division by a small force. One product puts the sum of those of x and y
-    # into the column of z.
-    squares = graph.node("Mul", now, now)
-    to_normal = [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]
-    shear = graph.node("MatMul", squares, np.kron(np.eye(spec.n_sensors), to_normal))
-    most = graph.node("Mul", squares, rules.friction**2)
-    outside = graph.node("Greater", shear, most)
-
-    # in the columns of shear, no force is enough
-    least = np.tile([np.inf, np.inf, rules.min_normal_n], spec.n_sensors)
-    pressed = graph.node("Greater", now, least)
-    return graph.node("And", outside, pressed)
+def _friction_cone(graph: GraphBuilder, spec: StepSpec, bank: BankOutputs) -> str:
+    """[B, 1, C]: above 0 in the normal's column where a usable finger is pressed hard enough and
+    |shear| > mu x normal."""
+    # Squares: no root, no division by a small force. One product of whole numbers, which is exact,
+    # puts the sum of those of x and y less that of mu z into the column of z, and what is never
+    # above 0 into the others.
+    squares = graph.node("Mul", bank.now, bank.now)
+    factors = [1.0, 1.0, spec.detectors.friction**2]
+    scaled = graph.node("Mul", squares, np.tile(factors, spec.n_sensors))
+    of_finger = [[-1.0, 0.0, 1.0], [0.0, -1.0, 1.0], [0.0, 0.0, -1.0]]
+    outside = graph.node("MatMul", scaled, np.kron(np.eye(spec.n_sensors), of_finger))
+    return graph.node("Min", outside, bank.pressed)

@@ -5,13 +5,11 @@ sensors (pooled.py). Both read one `History`: what the guard lets through, 0.5 s
 
 x[t] is the guarded sample, Sum x the sum over the sensors, l a lag in samples (0.05, 0.10, 0.17,
 0.25, 0.37 and 0.50 s), Zs = max(Sum z, floor). In a scripted data set a longer memory acts as a
-hidden clock. Only the band-pass bank has one (its response decays without end); it is marked and
-reported separately.
+hidden clock, so no group has one.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import groupby
@@ -21,7 +19,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto
 
-from holdfast.core.contract import NORMAL_AXIS, NORMAL_FLOOR, FloatArray
+from holdfast.core.contract import FloatArray
 from holdfast.core.errors import UsageError
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.detectors import add_bank, add_detectors
@@ -29,7 +27,7 @@ from holdfast.export.guard import GuardOutputs, add_contact, add_guard
 from holdfast.export.history import LAGS_S, History, Triples
 from holdfast.export.pooled import FAMILIES, MEANING
 from holdfast.export.pooled_graph import add_pooled
-from holdfast.export.spec import HISTORY_S, USUAL_SENSORS, WINDOW_S, StepSpec
+from holdfast.export.spec import HISTORY_S, WINDOW_S, StepSpec
 
 SPANS_S = (0.10, 0.25, 0.50)
 """Spans of means, in s; each ends at the present sample."""
@@ -42,13 +40,13 @@ SCALED_ROWS = [1 + lag for lag in SCALED_LAGS]
 
 @dataclass(frozen=True)
 class FeatureGroup:
-    """A named group of features; memory_s: inf for a response that never ends.
+    """A named group of features. count: of features for a spec.
 
-    add: adds it to a graph; returns rows of the pool or a tensor [B, features] of its own, None for
-    a pooled one: those that follow each other share their nodes. count: of features for a spec.
+    add: its rows of the pool; None for a family of pooled.py: those that follow each other share
+    their nodes.
     """
 
-    add: Callable[[History], Triples | str | None]
+    add: Callable[[History], Triples] | None
     count: Callable[[StepSpec], int]
     memory_s: float
     formula: str
@@ -82,17 +80,12 @@ def _scaled_sums(history: History) -> Triples:
 
 
 def _activity(history: History) -> Triples:
-    graph = history.graph
-    summed = history.summed
-    later = graph.columns(summed, 1, history.length)
-    earlier = graph.columns(summed, 0, history.length - 1)
-    change = graph.node("Sub", later, earlier)
     # Without their signs: a swing to and fro must not cancel.
-    steps = graph.node("Abs", change)
+    steps = history.graph.node("Abs", history.summed_steps)
 
     # The means of all spans in one product. The matrix stands on the left, so each recording of
     # a batch is multiplied in the same order as alone.
-    means = graph.node("MatMul", _span_means(history.spec), steps)
+    means = history.graph.node("MatMul", _span_means(history.spec), steps)
     return Triples(history.pooled(means, len(SPANS_S)), scaled=True)
 
 
@@ -103,61 +96,6 @@ def _span_means(spec: StepSpec) -> FloatArray:
         n_steps = spec.lag(seconds)
         means[row, -n_steps:] = 1.0 / n_steps
     return means
-
-
-def _bands(history: History) -> str:
-    graph = history.graph
-    outputs = graph.columns(history.rectified, 0, len(history.spec.usable_bands()))
-    sizes = graph.node("Abs", outputs)
-    by_channel = graph.node("Transpose", sizes, perm=[0, 2, 1])
-    # every third channel is a normal force
-    shear = [channel for channel in range(history.spec.n_channels) if channel % 3 < 2]
-    of_shear = graph.node("Gather", by_channel, shear, axis=1)
-    return graph.node("Flatten", of_shear, axis=1)
-
-
-def _own_scaled_differences(history: History) -> str:
-    """[B, features]: changes of each sensor over its own level.
-
-    In units of its own load, what a sensor tells does not depend on its place on a pad.
-    """
-    graph = history.graph
-    n_sensors = history.spec.n_sensors
-
-    of_lags = graph.node("Gather", history.changes, SCALED_ROWS, axis=1)
-    # behind the channels stands the sum over the sensors, which has no level
-    changes = graph.columns(of_lags, 0, history.spec.n_channels, axis=2)
-    scaled = graph.node("Div", changes, _own_levels(history))
-
-    # sensor by sensor, and the lags of each, as in the other differences
-    triples = graph.reshape(scaled, 0, len(SCALED_ROWS), n_sensors, 3)
-    by_sensor = graph.node("Transpose", triples, perm=[0, 2, 1, 3])
-    return graph.node("Flatten", by_sensor, axis=1)
-
-
-def _own_levels(history: History) -> str:
-    """[B, 1, C]: what each sensor has borne in the last 0.5 s, the same in its three columns.
-
-    It is the mean of |z|, or a floor where that is more: a sensor that bears next to nothing would
-    be divided by its noise. The floor is the share of one sensor in that of the grip force.
-    """
-    graph = history.graph
-    spec = history.spec
-
-    # the matrix stands on the left, as that of the changes does
-    mean = np.full((1, history.length), 1.0 / history.length)
-    sizes = graph.node("Abs", history.samples)
-    means = graph.node("MatMul", mean, sizes)
-
-    # The normal force of a sensor takes the place of all three axes. Its weight is 1 and that of
-    # the others 0, so the product is exact.
-    of_normal = np.zeros((3, 3))
-    of_normal[NORMAL_AXIS] = 1.0
-    of_all = np.kron(np.eye(spec.n_sensors), of_normal)
-    levels = graph.node("MatMul", means, of_all)
-
-    floor = NORMAL_FLOOR[spec.unit] / USUAL_SENSORS
-    return graph.node("Max", levels, floor)
 
 
 # A group needs its count before a graph exists: an artifact is checked against it.
@@ -190,14 +128,6 @@ GROUPS: dict[str, FeatureGroup] = {
         "(x[t] - x[t-l]) / Zs, l = 0.10, 0.25, 0.50 s",
         "change at a finger relative to the grip force",
     ),
-    "own_scaled_differences": FeatureGroup(
-        _own_scaled_differences,
-        lambda s: s.n_channels * len(SCALED_LAGS),
-        HISTORY_S,
-        "(x[t] - x[t-l]) / max(mean |z| of the sensor over 0.5 s, floor / 6), "
-        "l = 0.10, 0.25, 0.50 s",
-        "change at a sensor relative to what it bears itself, wherever it lies",
-    ),
     "scaled_sums": FeatureGroup(
         _scaled_sums,
         lambda s: 3 * len(LAGS_S),
@@ -212,22 +142,13 @@ GROUPS: dict[str, FeatureGroup] = {
         "mean |Sum x[u] - Sum x[u-1]| over the last 0.10, 0.25, 0.50 s, / Zs",
         "activity of the grip: rubbing and swinging in any direction",
     ),
-    "bands": FeatureGroup(
-        _bands,
-        lambda s: 2 * s.n_sensors * len(s.usable_bands()),
-        math.inf,
-        "|band-pass output| per shear signal and band",
-        "vibration of slip",
-    ),
 }
 
 
 def _pooled_group(name: str, formula: str, reason: str) -> FeatureGroup:
     """A family of pooled.py as a group."""
     count = len(FAMILIES[name])
-    return FeatureGroup(
-        lambda history: None, lambda s: count, HISTORY_S, formula, reason
-    )
+    return FeatureGroup(None, lambda s: count, HISTORY_S, formula, reason)
 
 
 for _name, (_formula, _reason) in MEANING.items():
@@ -239,9 +160,7 @@ def feature_count(spec: StepSpec) -> int:
     return sum(GROUPS[name].count(spec) for name in spec.groups)
 
 
-def add_features(
-    graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs, rectified: str
-) -> str:
+def add_features(graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs) -> str:
     """Add the spec's groups in its order; publishes and returns `features` [B, F] float32."""
     unknown = [name for name in spec.groups if name not in GROUPS]
     if unknown or not spec.groups:
@@ -250,9 +169,7 @@ def add_features(
             next_step=f"choose from {', '.join(GROUPS)}",
         )
 
-    history = History(graph, spec, guarded, rectified)
-    parts = _parts(history, spec.groups)
-
+    parts = _parts(History(graph, spec, guarded), spec.groups)
     joined = parts[0] if len(parts) == 1 else graph.node("Concat", *parts, axis=1)
     # float64 up to here: float32 is what the learners were trained on
     graph.node("Cast", joined, out="features", to=TensorProto.FLOAT)
@@ -264,16 +181,18 @@ def _parts(history: History, names: tuple[str, ...]) -> list[str]:
     """[B, ..] tensors in the order of the groups; groups of one kind that follow each other share
     one."""
     # first all groups fill the pool, then each run of them chooses its rows of it
-    added = [GROUPS[name].add(history) for name in names]
-    parts: list[str] = []
-    for kind, run in groupby(zip(names, added, strict=True), lambda one: type(one[1])):
-        of_run, made = zip(*run, strict=True)
-        if kind is Triples:
-            parts.append(history.chosen(list(made)))
-        elif kind is str:
-            parts += made
+    triples: dict[str, Triples] = {}
+    for name in names:
+        add = GROUPS[name].add
+        if add is not None:
+            triples[name] = add(history)
+
+    parts = []
+    for is_pooled, run in groupby(names, FAMILIES.__contains__):
+        if is_pooled:
+            parts.append(add_pooled(history, list(run)))
         else:
-            parts.append(add_pooled(history, list(of_run)))
+            parts.append(history.chosen([triples[name] for name in run]))
     return parts
 
 
@@ -286,19 +205,16 @@ def add_step(graph: GraphBuilder, spec: StepSpec) -> tuple[str, str]:
     bank = add_bank(graph, spec, guarded)
     add_detectors(graph, spec, guarded, bank)
     empty = add_contact(graph, spec, guarded, bank.means)
-    return add_features(graph, spec, guarded, bank.rectified), empty
+    return add_features(graph, spec, guarded), empty
 
 
 def add_features_alone(graph: GraphBuilder, spec: StepSpec) -> str:
-    """Add the same features without detectors; with the bank only where a group reads it.
+    """Add the same features without bank and detectors.
 
     The zero stays 0: training prepares a recording as a whole, with the bias of its own start.
     """
     spec = msgspec.structs.replace(spec, force_decides=False)
-    guarded = add_guard(graph, spec)
-    reads_bank = "bands" in spec.groups
-    rectified = add_bank(graph, spec, guarded).rectified if reads_bank else ""
-    return add_features(graph, spec, guarded, rectified)
+    return add_features(graph, spec, add_guard(graph, spec))
 
 
 def features_alone(spec: StepSpec) -> onnx.ModelProto:

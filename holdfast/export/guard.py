@@ -39,33 +39,32 @@ from holdfast.export.spec import RANGE_LIMIT, ContactRule, StepSpec
 
 @dataclass(frozen=True)
 class GuardOutputs:
-    """Names of the guarded tensors, each [B, 1, C] but the past.
+    """Names of the guarded tensors, each [B, 1, C] but past, factors and count.
 
     now, last: this and the previous good sample. past: all samples before this one, in parts
-    [B, rows, C], oldest first. moved: 1.0, or 0.0 where the sensor has delivered nothing now, or
-    has no past to move on from. alive: 1.0, or 0.0 where a loss has ended its past. usable: 1.0 or
-    0.0. weight: 1.0, or LEAST_WEIGHT where the sensor is not usable. still: share of a noise floor
-    that no new sample changes, 1.0 where the sensor is not usable. known: [B, 1, 1] bool, enough
-    sensors are usable. zero: what was taken from the sample; "" where force does not decide.
+    [B, rows, C], oldest first. alive: 1.0, or 0.0 where a loss has ended its past. weight: 1.0, or
+    LEAST_WEIGHT where the sensor is not usable. still: share of a noise floor that no new sample
+    changes, 1.0 where the sensor is not usable. factors: [B, 2, C], rows MOVED and USABLE: 0.0
+    where the sensor has delivered nothing now or has no past to move on from; where it is not
+    usable. count: [B, 1, 1] int64, of the hand (`_counted`). zero: what was taken from the sample;
+    "" where force does not decide.
     """
 
     now: str
     last: str
     past: tuple[str, ...]
-    moved: str
     alive: str
-    usable: str
     weight: str
     still: str
-    known: str
+    factors: str
+    count: str
     zero: str
 
 
+MOVED, USABLE = 0, 1
 LEAST_WEIGHT = 1e-12
 """Of a sensor that is not usable: far below any weight that counts, so that nothing over nothing
 is 1."""
-SETTLED = 1.0 / 1024.0
-"""What a settled sensor counts where usable ones count 1: the largest count is that of these."""
 
 
 def add_guard(graph: GraphBuilder, spec: StepSpec) -> GuardOutputs:
@@ -77,7 +76,7 @@ def add_guard(graph: GraphBuilder, spec: StepSpec) -> GuardOutputs:
 
     # the share is a sum of quarters, so a whole one is exactly 1
     share = _share_of_good(graph, spec)
-    good = graph.node("GreaterOrEqual", share, 1.0)
+    good = graph.node("Greater", share, 0.75)
     zero = ""
     reading = "sample"
     if spec.contact is not None:
@@ -97,25 +96,25 @@ def add_guard(graph: GraphBuilder, spec: StepSpec) -> GuardOutputs:
     # The cast rounds a share below 1 down. One look-up in all tables costs less than the
     # comparisons and choices of two counters, and no number of samples overflows it.
     tables = _tables(spec)
+    all_tables = np.vstack(list(tables.values()))
+    n_tables, length = all_tables.shape
     even_or_odd = graph.node("Add", place, share)
-    behind_each_other = np.arange(len(tables))[:, None] * float(tables.shape[1])
+    behind_each_other = float(length) * np.arange(n_tables)[:, None]
     entry = graph.node("Add", even_or_odd, behind_each_other)
     whole = graph.node("Cast", entry, to=TensorProto.INT64)
-    found = graph.node("Gather", tables.ravel(), whole)
-    outs = ["next_place", "moved", "alive", "usable", "weight", "still", "flags"]
-    sizes = [1, 1, 1, 1, 1, 1, 2]
-    parts = dict(zip(outs, graph.split(found, sizes, outs), strict=True))
+    found = graph.node("Gather", all_tables.ravel(), whole)
+    parts = graph.split(found, {name: len(table) for name, table in tables.items()})
     graph.keep("place", parts.pop("next_place"))
 
-    known = _publish(graph, spec, parts.pop("flags"))
+    count = _publish(graph, spec, parts.pop("adds"))
     past = (oldest, older, last)
-    return GuardOutputs(now=now, last=last, past=past, known=known, zero=zero, **parts)
+    return GuardOutputs(now=now, last=last, past=past, count=count, zero=zero, **parts)
 
 
 def _share_of_good(graph: GraphBuilder, spec: StepSpec) -> str:
     """[B, 1, C]: good quarters of a sensor: three channels in range, and the valid flag."""
     magnitude = graph.node("Abs", "sample")
-    in_range = graph.node("Less", magnitude, RANGE_LIMIT[spec.unit])
+    in_range = graph.node("Greater", RANGE_LIMIT[spec.unit], magnitude)
     flags = graph.node("Concat", in_range, "valid", axis=2)
     checks = graph.node("Cast", flags, to=TensorProto.DOUBLE)
 
@@ -126,11 +125,11 @@ def _share_of_good(graph: GraphBuilder, spec: StepSpec) -> str:
     return graph.node("MatMul", checks, quarters)
 
 
-def _tables(spec: StepSpec) -> FloatArray:
-    """[8, last place + 2]: what a sensor is next, by its place: an entry if this sample is bad, the
-    entry behind it if it is good, so a place is an even number.
+def _tables(spec: StepSpec) -> dict[str, FloatArray]:
+    """[rows, last place + 2] by name: what a sensor is next, by its place: an entry if this sample
+    is bad, the entry behind it if it is good, so a place is an even number.
 
-    Next place; moved; alive; usable; weight; still; and as they are counted, usable and settled.
+    adds: to the count of the hand. The others are as in GuardOutputs.
     """
     bridged = spec.gap_samples + 1
     number = np.arange(1 + bridged * spec.settle_samples)
@@ -146,37 +145,62 @@ def _tables(spec: StepSpec) -> FloatArray:
     usable = (after == number[-1]).astype(np.float64)
     settled = (after > number[-1] - bridged).astype(np.float64)
     moved = np.stack([0.0 * number, number > 0], axis=1).ravel()
-    weight = usable + LEAST_WEIGHT
-    still = 1.0 - spec.floor_share * usable
     alive = (after > 0).astype(np.float64)
-    of_sensor = [moved, alive, usable, weight, still]
-    return np.stack([2.0 * after, *of_sensor, usable, settled * SETTLED])
+    # both counts of a hand in one number, as two digits
+    _, enough = _counted(spec)
+    return {
+        "next_place": 2.0 * after[None],
+        "alive": alive[None],
+        "weight": usable[None] + LEAST_WEIGHT,
+        "still": 1.0 - spec.floor_share * usable[None],
+        "adds": usable[None] + len(enough) * settled[None],
+        # rows MOVED and USABLE
+        "factors": np.stack([moved, usable]),
+    }
+
+
+def _side_digits(spec: StepSpec) -> FloatArray:
+    """[S]: what a sensor adds to a count of sensors, which has one digit for each side."""
+    of_thumb = side_matrix(spec)[:, 0]
+    return np.where(of_thumb > 0.0, 1.0, 1.0 + of_thumb.sum())
+
+
+def _counted(spec: StepSpec) -> tuple[npt.NDArray[np.int32], BoolArray]:
+    """[counts] of a count: how many sensors these are, and whether they are enough."""
+    digits = _side_digits(spec)
+    base = int((digits == 1.0).sum()) + 1
+    opposing, of_thumb = divmod(np.arange(int(digits.sum()) + 1), base)
+    enough = of_thumb + opposing >= spec.min_valid_sensors
+    if spec.is_pooled:
+        # sensors that all lie on one side count for both
+        is_one_sided = base > spec.n_sensors
+        enough &= (of_thumb > 0) & ((opposing > 0) | is_one_sided)
+    return (of_thumb + opposing).astype(np.int32), enough
+
+
+def by_count(spec: StepSpec, if_known: float, if_unknown: float) -> FloatArray:
+    """[counts]: a number for each count of a hand, by whether enough sensors are usable."""
+    _, enough = _counted(spec)
+    return np.tile(np.where(enough, if_known, if_unknown), len(enough))
 
 
 def _publish(graph: GraphBuilder, spec: StepSpec, flags: str) -> str:
-    """Publish what is known of the hand; returns known. flags [B, 2, C]: usable and settled."""
-    # of all sensors; with pooled features also of each side
-    members = np.ones((spec.n_sensors, 1))
-    needed = [spec.min_valid_sensors]
-    if spec.is_pooled:
-        members = np.hstack([members, side_matrix(spec)])
-        needed += [1, 1]
+    """Publish what is known of the hand; returns its count. flags [B, 1, C]: what sensors add."""
+    n_sensors, enough = _counted(spec)
+    first_channels = np.kron(_side_digits(spec), [1.0, 0.0, 0.0])
+    total = graph.node("MatMul", flags, first_channels[:, None])
+    count = graph.node("Cast", total, to=TensorProto.INT64)
 
-    counts = graph.node("MatMul", flags, np.kron(members, [[1.0], [0.0], [0.0]]))
-    least = np.outer([1.0, SETTLED], needed)
-    enough = graph.node("GreaterOrEqual", counts, least)
-    both = graph.node("ReduceMin", enough, [2], keepdims=1)
-    known = graph.node("Gather", both, [0], axis=1)
-    graph.node("Not", graph.reshape(known, -1), out="unknown")
-    # usable sensors are settled: where these are enough, those are too
-    graph.node("ReduceMax", both, [1, 2], out="settled", keepdims=0)
-    # no side has more sensors than the hand
-    most = graph.node("ReduceMax", counts, [1, 2], keepdims=0)
-    graph.node("Cast", most, out="usable_sensors", to=TensorProto.INT32)
+    # the first digit is of usable sensors, the second of settled ones
+    of_hand = graph.reshape(count, -1)
+    graph.node("Gather", np.repeat(enough, len(enough)), of_hand, out="settled")
+    graph.node("Gather", np.tile(~enough, len(enough)), of_hand, out="unknown")
+    usable = np.tile(n_sensors, len(enough))
+    graph.node("Gather", usable, of_hand, out="usable_sensors")
     graph.output("settled", TensorProto.BOOL)
     graph.output("unknown", TensorProto.BOOL)
     graph.output("usable_sensors", TensorProto.INT32)
-    return known
+    return count
 
 
 def reference_flags(
@@ -260,28 +284,34 @@ def reference_contact(
     return np.array(empties), np.array(zeros)
 
 
+def hysteresis(rule: ContactRule) -> float:
+    """By how much an empty hand may exceed one that touches something, in squares of the unit."""
+    return rule.on**2 - rule.off**2
+
+
 def add_contact(
     graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs, means: list[str]
 ) -> str:
     """Add the contact rule, publish `empty` [B, 1] bool and return it; "" without the rule.
 
     means: of the bank, 0 where a sensor is not usable: its last reading must not hold on. Their
-    length is compared with `on` where the hand was empty, with `off` where it touched something.
+    squared length is compared with `on` where the hand was empty, else with `off`.
     """
     rule = spec.contact
     if rule is None:
         return ""
     mean, pull = means
 
-    # In units of the hysteresis, a hand that was empty may read 1 more than one that was not. A
-    # product and a sum cost less than a choice of two thresholds.
+    # In units of the hysteresis, an empty hand may read 1 more than one that touches something. A
+    # sum costs less than a choice of two thresholds.
     was_empty = graph.state("empty", 1)
-    length = graph.node("ReduceL2", mean, [2], keepdims=1)
-    above_off = graph.node("Sub", length, rule.off / (rule.on - rule.off))
-    below = graph.node("Less", above_off, was_empty)
+    squares = graph.node("Mul", mean, mean)
+    total = graph.node("MatMul", squares, np.ones((spec.n_channels, 1)))
     # In doubt the hand touches something: so the zero stands still while the state is unknown, and
     # the first known sample is compared with `off`.
-    empty = graph.node("And", below, guarded.known)
+    off = by_count(spec, rule.off**2 / hysteresis(rule), -np.inf)
+    above_off = graph.node("Sub", total, graph.node("Gather", off, guarded.count))
+    empty = graph.node("Greater", was_empty, above_off)
     flag = graph.node("Cast", empty, to=TensorProto.DOUBLE)
     graph.keep("empty", flag)
 

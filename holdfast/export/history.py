@@ -31,52 +31,46 @@ class Triples:
 class History:
     """The last 0.5 s of guarded samples, and a pool of triples that groups share.
 
-    length: L, the past samples and this one. rectified: outputs of the filter bank and their
-    negatives; empty where no group reads them.
-
-    What no group asks for is not added to the graph.
+    length: L, the past samples and this one. What no group asks for is not added to the graph.
     """
 
     def __init__(
-        self, graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs, rectified: str
+        self, graph: GraphBuilder, spec: StepSpec, guarded: GuardOutputs
     ) -> None:
         self.graph = graph
         self.spec = spec
-        self.rectified = rectified
         self.length = spec.history_samples + 1
         self.weight = guarded.weight
-        self._parts = (*guarded.past, guarded.now)
+        self._parts = (*guarded.past, guarded.now, guarded.alive)
         # tensors [B, rows, 3] in the order in which groups put them in, and their rows in all
         self._pool: list[str] = []
         self._pooled = 0
 
     @cached_property
     def samples(self) -> str:
-        """[B, L, C], oldest first."""
+        """[B, L + 1, C], oldest first; behind them 1.0, of a sensor without a past 0.0."""
         return self.graph.node("Concat", *self._parts, axis=1)
 
     @cached_property
-    def summed(self) -> str:
-        """[B, L, 3]: the sum over the sensors at every sample."""
-        return self.graph.node("MatMul", self.samples, _over_sensors(self.spec))
+    def summed_steps(self) -> str:
+        """[B, L - 1, 3]: the steps of the sum over the sensors, the oldest first."""
+        summed = self.graph.node("MatMul", self.samples, _over_sensors(self.spec))
+        n_steps = self.length - 1
+        later = np.eye(n_steps, self.length + 1, k=1)
+        return self.graph.node("MatMul", later - np.eye(*later.shape), summed)
 
     @cached_property
     def changes(self) -> str:
         """[B, 1 + lags, C + 3]: x[t] and every x[t] - x[t-l], of each sensor and of the sum."""
         now = self.length - 1
-        places = [now] + [now - self.spec.lag(seconds) for seconds in LAGS_S]
-        rows = self.graph.node("Gather", self.samples, places, axis=1)
+        unit = np.eye(self.length + 1)
+        since = [unit[now] - unit[now - self.spec.lag(lag_s)] for lag_s in LAGS_S]
+        rows = self.graph.node("MatMul", np.array([unit[now], *since]), self.samples)
 
         # the sum over the sensors as three more columns
         channels = np.eye(self.spec.n_channels)
-        and_sum = np.concatenate([channels, _over_sensors(self.spec)], axis=1)
-        values = self.graph.node("MatMul", rows, and_sum)
-
-        # Row 0 stays x[t]; every other row becomes x[t] minus itself. Products with 1 and -1 are
-        # exact, and one product costs less than a slice, a subtraction and a join.
-        since = -np.eye(len(places))
-        since[:, 0] = 1.0
-        return self.graph.node("MatMul", since, values)
+        and_sum = np.hstack([channels, _over_sensors(self.spec)])
+        return self.graph.node("MatMul", rows, and_sum)
 
     @cached_property
     def normal(self) -> str:
@@ -110,19 +104,18 @@ class History:
         """[B, 3 x triples]: rows of the pool, divided by Zs where they are scaled."""
         graph = self.graph
         places: list[int] = []
-        flags: list[bool] = []
+        scaled: list[float] = []
         for group in groups:
             places += group.places
-            flags += [group.scaled] * len(group.places)
+            scaled += [float(group.scaled)] * len(group.places)
 
         # one look-up for all groups: a node costs more than the numbers that it moves
         triples = graph.node("Gather", self.pool, places, axis=1)
-        if any(flags):
-            scaled = np.array(flags)[:, None]
-            scale = graph.node("Mul", self.normal, scaled.astype(np.float64))
-
+        if any(scaled):
+            is_scaled = np.array(scaled)[:, None]
+            scale = graph.node("Mul", self.normal, is_scaled)
             # rows that are not scaled are divided by max(0, 1) = 1
-            floor = np.where(scaled, NORMAL_FLOOR[self.spec.unit], 1.0)
+            floor = np.where(is_scaled, NORMAL_FLOOR[self.spec.unit], 1.0)
             divisor = graph.node("Max", scale, floor)
             triples = graph.node("Div", triples, divisor)
 

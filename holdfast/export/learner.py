@@ -40,6 +40,7 @@ NODE_ATTRIBUTES = (
     "nodes_values",
     "nodes_truenodeids",
     "nodes_falsenodeids",
+    "nodes_missing_value_tracks_true",
 )
 """Columns that are taken from skl2onnx; the votes of the leaves are written by `add_forest`."""
 ROWS_AT_ONCE = 8192
@@ -243,7 +244,25 @@ def _tree_attributes(forest: Forest) -> dict[str, Any]:
             adjust_threshold_for_sklearn=True,
             dtype=np.float32,
         )
+    turned = np.concatenate([_turned(tree.tree_) for tree in forest.estimators_])
+    modes = np.where(turned, "BRANCH_GT", attributes["nodes_modes"])
+    # NaN is not above, and goes right all the same
+    of_nan = turned.astype(int).tolist()
+    attributes.update(
+        nodes_modes=modes.tolist(), nodes_missing_value_tracks_true=of_nan
+    )
     return {name: attributes[name] for name in NODE_ATTRIBUTES}
+
+
+def _turned(tree: Any) -> npt.NDArray[np.bool_]:
+    """[nodes]: branches that ask for "above", because more rows of training went left.
+
+    onnxruntime puts the false child next to its branch: so a walk reads fewer lines of memory that
+    is not in the cache.
+    """
+    rows = tree.n_node_samples
+    # at a leaf both children are -1
+    return np.asarray(rows[tree.children_left] > rows[tree.children_right])
 
 
 def _plain(tree: Any) -> SimpleNamespace:
@@ -252,10 +271,12 @@ def _plain(tree: Any) -> SimpleNamespace:
     Thresholds stay float64, because a plain number would be compared as float32. The values of the
     leaves are not read: votes replace them.
     """
+    turned = _turned(tree)
+    left, right = tree.children_left, tree.children_right
     return SimpleNamespace(
         node_count=tree.node_count,
-        children_left=tree.children_left.tolist(),
-        children_right=tree.children_right.tolist(),
+        children_left=np.where(turned, right, left).tolist(),
+        children_right=np.where(turned, left, right).tolist(),
         feature=tree.feature.tolist(),
         threshold=np.array(tree.threshold),
         value=np.zeros((tree.node_count, 1)),

@@ -211,7 +211,7 @@ def add_shares(graph: GraphBuilder, network: Network, features: str) -> str:
         values = graph.node("Clip", rounded, least, most)
 
     logits = _add_layer(graph, network.layers[-1], values)
-    return _add_raised(graph, logits)
+    return _add_raised(graph, logits, network.n_classes)
 
 
 def _add_inputs(graph: GraphBuilder, inputs: Inputs, features: str) -> str:
@@ -232,7 +232,7 @@ def _add_layer(graph: GraphBuilder, layer: Layer, values: str) -> str:
     return graph.node("Round", scaled)
 
 
-def _add_raised(graph: GraphBuilder, logits: str) -> str:
+def _add_raised(graph: GraphBuilder, logits: str, n_classes: int) -> str:
     """exp of the logits behind the first, by a table, as shares of their sum."""
     first = graph.node("ReduceMax", logits, [1], keepdims=1)
     behind = graph.node("Sub", first, logits)
@@ -249,7 +249,8 @@ def _add_raised(graph: GraphBuilder, logits: str) -> str:
     )
 
     # whole numbers up to 2^16 each, so a sum over the classes is exact in any order
-    total = graph.node("ReduceSum", raised, [1], keepdims=1)
+    everywhere = np.ones((n_classes, n_classes), np.float32)
+    total = graph.node("MatMul", raised, everywhere)
     return graph.node("Div", raised, total)
 
 

@@ -46,8 +46,8 @@ SMALL_MEAN = 0.1
 class Row:
     """A weighted mean over the history of a signal. kind: "now", "step", "mean" or "change".
 
-    kind "most" is no mean, but the largest of a series. span_s: of the mean, or between the two
-    ends of a change. ago_s: where a mean ends.
+    Two kinds are no mean: "most", the largest of a series, and "one", 1.0 whatever the signal.
+    span_s: of the mean, or between the two ends of a change. ago_s: where a mean ends.
     """
 
     kind: str
@@ -58,6 +58,8 @@ class Row:
         """[L], the oldest sample first."""
         length = spec.history_samples + 1
         row = np.zeros(length)
+        if self.kind == "one":
+            return row
         if self.kind == "now":
             return _mean(row, 0, 1)
         if self.kind == "step":
@@ -84,20 +86,18 @@ def _mean(row: FloatArray, ago: int, count: int) -> FloatArray:
 
 NOW = Row("now")
 STEP = Row("step")
+ONE = Row("one")
 RECENT = Row("mean", 4 / 150)
 HELD = Row("mean", 0.453, 0.053)
 """From 0.50 to 0.05 s ago."""
 MOST = Row("most", LONGEST_S)
 """Of a series."""
 
-SHEAR, ALONG, ACROSS, NORMAL, PRESS = "h", "a", "c", "z", "|z|"
-"""Signals of a row of samples: length of the shear, shear along u and across u, normal force and
-its size."""
+SHEAR, ALONG, NORMAL, PRESS = "h", "a", "z", "|z|"
+"""Signals of a row of samples: length of the shear, shear along u, normal force and its size."""
 SHEAR_STEP, NORMAL_STEP = "|step h|", "|step z|"
 """Series: T + O of the size of the step since the sample before, with the weights of that time."""
 SERIES = (SHEAR_STEP, NORMAL_STEP)
-TOUCHING = "touch"
-"""The mean weight of the sensors."""
 
 POOLS: dict[str, tuple[float, float]] = {
     "T": (1.0, 0.0),
@@ -107,7 +107,6 @@ POOLS: dict[str, tuple[float, float]] = {
     "T+O": (1.0, 1.0),
     "T-O": (1.0, -1.0),
     "O-T": (-1.0, 1.0),
-    "-T-O": (-1.0, -1.0),
     "0": (0.0, 0.0),
 }
 """Pool -> factors of the sums of both sides."""
@@ -178,7 +177,7 @@ def _state() -> list[PooledFeature]:
         _fingers("L", SHEAR, NOW),
         _one("|m| / Zs", SHEAR, HELD, "T+O", "T+O"),
         _one("|m|", SHEAR, HELD),
-        _one("touch", TOUCHING, NOW),
+        _one("touch", NORMAL, ONE),
     ]
 
 
@@ -191,13 +190,6 @@ def _along(span_s: float) -> list[PooledFeature]:
         _sides("A", ALONG, row),
         _sides("A", ALONG, row, "-"),
     ]
-
-
-def _across(span_s: float) -> list[PooledFeature]:
-    row = Row("change", span_s)
-    # |a| + |b| is the largest of a + b, a - b, b - a, -a - b
-    pools = ("T+O", "T-O", "O-T", "-T-O")
-    return [_largest("(|CT| + |CO|) / Zs", ACROSS, row, pools)]
 
 
 def _shear(span_s: float) -> list[PooledFeature]:
@@ -280,7 +272,6 @@ def _for_each(
 FAMILIES: dict[str, tuple[PooledFeature, ...]] = {
     "pooled_state": tuple(_state()),
     "pooled_along": _for_each(_along, CHANGES_S),
-    "pooled_across": _for_each(_across, CHANGES_S),
     "pooled_shear": _for_each(_shear, CHANGES_S),
     "pooled_normal": _for_each(_normal, CHANGES_S),
     "pooled_activity": _for_each(_activity, ACTIVITY_S),
@@ -291,7 +282,6 @@ FAMILIES: dict[str, tuple[PooledFeature, ...]] = {
 MEANING: dict[str, tuple[str, str]] = {
     "pooled_state": ("N, L by side; L / Z by side, largest of fingers", "the hold"),
     "pooled_along": ("dh along u, by side", "pull along the load, or against it"),
-    "pooled_across": ("dh across u, by side", "pull across the load, and swinging"),
     "pooled_shear": ("|dh|, of hand and finger", "change of shear in any direction"),
     "pooled_normal": ("dN by side, |dz| of fingers", "change of the normal force"),
     "pooled_activity": ("means of |step h|, |step z|", "rubbing and swinging"),

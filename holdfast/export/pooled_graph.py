@@ -17,16 +17,15 @@ import numpy as np
 
 from holdfast.core.contract import NORMAL_FLOOR, FloatArray
 from holdfast.export.pooled import (
-    ACROSS,
     ALONG,
     FAMILIES,
     FINGERS,
     FLOORS,
     HELD,
-    LONGEST_S,
     MOST,
     NORMAL,
     NOW,
+    ONE,
     POOLS,
     PRESS,
     RECENT,
@@ -36,7 +35,6 @@ from holdfast.export.pooled import (
     STEP,
     STEPS,
     TOUCH,
-    TOUCHING,
     PooledFeature,
     Ratio,
     Row,
@@ -83,15 +81,16 @@ class PooledGraph:
         for feature in features:
             self.sets.append(self._places_of(feature))
 
-        self.signals: set[str] = set()
+        numbers = [
+            number for one in self.quotients for number in (one.above, one.below)
+        ]
+        self.signals = {number.signal for number in numbers}
         rows, series_rows = [NOW, RECENT, HELD, STEP], []
-        for quotient in self.quotients:
-            for number in (quotient.above, quotient.below):
-                self.signals.add(number.signal)
-                if number.signal not in (*SERIES, TOUCHING):
-                    rows.append(number.row)
-                elif number.signal in SERIES and number.row != MOST:
-                    series_rows.append(number.row)
+        for number in numbers:
+            if number.signal not in SERIES:
+                rows.append(number.row)
+            elif number.row != MOST:
+                series_rows.append(number.row)
         self.rows = list(dict.fromkeys(rows))
         self.series_rows = list(dict.fromkeys(series_rows))
         self.tensors: list[str] = []
@@ -141,10 +140,9 @@ class PooledGraph:
 
     def _least(self, ratio: Ratio) -> float:
         """The least that a ratio divides by; without a divisor, max(0, 1) = 1."""
-        if ratio.signal == TOUCHING:
-            # to a mean share
-            none, whole = self._touch()
-            return len(self.sensors) * (whole - none)
+        if ratio.row == ONE:
+            # the sum of the weights to their mean; on one side, each counts twice
+            return float(side_matrix(self.spec).sum())
         floor = NORMAL_FLOOR[self.spec.unit]
         return floor * FLOORS[ratio.over] if ratio.over in FLOORS else 1.0
 
@@ -157,11 +155,17 @@ class PooledGraph:
         """Their places in the table."""
         return [self.places[one] for one in numbers]
 
-    def _put(self, tensor: str, *of: Iterable[Row | str | int]) -> None:
-        """Put [B, numbers] into the table. of: rows, signals and members, all with each other."""
+    def _put(
+        self,
+        tensor: str,
+        signals: Iterable[str],
+        rows: Iterable[Row],
+        members: Iterable[str | int] = ("T+O",),
+    ) -> None:
+        """Put [B, numbers] into the table: signals, their rows, and the members of each row."""
         self.tensors.append(tensor)
-        for number in product(*of):
-            self.places[Number._make(number)] = len(self.places)
+        for signal, row, member in product(signals, rows, members):
+            self.places[Number(row, signal, member)] = len(self.places)
 
     def _add_signals(self) -> None:
         """Put every signal of every row: of each sensor and of each pool, with its weight."""
@@ -175,52 +179,52 @@ class PooledGraph:
         pools = np.hstack([np.eye(len(self.sensors)), sums]) / (whole - none)
         pooled = graph.node("MatMul", weighted, pools)
         flat = graph.node("Flatten", pooled, axis=1)
-        self._put(flat, self.rows, signals, [*self.sensors, *POOLS])
-        if TOUCHING in self.signals:
-            touching = graph.node("ReduceSum", weight, [2], keepdims=0)
-            self._put(touching, [NOW], [TOUCHING], ["T+O"])
+        self._put(flat, signals, self.rows, [*self.sensors, *POOLS])
 
     def _signals(self) -> tuple[str, list[str], str]:
-        """[B, rows x signals, S] by sensor; the signals; and the normal forces [B, rows, S]."""
+        """[B, signals x rows, S] by sensor; the signals; and the normal forces [B, rows, S]."""
         graph = self.graph
-        samples = graph.node("MatMul", self._time(self.rows), self.history.samples)
+        samples = graph.node("MatMul", self._time_and_one(), self.history.samples)
 
-        # length of the shear and size of the normal force, of each sensor
         squares = graph.node("Mul", samples, samples)
-        both = np.hstack([self._sums(1.0, 1.0, 0.0), self._sums(0.0, 0.0, 1.0)])
-        lengths = graph.node("Sqrt", graph.node("MatMul", squares, both))
+        of_shear = graph.node("MatMul", squares, self._sums(1.0, 1.0, 0.0))
+        lengths = graph.node("Sqrt", of_shear)
         normal = graph.node("MatMul", samples, self._sums(0.0, 0.0, 1.0))
-        parts, signals = [lengths, normal], [SHEAR, PRESS, NORMAL]
-        for signal in (ALONG, ACROSS):
-            if signal in self.signals:
-                parts.append(self._turned(signal, samples, lengths))
-                signals.append(signal)
-        table = graph.node("Concat", *parts, axis=2)
-        shape = (0, len(self.rows) * len(signals), len(self.sensors))
-        return graph.reshape(table, *shape), signals, normal
+        press = graph.node("Abs", normal)
+        parts, signals = [lengths, press, normal], [SHEAR, PRESS, NORMAL]
+        if ALONG in self.signals:
+            parts.append(self._along(samples, lengths))
+            signals.append(ALONG)
+        return graph.node("Concat", *parts, axis=1), signals, normal
 
     def _time(self, rows: list[Row]) -> FloatArray:
         """[rows, L] weights of the history's samples."""
         return np.array([row.weights(self.spec) for row in rows])
 
+    def _time_and_one(self) -> FloatArray:
+        """[rows, L + 1]: of the samples, and of the 1.0 behind them.
+
+        RECENT, which only weights read, is the force above that of no touch.
+        """
+        time = np.pad(self._time(self.rows), ((0, 0), (0, 1)))
+        if ONE in self.rows:
+            time[self.rows.index(ONE), -1] = 1.0
+        time[self.rows.index(RECENT), -1] = -self._touch()[0]
+        return time
+
     def _sums(self, *axes: float) -> FloatArray:
         """[C, S]: adds the channels of a sensor, each times a factor."""
         return np.kron(np.eye(len(self.sensors)), np.array(axes)[:, None])
 
-    def _turned(self, signal: str, samples: str, lengths: str) -> str:
-        """[B, rows, S]: the shear of the rows along the mean of the row HELD, or across it."""
+    def _along(self, samples: str, lengths: str) -> str:
+        """[B, rows, S]: the shear of the rows along the mean of the row HELD."""
         graph = self.graph
-        held = self.rows.index(HELD)
-        direction = graph.node("Gather", samples, [held], axis=1)
-        if signal == ACROSS:
-            right_angle = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
-            turned = np.kron(np.eye(len(self.sensors)), right_angle)
-            direction = graph.node("MatMul", direction, turned)
+        held = [self.rows.index(HELD)]
+        direction = graph.node("Gather", samples, held, axis=1)
         products = graph.node("Mul", samples, direction)
         projected = graph.node("MatMul", products, self._sums(1.0, 1.0, 0.0))
 
-        starts, stops = [held, 0], [held + 1, len(self.sensors)]
-        length = graph.node("Slice", lengths, starts, stops, [1, 2])
+        length = graph.node("Gather", lengths, held, axis=1)
         small = SMALL_MEAN * NORMAL_FLOOR[self.spec.unit]
         return graph.node("Div", projected, graph.node("Add", length, small))
 
@@ -233,7 +237,7 @@ class PooledGraph:
         recent = [self.rows.index(RECENT)]
         pressed = graph.node("Gather", normal, recent, axis=1)
         none, whole = self._touch()
-        touch = graph.node("Sub", graph.node("Clip", pressed, none, whole), none)
+        touch = graph.node("Clip", pressed, 0.0, whole - none)
 
         # its own weight, over the usable share of the sensors of its side
         sides = side_matrix(self.spec)
@@ -256,30 +260,36 @@ class PooledGraph:
         # the history is as long as the series, or one of them is filled up in front
         time = self._time(self.series_rows)[:, -length:]
         time = np.pad(time, ((0, 0), (length - time.shape[1], 0)))
-        means = graph.node("MatMul", both, np.kron(time.T, np.eye(2)))
-        self._put(means, self.series_rows, SERIES, ["T+O"])
+        # all means of the one series, then all of the other
+        of_series = [np.kron(time.T, one[:, None]) for one in np.eye(2)]
+        means = graph.node("MatMul", both, np.hstack(of_series))
+        self._put(means, SERIES, self.series_rows)
 
-        span = self.spec.lag(MOST.span_s)
-        recent = np.arange(2 * (length - span), 2 * length).reshape(span, 2)
-        values = graph.node("Gather", both, recent, axis=1)
-        largest = graph.node("ReduceMax", values, [1], keepdims=0)
-        self._put(largest, [MOST], SERIES, ["T+O"])
+        by_time = graph.reshape(both, 0, length, 2)
+        largest = graph.node("ReduceMax", by_time, [1], keepdims=0)
+        self._put(largest, SERIES, [MOST])
 
     def _kept_series(self, newest: str) -> tuple[str, int]:
         """[B, 2 x length] past and newest samples of both series, and the length.
 
-        The past fills as few rows of the state as hold it: an even number of numbers.
+        The past fills as few rows of the state as hold it: an even number of numbers. What is left
+        in front repeats the newest sample, so that the largest of all is that of the span.
         """
         graph, width = self.graph, self.spec.n_channels
-        past = self.spec.lag(LONGEST_S) - 1
+        past = self.spec.lag(MOST.span_s) - 1
         n_rows = -(-2 * past // width)
         n_rows += n_rows * width % 2
+        length = n_rows * width // 2 + 1
         field = f"series_{self.name}"
         before = graph.node("Flatten", graph.state(field, n_rows), axis=1)
         both = graph.node("Concat", before, newest, axis=1)
-        moved = graph.columns(both, 2, 2 + n_rows * width)
-        graph.keep(field, graph.reshape(moved, 0, n_rows, width))
-        return both, n_rows * width // 2 + 1
+
+        samples = np.arange(1, length)
+        samples[: length - 1 - past] = length - 1
+        places = np.stack([2 * samples, 2 * samples + 1], axis=1)
+        following = places.reshape(n_rows, width)
+        graph.keep(field, graph.node("Gather", both, following, axis=1))
+        return both, length
 
 
 def add_pooled(history: History, names: list[str]) -> str:

@@ -156,13 +156,22 @@ def _same_trees(node: onnx.NodeProto, forest: Forest, head: Head) -> int:
     expected = {
         "nodes_values": largest_float32_not_above(threshold),
         "nodes_featureids": _of_all_trees(forest, "feature"),
-        "nodes_truenodeids": _of_all_trees(forest, "children_left"),
-        "nodes_falsenodeids": _of_all_trees(forest, "children_right"),
+        "left": _of_all_trees(forest, "children_left"),
+        "right": _of_all_trees(forest, "children_right"),
     }
     # Training decides what is a branch, so that a wrong mode in the file is found.
     branch = expected["nodes_featureids"] >= 0
-    is_branch = np.array(exported["nodes_modes"]) == b"BRANCH_LEQ"
-    wrong = is_branch != branch
+    modes = np.array(exported["nodes_modes"])
+    wrong = (modes != b"LEAF") != branch
+    # where a branch asks for "above the threshold", its true child is the right one
+    is_above = modes == b"BRANCH_GT"
+    left = np.where(
+        is_above, exported["nodes_falsenodeids"], exported["nodes_truenodeids"]
+    )
+    right = np.where(
+        is_above, exported["nodes_truenodeids"], exported["nodes_falsenodeids"]
+    )
+    exported.update(left=left, right=right)
 
     # at a leaf, both sides hold fillers that no walk reads
     for name, numbers in expected.items():

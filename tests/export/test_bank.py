@@ -18,7 +18,7 @@ from holdfast.edge_runtime.graph import StepGraph, open_session, run_recording
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.detectors import add_bank, sections, step_matrix
 from holdfast.export.features import feature_graph
-from holdfast.export.guard import add_guard
+from holdfast.export.guard import MOVED, add_guard
 from holdfast.export.spec import BANDS_HZ, BandsLeftOut, StepSpec, bands_for
 
 if TYPE_CHECKING:
@@ -36,9 +36,12 @@ def bank_model(spec: StepSpec) -> bytes:
     """Guard and bank alone, with the bank's outputs [bands, C] in float64 instead of as float32
     features."""
     graph = GraphBuilder(spec.n_sensors)
-    bank = add_bank(graph, spec, add_guard(graph, spec))
-    outputs = graph.columns(bank.rectified, 0, len(spec.usable_bands()))
-    graph.node("Abs", outputs, out="rectified")
+    guarded = add_guard(graph, spec)
+    n_states, n_bands = 1 + 4 * len(spec.usable_bands()), len(spec.usable_bands())
+    product = add_bank(graph, spec, guarded).product
+    outputs = graph.columns(product, n_states, n_states + n_bands)
+    moved = graph.node("Gather", guarded.factors, [MOVED], axis=1)
+    graph.node("Abs", graph.node("Mul", outputs, moved), out="rectified")
     graph.output(
         "rectified", TensorProto.DOUBLE, len(spec.usable_bands()), spec.n_channels
     )

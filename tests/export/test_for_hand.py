@@ -119,7 +119,7 @@ def test_twelve_sensors_with_half_the_force_each_read_as_six(
     assert known.any()
     of_direction = []
     for name, family in FAMILIES.items():
-        has_direction = name in ("pooled_along", "pooled_across", "pooled_ratio")
+        has_direction = name in ("pooled_along", "pooled_ratio")
         of_direction += [has_direction] * len(family)
     same = ~np.array(of_direction)
     got, expected = (one["features"][known][:, same] for one in (many, few))

@@ -127,7 +127,7 @@ def test_subnormal_readings_are_silence_to_bank_features_and_detectors(
     assert not bank_outputs(spec_at(RATE_HZ), values)[1:].max() > 1e-90
     valid = np.ones((120, 2), dtype=np.bool_)
     out = run_recording(
-        step_of("N", "now", "bands", "activity"),
+        step_of("N", "now", "activity"),
         values,
         valid,
         ["features", "detectors"],

@@ -50,7 +50,7 @@ class Forest:
 def read_forest(node: Node, n_classes: int) -> Forest:
     """The trees of a TreeEnsembleRegressor, which are checked already (edge_runtime)."""
     about = {name: np.array(values) for name, values in node.attributes.items()}
-    branch = about["nodes_modes"] == b"BRANCH_LEQ"
+    branch = about["nodes_modes"] != b"LEAF"
     tree = about["nodes_treeids"]
 
     first = np.flatnonzero(about["nodes_nodeids"] == 0)
@@ -66,9 +66,13 @@ def read_forest(node: Node, n_classes: int) -> Forest:
     meaning[~branch] = ~number_of.ravel()
 
     # the ids of the file count from each tree's first node, here rows count through all trees
-    children = []
-    for side in ("nodes_truenodeids", "nodes_falsenodeids"):
-        children.append(meaning[(first[tree] + about[side])[branch]])
+    is_true = first[tree] + about["nodes_truenodeids"]
+    is_false = first[tree] + about["nodes_falsenodeids"]
+    # the true child of "above" is the right one
+    is_above = about["nodes_modes"] == b"BRANCH_GT"
+    left_rows = np.where(is_above, is_false, is_true)
+    right_rows = np.where(is_above, is_true, is_false)
+    children = [meaning[left_rows[branch]], meaning[right_rows[branch]]]
     roots = meaning[first]
     return Forest(
         threshold=about["nodes_values"][branch].astype(np.float32),
