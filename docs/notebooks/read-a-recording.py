@@ -22,12 +22,7 @@ import pandas as pd
 
 import holdfast
 from holdfast.cli.main import main
-from holdfast.evaluation.style import (
-    FINGER_COLOURS,
-    FINGER_LINES,
-    SITUATION_COLOURS,
-    STYLE,
-)
+from holdfast.evaluation.style import SITUATION_COLOURS
 
 os.chdir(tempfile.mkdtemp())
 folder = Path("trials")
@@ -73,14 +68,15 @@ print(f"{forces.shape[0]} samples of {forces.shape[1]} fingers")
 # first request to act.
 
 # %% alt="Normal force of six fingers in a simulated pull, and the state at every sample below"
-plt.rcParams.update({**STYLE, "font.size": 13})
+plt.rcParams["font.size"] = 13
 fingers = ("thumb 1", "thumb 2", "index", "middle", "ring", "little")
 figure, (above, below) = plt.subplots(
     2, 1, sharex=True, figsize=(6, 6), height_ratios=(2, 1)
 )
 for number, name in enumerate(fingers):
-    colour, line = FINGER_COLOURS[number], FINGER_LINES[number]
-    above.plot(time_s, forces[:, number, 2], line, color=colour, label=name)
+    # The fingers opposite the thumb are dashed.
+    line = "-" if number < 2 else "--"
+    above.plot(time_s, forces[:, number, 2], line, label=name)
 figure.legend(frameon=False, ncols=3, loc="outside upper left")
 above.set_ylabel("normal force, N")
 names = ("nothing", "grasp", "safe_slip", "risky_slip")

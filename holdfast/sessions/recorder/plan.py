@@ -38,7 +38,6 @@ from holdfast.core.trial_layout import (
     NAME,
     SITUATION_OF_ACTION,
 )
-from holdfast.live.sources import is_hand
 from holdfast.sessions.camera import CameraOptions
 
 ACTIONS = tuple(SITUATION_OF_ACTION)
@@ -210,4 +209,7 @@ class RecordOptions(CameraOptions):
     @property
     def only_a_key_ends(self) -> bool:
         """Whether a trial goes on until a key is pressed: a hand has no end of its own."""
+        # not at the top: it loads numpy, which the help of a command does not need
+        from holdfast.live.sources import is_hand
+
         return self.seconds is None and is_hand(self.source)

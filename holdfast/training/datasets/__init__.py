@@ -112,13 +112,23 @@ def load(
 def with_hand(data: DataSet, root: Path) -> DataSet:
     """The set with the hand card of its folder, where it has one.
 
-    Raises CardError, and ChannelError where it is another hand's.
+    Raises CardError, DataNotFound for a card that meta.json names and that is not there, and
+    ChannelError where it is another hand's.
     """
     path = root / HAND_FILE
+    named = read_json(root / META).get("hand") or {}
     if not path.is_file():
-        return data
+        if not named:
+            return data
+        raise DataNotFound(
+            f"no {HAND_FILE}, which {META} names",
+            where=root,
+            next_step="copy the whole set again",
+        )
+
     hand = read_hand_card(path)
-    if hand.n_sensors != data.n_sensors:
+    is_changed = named.get("sha256", hand.sha256) != hand.sha256
+    if is_changed or hand.n_sensors != data.n_sensors:
         raise ChannelError(
             f"{HAND_FILE} is the card of another hand",
             where=path,
