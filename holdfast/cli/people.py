@@ -52,7 +52,7 @@ from holdfast.cli.options import (
 from holdfast.core.errors import TagError, UsageError, command, count_of
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
 from holdfast.sessions.onset import ACTIONS, GROSS_MM, doubt, read_motion, write_label
-from holdfast.sessions.study.protocol import shipped_protocols
+from holdfast.sessions.study import shipped_protocols
 
 if TYPE_CHECKING:
     from holdfast.drivers.camera.graph import FrameSource

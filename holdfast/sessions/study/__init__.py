@@ -7,3 +7,13 @@
 
 The trials are those of the recorder, in its layout and by its code (holdfast/recorder).
 """
+
+from pathlib import Path
+
+PROTOCOLS = Path(__file__).with_name("protocols")
+"""Folder of the study protocols that ship."""
+
+
+def shipped_protocols() -> list[str]:
+    """Names of the study protocols that ship, sorted."""
+    return sorted(path.stem for path in PROTOCOLS.glob("*.toml"))

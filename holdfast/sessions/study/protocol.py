@@ -45,9 +45,8 @@ from holdfast.sessions.recorder.plan import (
     require_action,
     require_name,
 )
+from holdfast.sessions.study import PROTOCOLS, shipped_protocols
 
-PROTOCOLS = Path(__file__).with_name("protocols")
-"""Folder of the study protocols that ship."""
 Kind = Literal["say", "mount", "video", "questions", "record"]
 QUESTIONS, RECORD = "questions", "record"
 
@@ -179,11 +178,6 @@ class StudyProtocol(Protocol):
 
         steps = f"steps {self.first_step} to {self.last_step}"
         return [*lines, f"{steps}, {self.minutes:g} minutes"]
-
-
-def shipped_protocols() -> list[str]:
-    """Names of the study protocols that ship, sorted."""
-    return sorted(path.stem for path in PROTOCOLS.glob("*.toml"))
 
 
 def read_study(name: str | Path) -> StudyProtocol:
