@@ -43,7 +43,7 @@ SOURCES: dict[str, dict[str, str]] = {
     },
     "docs/how-it-works.md": {},
     "docs/on-a-hand.md": {"hand": "build/bench/hand.json"},
-    "docs/recording-and-study.md": {"adapt": "build/adapt-study/adapt.json"},
+    "docs/recording-and-study.md": {"adapt": "docs/measured/adapt-2026-11-28.json"},
     "docs/results.md": {
         "distortions": "docs/measured/distortions-080828f74eb1.json",
         "evaluated": "build/evaluate/figures.json",
