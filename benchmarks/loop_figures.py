@@ -17,10 +17,7 @@ import numpy as np
 
 from benchmarks.loop_baselines import may_slip, needed_grip_n
 from holdfast.core.contract import BoolArray, FloatArray, Json
-from holdfast.core.trial_layout import (
-    HELD_ACTIONS,
-    SITUATION_OF_ACTION,
-)
+from holdfast.core.trial_layout import HELD_ACTIONS, SITUATION_OF_ACTION
 from holdfast.evaluation.formats import share
 from holdfast.simulation.loop_people import LoopOutcome
 from holdfast.training.metrics import Interval

@@ -16,12 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmarks.mujoco_version import require_mujoco
-from benchmarks.world.draws import (
-    INTENTS,
-    KINDS,
-    draw_trial,
-    with_intent,
-)
+from benchmarks.world.draws import INTENTS, KINDS, draw_trial, with_intent
 from benchmarks.world.trials_file import ROOT, TrialsFile, code_sha256, file_sha256
 from holdfast.cli.command import path_argument, seed, show
 from holdfast.cli.options import CORES, add_job_options, chosen_workers

@@ -8,13 +8,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from benchmarks.world.answers import Answers, answered_run
-from benchmarks.world.draws import (
-    NEVER_S,
-    RISKY,
-    WorldTrial,
-    draw_trial,
-    with_intent,
-)
+from benchmarks.world.draws import NEVER_S, RISKY, WorldTrial, draw_trial, with_intent
 from benchmarks.world.outcomes import (
     REFUSALS,
     BareRun,

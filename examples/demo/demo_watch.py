@@ -9,13 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from examples.demo.demo_stream import StreamPicture, picture_of
-from holdfast.core.contract import (
-    RISKY_SLIP,
-    SAFE_SLIP,
-    SITUATIONS,
-    Prediction,
-    Sample,
-)
+from holdfast.core.contract import RISKY_SLIP, SAFE_SLIP, SITUATIONS, Prediction, Sample
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.training.recording import Recording

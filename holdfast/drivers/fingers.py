@@ -21,18 +21,9 @@ import numpy as np
 from holdfast.core.errors import DeviceError, DeviceNotFound, WrongDevice
 from holdfast.core.source import SourceReading
 from holdfast.drivers.bus import Bus, Reply, Transfer
-from holdfast.drivers.finger import (
-    TRY_AGAIN_NS,
-    FingerState,
-    bring_up,
-)
+from holdfast.drivers.finger import TRY_AGAIN_NS, FingerState, bring_up
 from holdfast.drivers.layout import Finger, ScanPlanner, is_mux, plain_read
-from holdfast.drivers.tmag5273 import (
-    Setup,
-    conversion_s,
-    field_ut,
-    range_mt,
-)
+from holdfast.drivers.tmag5273 import Setup, conversion_s, field_ut, range_mt
 
 TRIES_AT_START = 3
 """One flipped bit must not keep a hand from starting."""

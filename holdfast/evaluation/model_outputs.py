@@ -9,11 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import (
-    RISKY_SLIP,
-    SITUATIONS,
-    Json,
-)
+from holdfast.core.contract import RISKY_SLIP, SITUATIONS, Json
 from holdfast.core.errors import ChannelError
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.engine import OpenedModel

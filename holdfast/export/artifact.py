@@ -26,11 +26,7 @@ from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.export.features import feature_count
 from holdfast.export.heads import Calibration, FloatRows, Head
-from holdfast.export.learner import (
-    FOREST_KINDS,
-    Forest,
-    Learner,
-)
+from holdfast.export.learner import FOREST_KINDS, Forest, Learner
 from holdfast.export.network import Inputs, Layer, Network
 from holdfast.export.spec import StepSpec
 

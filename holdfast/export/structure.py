@@ -16,11 +16,7 @@ from onnx import helper
 
 from holdfast.core.errors import VerificationFailed
 from holdfast.export.heads import Correction, FloatRows, Head, learned_name
-from holdfast.export.learner import (
-    Forest,
-    Learner,
-    leaf_votes,
-)
+from holdfast.export.learner import Forest, Learner, leaf_votes
 from holdfast.export.network import Inputs, Network
 
 THRESHOLD_ROWS, THRESHOLD_SHARE = 20_000, 0.9

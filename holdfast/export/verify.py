@@ -18,12 +18,7 @@ import onnx
 from onnx import numpy_helper
 from onnx.utils import Extractor
 
-from holdfast.core.contract import (
-    NOTHING,
-    SITUATIONS,
-    BoolArray,
-    FloatArray,
-)
+from holdfast.core.contract import NOTHING, SITUATIONS, BoolArray, FloatArray
 from holdfast.edge_runtime.graph import (
     BATCH,
     Outputs,

@@ -24,11 +24,7 @@ from holdfast.core.contract import SITUATIONS, Json, channel_names
 from holdfast.core.errors import NotANumber, needs_extra
 from holdfast.core.schema import json_of, read
 from holdfast.core.writing import write_whole
-from holdfast.interop.parquet import (
-    read_columns,
-    write_columns,
-    write_rows,
-)
+from holdfast.interop.parquet import read_columns, write_columns, write_rows
 from holdfast.interop.payload import NO_LABEL, UNLABELLED, TrialPayload
 from holdfast.interop.streams import Columns, ForeignLog, Stream
 from holdfast.training.datasets.thesis import common_rate

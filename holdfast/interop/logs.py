@@ -19,13 +19,7 @@ import numpy as np
 from holdfast.core.contract import IntArray
 from holdfast.core.errors import DataError, DataNotFound, EmptyRecording, NotANumber
 from holdfast.core.trial_layout import LOG_MARKS, LOG_SUFFIXES
-from holdfast.interop.streams import (
-    LOG_TIME,
-    Columns,
-    ForeignLog,
-    Stream,
-    is_text,
-)
+from holdfast.interop.streams import LOG_TIME, Columns, ForeignLog, Stream, is_text
 
 PROSE = (".txt", ".dat", ".log", "")
 """Endings that other files have too: such a file in a folder is a log if it is a table."""

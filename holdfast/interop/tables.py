@@ -18,20 +18,9 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.column_map import flat_fields
-from holdfast.core.errors import (
-    ColumnError,
-    EmptyRecording,
-    NotANumber,
-    needs_extra,
-)
+from holdfast.core.errors import ColumnError, EmptyRecording, NotANumber, needs_extra
 from holdfast.interop.layout import MISSING, SPACES, STAMP, TableLayout, layout_of
-from holdfast.interop.streams import (
-    Column,
-    Columns,
-    ForeignLog,
-    Stream,
-    is_text,
-)
+from holdfast.interop.streams import Column, Columns, ForeignLog, Stream, is_text
 
 with needs_extra("train"):
     import pandas as pd

@@ -19,25 +19,12 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.core.errors import listed
-from holdfast.interop.columns import (
-    channels,
-    find_sensors,
-    find_time,
-    touch,
-    unit_of,
-)
+from holdfast.interop.columns import channels, find_sensors, find_time, touch, unit_of
 from holdfast.interop.forms import NUMBERED, Form, tokens_of
-from holdfast.interop.labels import (
-    is_mark,
-)
+from holdfast.interop.labels import is_mark
 from holdfast.interop.logs import LogPlace, counted, find_logs, read_log, table_of
 from holdfast.interop.map import ImportMap
-from holdfast.interop.streams import (
-    Columns,
-    ForeignLog,
-    first_stream,
-    is_text,
-)
+from holdfast.interop.streams import Columns, ForeignLog, first_stream, is_text
 from holdfast.interop.tables import pd
 from holdfast.interop.trials import files_of, read_joined
 from holdfast.interop.understood import Answers, Sample, Understood

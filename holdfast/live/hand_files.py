@@ -15,13 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contract import (
-    NORMAL_AXIS,
-    BoolArray,
-    FloatArray,
-    IntArray,
-    Sample,
-)
+from holdfast.core.contract import NORMAL_AXIS, BoolArray, FloatArray, IntArray, Sample
 from holdfast.core.errors import UnitError
 from holdfast.core.hand_card import sensor_names
 from holdfast.core.source import SelfPaced, Source, SourceReading

@@ -25,12 +25,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import (
-    Command,
-    FloatArray,
-    Prediction,
-    Sample,
-)
+from holdfast.core.contract import Command, FloatArray, Prediction, Sample
 from holdfast.core.errors import count_of
 from holdfast.core.source import SelfPaced, Source, SourceReading
 from holdfast.edge_runtime.monitor import GripMonitor

@@ -23,12 +23,7 @@ from holdfast.core.source import Source
 from holdfast.core.trial_file import Zero
 from holdfast.drivers.hand import Hand
 from holdfast.drivers.replay import at_rate, zero_of
-from holdfast.edge_runtime.engine import (
-    AUTO,
-    ONNXRUNTIME,
-    ModelChoice,
-    OpenedModel,
-)
+from holdfast.edge_runtime.engine import AUTO, ONNXRUNTIME, ModelChoice, OpenedModel
 from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.live.hand_files import (
     AnswerWatch,

@@ -18,18 +18,10 @@ from holdfast.core.errors import TooLittleToAdapt, UsageError, WorseThanBase, co
 from holdfast.core.locked import require_open
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.model import Model
-from holdfast.edge_runtime.model_file import (
-    read_sealed,
-    votes_in_all,
-)
+from holdfast.edge_runtime.model_file import read_sealed, votes_in_all
 from holdfast.evaluation.alarms import Answers, act_requests, match_alarms
 from holdfast.evaluation.trials import voluntary_actions
-from holdfast.export.changed import (
-    adapted,
-    is_adapted,
-    undone,
-    verify_adapted,
-)
+from holdfast.export.changed import adapted, is_adapted, undone, verify_adapted
 from holdfast.export.exporting import write_model
 from holdfast.export.heads import Correction
 from holdfast.export.verify import AdaptedVerification

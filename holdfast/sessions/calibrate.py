@@ -32,12 +32,7 @@ from holdfast.core.errors import (
     count_of,
 )
 from holdfast.core.source import SelfPaced, Source
-from holdfast.drivers.calibration import (
-    Bias,
-    Calibration,
-    bias_of,
-    turn,
-)
+from holdfast.drivers.calibration import Bias, Calibration, bias_of, turn
 
 RATE_HZ = 100.0
 """Of a hand, which has no fixed rate."""

@@ -26,18 +26,9 @@ from holdfast.edge_runtime.grip import AnswerRules, Controller, GripSense, Holdf
 from holdfast.edge_runtime.grip_control import GripLoop
 from holdfast.edge_runtime.supervisor import Limits
 from holdfast.simulation.drive import Actuator, Drive, Opening
-from holdfast.simulation.loop_people import (
-    Habits,
-    LoopOutcome,
-    Wearer,
-    outcome_of,
-)
+from holdfast.simulation.loop_people import Habits, LoopOutcome, Wearer, outcome_of
 from holdfast.simulation.loop_physics import HandsAndObjects, loop_end_s, spans_of
-from holdfast.simulation.loop_sensing import (
-    Between,
-    HandModels,
-    LoopSensors,
-)
+from holdfast.simulation.loop_sensing import Between, HandModels, LoopSensors
 from holdfast.simulation.magnet import shear_gain_in
 from holdfast.simulation.protocol import Trials
 from holdfast.simulation.scene import Scene

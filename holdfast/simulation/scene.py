@@ -27,12 +27,7 @@ from holdfast.simulation.effect import (
     stream,
 )
 from holdfast.simulation.objects import HOLD, NO_OBJECT, sensed_of
-from holdfast.simulation.protocol import (
-    PlannedTrial,
-    Trials,
-    TrialsRow,
-    draw_trial,
-)
+from holdfast.simulation.protocol import PlannedTrial, Trials, TrialsRow, draw_trial
 from holdfast.simulation.scene_file import SceneFile
 from holdfast.simulation.script_times import grid_of
 from holdfast.simulation.stepper import Done, StepSettings, TrialMotion, motions

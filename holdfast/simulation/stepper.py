@@ -17,11 +17,7 @@ import numpy.typing as npt
 from holdfast.core.contract import BoolArray, FloatArray, IntArray
 from holdfast.simulation.body import Body, Inputs, State, at_rest
 from holdfast.simulation.core import step
-from holdfast.simulation.effect import (
-    NO_EFFECTS,
-    Interval,
-    PhysicsEffects,
-)
+from holdfast.simulation.effect import NO_EFFECTS, Interval, PhysicsEffects
 from holdfast.simulation.protocol import Trials, each
 from holdfast.simulation.script import Script, body_of
 from holdfast.simulation.script_times import Grid, grid_of

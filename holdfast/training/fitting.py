@@ -22,11 +22,7 @@ from holdfast.core.contract import (
 )
 from holdfast.core.errors import RateError
 from holdfast.core.writing import require_free, require_writable
-from holdfast.export.artifact import (
-    INDEX,
-    Artifact,
-    write_artifact,
-)
+from holdfast.export.artifact import INDEX, Artifact, write_artifact
 from holdfast.export.heads import Head
 from holdfast.training.crossval import (
     FloatRows,
@@ -50,13 +46,7 @@ from holdfast.training.judging import (
     strictest_hold_out,
 )
 from holdfast.training.metrics import PLURAL, HeadFigures
-from holdfast.training.plan import (
-    PLANS,
-    TASK_HEADS,
-    LearnerKind,
-    TrainingPlan,
-    at_rate,
-)
+from holdfast.training.plan import PLANS, TASK_HEADS, LearnerKind, TrainingPlan, at_rate
 from holdfast.training.progress import Part, Say, Stages, ignored
 from holdfast.training.recording import (
     DataSet,

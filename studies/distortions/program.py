@@ -14,11 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from holdfast.cli.command import path_argument
-from holdfast.cli.options import (
-    add_job_options,
-    chosen_model,
-    chosen_workers,
-)
+from holdfast.cli.options import add_job_options, chosen_model, chosen_workers
 from holdfast.core.contract import Json
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.edge_runtime.engine import ModelChoice

@@ -9,14 +9,7 @@ from matplotlib.axes import Axes
 
 from holdfast.core.contract import Json
 from holdfast.evaluation.formats import DEPLOYED
-from holdfast.evaluation.style import (
-    GRID,
-    INK,
-    OURS,
-    WARNING,
-    drawing,
-    svg,
-)
+from holdfast.evaluation.style import GRID, INK, OURS, WARNING, drawing, svg
 from tools.harness import for_any_page
 
 WIDE_IN = 5.6

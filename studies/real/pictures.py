@@ -9,15 +9,7 @@ from matplotlib.axes import Axes
 from sklearn.metrics import confusion_matrix, precision_recall_curve, roc_curve
 
 from holdfast.core.contract import SITUATIONS
-from holdfast.evaluation.style import (
-    GRID,
-    INK,
-    OURS,
-    QUIET,
-    WARNING,
-    drawing,
-    svg,
-)
+from holdfast.evaluation.style import GRID, INK, OURS, QUIET, WARNING, drawing, svg
 from holdfast.training.crossval import HeldOut
 from holdfast.training.metrics import ABSENT, HeadFigures, Interval, situation_scores
 from holdfast.training.recording import DataSet

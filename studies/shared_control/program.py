@@ -10,11 +10,7 @@ import sys
 from pathlib import Path
 
 from holdfast.cli.command import path_argument, whole
-from holdfast.cli.options import (
-    add_job_options,
-    chosen_model,
-    chosen_workers,
-)
+from holdfast.cli.options import add_job_options, chosen_model, chosen_workers
 from holdfast.core.contract import Json
 from holdfast.core.errors import UsageError
 from holdfast.core.locked import locked_sets

@@ -32,11 +32,7 @@ from holdfast.training.network_fit import interruptible
 from holdfast.training.progress import Say
 from holdfast.training.recording import DataSet, assign_groups, folds_of
 from studies.thesis_preliminary.cases import CASES, Case
-from studies.thesis_preliminary.figures import (
-    CaseFigures,
-    Repeated,
-    StudiedSet,
-)
+from studies.thesis_preliminary.figures import CaseFigures, Repeated, StudiedSet
 from studies.thesis_preliminary.points import (
     KINDS,
     SLIPPING,

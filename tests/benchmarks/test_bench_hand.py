@@ -9,12 +9,7 @@ import pytest
 from page_tables import filled
 
 from benchmarks import hand
-from benchmarks.hand import (
-    FAULTS,
-    RATES_HZ,
-    fault_table,
-    scan_costs,
-)
+from benchmarks.hand import FAULTS, RATES_HZ, fault_table, scan_costs
 from holdfast.drivers.bus import BRIDGE
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -15,13 +15,7 @@ from small_model import for_the_hand, graph_of
 
 from benchmarks.runtimes import here as bench
 from benchmarks.runtimes.arm import read_report
-from benchmarks.runtimes.c_programs import (
-    CLANG,
-    GCC,
-    WASM,
-    answers_of,
-    golden_of,
-)
+from benchmarks.runtimes.c_programs import CLANG, GCC, WASM, answers_of, golden_of
 from benchmarks.runtimes.onnx_programs import (
     C_API,
     IN_C,

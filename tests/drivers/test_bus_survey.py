@@ -7,11 +7,7 @@ from typing import Any
 
 from holdfast.drivers import scan
 from holdfast.drivers.bus import Reply, Transfer
-from holdfast.drivers.scan import (
-    BusDevice,
-    as_layout,
-    look_at,
-)
+from holdfast.drivers.scan import BusDevice, as_layout, look_at
 from holdfast.drivers.tmag5273 import REGISTERS
 
 

@@ -36,12 +36,7 @@ from holdfast.drivers.calibration import (
     write_bias,
     write_calibration,
 )
-from holdfast.sessions.calibrate import (
-    Fit,
-    LoadSet,
-    measured_shear_gain,
-    read_loads,
-)
+from holdfast.sessions.calibrate import Fit, LoadSet, measured_shear_gain, read_loads
 from holdfast.sessions.calibrate import calibrate as fit_calibration
 from holdfast.simulation.magnet import HEIGHT, dipole_ut, place_m, shear_gain
 

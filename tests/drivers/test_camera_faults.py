@@ -13,14 +13,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from drawn_frames import (
-    FPS,
-    N_FRAMES,
-    PRELUDE,
-    fresh_command,
-    process,
-    program,
-)
+from drawn_frames import FPS, N_FRAMES, PRELUDE, fresh_command, process, program
 from hand_made_tracks import hand_made
 
 from holdfast.cli.main import main

@@ -12,11 +12,7 @@ from unittest.mock import MagicMock, call
 import numpy as np
 import pytest
 from camera_frames import HAND_TAG
-from drawn_frames import (
-    FPS,
-    program,
-    write_frames,
-)
+from drawn_frames import FPS, program, write_frames
 from hand_made_tracks import hand_made
 
 from holdfast.cli.main import main

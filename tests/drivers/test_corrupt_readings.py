@@ -8,15 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from holdfast.drivers.bus import Reply
-from holdfast.drivers.finger import (
-    FingerState,
-)
+from holdfast.drivers.finger import FingerState
 from holdfast.drivers.layout import Finger
-from holdfast.drivers.tmag5273 import (
-    LAYOUT,
-    PACKET_BYTES,
-    packet,
-)
+from holdfast.drivers.tmag5273 import LAYOUT, PACKET_BYTES, packet
 
 ADDRESS = 0x35
 

@@ -13,19 +13,10 @@ import pytest
 from hand_bench import PERIOD_NS, Bench, bad, started
 from hazard_marks import CORRUPT_READING
 
-from holdfast.core.errors import (
-    DeviceNotFound,
-    UsageError,
-    WrongDevice,
-)
+from holdfast.core.errors import DeviceNotFound, UsageError, WrongDevice
 from holdfast.drivers.bus import Transfer
 from holdfast.drivers.finger import STALE_NS
-from holdfast.drivers.layout import (
-    LAYOUTS,
-    MUX_ADDRESSES,
-    ScanPlanner,
-    read_layout,
-)
+from holdfast.drivers.layout import LAYOUTS, MUX_ADDRESSES, ScanPlanner, read_layout
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.drivers.virtual.virtual_hand import Track
 

@@ -19,12 +19,7 @@ from hypothesis import strategies as st
 from live_bench import go
 
 from holdfast.core.contract import Prediction, channel_names
-from holdfast.core.errors import (
-    DeviceLost,
-    DeviceNotFound,
-    RateError,
-    UsageError,
-)
+from holdfast.core.errors import DeviceLost, DeviceNotFound, RateError, UsageError
 from holdfast.core.hand_lines import LONGEST_LINE
 from holdfast.core.source import Source, SourceReading
 from holdfast.drivers.arrivals import LOST, SKIPPED

@@ -7,14 +7,7 @@ import os
 from typing import Any
 
 import pytest
-from bridge_bench import (
-    ABSENT,
-    FIRST,
-    IDENTITY,
-    WHO,
-    A,
-    B,
-)
+from bridge_bench import ABSENT, FIRST, IDENTITY, WHO, A, B
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from virtual_i2c import VirtualI2cDev
@@ -32,11 +25,7 @@ from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer, freeing
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.native_i2c import NativeI2C
 from holdfast.drivers.virtual.faults import VirtualClock
-from holdfast.drivers.virtual.ft232h import (
-    IN_ENDPOINT,
-    OUT_ENDPOINT,
-    VirtualFt232h,
-)
+from holdfast.drivers.virtual.ft232h import IN_ENDPOINT, OUT_ENDPOINT, VirtualFt232h
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 

@@ -9,13 +9,7 @@ from hypothesis import strategies as st
 
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import LabelError, TagError
-from holdfast.drivers.camera.onset import (
-    HiddenMotion,
-    Motion,
-    Slip,
-    find_slip,
-    motion,
-)
+from holdfast.drivers.camera.onset import HiddenMotion, Motion, Slip, find_slip, motion
 
 TAG_MM = 10.0
 GROSS_MM = 2.0

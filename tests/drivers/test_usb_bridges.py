@@ -10,12 +10,7 @@ import pytest
 import usb.backend.libusb1
 import usb.core
 import usb.util
-from bridge_bench import (
-    FIRST,
-    IDENTITY,
-    WHO,
-    every_usb_bridge,
-)
+from bridge_bench import FIRST, IDENTITY, WHO, every_usb_bridge
 
 from holdfast.core.errors import (
     AccessDenied,

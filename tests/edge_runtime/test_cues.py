@@ -13,15 +13,7 @@ from made_prediction import prediction
 
 from holdfast.core.contract import Prediction
 from holdfast.core.errors import CardError
-from holdfast.live.cues import (
-    KINDS,
-    CueRule,
-    Cues,
-    CueTable,
-    Kind,
-    cue_line,
-    read_cues,
-)
+from holdfast.live.cues import KINDS, CueRule, Cues, CueTable, Kind, cue_line, read_cues
 
 MS = 1_000_000
 SHIPPED_TABLE = read_cues()

@@ -22,16 +22,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from holdfast.edge_runtime.batch import ONE_HAND, ManyHands
-from holdfast.edge_runtime.grip import (
-    AnswerRules,
-    Controller,
-    Holdfast,
-    possible,
-)
-from holdfast.edge_runtime.grip_control import (
-    FrictionMargin,
-    GripLoop,
-)
+from holdfast.edge_runtime.grip import AnswerRules, Controller, Holdfast, possible
+from holdfast.edge_runtime.grip_control import FrictionMargin, GripLoop
 from holdfast.edge_runtime.supervisor import Limits
 
 SAMPLES, HANDS = 80, 3

@@ -8,15 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from grip_bench import (
-    TtyReceiver,
-    UnixReceiver,
-    command,
-    opened,
-    send,
-    sender,
-    until,
-)
+from grip_bench import TtyReceiver, UnixReceiver, command, opened, send, sender, until
 from hazard_marks import NO_GRIP_COMMAND, RUN_DIES, WIRE_FAILS
 
 from holdfast.core.errors import DeviceNotFound, UsageError

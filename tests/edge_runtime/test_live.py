@@ -23,12 +23,7 @@ from live_bench import ROOT, RUN, Steady, closing_output, go
 from made_prediction import prediction
 
 from holdfast.core.contract import Command, Prediction, Sample
-from holdfast.core.errors import (
-    ChannelError,
-    OutputError,
-    UnitError,
-    UsageError,
-)
+from holdfast.core.errors import ChannelError, OutputError, UnitError, UsageError
 from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.monitor import Model

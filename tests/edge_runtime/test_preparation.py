@@ -9,11 +9,7 @@ import numpy as np
 import pytest
 
 from holdfast.edge_runtime.graph import step_recordings
-from holdfast.edge_runtime.preparation import (
-    MOST_ROWS,
-    Preparation,
-    Tare,
-)
+from holdfast.edge_runtime.preparation import MOST_ROWS, Preparation, Tare
 
 
 @pytest.mark.parametrize("rows", [0, MOST_ROWS])

@@ -9,11 +9,7 @@ import pytest
 
 from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
-from holdfast.sessions.adapt import (
-    LEAST_RECALL,
-    Evidence,
-    HeldOutFigures,
-)
+from holdfast.sessions.adapt import LEAST_RECALL, Evidence, HeldOutFigures
 from holdfast.sessions.adapt_evidence import (
     MOST_NATS,
     Stream,

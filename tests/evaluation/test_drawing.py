@@ -7,9 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from holdfast.evaluation.style import (
-    SITUATION_COLOURS,
-)
+from holdfast.evaluation.style import SITUATION_COLOURS
 
 ROOT = Path(__file__).resolve().parents[2]
 

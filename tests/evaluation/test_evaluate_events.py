@@ -49,11 +49,7 @@ from holdfast.evaluation.model_outputs import (
 from holdfast.evaluation.states import LabelledSamples, changes_per_s
 from holdfast.evaluation.states import calibration as calibration_of
 from holdfast.evaluation.states import confusion as confusion_of
-from holdfast.evaluation.trials import (
-    LabelledTrial,
-    VoluntaryAction,
-    voluntary_actions,
-)
+from holdfast.evaluation.trials import LabelledTrial, VoluntaryAction, voluntary_actions
 from holdfast.export.detectors import detector_names
 from holdfast.export.features import feature_graph
 from holdfast.export.spec import BandsLeftOut, StepSpec

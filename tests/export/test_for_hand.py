@@ -20,9 +20,7 @@ from holdfast.edge_runtime.model_file import read_sealed
 from holdfast.edge_runtime.monitor import Model
 from holdfast.export.artifact import write_artifact
 from holdfast.export.changed import changed
-from holdfast.export.exporting import (
-    export_artifact,
-)
+from holdfast.export.exporting import export_artifact
 from holdfast.export.pooled import FAMILIES
 from holdfast.export.spec import StepSpec
 from holdfast.live.model_checks import model_checks

@@ -24,10 +24,7 @@ from holdfast.export.exporting import export_artifact, whole_graph
 from holdfast.export.heads import Calibration, Head, riskier_argmax, situation_votes
 from holdfast.export.learner import Forest, Learner, reference_votes, vote_bits
 from holdfast.export.spec import StepSpec
-from holdfast.export.structure import (
-    edge_rows,
-    threshold_rows,
-)
+from holdfast.export.structure import edge_rows, threshold_rows
 from holdfast.export.verify import cut_learners, verify
 
 if TYPE_CHECKING:

@@ -28,13 +28,7 @@ from hard_marks import (
 from scipy.signal import sosfilt
 from test_bank import bank_model, bank_outputs, spec_at
 
-from holdfast.core.contract import (
-    NORMAL_FLOOR,
-    FloatArray,
-    Prediction,
-    Sample,
-    Unit,
-)
+from holdfast.core.contract import NORMAL_FLOOR, FloatArray, Prediction, Sample, Unit
 from holdfast.edge_runtime.graph import StepGraph, open_session, run_recording
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Preparation

@@ -29,10 +29,7 @@ from holdfast.export.exporting import whole_graph
 from holdfast.export.heads import Calibration, Head, riskier_argmax, situation_votes
 from holdfast.export.learner import Forest, Learner, reference_votes
 from holdfast.export.spec import StepSpec
-from holdfast.export.structure import (
-    edge_rows,
-    threshold_rows,
-)
+from holdfast.export.structure import edge_rows, threshold_rows
 from holdfast.export.verify import CHUNK, cut_learners
 
 if TYPE_CHECKING:

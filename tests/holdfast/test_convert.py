@@ -15,14 +15,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from command_line import fails
-from lossy_set import (
-    NEVER_CAME,
-    PASS,
-    PULL,
-    ROWS,
-    Written,
-    write_lossy_set,
-)
+from lossy_set import NEVER_CAME, PASS, PULL, ROWS, Written, write_lossy_set
 from mcap.reader import make_reader
 from packages import ROOT
 

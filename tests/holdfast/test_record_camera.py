@@ -9,12 +9,7 @@ from pathlib import Path
 
 import pytest
 from drawn_frames import two_sizes
-from recorder_bench import (
-    errors_in,
-    meta_of,
-    start,
-    wait_for,
-)
+from recorder_bench import errors_in, meta_of, start, wait_for
 
 from holdfast.cli.main import main
 from holdfast.core.trial_file import read_trial

@@ -10,25 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hazard_marks import OVERWRITTEN, SOURCE_ENDED
-from recorder_bench import (
-    TRIAL,
-    Hand,
-    meta_of,
-    recorded,
-    said,
-    session,
-    states_in,
-)
+from recorder_bench import TRIAL, Hand, meta_of, recorded, said, session, states_in
 from recorder_bench import columns_of as read_columns
 
 from holdfast.core.errors import EmptyRecording
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.sessions.recorder.plan import Task
-from holdfast.sessions.recorder.terminal import (
-    OVER_THE_LINE_ABOVE,
-    Display,
-    StatusLine,
-)
+from holdfast.sessions.recorder.terminal import OVER_THE_LINE_ABOVE, Display, StatusLine
 
 SHORT_SCENE = """
 [record]

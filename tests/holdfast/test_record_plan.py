@@ -8,14 +8,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from recorder_bench import (
-    PROTOCOL,
-    REST,
-    meta_of,
-    one_pull,
-    recorded,
-    said,
-)
+from recorder_bench import PROTOCOL, REST, meta_of, one_pull, recorded, said
 
 from holdfast.cli.main import main
 from holdfast.core.errors import (
@@ -27,12 +20,7 @@ from holdfast.core.errors import (
     UsageError,
 )
 from holdfast.sessions.recorder.folder import opened
-from holdfast.sessions.recorder.plan import (
-    ACTIONS,
-    Task,
-    read_protocol,
-    tasks_left,
-)
+from holdfast.sessions.recorder.plan import ACTIONS, Task, read_protocol, tasks_left
 from holdfast.simulation import actions as simulated
 from holdfast.training.datasets import trials
 

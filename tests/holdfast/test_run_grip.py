@@ -21,19 +21,11 @@ from packages import package_of
 
 from holdfast.core.contract import GripCommand
 from holdfast.core.errors import ChannelError, UsageError
-from holdfast.drivers.calibration import (
-    Calibration,
-    write_calibration,
-)
+from holdfast.drivers.calibration import Calibration, write_calibration
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime import grip_control
 from holdfast.edge_runtime.model import Model
-from holdfast.live.grip import (
-    WHO_LETS_GO,
-    GripOutput,
-    controller_for,
-    open_grip,
-)
+from holdfast.live.grip import WHO_LETS_GO, GripOutput, controller_for, open_grip
 from holdfast.live.hand_files import shear_gain_of
 from holdfast.live.outputs import emit_to
 from holdfast.live.run import answer

@@ -24,11 +24,7 @@ from recorder_bench import (
 )
 from study_bench import TALK, TRIALS, Study
 
-from holdfast.core.errors import (
-    LabelError,
-    OutputError,
-    UsageError,
-)
+from holdfast.core.errors import LabelError, OutputError, UsageError
 from holdfast.sessions.recorder.folder import reserved
 from holdfast.sessions.study import journal as journals
 from holdfast.sessions.study.journal import (

@@ -10,9 +10,7 @@ from study_bench import protocol_of
 
 from holdfast.core.errors import CardError
 from holdfast.sessions.recorder.plan import Task
-from holdfast.sessions.study.protocol import (
-    read_study,
-)
+from holdfast.sessions.study.protocol import read_study
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
 

@@ -10,13 +10,7 @@ import pytest
 from loop_bench import Firm, model, scene_of
 
 from benchmarks.loop_baselines import needed_grip_n
-from holdfast.core.contract import (
-    GRASP,
-    NOTHING,
-    RISKY_SLIP,
-    SAFE_SLIP,
-    FloatArray,
-)
+from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, FloatArray
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.simulation.actions import EVERYDAY
 from holdfast.simulation.closed_loop import LoopTruth, run_loops

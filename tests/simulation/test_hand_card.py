@@ -13,10 +13,7 @@ import pytest
 from small_model import artifact, card_of, graph_of, spec
 
 from holdfast.core.errors import CardError, ChannelError, DataNotFound
-from holdfast.core.hand_card import (
-    HandCard,
-    read_hand_card,
-)
+from holdfast.core.hand_card import HandCard, read_hand_card
 from holdfast.edge_runtime.model_file import read_card
 from holdfast.evaluation.model_outputs import require_model_fits
 from holdfast.export.exporting import model_card, seal

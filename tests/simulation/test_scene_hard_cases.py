@@ -13,13 +13,7 @@ from hypothesis import strategies as st
 from test_scene_physics import G, at_rest, body, closed, energy_j, go
 
 from holdfast.core.errors import CardError
-from holdfast.simulation.body import (
-    Body,
-    Floor,
-    Inputs,
-    State,
-    brush_j,
-)
+from holdfast.simulation.body import Body, Floor, Inputs, State, brush_j
 from holdfast.simulation.scene_file import read_scene_file
 
 AREA = "Simulation"

@@ -26,11 +26,7 @@ from studies.distortions.chain import (
 )
 from studies.distortions.closed_loop import BetweenByName
 from studies.distortions.fingers import DeadFingers, FewerFingers
-from studies.distortions.geometry import (
-    AxesTurned,
-    HandTurned,
-    Tilted,
-)
+from studies.distortions.geometry import AxesTurned, HandTurned, Tilted
 from studies.distortions.law import Law, PlanRequest, distorted
 from studies.distortions.quiet_hand import QuietHand
 from studies.distortions.statistics import paired_change

@@ -17,22 +17,10 @@ from holdfast.training.recording import DataSet, Recording
 from holdfast.training.timeline import Phase, RiskyEvent
 from studies.thesis_preliminary import program
 from studies.thesis_preliminary import study as learners
-from studies.thesis_preliminary.cases import (
-    CASES,
-)
-from studies.thesis_preliminary.points import (
-    KINDS,
-    Points,
-    points_of,
-    windows,
-)
+from studies.thesis_preliminary.cases import CASES
+from studies.thesis_preliminary.points import KINDS, Points, points_of, windows
 from studies.thesis_preliminary.published import LEARNERS
-from studies.thesis_preliminary.study import (
-    MAKE,
-    balanced,
-    case_figures,
-    repetitions,
-)
+from studies.thesis_preliminary.study import MAKE, balanced, case_figures, repetitions
 
 RATE_HZ, SENSORS = 60.0, 20
 SHAPES = {"1": (7, 60), "2": (7, 40), "3": (7, 3), "4": (7, 60), "5": (7, 60)}

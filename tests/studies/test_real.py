@@ -29,10 +29,7 @@ from holdfast.training.crossval import (
 from holdfast.training.datasets import load
 from holdfast.training.fitting import versions
 from holdfast.training.judging import held_out_figures
-from holdfast.training.plan import (
-    ForestPlan,
-    TrainingPlan,
-)
+from holdfast.training.plan import ForestPlan, TrainingPlan
 from holdfast.training.recording import DataSet
 from studies.real.figures import FinalModel, RealStudy, StreamedFold
 from studies.real.methods import CLOCK_PLAN, Method, cross_validated

@@ -5,9 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from drawn_frames import (
-    FPS,
-)
+from drawn_frames import FPS
 
 from holdfast.drivers.camera.recording import (
     CameraFacts,

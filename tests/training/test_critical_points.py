@@ -10,10 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from holdfast.core.contract import FloatArray
-from holdfast.training.critical_points import (
-    friction_rows,
-    offline_critical_points,
-)
+from holdfast.training.critical_points import friction_rows, offline_critical_points
 from holdfast.training.recording import Recording
 
 RATES_HZ = (50.0, 100.0, 150.0, 300.0)

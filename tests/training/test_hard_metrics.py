@@ -14,10 +14,7 @@ from sklearn.ensemble import ExtraTreesClassifier
 from holdfast.core.contract import SITUATIONS, FloatArray
 from holdfast.core.errors import DataError, LabelError
 from holdfast.drivers.calibration import Calibration as FieldCalibration
-from holdfast.drivers.calibration import (
-    read_calibration,
-    write_calibration,
-)
+from holdfast.drivers.calibration import read_calibration, write_calibration
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.graph import open_session
 from holdfast.export.exporting import whole_graph

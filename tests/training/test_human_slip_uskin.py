@@ -13,10 +13,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from holdfast.core.errors import (
-    ColumnError,
-    NotANumber,
-)
+from holdfast.core.errors import ColumnError, NotANumber
 from holdfast.training.datasets import load
 from holdfast.training.datasets.human_slip_uskin import middle_angle_deg
 from holdfast.training.recording import DataSet

@@ -9,11 +9,7 @@ import pytest
 from made_set import made_set, task_of
 
 from holdfast.core.contract import CLASSES
-from holdfast.training.fitting import (
-    FEWEST_WINDOWS,
-    FewWindows,
-    warn_of_scarcity,
-)
+from holdfast.training.fitting import FEWEST_WINDOWS, FewWindows, warn_of_scarcity
 from holdfast.training.recording import DataSet
 
 

@@ -9,10 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from holdfast.core.errors import TooFewGroups
-from holdfast.training.recording import (
-    assign_groups,
-    folds_of,
-)
+from holdfast.training.recording import assign_groups, folds_of
 
 GROUPS = st.lists(st.sampled_from("abcdefghij"), min_size=1, max_size=200)
 

@@ -7,11 +7,7 @@ import numpy as np
 from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP
 from holdfast.training.recording import Recording
 from holdfast.training.timeline import Phase
-from holdfast.training.windows import (
-    MOST_RISKY,
-    TimedTrial,
-    windows_of,
-)
+from holdfast.training.windows import MOST_RISKY, TimedTrial, windows_of
 
 RATE_HZ = 100.0
 

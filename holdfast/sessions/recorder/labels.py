@@ -17,12 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contract import (
-    NORMAL_AXIS,
-    NORMAL_FLOOR,
-    SITUATIONS,
-    Json,
-)
+from holdfast.core.contract import NORMAL_AXIS, NORMAL_FLOOR, SITUATIONS, Json
 from holdfast.core.errors import LabelError
 from holdfast.core.source import Source
 from holdfast.core.trial_file import Trial, read_trial

@@ -33,11 +33,7 @@ import msgspec
 
 from holdfast.core.errors import DataNotFound
 from holdfast.core.schema import read, text_of
-from holdfast.core.trial_layout import (
-    LONGEST_NAME,
-    NAME,
-    SITUATION_OF_ACTION,
-)
+from holdfast.core.trial_layout import LONGEST_NAME, NAME, SITUATION_OF_ACTION
 from holdfast.sessions.camera import CameraOptions
 
 ACTIONS = tuple(SITUATION_OF_ACTION)

@@ -373,11 +373,7 @@ def write_participant_report(
 
     Raises CardError, LabelError, OutputError.
     """
-    from holdfast.sessions.study.outcome import (
-        outcome_of,
-        summary_lines,
-        write_report,
-    )
+    from holdfast.sessions.study.outcome import outcome_of, summary_lines, write_report
 
     home = require_person(root, person)
     _require_same_protocol(home, protocol)

@@ -19,12 +19,7 @@ from holdfast.sessions.recorder.folder import (
     trials_of,
 )
 from holdfast.sessions.recorder.plan import RecordOptions, Task
-from holdfast.sessions.recorder.recording import (
-    Plan,
-    kind_of,
-    open_source,
-    record_plan,
-)
+from holdfast.sessions.recorder.recording import Plan, kind_of, open_source, record_plan
 from holdfast.sessions.recorder.terminal import RunContext
 from holdfast.sessions.study.console import ADVERSE
 from holdfast.sessions.study.protocol import StudyProtocol

@@ -25,11 +25,7 @@ import numpy as np
 
 from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
 from holdfast.simulation.actions import OPENING, Action, Course, action_named
-from holdfast.simulation.actions.everyday_forces import (
-    HEEL,
-    TABLE_OVERSHOOT_M,
-    hit_n,
-)
+from holdfast.simulation.actions.everyday_forces import HEEL, TABLE_OVERSHOOT_M, hit_n
 from holdfast.simulation.effect import Parameter
 from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial
 from holdfast.simulation.script_times import BOX_GAP_M, CATCH_S

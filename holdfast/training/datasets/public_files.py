@@ -15,12 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.errors import (
-    ColumnError,
-    DataNotFound,
-    NotANumber,
-    one_line,
-)
+from holdfast.core.errors import ColumnError, DataNotFound, NotANumber, one_line
 from holdfast.training.recording import LabelledRows
 
 TrialRows = tuple[npt.NDArray[Any], npt.NDArray[Any]]

@@ -34,12 +34,7 @@ from holdfast.core.contract import (
     averaged_by,
     averaged_in_words,
 )
-from holdfast.core.errors import (
-    ChannelError,
-    LabelError,
-    RateError,
-    count_of,
-)
+from holdfast.core.errors import ChannelError, LabelError, RateError, count_of
 from holdfast.core.schema import checked
 from holdfast.core.trial_file import LONGEST_S, Trial, implausible_rate, read_trial
 from holdfast.core.trial_layout import (
