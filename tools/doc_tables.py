@@ -47,7 +47,7 @@ SOURCES: dict[str, dict[str, str]] = {
     "docs/results.md": {
         "distortions": "docs/measured/distortions-080828f74eb1.json",
         "evaluated": "build/evaluate/figures.json",
-        "nested": "docs/measured/nested-choice-2026-11-25.json",
+        "nested": "docs/measured/nested-choice-2026-11-28.json",
         "real": "build/real/metrics.json",
         "world": "docs/measured/world-e2feeff75e0a.json",
         "openings": "docs/measured/world-openings-e2feeff75e0a.json",
