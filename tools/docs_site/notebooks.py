@@ -10,7 +10,8 @@ import jupytext
 import nbformat
 from nbclient import NotebookClient
 
-from holdfast.evaluation.style import for_any_page, with_label
+from holdfast.evaluation.style import with_label
+from tools.harness import for_any_page
 
 ROOT = Path(__file__).resolve().parents[2]
 SECONDS = 300
