@@ -1,0 +1,397 @@
+"""From recordings to a model file: `holdfast train` and `holdfast export`.
+
+`train --data SET .. --out DIR` writes an artifact for export. Without arguments it trains on the
+small generated fixture, into build/default. An artifact is replaced only with --force.
+
+`export DIR --out FILE` turns an artifact into one verified, sealed file; without arguments
+build/default. Nothing is written unless file and reference agree. A file in the artifact's folder
+is derived from it and replaced; a file elsewhere is replaced only with --force. `--to c` turns a
+sealed file into C99 instead (export/c). A model file of an older version is exported again with the
+same learner: `holdfast export OLD.onnx --out NEW.onnx`. With --hand CARD, an artifact or a model
+file becomes a file for another hand, where all its features are pooled over the sensors. --rule
+NAME=NUMBER changes a rule of a model file's decision, such as how sure it is when it requests
+(min_risky_permille) and how long a request lasts (evidence_ms).
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from holdfast.cli.command import (
+    STDOUT,
+    add_json_option,
+    path_argument,
+    positive,
+    require_json_writable,
+    seed,
+    show,
+    show_found,
+)
+from holdfast.core.errors import UsageError, visible
+from holdfast.core.schema import model_path
+from holdfast.core.writing import require_free, require_writable
+
+if TYPE_CHECKING:
+    from holdfast.core.hand_card import HandCard
+    from holdfast.export.verify import HeadVerification
+    from holdfast.training.fitting import TrainingRequest
+
+# As holdfast.training has them; repeated here so that --help need not import it.
+WINDOWS = ("balanced", "dense", "thesis", "natural")
+FEATURES = ("fixed", "pooled")
+MODEL_SIZES = ("tiny", "default")
+LEARNERS = ("forest", "network", "committee")
+HELD_OUT_BY = ("person", "object", "trial")
+DEFAULT_OUT = Path("build/default")
+
+
+# -- train
+
+
+def add_train_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this verb."""
+    parser.add_argument(
+        "--data",
+        nargs="+",
+        default=[],
+        metavar="SET|FOLDER",
+        help="sets by name or path (default: a small generated set, to try the command)",
+    )
+    parser.add_argument(
+        "--out",
+        type=path_argument,
+        default=DEFAULT_OUT,
+        metavar="DIR",
+        help="artifact folder (default build/default)",
+    )
+    parser.add_argument(
+        "--force",
+        action="store_true",
+        help="replace an artifact that is in DIR already",
+    )
+    _choose_recordings(parser)
+    _choose_learner(parser)
+    parser.add_argument(
+        "--seed",
+        type=seed,
+        default=0,
+        metavar="S",
+        help="seed of every random choice (default 0)",
+    )
+    add_json_option(parser)
+    parser.add_argument(
+        "--report",
+        type=path_argument,
+        metavar="OUT",
+        help="write a report (HTML): the held-out figure, with a learning curve",
+    )
+
+
+def _choose_recordings(parser: argparse.ArgumentParser) -> None:
+    """The options of which recordings are read, and how they are held out."""
+    parser.add_argument(
+        "--groups", type=int, metavar="K", help="use K people (or blocks) only"
+    )
+    parser.add_argument(
+        "--rate",
+        type=positive,
+        metavar="HZ",
+        help="samples a second to learn at: recordings at 2 to 20 times this are averaged down "
+        "(default: as recorded)",
+    )
+    parser.add_argument(
+        "--hold-out",
+        choices=HELD_OUT_BY,
+        metavar="WHAT",
+        help="what is held out together: person, object or trial "
+        "(default: the first of these with which every model learns every situation)",
+    )
+
+
+def _choose_learner(parser: argparse.ArgumentParser) -> None:
+    """The options of what is learned from which windows."""
+    parser.add_argument(
+        "--windows",
+        choices=WINDOWS,
+        default="balanced",
+        metavar="WHICH",
+        help="windows to train on: balanced (default), dense (closer where a phase begins), "
+        "thesis (undersampled), natural",
+    )
+    parser.add_argument(
+        "--features",
+        choices=FEATURES,
+        default="fixed",
+        metavar="WHICH",
+        help="features of sensors in fixed places (fixed, default), or pooled over the sensors of "
+        "a side, with which a file can be exported for any hand card (pooled)",
+    )
+    parser.add_argument(
+        "--size",
+        choices=MODEL_SIZES,
+        default="default",
+        metavar="SIZE",
+        help=f"size of the forest, also of one in a committee: {', '.join(MODEL_SIZES)}",
+    )
+    parser.add_argument(
+        "--learner",
+        choices=LEARNERS,
+        default="committee",
+        metavar="WHAT",
+        help="what answers: forest, network, or committee (both; default; docs/how-it-works.md)",
+    )
+
+
+def run_train(args: argparse.Namespace) -> int:
+    """Train; prints the windows and the held-out figures, and the stages on stderr."""
+    from holdfast.core.contract import CANNOT_TELL, not_learned_in_words
+    from holdfast.core.errors import command
+    from holdfast.training.metrics import situation_lines, with_interval
+    from holdfast.training.progress import Stages
+
+    require_json_writable(args)
+    # A report that cannot be written is refused before the training.
+    if args.report is not None:
+        require_writable(args.report.parent)
+
+    progress = Stages()
+    progress("loading the libraries")
+    # Imported within the stage: loading the libraries takes seconds, and is shown.
+    from holdfast.training.fitting import train_on_sets
+
+    # With --json on stdout nothing else may stand there.
+    describe = _quiet if args.json == STDOUT else show
+    data, trained = train_on_sets(_request(args), progress, describe)
+    figures = trained.figures
+    if args.report is not None:
+        from holdfast.evaluation.report import write_training_report
+
+        progress("drawing the report")
+        write_training_report(args.report, data, trained, args.out)
+
+    held_out = f"held out by {data.group_kind}: "
+    not_learned = trained.cannot_tell
+    macro_f1, *each_f1 = situation_lines(
+        figures.situations, figures.group_kind, not_learned
+    )
+    lines = [held_out + macro_f1, *each_f1]
+    if figures.predict_250ms is not None:
+        ranking = figures.predict_250ms
+        auc = with_interval(ranking.auc, ranking.auc_ci, figures.group_kind)
+        lines.append(f"{held_out}0.25 s prediction AUC {auc}")
+
+    lines += trained.not_held_out
+    lines += not_learned_in_words(not_learned)
+    lines += [data.caveat, f"artifact: {args.out}; next: {command('export', args.out)}"]
+
+    found = {
+        "artifact": args.out,
+        "data": data.name,
+        "kind": data.kind,
+        "caveat": data.caveat,
+        "held_out": figures.to_json(),
+        "not_held_out": trained.not_held_out,
+        CANNOT_TELL: not_learned,
+        "learning_curve": [asdict(point) for point in trained.curve],
+    }
+    show_found(args, "\n".join(lines), found)
+    return 0
+
+
+def _quiet(text: str) -> None:
+    """What describes the sets where stdout is kept for JSON."""
+
+
+def _request(args: argparse.Namespace) -> TrainingRequest:
+    from holdfast.training.fitting import TrainingRequest
+
+    return TrainingRequest(
+        data=tuple(args.data),
+        out=args.out,
+        replace=args.force,
+        groups=args.groups,
+        hold_out=args.hold_out,
+        rate_hz=args.rate,
+        windows=args.windows,
+        features=args.features,
+        size=args.size,
+        learner=args.learner,
+        seed=args.seed,
+        judge=args.report is not None,
+    )
+
+
+# -- export
+
+
+def add_export_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this verb."""
+    parser.add_argument(
+        "artifact",
+        nargs="?",
+        type=path_argument,
+        default=Path("build/default"),
+        metavar="DIR",
+        help="artifact folder of holdfast train (default build/default); "
+        "a model file with --to c, --hand or --rule, or an older one to be exported again",
+    )
+    parser.add_argument(
+        "--to",
+        choices=("onnx", "c"),
+        default="onnx",
+        help="the form to write (default onnx)",
+    )
+    parser.add_argument(
+        "--hand",
+        metavar="CARD",
+        help="the hand the file is for: a hand card by name or path "
+        "(default: the hand of the training recordings)",
+    )
+    parser.add_argument(
+        "--rule",
+        action="append",
+        default=[],
+        type=_rule,
+        metavar="NAME=NUMBER",
+        help="a rule of a model file's decision: min_risky_permille, evidence_ms, .. "
+        "(docs/how-it-works.md); can be repeated",
+    )
+    parser.add_argument(
+        "--out",
+        type=path_argument,
+        metavar="FILE",
+        help="model file to write (default DIR/holdfast.onnx); "
+        "with --to c a folder (default MODEL-c beside the model, where it is found again)",
+    )
+    parser.add_argument(
+        "--force", action="store_true", help="replace FILE if it exists"
+    )
+    parser.add_argument(
+        "--build",
+        action=argparse.BooleanOptionalAction,
+        help="with --to c: compile libholdfast.so (default: where there is a compiler)",
+    )
+    add_json_option(parser)
+
+
+def _rule(text: str) -> tuple[str, int]:
+    """Name and number of --rule."""
+    name, _, number = text.partition("=")
+    if not number.isdecimal():
+        raise argparse.ArgumentTypeError("write NAME=NUMBER, such as evidence_ms=300")
+    return name, int(number)
+
+
+def run_export(args: argparse.Namespace) -> int:
+    """Export; prints what was verified."""
+    require_json_writable(args)
+    # the name of a shipped model, as every other command takes it
+    args.artifact = model_path(args.artifact)
+    if args.to == "c":
+        if args.hand is not None or args.rule:
+            raise UsageError(
+                f"{'--hand' if args.hand else '--rule'} with --to c",
+                next_step="export the model file that way first, then that file to C",
+            )
+        _report(f"exporting {args.artifact}")
+        return _export_c(args)
+
+    if args.build:
+        raise UsageError("--build compiles C", next_step="add --to c")
+    if args.artifact.suffix == ".onnx":
+        return _export_again(args)
+    if args.rule:
+        raise UsageError(
+            "--rule changes a model file", next_step="export the folder first"
+        )
+    from holdfast.export.exporting import (
+        MODEL_NAME,
+        export_artifact,
+        require_replaceable,
+    )
+
+    _report(f"exporting {args.artifact}")
+
+    model = args.out or args.artifact / MODEL_NAME
+    # Before the export, whose work would be lost.
+    require_replaceable(args.artifact, model, force=args.force)
+    path, report = export_artifact(
+        args.artifact, args.out, hand=_hand(args), report=_report
+    )
+    lines = [f"{name}: {_agreement(head)}" for name, head in report.heads.items()]
+    lines += [
+        "one at a time equals a batch, bit for bit: "
+        f"{report.single_rows} rows and {report.stream_samples} samples",
+        f"model: {path} ({report.bytes / 1e6:.1f} MB)",
+    ]
+    show_found(args, "\n".join(lines), {"model": path, **asdict(report)})
+    return 0
+
+
+def _hand(args: argparse.Namespace) -> HandCard | None:
+    """The card of --hand. Raises CardError."""
+    if args.hand is None:
+        return None
+    from holdfast.core.hand_card import read_hand_card
+
+    return read_hand_card(args.hand)
+
+
+def _report(line: str) -> None:
+    sys.stderr.write(f"  {visible(line)}\n")
+
+
+def _export_again(args: argparse.Namespace) -> int:
+    """Export a model file again, with its learner: for another hand, by other rules."""
+    from holdfast.edge_runtime.model_file import read_sealed
+    from holdfast.export.changed import changed
+    from holdfast.export.exporting import write_model
+
+    if args.out is None or args.out.suffix != ".onnx":
+        raise UsageError(
+            "a model file is exported again into another file",
+            next_step="name it: --out NEW.onnx",
+        )
+    require_free(args.out, force=args.force)
+    _report(f"exporting {args.artifact}")
+    require_writable(args.out.parent)
+    base = read_sealed(args.artifact)
+    data = changed(base, _hand(args), dict(args.rule), args.artifact)
+    write_model(args.out, data)
+    lines = f"the same learner\nmodel: {args.out} ({len(data) / 1e6:.1f} MB)"
+    show_found(args, lines, {"model": args.out, "bytes": len(data)})
+    return 0
+
+
+def _export_c(args: argparse.Namespace) -> int:
+    """Export a sealed file as C; prints its memory and the result of the self-test."""
+    from holdfast.export.c.exporting import ON_A_BOARD, export_c, folder_for
+
+    # A folder of `holdfast train` or a model file: both are given as the first argument.
+    model = args.artifact / "holdfast.onnx" if args.artifact.is_dir() else args.artifact
+    folder = args.out or folder_for(model)
+    done = export_c(model, folder, build=args.build, force=args.force)
+    lines = [
+        f"state {done.state_bytes} bytes, tables {done.table_bytes} bytes, "
+        f"stack of a step about {done.stack_bytes} bytes",
+        *(done.selftest or ["not compiled"]),
+        f"C: {folder} ({', '.join(done.files)})",
+        f"on another machine, in a copy of this folder beside the model: {ON_A_BOARD}",
+    ]
+    show_found(args, "\n".join(lines), {"folder": folder, **asdict(done)})
+    return 0
+
+
+def _agreement(head: HeadVerification) -> str:
+    """How a head of the file compares with the reference; a forest, with scikit-learn's predict."""
+    labels = f"{head.label_mismatches} labels differ from the reference"
+    plain = head.predict_disagreement
+    if plain is None:
+        return f"{head.rows} rows, {labels}"
+    share = f"{1.0 - plain.share_off_ties:.4%}".replace("100.0000%", "100 %")
+    agreement = f"agreement with scikit-learn predict: {share} ({plain.ties} ties)"
+    return f"{head.rows} rows, {labels}; {agreement}"
