@@ -49,15 +49,27 @@ def picture(figures: Json) -> str:
             ylabel="preventable drops saved",
         )
         grip.set_xlabel("grip over need, median of the worst kind, N")
+        others = [point["choice"] for point in points if not _is_named(point)]
+        names = ", ".join(f"{k}: {name}" for k, name in enumerate(others, 1))
+        force.set_title(names, fontsize=9, loc="left")
         return svg(drawn)
 
 
+def _is_named(point: Json) -> bool:
+    return point["choice"] in (CHOSEN, *ALONE)
+
+
 def _panel(axes: Axes, points: Sequence[Json], key: str, aim: float) -> None:
+    number = 0
     for point in points:
         label = point["choice"]
         at = point[key], point["saved"] / max(1, point["preventable"])
-        colour = OURS if label in (CHOSEN, *ALONE) else QUIET
+        colour = OURS if _is_named(point) else QUIET
         axes.plot(*at, "s" if label in ALONE else "o", color=colour)
+        # the others lie so close that their names would cover each other
+        if not _is_named(point):
+            number += 1
+            label = str(number)
         axes.annotate(label, at, (4, 4), textcoords="offset points", fontsize=8)
     axes.axvline(aim, color=INK, linewidth=0.6, linestyle=":")
     axes.margins(0.15)

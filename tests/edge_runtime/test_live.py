@@ -310,7 +310,7 @@ def test_a_view_without_rich_is_a_plain_line_that_names_the_extra(model, monkeyp
 def test_the_udev_rules_name_the_bridge():
     from holdfast.drivers.usb import PRODUCT, VENDOR
 
-    rules = (ROOT / "drivers" / "board" / "70-holdfast.rules").read_text()
+    rules = (ROOT / "holdfast" / "drivers" / "board" / "70-holdfast.rules").read_text()
     ids = f'ATTR{{idVendor}}=="{VENDOR:04x}", ATTR{{idProduct}}=="{PRODUCT:04x}"'
     assert ids in rules
 
@@ -375,7 +375,7 @@ def test_the_shipped_service_s_command_is_one_that_the_program_understands():
     from holdfast.cli.run import add_run_arguments
 
     unit = (
-        (ROOT / "drivers" / "board" / "holdfast.service")
+        (ROOT / "holdfast" / "drivers" / "board" / "holdfast.service")
         .read_text()
         .replace("\\\n", "")
     )
