@@ -33,6 +33,7 @@ SOURCES: dict[str, dict[str, str]] = {
         "wide": "docs/measured/wide-080828f74eb1.json",
         "loop": "docs/measured/loop-2026-11-28.json",
         "world": "docs/measured/world-e2feeff75e0a.json",
+        "latency": "docs/measured/latency-150hz.json",
     },
     "docs/any-runtime.md": {
         "here": "build/bench/runtimes.json",

@@ -188,6 +188,15 @@ def _one_line_to(on_stderr: Callable[[str], object]) -> Callable[..., None]:
 STDOUT = Path("-")
 
 
+def add_seed_option(
+    parser: argparse.ArgumentParser, of: str = "every random choice"
+) -> None:
+    """--seed, 0 where none is given. of: what it is the seed of."""
+    parser.add_argument(
+        "--seed", type=seed, default=0, metavar="S", help=f"seed of {of} (default 0)"
+    )
+
+
 def add_json_option(parser: argparse.ArgumentParser) -> None:
     """--json, which means the same in every command."""
     parser.add_argument(

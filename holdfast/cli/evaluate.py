@@ -6,10 +6,10 @@ import argparse
 
 from holdfast.cli.command import (
     add_json_option,
+    add_seed_option,
     path_argument,
     positive,
     require_json_writable,
-    seed,
     show_found,
 )
 from holdfast.cli.options import (
@@ -54,13 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="training set for the thesis' forest, which is then a baseline",
     )
     add_job_options(parser, 1)
-    option(
-        "--seed",
-        type=seed,
-        default=0,
-        metavar="S",
-        help="seed of the intervals (default 0)",
-    )
+    add_seed_option(parser, "the intervals")
     add_json_option(parser)
     option(
         "--report",

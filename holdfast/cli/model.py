@@ -24,10 +24,10 @@ from typing import TYPE_CHECKING
 from holdfast.cli.command import (
     STDOUT,
     add_json_option,
+    add_seed_option,
     path_argument,
     positive,
     require_json_writable,
-    seed,
     show,
     show_found,
 )
@@ -75,13 +75,7 @@ def add_train_arguments(parser: argparse.ArgumentParser) -> None:
     )
     _choose_recordings(parser)
     _choose_learner(parser)
-    parser.add_argument(
-        "--seed",
-        type=seed,
-        default=0,
-        metavar="S",
-        help="seed of every random choice (default 0)",
-    )
+    add_seed_option(parser)
     add_json_option(parser)
     parser.add_argument(
         "--report",

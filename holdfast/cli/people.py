@@ -37,9 +37,9 @@ from typing import TYPE_CHECKING
 
 from holdfast.cli.command import (
     add_json_option,
+    add_seed_option,
     path_argument,
     positive,
-    seed,
     show,
     show_found,
 )
@@ -95,13 +95,7 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
         choices=tuple(SITUATION_OF_ACTION),
         help="without a protocol: the action",
     )
-    option(
-        "--seed",
-        type=seed,
-        default=0,
-        metavar="S",
-        help="seed of the order of the protocol's trials (default 0)",
-    )
+    add_seed_option(parser, "the order of the protocol's trials")
     option("--trials", type=int, metavar="N", help="stop after N trials")
     option(
         "--at-once",

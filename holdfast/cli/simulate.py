@@ -7,9 +7,9 @@ import signal
 
 from holdfast.cli.command import (
     add_json_option,
+    add_seed_option,
     path_argument,
     require_json_writable,
-    seed,
     show_found,
     whole,
 )
@@ -37,13 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option(
         "--rate", type=float, metavar="HZ", help="sampling rate (default: the card's)"
     )
-    option(
-        "--seed",
-        type=seed,
-        default=0,
-        metavar="S",
-        help="seed of every random choice (default 0)",
-    )
+    add_seed_option(parser)
     add_json_option(parser)
 
 

@@ -5,7 +5,7 @@
     OUT/<person>/report.html, .json  the report of this person
     OUT/withdrawn.jsonl              who withdrew, when, and which files were deleted
 
-The trials are those of the recorder, in its layout and by its code (holdfast/recorder).
+The trials are those of the recorder, in its layout and by its code (holdfast/sessions/recorder).
 """
 
 from pathlib import Path
