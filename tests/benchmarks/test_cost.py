@@ -197,8 +197,14 @@ def test_pages_and_picture_show_every_point_and_hand(
     dead = measured["pooled"]["hands"]["one dead"]
     low, high = dead["in_time_ci"]
     assert f"{dead['in_time']:.3g} ({low:.2f} to {high:.2f})" in text
-    readme = filled("README.md", {"cost": made["cost"]}, tmp_path)
+    steps = [
+        {"what": f"step in {engine}", "p50_us": 301.0, "hot_p50_us": 71.0}
+        for engine in ("onnxruntime", "C")
+    ]
+    live = {"cost": made["cost"], "latency": {"rows": steps}}
+    readme = filled("README.md", live, tmp_path)
     assert "| scenes, simulated | committee, pooled |" in readme
+    assert "| the shipped file; in C | 301 (71); 301 (71) |" in readme
     drawn = figure(rows)
     for words in ("simulated", "shipped", "50 Hz", "debounce 2"):
         assert words in drawn

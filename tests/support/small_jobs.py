@@ -16,14 +16,6 @@ def square(number: int) -> tuple[int, int]:
     return number * number, os.getpid()
 
 
-def dies_once(mark: Path) -> str:
-    """Kills its own process where it runs for the first time."""
-    if not mark.exists():
-        mark.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return mark.name
-
-
 def dies_at_gate(gate: Path) -> None:
     """Kills its own process once something opens the other end of a named pipe."""
     gate.read_bytes()
