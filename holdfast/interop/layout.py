@@ -37,11 +37,6 @@ STAMP = re.compile(
     rf"{CLOCK}\s*(?:Z|[AP]M|[+-]\d\d:?\d\d)?|\d\d?[./]\d\d?[./]\d{{4}}[T ]{CLOCK}|\d\d?:\d\d[.,]\d+"
 )
 VECTOR = re.compile(r'"?[\[(]\s*([-+\d.][^\[\]()]*?)\s*[\])]"?')
-UNITS = {
-    "s", "ms", "us", "ns", "N", "mN", "kN", "g", "gf", "T", "mT", "uT", "G", "gauss", "count",
-    "counts", "raw", "V", "mV", "-", "1", "µs", "µT", "μs", "μT", "sec", "1/s", "°C", "C",
-}  # fmt: skip
-"""What a row of units below the names holds."""
 GAP = r"[\s,;]+"
 """Between the numbers of a vector."""
 MOST_HEADING_ROWS = 3
@@ -110,7 +105,12 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
     form = max(forms, key=lambda one: _fit(one, judged))
     share, wide = _fit(form, judged)
     rows = [form.cells(line) for line in data]
-    starts = [k for k, row in enumerate(rows) if len(row) == wide and form.share(row)]
+    # a heading may begin with a time of arrival
+    starts = [
+        k
+        for k, row in enumerate(rows)
+        if len(row) == wide and form.share(row) > 0.5 * share
+    ]
     if not share or not starts:
         raise ColumnError(
             "no table of several columns",
@@ -121,24 +121,23 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
 
     first = starts[0]
     is_odd = any(ARRIVAL.match(one) or VECTOR.search(one) for one in data[first:][:20])
-    bare = [line.lstrip(f" {comment}") for line in lines[:first]]
-    above = [_heading_cells(line, data[first], form) for line in bare]
+    above = [line.lstrip(f" {comment}") for line in lines[:first]]
+    names = _heading(above, data[first], form)
     # pandas names columns without names 0, 1, 2, .., and writes nothing above the index
     counted = [*map(str, range(wide))]
-    is_heading = wide > 3 and rows[first] in (counted, ["", *counted[:-1]])
-    names = rows[first] if is_heading else _heading(above, rows[first])
-    first += is_heading
-    whole = [row for row in rows[first:] if len(row) == wide]
+    if wide > 3 and rows[first] in (counted, ["", *counted[:-1]]):
+        names, first = rows[first], first + 1
     names = _unique(names)
-    numeric = []
-    for name, *cells in zip(names, *whole, strict=True):
-        if form.share(cells) >= 0.5:
-            numeric.append(name)
-
+    whole = [row for row in rows[first:] if len(row) == wide]
+    columns = zip(names, *whole, strict=True)
+    numeric = [name for name, *cells in columns if form.share(cells) >= 0.5]
     is_later = bool(comment) and _begins(lines[first:], comment)
-    form = replace(form, is_odd=is_odd)
     return TableLayout(
-        form, tuple(names), first, tuple(numeric), comment if is_later else ""
+        replace(form, is_odd=is_odd),
+        tuple(names),
+        first,
+        tuple(numeric),
+        comment if is_later else "",
     )
 
 
@@ -161,68 +160,54 @@ def _fit(form: Form, lines: Sequence[str]) -> tuple[float, int]:
 # -- names
 
 
-def _heading(above: Sequence[Cells], data: Cells) -> Cells:
-    """A name for each cell of the first row of data, by the rows above it."""
-    names: Cells = []
+def _heading(above: Sequence[str], data: str, form: Form) -> Cells:
+    """A name for each cell of the first line of data, by the lines above it."""
+    cells = form.cells(data)
+    names = [""] * len(cells)
     n_rows = 0
-    for row in reversed(above):
-        cells = _as_wide(row, data)
-        if any(cells) and n_rows < MOST_HEADING_ROWS:
-            names, n_rows = _under(cells, names) if names else cells, n_rows + 1
-        elif row:
+    for line in reversed(above):
+        row = _as_wide(form.cells(line), data, form)
+        if any(row) and n_rows < MOST_HEADING_ROWS:
+            last = ""
+            for k, name in enumerate(row):
+                # above other names, a merged heading stands in the first of its cells
+                last = name or (last if n_rows else "")
+                names[k] = f"{last} {names[k]}".strip()
+            n_rows += 1
+        elif line.strip():
             break
-
-    return names or [""] * len(data)
-
-
-def _as_wide(row: Cells, data: Cells) -> Cells:
-    """A row above the data as names, one a column; [] where it is no heading."""
-    missing = len(data) - len(row)
-    if missing == -1 and not row[-1]:
-        return row[:-1]
-    if missing == 1 < len(row):
-        # pandas and R write no name above row names; others end their rows by a separator
-        return ["", *row] if data[-1] else [*row, ""]
-    return row if not missing else []
-
-
-def _under(above: Cells, below: Cells) -> Cells:
-    """Names in two rows as one: units below names, or axes below a merged heading."""
-    bare = [cell.strip(" []()") for cell in below]
-    is_unit = {*bare} - {""} <= UNITS
-    names, last = [], ""
-    for name, cell, unit in zip(above, below, bare, strict=True):
-        # a merged heading stands in the first of its cells
-        last = name if name or is_unit else last
-        shown = f"[{unit}]" if is_unit and unit else cell
-        names.append(f"{last} {shown}".strip())
 
     return names
 
 
-def _heading_cells(line: str, data: str, form: Form) -> Cells:
-    """The cells of a heading, with a name for each number of a vector below: force.0, force.1."""
-    cells = form.cells(line)
+def _as_wide(row: Cells, data: str, form: Form) -> Cells:
+    """A row above a line of data as names, one a column; [] where it is no heading.
+
+    The numbers of a vector are force.0, force.1, ..
+    """
+    cells = form.cells(data)
     # a vector of three is *3 here
     counts = VECTOR.sub(lambda found: f"*{len(re.split(GAP, found[1]))}", data)
     below = form.cells(counts)
-    if len(below) != len(cells):
-        return cells
-    wide: Cells = []
-    for name, cell in zip(cells, below, strict=True):
-        numbers = range(int(cell[1:])) if cell.startswith("*") else ()
-        wide += [f"{name}.{k}" for k in numbers] or [name]
-
-    return wide
+    if len(below) == len(row):
+        wide: Cells = []
+        for name, cell in zip(row, below, strict=True):
+            numbers = range(int(cell[1:])) if cell.startswith("*") else ()
+            wide += [f"{name}.{k}" for k in numbers] or [name]
+        row = wide
+    missing = len(cells) - len(row)
+    if missing == -1 and not row[-1]:
+        row = row[:-1]
+    elif missing == 1 < len(row):
+        # pandas and R write no name above row names; others end their rows by a separator
+        row = ["", *row] if cells[-1] else [*row, ""]
+    is_heading = len(row) == len(cells)
+    return ["" if STAMP.fullmatch(name) else name for name in row] if is_heading else []
 
 
 def _unique(cells: Cells) -> Cells:
     """Names for columns: an empty cell gets a number, a name that occurs again another."""
-    names: Cells = []
-    counts: Counter[str] = Counter()
-    for k, cell in enumerate(cells, 1):
-        name = cell.strip(' "') or f"column{k}"
-        counts[name] += 1
-        names.append(f"{name}.{counts[name]}" if counts[name] > 1 else name)
-
-    return names
+    names = [cell.strip(' "') or f"column{k}" for k, cell in enumerate(cells, 1)]
+    counts = [names[: k + 1].count(name) for k, name in enumerate(names)]
+    pairs = zip(names, counts, strict=True)
+    return [f"{name}.{count}" if count > 1 else name for name, count in pairs]
