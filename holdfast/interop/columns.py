@@ -8,7 +8,7 @@ names three columns each, in their order.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,18 +46,13 @@ NO_SENSOR = {
     "marker", "transform", "action", "state",
 }  # fmt: skip
 """Words of three axes that are no reading of a fingertip."""
+BESIDE_FORCE = set("mtag")
+"""Letters before an axis beside a force: of moments, torques, an accelerometer, a gyro."""
 TOUCH = re.compile(
     r"(?i)tactile|force|touch|taxel|finger|pressure|hall|sensor|\bft(?![a-z])"
 )
 FIELD = re.compile(r"(?i)(?<![a-z])(b[xyz](?![a-z])|mag)")
 FORCE = re.compile(r"(?i)force|(?<![a-z])f[xyz](?![a-z])")
-AXIS_FORMS = (
-    re.compile(r"(?i)(?<![a-z])[fb]?([xyz])(?![a-z])"),
-    re.compile(r"(?<=[a-z0-9])([XYZ])(?![a-zA-Z])"),
-    re.compile(r"(?i)[fb]?([xyz])(?![a-z])"),
-    re.compile(r"(?i)(?<![a-z])[fb]?([xyz])"),
-)
-"""An axis in a name: a letter on its own, behind a small one, at the end of a word, before it."""
 AXIS_WORDS = (
     (re.compile(r"(?i)normal"), " z "),
     (re.compile(r"(?i)(shear|tangential|lateral)[_ .]?[2yb](?![0-9])"), " y "),
@@ -80,10 +75,14 @@ PRELOAD_N = (18.0, 32.0)
 def words_of(name: str) -> set[str]:
     """Lower-case words, also the parts of `thumbX`: thumb and x."""
     parted = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
-    return {word.lower() for word in re.findall(r"[^\W\d_]+", f"{name} {parted}")}
+    return {word.lower() for word in _words(f"{name} {parted}")}
 
 
-def _unit_in(words: Iterable[str], units: Mapping[str, str]) -> str | None:
+def _words(text: str) -> list[str]:
+    return re.findall(r"[^\W\d_]+", text)
+
+
+def _unit_in(words: Collection[str], units: Mapping[str, str]) -> str | None:
     """The unit that words name."""
     for unit, form in units.items():
         if any(re.fullmatch(form, word) for word in words):
@@ -94,66 +93,51 @@ def _unit_in(words: Iterable[str], units: Mapping[str, str]) -> str | None:
 
 # -- time
 
-Candidate = tuple[tuple[float, ...], str, TimeUnit | None, float]
 
-
-@dataclass(frozen=True)
-class FoundTime:
-    """A column of time, or one that counts samples at a rate. why: in words."""
-
-    time: TimeColumn
-    why: str
-
-
-def find_time(columns: Columns, rate_hz: float | None = None) -> FoundTime | None:
+def find_time(columns: Columns, rate_hz: float | None = None) -> TimeColumn | None:
     """The time of a table; None where nothing runs like one and no rate is given."""
     if LOG_TIME in columns:
-        return FoundTime(TimeColumn(LOG_TIME, "ns"), "stamps of the log")
-
-    found: list[Candidate] = []
+        return TimeColumn(LOG_TIME, "ns")
+    times: list[tuple[bool, float, str, TimeUnit]] = []
+    counters: list[tuple[float, str]] = []
     for name, column in columns.items():
-        if not is_text(column):
-            found += _times_of(name, column)
+        step, even, is_counter = rise_of(column)
+        named = unit_of_time(name)
+        is_named = bool(named or words_of(name) & TIME_WORDS)
+        # counts of trials and the like rise too, but rarely
+        if not step or (even < 0.6 and not is_named and len(set(column)) < 200):
+            continue
+        if is_counter and not named:
+            counters.append((-even, name))
+            continue
+        for unit in filter(None, (named, *NS_OF)):
+            if SLOWEST_HZ <= 1e9 / (step * NS_OF[unit]) <= FASTEST_HZ:
+                times.append((not is_named, -even, name, unit))  # type: ignore[arg-type]
+                break
 
-    _, name, unit, hz = min(found, default=((), "", None, 0.0))
-    if unit:
-        why = f"{name}, {hz:.4g} Hz, in {unit} by its steps"
-        return FoundTime(TimeColumn(name, unit), why)
+    if times:
+        return TimeColumn(*min(times)[2:])
     if rate_hz:
-        what = f"{name} counts samples" if name else "rows are counted"
-        time = TimeColumn(name, None, rate_hz)
-        return FoundTime(time, f"{what}, {rate_hz:g} Hz as given")
-
+        _, counter = min(counters, default=(0.0, ""))
+        return TimeColumn(counter, None, rate_hz)
     return None
 
 
-def _times_of(name: str, column: Column) -> Iterator[Candidate]:
-    """(rank, name, unit, rate) of a column that rises in steps of a hand's rate.
+def rise_of(column: Column) -> tuple[float, float, bool]:
+    """(the usual step of a column that rises, the share of such steps, whether it counts by 1).
 
-    The unit is None where it counts samples.
+    The step is 0.0 for a column that does not rise.
     """
+    if is_text(column):
+        return 0.0, 0.0, False
     first = column[:50_000].astype(np.float64)
     values = first[np.isfinite(first)]
     steps = np.diff(values)
-    if len(values) < 0.9 * len(first) or not steps.any():
-        return
+    if len(values) < 0.9 * len(first) or not steps.any() or np.mean(steps < 0) > 0.05:
+        return 0.0, 0.0, False
     step = usual_step(values)
-    if np.mean(steps < 0) > 0.05 or step <= 0.0:
-        return
-    even = float(np.mean(np.abs(steps - step) <= 0.6 * step))
-    named = unit_of_time(name)
-    is_named = bool(named or words_of(name) & TIME_WORDS)
-    # counts of trials and the like rise too, but rarely
-    if even < 0.6 and not is_named and len(np.unique(values)) < len(values) / 50:
-        return
-    if np.mean(steps == 1.0) > 0.9 and not named:
-        yield (2.0, -even), name, None, 0.0
-        return
-    for unit in filter(None, (named, *NS_OF)):
-        hz = 1e9 / (step * NS_OF[unit])
-        if SLOWEST_HZ <= hz <= FASTEST_HZ:
-            yield (not is_named, -even), name, unit, hz  # type: ignore[misc]
-            return
+    even = np.mean(np.abs(steps - step) <= 0.6 * step)
+    return max(step, 0.0), float(even), bool(np.mean(steps == 1.0) > 0.9)
 
 
 def unit_of_time(name: str) -> str | None:
@@ -178,12 +162,16 @@ def usual_step(values: FloatArray) -> float:
 
 
 def find_sensors(
-    columns: Columns, taken: Collection[str]
+    columns: Columns, longest: Columns, marks: Collection[str]
 ) -> tuple[list[SensorColumns], str]:
-    """(the sensors of a table, why), in the order in which people count; none for another table."""
+    """(the sensors of a log, why), in the order in which people count; none for another table.
+
+    By the names of all its columns, else by the count of those of its longest stream. marks: the
+    columns that may hold labels.
+    """
     names = []
     for name, column in columns.items():
-        is_free = name != LOG_TIME and name not in taken
+        is_free = name != LOG_TIME and name not in marks
         # an IMU beside the fingers has axes too
         if is_free and not is_text(column) and not words_of(name) & NO_SENSOR:
             names.append(name)
@@ -191,12 +179,11 @@ def find_sensors(
     sensors = _by_axes(names)
     if sensors:
         return sensors, "by the axes in their names"
-    rest = _by_count(names, columns)
+    names = [name for name in names if name in longest]
+    rest = _by_count([one for one in names if not rise_of(longest[one])[0]], longest)
     if not rest:
         return [], ""
-    order = _order(
-        np.stack([columns[name].astype(np.float64) for name in rest], axis=1)
-    )
+    order = _order(channels(longest, rest))
     is_plain = (np.diff(order.ravel()) == 1).all()
     by = "three columns each" if is_plain else "by the touch"
     found = [SensorColumns(*(rest[k] for k in row)) for row in order.tolist()]
@@ -204,27 +191,26 @@ def find_sensors(
 
 
 def _by_axes(names: Sequence[str]) -> list[SensorColumns]:
-    best: list[SensorColumns] = []
-    for form in AXIS_FORMS:
-        groups: dict[str, dict[str, str]] = {}
-        for name in names:
-            # what stands in brackets is a unit
-            bare = re.sub(r"[\[(].*?[\])]", "", name)
-            for word, axis in AXIS_WORDS:
-                bare = word.sub(axis, bare)
-            *_, at = [None, *form.finditer(bare)]
-            if at:
-                key = f"{bare[: at.start()]}*{bare[at.end() :]}"
-                groups.setdefault(key, {}).setdefault(at[1].lower(), name)
+    """The sensors whose three names differ in one letter alone: x, y or z, in any place."""
+    groups: dict[str, dict[str, str]] = {}
+    for name in names:
+        text = name
+        for word, axis in AXIS_WORDS:
+            text = word.sub(axis, text)
+        for at in re.finditer("(?i)[xyz]", text):
+            key = f"{text[: at.start()]}*{text[at.end() :]}"
+            groups.setdefault(key, {}).setdefault(at[0].lower(), name)
 
-        whole = [key for key, group in groups.items() if set(group) == set(AXES)]
-        if len(whole) > len(best):
-            best = [
-                SensorColumns(**groups[key])  # type: ignore[arg-type]
-                for key in _as_counted(whole)
-            ]
-
-    return best
+    letters = {}
+    for key, group in groups.items():
+        if len(group) == len(AXES):
+            before = re.search(r"(?<![a-z])[a-z]?(?=\*)", key.lower())
+            letters[key] = before[0] if before else ""
+    # a force and its moments, such as Fx .. Mz
+    others = {*letters.values()} - {"f"}
+    if "f" in letters.values() and others <= BESIDE_FORCE:
+        letters = {key: letter for key, letter in letters.items() if letter == "f"}
+    return [SensorColumns(**groups[key]) for key in _as_counted([*letters])]
 
 
 def _as_counted(keys: Sequence[str]) -> list[str]:
@@ -241,16 +227,26 @@ def _as_counted(keys: Sequence[str]) -> list[str]:
 def _by_count(names: Sequence[str], columns: Columns) -> Sequence[str]:
     """The columns of readings, 3 n of them: the longest series, all, or those that change.
 
-    A series are columns that differ in a number; those of touch come first.
+    A series are columns that differ in a number; series of one length are readings together, and
+    those of touch come first.
     """
-    series: dict[str, list[str]] = {"": []}
-    for name in sorted(names, key=counted):
+    series: dict[str, list[str]] = {}
+    for name in names:
         series.setdefault(re.sub(r"\d+", "#", name), []).append(name)
+    groups: dict[tuple[bool, int], list[str]] = {}
+    for text, members in series.items():
+        key = bool(TOUCH.search(text)), len(members)
+        groups.setdefault(key, []).extend(members)
+    if not groups:
+        return []
+    is_touch, length = max(groups, key=lambda one: (one[0], len(groups[one])))
+    longest = [name for name in names if name in groups[is_touch, length]]
+    # of thumb1, thumb2, thumb3, index1, .. the number is an axis
+    if length != len(AXES):
+        longest.sort(key=lambda name: [*map(int, re.findall(r"\d+", name))])
     moving = [name for name in names if len(np.unique(np.diff(columns[name]))) > 1]
-
-    longest = max(series, key=lambda one: (bool(TOUCH.search(one)), len(series[one])))
-    for chosen in (series[longest], names, moving):
-        if chosen and len(chosen) % 3 == 0:
+    for chosen in (longest, names, moving):
+        if chosen and len(chosen) % len(AXES) == 0:
             return chosen
 
     return []
@@ -291,10 +287,6 @@ class Touch:
     effects: FloatArray
     rows: np.ndarray
     returns: bool
-
-
-NO_TOUCH = Touch(np.zeros((2, 0)), np.zeros(0, dtype=np.bool_), returns=True)
-"""Of a table without readings."""
 
 
 def touch(values: FloatArray) -> Touch:
@@ -365,7 +357,7 @@ def unit_of(names: Sequence[str], values: FloatArray, found: Touch) -> tuple[str
         # in brackets, or behind the axis
         behind = re.split(r"(?i)[xyz](?![a-z])", name)[-1]
         texts = [*re.findall(r"[\[(](.*?)[\])]", name), behind]
-        units.add(_unit_in(re.findall(r"[^\W\d_]+", " ".join(texts)), SIGNAL_UNITS))
+        units.add(_unit_in(_words(" ".join(texts)), SIGNAL_UNITS))
     named = units.pop()
     if named and not units:
         return named, "by the names"
@@ -389,9 +381,6 @@ def unit_of(names: Sequence[str], values: FloatArray, found: Touch) -> tuple[str
     return ("N" if is_force and is_press else ""), f"by size: {sizes}"
 
 
-def channels(
-    columns: Mapping[str, Column], sensors: Sequence[SensorColumns]
-) -> FloatArray:
-    """[T, C] the readings of the sensors, without signs."""
-    names = [name.removeprefix("-") for sensor in sensors for name in sensor.axes]
+def channels(columns: Mapping[str, Column], names: Sequence[str]) -> FloatArray:
+    """[T, C] columns as numbers."""
     return np.stack([columns[name].astype(np.float64) for name in names], axis=1)

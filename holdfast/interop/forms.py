@@ -21,25 +21,29 @@ from msgspec.structs import replace as changed
 from holdfast.core.column_map import SensorColumns
 from holdfast.core.contract import AXES, NORMAL_AXIS, UNIT_OF
 from holdfast.core.errors import listed
-from holdfast.core.trial_layout import SITUATION_OF_ACTION, named_mass
+from holdfast.core.trial_layout import named_mass
 from holdfast.interop.columns import normal_axis, oriented, words_of
 from holdfast.interop.labels import (
     FoundLabels,
     action_of_word,
     labels_of,
     rules_of_table,
-    unit_and_zero,
+    timed,
 )
-from holdfast.interop.map import NAMES, EventRules, Facts, ImportMap, TrialRules
-from holdfast.interop.streams import text_cells
-from holdfast.interop.understood import Answers, Sample, Understood
+from holdfast.interop.map import (
+    NAMES,
+    NUMBERED,
+    PERSON,
+    TOGETHER,
+    EventRules,
+    Facts,
+    ImportMap,
+    TrialRules,
+)
+from holdfast.interop.streams import ForeignLog, text_cells
+from holdfast.interop.understood import Answers, Sample, Understood, situation_of
 from holdfast.training.datasets.trials import action_of
 
-PERSON = re.compile(r"(?i)(p|s|vp|sub|subj|subject|person|participant|user)[- ]?\d+")
-NUMBERED = re.compile(
-    r"(?i)(trial|run|rep|take|t|r|episode|rec|recording|log|test|nr|no|file|data|session|day|set)?"
-    r"([- ]?\d+)+"
-)
 NAMED = {
     "person": {"person", "subject", "participant", "user"},
     "object": {"object", "item", "obj"},
@@ -48,9 +52,11 @@ NAMED = {
 }
 """Words of columns that hold what a trial is called by, or its number."""
 OBJECT = re.compile(
-    "(?i).*(ball|block|book|bottle|bowl|box|can|cube|cup|cylinder|egg|glass|mug|object|pen|sponge)"
+    "(?i)can|cup|.*(ball|block|book|bottle|bowl|box|cube|cylinder|egg|glass|mug|object|pen|sponge)"
 )
 """Words of objects in paths; others may be people."""
+WORD = re.compile(rf"((?i:{TOGETHER})|[^/_ .]+)")
+"""A word of a path: no slip and subject 7 are one."""
 WHAT_HAPPENS = (
     "what happens in these trials? nothing in the logs says it: slip, hold, pull, fall, pass, "
     "put-down, nothing, .."
@@ -69,7 +75,7 @@ class Form:
     found: Understood
     source: Path
     samples: list[Sample]
-    tables: list[Sample]
+    tables: list[ForeignLog]
     fingers: tuple[str, ...]
     answers: Answers
 
@@ -79,45 +85,44 @@ class Form:
         No map is added while the time or the unit is asked for: it could not be written down.
         """
         first, answers, found = self.samples[0], self.answers, self.found
-        found.add("time", first.time.why if first.time else "not known")
+        found.add("time", first.time_text)
         names = f"{', '.join(first.form[:3])} to {', '.join(first.form[-3:])}"
         found.add("sensors", f"{len(first.sensors)}, {first.why}: {names}")
-        rules = self._trial_rules()
-        events = self._of_tables(rules) or self._of_columns()
+        trials = self._trial_rules()
+        events = self._events(trials)
         unit, sensors = self._hand(events)
-        path, words = self._path(has_events=events is not None)
-        for sample in self.samples if rules.action else ():
-            words += text_cells(sample.columns[rules.action])
+        has_events = events is not None
+        path, words = self._path(has_events=has_events)
+        for sample in self.samples if trials.action else ():
+            words += text_cells(sample.columns[trials.action])
 
         about = all(one.log.about.get("action") for one in self.samples)
-        if not (events or answers.action or about or words):
+        if not (has_events or answers.action or about or words):
             found.ask("--action", WHAT_HAPPENS)
 
-        time = first.time.time if first.time else None
-        named = {rules.column, rules.person, rules.object, rules.action}
-        used = {*first.form, *named, time.column if time else ""}
+        used = {*first.form, trials.column, trials.person, trials.object, trials.action}
+        used |= {first.time.column} if first.time else set()
         used |= {events.column} if events else set()
         columns = [name for one in first.log.streams for name in one.columns]
         unused = [name for name in columns if name not in used]
         if unused:
             found.add("not used", listed(unused, most=12))
-        if time is None or not unit:
+        if first.time is None or not unit:
             return
         actions = {}
         for word in dict.fromkeys(words):
-            meant = action_of_word(word, has_events=events is not None)
+            meant = action_of_word(word, has_events=has_events)
             if meant and action_of(word) != meant:
                 actions[word] = meant
         facts = {
             key: getattr(answers, key) for key in NAMES if f"{{{key}}}" not in path
         }
-        facts["action"] = answers.whole_action
         plan = ImportMap(
             unit=unit,  # type: ignore[arg-type]
-            time=time,
+            time=first.time,
             sensors=tuple(sensors),
-            trials=changed(rules, path=path),
-            facts=Facts(**facts),
+            trials=changed(trials, path=path),
+            facts=Facts(**facts | {"action": answers.whole_action}),
             actions={**actions, **answers.actions},
             events=events,
         )
@@ -146,8 +151,7 @@ class Form:
         if answers.normal:
             axis = AXES.index(answers.normal)
             order = [(axis + 1) % 3, (axis + 2) % 3, axis]
-            axes = [[one.axes[k] for k in order] for one in sensors]
-            sensors = [SensorColumns(*one) for one in axes]  # type: ignore[arg-type]
+            sensors = [SensorColumns(*(one.axes[k] for k in order)) for one in sensors]
         elif axis != NORMAL_AXIS:
             found.ask(
                 "--normal",
@@ -180,7 +184,7 @@ class Form:
         rules: dict[str, str] = {}
         for name, column in self.samples[0].columns.items():
             key = _key_of(name)
-            if not key or bool(getattr(self.answers, key, "")):
+            if not key or getattr(self.answers, key, ""):
                 continue
             kinds = set(text_cells(column[::7]))
             means = key != "action" or all(map(action_of_word, kinds))
@@ -191,56 +195,57 @@ class Form:
 
     # -- labels
 
-    def _known(self) -> dict[str, str]:
-        """Label -> situation, as the command line says."""
-        known = {}
-        for word, action in self.answers.actions.items():
-            known[word] = SITUATION_OF_ACTION.get(action_of(action) or "", "")
-        return known
-
-    def _of_columns(self) -> EventRules | None:
-        """Labels from a column; what only the action says is asked.
+    def _events(self, trials: TrialRules) -> EventRules | None:
+        """Labels from a table of events, else from a column; what only the action says is asked.
 
         Of several columns that may hold labels, the one with the fewest labels without a meaning
         is taken, of equal ones the first that marks a slip. One label without a meaning is what
         the action says, where that is given.
         """
+        known = {}
+        for word, action in self.answers.actions.items():
+            known[word] = situation_of(action)
+        found = self._of_tables(trials, known)
+        if found is None:
+            found = min(self._of_columns(known), key=lambda one: one.rank, default=None)
+            if found is None:
+                return None
+            self.found.add("labels", f"column {found.rules.column}, {found.text}")
+        rules, unknown = found.rules, found.unknown
+        if not unknown:
+            return rules
+        situation = situation_of(self.answers.whole_action)
+        if not situation or len(unknown) > 1:
+            words = listed([repr(one) for one in unknown], most=6)
+            where = f"column {rules.column}" if rules.column else rules.file
+            self.found.ask(
+                "--action",
+                f"what is {words} in {where}? nothing in the logs says it: "
+                f'"{unknown[0]}=slip" (or pass, hold, ..)',
+            )
+
+        return changed(rules, labels={**rules.labels, unknown[0]: situation})  # type: ignore[dict-item]
+
+    def _of_columns(self, known: dict[str, str]) -> list[FoundLabels]:
+        """What the columns of labels mean."""
         first = self.samples[0]
-        taken = {*first.form, first.time.time.column if first.time else ""}
+        taken = {*first.form, first.time.column if first.time else ""}
         labels: list[FoundLabels] = []
-        for name in dict.fromkeys(key for one in self.samples for key in one.columns):
+        for name in dict.fromkeys(key for one in self.samples for key in one.marks):
             if name in taken or _key_of(name):
                 continue
             with_it = [one for one in self.samples if name in one.columns]
-            if any(name in one.marks for one in with_it):
-                cells = [
-                    cell for one in with_it for cell in text_cells(one.columns[name])
-                ]
-                touched = np.concatenate([one.touched.rows for one in with_it])
-                found = labels_of(name, np.array(cells, object), touched, self._known())
-                labels += [found] if found else []
+            cells = [cell for one in with_it for cell in text_cells(one.columns[name])]
+            touched = np.concatenate([one.touched.rows for one in with_it])
+            found = labels_of(name, np.array(cells, object), touched, known)
+            labels += [found] if found else []
 
-        if not labels:
-            return None
-        best = min(labels, key=_rank)
-        self.found.add("labels", best.why)
-        if not best.unknown:
-            return best.rules
-        action = action_of(self.answers.whole_action or "-")
-        situation = SITUATION_OF_ACTION.get(action or "", "")
-        if not situation or len(best.unknown) > 1:
-            words = listed([repr(one) for one in best.unknown], most=6)
-            self.found.ask(
-                "--action",
-                f"what is {words} in column {best.rules.column}? nothing in the logs says it: "
-                f'"{best.unknown[0]}=slip" (or pass, hold, ..)',
-            )
+        return labels
 
-        of_action = {best.unknown[0]: situation}
-        return changed(best.rules, labels={**best.rules.labels, **of_action})
-
-    def _of_tables(self, rules: TrialRules) -> EventRules | None:
-        """Rules of the first table of events; tables that hold none are named.
+    def _of_tables(
+        self, trials: TrialRules, known: dict[str, str]
+    ) -> FoundLabels | None:
+        """What the first table of events means; tables that hold none are named.
 
         A table is a file beside the logs, or a stream of the log that has no readings. Its trials
         are called by what the logs are called by, or by what stands in their column of trials.
@@ -248,30 +253,28 @@ class Form:
         first = self.samples[0]
         root = self.source if self.source.is_dir() else self.source.parent
         keys = {key for sample in self.samples for key in sample.log.keys}
-        if rules.column:
-            keys |= set(map(str.casefold, text_cells(first.columns[rules.column])))
-        chosen: EventRules | None = None
-        for log in [*(table.log for table in self.tables), first.log]:
+        if trials.column:
+            keys |= set(map(str.casefold, text_cells(first.columns[trials.column])))
+        chosen: FoundLabels | None = None
+        for log in [*self.tables, first.log]:
             file = log.path.relative_to(root).as_posix()
             if first.log.path.stem in log.path.name:
                 file = log.path.name.replace(first.log.path.stem, "{name}")
             for stream in log.streams:
                 if stream.t_ns is not None or {*first.form} & stream.columns.keys():
                     continue
-                if chosen and chosen.start in stream.columns:
+                if chosen and chosen.rules.start in stream.columns:
                     continue
-                events = rules_of_table(stream.columns, keys, file, self._known())
-                if events is None or chosen:
+                found = rules_of_table(stream.columns, keys, file, known)
+                if found is None or chosen:
                     names = listed(list(stream.columns), most=8)
                     self.found.add("not used", f"{log.path.name} (columns {names})")
                     continue
-                latest = np.nanmax(stream.columns[events.start].astype(np.float64))
-                unit, zero = unit_and_zero(
-                    events, latest, first.stamps_s[0], first.stamps_s[-1]
-                )
-                chosen = changed(events, unit=unit, zero=zero)
-                what = [events.start, events.end, events.label, events.trial]
-                shown = f"{listed([*filter(None, what)])}, in {unit}"
+                ends_s = first.stamps_s[0], first.stamps_s[-1]
+                rules = timed(found.rules, stream.columns, *ends_s)
+                chosen = replace(found, rules=rules)
+                what = [rules.start, rules.end, rules.label, rules.trial]
+                shown = f"{listed([*filter(None, what)])}, in {rules.unit}"
                 self.found.add("labels", f"{log.path.name}: {shown}")
 
         return chosen
@@ -283,25 +286,31 @@ class Form:
 
         >>> # p3/ball/slip_1 and p4/ball/pass_2 give "{person}/{object}/{action}_{trial}"
         """
-        split = [re.split(r"([/_ .]+)", one.log.name) for one in self.samples]
-        marks = split[0][1::2]
-        if any(one[1::2] != marks for one in split):
+        split = [WORD.split(one.log.name) for one in self.samples]
+        marks = split[0][::2]
+        if any(one[::2] != marks for one in split):
             return "", []
-        words = list(zip(*(one[::2] for one in split), strict=True))
-        fields: dict[str, int] = {}
-        unclear = []
-        for k, of_place in enumerate(words):
-            kind = self._kind(of_place, has_events=has_events)
-            if kind == "unclear":
-                unclear.append(k)
-            elif kind and (kind != "trial" or k == len(marks)):
-                fields.setdefault(kind, k)
-
-        if unclear and {"action", "person"} & fields.keys():
+        words = [*zip(*(one[1::2] for one in split), strict=True)]
+        kinds = [self._kind(of_place, has_events=has_events) for of_place in words]
+        places = {
+            key: [k for k, kind in enumerate(kinds) if kind == key] for key in {*kinds}
+        }
+        fields = {key: places[key][0] for key in ("person", "object") if key in places}
+        if kinds[-1] == "trial":
+            fields["trial"] = len(words) - 1
+        if "action" in places:
+            # grasp_cup_slip and grasp_cup_hold differ in the last one
+            most = max(len(set(words[k])) for k in places["action"])
+            fields["action"] = [
+                k for k in places["action"] if len(set(words[k])) == most
+            ][-1]
+        unclear = places.get("unclear", [])
+        things = [k for k in unclear if all(map(_is_thing, words[k]))]
+        if things or (unclear and {"action", "person"} & fields.keys()):
             # what is left beside a person or an action is what was held
-            fields.setdefault("object", unclear[0])
+            fields.setdefault("object", [*things, *unclear][0])
         for k in unclear:
-            if "/" in "".join(marks[k:]) or k in fields.values():
+            if "/" in "".join(marks[k + 1 :]) or k in fields.values():
                 self._ask_person(words[k], fields)
 
         if not fields.keys() - {"trial"}:
@@ -309,11 +318,10 @@ class Form:
         parts = [one[0] if len(set(one)) == 1 else "*" for one in words]
         for k, key in sorted((k, key) for key, k in fields.items()):
             parts[k] = f"{{{key}}}"
-            self.found.add(
-                "names", f"{key}: {listed(list(dict.fromkeys(words[k])), 6)}"
-            )
+            shown = listed(list(dict.fromkeys(words[k])), 6)
+            self.found.add("names", f"{key}: {shown}")
 
-        path = "".join(map("".join, zip(parts, [*marks, ""], strict=True)))
+        path = "".join(map("".join, zip(marks, [*parts, ""], strict=True)))
         return path, list(words[fields["action"]]) if "action" in fields else []
 
     def _kind(self, words: Sequence[str], *, has_events: bool) -> str:
@@ -326,20 +334,19 @@ class Form:
             answers.actions.get(word) or action_of_word(word, has_events=has_events)
             for word in words
         ]
-        if all(actions) and not answers.whole_action:
-            return "action"
-        if all(map(PERSON.fullmatch, words)) and not answers.person:
-            return "person"
+        if all(actions):
+            return "" if answers.whole_action else "action"
+        if all(map(PERSON.fullmatch, words)):
+            return "" if answers.person else "person"
         if all(map(NUMBERED.fullmatch, words)):
             return "trial"
-        return "unclear" if words[0] and not answers.object else ""
+        return "" if answers.object else "unclear"
 
     def _ask_person(self, words: Sequence[str], fields: dict[str, int]) -> None:
         """Ask whether words of the paths are people, where that changes what is held out."""
         names = list(dict.fromkeys(words))
         is_known = "person" in fields or self.answers.person
-        are_objects = all(OBJECT.match(word) or named_mass(word) for word in names)
-        if is_known or len(names) < 2 or are_objects:
+        if is_known or len(names) < 2 or all(map(_is_thing, names)):
             return
         shown, answer = listed(names, most=6), ",".join(names)
         options = f"--person {answer} or --object {answer}"
@@ -353,15 +360,10 @@ class Form:
             )
 
 
-def _rank(found: FoundLabels) -> tuple[int, bool]:
-    return len(found.unknown), "risky_slip" not in found.rules.labels.values()
+def _is_thing(word: str) -> bool:
+    return bool(OBJECT.match(word) or named_mass(word))
 
 
 def _key_of(column: str) -> str:
     """What a column names by its heading: a key of NAMED, or ""."""
     return next((key for key, words in NAMED.items() if words_of(column) & words), "")
-
-
-def tokens_of(name: str) -> list[str]:
-    """The words of a path."""
-    return re.split(r"[/_ .]+|-(?=[A-Za-z])", name)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from msgspec.structs import replace as changed
 
 from holdfast.core.column_map import NS_OF
 from holdfast.core.contract import IntArray
@@ -37,15 +38,15 @@ TRIAL_WORDS = {"trial", "file", "log", "run", "recording", "episode", "name"}
 START_WORDS = {"start", "begin", "from", "onset", "t0", "time", "at"}
 LENGTH_WORDS = {"duration", "length"}
 END_WORDS = {"end", "stop", "to", "until", "offset", "finish", "t1"} | LENGTH_WORDS
-SITUATION_WORDS = (
-    ("", r"unlabel|unknown|none|ignore"),
-    ("nothing", r"nothing|no contact|open|empty|idle|rest|free|no touch"),
-    ("grasp", r"no slip|noslip|non slip|not slip|stable|still|static|steady"),
-    ("safe_slip", r"safe|release|hand ?over|put down|place"),
-    ("risky_slip", r"slip|slid|drop|fall|fell|fail|lost|tug|pull|torn"),
-    ("grasp", r"grasp|hold|held|grip|contact|lift|carry|touch"),
-)
-"""Beginnings of words in labels, the first that fits counts."""
+SITUATION_WORDS = {
+    r"unlabel|unknown|none|ignore": "",
+    r"nothing|no contact|open|empty|idle|rest|free|no touch": "nothing",
+    r"no slip|noslip|non slip|not slip|stable|still|static|steady": "grasp",
+    r"safe|release|hand ?over|put down|place": "safe_slip",
+    r"risky|slip|slid|drop|fall|fell|fail|lost|tug|pull|torn": "risky_slip",
+    r"grasp|hold|held|grip|contact|lift|carry|touch": "grasp",
+}
+"""Beginnings of words in labels -> what they mean; the first that fits counts."""
 ENDS = {"end", "stop", "finish", "off"}
 ACTION_OF_SITUATION = {
     "grasp": "hold",
@@ -53,10 +54,10 @@ ACTION_OF_SITUATION = {
     "safe_slip": "pass",
     "nothing": "nothing",
 }
-NEED_EVENTS = tuple(name for name in UNSCRIPTED if name not in LABELLED_ACTIONS)
-"""Actions that follow no script: what happens when is known by events alone."""
 MOST_LABELS = 40
-NO_EVENTS = pd.DataFrame(columns=["start", "end", "label", "trial"], dtype=object)
+EVENT = {"start": np.nan, "end": np.nan, "label": "", "trial": ""}
+"""The columns of a table of events, and what stands in a column that a table has not."""
+NO_EVENTS = pd.DataFrame(columns=[*EVENT], dtype=object)
 
 
 def situation_of_word(label: str) -> str | None:
@@ -65,7 +66,7 @@ def situation_of_word(label: str) -> str | None:
     words = re.findall(r"[a-z]+", parted)
     if len(words) > 1 and ENDS & {words[0], words[-1]}:
         return ""
-    for situation, beginnings in SITUATION_WORDS:
+    for beginnings, situation in SITUATION_WORDS.items():
         if re.search(rf"\b({beginnings})", " ".join(words)):
             return situation
 
@@ -78,7 +79,7 @@ def action_of_word(word: str, *, has_events: bool = False) -> str | None:
     has_events: else an action that needs its phases is only a slip or a hold.
     """
     known = action_of(word)
-    if known is not None and (has_events or known not in NEED_EVENTS):
+    if known and (has_events or known not in UNSCRIPTED or known in LABELLED_ACTIONS):
         return known
     return ACTION_OF_SITUATION.get(situation_of_word(word) or "")
 
@@ -88,11 +89,26 @@ def action_of_word(word: str, *, has_events: bool = False) -> str | None:
 
 @dataclass(frozen=True)
 class FoundLabels:
-    """Rules, what was understood in words, and labels whose situation nothing says."""
+    """Rules, and the labels whose situation nothing says."""
 
     rules: EventRules
-    why: str
-    unknown: tuple[str, ...] = ()
+    unknown: Sequence[str] = ()
+
+    @property
+    def rank(self) -> tuple[int, bool]:
+        """Of several columns of labels the least is the best one."""
+        return len(self.unknown), "risky_slip" not in self.rules.labels.values()
+
+    @property
+    def text(self) -> str:
+        """What the labels of a column mean."""
+        shown = []
+        for label, meaning in self.rules.labels.items():
+            shown.append(
+                label if label == meaning else f"{label} = {meaning or 'none'}"
+            )
+        holds = "; each holds to the next, or to the end of the contact"
+        return listed(shown, most=8) + (holds if self.rules.hold else "")
 
 
 def is_mark(name: str, column: Column) -> bool:
@@ -104,7 +120,7 @@ def is_mark(name: str, column: Column) -> bool:
         return False
     kinds = len(pd.unique(cells))
     is_named = bool(words_of(name) & LABEL_WORDS)
-    seldom = np.count_nonzero(np.diff(cells)) < 0.1 * len(cells)
+    seldom = np.count_nonzero(np.diff(cells)) < 0.1 * len(column)
     return bool(seldom) and (1 < kinds <= 8 or (kinds == 1 and is_named))
 
 
@@ -114,82 +130,78 @@ def labels_of(
     """What a column of labels means; None for one that marks nothing.
 
     cells, touched [T]: of all logs, one after the other; touched: whether the hand touches
-    something. known: label -> situation, as given.
+    something. known: label -> situation, as given; else a label means what its words say, else what
+    it is by when it stands.
     """
-    values = list(dict.fromkeys(cells.tolist()))
-    meanings = {}
-    for value in filter(None, values):
-        meanings[value] = known.get(value, situation_of_word(value))
-    if not meanings or len(values) > MOST_LABELS:
+    kinds = [*dict.fromkeys(cells.tolist())]
+    if len(kinds) > MOST_LABELS:
         return None
-    if len(values) <= 2 and not all(meanings.values()):
-        return _of_two(name, cells, touched)
-    hold = bool(np.mean(cells == "") > 0.5)
-    lost = [value for value, meaning in meanings.items() if meaning is None]
-    if len(lost) < len(meanings):
-        labels = {value: meaning or "" for value, meaning in meanings.items()}
-        why = f"; without a meaning: {listed(lost, most=6)}" if lost else ""
-        return _found(name, labels, why, hold=hold)
-    return _by_content(name, held(cells) if hold else cells, touched, lost, hold=hold)
+    words = {kind: known.get(kind, situation_of_word(kind)) for kind in kinds}
+    labels = {kind: meaning for kind, meaning in words.items() if meaning is not None}
+    # a label in a row or two lasts on; the value of most rows says that nothing begins there
+    usual = _usual(cells)
+    on = cells != usual
+    hold = usual not in labels and bool(0 < on.sum() <= 2 * _begins(on).sum())
+    content = _by_content(held(np.where(on, cells, "")) if hold else cells, touched)
+    is_two = len(kinds) <= 2 and not all(words.values())
+    if is_two and (not content or "slip" in name.lower()):
+        content = _of_two(name, cells, touched)
+    labels = content | labels
+    labels.pop("" if not hold else usual, None)
+    if not any(labels.values()):
+        return None
+    unknown = [
+        kind for kind in kinds if kind not in ("", usual if hold else "", *labels)
+    ]
+    if set(words.values()) - {None, ""}:
+        # words that say nothing are none of the situations
+        labels |= dict.fromkeys(unknown, "")
+        unknown = []
+    rules = EventRules(column=name, hold=hold, labels=labels)  # type: ignore[arg-type]
+    return FoundLabels(rules, unknown)
 
 
-def _of_two(name: str, cells: np.ndarray, touched: np.ndarray) -> FoundLabels | None:
-    """Two values: the one in which logs begin, and the one that marks the slip."""
+def _usual(cells: np.ndarray) -> str:
+    """The value of most rows."""
+    return str(Counter(cells.tolist()).most_common(1)[0][0])
+
+
+def _begins(on: np.ndarray) -> np.ndarray:
+    """[T] the first rows of runs in which something is on."""
+    return on & ~np.append(False, on[:-1])
+
+
+def _of_two(name: str, cells: np.ndarray, touched: np.ndarray) -> dict[str, str]:
+    """Label -> situation of two values: the one in which logs begin, and the one of a slip.
+
+    A mark without a name that says so begins within a touch, as a slip does.
+    """
     off = cells[0]
     on = next((value for value in cells.tolist() if value != off), "1")
-    marked = cells == on
-    if not re.search("(?i)slip", name):
-        is_inside = marked.any() and touched[marked].mean() > 0.9
-        is_named = marked.any() and words_of(name) & LABEL_WORDS
-        contact = _by_content(name, cells, touched, [off, on])
-        if contact or not (is_inside or is_named):
-            return contact
-
-    begins = np.count_nonzero(np.diff(marked.astype(np.int8)) == 1)
-    if 0 < marked.sum() <= 2 * begins:
-        why = f": {on!r} marks the slip, from there to the end of the contact"
-        return _found(name, {on: "risky_slip"}, why, hold=True)
-    return _found(name, {on: "risky_slip", off: ""}, f": {on!r} marks the slip")
+    begins = _begins(cells == on)
+    is_mark = begins.any() and (
+        words_of(name) & LABEL_WORDS or touched[begins].mean() > 0.9
+    )
+    if is_mark or "slip" in name.lower():
+        return {on: "risky_slip", off: ""}
+    return {}
 
 
-def _by_content(
-    name: str,
-    cells: np.ndarray,
-    touched: np.ndarray,
-    values: Sequence[str],
-    *,
-    hold: bool = False,
-) -> FoundLabels | None:
-    """Words or numbers that say nothing, by when they stand.
+def _by_content(cells: np.ndarray, touched: np.ndarray) -> dict[str, str]:
+    """Label -> situation by when it stands; none where that says nothing.
 
     Those that stand while nothing is touched mean the empty hand, and the most frequent one of a
-    touch means the grasp. What is left is listed as unknown, because a slip cannot be seen so.
+    touch means the grasp. A slip cannot be seen so.
     """
-    shares = pd.Series(touched).groupby(cells).mean().reindex(values)
+    shares = (
+        pd.Series(touched).groupby(cells, sort=False).mean().drop("", errors="ignore")
+    )
     empty = shares.index[shares < 0.3].tolist()
     grasp = pd.Series(cells[touched]).value_counts().idxmax() if touched.any() else ""
-    if values[0] not in empty or not shares.get(grasp, 0.0) > 0.5 or len(values) > 8:
-        return None
-    labels = {**dict.fromkeys(empty, "nothing"), grasp: "grasp"}
-    unknown = tuple(value for value in values if value not in labels)
-    return _found(name, labels, ", by when they stand", unknown, hold=hold)
-
-
-def _found(
-    name: str,
-    labels: dict[str, str],
-    why: str,
-    unknown: tuple[str, ...] = (),
-    *,
-    hold: bool = False,
-) -> FoundLabels:
-    labels.pop("", None)
-    shown = []
-    for label, situation in labels.items():
-        if situation:
-            shown.append(label if label == situation else f"{label} = {situation}")
-    rules = EventRules(column=name, hold=hold, labels=labels)  # type: ignore[arg-type]
-    return FoundLabels(rules, f"column {name}, {listed(shown, most=8)}{why}", unknown)
+    is_clear = shares.index[:1].isin(empty).any() and shares.get(grasp, 0.0) > 0.5
+    if not is_clear or len(shares) > 8:
+        return {}
+    return {**dict.fromkeys(empty, "nothing"), grasp: "grasp"}
 
 
 # -- what a table of events means
@@ -197,46 +209,53 @@ def _found(
 
 def rules_of_table(
     columns: Columns, keys: set[str], file: str, known: Mapping[str, str]
-) -> EventRules | None:
+) -> FoundLabels | None:
     """What the columns of a table of events are; None where it has no start or no label.
 
     A row is an event: when it starts, when it ends or how long it lasts, what it is, and which
     trial it is of. A table without labels is of one kind, by the name of the column or the file.
     keys: what logs are called, in small letters. Unit and zero come later.
     """
-    trials = [name for name in columns if _names_trials(name, columns[name], keys)]
-    rest = {name: columns[name] for name in columns if name not in trials[:1]}
-    texts = [name for name, column in rest.items() if is_text(column)]
-    numbers = [name for name in rest if name not in texts]
+    trial = next((name for name in columns if _are_trials(name, columns, keys)), "")
+    names = [name for name in columns if name != trial]
+    texts = [name for name in names if is_text(columns[name])]
+    numbers = [name for name in names if name not in texts]
     start = _named(numbers, START_WORDS | ROW_WORDS)
     label = _named(texts, LABEL_WORDS)
-    about = situation_of_word(start) or situation_of_word(Path(file).stem)
-    if not start or not (label or about):
+    if not start:
         return None
-    numbers.remove(start)
-    after = [name for name in numbers if (rest[name] >= rest[start]).all()]
-    ends = [name for name in numbers if words_of(name) & END_WORDS]
-    labels = {} if label else {"": about or ""}
-    for cell in filter(None, text_cells(rest[label]) if label else []):
-        labels[cell] = known.get(cell) or situation_of_word(cell) or ""
-    if len(labels) > MOST_LABELS or not any(labels.values()):
+    ends = []
+    for name in numbers:
+        is_after = (columns[name] >= columns[start]).all() or words_of(name) & END_WORDS
+        ends += [name] if is_after and name != start else []
+    about = situation_of_word(start) or situation_of_word(Path(file).stem) or ""
+    kinds = dict.fromkeys(filter(None, text_cells(columns[label]))) if label else [""]
+    labels, unknown = {}, []
+    for kind in kinds:
+        meaning = known.get(kind, situation_of_word(kind) if label else about)
+        labels[kind] = meaning or ""
+        unknown += [kind] if meaning is None else []
+    is_known = any(labels.values())
+    # words that say nothing are labels where an end and a trial stand beside them
+    if len(labels) > MOST_LABELS or not (is_known or (unknown and ends and trial)):
         return None
-    return EventRules(
+    rules = EventRules(
         file=file,
-        trial="".join(trials[:1]),
+        trial=trial,
         start=start,
-        end=next(iter([*ends, *after]), ""),
+        end=_named(ends, END_WORDS),
         label=label,
         labels=labels,  # type: ignore[arg-type]
     )
+    return FoundLabels(rules, [] if is_known else unknown)
 
 
-def _names_trials(name: str, column: Column, keys: set[str]) -> bool:
+def _are_trials(name: str, columns: Columns, keys: set[str]) -> bool:
     """Whether cells are what logs are called by; numbers are so only by the column's name."""
-    cells = {*map(str.casefold, text_cells(column))} - {""}
-    if words_of(name) & TRIAL_WORDS or not is_text(column):
-        return bool(cells) and cells <= keys and bool(words_of(name) & TRIAL_WORDS)
-    return len(cells & keys) > 1
+    found = keys & {*map(str.casefold, text_cells(columns[name]))}
+    if words_of(name) & TRIAL_WORDS:
+        return bool(found)
+    return is_text(columns[name]) and len(found) > 1
 
 
 def _named(names: Sequence[str], words: set[str]) -> str:
@@ -244,26 +263,26 @@ def _named(names: Sequence[str], words: set[str]) -> str:
     return next((name for name in names if words_of(name) & words), "".join(names[:1]))
 
 
-def unit_and_zero(
-    rules: EventRules, latest: float, first_s: float, last_s: float
-) -> tuple[str, str]:
-    """The unit of a table's times, and whether they count from a log's begin or on its clock.
+def timed(
+    rules: EventRules, columns: Columns, first_s: float, last_s: float
+) -> EventRules:
+    """The rules of a table with the unit of its times, and whether they count from a log's begin.
 
-    latest: the last time in the table, in its unit. first_s, last_s: of the log. The first unit
-    counts with which the last event lies within the log.
+    first_s, last_s: of the log. The first unit counts with which the last event lies within it.
     """
     if words_of(rules.start) & ROW_WORDS:
-        return ROW, "log"
+        return changed(rules, unit=ROW)
+    latest = np.nanmax(columns[rules.start].astype(np.float64))
     lasts_s = last_s - first_s
     named = unit_of_time(rules.start)
     for unit in (named,) if named else NS_OF:
         latest_s = latest * NS_OF[unit] * 1e-9
         if 0.02 * lasts_s < latest_s <= 1.1 * lasts_s:
-            return unit, "log"
+            return changed(rules, unit=unit)
         if first_s < latest_s <= last_s + 0.1 * lasts_s:
-            return unit, "clock"
+            return changed(rules, unit=unit, zero="clock")
 
-    return named or "s", "log"
+    return changed(rules, unit=named or "s")
 
 
 # -- the events of a trial
@@ -272,41 +291,40 @@ def unit_and_zero(
 def read_events(source: Path, plan: ImportMap, log: Path) -> tuple[Path, pd.DataFrame]:
     """(the file of a log's events, they, in the unit of the rules); none without such a file.
 
-    The table has `start`, `end`, `label` and `trial`. Raises ColumnError or LabelError.
+    The table has the columns of EVENT. Raises ColumnError or LabelError.
     """
-    rules = plan.events
-    if rules is None or not rules.file:
-        return Path(), NO_EVENTS
+    rules = plan.events or EventRules(column="-")
     of_log = "{name}" in rules.file
-    root = source if source.is_dir() else source.parent
-    path = (log.parent if of_log else root) / rules.file.replace("{name}", log.stem)
-    if of_log and not path.is_file():
+    root = log.parent if of_log else source if source.is_dir() else source.parent
+    path = root / rules.file.replace("{name}", log.stem)
+    if not rules.file or (of_log and not path.is_file()):
         return Path(), NO_EVENTS
     streams = read_log(LogPlace(path, path.stem, path.suffix.lower())).streams
     columns = max(streams, key=lambda one: rules.start in one.columns).columns
-    needed = {rules.start, rules.end, rules.label, rules.trial} - {""}
-    plan.require_columns(columns, path, needed)
-    events = pd.DataFrame({"start": columns[rules.start]})
-    events["end"] = columns.get(rules.end, np.nan)
-    events = events.apply(pd.to_numeric, errors="coerce")
+    names = {key: getattr(rules, key) for key in EVENT}
+    plan.require_columns(columns, path, {*names.values()} - {""})
+    events = pd.DataFrame(
+        {key: columns.get(name, EVENT[key]) for key, name in names.items()}
+    )
+    for key in ("label", "trial"):
+        events[key] = text_cells(events[key].to_numpy())
+    times = events[["start", "end"]].apply(pd.to_numeric, errors="coerce")
     if words_of(rules.end) & LENGTH_WORDS:
-        events["end"] += events["start"]
-    events["label"] = text_cells(columns[rules.label]) if rules.label else ""
-    events["trial"] = text_cells(columns[rules.trial]) if rules.trial else ""
+        times["end"] += times["start"]
     # a trial without an event has an empty row
-    events = events.dropna(subset="start")
-    # what lasts shorter lies within what lasts longer
-    order = {"trial": True, "start": True, "end": False}
-    events = events.sort_values([*order], ascending=[*order.values()])
-    for _, event in events[events["end"] < events["start"]].iterrows():
+    events = events.assign(**times).dropna(subset="start")
+    wrong = events[events["end"] < events["start"]]
+    if len(wrong):
+        start, end, label, _ = wrong.iloc[0]
         raise LabelError(
-            f"{event['label']!r:.60} from {event['start']:g} to {event['end']:g} "
-            f"{rules.unit} is impossible",
+            f"{label!r:.60} from {start:g} to {end:g} {rules.unit} is impossible",
             where=path,
             next_step="correct that line",
         )
 
-    # an event without an end lasts to the next one of its trial
+    # what lasts shorter lies within what lasts longer; one without an end lasts to the next one
+    order = ["trial", "start", "end"]
+    events = events.sort_values(order, ascending=[True, True, False])
     following = events.groupby("trial")["start"].shift(-1)
     return path, events.fillna({"end": following}).fillna({"end": np.inf})
 
@@ -324,8 +342,7 @@ def marks_of(cells: np.ndarray, rules: EventRules) -> np.ndarray:
     """A column of labels [T]; one that stands only where something begins lasts to the next."""
     if not rules.hold:
         return cells
-    # the value of most rows says that nothing begins there
-    usual, _ = Counter(cells.tolist()).most_common(1)[0]
+    usual = _usual(cells)
     is_off = (cells == usual) & (usual not in rules.labels)
     return held(np.where(is_off, "", cells))
 

@@ -17,9 +17,17 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.contract import IntArray
-from holdfast.core.errors import DataError, DataNotFound, EmptyRecording, NotANumber
+from holdfast.core.errors import (
+    ColumnError,
+    DataError,
+    DataNotFound,
+    EmptyRecording,
+    NotANumber,
+)
 from holdfast.core.trial_layout import LOG_MARKS, LOG_SUFFIXES
+from holdfast.interop.layout import layout_of
 from holdfast.interop.streams import LOG_TIME, Columns, ForeignLog, Stream, is_text
+from holdfast.interop.tables import HEAD_BYTES, HEAD_LINES, encoding_of, pd
 
 PROSE = (".txt", ".dat", ".log", "")
 """Endings that other files have too: such a file in a folder is a log if it is a table."""
@@ -57,24 +65,27 @@ def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
     """(the logs of a file or folder, by name; what is no log, in words). Raises DataNotFound."""
     others: list[str] = []
     found: dict[str, LogPlace] = {}
+    doubtful: list[LogPlace] = []
     root = source if _kind_of(source) is None else source.parent
     for place in sorted(_places(source, root), key=lambda one: counted(one.name)):
-        is_doubtful = place.path != source and place.kind in (*PROSE, *NO_LOGS)
-        if is_doubtful and (place.kind in NO_LOGS or not _is_table(place)):
+        if place.path != source and not _is_table(place):
             others.append(place.path.name)
+            doubtful += [] if place.kind in (*PROSE, *NO_LOGS) else [place]
         elif place.name in found:
             others.append(f"{place.path.name} (as {found[place.name].path.name})")
         else:
             found[place.name] = place
 
-    if not found:
+    # where there is nothing else, reading them says what is wrong
+    places = [*found.values()] or doubtful
+    if not places:
         raise DataNotFound(
             "no log in this folder" if source.exists() else "no such file or folder",
             where=source,
             next_step=f"give a folder with files that end in {', '.join(LOG_SUFFIXES)}",
         )
 
-    return list(found.values()), others
+    return places, others
 
 
 def counted(name: str) -> list[Any]:
@@ -106,7 +117,7 @@ def read_log(place: LogPlace) -> ForeignLog:
             next_step="open it with the program that wrote it, and save it again or as CSV",
         ) from None
 
-    streams = [one for one in log.streams if one.rows]
+    streams = [_whole_stamps(one) for one in log.streams if one.rows]
     if not streams:
         raise EmptyRecording("no row of data", where=place.path)
     same: dict[tuple[str, ...], list[Stream]] = {}
@@ -116,14 +127,20 @@ def read_log(place: LogPlace) -> ForeignLog:
 
 
 def _is_table(place: LogPlace) -> bool:
-    """Whether a file is a table of numbers, and no prose."""
+    """Whether a file begins like a table; what may be prose, like one with mostly numbers."""
+    if place.kind in MODULES or place.kind in NO_LOGS:
+        return place.kind in MODULES
+    with place.path.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+    lines = head.decode(encoding_of(head), "replace").splitlines()[:HEAD_LINES]
     try:
-        columns = list(read_log(place).streams[0].columns.values())
-    except DataError:
+        layout = layout_of(lines)
+    except ColumnError:
         return False
 
-    n_numbers = sum(not is_text(column) for column in columns)
-    return len(columns[0]) >= FEWEST_ROWS and 2 * n_numbers >= len(columns)
+    has_rows = len(lines) - layout.first_row >= FEWEST_ROWS
+    is_numeric = has_rows and 2 * len(layout.numeric) >= len(layout.names)
+    return is_numeric or place.kind not in PROSE
 
 
 def _places(path: Path, root: Path) -> Iterator[LogPlace]:
@@ -146,6 +163,16 @@ def _kind_of(path: Path) -> str | None:
 
 
 # -- streams of one log
+
+
+def _whole_stamps(stream: Stream) -> Stream:
+    """The seconds and nanoseconds of stamps in two columns as one column of ns."""
+    columns = dict(stream.columns)
+    for name in stream.columns:
+        seconds = re.sub("(?i)n(ano)?(?=se?cs?$|seconds$)", "", name)
+        if seconds != name and seconds in columns:
+            columns[name] = columns[name] + 10**9 * columns.pop(seconds)
+    return replace(stream, columns=columns)
 
 
 def _united(same: list[Stream]) -> Stream:
@@ -219,18 +246,17 @@ def _at(stream: Stream, t_ns: IntArray, reach_ns: float | None = None) -> Column
     """
     if stream.t_ns is None:
         return {}
-    order = np.argsort(stream.t_ns, kind="stable")
-    own = stream.t_ns[order]
-    row = np.searchsorted(own, t_ns, side="right") - 1
-    is_there = row >= 0
-    if reach_ns is not None:
-        row = np.searchsorted(own[:-1] + np.diff(own) // 2, t_ns)
-        is_there = np.abs(own[row] - t_ns) <= max(1.0, reach_ns)
-
+    table = pd.DataFrame(stream.columns, index=stream.t_ns).sort_index(kind="stable")
+    table = table[~table.index.duplicated("last")]
+    if reach_ns is None:
+        rows = table.index.get_indexer(t_ns, "pad")
+    else:
+        rows = table.index.get_indexer(t_ns, "nearest", tolerance=max(1, int(reach_ns)))
     columns: Columns = {}
-    for name, column in stream.columns.items():
-        none = "" if is_text(column) else np.nan
-        if reach_ns is not None or none == "" or not (column % 1 > 0).any():
-            columns[name] = np.where(is_there, column[order][row], none)
+    for name, column in table.items():
+        cells = column.to_numpy()
+        none = "" if is_text(cells) else np.nan
+        if reach_ns is not None or none == "" or not (cells % 1 > 0).any():
+            columns[str(name)] = np.where(rows < 0, none, cells[rows])
 
     return columns

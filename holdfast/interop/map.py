@@ -46,6 +46,14 @@ from holdfast.training.datasets.trials import FOLDERS, action_of
 
 NAMES = ("person", "object", "action")
 """What a trial is called by."""
+_PEOPLE = "p|s|vp|sub|subj|subject|person|participant|user"
+_TRIALS = "trial|run|rep|take|t|r|episode|rec|recording|log|test|nr|no|file|data|session|day|set"
+PERSON = re.compile(rf"(?i)({_PEOPLE})[-_ ]?\d+")
+NUMBERED = re.compile(rf"(?i)({_TRIALS})?([-_ ]?\d+)+")
+"""Words of paths that number people and trials."""
+_PHRASES = "no[-_ ]slip|hand[-_ ]over|put[-_ ]down"
+TOGETHER = rf"(?i:(?:{_PEOPLE}|{_TRIALS})[-_ ]?\d+|{_PHRASES})(?=[/_ .]|$)"
+"""What is one word of a path although a sign of a gap stands in it."""
 Situation = Literal["", "nothing", "grasp", "safe_slip", "risky_slip"]
 Mass = Annotated[float, Meta(gt=0.0, le=1e6)]
 
@@ -79,7 +87,8 @@ class TrialRules(Table, frozen=True):
         if not self.path:
             return {}
         pattern = re.escape(self.path).replace(r"\*", "[^/]*")
-        pattern = re.sub(r"\\{(\w+)\\}", r"(?P<\1>[^/]+?)", pattern)
+        pattern = re.sub(r"\\{(\w+)\\}", r"(?P<\1>TOGETHER|[^/]+?)", pattern)
+        pattern = pattern.replace("TOGETHER", TOGETHER)
         match = re.fullmatch(pattern, name)
         if match is None:
             raise LabelError(

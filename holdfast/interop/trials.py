@@ -278,7 +278,7 @@ def read_joined(
         found = find_time(columns)
         if found is None:
             raise TimeError("no column of time to join files by", where=place.path)
-        t_ns = columns.pop(found.time.column) * found.time.unit_ns
+        t_ns = columns.pop(found.column) * found.unit_ns
         named = {f"{word}.{key}": column for key, column in columns.items()}
         streams.append(Stream(named, np.round(t_ns).astype(np.int64), word))
     return ForeignLog(places[0].path, name, tuple(streams))

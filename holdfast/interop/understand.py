@@ -11,7 +11,7 @@ second time by the maps, one after the other.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from fnmatch import fnmatch
 from pathlib import Path
@@ -20,12 +20,11 @@ import numpy as np
 
 from holdfast.core.errors import listed
 from holdfast.interop.columns import channels, find_sensors, find_time, touch, unit_of
-from holdfast.interop.forms import NUMBERED, Form, tokens_of
+from holdfast.interop.forms import Form
 from holdfast.interop.labels import is_mark
 from holdfast.interop.logs import LogPlace, counted, find_logs, read_log, table_of
-from holdfast.interop.map import ImportMap
+from holdfast.interop.map import NUMBERED, ImportMap
 from holdfast.interop.streams import Columns, ForeignLog, first_stream, is_text
-from holdfast.interop.tables import pd
 from holdfast.interop.trials import files_of, read_joined
 from holdfast.interop.understood import Answers, Sample, Understood
 from holdfast.training.progress import Part, ignored
@@ -33,6 +32,8 @@ from holdfast.training.progress import Part, ignored
 FINGERS = ("thumb", "index", "middle", "ring", "little", "pinky", "palm", "finger")
 KEPT_ROWS = 1000
 """Of readings, once it is known what a touch does to them."""
+FEWEST_ROWS = 100
+"""Of a log without a time: shorter ones are tables of something else."""
 FINGER = re.compile(
     rf"(?i){'|'.join(FINGERS)}|(sensor|pad|taxel|tip|jaw|ch|f|s)[-_ ]?\d|left|right"
 )
@@ -52,17 +53,21 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
     found = Understood()
     places, others = find_logs(source)
     samples: list[Sample] = []
-    tables: list[Sample] = []
+    tables: list[ForeignLog] = []
     for number, place in enumerate(places, 1):
-        sample = _sample([place], read_log(place), answers)
-        (samples if sample.sensors else tables).append(sample)
+        log = read_log(place)
+        sample = _sample([place], log, answers)
+        if sample:
+            samples.append(sample)
+        else:
+            tables.append(log)
         part(number / len(places))
 
     unread = f"; not read: {listed(others, most=6)}" if others else ""
     found.add("logs", f"{len(samples)}{unread}")
     if not samples:
-        names = listed(list(tables[0].columns), most=24)
-        what = f"which columns of {tables[0].log.name} are x, y and z of each sensor? ({names})"
+        names = listed([*_merged(tables[0])], most=24)
+        what = f"which columns of {tables[0].name} are x, y and z of each sensor? ({names})"
         found.ask("--map", f"{what}; a map names them (docs/your-data.md)")
         return found
 
@@ -71,9 +76,11 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
         each = f"the files {listed(fingers)} of each trial"
         found.add("joined", f"{each}, on the slowest clock")
         files = files_of([one.files[0] for one in samples], fingers)
-        samples = []
+        joined = []
         for name, group in files.items():
-            samples.append(_sample(group, read_joined(group, fingers, name), answers))
+            log = read_joined(group, fingers, name)
+            joined.append(_sample(group, log, answers))
+        samples = [*filter(None, joined)]
 
     forms: dict[tuple[str, ...], list[Sample]] = {}
     for sample in samples:
@@ -99,45 +106,43 @@ def of_map(source: Path, plan: ImportMap) -> Understood:
     return found
 
 
-def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample:
-    """A log with its time and its sensors, by names over all streams, else by count in one."""
-    merged: Columns = {}
-    for one in log.streams:
-        merged |= one.columns
-    longest = first_stream(log)
-    time = find_time(table_of(log, longest.columns), answers.rate)
-    sensors, why = find_sensors(merged, _marks(merged))
-    if not why.startswith("by"):
-        taken = {*_marks(longest.columns), time.time.column if time else ""}
-        sensors, why = find_sensors(longest.columns, taken)
-        is_table = longest.rows >= 100 and not any(map(is_text, merged.values()))
-        if not (time or is_table or why.startswith("by")):
-            sensors = []
-
+def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample | None:
+    """A log with its time and its sensors; None for a table without readings."""
+    merged = _merged(log)
+    taken = [name for name, column in merged.items() if is_mark(name, column)]
+    sensors, why = find_sensors(merged, first_stream(log).columns, taken)
     names = [name for sensor in sensors for name in sensor.axes]
-    columns = table_of(log, names or list(merged))
+    columns = table_of(log, names)
     time = find_time(columns, answers.rate)
+    if time is None or time.rate_hz:
+        has_texts = any(map(is_text, merged.values())) and not why.startswith("by")
+        if has_texts or first_stream(log).rows < FEWEST_ROWS:
+            return None
     if not names:
-        return Sample(files, log, columns, time, sensors, why)
-    values = channels(columns, sensors)
+        return None
+    values = channels(columns, names)
     touched = touch(values)
     size = unit_of(names, values, touched)
-    marks = _marks(columns)
+    marks = [name for name, column in columns.items() if is_mark(name, column)]
     streams = [replace(one, columns=_short(one.columns, names)) for one in log.streams]
     log, columns = replace(log, streams=tuple(streams)), _short(columns, names)
     return Sample(files, log, columns, time, sensors, why, marks, touched, size)
 
 
-def _short(columns: Columns, readings: Collection[str]) -> Columns:
+def _merged(log: ForeignLog) -> Columns:
+    """The columns of all streams, each as long as it is."""
+    merged: Columns = {}
+    for stream in log.streams:
+        merged |= stream.columns
+    return merged
+
+
+def _short(columns: Columns, readings: Sequence[str]) -> Columns:
     """Columns with the first rows of the readings, so that long logs do not fill the memory."""
     short = {}
     for name, cells in columns.items():
         short[name] = cells[:KEPT_ROWS].copy() if name in readings else cells
     return short
-
-
-def _marks(columns: Columns) -> set[str]:
-    return {name for name, column in columns.items() if is_mark(name, column)}
 
 
 # -- files of one trial
@@ -149,27 +154,35 @@ def _fingers(samples: Sequence[Sample]) -> list[str]:
     Such files have one sensor each, are named alike but for one word, and run at the same time.
     The word names a finger; or the clock is that of the day, so that overlap is no accident.
     """
-    tokens = [tokens_of(one.log.name) for one in samples]
-    if any(len(one.sensors) > 1 for one in samples) or len({*map(len, tokens)}) > 1:
+    names = [re.split(r"[/_ .]+|-(?=[A-Za-z])", one.log.name) for one in samples]
+    if any(len(one.sensors) > 1 for one in samples) or len({*map(len, names)}) > 1:
         return []
-    firsts = pd.Series([np.nanmin(one.stamps_s) for one in samples])
-    lasts = pd.Series([np.nanmax(one.stamps_s) for one in samples])
     # trials that begin at 0 each seem to run at the same time
-    is_clock = firsts.min() > CLOCK_S
-    for k, words in enumerate(map(dict.fromkeys, zip(*tokens, strict=True))):
+    is_clock = min(np.nanmin(one.stamps_s) for one in samples) > CLOCK_S
+    for k in range(len(names[0])):
+        words = {words[k] for words in names}
         is_finger = all(map(FINGER.search, words))
+        trials: dict[str, list[Sample]] = {}
+        for one, parts in zip(samples, names, strict=True):
+            trials.setdefault(" ".join(parts[:k] + parts[k + 1 :]), []).append(one)
         may_join = is_finger or (is_clock and not all(map(NUMBERED.fullmatch, words)))
-        trials = np.array([" ".join([*one[:k], *one[k + 1 :]]) for one in tokens])
-        begins, ends = firsts.groupby(trials), lasts.groupby(trials)
-        both = ends.min() - begins.max()
-        overlap = both > OVERLAP * (ends.max() - begins.min())
-        is_whole = (ends.size() == len(words)).all() and overlap.all()
+        is_whole = all(
+            len(files) == len(words) and _overlap(files) > OVERLAP
+            for files in trials.values()
+        )
         if len(words) > 1 and may_join and is_whole:
             return sorted(words, key=_finger_order)
 
     return []
 
 
-def _finger_order(word: str) -> tuple[int, list[tuple[int, int, str]]]:
+def _overlap(samples: Sequence[Sample]) -> float:
+    """How much of the time that logs run together they all run."""
+    firsts = [np.nanmin(one.stamps_s) for one in samples]
+    lasts = [np.nanmax(one.stamps_s) for one in samples]
+    return float((min(lasts) - max(firsts)) / (max(lasts) - min(firsts)))
+
+
+def _finger_order(word: str) -> tuple[int, list[int | str]]:
     named = [k for k, finger in enumerate(FINGERS) if finger in word.lower()]
     return min(named, default=len(FINGERS)), counted(word)

@@ -7,10 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from holdfast.core.column_map import SensorColumns, TimeColumn
-from holdfast.interop.columns import NO_TOUCH, FoundTime, Touch
+from holdfast.core.trial_layout import SITUATION_OF_ACTION
+from holdfast.interop.columns import Touch, usual_step
 from holdfast.interop.logs import LogPlace
 from holdfast.interop.map import ImportMap
-from holdfast.interop.streams import Columns, ForeignLog
+from holdfast.interop.streams import LOG_TIME, Columns, ForeignLog
+from holdfast.training.datasets.trials import action_of
 
 Files = dict[str, list[LogPlace]]
 """Name of a log -> its file, or a file for each finger."""
@@ -42,6 +44,11 @@ class Answers:
         return "" if "=" in self.action else self.action
 
 
+def situation_of(action: str) -> str:
+    """The situation that an action of the command line stands for; "" for none."""
+    return SITUATION_OF_ACTION.get(action_of(action) or "", "")
+
+
 @dataclass
 class Understood:
     """Maps, each with its logs, in words, and what is left to be asked.
@@ -64,23 +71,23 @@ class Understood:
         self.questions.append((option, text))
 
 
-@dataclass
+@dataclass(frozen=True)
 class Sample:
-    """A log and what it is: its columns on one clock, its time and sensors; none of a table.
+    """A log with readings: its columns on one clock, its time and sensors.
 
-    Of the readings only the first rows are kept. marks: columns that may hold labels.
-    touched: what a touch does, over all rows. size: the unit by size, and why.
+    Of the readings only the first rows are kept. why: what makes them sensors. marks: columns that
+    may hold labels. touched: what a touch does, over all rows. size: the unit by size, and why.
     """
 
     files: list[LogPlace]
     log: ForeignLog
     columns: Columns
-    time: FoundTime | None
+    time: TimeColumn | None
     sensors: list[SensorColumns]
     why: str
-    marks: set[str] = field(default_factory=set)
-    touched: Touch = NO_TOUCH
-    size: tuple[str, str] = ("", "")
+    marks: list[str]
+    touched: Touch
+    size: tuple[str, str]
 
     @property
     def form(self) -> tuple[str, ...]:
@@ -90,6 +97,22 @@ class Sample:
     @property
     def stamps_s(self) -> np.ndarray:
         """[T] on the log's clock."""
-        rows = np.arange(max(map(len, self.columns.values())))
-        time = self.time.time if self.time else TimeColumn(rate_hz=1.0)
+        rows = np.arange(len(self.touched.rows))
+        time = self.time or TimeColumn(rate_hz=1.0)
         return self.columns.get(time.column, rows) * (1e-9 * time.unit_ns)
+
+    @property
+    def time_text(self) -> str:
+        """Where the time comes from."""
+        time = self.time
+        if time is None:
+            return "not known"
+        if time.column == LOG_TIME:
+            return "stamps of the log"
+        if time.rate_hz:
+            what = (
+                f"{time.column} counts samples" if time.column else "rows are counted"
+            )
+            return f"{what}, {time.rate_hz:g} Hz as given"
+        hz = 1.0 / usual_step(self.stamps_s[:50_000])
+        return f"{time.column}, {hz:.4g} Hz, in {time.unit} by its steps"

@@ -282,7 +282,7 @@ def test_a_mark_in_one_row_lasts_to_the_end_of_the_touch(
 ) -> None:
     labelled(tmp_path / "logs", [made(1)], moment, "slip_onset")
     out = imported(run, tmp_path)
-    assert "from there to the end of the contact" in out
+    assert "to the end of the contact" in out
     *_, slip = phases_of(tmp_path / "set/object/slip/trial_1.csv")
     assert slip == (3.0, pytest.approx(4.0, abs=0.06), "risky_slip")
 
