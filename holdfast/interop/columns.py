@@ -29,6 +29,8 @@ TIME_UNITS = {
     "us": "[uµμ]s|usec|micros|microseconds?",
     "ns": "ns|nsec|nanos|nanoseconds?",
 }
+FASTEST_UNNAMED_HZ = 2000.0
+"""Where no name says the unit: 4 rows a second in s are 4000 in ms."""
 SIGNAL_UNITS = {
     "N": "N|(?i:newtons?)",
     "mN": "(?i:mn|millinewtons?)",
@@ -53,10 +55,11 @@ TOUCH = re.compile(
 )
 FIELD = re.compile(r"(?i)(?<![a-z])(b[xyz](?![a-z])|mag)")
 FORCE = re.compile(r"(?i)force|(?<![a-z])f[xyz](?![a-z])")
+SHEAR = "(shear|tangential|lateral)([_ .]?force)?[_ .]?"
 AXIS_WORDS = (
-    (re.compile(r"(?i)normal"), " z "),
-    (re.compile(r"(?i)(shear|tangential|lateral)[_ .]?[2yb](?![0-9])"), " y "),
-    (re.compile(r"(?i)(shear|tangential|lateral)[_ .]?[1xa]?(?![0-9])"), " x "),
+    (re.compile(r"(?i)normal([_ .]?force)?"), " z "),
+    (re.compile(rf"(?i){SHEAR}[2yb](?![0-9])"), " y "),
+    (re.compile(rf"(?i){SHEAR}[1xa]?(?![0-9])"), " x "),
 )
 """Words for axes."""
 TOUCHED = 0.2
@@ -111,7 +114,8 @@ def find_time(columns: Columns, rate_hz: float | None = None) -> TimeColumn | No
             counters.append((-even, name))
             continue
         for unit in filter(None, (named, *NS_OF)):
-            if SLOWEST_HZ <= 1e9 / (step * NS_OF[unit]) <= FASTEST_HZ:
+            fastest = FASTEST_HZ if unit == named else FASTEST_UNNAMED_HZ
+            if SLOWEST_HZ <= 1e9 / (step * NS_OF[unit]) <= fastest:
                 times.append((not is_named, -even, name, unit))  # type: ignore[arg-type]
                 break
 
@@ -206,10 +210,10 @@ def _by_axes(names: Sequence[str]) -> list[SensorColumns]:
         if len(group) == len(AXES):
             before = re.search(r"(?<![a-z])[a-z]?(?=\*)", key.lower())
             letters[key] = before[0] if before else ""
-    # a force and its moments, such as Fx .. Mz
-    others = {*letters.values()} - {"f"}
-    if "f" in letters.values() and others <= BESIDE_FORCE:
-        letters = {key: letter for key, letter in letters.items() if letter == "f"}
+    # a force and its moments, such as Fx .. Mz, or readings and an IMU
+    if {*letters.values()} - BESIDE_FORCE <= {"", "f"}:
+        forces = {key: letter for key, letter in letters.items() if letter in ("", "f")}
+        letters = forces or letters
     return [SensorColumns(**groups[key]) for key in _as_counted([*letters])]
 
 

@@ -286,7 +286,7 @@ class Form:
 
         >>> # p3/ball/slip_1 and p4/ball/pass_2 give "{person}/{object}/{action}_{trial}"
         """
-        split = [WORD.split(one.log.name) for one in self.samples]
+        split = [_words(one.log.name) for one in self.samples]
         marks = split[0][::2]
         if any(one[::2] != marks for one in split):
             return "", []
@@ -358,6 +358,18 @@ class Form:
                 "--person",
                 f"are {shown} people or objects? nothing in the logs says it: {options}",
             )
+
+
+def _words(path: str) -> list[str]:
+    """The words of a path, with what stands before, between and behind them."""
+    words = []
+    for word in WORD.split(path):
+        parts = re.split("(-)", word)
+        # p01-slip-1 are three words, soft-ball and put-down are one
+        is_one = action_of(word) or re.fullmatch(TOGETHER, word)
+        are_several = any(PERSON.fullmatch(one) or action_of_word(one) for one in parts)
+        words += parts if are_several and not is_one else [word]
+    return words
 
 
 def _is_thing(word: str) -> bool:

@@ -44,10 +44,14 @@ SITUATION_WORDS = {
     r"no slip|noslip|non slip|not slip|stable|still|static|steady": "grasp",
     r"safe|release|hand ?over|put down|place": "safe_slip",
     r"risky|slip|slid|drop|fall|fell|fail|lost|tug|pull|torn": "risky_slip",
-    r"grasp|hold|held|grip|contact|lift|carry|touch": "grasp",
+    r"grasp|hold|held|grip|contact|lift|carry|touch|success": "grasp",
 }
 """Beginnings of words in labels -> what they mean; the first that fits counts."""
-ENDS = {"end", "stop", "finish", "off"}
+ENDS = {"end", "stop", "finish", "off", "offset"}
+OFF = {"", "0", "no", "false", "off", "n", "f", ".", "-", "none", "nein", "non"}
+"""What stands where a mark is not."""
+MOST_CODE = 1000
+"""Numbers that mark a situation are smaller; those of a clock are not."""
 ACTION_OF_SITUATION = {
     "grasp": "hold",
     "risky_slip": "slip",
@@ -116,7 +120,7 @@ def is_mark(name: str, column: Column) -> bool:
     if is_text(column):
         return len(pd.unique(column)) <= MOST_LABELS
     cells = column[np.isfinite(column)]
-    if (cells % 1 != 0).any():
+    if (cells % 1 != 0).any() or (np.abs(cells) >= MOST_CODE).any():
         return False
     kinds = len(pd.unique(cells))
     is_named = bool(words_of(name) & LABEL_WORDS)
@@ -141,11 +145,11 @@ def labels_of(
     # a label in a row or two lasts on; the value of most rows says that nothing begins there
     usual = _usual(cells)
     on = cells != usual
-    hold = usual not in labels and bool(0 < on.sum() <= 2 * _begins(on).sum())
+    hold = not labels.get(usual) and bool(0 < on.sum() <= 2 * _begins(on).sum())
     content = _by_content(held(np.where(on, cells, "")) if hold else cells, touched)
     is_two = len(kinds) <= 2 and not all(words.values())
     if is_two and (not content or "slip" in name.lower()):
-        content = _of_two(name, cells, touched)
+        content = _of_two(name, cells, kinds, touched)
     labels = content | labels
     labels.pop("" if not hold else usual, None)
     if not any(labels.values()):
@@ -171,20 +175,19 @@ def _begins(on: np.ndarray) -> np.ndarray:
     return on & ~np.append(False, on[:-1])
 
 
-def _of_two(name: str, cells: np.ndarray, touched: np.ndarray) -> dict[str, str]:
-    """Label -> situation of two values: the one in which logs begin, and the one of a slip.
+def _of_two(
+    name: str, cells: np.ndarray, kinds: Sequence[str], touched: np.ndarray
+) -> dict[str, str]:
+    """Label -> situation of two values: the one that says no, or begins, and the one of a slip.
 
     A mark without a name that says so begins within a touch, as a slip does.
     """
-    off = cells[0]
-    on = next((value for value in cells.tolist() if value != off), "1")
+    off = next((kind for kind in kinds if kind.lower() in OFF), kinds[0])
+    on = next((kind for kind in kinds if kind != off), "1")
     begins = _begins(cells == on)
-    is_mark = begins.any() and (
-        words_of(name) & LABEL_WORDS or touched[begins].mean() > 0.9
-    )
-    if is_mark or "slip" in name.lower():
-        return {on: "risky_slip", off: ""}
-    return {}
+    is_named = bool(words_of(name) & LABEL_WORDS)
+    is_mark = begins.any() and (is_named or touched[begins].mean() > 0.9)
+    return {off: "", on: "risky_slip"} if is_mark or "slip" in name.lower() else {}
 
 
 def _by_content(cells: np.ndarray, touched: np.ndarray) -> dict[str, str]:
@@ -222,7 +225,7 @@ def rules_of_table(
     numbers = [name for name in names if name not in texts]
     start = _named(numbers, START_WORDS | ROW_WORDS)
     label = _named(texts, LABEL_WORDS)
-    if not start:
+    if not start or set(columns[start]) <= {0, 1}:
         return None
     ends = []
     for name in numbers:

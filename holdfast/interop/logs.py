@@ -41,8 +41,6 @@ MODULES = {
     ".xdf": "xdf", ".xdfz": "xdf", LOG_MARKS[0]: "ros2", LOG_MARKS[1]: "lerobot",
 }  # fmt: skip
 """Ending or marking file -> the module that alone imports its library; of others it is `tables`."""
-FEWEST_ROWS = 3
-"""Of a table."""
 NEAR_STEPS = 0.6
 """A value of another clock belongs to a row if it is so many steps away."""
 SHEET = "sheet"
@@ -132,14 +130,13 @@ def _is_table(place: LogPlace) -> bool:
         return place.kind in MODULES
     with place.path.open("rb") as file:
         head = file.read(HEAD_BYTES)
-    lines = head.decode(encoding_of(head), "replace").splitlines()[:HEAD_LINES]
+    text = head.decode(encoding_of(head), "replace")
     try:
-        layout = layout_of(lines)
+        layout = layout_of(text.splitlines()[:HEAD_LINES])
     except ColumnError:
         return False
 
-    has_rows = len(lines) - layout.first_row >= FEWEST_ROWS
-    is_numeric = has_rows and 2 * len(layout.numeric) >= len(layout.names)
+    is_numeric = 2 * len(layout.numeric) >= len(layout.names)
     return is_numeric or place.kind not in PROSE
 
 

@@ -257,11 +257,13 @@ def files_of(places: Sequence[LogPlace], fingers: Sequence[str]) -> Files:
     """The files of each log: one, or one for each finger in the order of `fingers`."""
     files: Files = {} if fingers else {place.name: [place] for place in places}
     for word in fingers:
+        # the whole word, and the signs around it
+        token = re.compile(
+            rf"[_\-. /]*(?<![^_\-. /]){re.escape(word)}(?![^_\-. /])[_\-. /]*"
+        )
         for place in places:
-            if word in place.name:
-                # a name without the word of a finger
-                gap = rf"[_\-. /]*{re.escape(word)}[_\-. /]*"
-                name = re.sub(gap, "_", place.name).strip("_") or "log"
+            if token.search(place.name):
+                name = token.sub("_", place.name).strip("_") or "log"
                 files.setdefault(name, []).append(place)
     return files
 

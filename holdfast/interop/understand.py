@@ -38,8 +38,8 @@ FINGER = re.compile(
     rf"(?i){'|'.join(FINGERS)}|(sensor|pad|taxel|tip|jaw|ch|f|s)[-_ ]?\d|left|right"
 )
 """What the file of one finger is called by."""
-CLOCK_S = 60.0
-"""A clock that stands later than this was not begun with the trial."""
+CLOCK_S, DATE_S = 60.0, 1e8
+"""A clock that stands later than this was not begun with the trial; a still later one is a date."""
 OVERLAP = 0.7
 """Of the spans of files that belong to one trial."""
 
@@ -158,14 +158,15 @@ def _fingers(samples: Sequence[Sample]) -> list[str]:
     if any(len(one.sensors) > 1 for one in samples) or len({*map(len, names)}) > 1:
         return []
     # trials that begin at 0 each seem to run at the same time
-    is_clock = min(np.nanmin(one.stamps_s) for one in samples) > CLOCK_S
+    begin_s = min(np.nanmin(one.stamps_s) for one in samples)
     for k in range(len(names[0])):
         words = {words[k] for words in names}
-        is_finger = all(map(FINGER.search, words))
+        is_number = all(map(NUMBERED.fullmatch, words))
+        is_clock = begin_s > (DATE_S if is_number else CLOCK_S)
         trials: dict[str, list[Sample]] = {}
         for one, parts in zip(samples, names, strict=True):
             trials.setdefault(" ".join(parts[:k] + parts[k + 1 :]), []).append(one)
-        may_join = is_finger or (is_clock and not all(map(NUMBERED.fullmatch, words)))
+        may_join = is_clock or all(map(FINGER.search, words))
         is_whole = all(
             len(files) == len(words) and _overlap(files) > OVERLAP
             for files in trials.values()
