@@ -47,7 +47,10 @@ from holdfast.training.datasets.trials import FOLDERS, action_of
 NAMES = ("person", "object", "action")
 """What a trial is called by."""
 _PEOPLE = "p|s|vp|sub|subj|subject|person|participant|user|proband"
-_TRIALS = "trial|run|rep|take|t|r|episode|rec|recording|log|test|nr|no|file|data|ses|session|day|set|exp|scan"
+_TRIALS = (
+    "trial|run|rep|take|t|r|episode|rec|recording|log|test|nr|no|file|data|ses|session|day|set|"
+    "exp|scan"
+)
 PERSON = re.compile(rf"(?i)({_PEOPLE})[-_ ]?\d+")
 NUMBERED = re.compile(rf"(?i)({_TRIALS})?([-_ ]?\d+)+")
 """Words of paths that number people and trials."""
