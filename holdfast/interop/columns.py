@@ -9,13 +9,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from holdfast.core.column_map import NS_OF, SensorColumns, TimeColumn
-from holdfast.core.contract import AXES, NORMAL_AXIS, NORMAL_FLOOR, UNIT_OF, FloatArray
+from holdfast.core.contract import (
+    AXES,
+    NORMAL_AXIS,
+    NORMAL_FLOOR,
+    UNIT_OF,
+    BoolArray,
+    FloatArray,
+)
 from holdfast.core.trial_file import FASTEST_HZ, SLOWEST_HZ, TimeUnit
 from holdfast.interop.logs import counted
 from holdfast.interop.streams import LOG_TIME, Column, Columns, is_text
@@ -101,8 +107,7 @@ def find_time(columns: Columns, rate_hz: float | None = None) -> TimeColumn | No
     """The time of a table; None where nothing runs like one and no rate is given."""
     if LOG_TIME in columns:
         return TimeColumn(LOG_TIME, "ns")
-    times: list[tuple[bool, float, str, TimeUnit]] = []
-    counters: list[tuple[float, str]] = []
+    found: list[tuple[bool, float, str, TimeUnit | None]] = []
     for name, column in columns.items():
         step, even, is_counter = rise_of(column)
         named = unit_of_time(name)
@@ -111,20 +116,19 @@ def find_time(columns: Columns, rate_hz: float | None = None) -> TimeColumn | No
         if not step or (even < 0.6 and not is_named and len(set(column)) < 200):
             continue
         if is_counter and not named:
-            counters.append((-even, name))
+            found += [(True, 1.0, name, None)] if rate_hz else []
             continue
-        for unit in filter(None, (named, *NS_OF)):
-            fastest = FASTEST_HZ if unit == named else FASTEST_UNNAMED_HZ
-            if SLOWEST_HZ <= 1e9 / (step * NS_OF[unit]) <= fastest:
-                times.append((not is_named, -even, name, unit))  # type: ignore[arg-type]
+        for unit, unit_ns in NS_OF.items():
+            fastest = FASTEST_HZ if named else FASTEST_UNNAMED_HZ
+            fits = SLOWEST_HZ <= 1e9 / (step * unit_ns) <= fastest
+            if fits and named in (unit, None):
+                found.append((not is_named, -even, name, unit))
                 break
 
-    if times:
-        return TimeColumn(*min(times)[2:])
-    if rate_hz:
-        _, counter = min(counters, default=(0.0, ""))
-        return TimeColumn(counter, None, rate_hz)
-    return None
+    if found:
+        *_, name, unit = min(found, key=lambda one: one[:3])
+        return TimeColumn(name, unit, None if unit else rate_hz)
+    return TimeColumn("", None, rate_hz) if rate_hz else None
 
 
 def rise_of(column: Column) -> tuple[float, float, bool]:
@@ -132,16 +136,14 @@ def rise_of(column: Column) -> tuple[float, float, bool]:
 
     The step is 0.0 for a column that does not rise.
     """
-    if is_text(column):
-        return 0.0, 0.0, False
-    first = column[:50_000].astype(np.float64)
+    first = np.zeros(2) if is_text(column) else column[:50_000].astype(np.float64)
     values = first[np.isfinite(first)]
     steps = np.diff(values)
     if len(values) < 0.9 * len(first) or not steps.any() or np.mean(steps < 0) > 0.05:
         return 0.0, 0.0, False
-    step = usual_step(values)
+    step = max(0.0, usual_step(values))
     even = np.mean(np.abs(steps - step) <= 0.6 * step)
-    return max(step, 0.0), float(even), bool(np.mean(steps == 1.0) > 0.9)
+    return step, float(even), bool(np.mean(steps == 1.0) > 0.9)
 
 
 def unit_of_time(name: str) -> str | None:
@@ -263,7 +265,7 @@ def _order(values: FloatArray) -> np.ndarray:
     """
     by_sensor = np.arange(values.shape[1]).reshape(-1, 3)
     by_axis = by_sensor.reshape(3, -1).T
-    change = touch(values).effects[1]
+    change = touch(values)[0][1]
     shares = [_leading(change[order])[1] for order in (by_sensor, by_axis)]
     return by_axis if shares[1] > max(0.8, shares[0] + 0.2) else by_sensor
 
@@ -272,29 +274,20 @@ def _leading(changes: FloatArray) -> tuple[int, float]:
     """(the axis that a touch moves most, of how large a share of the sensors); changes [S, 3]."""
     change = np.abs(changes)
     change = change[change.sum(axis=1) > TOUCHED * change.sum(axis=1).max()]
-    _, second, most = np.sort(change, axis=1).T
-    axes = np.bincount(change.argmax(axis=1)[most > CLEARLY * second], minlength=3)
-    axis = int(axes.argmax()) if axes.any() else NORMAL_AXIS
-    return axis, axes[axis] / max(1, len(change))
+    clearly = np.sort(change, axis=1)[:, 1:2] * CLEARLY
+    shares = (change > clearly).sum(axis=0) / max(1, len(change))
+    return int(shares.argmax()), float(shares.max())
 
 
 # -- what a touch does
 
 
-@dataclass(frozen=True)
-class Touch:
-    """effects [2, C]: the readings at rest, and their usual change while something is touched.
+def touch(values: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """What a hand that begins open reads while it touches something; values [T, C].
 
-    rows [T]: where something is touched. returns: whether the readings end near their rest.
+    ([2, C] the readings at rest, and their usual change while something is touched; [T] the rows in
+    which something is).
     """
-
-    effects: FloatArray
-    rows: np.ndarray
-    returns: bool
-
-
-def touch(values: FloatArray) -> Touch:
-    """What a hand that begins open reads while it touches something; values [T, C]."""
     rest = _middle(values[:FIRST_ROWS])
     load = np.zeros(len(values))
     for channel, at_rest in zip(values.T, rest, strict=True):
@@ -302,8 +295,7 @@ def touch(values: FloatArray) -> Touch:
     rows = load > TOUCHED * max(np.quantile(load, 0.95), 1e-300)
     where = np.flatnonzero(rows)
     pressed = _middle(values[where[:: max(1, len(where) // 5000)]])
-    effects = np.stack([rest, pressed - rest])
-    return Touch(effects, rows, not rows[-FIRST_ROWS:].any())
+    return np.stack([rest, pressed - rest]), rows
 
 
 def _middle(values: FloatArray) -> FloatArray:
@@ -312,29 +304,34 @@ def _middle(values: FloatArray) -> FloatArray:
     return middles
 
 
-def normal_axis(found: Touch) -> int:
+def normal_axis(effects: FloatArray) -> int:
     """The axis that most sensors clearly change along when they are touched; 2 where none is."""
-    axis, share = _leading(found.effects[1].reshape(-1, 3))
+    axis, share = _leading(effects[1].reshape(-1, 3))
     return axis if share >= 0.8 else NORMAL_AXIS
 
 
 def oriented(
-    sensors: Sequence[SensorColumns], found: Touch, unit: str, axis: int = NORMAL_AXIS
+    sensors: Sequence[SensorColumns],
+    effects: FloatArray,
+    unit: str,
+    axis: int,
+    *,
+    returns: bool,
 ) -> list[SensorColumns]:
     """The sensors with signs and zeros such that a press raises their prepared normal.
 
     Preparation turns a sensor round whose normal rests below 0. Where all must be turned, the log
-    has its z the other way; where some must be, their magnets are upside down. axis: the normal one
-    of what was found.
+    has its z the other way; where some must be, their magnets are upside down. effects: of a touch.
+    axis: the normal one in them. returns: whether the readings end near their rest.
     """
     ours, size = UNIT_OF[unit]
-    rest, pressed = size * found.effects[:, axis::3]
+    rest, pressed = size * effects[:, axis::3]
     is_far = np.abs(rest) > NORMAL_FLOOR[ours]
     is_turned_later = is_far & (rest < 0.0)
     touched = np.abs(pressed) > TOUCHED * np.abs(pressed).max()
     wrong = touched & (np.where(is_turned_later, -pressed, pressed) < 0.0)
     # a press raises a field whatever its sign; counts above 0 hide the sign
-    is_hidden = ours == "count" and bool((rest >= 0).all()) and found.returns
+    is_hidden = ours == "count" and bool((rest >= 0).all()) and returns
     wrong &= (np.abs(rest) < np.abs(pressed)) | is_hidden
     turned = list(sensors)
     for k in np.flatnonzero(wrong).tolist():
@@ -351,7 +348,9 @@ def oriented(
 # -- units
 
 
-def unit_of(names: Sequence[str], values: FloatArray, found: Touch) -> tuple[str, str]:
+def unit_of(
+    names: Sequence[str], values: FloatArray, at_rest: FloatArray
+) -> tuple[str, str]:
     """(unit, why) of channels [T, C] by their names, such as `thumb_x [mN]`, else by their sizes.
 
     The unit is "" where several are as likely.
@@ -359,17 +358,16 @@ def unit_of(names: Sequence[str], values: FloatArray, found: Touch) -> tuple[str
     units = set()
     for name in names:
         # in brackets, or behind the axis
-        behind = re.split(r"(?i)[xyz](?![a-z])", name)[-1]
-        texts = [*re.findall(r"[\[(](.*?)[\])]", name), behind]
-        units.add(_unit_in(_words(" ".join(texts)), SIGNAL_UNITS))
+        behind = re.split(r"(?i)[xyz](?![a-z])|[\[(]", name)[-1]
+        units.add(_unit_in(_words(behind), SIGNAL_UNITS))
     named = units.pop()
     if named and not units:
         return named, "by the names"
 
-    rests = np.abs(found.effects[0]).reshape(-1, 3)
+    rests = np.abs(at_rest).reshape(-1, 3)
     normal = rests[:, NORMAL_AXIS]
     rest = float(np.median(normal))
-    change = float(np.nanquantile(np.abs(values[::7] - found.effects[0]), 0.99))
+    change = float(np.nanquantile(np.abs(values[::7] - at_rest), 0.99))
     sizes = f"at rest {rest:.3g}, changes of {change:.3g}"
     is_whole = bool((np.nan_to_num(values) % 1 == 0).all())
     if FIELD.search(names[0]):

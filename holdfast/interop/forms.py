@@ -40,7 +40,7 @@ from holdfast.interop.map import (
     ImportMap,
     TrialRules,
 )
-from holdfast.interop.streams import ForeignLog, text_cells
+from holdfast.interop.streams import ForeignLog, merged, text_cells
 from holdfast.interop.understood import Answers, Sample, Understood, situation_of
 from holdfast.training.datasets.trials import action_of
 
@@ -84,10 +84,10 @@ class Form:
 
         No map is added while the time or the unit is asked for: it could not be written down.
         """
-        first, answers, found = self.samples[0], self.answers, self.found
-        found.add("time", first.time_text)
+        first, answers, add = self.samples[0], self.answers, self.found.add
+        add("time", first.time_text)
         names = f"{', '.join(first.form[:3])} to {', '.join(first.form[-3:])}"
-        found.add("sensors", f"{len(first.sensors)}, {first.why}: {names}")
+        add("sensors", f"{len(first.sensors)}, {first.why}: {names}")
         trials = self._trial_rules()
         events = self._events(trials)
         unit, sensors = self._hand(events)
@@ -98,19 +98,20 @@ class Form:
 
         about = all(one.log.about.get("action") for one in self.samples)
         if not (has_events or answers.action or about or words):
-            found.ask("--action", WHAT_HAPPENS)
+            self.found.ask("--action", WHAT_HAPPENS)
 
         used = {*first.form, trials.column, trials.person, trials.object, trials.action}
-        used |= {first.time.column} if first.time else set()
-        used |= {events.column} if events else set()
-        columns = [name for one in first.log.streams for name in one.columns]
-        unused = [name for name in columns if name not in used]
+        used |= {
+            first.time.column if first.time else "",
+            events.column if events else "",
+        }
+        unused = [name for name in merged(first.log) if name not in used]
         if unused:
-            found.add("not used", listed(unused, most=12))
+            add("not used", listed(unused, most=12))
         if first.time is None or not unit:
             return
         actions = {}
-        for word in dict.fromkeys(words):
+        for word in {*words}:
             meant = action_of_word(word, has_events=has_events)
             if meant and action_of(word) != meant:
                 actions[word] = meant
@@ -123,37 +124,36 @@ class Form:
             sensors=tuple(sensors),
             trials=changed(trials, path=path),
             facts=Facts(**facts | {"action": answers.whole_action}),
-            actions={**actions, **answers.actions},
+            actions=dict(sorted(actions.items())) | answers.actions,
             events=events,
         )
-        found.plans.append((plan, {one.log.name: one.files for one in self.samples}))
+        self.found.plans.append(
+            (plan, {one.log.name: one.files for one in self.samples})
+        )
 
     def _hand(self, events: EventRules | None) -> tuple[str, list[SensorColumns]]:
         """(unit, "" where it is not known; the sensors with their signs), and what is asked."""
-        first, answers, found = self.samples[0], self.answers, self.found
+        first, answers, ask = self.samples[0], self.answers, self.found.ask
         if first.time is None:
-            found.ask(
+            ask(
                 "--rate",
                 "how many rows a second have the logs? nothing says it: a number in Hz",
             )
-
-        effects = np.median([one.touched.effects for one in self.samples], axis=0)
+        effects = np.median([one.effects for one in self.samples], axis=0)
         cells = first.columns.get(events.column) if events else None
         begin = "" if cells is None else text_cells(cells[:1])[0]
         if events and events.labels.get(begin, "") not in ("", "nothing"):
             # the hand is closed in the first rows: what a touch changes is not seen
             effects[1:] = 0.0
 
-        returns = all(one.touched.returns for one in self.samples)
-        of_all = replace(first.touched, effects=effects, returns=returns)
         sensors = first.sensors
-        axis = normal_axis(of_all)
+        axis = normal_axis(effects)
         if answers.normal:
             axis = AXES.index(answers.normal)
             order = [(axis + 1) % 3, (axis + 2) % 3, axis]
             sensors = [SensorColumns(*(one.axes[k] for k in order)) for one in sensors]
         elif axis != NORMAL_AXIS:
-            found.ask(
+            ask(
                 "--normal",
                 f"a touch moves {AXES[axis]} most, the names say z: which axis is normal? "
                 "x, y, z",
@@ -161,20 +161,22 @@ class Form:
 
         unit, why = first.size
         of_log = first.log.about.get("unit")
-        if answers.unit or of_log in UNIT_OF:
-            why = "as given" if answers.unit else "as the log says"
-            unit = answers.unit or str(of_log)
+        if of_log in UNIT_OF:
+            unit, why = str(of_log), "as the log says"
+        if answers.unit:
+            unit, why = answers.unit, "as given"
         if not unit:
-            found.ask(
+            ask(
                 "--unit",
                 f"what unit have the readings ({why})? nothing says it: {', '.join(UNIT_OF)}",
             )
             return "", sensors
 
-        found.add("unit", f"{unit}, {why}")
-        signed = oriented(sensors, of_all, unit, axis)
+        self.found.add("unit", f"{unit}, {why}")
+        returns = not any(one.touched[-10:].any() for one in self.samples)
+        signed = oriented(sensors, effects, unit, axis, returns=returns)
         if signed != sensors:
-            found.add("signs", "turned where a press lowers the normal reading")
+            self.found.add("signs", "turned where a press lowers the normal reading")
         return unit, signed
 
     # -- trials
@@ -184,11 +186,10 @@ class Form:
         rules: dict[str, str] = {}
         for name, column in self.samples[0].columns.items():
             key = _key_of(name)
-            if not key or getattr(self.answers, key, ""):
-                continue
-            kinds = set(text_cells(column[::7]))
+            kinds = set(text_cells(column[::7])) if key else set()
             means = key != "action" or all(map(action_of_word, kinds))
-            if means and len(kinds) <= max(1, len(column) // 20):
+            is_name = means and len(kinds) <= max(1, len(column) // 20)
+            if key and is_name and not getattr(self.answers, key, ""):
                 rules.setdefault(key, name)
 
         return TrialRules(fingers=self.fingers, **rules)
@@ -236,7 +237,7 @@ class Form:
                 continue
             with_it = [one for one in self.samples if name in one.columns]
             cells = [cell for one in with_it for cell in text_cells(one.columns[name])]
-            touched = np.concatenate([one.touched.rows for one in with_it])
+            touched = np.concatenate([one.touched for one in with_it])
             found = labels_of(name, np.array(cells, object), touched, known)
             labels += [found] if found else []
 
@@ -291,24 +292,27 @@ class Form:
         if any(one[::2] != marks for one in split):
             return "", []
         words = [*zip(*(one[1::2] for one in split), strict=True)]
-        kinds = [self._kind(of_place, has_events=has_events) for of_place in words]
-        places = {
-            key: [k for k, kind in enumerate(kinds) if kind == key] for key in {*kinds}
-        }
-        fields = {key: places[key][0] for key in ("person", "object") if key in places}
-        if kinds[-1] == "trial":
-            fields["trial"] = len(words) - 1
-        if "action" in places:
+        fields: dict[str, int] = {}
+        unclear = []
+        for k, of_place in enumerate(words):
+            kind = self._kind(of_place, has_events=has_events)
+            first = fields.setdefault(kind, k)
             # grasp_cup_slip and grasp_cup_hold differ in the last one
-            most = max(len(set(words[k])) for k in places["action"])
-            fields["action"] = [
-                k for k in places["action"] if len(set(words[k])) == most
-            ][-1]
-        unclear = places.get("unclear", [])
-        things = [k for k in unclear if all(map(_is_thing, words[k]))]
-        if things or (unclear and {"action", "person"} & fields.keys()):
-            # what is left beside a person or an action is what was held
-            fields.setdefault("object", [*things, *unclear][0])
+            is_more = len({*of_place}) >= len({*words[first]})
+            if kind == "trial" or (kind == "action" and is_more):
+                fields[kind] = k
+            unclear += [k] if kind == "unclear" else []
+
+        if fields.get("trial") != len(words) - 1:
+            fields.pop("trial", None)
+        # what is left beside a person or an action is what was held
+        left = fields.pop("unclear", -1)
+        thing = fields.pop(
+            "thing", left if fields.keys() & {"action", "person"} else -1
+        )
+        fields.pop("", None)
+        if thing >= 0:
+            fields.setdefault("object", thing)
         for k in unclear:
             if "/" in "".join(marks[k + 1 :]) or k in fields.values():
                 self._ask_person(words[k], fields)
@@ -316,7 +320,7 @@ class Form:
         if not fields.keys() - {"trial"}:
             return "", []
         parts = [one[0] if len(set(one)) == 1 else "*" for one in words]
-        for k, key in sorted((k, key) for key, k in fields.items()):
+        for key, k in sorted(fields.items(), key=lambda one: one[1]):
             parts[k] = f"{{{key}}}"
             shown = listed(list(dict.fromkeys(words[k])), 6)
             self.found.add("names", f"{key}: {shown}")
@@ -325,28 +329,30 @@ class Form:
         return path, list(words[fields["action"]]) if "action" in fields else []
 
     def _kind(self, words: Sequence[str], *, has_events: bool) -> str:
-        """What words at one place of the paths are: a key of NAMES, trial, unclear, or ""."""
+        """What words at one place of paths are: a key of NAMES, trial, thing, unclear, or ""."""
         answers = self.answers
         for key in NAMES:
             if {*words} <= {*getattr(answers, key).split(",")}:
                 return key
-        actions = [
-            answers.actions.get(word) or action_of_word(word, has_events=has_events)
-            for word in words
-        ]
-        if all(actions):
+        actions = answers.actions
+        if all(
+            actions.get(one) or action_of_word(one, has_events=has_events)
+            for one in words
+        ):
             return "" if answers.whole_action else "action"
         if all(map(PERSON.fullmatch, words)):
             return "" if answers.person else "person"
         if all(map(NUMBERED.fullmatch, words)):
             return "trial"
-        return "" if answers.object else "unclear"
+        if answers.object:
+            return ""
+        are_things = all(OBJECT.match(word) or named_mass(word) for word in words)
+        return "thing" if are_things else "unclear"
 
     def _ask_person(self, words: Sequence[str], fields: dict[str, int]) -> None:
         """Ask whether words of the paths are people, where that changes what is held out."""
         names = list(dict.fromkeys(words))
-        is_known = "person" in fields or self.answers.person
-        if is_known or len(names) < 2 or all(map(_is_thing, names)):
+        if "person" in fields or self.answers.person or len(names) < 2:
             return
         shown, answer = listed(names, most=6), ",".join(names)
         options = f"--person {answer} or --object {answer}"
@@ -370,10 +376,6 @@ def _words(path: str) -> list[str]:
         are_several = any(PERSON.fullmatch(one) or action_of_word(one) for one in parts)
         words += parts if are_several and not is_one else [word]
     return words
-
-
-def _is_thing(word: str) -> bool:
-    return bool(OBJECT.match(word) or named_mass(word))
 
 
 def _key_of(column: str) -> str:

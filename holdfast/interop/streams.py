@@ -67,6 +67,14 @@ def first_stream(log: ForeignLog) -> Stream:
     return max(log.streams, key=lambda one: one.rows)
 
 
+def merged(log: ForeignLog) -> Columns:
+    """The columns of all streams of a log, each as long as it is."""
+    columns: Columns = {}
+    for stream in log.streams:
+        columns |= stream.columns
+    return columns
+
+
 def text_column(cells: Sequence[Any]) -> Column:
     """Cells as texts, "" for None."""
     texts = ["" if cell is None else str(cell).strip() for cell in cells]

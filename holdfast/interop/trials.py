@@ -164,7 +164,7 @@ class TrialImport:
         if column:
             ends |= (rows[column] != rows[column].shift()).to_numpy()[1:]
         elif (steps > longest_s).any():
-            touched = touch(rows[[*plan.channels]].to_numpy()).rows
+            _, touched = touch(rows[[*plan.channels]].to_numpy())
             within = touched[1:] & touched[:-1] & ~ends
             # a step within a touch is no pause, nor is one of its length
             ends |= steps > max(longest_s, 1.01 * steps[within].max(initial=0.0))

@@ -24,7 +24,7 @@ from holdfast.interop.forms import Form
 from holdfast.interop.labels import is_mark
 from holdfast.interop.logs import LogPlace, counted, find_logs, read_log, table_of
 from holdfast.interop.map import NUMBERED, ImportMap
-from holdfast.interop.streams import Columns, ForeignLog, first_stream, is_text
+from holdfast.interop.streams import Columns, ForeignLog, first_stream, is_text, merged
 from holdfast.interop.trials import files_of, read_joined
 from holdfast.interop.understood import Answers, Sample, Understood
 from holdfast.training.progress import Part, ignored
@@ -66,7 +66,7 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
     unread = f"; not read: {listed(others, most=6)}" if others else ""
     found.add("logs", f"{len(samples)}{unread}")
     if not samples:
-        names = listed([*_merged(tables[0])], most=24)
+        names = listed([*merged(tables[0])], most=24)
         what = f"which columns of {tables[0].name} are x, y and z of each sensor? ({names})"
         found.ask("--map", f"{what}; a map names them (docs/your-data.md)")
         return found
@@ -108,33 +108,27 @@ def of_map(source: Path, plan: ImportMap) -> Understood:
 
 def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample | None:
     """A log with its time and its sensors; None for a table without readings."""
-    merged = _merged(log)
-    taken = [name for name, column in merged.items() if is_mark(name, column)]
-    sensors, why = find_sensors(merged, first_stream(log).columns, taken)
+    whole, longest = merged(log), first_stream(log)
+    marks = [name for name, column in whole.items() if is_mark(name, column)]
+    sensors, why = find_sensors(whole, longest.columns, marks)
     names = [name for sensor in sensors for name in sensor.axes]
     columns = table_of(log, names)
     time = find_time(columns, answers.rate)
     if time is None or time.rate_hz:
-        has_texts = any(map(is_text, merged.values())) and not why.startswith("by")
-        if has_texts or first_stream(log).rows < FEWEST_ROWS:
+        has_texts = any(map(is_text, whole.values())) and not why.startswith("by")
+        if has_texts or longest.rows < FEWEST_ROWS:
             return None
     if not names:
         return None
     values = channels(columns, names)
-    touched = touch(values)
-    size = unit_of(names, values, touched)
+    effects, touched = touch(values)
+    size = unit_of(names, values, effects[0])
     marks = [name for name, column in columns.items() if is_mark(name, column)]
     streams = [replace(one, columns=_short(one.columns, names)) for one in log.streams]
     log, columns = replace(log, streams=tuple(streams)), _short(columns, names)
-    return Sample(files, log, columns, time, sensors, why, marks, touched, size)
-
-
-def _merged(log: ForeignLog) -> Columns:
-    """The columns of all streams, each as long as it is."""
-    merged: Columns = {}
-    for stream in log.streams:
-        merged |= stream.columns
-    return merged
+    return Sample(
+        files, log, columns, time, sensors, why, marks, effects, touched, size
+    )
 
 
 def _short(columns: Columns, readings: Sequence[str]) -> Columns:

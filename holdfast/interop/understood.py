@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from holdfast.core.column_map import SensorColumns, TimeColumn
+from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
-from holdfast.interop.columns import Touch, usual_step
+from holdfast.interop.columns import usual_step
 from holdfast.interop.logs import LogPlace
 from holdfast.interop.map import ImportMap
 from holdfast.interop.streams import LOG_TIME, Columns, ForeignLog
@@ -76,7 +77,7 @@ class Sample:
     """A log with readings: its columns on one clock, its time and sensors.
 
     Of the readings only the first rows are kept. why: what makes them sensors. marks: columns that
-    may hold labels. touched: what a touch does, over all rows. size: the unit by size, and why.
+    may hold labels. effects, touched: what `touch` gives of all rows. size: the unit, and why.
     """
 
     files: list[LogPlace]
@@ -86,7 +87,8 @@ class Sample:
     sensors: list[SensorColumns]
     why: str
     marks: list[str]
-    touched: Touch
+    effects: FloatArray
+    touched: BoolArray
     size: tuple[str, str]
 
     @property
@@ -97,7 +99,7 @@ class Sample:
     @property
     def stamps_s(self) -> np.ndarray:
         """[T] on the log's clock."""
-        rows = np.arange(len(self.touched.rows))
+        rows = np.arange(len(self.touched))
         time = self.time or TimeColumn(rate_hz=1.0)
         return self.columns.get(time.column, rows) * (1e-9 * time.unit_ns)
 
