@@ -118,16 +118,16 @@ def find_time(columns: Columns, rate_hz: float | None = None) -> TimeColumn | No
         if is_counter and not named:
             found += [(True, 1.0, name, None)] if rate_hz else []
             continue
+        fastest = FASTEST_HZ if named else FASTEST_UNNAMED_HZ
         for unit, unit_ns in NS_OF.items():
-            fastest = FASTEST_HZ if named else FASTEST_UNNAMED_HZ
             fits = SLOWEST_HZ <= 1e9 / (step * unit_ns) <= fastest
             if fits and named in (unit, None):
-                found.append((not is_named, -even, name, unit))
+                found.append((not is_named, -even, name, unit))  # type: ignore[arg-type]
                 break
 
     if found:
-        *_, name, unit = min(found, key=lambda one: one[:3])
-        return TimeColumn(name, unit, None if unit else rate_hz)
+        _, _, name, best = min(found, key=lambda one: one[:3])
+        return TimeColumn(name, best, None if best else rate_hz)
     return TimeColumn("", None, rate_hz) if rate_hz else None
 
 
@@ -216,7 +216,8 @@ def _by_axes(names: Sequence[str]) -> list[SensorColumns]:
     if {*letters.values()} - BESIDE_FORCE <= {"", "f"}:
         forces = {key: letter for key, letter in letters.items() if letter in ("", "f")}
         letters = forces or letters
-    return [SensorColumns(**groups[key]) for key in _as_counted([*letters])]
+    keys = _as_counted([*letters])
+    return [SensorColumns(**groups[key]) for key in keys]  # type: ignore[arg-type]
 
 
 def _as_counted(keys: Sequence[str]) -> list[str]:

@@ -151,7 +151,8 @@ class Form:
         if answers.normal:
             axis = AXES.index(answers.normal)
             order = [(axis + 1) % 3, (axis + 2) % 3, axis]
-            sensors = [SensorColumns(*(one.axes[k] for k in order)) for one in sensors]
+            axes = [[one.axes[k] for k in order] for one in sensors]
+            sensors = [SensorColumns(*one) for one in axes]  # type: ignore[arg-type]
         elif axis != NORMAL_AXIS:
             ask(
                 "--normal",
@@ -225,7 +226,7 @@ class Form:
                 f'"{unknown[0]}=slip" (or pass, hold, ..)',
             )
 
-        return changed(rules, labels={**rules.labels, unknown[0]: situation})  # type: ignore[dict-item]
+        return changed(rules, labels={**rules.labels, unknown[0]: situation})
 
     def _of_columns(self, known: dict[str, str]) -> list[FoundLabels]:
         """What the columns of labels mean."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -140,29 +140,36 @@ def labels_of(
     kinds = [*dict.fromkeys(cells.tolist())]
     if len(kinds) > MOST_LABELS:
         return None
-    words = {kind: known.get(kind, situation_of_word(kind)) for kind in kinds}
-    labels = {kind: meaning for kind, meaning in words.items() if meaning is not None}
+    words = _by_words(kinds, known)
     # a label in a row or two lasts on; the value of most rows says that nothing begins there
     usual = _usual(cells)
     on = cells != usual
-    hold = not labels.get(usual) and bool(0 < on.sum() <= 2 * _begins(on).sum())
+    hold = not words.get(usual) and bool(0 < on.sum() <= 2 * _begins(on).sum())
     content = _by_content(held(np.where(on, cells, "")) if hold else cells, touched)
-    is_two = len(kinds) <= 2 and not all(words.values())
+    is_two = len(kinds) <= 2 and not all(map(words.get, kinds))
     if is_two and (not content or "slip" in name.lower()):
         content = _of_two(name, cells, kinds, touched)
-    labels = content | labels
-    labels.pop("" if not hold else usual, None)
+    labels = content | words
+    labels.pop(usual if hold else "", None)
     if not any(labels.values()):
         return None
-    unknown = [
-        kind for kind in kinds if kind not in ("", usual if hold else "", *labels)
-    ]
-    if set(words.values()) - {None, ""}:
+    unknown = {*kinds} - {"", usual if hold else "", *labels}
+    if any(words.values()):
         # words that say nothing are none of the situations
-        labels |= dict.fromkeys(unknown, "")
-        unknown = []
+        labels |= dict.fromkeys(sorted(unknown), "")
+        unknown = set()
     rules = EventRules(column=name, hold=hold, labels=labels)  # type: ignore[arg-type]
-    return FoundLabels(rules, unknown)
+    return FoundLabels(rules, sorted(unknown, key=kinds.index))
+
+
+def _by_words(kinds: Iterable[str], known: Mapping[str, str]) -> dict[str, str]:
+    """Label -> situation, "" for none, as given or by its words; none where they say nothing."""
+    meanings = {}
+    for kind in kinds:
+        meaning = known.get(kind, situation_of_word(kind))
+        if meaning is not None:
+            meanings[kind] = meaning
+    return meanings
 
 
 def _usual(cells: np.ndarray) -> str:
@@ -221,24 +228,21 @@ def rules_of_table(
     """
     trial = next((name for name in columns if _are_trials(name, columns, keys)), "")
     names = [name for name in columns if name != trial]
-    texts = [name for name in names if is_text(columns[name])]
-    numbers = [name for name in names if name not in texts]
+    numbers = [name for name in names if not is_text(columns[name])]
     start = _named(numbers, START_WORDS | ROW_WORDS)
-    label = _named(texts, LABEL_WORDS)
+    label = _named([name for name in names if name not in numbers], LABEL_WORDS)
     if not start or set(columns[start]) <= {0, 1}:
         return None
     ends = []
     for name in numbers:
         is_after = (columns[name] >= columns[start]).all() or words_of(name) & END_WORDS
         ends += [name] if is_after and name != start else []
+    kinds = [*filter(None, text_cells(columns[label]))] if label else []
     about = situation_of_word(start) or situation_of_word(Path(file).stem) or ""
-    kinds = dict.fromkeys(filter(None, text_cells(columns[label]))) if label else [""]
-    labels, unknown = {}, []
-    for kind in kinds:
-        meaning = known.get(kind, situation_of_word(kind) if label else about)
-        labels[kind] = meaning or ""
-        unknown += [kind] if meaning is None else []
-    is_known = any(labels.values())
+    words = _by_words(kinds, known) if label else {"": about}
+    unknown = [kind for kind in dict.fromkeys(kinds) if kind not in words]
+    labels = words | dict.fromkeys(unknown, "")
+    is_known = any(words.values())
     # words that say nothing are labels where an end and a trial stand beside them
     if len(labels) > MOST_LABELS or not (is_known or (unknown and ends and trial)):
         return None
