@@ -251,8 +251,8 @@ def _by_count(names: Sequence[str], columns: Columns) -> Sequence[str]:
     # of thumb1, thumb2, thumb3, index1, .. the number is an axis
     if length != len(AXES):
         longest.sort(key=lambda name: [*map(int, re.findall(r"\d+", name))])
-    moving = [name for name in names if len(np.unique(np.diff(columns[name]))) > 1]
-    for chosen in (longest, names, moving):
+    moving = [name for name in longest if len(np.unique(np.diff(columns[name]))) > 1]
+    for chosen in (longest, moving):
         if chosen and len(chosen) % len(AXES) == 0:
             return chosen
 

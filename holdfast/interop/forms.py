@@ -209,7 +209,7 @@ class Form:
             known[word] = situation_of(action)
         found = self._of_tables(trials, known)
         if found is None:
-            found = min(self._of_columns(known), key=lambda one: one.rank, default=None)
+            found = min(self._of_columns(known), key=_rank, default=None)
             if found is None:
                 return None
             self.found.add("labels", f"column {found.rules.column}, {found.text}")
@@ -257,27 +257,28 @@ class Form:
         keys = {key for sample in self.samples for key in sample.log.keys}
         if trials.column:
             keys |= set(map(str.casefold, text_cells(first.columns[trials.column])))
+        stem = first.log.path.stem
         chosen: FoundLabels | None = None
         for log in [*self.tables, first.log]:
+            name = log.path.name
             file = log.path.relative_to(root).as_posix()
-            if first.log.path.stem in log.path.name:
-                file = log.path.name.replace(first.log.path.stem, "{name}")
+            file = name.replace(stem, "{name}") if stem in name else file
             for stream in log.streams:
-                if stream.t_ns is not None or {*first.form} & stream.columns.keys():
+                columns = stream.columns
+                if stream.t_ns is not None or {*first.form} & columns.keys():
                     continue
-                if chosen and chosen.rules.start in stream.columns:
-                    continue
-                found = rules_of_table(stream.columns, keys, file, known)
-                if found is None or chosen:
-                    names = listed(list(stream.columns), most=8)
-                    self.found.add("not used", f"{log.path.name} (columns {names})")
-                    continue
-                ends_s = first.stamps_s[0], first.stamps_s[-1]
-                rules = timed(found.rules, stream.columns, *ends_s)
-                chosen = replace(found, rules=rules)
-                what = [rules.start, rules.end, rules.label, rules.trial]
-                shown = f"{listed([*filter(None, what)])}, in {rules.unit}"
-                self.found.add("labels", f"{log.path.name}: {shown}")
+                found = rules_of_table(columns, keys, file, known)
+                if found and chosen is None:
+                    chosen = replace(
+                        found, rules=timed(found.rules, columns, first.stamps_s)
+                    )
+                    rules = chosen.rules
+                    what = [rules.start, rules.end, rules.label, rules.trial]
+                    shown = f"{listed([*filter(None, what)])}, in {rules.unit}"
+                    self.found.add("labels", f"{name}: {shown}")
+                elif chosen is None or chosen.rules.start not in columns:
+                    names = listed(list(columns), most=8)
+                    self.found.add("not used", f"{name} (columns {names})")
 
         return chosen
 
@@ -353,18 +354,20 @@ class Form:
     def _ask_person(self, words: Sequence[str], fields: dict[str, int]) -> None:
         """Ask whether words of the paths are people, where that changes what is held out."""
         names = list(dict.fromkeys(words))
-        if "person" in fields or self.answers.person or len(names) < 2:
+        # held out by trial or by people with a trial each is the same
+        is_same = len(names) in (1, len(words))
+        if is_same or "person" in fields or self.answers.person:
             return
         shown, answer = listed(names, most=6), ",".join(names)
-        options = f"--person {answer} or --object {answer}"
-        # held out by trial or by people with a trial each is the same
-        if len(names) == len(words):
-            self.found.add("names", f"{shown}: taken as no people; {options}")
-        else:
-            self.found.ask(
-                "--person",
-                f"are {shown} people or objects? nothing in the logs says it: {options}",
-            )
+        self.found.ask(
+            "--person",
+            f"are {shown} people or objects? nothing in the logs says it: "
+            f"--person {answer} or --object {answer}",
+        )
+
+
+def _rank(found: FoundLabels) -> tuple[int, bool]:
+    return len(found.unknown), "risky_slip" not in found.rules.labels.values()
 
 
 def _words(path: str) -> list[str]:

@@ -18,7 +18,7 @@ import numpy as np
 from msgspec.structs import replace as changed
 
 from holdfast.core.column_map import NS_OF
-from holdfast.core.contract import IntArray
+from holdfast.core.contract import FloatArray, IntArray
 from holdfast.core.errors import LabelError, listed
 from holdfast.core.trial_layout import LABELLED_ACTIONS, UNSCRIPTED
 from holdfast.interop.columns import unit_of_time, words_of
@@ -97,11 +97,6 @@ class FoundLabels:
 
     rules: EventRules
     unknown: Sequence[str] = ()
-
-    @property
-    def rank(self) -> tuple[int, bool]:
-        """Of several columns of labels the least is the best one."""
-        return len(self.unknown), "risky_slip" not in self.rules.labels.values()
 
     @property
     def text(self) -> str:
@@ -270,23 +265,21 @@ def _named(names: Sequence[str], words: set[str]) -> str:
     return next((name for name in names if words_of(name) & words), "".join(names[:1]))
 
 
-def timed(
-    rules: EventRules, columns: Columns, first_s: float, last_s: float
-) -> EventRules:
+def timed(rules: EventRules, columns: Columns, stamps_s: FloatArray) -> EventRules:
     """The rules of a table with the unit of its times, and whether they count from a log's begin.
 
-    first_s, last_s: of the log. The first unit counts with which the last event lies within it.
+    stamps_s [T]: of the log. The first unit counts with which the last event lies within it.
     """
     if words_of(rules.start) & ROW_WORDS:
         return changed(rules, unit=ROW)
     latest = np.nanmax(columns[rules.start].astype(np.float64))
-    lasts_s = last_s - first_s
+    lasts_s = stamps_s[-1] - stamps_s[0]
     named = unit_of_time(rules.start)
     for unit in (named,) if named else NS_OF:
         latest_s = latest * NS_OF[unit] * 1e-9
         if 0.02 * lasts_s < latest_s <= 1.1 * lasts_s:
             return changed(rules, unit=unit)
-        if first_s < latest_s <= last_s + 0.1 * lasts_s:
+        if stamps_s[0] < latest_s <= stamps_s[-1] + 0.1 * lasts_s:
             return changed(rules, unit=unit, zero="clock")
 
     return changed(rules, unit=named or "s")

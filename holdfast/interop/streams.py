@@ -115,10 +115,9 @@ def evened(stamps: IntArray, step: float) -> IntArray:
     is_even = np.mean(np.abs(steps - step) <= 0.5 * step) > 0.9
     if is_even and (steps > 0).all():
         return stamps
-    usual = float(np.median(steps[steps > 0]))
-    gaps = np.flatnonzero(steps > max(GAP_STEPS * step, 3.0 * usual)) + 1
+    longest = max(GAP_STEPS * step, 3.0 * float(np.median(steps[steps > 0])))
     lines: list[FloatArray] = []
-    for run in np.split(stamps, gaps):
+    for run in np.split(stamps, np.flatnonzero(steps > longest) + 1):
         line = run[0] + step * np.arange(len(run))
         if len(run) > 2 * FEWEST_ROWS:
             line += np.mean(run - line)
