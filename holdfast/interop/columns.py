@@ -77,7 +77,7 @@ PRESS_N = (0.2, 20.0)
 """Changes of readings in N: a grip of so little in grams holds nothing."""
 TARED = 0.25
 """Of a change: readings that rest nearer to 0 were tared."""
-PRELOAD_N = (18.0, 32.0)
+PRELOAD_N, PRELOAD_RANGE_N = 25.0, 7.0
 """At which the thesis' fingertips rest, N."""
 
 
@@ -365,21 +365,22 @@ def unit_of(
     if named and not units:
         return named, "by the names"
 
-    rests = np.abs(at_rest).reshape(-1, 3)
-    normal = rests[:, NORMAL_AXIS]
-    rest = float(np.median(normal))
+    rest = np.abs(at_rest).reshape(-1, 3)
+    normal, shear = rest[:, NORMAL_AXIS], rest[:, :NORMAL_AXIS]
+    middle = float(np.median(normal))
     change = float(np.nanquantile(np.abs(values[::7] - at_rest), 0.99))
-    sizes = f"at rest {rest:.3g}, changes of {change:.3g}"
+    sizes = f"at rest {middle:.3g}, changes of {change:.3g}"
     is_whole = bool((np.nan_to_num(values) % 1 == 0).all())
     if FIELD.search(names[0]):
-        return ("uT" if rest >= 1500.0 else ""), f"a field, {sizes}"
-    if is_whole and np.nanmin(values) >= 0 and rest > change:
+        return ("uT" if middle >= 1500.0 else ""), f"a field, {sizes}"
+    if is_whole and np.nanmin(values) >= 0 and middle > change:
         return "count", f"by size: {sizes}, whole numbers above 0"
     # the thesis' fingertips rest under a load on the normal alone
-    loaded = (normal > PRELOAD_N[0]) & (normal < PRELOAD_N[1])
-    loaded &= rests[:, :NORMAL_AXIS].max(axis=1) < 0.2 * normal
-    is_tared = rest < TARED * change
-    is_force = FORCE.search(names[0]) or is_tared or np.mean(loaded) >= 0.5
+    is_loaded = np.abs(normal - PRELOAD_N) < PRELOAD_RANGE_N
+    is_loaded &= shear.max(axis=1) < 0.2 * normal
+    is_force = (
+        FORCE.search(names[0]) or middle < TARED * change or is_loaded.mean() >= 0.5
+    )
     is_press = PRESS_N[0] < change < PRESS_N[1] and not is_whole
     return ("N" if is_force and is_press else ""), f"by size: {sizes}"
 

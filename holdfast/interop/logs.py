@@ -7,7 +7,7 @@ that begins like a table is one, whatever it is called.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from importlib import import_module
 from itertools import pairwise
@@ -186,14 +186,13 @@ def _united(same: list[Stream]) -> Stream:
         return replace(longest, notes=(*longest.notes, note))
     if len(same) == 1:
         return longest
-    columns = {}
-    for name in longest.columns:
-        columns[name] = np.concatenate([one.columns[name] for one in same])
+    tables = [pd.DataFrame(one.columns).assign(**{SHEET: one.name}) for one in same]
+    whole = pd.concat(tables, ignore_index=True)
     if stamps:
-        return replace(longest, columns=columns, t_ns=np.concatenate(stamps))
-    names = np.array([one.name for one in same], dtype=object)
-    columns[SHEET] = names.repeat([one.rows for one in same])
-    return replace(longest, columns=columns)
+        whole = whole.drop(columns=SHEET)
+    columns = {str(name): column.to_numpy() for name, column in whole.items()}
+    t_ns = np.concatenate(stamps) if stamps else None
+    return replace(longest, columns=columns, t_ns=t_ns)
 
 
 def table_of(log: ForeignLog, names: Collection[str]) -> Columns:
@@ -209,25 +208,17 @@ def table_of(log: ForeignLog, names: Collection[str]) -> Columns:
     stamps = [one.t_ns for one in used if one.t_ns is not None]
     if len(stamps) < len(used):
         return columns
-    columns[LOG_TIME] = t_ns = stamps[0] if len(used) == 1 else _clock(stamps)
-    reach_ns = NEAR_STEPS * max(map(step_ns, stamps))
+    # of equally slow streams that which lost the least
+    slowest = max(map(step_ns, stamps))
+    t_ns = max(stamps, key=lambda one: (step_ns(one) > 0.9 * slowest, len(one)))
+    columns[LOG_TIME] = t_ns = t_ns if len(used) == 1 else np.unique(t_ns)
     for stream in log.streams:
         if stream not in used:
             columns = _at(stream, t_ns) | columns
         elif len(used) > 1:
-            columns |= _at(stream, t_ns, reach_ns)
+            columns |= _at(stream, t_ns, NEAR_STEPS * slowest)
 
     return columns
-
-
-def _clock(stamps: Sequence[IntArray]) -> IntArray:
-    """The stamps of the slowest of several streams, of the longest of equally slow ones."""
-    slowest = max(map(step_ns, stamps))
-    slow = [one for one in stamps if step_ns(one) > 0.9 * slowest]
-    longest = max(slow, key=len)
-    # stamps that all streams share are one clock; others are as many clocks as streams
-    grid = np.unique(np.concatenate(slow))
-    return grid if len(grid) < 1.5 * len(longest) else np.unique(longest)
 
 
 def step_ns(stamps: IntArray) -> float:
