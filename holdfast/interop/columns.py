@@ -35,6 +35,7 @@ TIME_UNITS = {
     "us": "[uµμ]s|usec|micros|microseconds?",
     "ns": "ns|nsec|nanos|nanoseconds?",
 }
+FEWEST_STAMPS = 20
 FASTEST_UNNAMED_HZ = 2000.0
 """Where no name says the unit: 4 rows a second in s are 4000 in ms."""
 SIGNAL_UNITS = {
@@ -112,8 +113,9 @@ def find_time(columns: Columns, rate_hz: float | None = None) -> TimeColumn | No
         step, even, is_counter = rise_of(column)
         named = unit_of_time(name)
         is_named = bool(named or words_of(name) & TIME_WORDS)
-        # counts of trials and the like rise too, but rarely
-        if not step or (even < 0.6 and not is_named and len(set(column)) < 200):
+        # counts of trials and the like rise too, but rarely; a few rows may do so by chance
+        is_poor = (even < 0.6 and len(set(column)) < 200) or len(column) < FEWEST_STAMPS
+        if not step or (is_poor and not is_named):
             continue
         if is_counter and not named:
             found += [(True, 1.0, name, None)] if rate_hz else []

@@ -55,8 +55,9 @@ OBJECT = re.compile(
     "(?i)can|cup|.*(ball|block|book|bottle|bowl|box|cube|cylinder|egg|glass|mug|object|pen|sponge)"
 )
 """Words of objects in paths; others may be people."""
-WORD = re.compile(rf"((?i:{TOGETHER})|[^/_ .]+)")
-"""A word of a path: no slip and subject 7 are one."""
+WORD = re.compile(rf"({TOGETHER}(?=[/_ .]|$)|[^/_ .]+)")
+PART = re.compile(rf"({TOGETHER}(?=-|$)|[^-]+)")
+"""A word of a path, and a part of one: no-slip and subject 7 are one."""
 WHAT_HAPPENS = (
     "what happens in these trials? nothing in the logs says it: slip, hold, pull, fall, pass, "
     "put-down, nothing, .."
@@ -374,7 +375,7 @@ def _words(path: str) -> list[str]:
     """The words of a path, with what stands before, between and behind them."""
     words = []
     for word in WORD.split(path):
-        parts = re.split("(-)", word)
+        parts = PART.split(word)[1:-1]
         # p01-slip-1 are three words, soft-ball and put-down are one
         is_one = action_of(word) or re.fullmatch(TOGETHER, word)
         are_several = any(PERSON.fullmatch(one) or action_of_word(one) for one in parts)

@@ -55,7 +55,7 @@ PERSON = re.compile(rf"(?i)({_PEOPLE})[-_ ]?\d+")
 NUMBERED = re.compile(rf"(?i)({_TRIALS})?([-_ ]?\d+)+")
 """Words of paths that number people and trials."""
 _PHRASES = "no[-_ ]slip|hand[-_ ]over|put[-_ ]down"
-TOGETHER = rf"(?i:(?:{_PEOPLE}|{_TRIALS})[-_ ]?\d+|{_PHRASES})(?=[/_ .]|$)"
+TOGETHER = rf"(?i:(?:{_PEOPLE}|{_TRIALS})[-_ ]?\d+|{_PHRASES})"
 """What is one word of a path although a sign of a gap stands in it."""
 Situation = Literal["", "nothing", "grasp", "safe_slip", "risky_slip"]
 Mass = Annotated[float, Meta(gt=0.0, le=1e6)]

@@ -161,13 +161,55 @@ def two_tables_on_a_sheet(logs: Path, trials: Trials) -> None:
         write_sheet(logs / f"{name}.xlsx", rows)
 
 
+def names_and_millis_behind_a_stamp(logs: Path, trials: Trials) -> None:
+    for name, one in zip(names_of(len(trials)), trials, strict=True):
+        rows = [
+            ["ms", *axes(5)],
+            *np.column_stack([1e3 * one.t_s, one.values]).tolist(),
+        ]
+        stamps = [clock(CLOCK_S), *(clock(CLOCK_S + t_s) for t_s in one.t_s)]
+        lines = [
+            f"{at} -> {','.join(map(str, row))}"
+            for at, row in zip(stamps, rows, strict=True)
+        ]
+        (logs / f"{name}.txt").write_text("\n".join(lines))
+
+
+def moments_beside_forces(logs: Path, trials: Trials) -> None:
+    names = ["t", *axes(5, "ft{k}_F{axis}"), *axes(5, "ft{k}_M{axis}")]
+    for name, one in zip(names_of(len(trials)), trials, strict=True):
+        write_log(logs / f"{name}.csv", one, np.tile(one.values, 2), names)
+
+
+def words_for_axes_that_nobody_knows(logs: Path, trials: Trials) -> None:
+    parts = ("Querkraft A", "Querkraft B", "Druck")
+    names = ["t", *(f"Finger {k} {part}" for k in range(9, 14) for part in parts)]
+    for name, one in zip(names_of(len(trials)), trials, strict=True):
+        write_log(logs / f"{name}.csv", one, names=names)
+
+
+def seconds_and_nanoseconds(logs: Path, trials: Trials) -> None:
+    for name, one in zip(names_of(len(trials)), trials, strict=True):
+        ns = np.round(1e9 * one.t_s).astype(int)
+        rows = np.column_stack([1_700_000_000 + ns // 10**9, ns % 10**9, one.values])
+        write_text(logs / f"{name}.csv", ["stamp.sec", "stamp.nanosec", *axes(5)], rows)
+
+
+def a_table_of_words_beside(logs: Path, trials: Trials) -> None:
+    shear_and_normal(logs, trials)
+    (logs / "persons.csv").write_text("name,hand\nanna,left\nben,right\n")
+    (logs / "gains.csv").write_text("sensor,x,y,z\n1,1.0,1.0,1.1\n2,1.0,1.0,1.2\n")
+
+
 READINGS = {
     write.__name__: write
     for write in (
         serial_monitor, tabs_without_a_heading, utf16_with_comments,
         vectors_in_brackets, millinewtons_with_commas, units_below_the_names, over_midnight,
         shear_and_normal, normals_last, sorted_as_text, bursts, whole_seconds,
-        a_file_for_each_finger, two_tables_on_a_sheet,
+        a_file_for_each_finger, two_tables_on_a_sheet, names_and_millis_behind_a_stamp,
+        moments_beside_forces, words_for_axes_that_nobody_knows, seconds_and_nanoseconds,
+        a_table_of_words_beside,
     )
 }  # fmt: skip
 
@@ -232,6 +274,23 @@ COLUMNS: dict[str, tuple[str, Callable[[Made], list[str]]]] = {
         lambda one: one.words("0,0", "1,0", "1,1"),
     ),
     "true and false": ("label", lambda one: one.words("False", "False", "True")),
+    "a name of its own": ("flag", lambda one: one.words("nein", "nein", "ja")),
+    "begins and ends": (
+        "mark",
+        lambda one: (
+            sparse(one, "none", "none", "slip_onset")[:350]
+            + ["slip_offset"]
+            + ["none"] * 149
+        ),
+    ),
+    "spans alone": ("mark", lambda one: one.words("", "", "slip")),
+    "validity beside it": (
+        "valid1,flag",
+        lambda one: [
+            f"{int(k != 200)},{word}" for k, word in enumerate(one.words("0", "0", "1"))
+        ],
+    ),
+    "one word that is known": ("x", lambda one: one.words("offen", "halten", "slip")),
 }
 
 
@@ -404,6 +463,12 @@ PATHS = {
     # without its times a pull is known as a slip alone
     "sub-02/pull/run-4": ((), "sub-02/object/slip"),
     "handover 7": ((), "object/pass"),
+    "Subject 7/Trial 1 slip": ((), "Subject-7/object/slip"),
+    "participant_12/bottle/drop-1": ((), "participant_12/bottle/slip"),
+    "p01-cup-no-slip-1": ((), "p01/cup/hold"),
+    "grasp_glass_slip_01": ((), "glass/slip"),
+    "exp4_cup_success": ((), "cup/hold"),
+    "p3/slip/cup": (("--action", "hold"), "p3/cup/hold"),
     "subject3/cup/dropped/01": ((), "subject3/cup/slip"),
     "anna_mug_rutschen": (
         ("--person", "anna", "--action", "rutschen=slip"),
