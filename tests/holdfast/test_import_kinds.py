@@ -277,11 +277,9 @@ COLUMNS: dict[str, tuple[str, Callable[[Made], list[str]]]] = {
     "a name of its own": ("flag", lambda one: one.words("nein", "nein", "ja")),
     "begins and ends": (
         "mark",
-        lambda one: (
-            sparse(one, "none", "none", "slip_onset")[:350]
-            + ["slip_offset"]
-            + ["none"] * 149
-        ),
+        lambda one: [
+            {300: "slip_onset", 350: "slip_offset"}.get(k, "none") for k in range(500)
+        ],
     ),
     "spans alone": ("mark", lambda one: one.words("", "", "slip")),
     "validity beside it": (
