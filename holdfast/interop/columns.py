@@ -239,19 +239,12 @@ def _by_count(names: Sequence[str], columns: Columns) -> Sequence[str]:
     A series are columns that differ in a number; series of one length are readings together, and
     those of touch come first.
     """
-    series: dict[str, list[str]] = {}
-    for name in names:
-        series.setdefault(re.sub(r"\d+", "#", name), []).append(name)
-    groups: dict[tuple[bool, int], list[str]] = {}
-    for text, members in series.items():
-        key = bool(TOUCH.search(text)), len(members)
-        groups.setdefault(key, []).extend(members)
-    if not groups:
-        return []
-    is_touch, length = max(groups, key=lambda one: (one[0], len(groups[one])))
-    longest = [name for name in names if name in groups[is_touch, length]]
+    texts = [re.sub(r"\d+", "#", name) for name in names]
+    kinds = [(bool(TOUCH.search(text)), texts.count(text)) for text in texts]
+    best = max(kinds, key=lambda kind: (kind[0], kinds.count(kind)), default=(False, 0))
+    longest = [name for name, kind in zip(names, kinds, strict=True) if kind == best]
     # of thumb1, thumb2, thumb3, index1, .. the number is an axis
-    if length != len(AXES):
+    if best[1] != len(AXES):
         longest.sort(key=lambda name: [*map(int, re.findall(r"\d+", name))])
     moving = [name for name in longest if len(np.unique(np.diff(columns[name]))) > 1]
     for chosen in (longest, moving):

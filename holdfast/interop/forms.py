@@ -71,6 +71,7 @@ class Form:
     found: where lines and questions are added. source: the folder or the file that was given.
     samples: the logs, shortened. tables: what lies beside them and holds no readings. fingers: the
     words of the files of one trial, () where a trial is one file. answers: of the command line.
+    events: where labels come from, once that is found.
     """
 
     found: Understood
@@ -79,6 +80,7 @@ class Form:
     tables: list[ForeignLog]
     fingers: tuple[str, ...]
     answers: Answers
+    events: EventRules | None = None
 
     def understand(self) -> None:
         """Add the map of the logs, its lines and its questions.
@@ -90,15 +92,14 @@ class Form:
         names = f"{', '.join(first.form[:3])} to {', '.join(first.form[-3:])}"
         add("sensors", f"{len(first.sensors)}, {first.why}: {names}")
         trials = self._trial_rules()
-        events = self._events(trials)
-        unit, sensors = self._hand(events)
-        has_events = events is not None
-        path, words = self._path(has_events=has_events)
+        self.events = events = self._events(trials)
+        unit, sensors = self._hand()
+        path, words = self._path()
         for sample in self.samples if trials.action else ():
             words += text_cells(sample.columns[trials.action])
 
         about = all(one.log.about.get("action") for one in self.samples)
-        if not (has_events or answers.action or about or words):
+        if not (events or answers.action or about or words):
             self.found.ask("--action", WHAT_HAPPENS)
 
         used = {*first.form, trials.column, trials.person, trials.object, trials.action}
@@ -113,7 +114,7 @@ class Form:
             return
         actions = {}
         for word in {*words}:
-            meant = action_of_word(word, has_events=has_events)
+            meant = self._action(word)
             if meant and action_of(word) != meant:
                 actions[word] = meant
         facts = {
@@ -132,9 +133,10 @@ class Form:
             (plan, {one.log.name: one.files for one in self.samples})
         )
 
-    def _hand(self, events: EventRules | None) -> tuple[str, list[SensorColumns]]:
+    def _hand(self) -> tuple[str, list[SensorColumns]]:
         """(unit, "" where it is not known; the sensors with their signs), and what is asked."""
         first, answers, ask = self.samples[0], self.answers, self.found.ask
+        events = self.events
         if first.time is None:
             ask(
                 "--rate",
@@ -285,7 +287,7 @@ class Form:
 
     # -- names
 
-    def _path(self, *, has_events: bool) -> tuple[str, list[str]]:
+    def _path(self) -> tuple[str, list[str]]:
         """([trials] path where all names are built alike and say something, words of actions).
 
         >>> # p3/ball/slip_1 and p4/ball/pass_2 give "{person}/{object}/{action}_{trial}"
@@ -298,7 +300,7 @@ class Form:
         fields: dict[str, int] = {}
         unclear = []
         for k, of_place in enumerate(words):
-            kind = self._kind(of_place, has_events=has_events)
+            kind = self._kind(of_place)
             first = fields.setdefault(kind, k)
             # grasp_cup_slip and grasp_cup_hold differ in the last one
             is_more = len({*of_place}) >= len({*words[first]})
@@ -331,17 +333,13 @@ class Form:
         path = "".join(map("".join, zip(marks, [*parts, ""], strict=True)))
         return path, list(words[fields["action"]]) if "action" in fields else []
 
-    def _kind(self, words: Sequence[str], *, has_events: bool) -> str:
+    def _kind(self, words: Sequence[str]) -> str:
         """What words at one place of paths are: a key of NAMES, trial, thing, unclear, or ""."""
         answers = self.answers
         for key in NAMES:
             if {*words} <= {*getattr(answers, key).split(",")}:
                 return key
-        actions = answers.actions
-        if all(
-            actions.get(one) or action_of_word(one, has_events=has_events)
-            for one in words
-        ):
+        if all(map(self._action, words)):
             return "" if answers.whole_action else "action"
         if all(map(PERSON.fullmatch, words)):
             return "" if answers.person else "person"
@@ -351,6 +349,13 @@ class Form:
             return ""
         are_things = all(OBJECT.match(word) or named_mass(word) for word in words)
         return "thing" if are_things else "unclear"
+
+    def _action(self, word: str) -> str | None:
+        """The action that a word of a path or a column means; None for another word."""
+        has_events = self.events is not None
+        return self.answers.actions.get(word) or action_of_word(
+            word, has_events=has_events
+        )
 
     def _ask_person(self, words: Sequence[str], fields: dict[str, int]) -> None:
         """Ask whether words of the paths are people, where that changes what is held out."""
