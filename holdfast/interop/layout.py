@@ -161,12 +161,18 @@ def _fit(form: Form, lines: Sequence[str]) -> tuple[float, int]:
 
 
 def _heading(above: Sequence[str], data: str, form: Form) -> Cells:
-    """A name for each cell of the first line of data, by the lines above it."""
+    """A name for each cell of the first line of data, by the lines above it.
+
+    The numbers of a vector are force.0, force.1, ..
+    """
     cells = form.cells(data)
+    sizes = [len(re.split(GAP, found[1])) for found in VECTOR.finditer(data)]
+    below = form.cells(VECTOR.sub("[]", data))
+    widths = [sizes.pop(0) if cell == "[]" else 1 for cell in below]
     names = [""] * len(cells)
     n_rows = 0
     for line in reversed(above):
-        row = _as_wide(form.cells(line), data, form)
+        row = _as_wide(form.cells(line), cells, widths)
         if any(row) and n_rows < MOST_HEADING_ROWS:
             last = ""
             for k, name in enumerate(row):
@@ -180,29 +186,21 @@ def _heading(above: Sequence[str], data: str, form: Form) -> Cells:
     return names
 
 
-def _as_wide(row: Cells, data: str, form: Form) -> Cells:
-    """A row above a line of data as names, one a column; [] where it is no heading.
+def _as_wide(row: Cells, cells: Cells, widths: Sequence[int]) -> Cells:
+    """A row above the cells of a line as names, one a column; [] where it is no heading.
 
-    The numbers of a vector are force.0, force.1, ..
+    widths: how many cells stand below each name.
     """
-    cells = form.cells(data)
-    # a vector of three is *3 here
-    counts = VECTOR.sub(lambda found: f"*{len(re.split(GAP, found[1]))}", data)
-    below = form.cells(counts)
-    if len(below) == len(row):
-        wide: Cells = []
-        for name, cell in zip(row, below, strict=True):
-            numbers = range(int(cell[1:])) if cell.startswith("*") else ()
-            wide += [f"{name}.{k}" for k in numbers] or [name]
-        row = wide
-    missing = len(cells) - len(row)
-    if missing == -1 and not row[-1]:
-        row = row[:-1]
-    elif missing == 1 < len(row):
+    wide: Cells = []
+    if len(row) == len(widths):
+        for name, width in zip(row, widths, strict=True):
+            wide += [f"{name}.{k}" for k in range(width)] if width > 1 else [name]
+    elif len(row) == len(cells) + 1 and not row[-1]:
+        wide = row[:-1]
+    elif len(row) == len(cells) - 1 > 0:
         # pandas and R write no name above row names; others end their rows by a separator
-        row = ["", *row] if cells[-1] else [*row, ""]
-    is_heading = len(row) == len(cells)
-    return ["" if STAMP.fullmatch(name) else name for name in row] if is_heading else []
+        wide = ["", *row] if cells[-1] else [*row, ""]
+    return ["" if STAMP.fullmatch(name) else name for name in wide]
 
 
 def _unique(cells: Cells) -> Cells:
