@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -132,13 +133,16 @@ def lerobot_of_a_robot(path: Path, one: Made) -> None:
     pq.write_table(pa.table(table), data)
 
 
+NAMED = "".join(f"<channel><label>{name}</label></channel>" for name in axes(5))
+"""The labels of the channels of an XDF stream."""
+
+
 def xdf_of_a_lab(path: Path, one: Made) -> None:
-    named = "".join(f"<channel><label>{name}</label></channel>" for name in axes(5))
     texts = [(7.0, "open"), (8.0, "grasp"), (10.0, "slip"), (10.5, "grasp")]
     path.with_suffix(".xdf").write_bytes(
         xdf_bytes(
             [
-                stream_header(1, "Pads", "double64", 15, 100.0, named),
+                stream_header(1, "Pads", "double64", 15, 100.0, NAMED),
                 stream_header(2, "Markers", "string", 1, 0.0),
                 samples(1, 7.0 + one.t_s, one.values),
                 markers(2, texts),
@@ -199,37 +203,21 @@ def test_a_plain_file_of_others_becomes_a_trial(
 # -- corners
 
 
-def xdf_stream(one: Made, *more: bytes, parts: int = 1) -> bytes:
+def xdf_stream(path: Path, one: Made, parts: int = 1) -> np.ndarray:
     """The pads as a stream; parts: it is written so many times, as by a sender that began anew."""
-    named = "".join(f"<channel><label>{name}</label></channel>" for name in axes(5))
     chunks = []
     for k in range(parts):
         rows = slice(k * 250, (k + 1) * 250) if parts == 2 else slice(None)
-        chunks.append(stream_header(k + 1, "Pads", "double64", 15, 100.0, named))
+        chunks.append(stream_header(k + 1, "Pads", "double64", 15, 100.0, NAMED))
         chunks.append(samples(k + 1, 7.0 + one.t_s[rows], one.values[rows]))
-    return xdf_bytes([*chunks, *more])
-
-
-def xdf_without_clock_offsets(path: Path, one: Made) -> np.ndarray:
-    path.with_suffix(".xdf").write_bytes(xdf_stream(one))
-    return one.values
-
-
-def xdf_of_a_sender_that_began_anew(path: Path, one: Made) -> np.ndarray:
-    path.with_suffix(".xdf").write_bytes(xdf_stream(one, parts=2))
-    return one.values
-
-
-def xdf_of_a_stream_twice(path: Path, one: Made) -> np.ndarray:
-    path.with_suffix(".xdf").write_bytes(xdf_stream(one, parts=3))
+    path.with_suffix(".xdf").write_bytes(xdf_bytes(chunks))
     return one.values
 
 
 def xdf_with_a_clock_reset(path: Path, one: Made) -> np.ndarray:
     """The sender's clock is set back by 100 s in the middle, and the recorder measures that."""
     t_s = 7.0 + one.t_s - np.where(one.t_s >= 2.5, 100.0, 0.0)
-    named = "".join(f"<channel><label>{name}</label></channel>" for name in axes(5))
-    chunks = [stream_header(1, "Pads", "double64", 15, 100.0, named)]
+    chunks = [stream_header(1, "Pads", "double64", 15, 100.0, NAMED)]
     before, after = one.t_s < 2.5, one.t_s >= 2.5
     chunks += [
         samples(1, t_s[before], one.values[before]),
@@ -267,14 +255,16 @@ def the_same_log_in_two_formats(path: Path, one: Made) -> np.ndarray:
     return one.values
 
 
-CORNERS = {
-    write.__name__: write
-    for write in (
-        xdf_without_clock_offsets, xdf_of_a_sender_that_began_anew, xdf_of_a_stream_twice,
-        xdf_with_a_clock_reset, bag_whose_topics_begin_late, mcap_that_was_cut_off,
-        lerobot_without_names, the_same_log_in_two_formats,
-    )
-}  # fmt: skip
+CORNERS: dict[str, Callable[[Path, Made], np.ndarray]] = {
+    "xdf without clock offsets": xdf_stream,
+    "xdf of a sender that began anew": partial(xdf_stream, parts=2),
+    "xdf of a stream twice": partial(xdf_stream, parts=3),
+    "xdf with a clock reset": xdf_with_a_clock_reset,
+    "bag whose topics begin late": bag_whose_topics_begin_late,
+    "mcap that was cut off": mcap_that_was_cut_off,
+    "lerobot without names": lerobot_without_names,
+    "the same log in two formats": the_same_log_in_two_formats,
+}
 
 
 @pytest.mark.parametrize("corner", CORNERS)

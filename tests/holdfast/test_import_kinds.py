@@ -28,177 +28,146 @@ def clock(t_s: float, form: str = "{h:02d}:{m:02d}:{s:06.3f}") -> str:
     return form.format(h=hours, m=minutes, s=seconds)
 
 
-def names_of(count: int, form: str = "log{k}") -> list[str]:
-    return [form.format(k=k) for k in range(1, count + 1)]
-
-
 # -- readings of any form; nothing says what happens in them
 
 
-def serial_monitor(logs: Path, trials: Trials) -> None:
-    for name, one in zip(names_of(len(trials)), trials, strict=True):
-        lines = []
-        for t_s, row in zip(one.t_s, one.values.tolist(), strict=True):
-            numbers = ",".join(map(str, row))
-            lines.append(f"{clock(CLOCK_S + t_s)} -> {numbers}\n")
-        (logs / f"{name}.txt").write_text("".join(lines))
+def serial_monitor(path: Path, one: Made) -> None:
+    numbers = zip(one.t_s, one.values[:, 0], strict=True)
+    first = [f"{clock(CLOCK_S + t_s)} -> {number}" for t_s, number in numbers]
+    write_text(path.with_suffix(".txt"), [], one.values[:, 1:], first=first)
 
 
-def tabs_without_a_heading(logs: Path, trials: Trials) -> None:
-    for name, one in zip(names_of(len(trials)), trials, strict=True):
-        rows = np.column_stack([one.t_s, one.values])
-        write_text(logs / f"{name}.dat", [], rows, separator="\t")
+def tabs_without_a_heading(path: Path, one: Made) -> None:
+    rows = np.column_stack([one.t_s, one.values])
+    write_text(path.with_suffix(".dat"), [], rows, separator="\t")
 
 
-def utf16_with_comments(logs: Path, trials: Trials) -> None:
+def utf16_with_comments(path: Path, one: Made) -> None:
     head = "# made by a rig\n# 2024, 15 channels"
-    for name, one in zip(names_of(len(trials)), trials, strict=True):
-        rows = np.column_stack([1e6 * one.t_s, one.values])
-        names = ["# t_us", *axes(5, "F{k}{axis}")]
-        write_text(logs / f"{name}.csv", names, rows, head=head, encoding="utf-16")
+    rows = np.column_stack([1e6 * one.t_s, one.values])
+    names = ["# t_us", *axes(5, "F{k}{axis}")]
+    write_text(path.with_suffix(".csv"), names, rows, head=head, encoding="utf-16")
 
 
-def vectors_in_brackets(logs: Path, trials: Trials) -> None:
-    for name, one in zip(names_of(len(trials)), trials, strict=True):
-        vectors = one.values.reshape(-1, 5, 3).tolist()
-        lines = ["time;" + ";".join(f"finger{k}" for k in range(1, 6))]
-        for t_s, row in zip(one.t_s, vectors, strict=True):
-            lines.append(f"{t_s:.3f};" + ";".join(map(str, row)))
-        (logs / f"{name}.csv").write_text("\n".join(lines))
+def vectors_in_brackets(path: Path, one: Made) -> None:
+    vectors = one.values.reshape(-1, 5, 3).tolist()
+    lines = ["time;" + ";".join(f"finger{k}" for k in range(1, 6))]
+    for t_s, row in zip(one.t_s, vectors, strict=True):
+        lines.append(f"{t_s:.3f};" + ";".join(map(str, row)))
+    path.with_suffix(".csv").write_text("\n".join(lines))
 
 
-def millinewtons_with_commas(logs: Path, trials: Trials) -> None:
+def millinewtons_with_commas(path: Path, one: Made) -> None:
     names = ["Zeit [ms]", *axes(5, "Finger {k} {axis} [mN]"), ""]
-    for name, one in zip(names_of(len(trials), "Messung {k}"), trials, strict=True):
-        rows = np.column_stack([1e3 * one.t_s + 5e6, 1e3 * one.values])
-        write_text(
-            logs / f"{name}.csv", names, rows, separator=";", decimal=",", texts=[""] * len(rows),
-            encoding="utf-8-sig", end="\r\n",
-        )  # fmt: skip
+    rows = np.column_stack([1e3 * one.t_s + 5e6, 1e3 * one.values])
+    write_text(
+        path.with_suffix(".csv"), names, rows, separator=";", decimal=",", texts=[""] * len(rows),
+        encoding="utf-8-sig", end="\r\n",
+    )  # fmt: skip
 
 
-def units_below_the_names(logs: Path, trials: Trials) -> None:
+def units_below_the_names(path: Path, one: Made) -> None:
     names = ["clock", *axes(5, "Finger {k} {axis}")]
-    for name, one in zip(names_of(len(trials)), trials, strict=True):
-        rows = np.column_stack([1e9 * one.t_s, one.values])
-        units = ["ns", *["N"] * 15]
-        write_text(
-            logs / f"{name}.tsv", units, rows, separator="\t", head="\t".join(names)
-        )
+    rows = np.column_stack([1e9 * one.t_s, one.values])
+    units = ["ns", *["N"] * 15]
+    write_text(
+        path.with_suffix(".tsv"), units, rows, separator="\t", head="\t".join(names)
+    )
 
 
-def over_midnight(logs: Path, trials: Trials) -> None:
-    for name, one in zip(names_of(len(trials)), trials, strict=True):
-        first = [clock(86_398.0 + t) for t in one.t_s]
-        names = ["when", *axes(5, "B{axis}{k} [mT]")]
-        write_text(logs / f"{name}.log", names, 1e-3 * one.values, first=first)
+def over_midnight(path: Path, one: Made) -> None:
+    first = [clock(86_398.0 + t) for t in one.t_s]
+    names = ["when", *axes(5, "B{axis}{k} [mT]")]
+    write_text(path.with_suffix(".log"), names, 1e-3 * one.values, first=first)
 
 
-def shear_and_normal(logs: Path, trials: Trials) -> None:
-    names = [
-        "t",
-        *(
-            f"pad{k}_{part}"
-            for k in range(1, 6)
-            for part in ("shear1", "shear2", "normal")
-        ),
-    ]
-    for name, one in zip(names_of(len(trials)), trials, strict=True):
-        write_text(logs / f"{name}.csv", names, np.column_stack([one.t_s, one.values]))
+def shear_and_normal(path: Path, one: Made) -> None:
+    parts = ("shear1", "shear2", "normal")
+    names = ["t", *(f"pad{k}_{part}" for k in range(1, 6) for part in parts)]
+    write_log(path.with_suffix(".csv"), one, names=names)
 
 
-def normals_last(logs: Path, trials: Trials) -> None:
-    for name, one in zip(names_of(len(trials)), trials, strict=True):
-        by_axis = one.values.reshape(-1, 5, 3).transpose(0, 2, 1).reshape(-1, 15)
-        names = ["t", *(f"ch{k}" for k in range(15))]
-        write_text(logs / f"{name}.csv", names, np.column_stack([one.t_s, by_axis]))
+def normals_last(path: Path, one: Made) -> None:
+    by_axis = one.values.reshape(-1, 5, 3).transpose(0, 2, 1).reshape(-1, 15)
+    names = ["t", *(f"ch{k}" for k in range(15))]
+    write_log(path.with_suffix(".csv"), one, by_axis, names)
 
 
-def sorted_as_text(logs: Path, trials: Trials) -> None:
+def sorted_as_text(path: Path, one: Made) -> None:
     order = sorted(range(1, 6), key=lambda k: str(9 + k))
-    for name, one in zip(names_of(len(trials)), trials, strict=True):
-        names = ["time_ms", *(f"taxel{8 + k}_F{a}" for k in order for a in "xyz")]
-        columns = [3 * (k - 1) + a for k in order for a in range(3)]
-        rows = np.column_stack([1e3 * one.t_s, one.values[:, columns]])
-        write_text(logs / f"{name}.csv", names, rows)
+    names = ["time_ms", *(f"taxel{8 + k}_F{a}" for k in order for a in "xyz")]
+    columns = [3 * (k - 1) + a for k in order for a in range(3)]
+    rows = np.column_stack([1e3 * one.t_s, one.values[:, columns]])
+    write_text(path.with_suffix(".csv"), names, rows)
 
 
-def bursts(logs: Path, trials: Trials) -> None:
+def bursts(path: Path, one: Made) -> None:
     """Eight rows at a time, a millisecond apart."""
-    for name, one in zip(names_of(len(trials)), trials, strict=True):
-        k = np.arange(len(one.t_s))
-        t_ms = 80.0 * (k // 8) + 1.0 * (k % 8)
+    k = np.arange(len(one.t_s))
+    t_ms = 80.0 * (k // 8) + 1.0 * (k % 8)
+    write_text(
+        path.with_suffix(".csv"), ["ms", *axes(5)], np.column_stack([t_ms, one.values])
+    )
+
+
+def whole_seconds(path: Path, one: Made) -> None:
+    first = [clock(CLOCK_S + int(t), "{h:02d}:{m:02d}:{s:02.0f}") for t in one.t_s]
+    write_text(path.with_suffix(".csv"), ["time", *axes(5)], one.values, first=first)
+
+
+def a_file_for_each_finger(path: Path, one: Made) -> None:
+    for f, finger in enumerate(("index", "little", "middle", "ring", "thumb")):
+        place = (1, 4, 2, 3, 0)[f]
+        part = one.values[:, 3 * place : 3 * place + 3]
+        rows = np.column_stack([9.0 + one.t_s, part])
         write_text(
-            logs / f"{name}.csv", ["ms", *axes(5)], np.column_stack([t_ms, one.values])
+            path.with_name(f"{path.name}_{finger}.csv"),
+            ["time", "fx", "fy", "fz"],
+            rows,
         )
 
 
-def whole_seconds(logs: Path, trials: Trials) -> None:
-    for name, one in zip(names_of(len(trials)), trials, strict=True):
-        first = [clock(CLOCK_S + int(t), "{h:02d}:{m:02d}:{s:02.0f}") for t in one.t_s]
-        write_text(logs / f"{name}.csv", ["time", *axes(5)], one.values, first=first)
+def two_tables_on_a_sheet(path: Path, one: Made) -> None:
+    merged: list[object] = [
+        "t (s)",
+        *(cell for k in range(1, 6) for cell in (f"Pad {k}", None, None)),
+    ]
+    rows: list[list[object]] = [["Lab 7"], [], merged, [None, *"xyz" * 5]]
+    for t_s, row in zip(one.t_s.tolist(), one.values.tolist(), strict=True):
+        beside = [None, "mug", 198] if len(rows) == 6 else []
+        rows.append([t_s, *row, *beside])
+    write_sheet(path.with_suffix(".xlsx"), rows)
 
 
-def a_file_for_each_finger(logs: Path, trials: Trials) -> None:
-    for k, one in enumerate(trials, 1):
-        for f, finger in enumerate(("index", "little", "middle", "ring", "thumb")):
-            place = (1, 4, 2, 3, 0)[f]
-            part = one.values[:, 3 * place : 3 * place + 3]
-            rows = np.column_stack([9.0 + one.t_s, part])
-            write_text(logs / f"rec{k}_{finger}.csv", ["time", "fx", "fy", "fz"], rows)
+def names_and_millis_behind_a_stamp(path: Path, one: Made) -> None:
+    first = [f"{clock(CLOCK_S + t)} -> {1e3 * t:.1f}" for t in one.t_s]
+    names = [f"{clock(CLOCK_S)} -> ms", *axes(5)]
+    write_text(path.with_suffix(".txt"), names, one.values, first=first)
 
 
-def two_tables_on_a_sheet(logs: Path, trials: Trials) -> None:
-    for name, one in zip(names_of(len(trials)), trials, strict=True):
-        merged: list[object] = [
-            "t (s)",
-            *(cell for k in range(1, 6) for cell in (f"Pad {k}", None, None)),
-        ]
-        rows: list[list[object]] = [["Lab 7"], [], merged, [None, *"xyz" * 5]]
-        for t_s, row in zip(one.t_s.tolist(), one.values.tolist(), strict=True):
-            beside = [None, "mug", 198] if len(rows) == 6 else []
-            rows.append([t_s, *row, *beside])
-        write_sheet(logs / f"{name}.xlsx", rows)
-
-
-def names_and_millis_behind_a_stamp(logs: Path, trials: Trials) -> None:
-    for name, one in zip(names_of(len(trials)), trials, strict=True):
-        rows = [
-            ["ms", *axes(5)],
-            *np.column_stack([1e3 * one.t_s, one.values]).tolist(),
-        ]
-        stamps = [clock(CLOCK_S), *(clock(CLOCK_S + t_s) for t_s in one.t_s)]
-        lines = [
-            f"{at} -> {','.join(map(str, row))}"
-            for at, row in zip(stamps, rows, strict=True)
-        ]
-        (logs / f"{name}.txt").write_text("\n".join(lines))
-
-
-def moments_beside_forces(logs: Path, trials: Trials) -> None:
+def moments_beside_forces(path: Path, one: Made) -> None:
     names = ["t", *axes(5, "ft{k}_F{axis}"), *axes(5, "ft{k}_M{axis}")]
-    for name, one in zip(names_of(len(trials)), trials, strict=True):
-        write_log(logs / f"{name}.csv", one, np.tile(one.values, 2), names)
+    write_log(path.with_suffix(".csv"), one, np.tile(one.values, 2), names)
 
 
-def words_for_axes_that_nobody_knows(logs: Path, trials: Trials) -> None:
+def words_for_axes_that_nobody_knows(path: Path, one: Made) -> None:
     parts = ("Querkraft A", "Querkraft B", "Druck")
     names = ["t", *(f"Finger {k} {part}" for k in range(9, 14) for part in parts)]
-    for name, one in zip(names_of(len(trials)), trials, strict=True):
-        write_log(logs / f"{name}.csv", one, names=names)
+    write_log(path.with_suffix(".csv"), one, names=names)
 
 
-def seconds_and_nanoseconds(logs: Path, trials: Trials) -> None:
-    for name, one in zip(names_of(len(trials)), trials, strict=True):
-        ns = np.round(1e9 * one.t_s).astype(int)
-        rows = np.column_stack([1_700_000_000 + ns // 10**9, ns % 10**9, one.values])
-        write_text(logs / f"{name}.csv", ["stamp.sec", "stamp.nanosec", *axes(5)], rows)
+def seconds_and_nanoseconds(path: Path, one: Made) -> None:
+    ns = np.round(1e9 * one.t_s).astype(int)
+    rows = np.column_stack([1_700_000_000 + ns // 10**9, ns % 10**9, one.values])
+    write_text(path.with_suffix(".csv"), ["stamp.sec", "stamp.nanosec", *axes(5)], rows)
 
 
-def a_table_of_words_beside(logs: Path, trials: Trials) -> None:
-    shear_and_normal(logs, trials)
-    (logs / "persons.csv").write_text("name,hand\nanna,left\nben,right\n")
-    (logs / "gains.csv").write_text("sensor,x,y,z\n1,1.0,1.0,1.1\n2,1.0,1.0,1.2\n")
+def a_table_of_words_beside(path: Path, one: Made) -> None:
+    shear_and_normal(path, one)
+    path.with_name("persons.csv").write_text("name,hand\nanna,left\nben,right\n")
+    path.with_name("gains.csv").write_text(
+        "sensor,x,y,z\n1,1.0,1.0,1.1\n2,1.0,1.0,1.2\n"
+    )
 
 
 READINGS = {
@@ -220,7 +189,8 @@ def test_readings_of_any_form_are_the_same_trials_and_the_action_is_asked(
 ) -> None:
     trials = [made(k) for k in (1, 2)]
     (tmp_path / "logs").mkdir()
-    READINGS[form](tmp_path / "logs", trials)
+    for k, one in enumerate(trials, 1):
+        READINGS[form](tmp_path / f"logs/log{k}", one)
     assert "what happens in these trials?" in imported(run, tmp_path, code=2)
     out = imported(run, tmp_path, *SLIP)
     for k, one in enumerate(trials, 1):
