@@ -218,19 +218,15 @@ def _by_axes(names: Sequence[str]) -> list[SensorColumns]:
     if {*letters.values()} - BESIDE_FORCE <= {"", "f"}:
         forces = {key: letter for key, letter in letters.items() if letter in ("", "f")}
         letters = forces or letters
-    keys = _as_counted([*letters])
-    return [SensorColumns(**groups[key]) for key in keys]  # type: ignore[arg-type]
-
-
-def _as_counted(keys: Sequence[str]) -> list[str]:
-    """Names as people count, 2 before 10; those of a thumb first, other words as they stand."""
-    texts = [re.sub(r"\d+", "#", key) for key in keys]
+    texts = [re.sub(r"\d+", "#", key) for key in letters]
 
     def place(key: str) -> tuple[Any, ...]:
+        """As people count, 2 before 10; a thumb first, other words as they stand."""
         is_thumb = "thumb" in words_of(key)
         return not is_thumb, texts.index(re.sub(r"\d+", "#", key)), counted(key)
 
-    return sorted(keys, key=place)
+    keys = sorted(letters, key=place)
+    return [SensorColumns(**groups[key]) for key in keys]  # type: ignore[arg-type]
 
 
 def _by_count(names: Sequence[str], columns: Columns) -> Sequence[str]:
@@ -262,17 +258,8 @@ def _order(values: FloatArray) -> np.ndarray:
     by_sensor = np.arange(values.shape[1]).reshape(-1, 3)
     by_axis = by_sensor.reshape(3, -1).T
     change = touch(values)[0][1]
-    shares = [_leading(change[order])[1] for order in (by_sensor, by_axis)]
+    shares = [normal_axis(change[order])[1] for order in (by_sensor, by_axis)]
     return by_axis if shares[1] > max(0.8, shares[0] + 0.2) else by_sensor
-
-
-def _leading(changes: FloatArray) -> tuple[int, float]:
-    """(the axis that a touch moves most, of how large a share of the sensors); changes [S, 3]."""
-    change = np.abs(changes)
-    change = change[change.sum(axis=1) > TOUCHED * change.sum(axis=1).max()]
-    clearly = np.sort(change, axis=1)[:, 1:2] * CLEARLY
-    shares = (change > clearly).sum(axis=0) / max(1, len(change))
-    return int(shares.argmax()), float(shares.max())
 
 
 # -- what a touch does
@@ -300,10 +287,16 @@ def _middle(values: FloatArray) -> FloatArray:
     return middles
 
 
-def normal_axis(effects: FloatArray) -> int:
-    """The axis that most sensors clearly change along when they are touched; 2 where none is."""
-    axis, share = _leading(effects[1].reshape(-1, 3))
-    return axis if share >= 0.8 else NORMAL_AXIS
+def normal_axis(changes: FloatArray) -> tuple[int, float]:
+    """(the axis that a touch moves most, and clearly in how large a share of the sensors).
+
+    changes [S, 3]: what a touch changes.
+    """
+    change = np.abs(changes)
+    change = change[change.sum(axis=1) > TOUCHED * change.sum(axis=1).max()]
+    clearly = np.sort(change, axis=1)[:, 1:2] * CLEARLY
+    shares = (change > clearly).sum(axis=0) / max(1, len(change))
+    return int(shares.argmax()), float(shares.max())
 
 
 def oriented(

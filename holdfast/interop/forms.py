@@ -58,6 +58,8 @@ OBJECT = re.compile(
 WORD = re.compile(rf"({TOGETHER}(?=[/_ .]|$)|[^/_ .]+)")
 PART = re.compile(rf"({TOGETHER}(?=-|$)|[^-]+)")
 """A word of a path, and a part of one: no-slip and subject 7 are one."""
+MOST_SENSORS = 0.8
+"""So many of them must say that the normal axis is another one than the names say."""
 WHAT_HAPPENS = (
     "what happens in these trials? nothing in the logs says it: slip, hold, pull, fall, pass, "
     "put-down, nothing, .."
@@ -150,7 +152,8 @@ class Form:
             effects[1:] = 0.0
 
         sensors = first.sensors
-        axis = normal_axis(effects)
+        axis, share = normal_axis(effects[1].reshape(-1, 3))
+        axis = axis if share >= MOST_SENSORS else NORMAL_AXIS
         if answers.normal:
             axis = AXES.index(answers.normal)
             order = [(axis + 1) % 3, (axis + 2) % 3, axis]
@@ -233,11 +236,9 @@ class Form:
 
     def _of_columns(self, known: dict[str, str]) -> list[FoundLabels]:
         """What the columns of labels mean."""
-        first = self.samples[0]
-        taken = {*first.form, first.time.column if first.time else ""}
         labels: list[FoundLabels] = []
         for name in dict.fromkeys(key for one in self.samples for key in one.marks):
-            if name in taken or _key_of(name):
+            if _key_of(name):
                 continue
             with_it = [one for one in self.samples if name in one.columns]
             cells = [cell for one in with_it for cell in text_cells(one.columns[name])]

@@ -101,11 +101,8 @@ class FoundLabels:
     @property
     def text(self) -> str:
         """What the labels of a column mean."""
-        shown = []
-        for label, meaning in self.rules.labels.items():
-            shown.append(
-                label if label == meaning else f"{label} = {meaning or 'none'}"
-            )
+        labels = self.rules.labels.items()
+        shown = [f"{label} = {meaning or 'none'}" for label, meaning in labels]
         holds = "; each holds to the next, or to the end of the contact"
         return listed(shown, most=8) + (holds if self.rules.hold else "")
 

@@ -25,6 +25,7 @@ from holdfast.interop.labels import is_mark
 from holdfast.interop.logs import LogPlace, counted, find_logs, table_of
 from holdfast.interop.map import NUMBERED, ImportMap
 from holdfast.interop.streams import Columns, ForeignLog, first_stream, is_text, merged
+from holdfast.interop.tables import pd
 from holdfast.interop.trials import files_of, read_joined
 from holdfast.interop.understood import Answers, Files, Sample, Understood
 from holdfast.training.progress import Part, ignored
@@ -127,10 +128,22 @@ def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample 
     effects, touched = touch(values)
     size = unit_of(names, values, effects[0])
     marks = [name for name, column in columns.items() if is_mark(name, column)]
+    if time and time.column in marks:
+        marks.remove(time.column)
     streams = [replace(one, columns=_short(one.columns, names)) for one in log.streams]
     log, columns = replace(log, streams=tuple(streams)), _short(columns, names)
     return Sample(
-        files, log, columns, time, sensors, why, marks, effects, touched, size
+        files,
+        log,
+        columns,
+        time,
+        sensors,
+        tuple(names),
+        why,
+        marks,
+        effects,
+        touched,
+        size,
     )
 
 
@@ -154,31 +167,22 @@ def _fingers(samples: Sequence[Sample]) -> list[str]:
     names = [re.split(r"[/_ .]+|-(?=[A-Za-z])", one.log.name) for one in samples]
     if any(len(one.sensors) > 1 for one in samples) or len({*map(len, names)}) > 1:
         return []
-    # trials that begin at 0 each seem to run at the same time
-    begin_s = min(np.nanmin(one.stamps_s) for one in samples)
-    for k in range(len(names[0])):
-        words = {words[k] for words in names}
+    firsts = pd.Series([np.nanmin(one.stamps_s) for one in samples])
+    lasts = pd.Series([np.nanmax(one.stamps_s) for one in samples])
+    for k, words in enumerate(map(dict.fromkeys, zip(*names, strict=True))):
+        # trials that begin at 0 each seem to run at the same time
         is_number = all(map(NUMBERED.fullmatch, words))
-        is_clock = begin_s > (DATE_S if is_number else CLOCK_S)
-        trials: dict[str, list[Sample]] = {}
-        for one, parts in zip(samples, names, strict=True):
-            trials.setdefault(" ".join(parts[:k] + parts[k + 1 :]), []).append(one)
+        is_clock = firsts.min() > (DATE_S if is_number else CLOCK_S)
+        trials = np.array([" ".join([*one[:k], *one[k + 1 :]]) for one in names])
+        begins, ends = firsts.groupby(trials), lasts.groupby(trials)
+        both = ends.min() - begins.max()
+        overlap = both > OVERLAP * (ends.max() - begins.min())
+        is_whole = (ends.size() == len(words)).all() and overlap.all()
         may_join = is_clock or all(map(FINGER.search, words))
-        is_whole = all(
-            len(files) == len(words) and _overlap(files) > OVERLAP
-            for files in trials.values()
-        )
         if len(words) > 1 and may_join and is_whole:
             return sorted(words, key=_finger_order)
 
     return []
-
-
-def _overlap(samples: Sequence[Sample]) -> float:
-    """How much of the time that logs run together they all run."""
-    firsts = [np.nanmin(one.stamps_s) for one in samples]
-    lasts = [np.nanmax(one.stamps_s) for one in samples]
-    return float((min(lasts) - max(firsts)) / (max(lasts) - min(firsts)))
 
 
 def _finger_order(word: str) -> tuple[int, list[int | str]]:

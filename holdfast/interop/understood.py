@@ -76,8 +76,9 @@ class Understood:
 class Sample:
     """A log with readings: its columns on one clock, its time and sensors.
 
-    Of the readings only the first rows are kept. why: what makes them sensors. marks: columns that
-    may hold labels. effects, touched: what `touch` gives of all rows. size: the unit, and why.
+    form: the columns of its sensors, which logs of one program have in common. Of the readings only
+    the first rows are kept. why: what makes them sensors. marks: columns that may hold labels.
+    effects, touched: what `touch` gives of all rows. size: the unit, and why.
     """
 
     files: list[LogPlace]
@@ -85,16 +86,12 @@ class Sample:
     columns: Columns
     time: TimeColumn | None
     sensors: list[SensorColumns]
+    form: tuple[str, ...]
     why: str
     marks: list[str]
     effects: FloatArray
     touched: BoolArray
     size: tuple[str, str]
-
-    @property
-    def form(self) -> tuple[str, ...]:
-        """What logs of one program have in common."""
-        return tuple(name for sensor in self.sensors for name in sensor.axes)
 
     @property
     def stamps_s(self) -> np.ndarray:
