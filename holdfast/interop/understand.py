@@ -22,12 +22,12 @@ from holdfast.core.errors import listed
 from holdfast.interop.columns import channels, find_sensors, find_time, touch, unit_of
 from holdfast.interop.forms import Form
 from holdfast.interop.labels import is_mark
-from holdfast.interop.logs import LogPlace, counted, find_logs, table_of
+from holdfast.interop.logs import LogPlace, counted, find_logs, read_log, table_of
 from holdfast.interop.map import NUMBERED, ImportMap
 from holdfast.interop.streams import Columns, ForeignLog, first_stream, is_text, merged
 from holdfast.interop.tables import pd
 from holdfast.interop.trials import files_of, read_joined
-from holdfast.interop.understood import Answers, Files, Sample, Understood
+from holdfast.interop.understood import Answers, Sample, Understood
 from holdfast.training.progress import Part, ignored
 
 FINGERS = ("thumb", "index", "middle", "ring", "little", "pinky", "palm", "finger")
@@ -54,7 +54,14 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
     """
     found = Understood()
     places, others = find_logs(source)
-    samples, tables = _samples(files_of(places, ()), (), answers, part)
+    samples: list[Sample] = []
+    tables: list[ForeignLog] = []
+    for number, place in enumerate(places, 1):
+        log = read_log(place)
+        sample = _sample([place], log, answers)
+        samples += [sample] if sample else []
+        tables += [] if sample else [log]
+        part(number / len(places))
     unread = f"; not read: {listed(others, most=6)}" if others else ""
     found.add("logs", f"{len(samples)}{unread}")
     if not samples:
@@ -68,7 +75,11 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
         each = f"the files {listed(fingers)} of each trial"
         found.add("joined", f"{each}, on the slowest clock")
         files = files_of([one.files[0] for one in samples], fingers)
-        samples, _ = _samples(files, fingers, answers, ignored)
+        joined = []
+        for name, group in files.items():
+            log = read_joined(group, fingers, name)
+            joined.append(_sample(group, log, answers))
+        samples = [*filter(None, joined)]
 
     forms: dict[tuple[str, ...], list[Sample]] = {}
     for sample in samples:
@@ -92,22 +103,6 @@ def of_map(source: Path, plan: ImportMap) -> Understood:
     found.add("sensors", f"{len(plan.sensors)}, by the map")
     found.add("unit", f"{plan.unit}, by the map")
     return found
-
-
-def _samples(
-    files: Files, fingers: Sequence[str], answers: Answers, part: Part
-) -> tuple[list[Sample], list[ForeignLog]]:
-    """(logs, tables without readings)."""
-    samples: list[Sample] = []
-    tables: list[ForeignLog] = []
-    for number, (name, group) in enumerate(files.items(), 1):
-        log = read_joined(group, fingers, name)
-        sample = _sample(group, log, answers)
-        samples += [sample] if sample else []
-        tables += [] if sample else [log]
-        part(number / len(files))
-
-    return samples, tables
 
 
 def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample | None:
