@@ -62,6 +62,7 @@ TOUCH = re.compile(
 )
 FIELD = re.compile(r"(?i)(?<![a-z])(b[xyz](?![a-z])|mag)")
 FORCE = re.compile(r"(?i)force|(?<![a-z])f[xyz](?![a-z])")
+NORMAL = re.compile(r"(?i)(?<![a-z])[fb]?z(?![a-z])|normal")
 SHEAR = "(shear|tangential|lateral)([_ .]?force)?[_ .]?"
 AXIS_WORDS = (
     (re.compile(r"(?i)normal([_ .]?force)?"), " z "),
@@ -114,8 +115,8 @@ def find_time(columns: Columns, rate_hz: float | None = None) -> TimeColumn | No
         named = unit_of_time(name)
         is_named = bool(named or words_of(name) & TIME_WORDS)
         # counts of trials and the like rise too, but rarely; a few rows may do so by chance
-        is_poor = (even < 0.6 and len(set(column)) < 200) or len(column) < FEWEST_STAMPS
-        if not step or (is_poor and not is_named):
+        is_rare = 0.0 < even < 0.6 and len(set(column)) < len(column) / 50
+        if not step or ((is_rare or len(column) < FEWEST_STAMPS) and not is_named):
             continue
         if is_counter and not named:
             found += [(True, 1.0, name, None)] if rate_hz else []
@@ -243,11 +244,10 @@ def _by_count(names: Sequence[str], columns: Columns) -> Sequence[str]:
     if best[1] != len(AXES):
         longest.sort(key=lambda name: [*map(int, re.findall(r"\d+", name))])
     moving = [name for name in longest if len(np.unique(np.diff(columns[name]))) > 1]
-    for chosen in (longest, moving):
-        if chosen and len(chosen) % len(AXES) == 0:
-            return chosen
-
-    return []
+    # sensors of the normal alone have no shear
+    if all(map(NORMAL.search, longest)):
+        return []
+    return next((one for one in (longest, moving) if len(one) % len(AXES) == 0), [])
 
 
 def _order(values: FloatArray) -> np.ndarray:

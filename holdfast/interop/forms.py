@@ -73,7 +73,7 @@ class Form:
     found: where lines and questions are added. source: the folder or the file that was given.
     samples: the logs, shortened. tables: what lies beside them and holds no readings. fingers: the
     words of the files of one trial, () where a trial is one file. answers: of the command line.
-    events: where labels come from, once that is found.
+    events: where labels come from, once that is found. is_told: whether they say what happens.
     """
 
     found: Understood
@@ -83,6 +83,7 @@ class Form:
     fingers: tuple[str, ...]
     answers: Answers
     events: EventRules | None = None
+    is_told: bool = False
 
     def understand(self) -> None:
         """Add the map of the logs, its lines and its questions.
@@ -101,7 +102,7 @@ class Form:
             words += text_cells(sample.columns[trials.action])
 
         about = all(one.log.about.get("action") for one in self.samples)
-        if not (events or answers.action or about or words):
+        if not (self.is_told or answers.action or about or words):
             self.found.ask("--action", WHAT_HAPPENS)
 
         used = {*first.form, trials.column, trials.person, trials.object, trials.action}
@@ -119,15 +120,15 @@ class Form:
             meant = self._action(word)
             if meant and action_of(word) != meant:
                 actions[word] = meant
-        facts = {
-            key: getattr(answers, key) for key in NAMES if f"{{{key}}}" not in path
-        }
+        facts = {}
+        for key in NAMES[:2]:
+            facts[key] = "" if f"{{{key}}}" in path else getattr(answers, key)
         plan = ImportMap(
             unit=unit,  # type: ignore[arg-type]
             time=first.time,
             sensors=tuple(sensors),
             trials=changed(trials, path=path),
-            facts=Facts(**facts | {"action": answers.whole_action}),
+            facts=Facts(action=answers.whole_action, **facts),
             actions=dict(sorted(actions.items())) | answers.actions,
             events=events,
         )
@@ -220,6 +221,7 @@ class Form:
                 return None
             self.found.add("labels", f"column {found.rules.column}, {found.text}")
         rules, unknown = found.rules, found.unknown
+        self.is_told = not found.is_contact
         if not unknown:
             return rules
         situation = situation_of(self.answers.whole_action)

@@ -93,10 +93,14 @@ def action_of_word(word: str, *, has_events: bool = False) -> str | None:
 
 @dataclass(frozen=True)
 class FoundLabels:
-    """Rules, and the labels whose situation nothing says."""
+    """Rules, and the labels whose situation nothing says.
+
+    is_contact: whether only a touch is marked, by no word, so that a slip would not be.
+    """
 
     rules: EventRules
     unknown: Sequence[str] = ()
+    is_contact: bool = False
 
     @property
     def text(self) -> str:
@@ -151,7 +155,8 @@ def labels_of(
         labels |= dict.fromkeys(sorted(unknown), "")
         unknown = set()
     rules = EventRules(column=name, hold=hold, labels=labels)  # type: ignore[arg-type]
-    return FoundLabels(rules, sorted(unknown, key=kinds.index))
+    is_contact = not (words or unknown) and {*labels.values()} == {"nothing", "grasp"}
+    return FoundLabels(rules, sorted(unknown, key=kinds.index), is_contact)
 
 
 def _by_words(kinds: Iterable[str], known: Mapping[str, str]) -> dict[str, str]:

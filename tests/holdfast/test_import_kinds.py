@@ -314,6 +314,13 @@ def test_a_mark_in_one_row_lasts_to_the_end_of_the_touch(
     assert slip == (3.0, pytest.approx(4.0, abs=0.06), "risky_slip")
 
 
+def test_a_mark_of_the_touch_alone_does_not_say_what_happens(
+    run: Run, tmp_path: Path
+) -> None:
+    labelled(tmp_path / "logs", [made(1)], lambda one: one.words("0", "1", "1"), "on")
+    assert "what happens in these trials?" in imported(run, tmp_path, code=2)
+
+
 @pytest.mark.parametrize("words", [("offen", "halten", "rutscht"), ("0", "1", "2")])
 def test_what_only_the_action_explains_is_asked_once(
     run: Run, tmp_path: Path, words: tuple[str, str, str]
