@@ -14,14 +14,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.column_map import NS_OF, SensorColumns, TimeColumn
-from holdfast.core.contract import (
-    AXES,
-    NORMAL_AXIS,
-    NORMAL_FLOOR,
-    UNIT_OF,
-    BoolArray,
-    FloatArray,
-)
+from holdfast.core.contract import AXES, NORMAL_AXIS, NORMAL_FLOOR, UNIT_OF, FloatArray
 from holdfast.core.trial_file import FASTEST_HZ, SLOWEST_HZ, TimeUnit
 from holdfast.interop.logs import counted
 from holdfast.interop.streams import LOG_TIME, Column, Columns, is_text
@@ -265,7 +258,7 @@ def _order(values: FloatArray) -> np.ndarray:
 # -- what a touch does
 
 
-def touch(values: FloatArray) -> tuple[FloatArray, BoolArray]:
+def touch(values: FloatArray) -> tuple[FloatArray, np.ndarray]:
     """What a hand that begins open reads while it touches something; values [T, C].
 
     ([2, C] the readings at rest, and their usual change while something is touched; [T] the rows in

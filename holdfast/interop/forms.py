@@ -60,6 +60,7 @@ PART = re.compile(rf"({TOGETHER}(?=-|$)|[^-]+)")
 """A word of a path, and a part of one: no-slip and subject 7 are one."""
 MOST_SENSORS = 0.8
 """So many of them must say that the normal axis is another one than the names say."""
+HOW_MANY_ROWS = "how many rows a second have the logs? nothing says it: a number in Hz"
 WHAT_HAPPENS = (
     "what happens in these trials? nothing in the logs says it: slip, hold, pull, fall, pass, "
     "put-down, nothing, .."
@@ -106,10 +107,8 @@ class Form:
             self.found.ask("--action", WHAT_HAPPENS)
 
         used = {*first.form, trials.column, trials.person, trials.object, trials.action}
-        used |= {
-            first.time.column if first.time else "",
-            events.column if events else "",
-        }
+        used.add(first.time.column if first.time else "")
+        used.add(events.column if events else "")
         unused = [name for name in merged(first.log) if name not in used]
         if unused:
             add("not used", listed(unused, most=12))
@@ -132,19 +131,15 @@ class Form:
             actions=dict(sorted(actions.items())) | answers.actions,
             events=events,
         )
-        self.found.plans.append(
-            (plan, {one.log.name: one.files for one in self.samples})
-        )
+        files = {one.log.name: one.files for one in self.samples}
+        self.found.plans.append((plan, files))
 
     def _hand(self) -> tuple[str, list[SensorColumns]]:
         """(unit, "" where it is not known; the sensors with their signs), and what is asked."""
         first, answers, ask = self.samples[0], self.answers, self.found.ask
         events = self.events
         if first.time is None:
-            ask(
-                "--rate",
-                "how many rows a second have the logs? nothing says it: a number in Hz",
-            )
+            ask("--rate", HOW_MANY_ROWS)
         effects = np.median([one.effects for one in self.samples], axis=0)
         cells = first.columns.get(events.column) if events else None
         begin = "" if cells is None else text_cells(cells[:1])[0]
@@ -161,11 +156,8 @@ class Form:
             axes = [[one.axes[k] for k in order] for one in sensors]
             sensors = [SensorColumns(*one) for one in axes]  # type: ignore[arg-type]
         elif axis != NORMAL_AXIS:
-            ask(
-                "--normal",
-                f"a touch moves {AXES[axis]} most, the names say z: which axis is normal? "
-                "x, y, z",
-            )
+            most = f"a touch moves {AXES[axis]} most, the names say z"
+            ask("--normal", f"{most}: which axis is normal? x, y, z")
 
         unit, why = first.size
         of_log = first.log.about.get("unit")
@@ -174,10 +166,8 @@ class Form:
         if answers.unit:
             unit, why = answers.unit, "as given"
         if not unit:
-            ask(
-                "--unit",
-                f"what unit have the readings ({why})? nothing says it: {', '.join(UNIT_OF)}",
-            )
+            what = f"what unit have the readings ({why})"
+            ask("--unit", f"{what}? nothing says it: {', '.join(UNIT_OF)}")
             return "", sensors
 
         self.found.add("unit", f"{unit}, {why}")
@@ -228,11 +218,9 @@ class Form:
         if not situation or len(unknown) > 1:
             words = listed([repr(one) for one in unknown], most=6)
             where = f"column {rules.column}" if rules.column else rules.file
-            self.found.ask(
-                "--action",
-                f"what is {words} in {where}? nothing in the logs says it: "
-                f'"{unknown[0]}=slip" (or pass, hold, ..)',
-            )
+            answer = f'"{unknown[0]}=slip" (or pass, hold, ..)'
+            what = f"what is {words} in {where}? nothing in the logs says it: {answer}"
+            self.found.ask("--action", what)
 
         return changed(rules, labels={**rules.labels, unknown[0]: situation})
 
@@ -275,10 +263,8 @@ class Form:
                     continue
                 found = rules_of_table(columns, keys, file, known)
                 if found and chosen is None:
-                    chosen = replace(
-                        found, rules=timed(found.rules, columns, first.stamps_s)
-                    )
-                    rules = chosen.rules
+                    rules = timed(found.rules, columns, first.stamps_s)
+                    chosen = replace(found, rules=rules)
                     what = [rules.start, rules.end, rules.label, rules.trial]
                     shown = f"{listed([*filter(None, what)])}, in {rules.unit}"
                     self.found.add("labels", f"{name}: {shown}")
@@ -315,9 +301,8 @@ class Form:
             fields.pop("trial", None)
         # what is left beside a person or an action is what was held
         left = fields.pop("unclear", -1)
-        thing = fields.pop(
-            "thing", left if fields.keys() & {"action", "person"} else -1
-        )
+        is_left = fields.keys() & {"action", "person"}
+        thing = fields.pop("thing", left if is_left else -1)
         fields.pop("", None)
         if thing >= 0:
             fields.setdefault("object", thing)
@@ -355,10 +340,8 @@ class Form:
 
     def _action(self, word: str) -> str | None:
         """The action that a word of a path or a column means; None for another word."""
-        has_events = self.events is not None
-        return self.answers.actions.get(word) or action_of_word(
-            word, has_events=has_events
-        )
+        known = self.answers.actions.get(word)
+        return known or action_of_word(word, has_events=self.events is not None)
 
     def _ask_person(self, words: Sequence[str], fields: dict[str, int]) -> None:
         """Ask whether words of the paths are people, where that changes what is held out."""
@@ -367,12 +350,9 @@ class Form:
         is_same = len(names) in (1, len(words))
         if is_same or "person" in fields or self.answers.person:
             return
-        shown, answer = listed(names, most=6), ",".join(names)
-        self.found.ask(
-            "--person",
-            f"are {shown} people or objects? nothing in the logs says it: "
-            f"--person {answer} or --object {answer}",
-        )
+        what = f"are {listed(names, most=6)} people or objects? nothing in the logs says it"
+        answer = ",".join(names)
+        self.found.ask("--person", f"{what}: --person {answer} or --object {answer}")
 
 
 def _rank(found: FoundLabels) -> tuple[int, bool]:

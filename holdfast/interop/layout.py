@@ -106,12 +106,8 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
     share, wide = _fit(form, judged)
     rows = [form.cells(line) for line in data]
     # a heading may begin with a time of arrival
-    starts = [
-        k
-        for k, row in enumerate(rows)
-        if len(row) == wide and form.share(row) > 0.5 * share
-    ]
-    if not share or not starts:
+    are_data = [len(row) == wide and form.share(row) > 0.5 * share for row in rows]
+    if not share or True not in are_data:
         raise ColumnError(
             "no table of several columns",
             cause="another kind of file, or a separator that is not a tab, a semicolon, a bar, "
@@ -119,7 +115,7 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
             next_step="save it as CSV",
         )
 
-    first = starts[0]
+    first = are_data.index(True)
     is_odd = any(ARRIVAL.match(one) or VECTOR.search(one) for one in data[first:][:20])
     above = [line.lstrip(f" {comment}") for line in lines[:first]]
     names = _heading(above, data[first], form)
@@ -131,14 +127,10 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
     whole = [row for row in rows[first:] if len(row) == wide]
     columns = zip(names, *whole, strict=True)
     numeric = [name for name, *cells in columns if form.share(cells) >= 0.5]
-    is_later = bool(comment) and _begins(lines[first:], comment)
-    return TableLayout(
-        replace(form, is_odd=is_odd),
-        tuple(names),
-        first,
-        tuple(numeric),
-        comment if is_later else "",
-    )
+    if not _begins(lines[first:], comment or "\n"):
+        comment = ""
+    form = replace(form, is_odd=is_odd)
+    return TableLayout(form, tuple(names), first, tuple(numeric), comment)
 
 
 def _begins(lines: Sequence[str], comment: str) -> bool:

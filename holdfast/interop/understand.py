@@ -110,7 +110,7 @@ def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample 
     whole, longest = merged(log), first_stream(log)
     marks = [name for name, column in whole.items() if is_mark(name, column)]
     sensors, why = find_sensors(whole, longest.columns, marks)
-    names = [name for sensor in sensors for name in sensor.axes]
+    names = tuple(name for sensor in sensors for name in sensor.axes)
     columns = table_of(log, names)
     time = find_time(columns, answers.rate)
     if time is None or time.rate_hz:
@@ -128,17 +128,7 @@ def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample 
     streams = [replace(one, columns=_short(one.columns, names)) for one in log.streams]
     log, columns = replace(log, streams=tuple(streams)), _short(columns, names)
     return Sample(
-        files,
-        log,
-        columns,
-        time,
-        sensors,
-        tuple(names),
-        why,
-        marks,
-        effects,
-        touched,
-        size,
+        files, log, columns, time, sensors, names, why, marks, effects, touched, size
     )
 
 
