@@ -127,7 +127,7 @@ class Form:
             time=first.time,
             sensors=tuple(sensors),
             trials=changed(trials, path=path),
-            facts=Facts(action=answers.whole_action, **facts),
+            facts=Facts(action=answers.whole_action, **facts),  # type: ignore[arg-type]
             actions=dict(sorted(actions.items())) | answers.actions,
             events=events,
         )

@@ -17,13 +17,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.contract import IntArray
-from holdfast.core.errors import (
-    ColumnError,
-    DataError,
-    DataNotFound,
-    EmptyRecording,
-    NotANumber,
-)
+from holdfast.core.errors import DataError, DataNotFound, EmptyRecording, NotANumber
 from holdfast.core.trial_layout import LOG_MARKS, LOG_SUFFIXES
 from holdfast.interop.layout import layout_of
 from holdfast.interop.streams import LOG_TIME, Columns, ForeignLog, Stream, is_text
@@ -133,11 +127,10 @@ def _is_table(place: LogPlace) -> bool:
     text = head.decode(encoding_of(head), "replace")
     try:
         layout = layout_of(text.splitlines()[:HEAD_LINES])
-    except ColumnError:
+    except DataError:
         return False
 
-    is_numeric = 2 * len(layout.numeric) >= len(layout.names)
-    return is_numeric or place.kind not in PROSE
+    return place.kind not in PROSE or 2 * len(layout.numeric) >= len(layout.names)
 
 
 def _places(path: Path, root: Path) -> Iterator[LogPlace]:
