@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.errors import LabelError, TimeError, count_of, listed
+from holdfast.core.errors import EmptyRecording, LabelError, TimeError, count_of, listed
 from holdfast.core.trial_file import Trial, implausible_rate
 from holdfast.core.trial_layout import (
     LABELLED_ACTIONS,
@@ -86,6 +86,9 @@ class TrialImport:
             log = read_joined(group, plan.trials.fingers, name)
             for stream in log.streams:
                 self.notes += [f"{name}: {note}" for note in stream.notes]
+            if not table_of(log, plan.channels):
+                self.notes.append(f"{name}: no readings in it")
+                continue
             path, events = read_events(source, plan, group[0].path)
             whole = self._rows(log, plan)
             # a long log is large
@@ -103,7 +106,9 @@ class TrialImport:
                 )
 
     def report(self, found: Understood) -> None:
-        """Add the end of the table of what was understood."""
+        """Add the end of the table of what was understood. Raises EmptyRecording."""
+        if not self.trials:
+            raise EmptyRecording("no trial in these logs", next_step="correct the map")
         found.add("rows", str(self.rows))
         missing = [f"{name}: {n}" for name, n in self.missing.most_common() if n]
         if missing:

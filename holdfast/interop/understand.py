@@ -13,7 +13,6 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
@@ -94,11 +93,8 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
 
 
 def of_map(source: Path, plan: ImportMap) -> Understood:
-    """The logs of a source by a map; tables of events are none. Raises DataNotFound."""
+    """The logs of a source by a map. Raises DataNotFound."""
     places, _ = find_logs(source)
-    if plan.events is not None:
-        table = Path(plan.events.file).name.replace("{name}", "*")
-        places = [one for one in places if not fnmatch(one.path.name, table)]
     found = Understood(plans=[(plan, files_of(places, plan.trials.fingers))])
     found.add("sensors", f"{len(plan.sensors)}, by the map")
     found.add("unit", f"{plan.unit}, by the map")
