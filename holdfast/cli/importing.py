@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     with whole_folder(args.out) as folder:
         begin = Stages()
         begin(f"reading {args.source}")
-        reading = TrialImport(folder)
+        reading = TrialImport(folder, found.kept)
         for plan, files in found.plans:
             reading.take(args.source, plan, files, begin.part)
         write_beside(folder, found.plans[0][0], args.map or args.out, reading.written)

@@ -51,8 +51,8 @@ def read_log(path: Path, name: str) -> ForeignLog:
     if not (is_cut or layout.form.is_odd or layout.comment == "//"):
         # lines of more cells than the others need the slow way
         with suppress(pd.errors.ParserError, pd.errors.ParserWarning):
-            table = _parsed(path, layout, layout.first_row, encoding)
-            return ForeignLog(path, name, (_numeric(table, layout, []),))
+            cells = _parsed(path, layout, layout.first_row, encoding)
+            return ForeignLog(path, name, (_numeric(cells, layout, []),))
 
     text = path.read_text(encoding, "replace")
     return ForeignLog(path, name, (read_table(text, layout),))
@@ -91,8 +91,8 @@ def read_table(text: str, layout: TableLayout) -> Stream:
             n_torn += 1
 
     notes = [f"{n_torn} lines of another number of cells left out"] if n_torn else []
-    table = _parsed(io.StringIO("\n".join(kept)), layout, 0, "utf-8")
-    return _numeric(table, layout, notes)
+    cells = _parsed(io.StringIO("\n".join(kept)), layout, 0, "utf-8")
+    return _numeric(cells, layout, notes)
 
 
 def streams_of(
@@ -118,12 +118,15 @@ def streams_of(
 
 def _parsed(
     source: Path | io.StringIO, layout: TableLayout, skipped: int, encoding: str
-) -> pd.DataFrame:
-    """The cells as pandas reads them."""
+) -> dict[str, list[pd.Series]]:
+    """The cells of each column as pandas reads them, in pieces.
+
+    A long file read at once takes three times the memory of its table.
+    """
+    pieces: dict[str, list[pd.Series]] = {name: [] for name in layout.names}
     with warnings.catch_warnings():
         # rows of more cells than names: pandas warns, and would drop them
         warnings.simplefilter("error", pd.errors.ParserWarning)
-        # in chunks: a long file read at once takes three times the memory of its table
         chunks = pd.read_csv(
             source,
             sep=layout.form.separator,
@@ -140,18 +143,26 @@ def _parsed(
             keep_default_na=False,
             na_values={name: list(MISSING) for name in layout.numeric},
         )
-        return pd.concat(chunks, ignore_index=True)
+        for chunk in chunks:
+            for name, cells in chunk.items():
+                # a view would keep the whole chunk
+                pieces[name].append(cells.copy())
+
+    return pieces
 
 
-def _numeric(table: pd.DataFrame, layout: TableLayout, notes: list[str]) -> Stream:
+def _numeric(
+    pieces: dict[str, list[pd.Series]], layout: TableLayout, notes: list[str]
+) -> Stream:
     """The columns as numbers or texts; rows without a number are left out, and noted.
 
     Raises EmptyRecording.
     """
     columns: Columns = {}
-    there = np.zeros(len(table), dtype=np.bool_)
+    there = np.zeros(sum(map(len, pieces[layout.names[0]])), dtype=np.bool_)
     for name in layout.names:
-        column = _typed(table[name], layout.form.decimal, notes)
+        cells = pd.concat(pieces.pop(name), ignore_index=True)
+        column = _typed(cells, layout.form.decimal, notes)
         if not is_text(column):
             there |= np.isfinite(column)
         elif name.startswith("column") and not any(column):

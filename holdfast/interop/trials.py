@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from holdfast.core.contract import FloatArray, IntArray
 from holdfast.core.errors import LabelError, TimeError, count_of, listed
 from holdfast.core.trial_file import Trial, implausible_rate
 from holdfast.core.trial_layout import (
@@ -65,11 +66,12 @@ ACTION_OF_LABELS = (
 class TrialImport:
     """Reads logs by a map and writes their trials into a folder.
 
-    written: trial -> its log. missing: column -> cells. gaps_s: of lost samples. trials: person,
+    kept: name -> a log that was read already; it is taken out of there. written: trial -> its log. missing: column -> cells. gaps_s: of lost samples. trials: person,
     object and action of each.
     """
 
     folder: Path
+    kept: dict[str, ForeignLog]
     written: dict[str, str] = field(default_factory=dict)
     rows: int = 0
     missing: Counter[str] = field(default_factory=Counter)
@@ -83,7 +85,8 @@ class TrialImport:
         """The logs of one map. part: receives the share that is read. Raises a DataError."""
         used: Counter[Path] = Counter()
         for number, (name, group) in enumerate(files.items(), 1):
-            log = read_joined(group, plan.trials.fingers, name)
+            log = self.kept.pop(name, None)
+            log = log or read_joined(group, plan.trials.fingers, name)
             for stream in log.streams:
                 self.notes += [f"{name}: {note}" for note in stream.notes]
             path, events = read_events(source, plan, group[0].path)
@@ -123,7 +126,7 @@ class TrialImport:
     # -- rows of a log, and where a trial ends
 
     def _rows(self, log: ForeignLog, plan: ImportMap) -> pd.DataFrame:
-        """The readings of a log in the model's unit, and cells of other columns, by stamps in ns.
+        """The readings of a log as they stand, and cells of other columns, by stamps in ns.
 
         Rows without a time are left out. Raises ColumnError, ..
         """
@@ -138,11 +141,14 @@ class TrialImport:
             lost = count_of(int(np.sum(~there)), "row")
             self.notes.append(f"{log.name}: {lost} without a time left out")
             columns = {name: column[there] for name, column in columns.items()}
-        values = plan.values_of(columns, log.path)
-        values[~np.isfinite(values)] = np.nan
-        rows = pd.DataFrame(values, columns=list(plan.channels), copy=False)
+        readings = {name: columns[name] for name in plan.channels}
+        # refuses texts
+        plan.values_of({name: one[:1] for name, one in readings.items()}, log.path)
+        for name, column in readings.items():
+            self.missing[name] += int(np.sum(~np.isfinite(column)))
+        # the columns themselves, because a long log is large
+        rows = pd.DataFrame(readings, copy=False)
         self.rows += len(rows)
-        self.missing.update(rows.isna().sum().to_dict())
         for name in further:
             rows[name] = np.array(text_cells(columns[name]), dtype=object)
         stamps = plan.stamps_ns(columns, len(rows), log.path)
@@ -164,7 +170,7 @@ class TrialImport:
         if column:
             ends |= (rows[column] != rows[column].shift()).to_numpy()[1:]
         elif (steps > longest_s).any():
-            touched = touch(rows[[*plan.channels]].to_numpy()).rows
+            touched = touch(values_of(rows, plan)).rows
             within = touched[1:] & touched[:-1] & ~ends
             # a step within a touch is no pause, nor is one of its length
             ends |= steps > max(longest_s, 1.01 * steps[within].max(initial=0.0))
@@ -186,14 +192,15 @@ class TrialImport:
         """Write a trial; how many of the events it has. Raises LabelError, TimeError."""
         names = names_of(log, rows, plan)
         of_rows, n_used = labels_of_rows(log, rows, plan, events)
-        values = rows[[*plan.channels]]
+        values = values_of(rows, plan)
         # the first row in which every sensor that ever sends has sent
-        first = int(values.notna().to_numpy().argmax(axis=0).max())
+        first = int(np.isfinite(values).argmax(axis=0).max())
         first = first if first < len(rows) // 2 else 0
         if first:
             lost = f"{count_of(first, 'row')} before all sensors sent left out"
             self.notes.append(f"{log.path.name}: {lost}")
-        trial, labels = self._trial(values[first:], log.path), of_rows[first:]
+        stamps, labels = rows.index.to_numpy()[first:], of_rows[first:]
+        trial = self._trial(stamps, values[first:], log.path)
         samples = prepared(trial, plan.unit_of_values, "").samples
         first, stop = contact(trial.t_s, samples)
         if plan.events and plan.events.rest:
@@ -235,9 +242,8 @@ class TrialImport:
         self.written[place] = log.name
         return n_used
 
-    def _trial(self, rows: pd.DataFrame, where: Path) -> Trial:
+    def _trial(self, stamps: IntArray, values: FloatArray, where: Path) -> Trial:
         """The trial of some readings. Raises TimeError."""
-        stamps = rows.index.to_numpy()
         t_s = 1e-9 * (stamps - stamps[0])
         steps = np.diff(t_s)
         step_s = max(1e-12, float(np.median(steps)))
@@ -246,8 +252,16 @@ class TrialImport:
             next_step = "--rate HZ; or correct [time] of the map"
             raise TimeError(wrong, where=where, next_step=next_step)
         self.gaps_s += steps[steps > GAP_STEPS * step_s].tolist()
-        valid = np.ones((len(rows), rows.shape[1] // 3), dtype=np.bool_)
-        return Trial(where, t_s, rows.to_numpy(), valid)
+        valid = np.ones((len(values), values.shape[1] // 3), dtype=np.bool_)
+        return Trial(where, t_s, values, valid)
+
+
+def values_of(rows: pd.DataFrame, plan: ImportMap) -> FloatArray:
+    """[T, C] the readings of a log's rows in the unit of its trials, nan for none."""
+    readings = {name: rows[name].to_numpy() for name in plan.channels}
+    values = plan.values_of(readings)
+    values[~np.isfinite(values)] = np.nan
+    return values
 
 
 # -- files of one trial
