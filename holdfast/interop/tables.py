@@ -27,7 +27,7 @@ with needs_extra("train"):
 
 HEAD_BYTES, HEAD_LINES = 256 << 10, 240
 """Of the beginning, from which the layout is found."""
-CHUNK_ROWS = 100_000
+CHUNK_ROWS = 20_000
 DAY_NS = 86_400 * 10**9
 EPOCH = pd.Timestamp(0, tz="UTC")
 
@@ -51,7 +51,8 @@ def read_log(path: Path, name: str) -> ForeignLog:
     if not (is_cut or layout.form.is_odd or layout.comment == "//"):
         # lines of more cells than the others need the slow way
         with suppress(pd.errors.ParserError, pd.errors.ParserWarning):
-            cells = _parsed(path, layout, layout.first_row, encoding)
+            rows = _lines_of(path)
+            cells = _parsed(path, layout, layout.first_row, encoding, rows)
             return ForeignLog(path, name, (_numeric(cells, layout, []),))
 
     text = path.read_text(encoding, "replace")
@@ -91,7 +92,8 @@ def read_table(text: str, layout: TableLayout) -> Stream:
             n_torn += 1
 
     notes = [f"{n_torn} lines of another number of cells left out"] if n_torn else []
-    cells = _parsed(io.StringIO("\n".join(kept)), layout, 0, "utf-8")
+    text = "\n".join(kept)
+    cells = _parsed(io.StringIO(text), layout, 0, "utf-8", len(kept))
     return _numeric(cells, layout, notes)
 
 
@@ -109,21 +111,36 @@ def streams_of(
             table = pd.DataFrame([flat_fields(message, topic) for _, message in sent])
         except ColumnError:
             continue  # an image, or the like
-        columns = {name: _typed(table[name], ".", []) for name in table}
+        columns = {
+            name: _typed(table[name].to_numpy(), name, ".", []) for name in table
+        }
         t_ns = np.array([stamp for stamp, _ in sent], dtype=np.int64)
         streams.append(Stream(columns, t_ns, topic, notes))
 
     return tuple(streams)
 
 
-def _parsed(
-    source: Path | io.StringIO, layout: TableLayout, skipped: int, encoding: str
-) -> dict[str, list[pd.Series]]:
-    """The cells of each column as pandas reads them, in pieces.
+def _lines_of(path: Path) -> int:
+    """How many lines a file has at most."""
+    with path.open("rb") as file:
+        blocks = iter(lambda: file.read(HEAD_BYTES), b"")
+        return 1 + sum(block.count(b"\n") + block.count(b"\r") for block in blocks)
 
-    A long file read at once takes three times the memory of its table.
+
+def _parsed(
+    source: Path | io.StringIO,
+    layout: TableLayout,
+    skipped: int,
+    encoding: str,
+    most_rows: int,
+) -> Columns:
+    """The cells of each column as pandas reads them. most_rows: that may be there.
+
+    A long file read at once takes three times the memory of its table, and joined pieces twice: so
+    each column gets its place first, which costs nothing where it stays empty.
     """
-    pieces: dict[str, list[pd.Series]] = {name: [] for name in layout.names}
+    columns: Columns = {}
+    rows = 0
     with warnings.catch_warnings():
         # rows of more cells than names: pandas warns, and would drop them
         warnings.simplefilter("error", pd.errors.ParserWarning)
@@ -144,25 +161,27 @@ def _parsed(
             na_values={name: list(MISSING) for name in layout.numeric},
         )
         for chunk in chunks:
-            for name, cells in chunk.items():
-                # a view would keep the whole chunk
-                pieces[name].append(cells.copy())
+            for name, series in chunk.items():
+                cells = series.to_numpy()
+                column = columns.get(name, np.empty(most_rows, cells.dtype))
+                # whole numbers may go on as others, or as texts
+                kind = np.result_type(column, cells)
+                columns[name] = column = column.astype(kind, copy=False)
+                column[rows : rows + len(cells)] = cells
+            rows += len(chunk)
 
-    return pieces
+    return {name: column[:rows] for name, column in columns.items()}
 
 
-def _numeric(
-    pieces: dict[str, list[pd.Series]], layout: TableLayout, notes: list[str]
-) -> Stream:
+def _numeric(cells: Columns, layout: TableLayout, notes: list[str]) -> Stream:
     """The columns as numbers or texts; rows without a number are left out, and noted.
 
     Raises EmptyRecording.
     """
     columns: Columns = {}
-    there = np.zeros(sum(map(len, pieces[layout.names[0]])), dtype=np.bool_)
+    there = np.zeros(len(cells[layout.names[0]]), dtype=np.bool_)
     for name in layout.names:
-        cells = pd.concat(pieces.pop(name), ignore_index=True)
-        column = _typed(cells, layout.form.decimal, notes)
+        column = _typed(cells[name], name, layout.form.decimal, notes)
         if not is_text(column):
             there |= np.isfinite(column)
         elif name.startswith("column") and not any(column):
@@ -178,11 +197,11 @@ def _numeric(
     return Stream(columns, notes=tuple(notes))
 
 
-def _typed(cells: pd.Series, decimal: str, notes: list[str]) -> Column:
+def _typed(column: Column, name: str, decimal: str, notes: list[str]) -> Column:
     """A column as numbers, as ns of its dates or times of day, or as texts."""
-    if cells.dtype.kind in "iufb":
-        return cells.to_numpy() if cells.dtype.kind in "if" else cells.to_numpy(float)
-    cells = cells.fillna("").astype(str).str.strip()
+    if not is_text(column):
+        return column if column.dtype.kind in "if" else column.astype(np.float64)
+    cells = pd.Series(column).fillna("").astype(str).str.strip()
     filled = cells[~cells.isin(MISSING)]
     if len(filled) and STAMP.fullmatch(filled.iloc[0]):
         return stamps_of(cells)
@@ -192,7 +211,7 @@ def _typed(cells: pd.Series, decimal: str, notes: list[str]) -> Column:
     if not len(filled) or 2 * len(words) > len(filled):
         return cells.to_numpy(object)
     for word, count in words.value_counts().head(3).items():
-        notes.append(f"{cells.name}: {count} cells {word!r:.20} are missing samples")
+        notes.append(f"{name}: {count} cells {word!r:.20} are missing samples")
     found: Column = numbers.reindex(cells.index).to_numpy(np.float64)
     return np.where(np.isfinite(found), found, np.nan)
 

@@ -50,6 +50,8 @@ JUMP_S, BACK_S = 60.0, 0.5
 """A clock that jumps on by so much, or back, begins a new trial."""
 LONG_GAP_S, LONG_GAP_STEPS = 0.5, 20.0
 """A gap with the open hand ends a trial from so many seconds and so many usual steps on."""
+LARGEST = 1e10
+"""What is as large is no reading: a count has 32 bits."""
 TIMED = ("pull", "fall", "pass", "put-down")
 """Actions whose times a log gives, else the thesis' script."""
 ACTION_OF_LABELS = (
@@ -66,8 +68,8 @@ ACTION_OF_LABELS = (
 class TrialImport:
     """Reads logs by a map and writes their trials into a folder.
 
-    kept: name -> a log that was read already; it is taken out of there. written: trial -> its log. missing: column -> cells. gaps_s: of lost samples. trials: person,
-    object and action of each.
+    kept: name -> a log that was read already; it is taken out of there. written: trial -> its log.
+    missing: column -> cells. gaps_s: of lost samples. trials: person, object and action of each.
     """
 
     folder: Path
@@ -145,7 +147,7 @@ class TrialImport:
         # refuses texts
         plan.values_of({name: one[:1] for name, one in readings.items()}, log.path)
         for name, column in readings.items():
-            self.missing[name] += int(np.sum(~np.isfinite(column)))
+            self.missing[name] += int(np.sum(~(np.abs(column) < LARGEST)))
         # the columns themselves, because a long log is large
         rows = pd.DataFrame(readings, copy=False)
         self.rows += len(rows)
@@ -260,7 +262,7 @@ def values_of(rows: pd.DataFrame, plan: ImportMap) -> FloatArray:
     """[T, C] the readings of a log's rows in the unit of its trials, nan for none."""
     readings = {name: rows[name].to_numpy() for name in plan.channels}
     values = plan.values_of(readings)
-    values[~np.isfinite(values)] = np.nan
+    values[~(np.abs(values) < LARGEST)] = np.nan
     return values
 
 

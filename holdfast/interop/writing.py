@@ -9,24 +9,26 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from holdfast.core.contract import Json, channel_names
+from holdfast.core.contract import FloatArray, Json, channel_names
 from holdfast.core.hand_card import (
     FEWEST_SENSORS,
     FINGERS_AT_MM,
     MOST_SENSORS,
     find_hand_card,
 )
+from holdfast.core.table import csv_bytes
 from holdfast.core.trial_file import TIME_COLUMN, Trial
 from holdfast.core.trial_layout import HAND_FILE, MASSES_KEY, META
 from holdfast.core.writing import write_whole
 from holdfast.interop.columns import words_of
 from holdfast.interop.map import NAMES, ImportMap, map_text, toml_text
-from holdfast.interop.tables import pd
 
 MAP_FILE = "import.toml"
 """The map, kept with what it made."""
 PROVENANCE = "events"
 """What a truth file says of where its phases come from."""
+MOST_DECIMALS, FLOAT_DIGITS = 9, 15
+"""Of a number that is written: the thousandth of a unit of any sensor, as exact as float64 is."""
 THESIS_SENSORS = 6
 """Of a set without a hand card."""
 
@@ -34,10 +36,20 @@ THESIS_SENSORS = 6
 def write_csv(path: Path, trial: Trial) -> None:
     """The samples as the layout has them; a lost value is nan."""
     names = channel_names(trial.raw.shape[1] // 3)
-    table = pd.DataFrame(trial.raw.round(9), columns=list(names))
-    table.insert(0, TIME_COLUMN, trial.t_s.round(9))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    table.to_csv(path, index=False, na_rep="nan")
+    decimals = decimals_of(trial.raw)
+    columns = [(trial.t_s, decimals_of(trial.t_s))]
+    columns += [(values, decimals) for values in trial.raw.T]
+    write_whole(path, csv_bytes([TIME_COLUMN, *names], columns))
+
+
+def decimals_of(values: FloatArray) -> int:
+    """How many decimals all values need, of the nine that are kept."""
+    known = values[np.isfinite(values)]
+    digits = len(str(int(np.abs(known).max(initial=0.0))))
+    most = min(MOST_DECIMALS, FLOAT_DIGITS - digits)
+    exact = known.round(most)
+    fewer = (n for n in range(most) if (known.round(n) == exact).all())
+    return next(fewer, most)
 
 
 def truth_of(trial: Trial, labels: np.ndarray) -> str:

@@ -20,6 +20,7 @@ import numpy as np
 
 from holdfast.core.contract import Json, channel_names
 from holdfast.core.errors import OutputError
+from holdfast.core.table import Column, csv_bytes
 from holdfast.core.trial_file import TIME_COLUMN
 from holdfast.core.trial_layout import HAND_FILE
 from holdfast.core.writing import require_writable, whole_folder, write_whole
@@ -27,7 +28,6 @@ from holdfast.simulation.effect import Drawn, Signal
 from holdfast.simulation.protocol import PlannedTrial, Trials
 from holdfast.simulation.scene import BATCH, Scene, SimulatedTrial, shifted_s
 from holdfast.simulation.stepper import Done
-from holdfast.simulation.table import Column, csv_bytes
 
 KIND = "simulated"
 """Value of "kind" in the meta.json of a set."""
