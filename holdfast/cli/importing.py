@@ -92,9 +92,11 @@ def run(args: argparse.Namespace) -> int:
             if _typed("import this? [y/N]").lower() not in ("y", "yes"):
                 _refuse(args, found, "no trial is written yet", "--yes")
 
-    first, *_, verdict = report_lines(examine(args.out))
+    checked = examine(args.out)
+    first, *_, verdict = report_lines(checked)
     shown = [*found.lines, "", *_picture(args), first, verdict]
-    shown.append(f"next: {command('check', args.out)}")
+    next_words = ("train", "--data") if checked.trainable else ("check",)
+    shown.append(f"next: {command(*next_words, args.out)}")
     words = {
         "understood": found.lines,
         "trials": reading.written,

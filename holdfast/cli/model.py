@@ -1,7 +1,8 @@
 """From recordings to a model file: `holdfast train` and `holdfast export`.
 
-`train --data SET .. --out DIR` writes an artifact for export. Without arguments it trains on the
-small generated fixture, into build/default. An artifact is replaced only with --force.
+`train --data SET .. --out DIR` writes an artifact and exports it: DIR/holdfast.onnx is ready to
+run. Without arguments it trains on the small generated fixture, into build/default. An artifact is
+replaced only with --force.
 
 `export DIR --out FILE` turns an artifact into one verified, sealed file; without arguments
 build/default. Nothing is written unless file and reference agree. A file in the artifact's folder
@@ -36,9 +37,11 @@ from holdfast.core.schema import model_path
 from holdfast.core.writing import require_free, require_writable
 
 if TYPE_CHECKING:
+    from holdfast.core.contract import Json
     from holdfast.core.hand_card import HandCard
     from holdfast.export.verify import HeadVerification
     from holdfast.training.fitting import TrainingRequest
+    from holdfast.training.progress import Say
 
 # As holdfast.training has them; repeated here so that --help need not import it.
 WINDOWS = ("balanced", "dense", "thesis", "natural")
@@ -66,7 +69,7 @@ def add_train_arguments(parser: argparse.ArgumentParser) -> None:
         type=path_argument,
         default=DEFAULT_OUT,
         metavar="DIR",
-        help="artifact folder (default build/default)",
+        help="folder of the artifact and of its model file (default build/default)",
     )
     parser.add_argument(
         "--force",
@@ -87,9 +90,6 @@ def add_train_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _choose_recordings(parser: argparse.ArgumentParser) -> None:
     """The options of which recordings are read, and how they are held out."""
-    parser.add_argument(
-        "--groups", type=int, metavar="K", help="use K people (or blocks) only"
-    )
     parser.add_argument(
         "--rate",
         type=positive,
@@ -167,6 +167,9 @@ def run_train(args: argparse.Namespace) -> int:
         progress("drawing the report")
         write_training_report(args.report, data, trained, args.out)
 
+    # after the report, which took the work: a failed export is repeated by `holdfast export`
+    model, exported, _ = _exported(args.out, None, None, progress)
+
     held_out = f"held out by {data.group_kind}: "
     not_learned = trained.cannot_tell
     macro_f1, *each_f1 = situation_lines(
@@ -180,10 +183,11 @@ def run_train(args: argparse.Namespace) -> int:
 
     lines += trained.not_held_out
     lines += not_learned_in_words(not_learned)
-    lines += [data.caveat, f"artifact: {args.out}; next: {command('export', args.out)}"]
+    lines += [data.caveat, exported[-1], f"next: {command('run', model)}"]
 
     found = {
         "artifact": args.out,
+        "model": model,
         "data": data.name,
         "kind": data.kind,
         "caveat": data.caveat,
@@ -207,7 +211,6 @@ def _request(args: argparse.Namespace) -> TrainingRequest:
         data=tuple(args.data),
         out=args.out,
         replace=args.force,
-        groups=args.groups,
         hold_out=args.hold_out,
         rate_hz=args.rate,
         windows=args.windows,
@@ -302,28 +305,31 @@ def run_export(args: argparse.Namespace) -> int:
         raise UsageError(
             "--rule changes a model file", next_step="export the folder first"
         )
-    from holdfast.export.exporting import (
-        MODEL_NAME,
-        export_artifact,
-        require_replaceable,
-    )
+    from holdfast.export.exporting import MODEL_NAME, require_replaceable
 
-    _report(f"exporting {args.artifact}")
-
-    model = args.out or args.artifact / MODEL_NAME
     # Before the export, whose work would be lost.
+    model = args.out or args.artifact / MODEL_NAME
     require_replaceable(args.artifact, model, force=args.force)
-    path, report = export_artifact(
-        args.artifact, args.out, hand=_hand(args), report=_report
-    )
+    path, lines, found = _exported(args.artifact, args.out, _hand(args), _report)
+    show_found(args, "\n".join(lines), {"model": path, **found})
+    return 0
+
+
+def _exported(
+    artifact: Path, out: Path | None, hand: HandCard | None, say: Say
+) -> tuple[Path, list[str], Json]:
+    """Export an artifact folder: the file, what was verified as lines and for JSON."""
+    from holdfast.export.exporting import export_artifact
+
+    say(f"exporting {artifact}")
+    path, report = export_artifact(artifact, out, hand=hand, report=say)
     lines = [f"{name}: {_agreement(head)}" for name, head in report.heads.items()]
     lines += [
         "one at a time equals a batch, bit for bit: "
         f"{report.single_rows} rows and {report.stream_samples} samples",
         f"model: {path} ({report.bytes / 1e6:.1f} MB)",
     ]
-    show_found(args, "\n".join(lines), {"model": path, **asdict(report)})
-    return 0
+    return path, lines, asdict(report)
 
 
 def _hand(args: argparse.Namespace) -> HandCard | None:

@@ -62,6 +62,19 @@ def test_train_without_flags_is_the_default_plan_on_balanced_windows(
     assert f"classes: {sum(dense.values()):,} windows (nothing_light " in out
 
 
+def test_train_ends_with_the_file_that_export_writes_elsewhere(
+    run: Run, fixture_set: Path, tmp_path: Path
+) -> None:
+    out, elsewhere = tmp_path / "out", tmp_path / "elsewhere.onnx"
+    words = ("train", "--data", fixture_set, "--out", out, "--size", "tiny")
+    code, printed, err = run(*words, "--learner", "forest")
+    assert code == 0, err
+    model = out / "holdfast.onnx"
+    assert printed.splitlines()[-1] == f"next: holdfast run {model}"
+    assert run("export", out, "--out", elsewhere)[0] == 0
+    assert model.read_bytes() == elsewhere.read_bytes()
+
+
 @pytest.mark.parametrize(
     ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, -signal.SIGTERM)]
 )
