@@ -19,7 +19,7 @@ import numpy as np
 
 from holdfast.core.column_map import flat_fields
 from holdfast.core.errors import ColumnError, EmptyRecording, NotANumber, needs_extra
-from holdfast.interop.layout import MISSING, SPACES, STAMP, TableLayout, layout_of
+from holdfast.interop.layout import MISSING, STAMP, TableLayout, layout_of
 from holdfast.interop.streams import Column, Columns, ForeignLog, Stream, is_text
 
 with needs_extra("train"):
@@ -48,12 +48,14 @@ def read_log(path: Path, name: str) -> ForeignLog:
         # the last one may be cut
         lines.pop()
     layout = layout_of(lines[:HEAD_LINES])
-    if not (is_cut or layout.form.is_odd or layout.comment == "//"):
+    if not (layout.form.is_odd or layout.comment == "//"):
         # lines of more cells than the others need the slow way
         with suppress(pd.errors.ParserError, pd.errors.ParserWarning):
-            rows = _lines_of(path)
-            cells = _parsed(path, layout, layout.first_row, encoding, rows)
-            return ForeignLog(path, name, (_numeric(cells, layout, []),))
+            cells = _parsed(path, layout, encoding)
+            # a line that was cut off has no last cell
+            n_torn = int(is_cut and str(cells[layout.names[-1]][-1]) in ("nan", ""))
+            cells = {key: cell[: len(cell) - n_torn] for key, cell in cells.items()}
+            return ForeignLog(path, name, (_numeric(cells, layout, n_torn),))
 
     text = path.read_text(encoding, "replace")
     return ForeignLog(path, name, (read_table(text, layout),))
@@ -77,24 +79,21 @@ def encoding_of(head: bytes) -> str:
 def read_table(text: str, layout: TableLayout) -> Stream:
     """A table of a text, line by line. Raises EmptyRecording.
 
-    Lines of another number of cells are left out, and noted.
+    Lines of another number of cells are left out.
     """
-    mark = " " if layout.form.separator == SPACES else layout.form.separator
-    kept: list[str] = []
+    rows = []
     n_torn = 0
     for line in text.split("\n")[layout.first_row :]:
         if not line.strip() or (layout.comment and line.startswith(layout.comment)):
             continue
         cells = layout.form.cells(line)
         if len(cells) == len(layout.names):
-            kept.append(mark.join(f'"{cell}"' for cell in cells))
+            rows.append(cells)
         else:
             n_torn += 1
 
-    notes = [f"{n_torn} lines of another number of cells left out"] if n_torn else []
-    text = "\n".join(kept)
-    cells = _parsed(io.StringIO(text), layout, 0, "utf-8", len(kept))
-    return _numeric(cells, layout, notes)
+    columns = np.array(rows, dtype=object).reshape(len(rows), len(layout.names)).T
+    return _numeric(dict(zip(layout.names, columns, strict=True)), layout, n_torn)
 
 
 def streams_of(
@@ -120,38 +119,28 @@ def streams_of(
     return tuple(streams)
 
 
-def _lines_of(path: Path) -> int:
-    """How many lines a file has at most."""
-    with path.open("rb") as file:
-        blocks = iter(lambda: file.read(HEAD_BYTES), b"")
-        return 1 + sum(block.count(b"\n") + block.count(b"\r") for block in blocks)
-
-
-def _parsed(
-    source: Path | io.StringIO,
-    layout: TableLayout,
-    skipped: int,
-    encoding: str,
-    most_rows: int,
-) -> Columns:
-    """The cells of each column as pandas reads them. most_rows: that may be there.
+def _parsed(path: Path, layout: TableLayout, encoding: str) -> Columns:
+    """The cells of each column as pandas reads them.
 
     A long file read at once takes three times the memory of its table, and joined pieces twice: so
-    each column gets its place first, which costs nothing where it stays empty.
+    each column gets a place for as many rows as may be there, which costs nothing while empty.
     """
+    with path.open("rb") as file:
+        blocks = iter(lambda: file.read(HEAD_BYTES), b"")
+        most = 1 + sum(block.count(b"\n") + block.count(b"\r") for block in blocks)
     columns: Columns = {}
     rows = 0
     with warnings.catch_warnings():
         # rows of more cells than names: pandas warns, and would drop them
         warnings.simplefilter("error", pd.errors.ParserWarning)
         chunks = pd.read_csv(
-            source,
+            path,
             sep=layout.form.separator,
             decimal=layout.form.decimal,
             header=None,
             names=list(layout.names),
             index_col=False,
-            skiprows=skipped,
+            skiprows=layout.first_row,
             chunksize=CHUNK_ROWS,
             comment=layout.comment if len(layout.comment) == 1 else None,
             encoding=encoding,
@@ -163,7 +152,7 @@ def _parsed(
         for chunk in chunks:
             for name, series in chunk.items():
                 cells = series.to_numpy()
-                column = columns.get(name, np.empty(most_rows, cells.dtype))
+                column = columns.get(name, np.empty(most, cells.dtype))
                 # whole numbers may go on as others, or as texts
                 kind = np.result_type(column, cells)
                 columns[name] = column = column.astype(kind, copy=False)
@@ -173,12 +162,13 @@ def _parsed(
     return {name: column[:rows] for name, column in columns.items()}
 
 
-def _numeric(cells: Columns, layout: TableLayout, notes: list[str]) -> Stream:
+def _numeric(cells: Columns, layout: TableLayout, n_torn: int) -> Stream:
     """The columns as numbers or texts; rows without a number are left out, and noted.
 
-    Raises EmptyRecording.
+    n_torn: lines that are left out already. Raises EmptyRecording.
     """
     columns: Columns = {}
+    notes = [f"{n_torn} lines of another number of cells left out"] if n_torn else []
     there = np.zeros(len(cells[layout.names[0]]), dtype=np.bool_)
     for name in layout.names:
         column = _typed(cells[name], name, layout.form.decimal, notes)
@@ -212,6 +202,9 @@ def _typed(column: Column, name: str, decimal: str, notes: list[str]) -> Column:
         return cells.to_numpy(object)
     for word, count in words.value_counts().head(3).items():
         notes.append(f"{name}: {count} cells {word!r:.20} are missing samples")
+    if len(numbers) == len(cells) and numbers.dtype.kind == "i":
+        # stamps in ns have more digits than a float
+        return numbers.to_numpy()
     found: Column = numbers.reindex(cells.index).to_numpy(np.float64)
     return np.where(np.isfinite(found), found, np.nan)
 
