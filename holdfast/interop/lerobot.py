@@ -41,14 +41,8 @@ CHUNK_FILES, DATA_MB, VIDEO_MB = 1000, 100, 200
 """lerobot's own defaults; a set of ours stays in one file."""
 DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 QUANTILES = {
-    "min": 0,
-    "q01": 0.01,
-    "q10": 0.1,
-    "q50": 0.5,
-    "q90": 0.9,
-    "q99": 0.99,
-    "max": 1,
-}
+    "min": 0, "q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99, "max": 1,
+}  # fmt: skip
 """Statistics that lerobot keeps of each feature, by its names; beside mean, std and count."""
 INFO = "meta/info.json"
 TACTILE = "observation.tactile"
@@ -63,11 +57,12 @@ FRAME = {
     SITUATION: ("label", np.int64),
 }
 """Column of a frame -> what of a trial it holds, as which numbers."""
-PLACE = [
-    f"{place}/{number}_index"
-    for place in ("data", "meta/episodes")
-    for number in ("chunk", "file")
-]
+PLACE = (
+    "data/chunk_index",
+    "data/file_index",
+    "meta/episodes/chunk_index",
+    "meta/episodes/file_index",
+)
 """Where an episode is: all are in the first file."""
 
 
@@ -75,26 +70,28 @@ def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
     """The whole set. Raises RateError or ChannelError where trials differ."""
     rate_hz = common_rate([trial.recording for trial in trials])
     # the task of an episode, such as `pull soft-ball`; the empty hand has no object
-    about = [trial.about for trial in trials]
-    texts = [f"{one['action']} {one['object'] or ''}".strip() for one in about]
+    texts = []
+    for trial in trials:
+        texts.append(f"{trial.about['action']} {trial.about['object'] or ''}".strip())
     numbers, tasks = pd.factorize(np.array(texts))
     frames = _frames(trials, round(rate_hz))
     frames["task_index"] = numbers[frames[EPISODE]]
     episodes = []
-    for number, text in enumerate(texts):
-        rows = frames["index"][frames[EPISODE] == number]
+    stop = 0
+    for number, trial in enumerate(trials):
+        first, stop = stop, stop + len(trial.t_s)
         episode: Json = {
             EPISODE: number,
-            "tasks": [text],
-            "length": len(rows),
-            "dataset_from_index": int(rows[0]),
-            "dataset_to_index": int(rows[-1]) + 1,
-            "holdfast": json.dumps(about[number]),
+            "tasks": [texts[number]],
+            "length": stop - first,
+            "dataset_from_index": first,
+            "dataset_to_index": stop,
+            "holdfast": json.dumps(trial.about),
             **dict.fromkeys(PLACE, 0),
         }
         # an episode carries its own statistics, so that sets are joined without reading the data
         for key, values in frames.items():
-            for name, figures in _stats(values[rows]).items():
+            for name, figures in _stats(values[first:stop]).items():
                 episode[f"stats/{key}/{name}"] = figures
         episodes.append(episode)
 
@@ -134,9 +131,7 @@ def _stats(values: npt.NDArray[Any]) -> dict[str, list[float]]:
     figures = table.quantile([*QUANTILES.values()]).set_axis([*QUANTILES])
     figures.loc["mean"], figures.loc["std"] = table.mean(), table.std(ddof=0)
     # JSON has no nan
-    stats = dict(
-        zip(figures.index, figures.fillna(0.0).to_numpy().tolist(), strict=True)
-    )
+    stats: dict[str, list[float]] = figures.fillna(0.0).T.to_dict("list")
     return {**stats, "count": [len(table)]}
 
 
