@@ -25,7 +25,7 @@ from holdfast.core.errors import NotANumber, needs_extra
 from holdfast.core.schema import json_of, read
 from holdfast.core.writing import write_whole
 from holdfast.interop.parquet import read_columns, write_columns, write_rows
-from holdfast.interop.payload import NO_LABEL, UNLABELLED, TrialPayload
+from holdfast.interop.payload import LABEL_OF, NO_LABEL, TrialPayload
 from holdfast.interop.streams import Columns, ForeignLog, Stream
 from holdfast.training.datasets.thesis import common_rate
 
@@ -139,10 +139,10 @@ def _info(
     trials: Sequence[TrialPayload], rate_hz: float, frames: Columns, n_tasks: int
 ) -> Json:
     """The content of meta/info.json; what stands under `holdfast` is ours."""
-    n_sensors = trials[0].n_sensors
+    recording = trials[0].recording
     names = {
-        TACTILE: list(channel_names(n_sensors)),
-        VALID: [f"valid{sensor + 1}" for sensor in range(n_sensors)],
+        TACTILE: list(channel_names(recording.n_sensors)),
+        VALID: [f"valid{sensor + 1}" for sensor in range(recording.n_sensors)],
     }
     features: Json = {}
     for key, column in frames.items():
@@ -166,7 +166,7 @@ def _info(
         "video_path": None,
         "features": features,
         "holdfast": {
-            "unit": trials[0].unit,
+            "unit": recording.unit,
             "rate_hz": rate_hz,
             "situations": list(SITUATIONS),
             "no_label": NO_LABEL,
@@ -192,8 +192,7 @@ def read_log(folder: Path, name: str) -> ForeignLog:
         about = pd.DataFrame(map(json_of, episodes["holdfast"]), episodes.index)
         for key in ("person", "object", "action"):
             table[key] = table[EPISODE].map(about[key]).fillna("")
-        names = dict(enumerate(SITUATIONS)) | {NO_LABEL: UNLABELLED}
-        table[SITUATION] = table[SITUATION].map(names)
+        table[SITUATION] = table[SITUATION].map(LABEL_OF)
     # the stamps of the format are those of a camera; the true ones are beside them
     if TIME in table:
         table = table.drop(columns="timestamp")

@@ -99,7 +99,11 @@ def _messages(trial: TrialPayload) -> Iterable[tuple[str, int, Json]]:
         fingers: list[Json] = []
         for reading, is_valid in zip(of_row, valid, strict=True):
             fingers.append({"valid": is_valid, **dict(zip(AXES, reading, strict=True))})
-        yield "/tactile/fingers", t_ns, {"unit": trial.unit, "fingers": fingers}
+        yield (
+            "/tactile/fingers",
+            t_ns,
+            {"unit": trial.recording.unit, "fingers": fingers},
+        )
 
 
 PICTURES = ("SceneUpdate", "Image", "Video", "PointCloud", "Grid", "LaserScan")
