@@ -23,6 +23,7 @@ from holdfast.core.writing import require_new, whole_folder, write_whole
 
 if TYPE_CHECKING:
     from holdfast.interop.understood import Understood
+    from holdfast.training.progress import Part
 
 ANSWERS = {
     "action": (
@@ -71,16 +72,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Say what was understood, ask what is left, then write all trials, or none."""
+    from holdfast.training.progress import Stages
+
     require_new(args.out)
-    found = _understood(args)
+    begin = Stages()
+    begin(f"looking at {args.source}")
+    found = _understood(args, begin.part)
     from holdfast.interop.trials import TrialImport
     from holdfast.interop.writing import write_beside
     from holdfast.training.check import examine, report_lines
-    from holdfast.training.progress import Stages
 
     with whole_folder(args.out) as folder:
-        begin = Stages()
-        begin(f"reading {args.source}")
+        begin(f"writing {args.out}")
         reading = TrialImport(folder, found.kept)
         for plan, files in found.plans:
             reading.take(args.source, plan, files, begin.part)
@@ -106,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _understood(args: argparse.Namespace) -> Understood:
+def _understood(args: argparse.Namespace, part: Part) -> Understood:
     """What the logs are, with every question answered. Raises UsageError where one is left."""
     from holdfast.interop.map import read_import_map
     from holdfast.interop.understand import of_map, understand
@@ -116,7 +119,7 @@ def _understood(args: argparse.Namespace) -> Understood:
         return of_map(args.source, read_import_map(args.map))
     while True:
         given = {key: getattr(args, key) for key in (*ANSWERS, "rate", "normal")}
-        found = understand(args.source, Answers(**given))
+        found = understand(args.source, Answers(**given), part)
         if not found.questions:
             return found
         show("\n".join(found.lines))

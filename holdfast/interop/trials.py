@@ -86,7 +86,7 @@ class TrialImport:
     ) -> None:
         """The logs of one map. part: receives the share that is read. Raises a DataError."""
         used: Counter[Path] = Counter()
-        for number, (name, group) in enumerate(files.items(), 1):
+        for number, (name, group) in enumerate(files.items()):
             log = self.kept.pop(name, None)
             log = log or read_joined(group, plan.trials.fingers, name)
             for stream in log.streams:
@@ -95,9 +95,12 @@ class TrialImport:
             whole = self._rows(log, plan)
             # a long log is large
             log = replace(log, streams=())
+            done = 0
             for rows in self._cuts(log, whole, plan):
                 used[path] += self._write(log, rows, plan, events)
-            part(number / len(files))
+                done += len(rows)
+                part((number + done / len(whole)) / len(files))
+        part(1.0)
 
         for path, n_used in used.items():
             if path.name and not n_used:
