@@ -50,13 +50,6 @@ VALID = "observation.tactile_valid"
 TIME = "observation.time_s"
 SITUATION, EPISODE = "situation", "episode_index"
 """Columns of a frame: the names that start with `observation.` are lerobot's convention."""
-FRAME = {
-    TACTILE: ("values", np.float32),
-    VALID: ("valid", np.bool_),
-    TIME: ("t_s", np.float64),
-    SITUATION: ("label", np.int64),
-}
-"""Column of a frame -> what of a trial it holds, as which numbers."""
 PLACE = (
     "data/chunk_index",
     "data/file_index",
@@ -69,60 +62,64 @@ PLACE = (
 def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
     """The whole set. Raises RateError or ChannelError where trials differ."""
     rate_hz = common_rate([trial.recording for trial in trials])
-    # the task of an episode, such as `pull soft-ball`; the empty hand has no object
-    texts = []
-    for trial in trials:
-        texts.append(f"{trial.about['action']} {trial.about['object'] or ''}".strip())
-    numbers, tasks = pd.factorize(np.array(texts))
-    frames = _frames(trials, round(rate_hz))
-    frames["task_index"] = numbers[frames[EPISODE]]
-    episodes = []
-    stop = 0
+    frames: list[Columns] = []
+    episodes: list[Json] = []
+    tasks: dict[str, int] = {}
+    begins = 0
     for number, trial in enumerate(trials):
-        first, stop = stop, stop + len(trial.t_s)
+        # such as `pull soft-ball`; the empty hand has no object
+        text = f"{trial.about['action']} {trial.about['object'] or ''}".strip()
+        task = tasks.setdefault(text, len(tasks))
+        frame = _frame(trial, round(rate_hz))
+        rows = frame["frame_index"]
+        frame[EPISODE] = np.full_like(rows, number)
+        frame["index"] = begins + rows
+        frame["task_index"] = np.full_like(rows, task)
         episode: Json = {
             EPISODE: number,
-            "tasks": [texts[number]],
-            "length": stop - first,
-            "dataset_from_index": first,
-            "dataset_to_index": stop,
+            "tasks": [text],
+            "length": len(rows),
+            "dataset_from_index": begins,
+            "dataset_to_index": begins + len(rows),
             "holdfast": json.dumps(trial.about),
             **dict.fromkeys(PLACE, 0),
         }
         # an episode carries its own statistics, so that sets are joined without reading the data
-        for key, values in frames.items():
-            for name, figures in _stats(values[first:stop]).items():
+        for key, values in frame.items():
+            for name, figures in _stats(values).items():
                 episode[f"stats/{key}/{name}"] = figures
+        frames.append(frame)
         episodes.append(episode)
+        begins += len(rows)
 
+    whole = {key: np.concatenate([one[key] for one in frames]) for key in frames[0]}
     # a set of ours stays below the size at which lerobot starts a new file
     path = DATA_PATH.format(chunk_index=0, file_index=0)
-    write_columns(folder / path, frames)
+    write_columns(folder / path, whole)
     write_rows(folder / path.replace("data/", "meta/episodes/", 1), episodes)
     # the texts are the index, as lerobot looks them up
-    index = pd.Index(tasks, name="task")
-    table = pd.DataFrame({"task_index": np.arange(len(tasks))}, index=index)
+    index = pd.Index([*tasks], name="task")
+    table = pd.DataFrame({"task_index": tasks.values()}, index=index)
     table.to_parquet(folder / "meta/tasks.parquet", compression="zstd")
-    stats = {key: _stats(values) for key, values in frames.items()}
-    info = _info(trials, rate_hz, frames, len(tasks))
+    stats = {key: _stats(values) for key, values in whole.items()}
+    info = _info(trials, rate_hz, whole, len(tasks))
     for file, value in (("meta/stats.json", stats), (INFO, info)):
         text = json.dumps(value, indent=4, allow_nan=False)
         write_whole(folder / file, text + "\n")
 
 
-def _frames(trials: Sequence[TrialPayload], fps: int) -> Columns:
-    """The frames of all episodes by column, but for the number of the task."""
-    frames: Columns = {}
-    for key, (name, dtype) in FRAME.items():
-        of_trials = [getattr(trial, name) for trial in trials]
-        frames[key] = np.concatenate(of_trials).astype(dtype)
-    episode = np.repeat(np.arange(len(trials)), [len(trial.t_s) for trial in trials])
-    index = np.arange(len(episode))
-    frame = index - np.searchsorted(episode, episode)
-    # lerobot checks that stamps are exactly frame / fps; TIME has the true ones
-    stamps = (frame / fps).astype(np.float32)
-    numbers = {"frame_index": frame, EPISODE: episode, "index": index}
-    return {**frames, "timestamp": stamps, **numbers}
+def _frame(trial: TrialPayload, fps: int) -> Columns:
+    """What the frames of an episode have of its trial, by column."""
+    rows = np.arange(len(trial.t_s))
+    return {
+        TACTILE: trial.values.astype(np.float32),
+        VALID: trial.valid,
+        TIME: trial.t_s,
+        SITUATION: trial.label.astype(np.int64),
+        # lerobot checks that stamps are exactly frame / fps; TIME has the true ones
+        "timestamp": (rows / fps).astype(np.float32),
+        "frame_index": rows,
+    }
 
 
 def _stats(values: npt.NDArray[Any]) -> dict[str, list[float]]:
