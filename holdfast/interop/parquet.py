@@ -53,7 +53,7 @@ def table_of(trial: TrialPayload) -> Any:
         text = pa.scalar(trial.about[key], pa.string())
         columns[key] = pa.repeat(text, len(trial.t_s)).dictionary_encode()
 
-    notes = {name: {"unit": trial.recording.unit} for name in channels}
+    notes = {name: {"unit": str(trial.recording.unit)} for name in channels}
     notes |= {TIME_COLUMN: {"unit": "s"}, "label": {"by": trial.about["labels_by"]}}
     table = pa.table(columns)
     fields = [field.with_metadata(notes.get(field.name)) for field in table.schema]
