@@ -18,7 +18,13 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.column_map import flat_fields
-from holdfast.core.errors import ColumnError, EmptyRecording, NotANumber, needs_extra
+from holdfast.core.errors import (
+    ColumnError,
+    EmptyRecording,
+    NotANumber,
+    count_of,
+    needs_extra,
+)
 from holdfast.interop.layout import MISSING, STAMP, TableLayout, layout_of
 from holdfast.interop.streams import Column, Columns, ForeignLog, Stream, is_text
 
@@ -29,6 +35,7 @@ HEAD_BYTES, HEAD_LINES = 256 << 10, 240
 """Of the beginning, from which the layout is found."""
 CHUNK_ROWS = 20_000
 DAY_NS = 86_400 * 10**9
+NOON = pd.Timedelta(hours=12)
 EPOCH = pd.Timestamp(0, tz="UTC")
 
 
@@ -40,7 +47,8 @@ def read_log(path: Path, name: str) -> ForeignLog:
         is_cut = not re.search(rb"[\r\n]\0*$", file.read())
 
     encoding = encoding_of(head)
-    text = head.decode(encoding, errors="replace")
+    # a power cut leaves zeros at the end
+    text = head.decode(encoding, errors="replace").rstrip("\0")
     if "\0" in text:
         raise NotANumber("a binary file", next_step="give a text table")
     lines = re.split(r"\r\n?|\n", text)
@@ -168,7 +176,9 @@ def _numeric(cells: Columns, layout: TableLayout, n_torn: int) -> Stream:
     n_torn: lines that are left out already. Raises EmptyRecording.
     """
     columns: Columns = {}
-    notes = [f"{n_torn} lines of another number of cells left out"] if n_torn else []
+    notes = []
+    if n_torn:
+        notes.append(f"{count_of(n_torn, 'line')} of another number of cells left out")
     there = np.zeros(len(cells[layout.names[0]]), dtype=np.bool_)
     for name in layout.names:
         column = _typed(cells[name], name, layout.form.decimal, notes)
@@ -182,7 +192,8 @@ def _numeric(cells: Columns, layout: TableLayout, n_torn: int) -> Stream:
     if not there.any():
         raise EmptyRecording("no row of data", next_step="record it again")
     if not there.all():
-        notes.append(f"{np.sum(~there)} lines without a number left out")
+        n_lost = count_of(int(np.sum(~there)), "line")
+        notes.append(f"{n_lost} without a number left out")
         columns = {name: column[there] for name, column in columns.items()}
     return Stream(columns, notes=tuple(notes))
 
@@ -225,6 +236,8 @@ def stamps_of(cells: pd.Series) -> Column:
         clock = texts.str.extract(r"([\d:.]+)")[0]
         clock = clock.where(clock.str.count(":") > 1, "0:" + clock)
         spans = pd.to_timedelta(clock, errors="coerce")
+        if first.endswith("M"):
+            spans = spans % NOON + NOON * texts.str.endswith("PM").astype(int)
 
     ns: Column = spans.to_numpy("m8[ns]").astype(np.int64)
     if spans.isna().any():

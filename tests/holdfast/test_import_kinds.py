@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -161,6 +162,18 @@ def two_tables_on_a_sheet(logs: Path, trials: Trials) -> None:
         write_sheet(logs / f"{name}.xlsx", rows)
 
 
+def quoted_commas_over_noon_until_a_power_cut(logs: Path, trials: Trials) -> None:
+    begin = datetime(2026, 11, 28, 11, 59, 58)
+    for name, one in zip(names_of(len(trials)), trials, strict=True):
+        lines = [",".join(["time", *axes(5)])]
+        for t_s, row in zip(one.t_s, one.values.tolist(), strict=True):
+            at = begin + timedelta(seconds=t_s)
+            cells = '","'.join(map(str, row)).replace(".", ",")
+            lines.append(f'{at:%I:%M:%S.%f %p},"{cells}"')
+        text = "\n".join([*lines, ""])
+        (logs / f"{name}.csv").write_bytes(text.encode() + bytes(300))
+
+
 READINGS = {
     write.__name__: write
     for write in (
@@ -168,6 +181,7 @@ READINGS = {
         vectors_in_brackets, millinewtons_with_commas, units_below_the_names, over_midnight,
         shear_and_normal, normals_last, sorted_as_text, bursts, whole_seconds,
         a_file_for_each_finger, two_tables_on_a_sheet,
+        quoted_commas_over_noon_until_a_power_cut,
     )
 }  # fmt: skip
 
