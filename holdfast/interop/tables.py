@@ -7,13 +7,16 @@ cells than names) are made plain first, and those that are left out are counted.
 from __future__ import annotations
 
 import codecs
+import csv
 import io
 import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryFile
+from typing import IO, Any
 
 import numpy as np
 
@@ -25,7 +28,7 @@ from holdfast.core.errors import (
     count_of,
     needs_extra,
 )
-from holdfast.interop.layout import MISSING, STAMP, TableLayout, layout_of
+from holdfast.interop.layout import MISSING, SPACES, STAMP, TableLayout, layout_of
 from holdfast.interop.streams import Column, Columns, ForeignLog, Stream, is_text
 
 with needs_extra("train"):
@@ -56,17 +59,19 @@ def read_log(path: Path, name: str) -> ForeignLog:
         # the last one may be cut
         lines.pop()
     layout = layout_of(lines[:HEAD_LINES])
-    if not (layout.form.is_odd or layout.comment == "//"):
-        # lines of more cells than the others need the slow way
+    with path.open(encoding=encoding, errors="replace") as file:
+        if layout.form.is_odd or layout.comment == "//":
+            return ForeignLog(path, name, (read_table(file, layout),))
+        # lines of more cells than the others need the slow way, too
         with suppress(pd.errors.ParserError, pd.errors.ParserWarning):
-            cells = _parsed(path, layout, encoding)
+            cells = _parsed(file, layout, layout.first_row)
             # a line that was cut off has no last cell
             n_torn = int(is_cut and str(cells[layout.names[-1]][-1]) in ("nan", ""))
             cells = {key: cell[: len(cell) - n_torn] for key, cell in cells.items()}
             return ForeignLog(path, name, (_numeric(cells, layout, n_torn),))
 
-    text = path.read_text(encoding, "replace")
-    return ForeignLog(path, name, (read_table(text, layout),))
+        file.seek(0)
+        return ForeignLog(path, name, (read_table(file, layout),))
 
 
 def encoding_of(head: bytes) -> str:
@@ -84,24 +89,27 @@ def encoding_of(head: bytes) -> str:
     return "utf-8-sig"
 
 
-def read_table(text: str, layout: TableLayout) -> Stream:
-    """A table of a text, line by line. Raises EmptyRecording.
+def read_table(lines: Iterable[str], layout: TableLayout) -> Stream:
+    """A table whose lines are made plain one by one. Raises EmptyRecording.
 
-    Lines of another number of cells are left out.
+    Lines of another number of cells are left out. The plain ones go through a file, because the
+    cells of a long log as texts would fill the memory.
     """
-    rows = []
+    mark = " " if layout.form.separator == SPACES else layout.form.separator
     n_torn = 0
-    for line in text.split("\n")[layout.first_row :]:
-        if not line.strip() or (layout.comment and line.startswith(layout.comment)):
-            continue
-        cells = layout.form.cells(line)
-        if len(cells) == len(layout.names):
-            rows.append(cells)
-        else:
-            n_torn += 1
+    with TemporaryFile("w+", encoding="utf-8", newline="") as file:
+        plain = csv.writer(file, delimiter=mark)
+        for line in islice(lines, layout.first_row, None):
+            if not line.strip() or (layout.comment and line.startswith(layout.comment)):
+                continue
+            cells = layout.form.cells(line)
+            if len(cells) == len(layout.names):
+                plain.writerow(cells)
+            else:
+                n_torn += 1
 
-    columns = np.array(rows, dtype=object).reshape(len(rows), len(layout.names)).T
-    return _numeric(dict(zip(layout.names, columns, strict=True)), layout, n_torn)
+        file.seek(0)
+        return _numeric(_parsed(file, layout, 0), layout, n_torn)
 
 
 def streams_of(
@@ -127,32 +135,29 @@ def streams_of(
     return tuple(streams)
 
 
-def _parsed(path: Path, layout: TableLayout, encoding: str) -> Columns:
+def _parsed(file: IO[str], layout: TableLayout, first_row: int) -> Columns:
     """The cells of each column as pandas reads them.
 
     A long file read at once takes three times the memory of its table, and joined pieces twice: so
-    each column gets a place for as many rows as may be there, which costs nothing while empty.
+    each column gets its place first, which costs nothing while it is empty.
     """
-    with path.open("rb") as file:
-        blocks = iter(lambda: file.read(HEAD_BYTES), b"")
-        most = 1 + sum(block.count(b"\n") + block.count(b"\r") for block in blocks)
+    most = sum(1 for _ in file)
+    file.seek(0)
     columns: Columns = {}
     rows = 0
     with warnings.catch_warnings():
         # rows of more cells than names: pandas warns, and would drop them
         warnings.simplefilter("error", pd.errors.ParserWarning)
         chunks = pd.read_csv(
-            path,
+            file,
             sep=layout.form.separator,
             decimal=layout.form.decimal,
             header=None,
             names=list(layout.names),
             index_col=False,
-            skiprows=layout.first_row,
+            skiprows=first_row,
             chunksize=CHUNK_ROWS,
             comment=layout.comment if len(layout.comment) == 1 else None,
-            encoding=encoding,
-            encoding_errors="replace",
             skipinitialspace=True,
             keep_default_na=False,
             na_values={name: list(MISSING) for name in layout.numeric},
@@ -213,9 +218,6 @@ def _typed(column: Column, name: str, decimal: str, notes: list[str]) -> Column:
         return cells.to_numpy(object)
     for word, count in words.value_counts().head(3).items():
         notes.append(f"{name}: {count} cells {word!r:.20} are missing samples")
-    if len(numbers) == len(cells) and numbers.dtype.kind == "i":
-        # stamps in ns have more digits than a float
-        return numbers.to_numpy()
     found: Column = numbers.reindex(cells.index).to_numpy(np.float64)
     return np.where(np.isfinite(found), found, np.nan)
 
