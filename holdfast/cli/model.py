@@ -145,7 +145,7 @@ def run_train(args: argparse.Namespace) -> int:
     from holdfast.core.contract import CANNOT_TELL, not_learned_in_words
     from holdfast.core.errors import command
     from holdfast.training.metrics import situation_lines, with_interval
-    from holdfast.training.progress import Stages
+    from holdfast.training.progress import Stages, ignored
 
     require_json_writable(args)
     # A report that cannot be written is refused before the training.
@@ -158,7 +158,7 @@ def run_train(args: argparse.Namespace) -> int:
     from holdfast.training.fitting import train_on_sets
 
     # With --json on stdout nothing else may stand there.
-    describe = _quiet if args.json == STDOUT else show
+    describe = ignored if args.json == STDOUT else show
     data, trained = train_on_sets(_request(args), progress, describe)
     figures = trained.figures
     if args.report is not None:
@@ -198,10 +198,6 @@ def run_train(args: argparse.Namespace) -> int:
     }
     show_found(args, "\n".join(lines), found)
     return 0
-
-
-def _quiet(text: str) -> None:
-    """What describes the sets where stdout is kept for JSON."""
 
 
 def _request(args: argparse.Namespace) -> TrainingRequest:
