@@ -163,15 +163,19 @@ def two_tables_on_a_sheet(logs: Path, trials: Trials) -> None:
 
 
 def quoted_commas_over_noon_until_a_power_cut(logs: Path, trials: Trials) -> None:
-    begin = datetime(2026, 11, 28, 11, 59, 58)
+    noon = datetime(2026, 11, 28, 12)
     for name, one in zip(names_of(len(trials)), trials, strict=True):
-        lines = [",".join(["time", *axes(5)])]
-        for t_s, row in zip(one.t_s, one.values.tolist(), strict=True):
-            at = begin + timedelta(seconds=t_s)
-            cells = '","'.join(map(str, row)).replace(".", ",")
-            lines.append(f'{at:%I:%M:%S.%f %p},"{cells}"')
-        text = "\n".join([*lines, ""])
-        (logs / f"{name}.csv").write_bytes(text.encode() + bytes(300))
+        first = [f'"{noon + timedelta(seconds=t - 2):%I:%M:%S.%f %p}' for t in one.t_s]
+        path = write_text(
+            logs / f"{name}.csv",
+            ['"time', *axes(5), 'end"'],
+            one.values,
+            separator='","',
+            decimal=",",
+            first=first,
+            texts=['"'] * len(first),
+        )
+        path.write_bytes(path.read_bytes() + bytes(300))
 
 
 READINGS = {
