@@ -37,11 +37,9 @@ from holdfast.core.schema import model_path
 from holdfast.core.writing import require_free, require_writable
 
 if TYPE_CHECKING:
-    from holdfast.core.contract import Json
     from holdfast.core.hand_card import HandCard
     from holdfast.export.verify import HeadVerification
     from holdfast.training.fitting import TrainingRequest
-    from holdfast.training.progress import Say
 
 # As holdfast.training has them; repeated here so that --help need not import it.
 WINDOWS = ("balanced", "dense", "thesis", "natural")
@@ -155,6 +153,7 @@ def run_train(args: argparse.Namespace) -> int:
     progress = Stages()
     progress("loading the libraries")
     # Imported within the stage: loading the libraries takes seconds, and is shown.
+    from holdfast.export.exporting import export_artifact
     from holdfast.training.fitting import train_on_sets
 
     # With --json on stdout nothing else may stand there.
@@ -168,7 +167,8 @@ def run_train(args: argparse.Namespace) -> int:
         write_training_report(args.report, data, trained, args.out)
 
     # after the report, which took the work: a failed export is repeated by `holdfast export`
-    model, exported, _ = _exported(args.out, None, None, progress)
+    progress("exporting")
+    model, exported = export_artifact(args.out, report=progress)
 
     held_out = f"held out by {data.group_kind}: "
     not_learned = trained.cannot_tell
@@ -183,7 +183,8 @@ def run_train(args: argparse.Namespace) -> int:
 
     lines += trained.not_held_out
     lines += not_learned_in_words(not_learned)
-    lines += [data.caveat, exported[-1], f"next: {command('run', model)}"]
+    lines += [data.caveat, _written(model, exported.bytes)]
+    lines.append(f"next: {command('run', model)}")
 
     found = {
         "artifact": args.out,
@@ -301,31 +302,31 @@ def run_export(args: argparse.Namespace) -> int:
         raise UsageError(
             "--rule changes a model file", next_step="export the folder first"
         )
-    from holdfast.export.exporting import MODEL_NAME, require_replaceable
+    from holdfast.export.exporting import (
+        MODEL_NAME,
+        export_artifact,
+        require_replaceable,
+    )
 
     # Before the export, whose work would be lost.
     model = args.out or args.artifact / MODEL_NAME
     require_replaceable(args.artifact, model, force=args.force)
-    path, lines, found = _exported(args.artifact, args.out, _hand(args), _report)
-    show_found(args, "\n".join(lines), {"model": path, **found})
-    return 0
-
-
-def _exported(
-    artifact: Path, out: Path | None, hand: HandCard | None, say: Say
-) -> tuple[Path, list[str], Json]:
-    """Export an artifact folder: the file, what was verified as lines and for JSON."""
-    from holdfast.export.exporting import export_artifact
-
-    say(f"exporting {artifact}")
-    path, report = export_artifact(artifact, out, hand=hand, report=say)
+    _report(f"exporting {args.artifact}")
+    path, report = export_artifact(
+        args.artifact, args.out, hand=_hand(args), report=_report
+    )
     lines = [f"{name}: {_agreement(head)}" for name, head in report.heads.items()]
     lines += [
         "one at a time equals a batch, bit for bit: "
         f"{report.single_rows} rows and {report.stream_samples} samples",
-        f"model: {path} ({report.bytes / 1e6:.1f} MB)",
+        _written(path, report.bytes),
     ]
-    return path, lines, asdict(report)
+    show_found(args, "\n".join(lines), {"model": path, **asdict(report)})
+    return 0
+
+
+def _written(model: Path, n_bytes: int) -> str:
+    return f"model: {model} ({n_bytes / 1e6:.1f} MB)"
 
 
 def _hand(args: argparse.Namespace) -> HandCard | None:
@@ -358,7 +359,7 @@ def _export_again(args: argparse.Namespace) -> int:
     base = read_sealed(args.artifact)
     data = changed(base, _hand(args), dict(args.rule), args.artifact)
     write_model(args.out, data)
-    lines = f"the same learner\nmodel: {args.out} ({len(data) / 1e6:.1f} MB)"
+    lines = f"the same learner\n{_written(args.out, len(data))}"
     show_found(args, lines, {"model": args.out, "bytes": len(data)})
     return 0
 
