@@ -100,12 +100,9 @@ def run(args: argparse.Namespace) -> int:
     shown = [*found.lines, "", *_picture(args), first, verdict]
     next_words = ("train", "--data") if checked.trainable else ("check",)
     shown.append(f"next: {command(*next_words, args.out)}")
-    words = {
-        "understood": found.lines,
-        "trials": reading.written,
-        "notes": reading.notes,
-    }
-    show_found(args, "\n".join(shown), {"out": str(args.out), **words})
+    words = {"understood": found.lines, "notes": reading.notes}
+    figures = {"out": str(args.out), "trials": reading.written, **words}
+    show_found(args, "\n".join(shown), figures)
     return 0
 
 

@@ -131,8 +131,8 @@ def read_log(path: Path, name: str) -> ForeignLog:
                     decoders[channel.id] = _decoder(channel.message_encoding, schema)
                 decode = decoders[channel.id]
                 if decode is not None:
-                    sent = messages.setdefault(channel.topic, [])
-                    sent.append((message.log_time, decode(message.data)))
+                    sent = message.log_time, decode(message.data)
+                    messages.setdefault(channel.topic, []).append(sent)
 
             file.seek(0)
             for record in NonSeekingReader(file).iter_metadata():

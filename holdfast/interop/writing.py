@@ -44,24 +44,23 @@ def write_csv(path: Path, trial: Trial) -> None:
 
 def decimals_of(values: FloatArray) -> int:
     """How many decimals all values need, of the nine that are kept."""
-    known = values[np.isfinite(values)]
-    digits = len(str(int(np.abs(known).max(initial=0.0))))
+    known = np.nan_to_num(values)
+    digits = len(str(int(np.abs(known).max())))
     most = min(MOST_DECIMALS, FLOAT_DIGITS - digits)
     exact = known.round(most)
-    fewer = (n for n in range(most) if (known.round(n) == exact).all())
-    return next(fewer, most)
+    return next(n for n in range(most + 1) if (known.round(n) == exact).all())
 
 
 def truth_of(trial: Trial, labels: np.ndarray) -> str:
     """The phases of a trial: runs of equal labels [T], "" for none."""
-    ends_s = np.append(trial.t_s, trial.t_s[-1] + 1.0 / trial.rate_hz).round(6)
+    ends_s = np.append(trial.t_s, trial.t_s[-1] + 1.0 / trial.rate_hz).round(6).tolist()
     changes = np.flatnonzero(labels[1:] != labels[:-1]) + 1
     phases = []
     for first, stop in pairwise([0, *changes, len(labels)]):
         if labels[first]:
-            times = {"t0_s": float(ends_s[first]), "t1_s": float(ends_s[stop])}
-            label = labels[first]
-            phases.append({**times, "label": label, "provenance": PROVENANCE})
+            times = {"t0_s": ends_s[first], "t1_s": ends_s[stop]}
+            label = {"label": labels[first], "provenance": PROVENANCE}
+            phases.append({**times, **label})
 
     return json.dumps({"phases": phases}, indent=1) + "\n"
 
@@ -103,8 +102,8 @@ def hand_card_text(plan: ImportMap, near: Path) -> str:
     for side, count in (("thumb", n_thumb), ("opposing", n_sensors - n_thumb)):
         for along_mm in np.linspace(FINGERS_AT_MM[0], FINGERS_AT_MM[-1], count):
             name = f"sensor-{len(sensors) + 1}"
-            place = {"name": name, "side": side, "along_mm": round(along_mm, 1)}
-            sensors.append(place)
+            at_mm = round(along_mm, 1)
+            sensors.append({"name": name, "side": side, "along_mm": at_mm})
 
     about = "Proposed by holdfast import: correct sides and places"
     name = f"imported-{n_sensors}-sensors"
