@@ -13,7 +13,8 @@ from itertools import groupby
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import FloatArray
+from holdfast.core.contract import FloatArray, channel_names
+from holdfast.core.trial_file import TIME_COLUMN
 
 Column = tuple[FloatArray, int]
 """Values [T] of a column, and the decimals with which they are written."""
@@ -47,6 +48,15 @@ def csv_bytes(header: Sequence[str], columns: Sequence[Column]) -> bytes:
     parts[-1][:, -1] = NEWLINE
     padded = np.hstack(parts).tobytes()
     return head + padded.translate(None, b" ")
+
+
+def trial_csv(
+    t_s: FloatArray, values: FloatArray, time_decimals: int, decimals: int
+) -> bytes:
+    """A trial file: times [T] and values [T, C]. Raises ValueError as `csv_bytes` does."""
+    header = [TIME_COLUMN, *channel_names(values.shape[1] // 3)]
+    channels = [(channel, decimals) for channel in values.T]
+    return csv_bytes(header, [(t_s, time_decimals), *channels])
 
 
 def _cells(values: FloatArray, decimals: int) -> Letters:

@@ -9,15 +9,15 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from holdfast.core.contract import FloatArray, Json, channel_names
+from holdfast.core.contract import FloatArray, Json
 from holdfast.core.hand_card import (
     FEWEST_SENSORS,
     FINGERS_AT_MM,
     MOST_SENSORS,
     find_hand_card,
 )
-from holdfast.core.table import csv_bytes
-from holdfast.core.trial_file import TIME_COLUMN, Trial
+from holdfast.core.table import trial_csv
+from holdfast.core.trial_file import Trial
 from holdfast.core.trial_layout import HAND_FILE, MASSES_KEY, META
 from holdfast.core.writing import write_whole
 from holdfast.interop.columns import words_of
@@ -35,11 +35,8 @@ THESIS_SENSORS = 6
 
 def write_csv(path: Path, trial: Trial) -> None:
     """The samples as the layout has them; a lost value is nan."""
-    names = channel_names(trial.raw.shape[1] // 3)
-    decimals = decimals_of(trial.raw)
-    columns = [(trial.t_s, decimals_of(trial.t_s))]
-    columns += [(values, decimals) for values in trial.raw.T]
-    write_whole(path, csv_bytes([TIME_COLUMN, *names], columns))
+    decimals = decimals_of(trial.t_s), decimals_of(trial.raw)
+    write_whole(path, trial_csv(trial.t_s, trial.raw, *decimals))
 
 
 def decimals_of(values: FloatArray) -> int:
