@@ -92,7 +92,8 @@ def _messages(trial: TrialPayload) -> Iterable[tuple[str, int, Json]]:
         yield "/situation", stamps[first], situation
 
     # JSON has no nan, so a lost value is None
-    values = np.where(np.isfinite(trial.values), trial.values, None)
+    values = trial.values.astype(object)
+    values[~np.isfinite(trial.values)] = None
     readings = values.reshape(len(stamps), -1, len(AXES)).tolist()
     for t_ns, of_row, valid in zip(stamps, readings, trial.valid.tolist(), strict=True):
         fingers: list[Json] = []
