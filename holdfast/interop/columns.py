@@ -375,7 +375,7 @@ def unit_of(names: Sequence[str], values: FloatArray, found: Touch) -> tuple[str
     rest = float(np.median(normal))
     change = float(np.nanquantile(np.abs(values[::7] - found.effects[0]), 0.99))
     sizes = f"at rest {rest:.3g}, changes of {change:.3g}"
-    is_whole = bool((np.nan_to_num(values) % 1 == 0).all())
+    is_whole = all((np.nan_to_num(one) % 1 == 0).all() for one in values.T)
     if FIELD.search(names[0]):
         return ("uT" if rest >= 1500.0 else ""), f"a field, {sizes}"
     if is_whole and np.nanmin(values) >= 0 and rest > change:
@@ -394,4 +394,4 @@ def channels(
 ) -> FloatArray:
     """[T, C] the readings of the sensors, without signs."""
     names = [name.removeprefix("-") for sensor in sensors for name in sensor.axes]
-    return np.stack([columns[name].astype(np.float64) for name in names], axis=1)
+    return np.stack([np.asarray(columns[name], float) for name in names], axis=1)

@@ -54,9 +54,14 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
     samples: list[Sample] = []
     tables: list[Sample] = []
     for number, place in enumerate(places, 1):
-        sample = _sample([place], read_log(place), answers)
+        # no more than one is in the memory
+        found.kept.clear()
+        found.kept[place.name] = read_log(place)
+        sample = _sample([place], found.kept[place.name], answers)
         (samples if sample.sensors else tables).append(sample)
         part(number / len(places))
+    if len(places) > 1:
+        found.kept.clear()
 
     unread = f"; not read: {listed(others, most=6)}" if others else ""
     found.add("logs", f"{len(samples)}{unread}")

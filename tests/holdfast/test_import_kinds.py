@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -161,6 +162,22 @@ def two_tables_on_a_sheet(logs: Path, trials: Trials) -> None:
         write_sheet(logs / f"{name}.xlsx", rows)
 
 
+def quoted_commas_over_noon_until_a_power_cut(logs: Path, trials: Trials) -> None:
+    noon = datetime(2026, 11, 28, 12)
+    for name, one in zip(names_of(len(trials)), trials, strict=True):
+        first = [f'"{noon + timedelta(seconds=t - 2):%I:%M:%S.%f %p}' for t in one.t_s]
+        path = write_text(
+            logs / f"{name}.csv",
+            ['"time', *axes(5), 'end"'],
+            one.values,
+            separator='","',
+            decimal=",",
+            first=first,
+            texts=['"'] * len(first),
+        )
+        path.write_bytes(path.read_bytes() + bytes(300))
+
+
 READINGS = {
     write.__name__: write
     for write in (
@@ -168,6 +185,7 @@ READINGS = {
         vectors_in_brackets, millinewtons_with_commas, units_below_the_names, over_midnight,
         shear_and_normal, normals_last, sorted_as_text, bursts, whole_seconds,
         a_file_for_each_finger, two_tables_on_a_sheet,
+        quoted_commas_over_noon_until_a_power_cut,
     )
 }  # fmt: skip
 
