@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from live_bench import DEFAULT, ROOT, run_on
+from live_bench import ROOT, TINY, run_on
 
 from holdfast.cli.main import main
 from holdfast.core.errors import UsageError
@@ -47,9 +47,9 @@ count = 5
 
 @pytest.fixture(scope="module")
 def two_pads(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The default model's learner, in a file for the gripper."""
+    """The tiny model's learner, in a file for the gripper."""
     out = tmp_path_factory.mktemp("gripper") / "two-pads.onnx"
-    words = ["export", str(DEFAULT), "--hand", "two-pad-gripper", "--out", str(out)]
+    words = ["export", str(TINY), "--hand", "two-pad-gripper", "--out", str(out)]
     assert main(words) == 0
     return out
 

@@ -54,7 +54,7 @@ def pulls_and_passes(tmp_path_factory):
     @cache
     def at(rate_hz):
         folder = tmp_path_factory.mktemp("apple")
-        card = replace(read_scene_file("apple", rate_hz=rate_hz), step_s=0.003)
+        card = replace(read_scene_file("apple", rate_hz=rate_hz), step_s=0.0067)
         scene = Scene(card, 7)
         of = {
             action: [one for one in scene.trials() if one.action == action][:16]
