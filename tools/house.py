@@ -59,6 +59,11 @@ rules = AnswerRules.of(model.card.decision)
 make = managed(scene, Holdfast, None, rules, Limits())
 assert run_loops(scene, scene.trials(1), model, make)
 """
+FEW = """
+from holdfast.training import fitting
+fitting.FIXTURE_TRIALS = 1
+"""
+"""A small set: the walk loads the same modules."""
 TRAIN = ["train", "--learner", "forest", "--size", "tiny", "--out", "made"]
 EXPORT = ["export", "made", "--out", "made.onnx"]
 WALKS = {
@@ -66,7 +71,7 @@ WALKS = {
     "fed_monitor": MONITOR,
     "live_run": VERBS.format([[*RUN, "--seconds", "0.5"]]),
     "closed_loop": COARSE + LOOP,
-    "train_and_export": VERBS.format([TRAIN, EXPORT]),
+    "train_and_export": FEW + VERBS.format([TRAIN, EXPORT]),
 }
 """The name of a walk in the budget -> a program that loads what it needs."""
 

@@ -245,7 +245,6 @@ def test_a_hand_in_a_scene_holds_where_commands_stay_away(tmp_path):
 # -- what cannot be
 
 
-TINY = ROOT / "models" / "holdfast-150hz-tiny.onnx"
 WRONG_OPTIONS = {
     "--grip tcp://x:1": "is not an address",
     "--to best": "FILE.jsonl",
@@ -261,8 +260,7 @@ WRONG_OPTIONS = {
 
 @pytest.mark.parametrize("typed", WRONG_OPTIONS)
 def test_an_option_that_cannot_be_is_one_line_and_exit_code_2(run, typed):
-    # the smallest model: each of these opens one
-    code, _, err = run("run", TINY, *RUN[5:], *typed.split())
+    code, _, err = run(*RUN[3:], *typed.split())
     assert code == 2
     assert WRONG_OPTIONS[typed] in err
     assert err.count("\n") == 1

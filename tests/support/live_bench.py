@@ -35,11 +35,11 @@ RUN = [
     "-m",
     "holdfast",
     "run",
-    str(DEFAULT),
+    str(TINY),
     "--source",
     "virtual://ft232h",
 ]
-"""The command line on the default model and a virtual hand at rest."""
+"""The command line on the tiny model and a virtual hand at rest."""
 
 
 @pytest.fixture(scope="session")
