@@ -47,7 +47,8 @@ Rows = dict[str, dict[str, Any]]
 
 @pytest.fixture(scope="module", autouse=True)
 def in_long_steps() -> Iterator[None]:
-    """Trials are simulated in steps of a sample, and at no faster rate than they are read."""
+    """Trials are simulated in steps of a sample, and at no faster rate than they are read; a step
+    is timed for a second."""
 
     def card(name: str, rate_hz: float) -> SceneFile:
         return replace(read_scene_file(name, rate_hz=rate_hz), step_s=1 / rate_hz)
@@ -55,6 +56,8 @@ def in_long_steps() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(recordings, "read_scene_file", card)
         patched.setattr(recordings, "FASTEST_HZ", 150.0)
+        timed = partial(surface.time_deployed, seconds=1.0)
+        patched.setattr(surface, "time_deployed", timed)
         yield
 
 

@@ -38,7 +38,7 @@ close_at_s = 0.8
 hold_s = 1.5
 peak_n = 10
 lasts_s = 0.2
-after_s = 2
+after_s = 0.8
 [effects.brush]
 count = 5
 [effects.dipole]
@@ -76,7 +76,7 @@ def test_a_tug_at_a_gripper_of_two_pads_is_held_by_the_commands(
     gain = shear_gain_of(url, None) or 1.0
     control = controller_for(controller, model.card, print, shear_gain=gain)
     grip = open_grip("virtual?lag_ms=50", control, 150.0, url, clock, print)
-    run_on(grip, model, url, 4.0, clock)
+    run_on(grip, model, url, 3.2, clock)
     assert grip.scene is not None
     outcome = grip.scene.outcome()
     assert outcome.kept == kept

@@ -63,17 +63,11 @@ def test_every_window_is_answered_by_a_forest_that_never_saw_its_person(
     data, features, _ = small
     people = np.unique(data.group_of("situations"), return_inverse=True)[1]
     rows = data.tasks["situations"]
-    named = DataSet(
-        **{
-            **vars(data),
-            "tasks": {
-                "situations": type(rows)(rows.trial, rows.row, people, rows.classes)
-            },
-        }
-    )
-    votes = cross_validate(named, {"situations": features["situations"]}, PLAN).votes[
-        "situations"
-    ]
+    tasks = {"situations": replace(rows, label=people)}
+    named = replace(data, tasks=tasks)
+    two = replace(PLAN, situation=replace(FEW, n_estimators=2))
+    given = {"situations": features["situations"]}
+    votes = cross_validate(named, given, two).votes["situations"]
     assert not votes[np.arange(len(votes)), people].any()
 
 
