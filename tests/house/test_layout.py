@@ -6,7 +6,6 @@ import os
 import subprocess
 import sys
 import tarfile
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -47,15 +46,16 @@ def unpacked_sdist(folder: Path) -> Path:
     return tree
 
 
-@pytest.fixture(scope="module", params=[without_links, unpacked_sdist])
-def tree(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> Path:
-    """A tree of the project without links."""
-    if not IN_GIT and request.param is not unpacked_sdist:
+@pytest.fixture(scope="module")
+def sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return unpacked_sdist(tmp_path_factory.mktemp("sdist"))
+
+
+@pytest.fixture(scope="module")
+def clone(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    if not IN_GIT:
         pytest.skip("needs the repository")
-    make: Callable[[Path], Path] = request.param
-    return make(tmp_path_factory.mktemp(make.__name__))
+    return without_links(tmp_path_factory.mktemp("clone"))
 
 
 def python(tree: Path, *words: str) -> str:
@@ -86,7 +86,11 @@ print(holdfast.load("holdfast-150hz").card.model_id)
 """
 
 
-def test_a_tree_without_links_trains_exports_and_answers(tree: Path) -> None:
+@pytest.mark.parametrize("name", ["clone", "sdist"])
+def test_a_tree_without_links_trains_exports_and_answers(
+    name: str, request: pytest.FixtureRequest
+) -> None:
+    tree: Path = request.getfixturevalue(name)
     assert not any((tree / name).is_dir() for name in LINKS)
     *helped, file, model_id = python(tree, "-c", PROGRAM).splitlines()
     assert [line.split()[0] for line in helped if "usage:" in line] == ["usage:"] * 2
@@ -94,9 +98,9 @@ def test_a_tree_without_links_trains_exports_and_answers(tree: Path) -> None:
     assert len(model_id) == 12
 
 
-def test_a_tree_without_links_has_its_tests(tree: Path) -> None:
+def test_the_source_archive_has_its_tests(sdist: Path) -> None:
     words = ("-m", "pytest", "-q", "-p", "no:cacheprovider")
-    printed = python(tree, *words, "tests/edge_runtime/test_decision.py")
+    printed = python(sdist, *words, "tests/edge_runtime/test_decision.py")
     assert " passed" in printed
 
 
