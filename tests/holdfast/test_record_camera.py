@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 from pathlib import Path
 
 import pytest
 from drawn_frames import two_sizes
+from grip_bench import until
 from recorder_bench import errors_in, meta_of, start, wait_for
 
 from holdfast.cli.main import main
 from holdfast.core.trial_file import read_trial
 from holdfast.drivers.camera.recording import read_about
 
-LATEST_S = 300.0
-
 
 def words_of(folder: Path) -> list[object]:
     """The recorder on a virtual hand, and more frames than a short trial takes to be read."""
-    film = two_sizes(folder / "long.frames.npz", n=1500)
+    film = two_sizes(folder / "long.frames.npz", n=900)
     source = ["--source", "virtual://ft232h", "--camera", film]
     return [*source, *one_pull_in(folder)]
 
@@ -78,10 +76,7 @@ def test_a_camera_outlives_no_recorder_that_was_killed(tmp_path):
         (camera,) = children(run.pid)
         run.kill()
         run.communicate(timeout=300)
-    until_s = time.monotonic() + LATEST_S
-    while runs(camera) and time.monotonic() < until_s:
-        os.sched_yield()
-    assert not runs(camera)
+    until(lambda: not runs(camera))
     assert meta_of(trial_in(tmp_path))["state"] == "recording"
 
 
