@@ -193,6 +193,16 @@ def test_check_of_foreign_logs_proposes_the_import(run: Run, tmp_path: Path) -> 
     assert f"holdfast import {tmp_path}/own --out {tmp_path}/own-trials" in out
 
 
+@pytest.mark.parametrize("name, is_log", [("metadata.yaml", True), ("a.jpg", False)])
+def test_check_proposes_the_import_of_a_bag_and_not_of_pictures(
+    run: Run, tmp_path: Path, name: str, is_log: bool
+) -> None:
+    (tmp_path / name).write_text("rosbag2_bagfile_information: {}\n")
+    code, out, _ = run("check", tmp_path)
+    assert code == 3
+    assert ("holdfast import" in out) == is_log
+
+
 def test_a_folder_is_read_in_the_order_of_its_numbers_and_names_what_is_no_log(
     tmp_path: Path,
 ) -> None:
