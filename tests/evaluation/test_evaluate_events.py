@@ -142,16 +142,15 @@ def test_outputs_and_figures_are_those_of_the_monitor_at_each_sample(
     for one in run_model(model, data):
         of = one.recording
         monitor = GripMonitor(model, None)
-        answers = []
-        for t, (values, valid) in enumerate(zip(of.samples, of.valid, strict=True)):
-            sample = Sample(round(t * 1e9 / of.rate_hz), values, valid, t)
-            answers.append(monitor.feed(sample))
+        answers = [
+            monitor.feed(Sample(round(t * 1e9 / of.rate_hz), values, valid, t))
+            for t, (values, valid) in enumerate(zip(of.samples, of.valid, strict=True))
+        ]
         states = np.array(("unknown", *SITUATIONS))[one.situation + 1]
         assert [answer.state for answer in answers] == states.tolist()
-        p_grasp = np.array([answer.p_situation["grasp"] for answer in answers])
+        p_grasp = [answer.p_situation["grasp"] for answer in answers]
         np.testing.assert_allclose(p_grasp, one.p_situation[:, 1], rtol=1e-6)
-        acts = np.array([answer.act for answer in answers])
-        matches.append(match_alarms(of, acts))
+        matches.append(match_alarms(of, np.array([answer.act for answer in answers])))
         assert ((one.eight == NO_CLASS) == (one.situation == UNKNOWN)).all()
     expected = event_scores(matches)
     _, of_fixture = evaluated[0]["sets"].values()

@@ -17,7 +17,7 @@ import pytest
 from grip_bench import UnixReceiver
 from hazard_marks import DEAD_LOG, LOST_SENSOR, NO_GRIP_COMMAND, RUN_DIES
 from live_bench import ROOT, RUN, closing_output, run_on
-from packages import package_of
+from packages import loaded_by
 
 from holdfast.core.contract import GripCommand
 from holdfast.core.errors import ChannelError, UsageError
@@ -295,11 +295,7 @@ def test_a_model_for_another_number_of_fingers_is_refused(model):
 
 
 def test_a_run_that_moves_a_real_hand_loads_no_simulation():
-    code = "import sys, holdfast.live.grip; print(*sys.modules)"
-    done = subprocess.run(
-        [RUN[0], "-c", code], cwd=ROOT, capture_output=True, text=True
-    )
-    loaded = {package_of(name) for name in done.stdout.split()}
+    loaded = loaded_by("import holdfast.live.grip")
     assert "edge_runtime" in loaded
     assert (
         loaded & {"simulation", "training", "export", "evaluation", "scipy", "sklearn"}

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-from live_bench import ROOT, TINY, run_on
+from command_line import Run
+from live_bench import TINY, run_on
 
 from holdfast.cli.main import main
 from holdfast.core.errors import UsageError
@@ -85,22 +84,14 @@ def test_a_tug_at_a_gripper_of_two_pads_is_held_by_the_commands(
 
 
 def test_a_run_names_the_gripper_commands_it_and_ends_with_its_scene(
-    two_pads: Path, tug: Path
+    run: Run, two_pads: Path, tug: Path
 ) -> None:
-    words = [sys.executable, "-m", "holdfast", "run", str(two_pads), "--source"]
-    words += [scene_url(tug, 102), "--grip", "virtual", "--to", "none"]
-    done = subprocess.run(
-        words,
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert "hand: two-pad-gripper, 2 sensors" in done.stderr
-    assert "the scene has ended; samples: " in done.stderr
-    assert "scene: " in done.stderr
+    words = ("--source", scene_url(tug, 102), "--grip", "virtual", "--to", "none")
+    code, _, err = run("run", two_pads, *words)
+    assert code == 0, err
+    assert "hand: two-pad-gripper, 2 sensors" in err
+    assert "the scene has ended; samples: " in err
+    assert "scene: " in err
 
 
 WRONG = {

@@ -75,6 +75,16 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str
     return {**os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": ""}
 
 
+def python(
+    installed: dict[str, str], folder: Path, *words: str
+) -> subprocess.CompletedProcess[str]:
+    """Python in this environment alone."""
+    command = [sys.executable, "-S", *words]
+    return subprocess.run(
+        command, cwd=folder, env=installed, capture_output=True, text=True
+    )
+
+
 def test_the_wheel_puts_one_name_into_site_packages(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as packed:
         names = packed.namelist()
@@ -104,10 +114,7 @@ def test_the_readmes_program_runs_as_printed_where_only_the_live_path_is(
 ) -> None:
     readme = (ROOT / "README.md").read_text("utf-8")
     (program,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
-    command = [sys.executable, "-S", "-c", f"{program}print(answer.sequence)"]
-    done = subprocess.run(
-        command, cwd=tmp_path, env=installed, capture_output=True, text=True
-    )
+    done = python(installed, tmp_path, "-c", f"{program}print(answer.sequence)")
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == "149"
 
@@ -131,10 +138,7 @@ def test_a_command_works_or_names_an_extra(
     code: int,
     says: str,
 ) -> None:
-    command = [sys.executable, "-S", "-m", "holdfast", *words]
-    done = subprocess.run(
-        command, cwd=tmp_path, env=installed, capture_output=True, text=True
-    )
+    done = python(installed, tmp_path, "-m", "holdfast", *words)
     assert done.returncode == code, done.stderr
     assert says in done.stderr
 
@@ -144,12 +148,9 @@ def test_a_conversion_needs_the_extra_of_its_format_and_no_other(
     installed: dict[str, str], tmp_path: Path, form: str
 ) -> None:
     write_lossy_set(tmp_path / "trials")
-    words = ("convert", "trials", "--to", form, "--out", f"made-{form}")
-    command = [sys.executable, "-S", "-m", "holdfast", *words]
-
-    bare = subprocess.run(
-        command, cwd=tmp_path, env=installed, capture_output=True, text=True
-    )
+    words = ("-m", "holdfast", "convert", "trials", "--to", form)
+    words += ("--out", f"made-{form}")
+    bare = python(installed, tmp_path, *words)
     assert bare.returncode == 6, bare.stderr
     assert f"pip install 'holdfast[{form}]'" in bare.stderr
 
@@ -162,9 +163,7 @@ def test_a_conversion_needs_the_extra_of_its_format_and_no_other(
             if found.exists():
                 (extra / found.name).symlink_to(found)
     with_extra = {**installed, "PYTHONPATH": f"{installed['PYTHONPATH']}:{extra}"}
-    done = subprocess.run(
-        command, cwd=tmp_path, env=with_extra, capture_output=True, text=True
-    )
+    done = python(with_extra, tmp_path, *words)
     assert done.returncode == 0, done.stderr
     assert any((tmp_path / f"made-{form}").iterdir())
 
