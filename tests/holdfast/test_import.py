@@ -193,7 +193,9 @@ def test_check_of_foreign_logs_proposes_the_import(run: Run, tmp_path: Path) -> 
     assert f"holdfast import {tmp_path}/own --out {tmp_path}/own-trials" in out
 
 
-@pytest.mark.parametrize("name, is_log", [("metadata.yaml", True), ("a.jpg", False)])
+@pytest.mark.parametrize(
+    ("name", "is_log"), [("metadata.yaml", True), ("a.jpg", False)]
+)
 def test_check_proposes_the_import_of_a_bag_and_not_of_pictures(
     run: Run, tmp_path: Path, name: str, is_log: bool
 ) -> None:

@@ -122,7 +122,6 @@ def test_the_readmes_program_runs_as_printed_where_only_the_live_path_is(
 @pytest.mark.parametrize(
     ("words", "code", "says"),
     [
-        ((*VIRTUAL, "--seconds", "0.2"), 0, "samples"),
         ((*VIRTUAL, "--grip", "virtual", "--seconds", "0.2"), 0, "obeys its wearer"),
         ((*VIRTUAL, "--seconds", "0.2", "--to", "view"), 0, "samples"),
         (("scan", "virtual://ft232h"), 0, ""),
