@@ -13,6 +13,7 @@ import tempfile
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -100,16 +101,17 @@ class Size:
 def size_of(folders: Sequence[str]) -> Size:
     """The size of all Python files below some folders of the checkout."""
     files = [path for one in folders for path in sorted((ROOT / one).rglob("*.py"))]
-    texts = [path.read_text("utf-8") for path in files]
-    lines = [text.count("\n") for text in texts]
-    nodes = [node for text in texts for node in ast.walk(ast.parse(text))]
-    return Size(
-        files=len(files),
-        lines=sum(lines),
-        nodes=len(nodes),
-        comprehensions=sum(isinstance(node, COMPREHENSIONS) for node in nodes),
-        most_lines=max(lines),
-    )
+    lines, nodes, comprehensions = zip(*map(_counted, files), strict=True)
+    return Size(len(files), sum(lines), sum(nodes), sum(comprehensions), max(lines))
+
+
+@cache
+def _counted(file: Path) -> tuple[int, int, int]:
+    """Lines, nodes and comprehensions of a file."""
+    text = file.read_text("utf-8")
+    nodes = list(ast.walk(ast.parse(text)))
+    comprehensions = sum(isinstance(node, COMPREHENSIONS) for node in nodes)
+    return text.count("\n"), len(nodes), comprehensions
 
 
 def modules_loaded(program: str, folder: Path) -> int:

@@ -38,7 +38,7 @@ from holdfast.export.spec import StepSpec
 from holdfast.simulation.scene_file import SceneFile, read_scene_file
 from holdfast.training.recording import DataSet
 
-SMALL = {"train": ("thesis", 10, 0), "choose": ("daily", 3, 1), "ask": ("daily", 6, 2)}
+SMALL = {"train": ("thesis", 10, 0), "choose": ("daily", 2, 1), "ask": ("daily", 4, 2)}
 CHOSEN = (Point(), Point(debounce=2), Point(look_back_s=0.05), Point(groups=POOLED))
 THUMB: BoolArray = np.arange(6) < 2
 TIMES = ("hot_us", "step_us")
@@ -56,8 +56,8 @@ def in_long_steps() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(recordings, "read_scene_file", card)
         patched.setattr(recordings, "FASTEST_HZ", 150.0)
-        timed = partial(surface.time_deployed, seconds=1.0)
-        patched.setattr(surface, "time_deployed", timed)
+        timed = "time_deployed"
+        patched.setattr(surface, timed, partial(surface.time_deployed, seconds=1.0))
         yield
 
 

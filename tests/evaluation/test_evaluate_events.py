@@ -129,14 +129,21 @@ def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "set"
 
 
+@pytest.fixture(scope="module")
+def made_up(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("made-up")
+    write_fixture(folder / "set", trials_per_cell=1, seed=4)
+    return folder / "set"
+
+
 # -- what a model answered, and what the truth is
 
 
 def test_outputs_and_figures_are_those_of_the_monitor_at_each_sample(
-    eight_classes: Built, evaluated: tuple[dict[str, Any], str]
+    eight_classes: Built, made_up: Path, evaluated: tuple[dict[str, Any], str]
 ) -> None:
     model = Model(eight_classes.model)
-    data = load(eight_classes.fixture, windows="natural")
+    data = load(made_up, windows="natural")
     assert model.card.decision == RULES
     matches = []
     for one in run_model(model, data):
@@ -153,8 +160,8 @@ def test_outputs_and_figures_are_those_of_the_monitor_at_each_sample(
         matches.append(match_alarms(of, np.array([answer.act for answer in answers])))
         assert ((one.eight == NO_CLASS) == (one.situation == UNKNOWN)).all()
     expected = event_scores(matches)
-    _, of_fixture = evaluated[0]["sets"].values()
-    got = of_fixture["rows"]["ours, as deployed"]
+    (*_, of_set) = evaluated[0]["sets"].values()
+    got = of_set["rows"]["ours, as deployed"]
     assert got["found"] == expected.found > 0
     assert got["false_alarms"] == expected.false_alarms
     assert got["already_on"] == expected.already_on
@@ -335,13 +342,16 @@ def test_unknown_samples_change_no_state_and_are_answers_withheld() -> None:
 
 @pytest.fixture(scope="module")
 def evaluated(
-    eight_classes: Built, scenes: Path, tmp_path_factory: pytest.TempPathFactory
+    eight_classes: Built,
+    scenes: Path,
+    made_up: Path,
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> tuple[dict[str, Any], str]:
     """Figures and report of a small model on a made-up set and on scenes, its confidence chosen on
     another set."""
     out = tmp_path_factory.mktemp("evaluated")
     write_fixture(out / "choose", trials_per_cell=1, seed=3)
-    words = ["evaluate", eight_classes.model, "--data", scenes, eight_classes.fixture]
+    words = ["evaluate", eight_classes.model, "--data", scenes, made_up]
     words += ["--choose", out / "choose", "--train", out / "choose"]
     words += ["--false-per-min", 2]
     words += ["--json", out / "figures.json", "--report", out / "report.html"]

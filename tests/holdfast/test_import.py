@@ -14,7 +14,6 @@ import pytest
 from command_line import Run, fails, imported
 from foreign_logs import axes, made, write_sheet, write_text
 
-from holdfast.cli import importing
 from holdfast.cli.main import main
 from holdfast.core.errors import LibraryMissing
 from holdfast.interop.logs import find_logs
@@ -220,7 +219,6 @@ def test_a_folder_is_read_in_the_order_of_its_numbers_and_names_what_is_no_log(
 def test_a_terminal_is_asked_and_no_is_no(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(importing, "_picture", lambda args: [])
     logs(tmp_path / "logs")
     for path in (tmp_path / "logs").iterdir():
         path.rename(path.with_name(path.name.replace("_slip", "")))

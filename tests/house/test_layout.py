@@ -90,10 +90,10 @@ print(holdfast.load("holdfast-150hz").card.model_id)
 def test_a_tree_without_links_trains_exports_and_answers(
     name: str, request: pytest.FixtureRequest
 ) -> None:
-    tree: Path = request.getfixturevalue(name)
+    tree = request.getfixturevalue(name)
     assert not any((tree / name).is_dir() for name in LINKS)
     *helped, file, model_id = python(tree, "-c", PROGRAM).splitlines()
-    assert [line.split()[0] for line in helped if "usage:" in line] == ["usage:"] * 2
+    assert str(helped).count("usage:") == 2
     assert Path(file).is_relative_to(tree)
     assert len(model_id) == 12
 

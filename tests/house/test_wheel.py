@@ -147,8 +147,8 @@ def test_a_conversion_needs_the_extra_of_its_format_and_no_other(
     installed: dict[str, str], tmp_path: Path, form: str
 ) -> None:
     write_lossy_set(tmp_path / "trials")
-    words = ("-m", "holdfast", "convert", "trials", "--to", form)
-    words += ("--out", f"made-{form}")
+    out = f"made-{form}"
+    words = ("-m", "holdfast", "convert", "trials", "--to", form, "--out", out)
     bare = python(installed, tmp_path, *words)
     assert bare.returncode == 6, bare.stderr
     assert f"pip install 'holdfast[{form}]'" in bare.stderr
@@ -164,7 +164,7 @@ def test_a_conversion_needs_the_extra_of_its_format_and_no_other(
     with_extra = {**installed, "PYTHONPATH": f"{installed['PYTHONPATH']}:{extra}"}
     done = python(with_extra, tmp_path, *words)
     assert done.returncode == 0, done.stderr
-    assert any((tmp_path / f"made-{form}").iterdir())
+    assert any((tmp_path / out).iterdir())
 
 
 def test_every_extra_that_a_message_names_is_one_of_the_wheels() -> None:

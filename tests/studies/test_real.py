@@ -53,9 +53,8 @@ def six(real_set: Callable[[str], Path]) -> DataSet:
 
 
 @pytest.fixture(scope="module")
-def whole(real_set: Callable[[str], Path]) -> DataSet:
+def whole(six: DataSet) -> DataSet:
     """All taxels, as the methods keep them."""
-    real_set("human_slip_uskin")
     return Method(CLOCK_PLAN, channels=48).data()
 
 
