@@ -26,8 +26,8 @@ from holdfast.live.sources import open_live
 ROOT = Path(__file__).resolve().parents[2]
 AnyOutput = TypeVar("AnyOutput", bound=Output)
 DEFAULT = ROOT / "models" / "holdfast-150hz.onnx"
+# of fewer trees, quicker to open
 TINY = ROOT / "models" / "holdfast-150hz-tiny.onnx"
-"""The same by fewer trees, quicker to open."""
 
 
 RUN = [
