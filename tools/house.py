@@ -161,8 +161,10 @@ def size_figures() -> dict[str, dict[str, float]]:
 def main() -> None:
     """Print every figure beside its limit."""
     figures, limits = size_figures(), budget()
+    walks: dict[str, float] = {}
     with tempfile.TemporaryDirectory() as folder:
-        walks = {name: modules_loaded(WALKS[name], Path(folder)) for name in WALKS}
+        for name, program in WALKS.items():
+            walks[name] = modules_loaded(program, Path(folder))
     for section, named in [*figures.items(), ("walks", walks)]:
         for name, figure in named.items():
             label = f"{section} {name}"
