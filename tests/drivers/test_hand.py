@@ -144,8 +144,10 @@ def test_a_late_reply_never_answers_the_next_question():
 
 @CORRUPT_READING.mark
 def test_a_wire_that_flips_bits_costs_readings_and_the_hand_is_whole_afterwards():
-    found = bad(started("noise@1+2").read_for(4.0))
-    assert len(found) > 3
+    readings = started("noise@1+2").read_for(4.0)
+    found = bad(readings)
+    # of two seconds, a flipped bit costs the readings it strikes and no more
+    assert 3 < len(found) < len(readings) / 8
     assert found[0].t_ns >= 1e9
     assert found[-1].t_ns < 3.2e9
 
