@@ -2,9 +2,9 @@
 # # From your recordings to a judged model
 #
 # Logs of another program, as they come: semicolons, decimal commas, milliseconds, one file a trial,
-# and a table of events. Four commands make a model of them: `import`, `check`, `train`, `export`.
-# The logs are written here from a few **simulated** trials, far too few for a good model: the
-# figures show how it works, not how well. What each command can do more: [your own
+# and a table of events. Two commands make a model of them, `import` and `train`; `check` says what
+# is missing. The logs are written here from a few **simulated** trials, far too few for a good
+# model: the figures show how it works, not how well. What each command can do more: [your own
 # recordings](../your-data.md). Terms: [glossary](../glossary.md).
 #
 # ## The logs
@@ -102,7 +102,6 @@ command = (
     "train --data trials --learner forest --size tiny --out model --report train.html"
 )
 assert main(command.split()) == 0
-assert main(["export", "model", "--out", "holdfast.onnx"]) == 0
 
 # %% [markdown]
 # ## A judged model: answers on a person that it has never seen
@@ -110,17 +109,18 @@ assert main(["export", "model", "--out", "holdfast.onnx"]) == 0
 # Whether each slip was called in time, and each hand-over left alone, trial by trial.
 
 # %%
-main(["evaluate", "holdfast.onnx", "--data", "unseen", "--report", "evaluate.html"])
+model = "model/holdfast.onnx"
+main(["evaluate", model, "--data", "unseen", "--report", "evaluate.html"])
 
 # %% [markdown]
 # A line a sample: the truth beside the answer.
 
 # %%
 data = load(Path("unseen"), windows="natural")
-answers = evaluation.to_frame(evaluation.run_model(Model("holdfast.onnx"), data))
+answers = evaluation.to_frame(evaluation.run_model(Model(model), data))
 pd.crosstab(answers["truth"], answers["state"])
 
 # %% [markdown]
 # Next: more people, more objects, and both kinds of slips of each ([how to
 # record](../recording-and-study.md)). Then run it on the hand:
-# `holdfast run holdfast.onnx --source URL` ([live page](../on-a-hand.md#the-live-page)).
+# `holdfast run model/holdfast.onnx --source URL` ([live page](../on-a-hand.md#the-live-page)).

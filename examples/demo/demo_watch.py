@@ -56,7 +56,7 @@ def show(one: StreamPicture) -> None:
         [phase.situation for phase in one.phases],
         [phase.stop - phase.first for phase in one.phases],
     )
-    meaning = MEANING[one.recording.action]
+    meaning = MEANING[str(one.recording.action)]
     answered = list(_letters(one, one.answer))
     for k, acts in enumerate(_columns(one, _begin(one.acts))):
         answered[k] = "!" if acts.any() else answered[k]

@@ -23,6 +23,7 @@ from holdfast.core.writing import require_new, whole_folder, write_whole
 
 if TYPE_CHECKING:
     from holdfast.interop.understood import Understood
+    from holdfast.training.progress import Part
 
 ANSWERS = {
     "action": (
@@ -71,17 +72,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Say what was understood, ask what is left, then write all trials, or none."""
+    from holdfast.training.progress import Stages
+
     require_new(args.out)
-    found = _understood(args)
+    begin = Stages()
+    begin(f"looking at {args.source}")
+    found = _understood(args, begin.part)
     from holdfast.interop.trials import TrialImport
     from holdfast.interop.writing import write_beside
     from holdfast.training.check import examine, report_lines
-    from holdfast.training.progress import Stages
 
     with whole_folder(args.out) as folder:
-        begin = Stages()
-        begin(f"reading {args.source}")
-        reading = TrialImport(folder)
+        begin(f"writing {args.out}")
+        reading = TrialImport(folder, found.kept)
         for plan, files in found.plans:
             reading.take(args.source, plan, files, begin.part)
         write_beside(folder, found.plans[0][0], args.map or args.out, reading.written)
@@ -92,19 +95,18 @@ def run(args: argparse.Namespace) -> int:
             if _typed("import this? [y/N]").lower() not in ("y", "yes"):
                 _refuse(args, found, "no trial is written yet", "--yes")
 
-    first, *_, verdict = report_lines(examine(args.out))
+    checked = examine(args.out)
+    first, *_, verdict = report_lines(checked)
     shown = [*found.lines, "", *_picture(args), first, verdict]
-    shown.append(f"next: {command('check', args.out)}")
-    words = {
-        "understood": found.lines,
-        "trials": reading.written,
-        "notes": reading.notes,
-    }
-    show_found(args, "\n".join(shown), {"out": str(args.out), **words})
+    next_words = ("train", "--data") if checked.trainable else ("check",)
+    shown.append(f"next: {command(*next_words, args.out)}")
+    words = {"understood": found.lines, "notes": reading.notes}
+    figures = {"out": str(args.out), "trials": reading.written, **words}
+    show_found(args, "\n".join(shown), figures)
     return 0
 
 
-def _understood(args: argparse.Namespace) -> Understood:
+def _understood(args: argparse.Namespace, part: Part) -> Understood:
     """What the logs are, with every question answered. Raises UsageError where one is left."""
     from holdfast.interop.map import read_import_map
     from holdfast.interop.understand import of_map, understand
@@ -114,7 +116,7 @@ def _understood(args: argparse.Namespace) -> Understood:
         return of_map(args.source, read_import_map(args.map))
     while True:
         given = {key: getattr(args, key) for key in (*ANSWERS, "rate", "normal")}
-        found = understand(args.source, Answers(**given))
+        found = understand(args.source, Answers(**given), part)
         if not found.questions:
             return found
         show("\n".join(found.lines))

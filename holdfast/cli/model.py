@@ -1,7 +1,8 @@
 """From recordings to a model file: `holdfast train` and `holdfast export`.
 
-`train --data SET .. --out DIR` writes an artifact for export. Without arguments it trains on the
-small generated fixture, into build/default. An artifact is replaced only with --force.
+`train --data SET .. --out DIR` writes an artifact and exports it: DIR/holdfast.onnx is ready to
+run. Without arguments it trains on the small generated fixture, into build/default. An artifact is
+replaced only with --force.
 
 `export DIR --out FILE` turns an artifact into one verified, sealed file; without arguments
 build/default. Nothing is written unless file and reference agree. A file in the artifact's folder
@@ -66,7 +67,7 @@ def add_train_arguments(parser: argparse.ArgumentParser) -> None:
         type=path_argument,
         default=DEFAULT_OUT,
         metavar="DIR",
-        help="artifact folder (default build/default)",
+        help="folder of the artifact and of its model file (default build/default)",
     )
     parser.add_argument(
         "--force",
@@ -87,9 +88,6 @@ def add_train_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _choose_recordings(parser: argparse.ArgumentParser) -> None:
     """The options of which recordings are read, and how they are held out."""
-    parser.add_argument(
-        "--groups", type=int, metavar="K", help="use K people (or blocks) only"
-    )
     parser.add_argument(
         "--rate",
         type=positive,
@@ -145,7 +143,7 @@ def run_train(args: argparse.Namespace) -> int:
     from holdfast.core.contract import CANNOT_TELL, not_learned_in_words
     from holdfast.core.errors import command
     from holdfast.training.metrics import situation_lines, with_interval
-    from holdfast.training.progress import Stages
+    from holdfast.training.progress import Stages, ignored
 
     require_json_writable(args)
     # A report that cannot be written is refused before the training.
@@ -155,10 +153,11 @@ def run_train(args: argparse.Namespace) -> int:
     progress = Stages()
     progress("loading the libraries")
     # Imported within the stage: loading the libraries takes seconds, and is shown.
+    from holdfast.export.exporting import export_artifact
     from holdfast.training.fitting import train_on_sets
 
     # With --json on stdout nothing else may stand there.
-    describe = _quiet if args.json == STDOUT else show
+    describe = ignored if args.json == STDOUT else show
     data, trained = train_on_sets(_request(args), progress, describe)
     figures = trained.figures
     if args.report is not None:
@@ -166,6 +165,10 @@ def run_train(args: argparse.Namespace) -> int:
 
         progress("drawing the report")
         write_training_report(args.report, data, trained, args.out)
+
+    # after the report, which took the work: a failed export is repeated by `holdfast export`
+    progress("exporting")
+    model, exported = export_artifact(args.out, report=progress)
 
     held_out = f"held out by {data.group_kind}: "
     not_learned = trained.cannot_tell
@@ -180,10 +183,12 @@ def run_train(args: argparse.Namespace) -> int:
 
     lines += trained.not_held_out
     lines += not_learned_in_words(not_learned)
-    lines += [data.caveat, f"artifact: {args.out}; next: {command('export', args.out)}"]
+    lines += [data.caveat, _written(model, exported.bytes)]
+    lines.append(f"next: {command('run', model)}")
 
     found = {
         "artifact": args.out,
+        "model": model,
         "data": data.name,
         "kind": data.kind,
         "caveat": data.caveat,
@@ -196,10 +201,6 @@ def run_train(args: argparse.Namespace) -> int:
     return 0
 
 
-def _quiet(text: str) -> None:
-    """What describes the sets where stdout is kept for JSON."""
-
-
 def _request(args: argparse.Namespace) -> TrainingRequest:
     from holdfast.training.fitting import TrainingRequest
 
@@ -207,7 +208,6 @@ def _request(args: argparse.Namespace) -> TrainingRequest:
         data=tuple(args.data),
         out=args.out,
         replace=args.force,
-        groups=args.groups,
         hold_out=args.hold_out,
         rate_hz=args.rate,
         windows=args.windows,
@@ -308,11 +308,10 @@ def run_export(args: argparse.Namespace) -> int:
         require_replaceable,
     )
 
-    _report(f"exporting {args.artifact}")
-
-    model = args.out or args.artifact / MODEL_NAME
     # Before the export, whose work would be lost.
+    model = args.out or args.artifact / MODEL_NAME
     require_replaceable(args.artifact, model, force=args.force)
+    _report(f"exporting {args.artifact}")
     path, report = export_artifact(
         args.artifact, args.out, hand=_hand(args), report=_report
     )
@@ -320,10 +319,14 @@ def run_export(args: argparse.Namespace) -> int:
     lines += [
         "one at a time equals a batch, bit for bit: "
         f"{report.single_rows} rows and {report.stream_samples} samples",
-        f"model: {path} ({report.bytes / 1e6:.1f} MB)",
+        _written(path, report.bytes),
     ]
     show_found(args, "\n".join(lines), {"model": path, **asdict(report)})
     return 0
+
+
+def _written(model: Path, n_bytes: int) -> str:
+    return f"model: {model} ({n_bytes / 1e6:.1f} MB)"
 
 
 def _hand(args: argparse.Namespace) -> HandCard | None:
@@ -356,7 +359,7 @@ def _export_again(args: argparse.Namespace) -> int:
     base = read_sealed(args.artifact)
     data = changed(base, _hand(args), dict(args.rule), args.artifact)
     write_model(args.out, data)
-    lines = f"the same learner\nmodel: {args.out} ({len(data) / 1e6:.1f} MB)"
+    lines = f"the same learner\n{_written(args.out, len(data))}"
     show_found(args, lines, {"model": args.out, "bytes": len(data)})
     return 0
 

@@ -351,7 +351,7 @@ def unit_of(
     middle = float(np.median(normal))
     change = float(np.nanquantile(np.abs(values[::7] - at_rest), 0.99))
     sizes = f"at rest {middle:.3g}, changes of {change:.3g}"
-    is_whole = bool((np.nan_to_num(values) % 1 == 0).all())
+    is_whole = all((np.nan_to_num(one) % 1 == 0).all() for one in values.T)
     if FIELD.search(names[0]):
         return ("uT" if middle >= 1500.0 else ""), f"a field, {sizes}"
     if is_whole and np.nanmin(values) >= 0 and middle > change:
@@ -368,4 +368,4 @@ def unit_of(
 
 def channels(columns: Mapping[str, Column], names: Sequence[str]) -> FloatArray:
     """[T, C] columns as numbers."""
-    return np.stack([columns[name].astype(np.float64) for name in names], axis=1)
+    return np.stack([np.asarray(columns[name], float) for name in names], axis=1)

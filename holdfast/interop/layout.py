@@ -30,7 +30,7 @@ MISSING = (
 """What stands in a column of numbers where a sample is missing."""
 CLOCK = r"(?:\d{4}[-/.]\d\d?[-/.]\d\d?[T ])?\d{1,2}:\d\d:\d\d(?:[.,:]\d+)?"
 ARRIVAL = re.compile(
-    rf"^\s*\[?({CLOCK})\]?\s*(?:->|=>|>|\||:|-)?\s+(?=[-+\d.\[(A-Za-z])"
+    rf"^\s*\[?({CLOCK})\]?\s*(?:->|=>|>|\||:|-)?\s+(?![AP]M\b)(?=[-+\d.\[(A-Za-z])"
 )
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE)
 STAMP = re.compile(
@@ -101,7 +101,8 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
     judged = list(filter(str.strip, data))[-JUDGED_ROWS:]
     forms = []
     for separator in SEPARATORS:
-        forms += [Form(separator, decimal) for decimal in ".," if decimal != separator]
+        # a comma may be both, where cells stand in quotes
+        forms += [Form(separator, "."), Form(separator, ",")]
     form = max(forms, key=lambda one: _fit(one, judged))
     share, wide = _fit(form, judged)
     rows = [form.cells(line) for line in data]

@@ -25,7 +25,7 @@ from holdfast.core.errors import NotANumber, needs_extra
 from holdfast.core.schema import json_of, read
 from holdfast.core.writing import write_whole
 from holdfast.interop.parquet import read_columns, write_columns, write_rows
-from holdfast.interop.payload import NO_LABEL, UNLABELLED, TrialPayload
+from holdfast.interop.payload import LABEL_OF, NO_LABEL, TrialPayload
 from holdfast.interop.streams import Columns, ForeignLog, Stream
 from holdfast.training.datasets.thesis import common_rate
 
@@ -41,14 +41,8 @@ CHUNK_FILES, DATA_MB, VIDEO_MB = 1000, 100, 200
 """lerobot's own defaults; a set of ours stays in one file."""
 DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 QUANTILES = {
-    "min": 0,
-    "q01": 0.01,
-    "q10": 0.1,
-    "q50": 0.5,
-    "q90": 0.9,
-    "q99": 0.99,
-    "max": 1,
-}
+    "min": 0, "q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99, "max": 1,
+}  # fmt: skip
 """Statistics that lerobot keeps of each feature, by its names; beside mean, std and count."""
 INFO = "meta/info.json"
 TACTILE = "observation.tactile"
@@ -56,76 +50,76 @@ VALID = "observation.tactile_valid"
 TIME = "observation.time_s"
 SITUATION, EPISODE = "situation", "episode_index"
 """Columns of a frame: the names that start with `observation.` are lerobot's convention."""
-FRAME = {
-    TACTILE: ("values", np.float32),
-    VALID: ("valid", np.bool_),
-    TIME: ("t_s", np.float64),
-    SITUATION: ("label", np.int64),
-}
-"""Column of a frame -> what of a trial it holds, as which numbers."""
-PLACE = [
-    f"{place}/{number}_index"
-    for place in ("data", "meta/episodes")
-    for number in ("chunk", "file")
-]
+PLACE = (
+    "data/chunk_index",
+    "data/file_index",
+    "meta/episodes/chunk_index",
+    "meta/episodes/file_index",
+)
 """Where an episode is: all are in the first file."""
 
 
 def write_trials(trials: Sequence[TrialPayload], folder: Path) -> None:
     """The whole set. Raises RateError or ChannelError where trials differ."""
     rate_hz = common_rate([trial.recording for trial in trials])
-    # the task of an episode, such as `pull soft-ball`; the empty hand has no object
-    about = [trial.about for trial in trials]
-    texts = [f"{one['action']} {one['object'] or ''}".strip() for one in about]
-    numbers, tasks = pd.factorize(np.array(texts))
-    frames = _frames(trials, round(rate_hz))
-    frames["task_index"] = numbers[frames[EPISODE]]
-    episodes = []
-    for number, text in enumerate(texts):
-        rows = frames["index"][frames[EPISODE] == number]
+    frames: list[Columns] = []
+    episodes: list[Json] = []
+    tasks: dict[str, int] = {}
+    begins = 0
+    for number, trial in enumerate(trials):
+        # such as `pull soft-ball`; the empty hand has no object
+        text = f"{trial.about['action']} {trial.about['object'] or ''}".strip()
+        task = tasks.setdefault(text, len(tasks))
+        frame = _frame(trial, round(rate_hz))
+        rows = frame["frame_index"]
+        frame[EPISODE] = np.full_like(rows, number)
+        frame["index"] = begins + rows
+        frame["task_index"] = np.full_like(rows, task)
         episode: Json = {
             EPISODE: number,
             "tasks": [text],
             "length": len(rows),
-            "dataset_from_index": int(rows[0]),
-            "dataset_to_index": int(rows[-1]) + 1,
-            "holdfast": json.dumps(about[number]),
+            "dataset_from_index": begins,
+            "dataset_to_index": begins + len(rows),
+            "holdfast": json.dumps(trial.about),
             **dict.fromkeys(PLACE, 0),
         }
         # an episode carries its own statistics, so that sets are joined without reading the data
-        for key, values in frames.items():
-            for name, figures in _stats(values[rows]).items():
+        for key, values in frame.items():
+            for name, figures in _stats(values).items():
                 episode[f"stats/{key}/{name}"] = figures
+        frames.append(frame)
         episodes.append(episode)
+        begins += len(rows)
 
+    whole = {key: np.concatenate([one[key] for one in frames]) for key in frames[0]}
     # a set of ours stays below the size at which lerobot starts a new file
     path = DATA_PATH.format(chunk_index=0, file_index=0)
-    write_columns(folder / path, frames)
+    write_columns(folder / path, whole)
     write_rows(folder / path.replace("data/", "meta/episodes/", 1), episodes)
     # the texts are the index, as lerobot looks them up
-    index = pd.Index(tasks, name="task")
-    table = pd.DataFrame({"task_index": np.arange(len(tasks))}, index=index)
+    index = pd.Index([*tasks], name="task")
+    table = pd.DataFrame({"task_index": tasks.values()}, index=index)
     table.to_parquet(folder / "meta/tasks.parquet", compression="zstd")
-    stats = {key: _stats(values) for key, values in frames.items()}
-    info = _info(trials, rate_hz, frames, len(tasks))
+    stats = {key: _stats(values) for key, values in whole.items()}
+    info = _info(trials, rate_hz, whole, len(tasks))
     for file, value in (("meta/stats.json", stats), (INFO, info)):
         text = json.dumps(value, indent=4, allow_nan=False)
         write_whole(folder / file, text + "\n")
 
 
-def _frames(trials: Sequence[TrialPayload], fps: int) -> Columns:
-    """The frames of all episodes by column, but for the number of the task."""
-    frames: Columns = {}
-    for key, (name, dtype) in FRAME.items():
-        of_trials = [getattr(trial, name) for trial in trials]
-        frames[key] = np.concatenate(of_trials).astype(dtype)
-    episode = np.repeat(np.arange(len(trials)), [len(trial.t_s) for trial in trials])
-    index = np.arange(len(episode))
-    frame = index - np.searchsorted(episode, episode)
-    # lerobot checks that stamps are exactly frame / fps; TIME has the true ones
-    stamps = (frame / fps).astype(np.float32)
-    numbers = {"frame_index": frame, EPISODE: episode, "index": index}
-    return {**frames, "timestamp": stamps, **numbers}
+def _frame(trial: TrialPayload, fps: int) -> Columns:
+    """What the frames of an episode have of its trial, by column."""
+    rows = np.arange(len(trial.t_s))
+    return {
+        TACTILE: trial.values.astype(np.float32),
+        VALID: trial.valid,
+        TIME: trial.t_s,
+        SITUATION: trial.label.astype(np.int64),
+        # lerobot checks that stamps are exactly frame / fps; TIME has the true ones
+        "timestamp": (rows / fps).astype(np.float32),
+        "frame_index": rows,
+    }
 
 
 def _stats(values: npt.NDArray[Any]) -> dict[str, list[float]]:
@@ -134,9 +128,7 @@ def _stats(values: npt.NDArray[Any]) -> dict[str, list[float]]:
     figures = table.quantile([*QUANTILES.values()]).set_axis([*QUANTILES])
     figures.loc["mean"], figures.loc["std"] = table.mean(), table.std(ddof=0)
     # JSON has no nan
-    stats = dict(
-        zip(figures.index, figures.fillna(0.0).to_numpy().tolist(), strict=True)
-    )
+    stats: dict[str, list[float]] = figures.fillna(0.0).T.to_dict("list")
     return {**stats, "count": [len(table)]}
 
 
@@ -144,10 +136,10 @@ def _info(
     trials: Sequence[TrialPayload], rate_hz: float, frames: Columns, n_tasks: int
 ) -> Json:
     """The content of meta/info.json; what stands under `holdfast` is ours."""
-    n_sensors = trials[0].n_sensors
+    recording = trials[0].recording
     names = {
-        TACTILE: list(channel_names(n_sensors)),
-        VALID: [f"valid{sensor + 1}" for sensor in range(n_sensors)],
+        TACTILE: list(channel_names(recording.n_sensors)),
+        VALID: [f"valid{sensor + 1}" for sensor in range(recording.n_sensors)],
     }
     features: Json = {}
     for key, column in frames.items():
@@ -171,7 +163,7 @@ def _info(
         "video_path": None,
         "features": features,
         "holdfast": {
-            "unit": trials[0].unit,
+            "unit": recording.unit,
             "rate_hz": rate_hz,
             "situations": list(SITUATIONS),
             "no_label": NO_LABEL,
@@ -197,8 +189,7 @@ def read_log(folder: Path, name: str) -> ForeignLog:
         about = pd.DataFrame(map(json_of, episodes["holdfast"]), episodes.index)
         for key in ("person", "object", "action"):
             table[key] = table[EPISODE].map(about[key]).fillna("")
-        names = dict(enumerate(SITUATIONS)) | {NO_LABEL: UNLABELLED}
-        table[SITUATION] = table[SITUATION].map(names)
+        table[SITUATION] = table[SITUATION].map(LABEL_OF)
     # the stamps of the format are those of a camera; the true ones are beside them
     if TIME in table:
         table = table.drop(columns="timestamp")

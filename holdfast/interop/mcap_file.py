@@ -99,7 +99,11 @@ def _messages(trial: TrialPayload) -> Iterable[tuple[str, int, Json]]:
         fingers: list[Json] = []
         for reading, is_valid in zip(of_row, valid, strict=True):
             fingers.append({"valid": is_valid, **dict(zip(AXES, reading, strict=True))})
-        yield "/tactile/fingers", t_ns, {"unit": trial.unit, "fingers": fingers}
+        yield (
+            "/tactile/fingers",
+            t_ns,
+            {"unit": trial.recording.unit, "fingers": fingers},
+        )
 
 
 PICTURES = ("SceneUpdate", "Image", "Video", "PointCloud", "Grid", "LaserScan")
@@ -128,8 +132,8 @@ def read_log(path: Path, name: str) -> ForeignLog:
                     decoders[channel.id] = _decoder(channel.message_encoding, schema)
                 decode = decoders[channel.id]
                 if decode is not None:
-                    sent = messages.setdefault(channel.topic, [])
-                    sent.append((message.log_time, decode(message.data)))
+                    sent = message.log_time, decode(message.data)
+                    messages.setdefault(channel.topic, []).append(sent)
 
             file.seek(0)
             for record in NonSeekingReader(file).iter_metadata():

@@ -38,7 +38,7 @@ def write_trials(trials: Iterable[TrialPayload], folder: Path) -> None:
 
 def table_of(trial: TrialPayload) -> Any:
     """A trial as a pyarrow.Table."""
-    channels = channel_names(trial.n_sensors)
+    channels = channel_names(trial.recording.n_sensors)
     columns = {TIME_COLUMN: pa.array(trial.t_s)}
     for name, values in zip(channels, trial.values.T, strict=True):
         # Null says "no value" in every reader; nan is a float like any other.
@@ -53,7 +53,7 @@ def table_of(trial: TrialPayload) -> Any:
         text = pa.scalar(trial.about[key], pa.string())
         columns[key] = pa.repeat(text, len(trial.t_s)).dictionary_encode()
 
-    notes = {name: {"unit": str(trial.unit)} for name in channels}
+    notes = {name: {"unit": str(trial.recording.unit)} for name in channels}
     notes |= {TIME_COLUMN: {"unit": "s"}, "label": {"by": trial.about["labels_by"]}}
     table = pa.table(columns)
     fields = [field.with_metadata(notes.get(field.name)) for field in table.schema]

@@ -5,12 +5,11 @@ Lost samples stay rows, invalid and without a value. Nothing is resampled or fil
 
 from __future__ import annotations
 
-from calendar import timegm
 from dataclasses import dataclass
+from datetime import datetime
 from fnmatch import fnmatch
 from itertools import pairwise
 from pathlib import Path
-from time import strptime
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +21,6 @@ from holdfast.core.contract import (
     FloatArray,
     IntArray,
     Json,
-    Unit,
 )
 from holdfast.core.errors import DataNotFound, listed
 from holdfast.core.trial_file import read_trial
@@ -36,6 +34,8 @@ UNLABELLED = "unlabelled"
 """The name of a row without a label, in formats that store names."""
 NO_LABEL = -1
 """The number of a row without a label, in formats that store numbers."""
+LABEL_OF = {NO_LABEL: UNLABELLED, **dict(enumerate(SITUATIONS))}
+"""The number of a label -> its name."""
 START_KEY = "started_utc"
 """In a recorder's meta.json: the start of the trial, to the second."""
 
@@ -69,35 +69,15 @@ class TrialPayload:
         return self.recording.valid
 
     @property
-    def unit(self) -> Unit:
-        """Of the values."""
-        return self.recording.unit
-
-    @property
-    def n_sensors(self) -> int:
-        """S, 3-axis sensors."""
-        return self.recording.n_sensors
-
-    @property
     def t_ns(self) -> IntArray:
         """[T] the stamps that formats with absolute times get: start_ns + t_s."""
         return self.start_ns + np.round(self.t_s * 1e9).astype(np.int64)
 
-    def situations(self) -> list[str]:
-        """[T] names of the labels."""
-        return [label_name(code) for code in self.label.tolist()]
-
     def phases(self) -> list[tuple[int, int, str]]:
         """(first row, row after the last, situation) of runs of equal labels, in their order."""
-        names = self.situations()
         changes = np.flatnonzero(np.diff(self.label)) + 1
-        ends = pairwise([0, *changes.tolist(), len(names)])
-        return [(first, stop, names[first]) for first, stop in ends]
-
-
-def label_name(code: int) -> str:
-    """The situation of a label, or UNLABELLED."""
-    return UNLABELLED if code == NO_LABEL else SITUATIONS[code]
+        ends = pairwise([0, *changes.tolist(), len(self.label)])
+        return [(first, stop, LABEL_OF[self.label[first]]) for first, stop in ends]
 
 
 def read_payloads(
@@ -185,7 +165,6 @@ def _payload(path: Path, timed: TimedTrial, raw: bool) -> TrialPayload:
 def _start_ns(start: object) -> int:
     """The start in a recorder's meta.json in ns since 1970; 0 where it gives none."""
     try:
-        # timegm, not mktime: the time is UTC.
-        return timegm(strptime(str(start), "%Y-%m-%dT%H:%M:%SZ")) * 1_000_000_000
+        return int(datetime.fromisoformat(str(start)).timestamp()) * 1_000_000_000
     except ValueError:
         return 0

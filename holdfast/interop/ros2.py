@@ -49,7 +49,7 @@ def read_log(folder: Path, name: str) -> ForeignLog:
 def plain_message(message: Any) -> Any:
     """A message as dictionaries, lists, numbers and texts, without its times and its pictures."""
     if is_dataclass(message):
-        names = {one.name for one in fields_of(message)} - {"__msgtype__"}
+        names = [one.name for one in fields_of(message) if one.name != "__msgtype__"]
         value = {key: plain_message(getattr(message, key)) for key in names}
         return None if value.keys() == {"sec", "nanosec"} else value
     if isinstance(message, np.ndarray):

@@ -90,7 +90,10 @@ def text_cells(column: Column) -> list[str]:
     """The cells as texts; a whole number without its point, nan as ""."""
     if is_text(column):
         return [str(cell).strip() for cell in column.tolist()]
-    return [f"{cell:.10g}" if np.isfinite(cell) else "" for cell in column.tolist()]
+    # each number once: a long log has many rows and few trials
+    numbers, rows = np.unique(column, return_inverse=True)
+    texts = [f"{one:.10g}" if np.isfinite(one) else "" for one in numbers.tolist()]
+    return [texts[row] for row in rows.tolist()]
 
 
 # -- an even clock

@@ -7,18 +7,27 @@ cells than names) are made plain first, and those that are left out are counted.
 from __future__ import annotations
 
 import codecs
+import csv
 import io
 import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryFile
+from typing import IO, Any
 
 import numpy as np
 
 from holdfast.core.column_map import flat_fields
-from holdfast.core.errors import ColumnError, EmptyRecording, NotANumber, needs_extra
+from holdfast.core.errors import (
+    ColumnError,
+    EmptyRecording,
+    NotANumber,
+    count_of,
+    needs_extra,
+)
 from holdfast.interop.layout import MISSING, SPACES, STAMP, TableLayout, layout_of
 from holdfast.interop.streams import Column, Columns, ForeignLog, Stream, is_text
 
@@ -27,8 +36,9 @@ with needs_extra("train"):
 
 HEAD_BYTES, HEAD_LINES = 256 << 10, 240
 """Of the beginning, from which the layout is found."""
-CHUNK_ROWS = 100_000
+CHUNK_ROWS = 20_000
 DAY_NS = 86_400 * 10**9
+NOON = pd.Timedelta(hours=12)
 EPOCH = pd.Timestamp(0, tz="UTC")
 
 
@@ -40,7 +50,8 @@ def read_log(path: Path, name: str) -> ForeignLog:
         is_cut = not re.search(rb"[\r\n]\0*$", file.read())
 
     encoding = encoding_of(head)
-    text = head.decode(encoding, errors="replace")
+    # a power cut leaves zeros at the end
+    text = head.decode(encoding, errors="replace").rstrip("\0")
     if "\0" in text:
         raise NotANumber("a binary file", next_step="give a text table")
     lines = re.split(r"\r\n?|\n", text)
@@ -48,14 +59,19 @@ def read_log(path: Path, name: str) -> ForeignLog:
         # the last one may be cut
         lines.pop()
     layout = layout_of(lines[:HEAD_LINES])
-    if not (is_cut or layout.form.is_odd or layout.comment == "//"):
-        # lines of more cells than the others need the slow way
+    with path.open(encoding=encoding, errors="replace") as file:
+        if layout.form.is_odd or layout.comment == "//":
+            return ForeignLog(path, name, (read_table(file, layout),))
+        # lines of more cells than the others need the slow way, too
         with suppress(pd.errors.ParserError, pd.errors.ParserWarning):
-            table = _parsed(path, layout, layout.first_row, encoding)
-            return ForeignLog(path, name, (_numeric(table, layout, []),))
+            cells = _parsed(file, layout, layout.first_row)
+            # a line that was cut off has no last cell
+            n_torn = int(is_cut and str(cells[layout.names[-1]][-1]) in ("nan", ""))
+            cells = {key: cell[: len(cell) - n_torn] for key, cell in cells.items()}
+            return ForeignLog(path, name, (_numeric(cells, layout, n_torn),))
 
-    text = path.read_text(encoding, "replace")
-    return ForeignLog(path, name, (read_table(text, layout),))
+        file.seek(0)
+        return ForeignLog(path, name, (read_table(file, layout),))
 
 
 def encoding_of(head: bytes) -> str:
@@ -73,26 +89,27 @@ def encoding_of(head: bytes) -> str:
     return "utf-8-sig"
 
 
-def read_table(text: str, layout: TableLayout) -> Stream:
-    """A table of a text, line by line. Raises EmptyRecording.
+def read_table(lines: Iterable[str], layout: TableLayout) -> Stream:
+    """A table whose lines are made plain one by one. Raises EmptyRecording.
 
-    Lines of another number of cells are left out, and noted.
+    Lines of another number of cells are left out. The plain ones go through a file, because the
+    cells of a long log as texts would fill the memory.
     """
     mark = " " if layout.form.separator == SPACES else layout.form.separator
-    kept: list[str] = []
     n_torn = 0
-    for line in text.split("\n")[layout.first_row :]:
-        if not line.strip() or (layout.comment and line.startswith(layout.comment)):
-            continue
-        cells = layout.form.cells(line)
-        if len(cells) == len(layout.names):
-            kept.append(mark.join(f'"{cell}"' for cell in cells))
-        else:
-            n_torn += 1
+    with TemporaryFile("w+", encoding="utf-8", newline="") as file:
+        plain = csv.writer(file, delimiter=mark)
+        for line in islice(lines, layout.first_row, None):
+            if not line.strip() or (layout.comment and line.startswith(layout.comment)):
+                continue
+            cells = layout.form.cells(line)
+            if len(cells) == len(layout.names):
+                plain.writerow(cells)
+            else:
+                n_torn += 1
 
-    notes = [f"{n_torn} lines of another number of cells left out"] if n_torn else []
-    table = _parsed(io.StringIO("\n".join(kept)), layout, 0, "utf-8")
-    return _numeric(table, layout, notes)
+        file.seek(0)
+        return _numeric(_parsed(file, layout, 0), layout, n_torn)
 
 
 def streams_of(
@@ -109,49 +126,67 @@ def streams_of(
             table = pd.DataFrame([flat_fields(message, topic) for _, message in sent])
         except ColumnError:
             continue  # an image, or the like
-        columns = {name: _typed(table[name], ".", []) for name in table}
+        columns = {
+            name: _typed(table[name].to_numpy(), name, ".", []) for name in table
+        }
         t_ns = np.array([stamp for stamp, _ in sent], dtype=np.int64)
         streams.append(Stream(columns, t_ns, topic, notes))
 
     return tuple(streams)
 
 
-def _parsed(
-    source: Path | io.StringIO, layout: TableLayout, skipped: int, encoding: str
-) -> pd.DataFrame:
-    """The cells as pandas reads them."""
+def _parsed(file: IO[str], layout: TableLayout, first_row: int) -> Columns:
+    """The cells of each column as pandas reads them.
+
+    A long file read at once takes three times the memory of its table, and joined pieces twice: so
+    each column gets its place first, which costs nothing while it is empty.
+    """
+    most = sum(1 for _ in file)
+    file.seek(0)
+    columns: Columns = {}
+    rows = 0
     with warnings.catch_warnings():
         # rows of more cells than names: pandas warns, and would drop them
         warnings.simplefilter("error", pd.errors.ParserWarning)
-        # in chunks: a long file read at once takes three times the memory of its table
         chunks = pd.read_csv(
-            source,
+            file,
             sep=layout.form.separator,
             decimal=layout.form.decimal,
             header=None,
             names=list(layout.names),
             index_col=False,
-            skiprows=skipped,
+            skiprows=first_row,
             chunksize=CHUNK_ROWS,
             comment=layout.comment if len(layout.comment) == 1 else None,
-            encoding=encoding,
-            encoding_errors="replace",
             skipinitialspace=True,
             keep_default_na=False,
             na_values={name: list(MISSING) for name in layout.numeric},
         )
-        return pd.concat(chunks, ignore_index=True)
+        for chunk in chunks:
+            for name, series in chunk.items():
+                cells = series.to_numpy()
+                column = columns.get(name, np.empty(most, cells.dtype))
+                # whole numbers may go on as others, or as texts
+                kind = np.result_type(column, cells)
+                columns[name] = column = column.astype(kind, copy=False)
+                column[rows : rows + len(cells)] = cells
+            rows += len(chunk)
+
+    return {name: column[:rows] for name, column in columns.items()}
 
 
-def _numeric(table: pd.DataFrame, layout: TableLayout, notes: list[str]) -> Stream:
+def _numeric(cells: Columns, layout: TableLayout, n_torn: int) -> Stream:
     """The columns as numbers or texts; rows without a number are left out, and noted.
 
-    Raises EmptyRecording.
+    n_torn: lines that are left out already. Raises EmptyRecording.
     """
     columns: Columns = {}
-    there = np.zeros(len(table), dtype=np.bool_)
+    notes = []
+    if n_torn:
+        notes.append(f"{count_of(n_torn, 'line')} of another number of cells left out")
+    there = np.zeros(len(cells[layout.names[0]]), dtype=np.bool_)
     for name in layout.names:
-        column = _typed(table[name], layout.form.decimal, notes)
+        column = _typed(cells[name], name, layout.form.decimal, notes)
         if not is_text(column):
             there |= np.isfinite(column)
         elif name.startswith("column") and not any(column):
@@ -162,16 +197,17 @@ def _numeric(table: pd.DataFrame, layout: TableLayout, notes: list[str]) -> Stre
     if not there.any():
         raise EmptyRecording("no row of data", next_step="record it again")
     if not there.all():
-        notes.append(f"{np.sum(~there)} lines without a number left out")
+        n_lost = count_of(int(np.sum(~there)), "line")
+        notes.append(f"{n_lost} without a number left out")
         columns = {name: column[there] for name, column in columns.items()}
     return Stream(columns, notes=tuple(notes))
 
 
-def _typed(cells: pd.Series, decimal: str, notes: list[str]) -> Column:
+def _typed(column: Column, name: str, decimal: str, notes: list[str]) -> Column:
     """A column as numbers, as ns of its dates or times of day, or as texts."""
-    if cells.dtype.kind in "iufb":
-        return cells.to_numpy() if cells.dtype.kind in "if" else cells.to_numpy(float)
-    cells = cells.fillna("").astype(str).str.strip()
+    if not is_text(column):
+        return column if column.dtype.kind in "if" else column.astype(np.float64)
+    cells = pd.Series(column).fillna("").astype(str).str.strip()
     filled = cells[~cells.isin(MISSING)]
     if len(filled) and STAMP.fullmatch(filled.iloc[0]):
         return stamps_of(cells)
@@ -181,7 +217,7 @@ def _typed(cells: pd.Series, decimal: str, notes: list[str]) -> Column:
     if not len(filled) or 2 * len(words) > len(filled):
         return cells.to_numpy(object)
     for word, count in words.value_counts().head(3).items():
-        notes.append(f"{cells.name}: {count} cells {word!r:.20} are missing samples")
+        notes.append(f"{name}: {count} cells {word!r:.20} are missing samples")
     found: Column = numbers.reindex(cells.index).to_numpy(np.float64)
     return np.where(np.isfinite(found), found, np.nan)
 
@@ -202,6 +238,8 @@ def stamps_of(cells: pd.Series) -> Column:
         clock = texts.str.extract(r"([\d:.]+)")[0]
         clock = clock.where(clock.str.count(":") > 1, "0:" + clock)
         spans = pd.to_timedelta(clock, errors="coerce")
+        if first.endswith("M"):
+            spans = spans % NOON + NOON * texts.str.endswith("PM").astype(int)
 
     ns: Column = spans.to_numpy("m8[ns]").astype(np.int64)
     if spans.isna().any():

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from holdfast.core.contract import FloatArray
 from holdfast.core.errors import EmptyRecording, LabelError, TimeError, count_of, listed
 from holdfast.core.trial_file import Trial, implausible_rate
 from holdfast.core.trial_layout import (
@@ -49,6 +50,8 @@ JUMP_S, BACK_S = 60.0, 0.5
 """A clock that jumps on by so much, or back, begins a new trial."""
 LONG_GAP_S, LONG_GAP_STEPS = 0.5, 20.0
 """A gap with the open hand ends a trial from so many seconds and so many usual steps on."""
+LARGEST = 1e10
+"""What is as large is no reading: a count has 32 bits."""
 TIMED = ("pull", "fall", "pass", "put-down")
 """Actions whose times a log gives, else the thesis' script."""
 ACTION_OF_LABELS = (
@@ -65,11 +68,12 @@ ACTION_OF_LABELS = (
 class TrialImport:
     """Reads logs by a map and writes their trials into a folder.
 
-    written: trial -> its log. missing: column -> cells. gaps_s: of lost samples. trials: person,
-    object and action of each.
+    kept: name -> a log that was read already; it is taken out of there. written: trial -> its log.
+    missing: column -> cells. gaps_s: of lost samples. trials: person, object and action of each.
     """
 
     folder: Path
+    kept: dict[str, ForeignLog]
     written: dict[str, str] = field(default_factory=dict)
     rows: int = 0
     missing: Counter[str] = field(default_factory=Counter)
@@ -82,20 +86,24 @@ class TrialImport:
     ) -> None:
         """The logs of one map. part: receives the share that is read. Raises a DataError."""
         used: Counter[Path] = Counter()
-        for number, (name, group) in enumerate(files.items(), 1):
-            log = read_joined(group, plan.trials.fingers, name)
+        for number, (name, group) in enumerate(files.items()):
+            log = self.kept.pop(name, None)
+            log = log or read_joined(group, plan.trials.fingers, name)
             for stream in log.streams:
-                self.notes += [f"{name}: {note}" for note in stream.notes]
+                self._note(log, *stream.notes)
             if not table_of(log, plan.channels):
-                self.notes.append(f"{name}: no readings in it")
+                self._note(log, "no readings in it")
                 continue
             path, events = read_events(source, plan, group[0].path)
             whole = self._rows(log, plan)
             # a long log is large
             log = replace(log, streams=())
-            for rows in self._cuts(whole, plan, name):
+            done = 0
+            for rows in self._cuts(log, whole, plan):
                 used[path] += self._write(log, rows, plan, events)
-            part(number / len(files))
+                done += len(rows)
+                part((number + done / len(whole)) / len(files))
+        part(1.0)
 
         for path, n_used in used.items():
             if path.name and not n_used:
@@ -125,10 +133,14 @@ class TrialImport:
         for note in self.notes[:12]:
             found.add("note", note)
 
+    def _note(self, log: ForeignLog, *texts: str) -> None:
+        """What was left out of a log, or changed."""
+        self.notes += [f"{log.name}: {text}" for text in texts]
+
     # -- rows of a log, and where a trial ends
 
     def _rows(self, log: ForeignLog, plan: ImportMap) -> pd.DataFrame:
-        """The readings of a log in the model's unit, and cells of other columns, by stamps in ns.
+        """The readings of a log as they stand, and cells of other columns, by stamps in ns.
 
         Rows without a time are left out. Raises ColumnError, ..
         """
@@ -138,23 +150,20 @@ class TrialImport:
         plan.require_columns(columns, log.path, {*plan.columns, *further})
         if plan.events is not None:
             further |= {plan.events.column} & columns.keys()
-        there = pd.notna(columns.get(plan.time.column, np.zeros(1)))
-        if not there.all():
-            lost = count_of(int(np.sum(~there)), "row")
-            self.notes.append(f"{log.name}: {lost} without a time left out")
-            columns = {name: column[there] for name, column in columns.items()}
-        values = plan.values_of(columns, log.path)
-        values[~np.isfinite(values)] = np.nan
-        rows = pd.DataFrame(values, columns=list(plan.channels), copy=False)
-        self.rows += len(rows)
-        self.missing.update(rows.isna().sum().to_dict())
+        # the columns themselves, because a long log is large
+        rows = pd.DataFrame({name: columns[name] for name in plan.columns}, copy=False)
         for name in further:
             rows[name] = np.array(text_cells(columns[name]), dtype=object)
-        stamps = plan.stamps_ns(columns, len(rows), log.path)
-        return rows.set_axis(unwrapped(stamps, plan.time.unit_ns))
+        timed = rows.dropna(subset=[*filter(None, [plan.time.column])])
+        n_lost = len(rows) - len(timed)
+        if n_lost:
+            self._note(log, f"{count_of(n_lost, 'row')} without a time left out")
+        self.rows += len(timed)
+        stamps = plan.stamps_ns(timed, len(timed), log.path)
+        return timed.set_axis(unwrapped(stamps, plan.time.unit_ns))
 
     def _cuts(
-        self, rows: pd.DataFrame, plan: ImportMap, name: str
+        self, log: ForeignLog, rows: pd.DataFrame, plan: ImportMap
     ) -> Iterator[pd.DataFrame]:
         """The rows of each trial, on an even clock."""
         stamps = rows.index.to_numpy()
@@ -163,13 +172,13 @@ class TrialImport:
         ends = (steps < -BACK_S) | (steps > JUMP_S)
         for at in np.flatnonzero(ends)[:3].tolist():
             jump = f"the clock jumps by {steps[at]:.4g} s in row {at + 2}"
-            self.notes.append(f"{name}: {jump}: a new trial")
+            self._note(log, f"{jump}: a new trial")
         column = plan.trials.column
         longest_s = max(LONG_GAP_S, 1e-9 * LONG_GAP_STEPS * step)
         if column:
             ends |= (rows[column] != rows[column].shift()).to_numpy()[1:]
         elif (steps > longest_s).any():
-            _, touched = touch(rows[[*plan.channels]].to_numpy())
+            _, touched = touch(values_of(log, rows, plan))
             within = touched[1:] & touched[:-1] & ~ends
             # a step within a touch is no pause, nor is one of its length
             ends |= steps > max(longest_s, 1.01 * steps[within].max(initial=0.0))
@@ -178,7 +187,7 @@ class TrialImport:
             if column and not part[column].iloc[0]:
                 continue
             if len(part) < FEWEST_ROWS:
-                self.notes.append(f"{name}: {len(part)} rows between trials left out")
+                self._note(log, f"{len(part)} rows between trials left out")
                 continue
             part = part.sort_index(kind="stable")
             yield part.set_axis(evened(part.index.to_numpy(), step))
@@ -190,15 +199,9 @@ class TrialImport:
     ) -> int:
         """Write a trial; how many of the events it has. Raises LabelError, TimeError."""
         names = names_of(log, rows, plan)
-        of_rows, n_used = labels_of_rows(log, rows, plan, events)
-        values = rows[[*plan.channels]]
-        # the first row in which every sensor that ever sends has sent
-        first = int(values.notna().to_numpy().argmax(axis=0).max())
-        first = first if first < len(rows) // 2 else 0
-        if first:
-            lost = f"{count_of(first, 'row')} before all sensors sent left out"
-            self.notes.append(f"{log.path.name}: {lost}")
-        trial, labels = self._trial(values[first:], log.path), of_rows[first:]
+        labels, n_used = labels_of_rows(log, rows, plan, events)
+        trial = self._trial(log, rows, plan)
+        labels = labels[-len(trial.t_s) :]
         samples = prepared(trial, plan.unit_of_values, "").samples
         first, stop = contact(trial.t_s, samples)
         if plan.events and plan.events.rest:
@@ -213,13 +216,14 @@ class TrialImport:
         at_s = plan.facts.action_at_s or ACTION_S
         is_scripted = trial.t_s[first] < at_s < trial.t_s[stop - 1]
         if action in TIMED and not kinds and not is_scripted:
+            taken = "taken as slip"
             if action in RISKY_ACTIONS:
-                taken, action = "taken as slip", "slip"
+                action = "slip"
             else:
                 taken, kinds = "only the empty hand is labelled", {"nothing"}
                 labels[:] = "nothing"
                 labels[first:stop] = ""
-            self.notes.append(f"{log.name}: its times are not known: {taken}")
+            self._note(log, f"its times are not known: {taken}")
 
         needs_events = action in UNSCRIPTED and action not in LABELLED_ACTIONS
         if not action or (needs_events and not kinds):
@@ -229,30 +233,49 @@ class TrialImport:
                 next_step="--action slip, or another action; or its events",
             )
 
-        thing = "" if action == EMPTY_HAND else names["object"] or "object"
+        is_empty = action == EMPTY_HAND
+        thing = "" if is_empty else names["object"] or "object"
         parts = names["person"], thing, action
         self.trials.append(parts)
         name = f"trial_{self.trials.count(parts)}.csv"
         place = "/".join(filter(None, [*parts, name]))
         write_csv(self.folder / place, trial)
-        if kinds and action != EMPTY_HAND:
+        if kinds and not is_empty:
             write_whole(truth_path(self.folder / place), truth_of(trial, labels))
         self.written[place] = log.name
         return n_used
 
-    def _trial(self, rows: pd.DataFrame, where: Path) -> Trial:
-        """The trial of some readings. Raises TimeError."""
-        stamps = rows.index.to_numpy()
-        t_s = 1e-9 * (stamps - stamps[0])
+    def _trial(self, log: ForeignLog, rows: pd.DataFrame, plan: ImportMap) -> Trial:
+        """The readings of a trial, from when every sensor that ever sends has sent.
+
+        Raises NotANumber, TimeError.
+        """
+        values = values_of(log, rows, plan)
+        is_lost = np.isnan(values)
+        lost = zip(plan.channels, is_lost.sum(axis=0).tolist(), strict=True)
+        self.missing.update(dict(lost))
+        first = int(is_lost.argmin(axis=0).max())
+        if 0 < first < len(rows) // 2:
+            left_out = f"{count_of(first, 'row')} before all sensors sent left out"
+            self._note(log, left_out)
+            rows, values = rows[first:], values[first:]
+        t_s = 1e-9 * (rows.index - rows.index[0]).to_numpy()
         steps = np.diff(t_s)
         step_s = max(1e-12, float(np.median(steps)))
         wrong = implausible_rate(1.0 / step_s)
         if wrong:
             next_step = "--rate HZ; or correct [time] of the map"
-            raise TimeError(wrong, where=where, next_step=next_step)
+            raise TimeError(wrong, where=log.path, next_step=next_step)
         self.gaps_s += steps[steps > GAP_STEPS * step_s].tolist()
-        valid = np.ones((len(rows), rows.shape[1] // 3), dtype=np.bool_)
-        return Trial(where, t_s, rows.to_numpy(), valid)
+        valid = np.ones((len(values), len(plan.sensors)), dtype=np.bool_)
+        return Trial(log.path, t_s, values, valid)
+
+
+def values_of(log: ForeignLog, rows: pd.DataFrame, plan: ImportMap) -> FloatArray:
+    """[T, C] the readings in some rows of a log, in the unit of its trials; nan for none."""
+    values = plan.values_of(rows, log.path)
+    values[~(np.abs(values) < LARGEST)] = np.nan
+    return values
 
 
 # -- files of one trial
@@ -302,16 +325,14 @@ def names_of(log: ForeignLog, rows: pd.DataFrame, plan: ImportMap) -> dict[str, 
     names = {}
     of_path = plan.trials.names_of(log.name, log.path)
     for key in NAMES:
-        fact = getattr(plan.facts, key) or log.about.get(key) or ""
-        of_trial = list(
-            filter(None, dict.fromkeys(rows.get(getattr(plan.trials, key), ())))
-        )
+        of_trial = {*rows.get(getattr(plan.trials, key), ())} - {""}
         if len(of_trial) > 1:
             raise LabelError(
-                f"several values of trials.{key} in one trial: {listed(of_trial)}",
+                f"several values of trials.{key} in one trial: {listed(sorted(of_trial))}",
                 where=log.path,
                 next_step="split the log there: [trials] column",
             )
+        fact = getattr(plan.facts, key) or log.about.get(key) or ""
         names[key] = [*of_trial, of_path.get(key, fact)][0]
     word = names["action"]
     action = plan.action(word) if word else ""
@@ -353,14 +374,12 @@ def labels_of_rows(
             n_used += int(clock[0] <= event.start <= clock[-1])
             labels[first:stop] = event.label
 
-    meanings = {None: ""}
-    for label in {*labels} - {None}:
-        situation = plan.situation(label)
+    meanings = {label: plan.situation(label) for label in {*labels} - {None}}
+    for label, situation in meanings.items():
         if situation is None:
             raise LabelError(
                 f"the label {label!r:.60} is no situation",
                 where=log.path,
                 next_step=f'--action "{label:.60}=slip" (or hold, pass, ..)',
             )
-        meanings[label] = situation
-    return np.array([meanings[one] for one in labels], dtype=object), n_used
+    return np.array([meanings.get(one, "") for one in labels], dtype=object), n_used

@@ -56,11 +56,16 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
     samples: list[Sample] = []
     tables: list[ForeignLog] = []
     for number, place in enumerate(places, 1):
-        log = read_log(place)
+        # no more than one is in the memory
+        found.kept.clear()
+        found.kept[place.name] = log = read_log(place)
         sample = _sample([place], log, answers)
         samples += [sample] if sample else []
         tables += [] if sample else [log]
         part(number / len(places))
+    if len(places) > 1:
+        found.kept.clear()
+
     unread = f"; not read: {listed(others, most=6)}" if others else ""
     found.add("logs", f"{len(samples)}{unread}")
     if not samples:

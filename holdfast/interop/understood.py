@@ -55,11 +55,13 @@ class Understood:
     """Maps, each with its logs, in words, and what is left to be asked.
 
     questions: the option of `holdfast import` that answers it, and what nothing in the logs says.
+    kept: name -> a log that need not be read again, because it is the only one.
     """
 
     plans: list[tuple[ImportMap, Files]] = field(default_factory=list)
     lines: list[str] = field(default_factory=list)
     questions: list[tuple[str, str]] = field(default_factory=list)
+    kept: dict[str, ForeignLog] = field(default_factory=dict)
 
     def add(self, name: str, text: str) -> None:
         """A line of the table."""

@@ -33,10 +33,10 @@ def read_log(path: Path, name: str) -> ForeignLog:
         for sheet in book.worksheets:
             cells = pd.DataFrame(sheet.values, dtype=object).map(_plain)
             for number, block in enumerate(_blocks(cells)):
-                text = block.to_csv(sep=";", header=False, index=False)
+                lines = block.to_csv(sep=";", header=False, index=False).splitlines()
                 # a block of notes is no table
                 with suppress(DataError):
-                    table = read_table(text, layout_of(text.splitlines()[:HEAD_LINES]))
+                    table = read_table(lines, layout_of(lines[:HEAD_LINES]))
                     title = f"{sheet.title} ({number})" if number else sheet.title
                     streams.append(replace(table, name=title))
 

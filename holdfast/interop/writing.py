@@ -9,47 +9,55 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from holdfast.core.contract import Json, channel_names
+from holdfast.core.contract import FloatArray, Json
 from holdfast.core.hand_card import (
     FEWEST_SENSORS,
     FINGERS_AT_MM,
     MOST_SENSORS,
     find_hand_card,
 )
-from holdfast.core.trial_file import TIME_COLUMN, Trial
+from holdfast.core.table import trial_csv
+from holdfast.core.trial_file import Trial
 from holdfast.core.trial_layout import HAND_FILE, MASSES_KEY, META
 from holdfast.core.writing import write_whole
 from holdfast.interop.columns import words_of
 from holdfast.interop.map import NAMES, ImportMap, map_text, toml_text
-from holdfast.interop.tables import pd
 
 MAP_FILE = "import.toml"
 """The map, kept with what it made."""
 PROVENANCE = "events"
 """What a truth file says of where its phases come from."""
+MOST_DECIMALS, FLOAT_DIGITS = 9, 15
+"""Of a number that is written: the thousandth of a unit of any sensor, as exact as float64 is."""
 THESIS_SENSORS = 6
 """Of a set without a hand card."""
 
 
 def write_csv(path: Path, trial: Trial) -> None:
     """The samples as the layout has them; a lost value is nan."""
-    names = channel_names(trial.raw.shape[1] // 3)
-    table = pd.DataFrame(trial.raw.round(9), columns=list(names))
-    table.insert(0, TIME_COLUMN, trial.t_s.round(9))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    table.to_csv(path, index=False, na_rep="nan")
+    decimals = decimals_of(trial.t_s), decimals_of(trial.raw)
+    write_whole(path, trial_csv(trial.t_s, trial.raw, *decimals))
+
+
+def decimals_of(values: FloatArray) -> int:
+    """How many decimals all values need, of the nine that are kept."""
+    known = np.nan_to_num(values)
+    digits = len(str(int(np.abs(known).max())))
+    most = min(MOST_DECIMALS, FLOAT_DIGITS - digits)
+    exact = known.round(most)
+    return next(n for n in range(most + 1) if (known.round(n) == exact).all())
 
 
 def truth_of(trial: Trial, labels: np.ndarray) -> str:
     """The phases of a trial: runs of equal labels [T], "" for none."""
-    ends_s = np.append(trial.t_s, trial.t_s[-1] + 1.0 / trial.rate_hz).round(6)
+    ends_s = np.append(trial.t_s, trial.t_s[-1] + 1.0 / trial.rate_hz).round(6).tolist()
     changes = np.flatnonzero(labels[1:] != labels[:-1]) + 1
     phases = []
     for first, stop in pairwise([0, *changes, len(labels)]):
         if labels[first]:
-            times = {"t0_s": float(ends_s[first]), "t1_s": float(ends_s[stop])}
-            label = labels[first]
-            phases.append({**times, "label": label, "provenance": PROVENANCE})
+            times = {"t0_s": ends_s[first], "t1_s": ends_s[stop]}
+            label = {"label": labels[first], "provenance": PROVENANCE}
+            phases.append({**times, **label})
 
     return json.dumps({"phases": phases}, indent=1) + "\n"
 
@@ -91,8 +99,8 @@ def hand_card_text(plan: ImportMap, near: Path) -> str:
     for side, count in (("thumb", n_thumb), ("opposing", n_sensors - n_thumb)):
         for along_mm in np.linspace(FINGERS_AT_MM[0], FINGERS_AT_MM[-1], count):
             name = f"sensor-{len(sensors) + 1}"
-            place = {"name": name, "side": side, "along_mm": round(along_mm, 1)}
-            sensors.append(place)
+            at_mm = round(along_mm, 1)
+            sensors.append({"name": name, "side": side, "along_mm": at_mm})
 
     about = "Proposed by holdfast import: correct sides and places"
     name = f"imported-{n_sensors}-sensors"

@@ -18,8 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contract import Json, channel_names
+from holdfast.core.contract import Json
 from holdfast.core.errors import OutputError
+from holdfast.core.table import Column, csv_bytes, trial_csv
 from holdfast.core.trial_file import TIME_COLUMN
 from holdfast.core.trial_layout import HAND_FILE
 from holdfast.core.writing import require_writable, whole_folder, write_whole
@@ -27,7 +28,6 @@ from holdfast.simulation.effect import Drawn, Signal
 from holdfast.simulation.protocol import PlannedTrial, Trials
 from holdfast.simulation.scene import BATCH, Scene, SimulatedTrial, shifted_s
 from holdfast.simulation.stepper import Done
-from holdfast.simulation.table import Column, csv_bytes
 
 KIND = "simulated"
 """Value of "kind" in the meta.json of a set."""
@@ -195,16 +195,8 @@ def _meta(scene: Scene, trials: Trials) -> Json:
 
 def _samples(signal: Signal) -> bytes:
     """The CSV of a recording: times and channels."""
-    n_sensors = signal.values.shape[1]
-    decimals = DECIMALS[signal.unit]
-    header = [TIME_COLUMN, *channel_names(n_sensors)]
-
-    columns: list[Column] = [(signal.t_s, TIME_DECIMALS)]
-    flat = signal.values.reshape(len(signal.t_s), -1)
-    for values in flat.T:
-        columns.append((values, decimals))
-
-    return csv_bytes(header, columns)
+    values = signal.values.reshape(len(signal.t_s), -1)
+    return trial_csv(signal.t_s, values, TIME_DECIMALS, DECIMALS[signal.unit])
 
 
 def _motion(

@@ -82,7 +82,7 @@ class TrainingRequest:
     """What `train_on_sets` is asked for.
 
     data: sets by name or folder; none for the generated fixture. replace: an artifact in `out` may
-    be replaced. groups, hold_out, windows: as `datasets.load` takes them; hold_out: None for the
+    be replaced. hold_out, windows: as `datasets.load` takes them; hold_out: None for the
     strictest that the data allow. rate_hz: to learn at, None for that of the data. features, size,
     learner: of the plan. seed: of every random choice, so that the same request gives the same
     model. judge: compute the learning curve too.
@@ -91,7 +91,6 @@ class TrainingRequest:
     data: tuple[str, ...]
     out: Path
     replace: bool = False
-    groups: int | None = None
     hold_out: HoldOut | None = None
     rate_hz: float | None = None
     windows: Choice = "balanced"
@@ -149,7 +148,6 @@ def train_on_sets(
         progress(f"reading {name}")
         data = load(
             name,
-            groups=request.groups,
             seed=request.seed,
             windows=request.windows,
             hold_out=request.hold_out,
@@ -247,7 +245,7 @@ def warn_of_scarcity(data: DataSet) -> None:
         kind = PLURAL.get(data.group_kind, "groups")
         warnings.warn(
             f"{data.name}: two {kind} only; each is answered by a model of the other alone, and "
-            f"intervals mean little; next: record more {kind}, or raise --groups",
+            f"intervals mean little; next: record more {kind}",
             FewGroups,
             stacklevel=2,
         )

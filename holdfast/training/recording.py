@@ -299,7 +299,7 @@ def assign_groups(
         fewer = f"use {len(names)} folds"
         raise TooFewGroups(
             f"{count_of(len(names), 'group')} (people, blocks) cannot make {n_folds} folds",
-            cause="the set holds too few people, or was cut down with --groups",
+            cause="the set holds too few people",
             next_step=fewer if len(names) > 1 else "add recordings of other people",
         )
     rng = np.random.default_rng(seed)

@@ -38,7 +38,7 @@ from holdfast.export.spec import StepSpec
 from holdfast.simulation.scene_file import SceneFile, read_scene_file
 from holdfast.training.recording import DataSet
 
-SMALL = {"train": ("thesis", 10, 0), "choose": ("daily", 3, 1), "ask": ("daily", 6, 2)}
+SMALL = {"train": ("thesis", 10, 0), "choose": ("daily", 2, 1), "ask": ("daily", 4, 2)}
 CHOSEN = (Point(), Point(debounce=2), Point(look_back_s=0.05), Point(groups=POOLED))
 THUMB: BoolArray = np.arange(6) < 2
 TIMES = ("hot_us", "step_us")
@@ -47,7 +47,8 @@ Rows = dict[str, dict[str, Any]]
 
 @pytest.fixture(scope="module", autouse=True)
 def in_long_steps() -> Iterator[None]:
-    """Trials are simulated in steps of a sample, and at no faster rate than they are read."""
+    """Trials are simulated in steps of a sample, and at no faster rate than they are read; a step
+    is timed for a second."""
 
     def card(name: str, rate_hz: float) -> SceneFile:
         return replace(read_scene_file(name, rate_hz=rate_hz), step_s=1 / rate_hz)
@@ -55,6 +56,8 @@ def in_long_steps() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(recordings, "read_scene_file", card)
         patched.setattr(recordings, "FASTEST_HZ", 150.0)
+        timed = "time_deployed"
+        patched.setattr(surface, timed, partial(surface.time_deployed, seconds=1.0))
         yield
 
 

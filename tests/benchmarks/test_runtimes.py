@@ -16,15 +16,7 @@ from small_model import for_the_hand, graph_of
 from benchmarks.runtimes import here as bench
 from benchmarks.runtimes.arm import read_report
 from benchmarks.runtimes.c_programs import CLANG, GCC, WASM, answers_of, golden_of
-from benchmarks.runtimes.onnx_programs import (
-    C_API,
-    IN_C,
-    IN_RUST,
-    IN_WEB,
-    WEB,
-    OnnxProgram,
-    text_of,
-)
+from benchmarks.runtimes.onnx_programs import C_API, IN_WEB, WEB, OnnxProgram, text_of
 from benchmarks.runtimes.onnx_programs import answers_of as onnx_answers_of
 from benchmarks.runtimes.programs import require
 from benchmarks.runtimes.stream import Stream
@@ -99,22 +91,6 @@ def test_an_example_answers_as_onnxruntime_from_python_without_telemetry(
     assert len(set(given.labels)) > 2
     assert given.step_us > 1.0
     assert list((tmp_path / "home").rglob("*onnxruntime*")) == []
-
-
-@pytest.mark.parametrize(
-    ("source", "asks"),
-    [
-        (IN_RUST / "src/main.rs", "input_type.tensor_shape()"),
-        (IN_C / "hand.c", "GetDimensions(table"),
-        (IN_WEB / "hand.js", "shapes.state"),
-    ],
-    ids=lambda given: getattr(given, "name", ""),
-)
-def test_an_example_asks_the_file_how_large_its_state_is(
-    source: Path, asks: str
-) -> None:
-    """Here no cargo, header or Node is needed: models differ in it."""
-    assert asks in source.read_text("utf-8")
 
 
 @needs_chromium

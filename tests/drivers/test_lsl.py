@@ -13,7 +13,7 @@ import numpy as np
 import pylsl
 import pytest
 from command_line import fails
-from live_bench import DEFAULT, go
+from live_bench import TINY, go
 from pylsl.util import LostError
 
 from holdfast.core.contract import Sample, channel_names
@@ -158,7 +158,7 @@ def test_a_stream_that_cannot_be_a_hand_is_refused(facts, error):
 @pytest.mark.parametrize("script", [{"gone": range(300, 450)}, {"ends": 300}])
 def test_a_silent_stream_is_unknown_and_never_safe(script):
     clock = VirtualClock()
-    model = Model(DEFAULT)
+    model = Model(TINY)
     source, inlet, said = opened(clock, **script)
     summary, answers, _ = go(
         model, source, clock, stopped=lambda: clock.now_ns() > 1e9 * 620 * PERIOD_S
@@ -198,7 +198,7 @@ def received(inlet: LslInlet, count: int) -> list[tuple[float, list[float]]]:
 
 def test_values_and_decisions_go_out_and_come_back(name):
     clock = VirtualClock()
-    model = Model(DEFAULT)
+    model = Model(TINY)
     offset_ns = round(1e9 * pylsl.local_clock())
     clock.spend(offset_ns)  # the stamps of the samples: the LSL clock itself
     answers = LslAnswers(
@@ -236,7 +236,7 @@ def test_a_url_that_cannot_be_a_stream_is_a_usage_error(run):
         "lsl://a?unit=kg": "allowed: N or uT or count",
         "lsl://a?seed=1": "allowed: unit, rate_hz",
     }.items():
-        fails(run, 2, "UsageError", "run", DEFAULT, "--source", url, says=says)
+        fails(run, 2, "UsageError", "run", TINY, "--source", url, says=says)
 
 
 def test_without_pylsl_the_error_names_the_extra(monkeypatch):
@@ -278,7 +278,7 @@ def test_an_opened_stream_has_five_seconds_and_its_url_may_say_unit_and_rate():
 
 
 def test_a_decision_is_nine_numbers_and_nan_where_the_model_cannot_tell():
-    prediction = GripMonitor(Model(DEFAULT), None).feed(
+    prediction = GripMonitor(Model(TINY), None).feed(
         Sample(0, np.zeros(18), np.ones(6, dtype=bool), 0)
     )
     one = replace(

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from live_bench import DEFAULT, closing_output
+from live_bench import TINY, closing_output
 from test_line_source import ScriptedFeed
 from test_lsl import ScriptedInlet
 
@@ -56,6 +56,11 @@ count = 5
 """
 Losses = list[tuple[float, float, int | None]]
 """(begins at, lasts, sensor from 1 or None for all) of each, s."""
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return Model(TINY)
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +125,7 @@ WHERE = st.tuples(
 )
 
 
-@settings(max_examples=12)
+@settings(max_examples=10)
 @given(st.sampled_from([usb, lines, lsl]), st.booleans(), st.lists(WHERE, max_size=3))
 def test_a_replay_gives_the_states_of_the_run_row_by_row(
     model: Model,
@@ -168,7 +173,7 @@ def replayed(path: Path) -> list[tuple[str, bool]]:
     """(state, settled) of each line of `holdfast replay`."""
     out = StringIO()
     with redirect_stdout(out):
-        run_replay(argparse.Namespace(model=str(DEFAULT), trial=str(path)))
+        run_replay(argparse.Namespace(model=str(TINY), trial=str(path)))
     found = [json.loads(line) for line in out.getvalue().splitlines()]
     return [(one["state"], one["settled"]) for one in found]
 

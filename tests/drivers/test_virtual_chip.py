@@ -164,6 +164,7 @@ def test_a_chip_has_these_registers_after_power_on():
         on.read(0x1D, 0).hex()
         == "0000000000000000000000006a01495400000000000000001000000010"
     )
+    assert on.read(2, 0x1D).hex() == "0000", "behind the last register there is nothing"
     on.chip.power_on()
     assert (on.chip.address, on.write(0), on.status("POR")) == (A, True, 1)
 

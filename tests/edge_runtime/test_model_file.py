@@ -263,6 +263,19 @@ def test_a_file_whose_seal_holds_is_still_no_model_with(
     assert isinstance(refused(tmp_path / "m.onnx", data), NotAModel | GoldenMismatch)
 
 
+def test_golden_sequences_that_are_cut_short_are_refused(
+    eight_classes: Built, tmp_path: Path
+) -> None:
+    data = content(eight_classes.model)
+    golden = json.loads(metadata_of(data)[GOLDEN_KEY])
+    for one in golden.values():
+        raw, rows = base64.b64decode(one["data"]), one["shape"][0]
+        one["data"] = base64.b64encode(raw[: len(raw) // rows * (rows - 1)]).decode()
+        one["shape"][0] = rows - 1
+    data = with_metadata(data, **{GOLDEN_KEY: json.dumps(golden)})
+    assert isinstance(refused(tmp_path / "m.onnx", data), GoldenMismatch)
+
+
 CONTRADICTED: dict[str, tuple[str, object]] = {
     "other channels": ("spec.n_sensors", 16),
     "a head that is not there": ("heads.p_doom", {"classes": ["no", "yes"]}),

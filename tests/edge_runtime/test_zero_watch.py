@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from live_bench import DEFAULT
+from live_bench import TINY
 
 from holdfast.core.contract import NORMAL_AXIS, Sample
 from holdfast.core.hand_card import sensor_names
@@ -11,7 +11,7 @@ from holdfast.core.source import SourceReading
 from holdfast.edge_runtime.monitor import Model
 from holdfast.live.hand_files import PULLS_FLOORS, PULLS_S, AnswerWatch, ZeroWatch
 
-CARD = Model(DEFAULT).card
+CARD = Model(TINY).card
 LONG = round(PULLS_S * CARD.rate_hz) + 1
 """Samples in a row after which the hand is warned of."""
 

@@ -81,6 +81,13 @@ def test_two_exports_of_a_file_are_the_same_to_the_last_byte(model: Path):
     assert c_source(read_graph(model))[0] == c_source(read_graph(model))[0]
 
 
+@pytest.fixture
+def no_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For what asks for the sources alone."""
+    monkeypatch.setenv("CC", "no-such-compiler")
+
+
+@pytest.mark.usefixtures("no_compiler")
 def test_an_earlier_export_is_replaced_only_with_force(run: Run, model: Path):
     run("export", model, "--to", "c")
     source = model.parent / "small-c" / "holdfast.c"
@@ -98,6 +105,7 @@ def test_a_place_that_takes_no_folder_is_an_error_of_one_line(run: Run, model: P
     assert names(model.parent) == ["small.onnx"]
 
 
+@pytest.mark.usefixtures("no_compiler")
 @pytest.mark.parametrize(
     "earlier", [None, "", "an earlier export"], ids=["none", "empty", "full"]
 )
@@ -206,6 +214,7 @@ def compile_in(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.usefixtures("no_compiler")
 @pytest.mark.skipif(shutil.which("nm") is None, reason="no nm")
 def test_the_object_holds_no_memory_that_changes_and_needs_only_libm(
     run: Run, model: Path

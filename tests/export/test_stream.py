@@ -140,7 +140,7 @@ def bits(outputs: Outputs) -> dict[str, bytes]:
     cuts=st.lists(st.integers(0, 90), max_size=4),
     data=st.data(),
 )
-@settings(max_examples=10)
+@settings(max_examples=7)
 def test_a_stream_in_random_chunks_gives_the_same_bits_as_sample_by_sample(
     eight_classes: Built, seed: int, length: int, cuts: list[int], data: st.DataObject
 ) -> None:

@@ -22,7 +22,7 @@ from holdfast.training.fixture import write_fixture
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/recording-and-study.md"
-RELEASED = ROOT / "models/holdfast-150hz.onnx"
+RELEASED = ROOT / "models/holdfast-50hz.onnx"
 Run = Callable[..., tuple[int, str, str]]
 
 
@@ -45,7 +45,8 @@ def test_the_page_runs_and_the_file_is_one_person_s_until_it_is_undone(
     about = card.raw["adaptation"]
     assert about["person"]["hand_overs"] == 8
     assert about["person"]["slips"] == 0
-    assert about["held_out"]["recall"] >= 0.95
+    recall, of_base = (about[name]["recall"] for name in ("held_out", "base_held_out"))
+    assert recall >= of_base >= 0.85
     assert "p01" not in json.dumps(about)
     assert set(about["others"]) == {"recordings", "slips"}, (
         "a folder may be named after a person"

@@ -115,7 +115,7 @@ def test_help_loads_no_package_that_takes_time() -> None:
 USAGE = {
     "fly": "unknown command 'fly'; choose from",
     "doctor --quickly": "--quickly",
-    "train --groups many": "'many'",
+    "train --rate many": "'many'",
     "replay": "MODEL",
     "evaluate m.onnx": "--data",
     "export a b": "b",

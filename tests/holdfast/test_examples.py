@@ -306,7 +306,7 @@ def in_c(samples: Samples, filter_ms: int, folder: Path) -> list[int]:
     [
         (in_python, 100_000, 0),
         (in_python, 50_000, 60),
-        (in_c, 1_000_000, 0),
+        (in_c, 300_000, 0),
         pytest.param(in_python, 1_000_000, 0, marks=pytest.mark.soak),
     ],
 )

@@ -6,7 +6,6 @@ import importlib
 import json
 import os
 import pty
-import subprocess
 import sys
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import pytest
 from command_line import Run, fails, imported
 from foreign_logs import axes, made, write_sheet, write_text
 
+from holdfast.cli.main import main
 from holdfast.core.errors import LibraryMissing
 from holdfast.interop.logs import find_logs
 
@@ -192,7 +192,9 @@ def test_check_of_foreign_logs_proposes_the_import(run: Run, tmp_path: Path) -> 
     assert f"holdfast import {tmp_path}/own --out {tmp_path}/own-trials" in out
 
 
-@pytest.mark.parametrize("name, is_log", [("metadata.yaml", True), ("a.jpg", False)])
+@pytest.mark.parametrize(
+    ("name", "is_log"), [("metadata.yaml", True), ("a.jpg", False)]
+)
 def test_check_proposes_the_import_of_a_bag_and_not_of_pictures(
     run: Run, tmp_path: Path, name: str, is_log: bool
 ) -> None:
@@ -214,26 +216,24 @@ def test_a_folder_is_read_in_the_order_of_its_numbers_and_names_what_is_no_log(
     assert others == ["readme.txt"]
 
 
-def test_a_terminal_is_asked_and_no_is_no(tmp_path: Path) -> None:
+def test_a_terminal_is_asked_and_no_is_no(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     logs(tmp_path / "logs")
     for path in (tmp_path / "logs").iterdir():
         path.rename(path.with_name(path.name.replace("_slip", "")))
-    words = [sys.executable, "-m", "holdfast", "import", "logs"]
+    words = ["import", str(tmp_path / "logs"), "--out"]
     for answer, code in (("n", 2), ("y", 0)):
         master, slave = pty.openpty()
         os.write(master, f"slip\n{answer}\n".encode())
-        done = subprocess.run(
-            [*words, "--out", f"set-{answer}"],
-            cwd=tmp_path,
-            stdin=slave,
-            stdout=slave,
-            stderr=subprocess.PIPE,
-            check=False,
-        )
-        shown = os.read(master, 1 << 16).decode()
+        with open(slave) as keys, open(os.dup(slave), "w") as screen:
+            with monkeypatch.context() as patched:
+                patched.setattr(sys, "stdin", keys)
+                patched.setattr(sys, "stdout", screen)
+                assert main([*words, str(tmp_path / f"set-{answer}")]) == code
+            screen.flush()
+            shown = os.read(master, 1 << 16).decode()
         os.close(master)
-        os.close(slave)
-        assert done.returncode == code, done.stderr
         assert "what happens in these trials?" in shown
         assert "2 trials: 2 slip" in shown
         assert (tmp_path / f"set-{answer}").exists() == (answer == "y")

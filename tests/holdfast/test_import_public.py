@@ -47,7 +47,6 @@ def test_eflesh_from_semicolons_to_a_judged_model(
     assert code == 0, err
     assert "held out by trial" in out
     assert "held out by trial" in report.read_text("utf-8").lower()
-    assert run("export", model)[0] == 0
     trial_path = own / "object/slip/trial_1.csv"
     code, out, err = run("replay", model / "holdfast.onnx", trial_path)
     assert code == 0, err

@@ -13,14 +13,14 @@ from types import ModuleType
 
 import pytest
 from command_line import fails
-from live_bench import DEFAULT
+from live_bench import TINY
 
 from holdfast.core.hand_lines import LineRefused
 from holdfast.drivers.lines import SampleReader
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"
-RUN = [sys.executable, "-m", "holdfast", "run", str(DEFAULT), "--source"]
+RUN = [sys.executable, "-m", "holdfast", "run", str(TINY), "--source"]
 MS = 1_000_000
 
 

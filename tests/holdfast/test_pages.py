@@ -6,6 +6,7 @@ import json
 import re
 import shlex
 import shutil
+import tempfile
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -145,12 +146,12 @@ def test_the_file_runs_by_plain_onnxruntime_as_its_page_shows(
         (
             "train-on-your-data",
             "holdfast.onnx: ",
-            ('"--trials", "40"', '"--trials", "40", "--rate", "50"'),
+            ('"--trials", "40"', '"--trials", "24", "--rate", "50"'),
         ),
         (
             "from-your-recordings",
             "unseen, this model, as deployed: recall ",
-            ('"--rate", "100"', '"--rate", "50"'),
+            ('"36", "--rate", "100"', '"24", "--rate", "50"'),
         ),
     ],
     ids=["read-a-recording", "train-on-your-data", "from-your-recordings"],
@@ -159,11 +160,13 @@ def test_a_notebook_runs_as_a_program(
     name: str,
     says: str,
     smaller: tuple[str, str],
+    tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """smaller: a text of it -> what is run in its place, with fewer samples a second."""
+    """smaller: a text of it -> what is run in its place, with fewer trials and samples a second."""
     monkeypatch.chdir(ROOT)  # a notebook goes to a temporary folder of its own
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
     path = ROOT / f"docs/notebooks/{name}.py"
     text = path.read_text("utf-8")

@@ -3,7 +3,6 @@ is lost."""
 
 from __future__ import annotations
 
-import os
 import resource
 import signal
 import subprocess
@@ -11,6 +10,7 @@ import sys
 
 import pytest
 from full_disk import full_disk
+from grip_bench import until
 from recorder_bench import (
     AREA,
     ROOT,
@@ -103,8 +103,7 @@ def test_a_kill_from_outside_leaves_whole_rows_in_their_order(tmp_path):
     with start(*words, "--at-once", "--trials", "1", "--seconds", "600") as run:
         wait_for(run, "recording p01")
         file = tmp_path / "p01/cup/pull/trial_1/tactile.csv"
-        while file.read_bytes().count(b"\n") < 50:
-            os.sched_yield()
+        until(lambda: file.read_bytes().count(b"\n") >= 50)
         run.kill()
         run.communicate(timeout=300)
     whole = repair_table(file)

@@ -10,6 +10,7 @@ import termios
 from functools import partial
 
 import pytest
+from grip_bench import until
 from recorder_bench import (
     AREA,
     PULL,
@@ -167,8 +168,7 @@ def test_a_terminal_that_goes_away_ends_the_trial_as_sigterm_does(tmp_path):
         os.write(master, b" ")
         wait_on_terminal_for(master, "recording p01")
         folder = tmp_path / "out/p01/cup/pull/trial_1"
-        while (folder / "tactile.csv").read_bytes().count(b"\n") < 20:
-            os.sched_yield()
+        until(lambda: (folder / "tactile.csv").read_bytes().count(b"\n") >= 20)
         os.close(master)
         assert run.wait(timeout=300) == 0
     meta = meta_of(folder)

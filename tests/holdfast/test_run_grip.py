@@ -17,7 +17,7 @@ import pytest
 from grip_bench import UnixReceiver
 from hazard_marks import DEAD_LOG, LOST_SENSOR, NO_GRIP_COMMAND, RUN_DIES
 from live_bench import ROOT, RUN, closing_output, run_on
-from packages import package_of
+from packages import loaded_by
 
 from holdfast.core.contract import GripCommand
 from holdfast.core.errors import ChannelError, UsageError
@@ -245,7 +245,6 @@ def test_a_hand_in_a_scene_holds_where_commands_stay_away(tmp_path):
 # -- what cannot be
 
 
-TINY = ROOT / "models" / "holdfast-150hz-tiny.onnx"
 WRONG_OPTIONS = {
     "--grip tcp://x:1": "is not an address",
     "--to best": "FILE.jsonl",
@@ -261,8 +260,7 @@ WRONG_OPTIONS = {
 
 @pytest.mark.parametrize("typed", WRONG_OPTIONS)
 def test_an_option_that_cannot_be_is_one_line_and_exit_code_2(run, typed):
-    # the smallest model: each of these opens one
-    code, _, err = run("run", TINY, *RUN[5:], *typed.split())
+    code, _, err = run(*RUN[3:], *typed.split())
     assert code == 2
     assert WRONG_OPTIONS[typed] in err
     assert err.count("\n") == 1
@@ -297,11 +295,7 @@ def test_a_model_for_another_number_of_fingers_is_refused(model):
 
 
 def test_a_run_that_moves_a_real_hand_loads_no_simulation():
-    code = "import sys, holdfast.live.grip; print(*sys.modules)"
-    done = subprocess.run(
-        [RUN[0], "-c", code], cwd=ROOT, capture_output=True, text=True
-    )
-    loaded = {package_of(name) for name in done.stdout.split()}
+    loaded = loaded_by("import holdfast.live.grip")
     assert "edge_runtime" in loaded
     assert (
         loaded & {"simulation", "training", "export", "evaluation", "scipy", "sklearn"}

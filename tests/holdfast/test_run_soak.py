@@ -46,7 +46,7 @@ from holdfast.live.wearer import wearer_monitor
 
 SOAK_S = float(os.environ.get("HOLDFAST_SOAK_S", "3600"))
 SEED = int(os.environ.get("HOLDFAST_SOAK_SEED", "1"))
-SHORT_S, SHORT_EVERY_S = 8.0, 0.12
+SHORT_S, SHORT_EVERY_S = 6.0, 0.12
 """Of the virtual clock, which the tests have time for: eight troubles a second."""
 LIFE_TROUBLES = (4.0, 16.0)
 """How long a run lasts until a signal ends it, in times between two troubles."""

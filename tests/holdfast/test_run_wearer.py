@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_line import fails
 from grip_bench import ROOT
 from hazard_marks import HOLDS_AGAINST_WEARER
 from hypothesis import given, settings
@@ -132,12 +133,9 @@ def test_while_the_wearer_opens_no_command_has_a_target(said, lasts):
 
 
 def test_an_existing_file_beside_the_samples_is_never_overwritten(
-    tmp_path: Path, wearer
+    run, tmp_path: Path, wearer
 ):
     (tmp_path / "a.intent.csv").write_text("mine", encoding="utf-8")
-    command = [*RUN, "--wearer", wearer[0], "--to", str(tmp_path / "a.csv")]
-    done = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, timeout=300
-    )
-    assert done.returncode == 5
+    words = ("--wearer", wearer[0], "--to", tmp_path / "a.csv")
+    fails(run, 5, "OutputError", *RUN[3:], *words)
     assert (tmp_path / "a.intent.csv").read_text("utf-8") == "mine"

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-from live_bench import DEFAULT, ROOT, run_on
+from command_line import Run
+from live_bench import TINY, run_on
 
 from holdfast.cli.main import main
 from holdfast.core.errors import UsageError
@@ -38,7 +37,7 @@ close_at_s = 0.8
 hold_s = 1.5
 peak_n = 10
 lasts_s = 0.2
-after_s = 2
+after_s = 0.8
 [effects.brush]
 count = 5
 [effects.dipole]
@@ -47,9 +46,9 @@ count = 5
 
 @pytest.fixture(scope="module")
 def two_pads(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The default model's learner, in a file for the gripper."""
+    """The tiny model's learner, in a file for the gripper."""
     out = tmp_path_factory.mktemp("gripper") / "two-pads.onnx"
-    words = ["export", str(DEFAULT), "--hand", "two-pad-gripper", "--out", str(out)]
+    words = ["export", str(TINY), "--hand", "two-pad-gripper", "--out", str(out)]
     assert main(words) == 0
     return out
 
@@ -76,7 +75,7 @@ def test_a_tug_at_a_gripper_of_two_pads_is_held_by_the_commands(
     gain = shear_gain_of(url, None) or 1.0
     control = controller_for(controller, model.card, print, shear_gain=gain)
     grip = open_grip("virtual?lag_ms=50", control, 150.0, url, clock, print)
-    run_on(grip, model, url, 4.0, clock)
+    run_on(grip, model, url, 3.2, clock)
     assert grip.scene is not None
     outcome = grip.scene.outcome()
     assert outcome.kept == kept
@@ -85,22 +84,14 @@ def test_a_tug_at_a_gripper_of_two_pads_is_held_by_the_commands(
 
 
 def test_a_run_names_the_gripper_commands_it_and_ends_with_its_scene(
-    two_pads: Path, tug: Path
+    run: Run, two_pads: Path, tug: Path
 ) -> None:
-    words = [sys.executable, "-m", "holdfast", "run", str(two_pads), "--source"]
-    words += [scene_url(tug, 102), "--grip", "virtual", "--to", "none"]
-    done = subprocess.run(
-        words,
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert "hand: two-pad-gripper, 2 sensors" in done.stderr
-    assert "the scene has ended; samples: " in done.stderr
-    assert "scene: " in done.stderr
+    words = ("--source", scene_url(tug, 102), "--grip", "virtual", "--to", "none")
+    code, _, err = run("run", two_pads, *words)
+    assert code == 0, err
+    assert "hand: two-pad-gripper, 2 sensors" in err
+    assert "the scene has ended; samples: " in err
+    assert "scene: " in err
 
 
 WRONG = {

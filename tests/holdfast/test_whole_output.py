@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from command_line import Run, fails
+from grip_bench import until
 from hazard_marks import HALF_FINISHED, OVERWRITTEN, READABLE_BY_OTHERS
 from recorder_bench import one_pull
 
@@ -107,9 +108,8 @@ def test_a_simulation_that_is_ended_leaves_nothing_that_looks_whole(tmp_path, en
     with subprocess.Popen(
         command, cwd=ROOT, stderr=subprocess.PIPE, text=True, preexec_fn=heeds
     ) as process:
-        while not list(tmp_path.rglob("meta.json")):
-            assert process.poll() is None
-            os.sched_yield()
+        until(lambda: list(tmp_path.rglob("meta.json")))
+        assert process.poll() is None
         process.send_signal(signal.Signals[end])
         _, err = process.communicate(timeout=300)
     assert not (tmp_path / "set").exists()

@@ -75,6 +75,16 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str
     return {**os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": ""}
 
 
+def python(
+    installed: dict[str, str], folder: Path, *words: str
+) -> subprocess.CompletedProcess[str]:
+    """Python in this environment alone."""
+    command = [sys.executable, "-S", *words]
+    return subprocess.run(
+        command, cwd=folder, env=installed, capture_output=True, text=True
+    )
+
+
 def test_the_wheel_puts_one_name_into_site_packages(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as packed:
         names = packed.namelist()
@@ -104,10 +114,7 @@ def test_the_readmes_program_runs_as_printed_where_only_the_live_path_is(
 ) -> None:
     readme = (ROOT / "README.md").read_text("utf-8")
     (program,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
-    command = [sys.executable, "-S", "-c", f"{program}print(answer.sequence)"]
-    done = subprocess.run(
-        command, cwd=tmp_path, env=installed, capture_output=True, text=True
-    )
+    done = python(installed, tmp_path, "-c", f"{program}print(answer.sequence)")
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == "149"
 
@@ -115,7 +122,6 @@ def test_the_readmes_program_runs_as_printed_where_only_the_live_path_is(
 @pytest.mark.parametrize(
     ("words", "code", "says"),
     [
-        ((*VIRTUAL, "--seconds", "0.2"), 0, "samples"),
         ((*VIRTUAL, "--grip", "virtual", "--seconds", "0.2"), 0, "obeys its wearer"),
         ((*VIRTUAL, "--seconds", "0.2", "--to", "view"), 0, "samples"),
         (("scan", "virtual://ft232h"), 0, ""),
@@ -131,10 +137,7 @@ def test_a_command_works_or_names_an_extra(
     code: int,
     says: str,
 ) -> None:
-    command = [sys.executable, "-S", "-m", "holdfast", *words]
-    done = subprocess.run(
-        command, cwd=tmp_path, env=installed, capture_output=True, text=True
-    )
+    done = python(installed, tmp_path, "-m", "holdfast", *words)
     assert done.returncode == code, done.stderr
     assert says in done.stderr
 
@@ -144,12 +147,9 @@ def test_a_conversion_needs_the_extra_of_its_format_and_no_other(
     installed: dict[str, str], tmp_path: Path, form: str
 ) -> None:
     write_lossy_set(tmp_path / "trials")
-    words = ("convert", "trials", "--to", form, "--out", f"made-{form}")
-    command = [sys.executable, "-S", "-m", "holdfast", *words]
-
-    bare = subprocess.run(
-        command, cwd=tmp_path, env=installed, capture_output=True, text=True
-    )
+    out = f"made-{form}"
+    words = ("-m", "holdfast", "convert", "trials", "--to", form, "--out", out)
+    bare = python(installed, tmp_path, *words)
     assert bare.returncode == 6, bare.stderr
     assert f"pip install 'holdfast[{form}]'" in bare.stderr
 
@@ -162,11 +162,9 @@ def test_a_conversion_needs_the_extra_of_its_format_and_no_other(
             if found.exists():
                 (extra / found.name).symlink_to(found)
     with_extra = {**installed, "PYTHONPATH": f"{installed['PYTHONPATH']}:{extra}"}
-    done = subprocess.run(
-        command, cwd=tmp_path, env=with_extra, capture_output=True, text=True
-    )
+    done = python(with_extra, tmp_path, *words)
     assert done.returncode == 0, done.stderr
-    assert any((tmp_path / f"made-{form}").iterdir())
+    assert any((tmp_path / out).iterdir())
 
 
 def test_every_extra_that_a_message_names_is_one_of_the_wheels() -> None:

@@ -13,11 +13,11 @@ from loop_bench import (
     ACTIONS,
     WHOLE_BRUSH,
     Firm,
-    card_text,
     forces_in,
-    model,
     row,
     scene_of,
+    slow_card,
+    slower,
 )
 
 from benchmarks.loop_baselines import oracle
@@ -55,7 +55,7 @@ def firm_loop(
         made.append(Firm(trials, grip_n))
         return made[0]
 
-    return ClosedLoop(scene, scene.trials(), model(), make, settings), made[0]
+    return ClosedLoop(scene, scene.trials(), slower(), make, settings), made[0]
 
 
 def firm_of(trials: Sequence[PlannedTrial], rate_hz: float) -> Firm:
@@ -73,9 +73,10 @@ def idle(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Scene, ClosedLoop, np.ndarray]:
     """One trial of each action with controller none; forces at every sample."""
-    text = card_text(*ONE_OF_EACH, effects=request.param)
+    text = slow_card(*ONE_OF_EACH, effects=request.param)
     scene = scene_of(tmp_path_factory.mktemp("idle"), text)
-    loop = ClosedLoop(scene, scene.trials(), model(), managed(scene, Controller))
+    make = managed(scene, Controller)
+    loop = ClosedLoop(scene, scene.trials(), slower(), make)
     return scene, loop, forces_in(loop)
 
 
@@ -88,7 +89,7 @@ def test_a_loop_that_does_nothing_is_the_open_loop_bit_for_bit(
         steps = min(
             len(looped.at_s), len(whole.motion.at_s)
         )  # a pull's loop goes on for longer
-        assert steps > 300
+        assert steps > 100
         for name in ("at_s", "agents_n", "gripped", "slips", "slides", "slip_m"):
             open_loop = getattr(whole.motion, name)[:steps]
             assert getattr(looped, name)[:steps].tobytes() == open_loop.tobytes(), name
@@ -105,10 +106,9 @@ def test_a_loop_that_does_nothing_is_the_open_loop_bit_for_bit(
 @pytest.fixture(scope="module")
 def two(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, list[LoopOutcome]]:
     """A pull and a fall by the holdfast controller."""
-    scene = scene_of(
-        tmp_path_factory.mktemp("two"), card_text(row("pull"), row("fall"))
-    )
-    return scene, run_loops(scene, scene.trials(), model(), managed(scene))
+    text = slow_card(row("pull"), row("fall"))
+    scene = scene_of(tmp_path_factory.mktemp("two"), text)
+    return scene, run_loops(scene, scene.trials(), slower(), managed(scene))
 
 
 def same(one: LoopOutcome, other: LoopOutcome) -> bool:
@@ -123,9 +123,10 @@ def test_a_trial_does_not_depend_on_its_batch_even_alone(
     scene, outcomes = two
     trials = scene.trials()
     make = managed(scene)
-    (alone,) = run_loops(scene, trials[:1], model(), make)
+    (alone,) = run_loops(scene, trials[:1], slower(), make)
     assert same(alone, outcomes[0])
-    swapped = run_loops(scene, [trials[1], trials[0], trials[1]], model(), make)
+    order = [trials[1], trials[0], trials[1]]
+    swapped = run_loops(scene, order, slower(), make)
     for one, other in zip(
         swapped, (outcomes[1], outcomes[0], outcomes[1]), strict=True
     ):
@@ -140,11 +141,11 @@ def falls(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[LoopOutcom
     """A fall and a pull beyond any hand: bare and by the oracle. The falling object is fragile."""
     egg = '[objects."egg"]\nmass_g = 60\nhalf_length_mm = 60\nfriction = 0.7\ncrush_n = 20\n'
     beyond = row("pull", "cap_n = 400\narm_n_per_m = 100000\ndistance_m = 1\n")
-    text = card_text(row("fall", "weak_grip = 0.5\n", "egg"), beyond, effects=egg)
+    text = slow_card(row("fall", "weak_grip = 0.5\n", "egg"), beyond, effects=egg)
     scene = scene_of(tmp_path_factory.mktemp("falls"), text)
-    bare = run_loops(scene, scene.trials(), model(), managed(scene, Controller))
+    bare = run_loops(scene, scene.trials(), slower(), managed(scene, Controller))
     onsets = {one.trial.number: one.onset_s for one in bare}
-    best = run_loops(scene, scene.trials(), model(), oracle(onsets, 70.0))
+    best = run_loops(scene, scene.trials(), slower(), oracle(onsets, 70.0))
     return {"bare": bare, "oracle": best}
 
 
@@ -195,7 +196,7 @@ def resisted(
         row("pass", f"{PATIENT}cap_n = 0.5\nopen_after_s = 1.2\n"),
         row("pull", "cap_n = 12\nmove_s = 0.5\ntail_s = 1.5\n"),
     ]
-    scene = scene_of(tmp_path_factory.mktemp("resisted"), card_text(*rows))
+    scene = scene_of(tmp_path_factory.mktemp("resisted"), slow_card(*rows))
     loop, firm = firm_loop(scene, settings=CANNOT_TELL)
     return loop, firm, loop.run()
 
@@ -215,7 +216,7 @@ def test_a_hand_that_cannot_tell_holds_while_its_wearer_opens(
     _, weak, _ = resisted[2]
     t_s = weak.begin_s + np.arange(len(weak.grip_n)) / weak.rate_hz
     opened = (t_s > weak.opens_s + 0.3) & (t_s < weak.overrode_s)
-    assert opened.sum() > 3
+    assert opened.sum() > 1
     assert (weak.own_n[opened] < 0.5 * weak.trial.grip_n).all()
     assert weak.grip_n[opened] == pytest.approx(45.0, abs=2.0)
     assert weak.lost_s > weak.overrode_s
@@ -223,11 +224,11 @@ def test_a_hand_that_cannot_tell_holds_while_its_wearer_opens(
 
 def test_a_hand_obeys_its_wearers_opening_whatever_the_target(tmp_path: Path) -> None:
     kind = f"{PATIENT}cap_n = 0.5\nopen_after_s = 1.2\n"
-    scene = scene_of(tmp_path, card_text(row("pass", kind)))
+    scene = scene_of(tmp_path, slow_card(row("pass", kind)))
     make = managed(scene, Controller)
-    (bare,) = run_loops(scene, scene.trials(), model(), make, HEARD)
+    (bare,) = run_loops(scene, scene.trials(), slower(), make, HEARD)
 
-    (held,) = run_loops(scene, scene.trials(), model(), firm_of, HEARD)
+    (held,) = run_loops(scene, scene.trials(), slower(), firm_of, HEARD)
     t_s = held.begin_s + np.arange(len(held.grip_n)) / held.rate_hz
     before = int(np.searchsorted(t_s, held.opens_s)) - 1
     assert held.grip_n[before] == pytest.approx(45.0, abs=2.0)
@@ -242,10 +243,10 @@ def test_a_hand_that_its_wearer_opens_by_mistake_opens_for_so_long(
     tmp_path: Path, mistake_s: float, is_held: bool
 ) -> None:
     kind = "hold_s = 1.8\nopening_s = 0.3\n"
-    scene = scene_of(tmp_path, card_text(row("hold", kind)))
+    scene = scene_of(tmp_path, slow_card(row("hold", kind)))
     habits = replace(HEARD.habits, mistake_s=mistake_s)
     settings = replace(HEARD, habits=habits)
-    (held, _) = run_loops(scene, [*scene.trials()] * 2, model(), firm_of, settings)
+    (held, _) = run_loops(scene, [*scene.trials()] * 2, slower(), firm_of, settings)
     t_s = held.begin_s + np.arange(len(held.grip_n)) / held.rate_hz
     begins_s = held.act_s - MISTAKEN_S
     opened = (t_s > begins_s) & (t_s < begins_s + 2.0 * mistake_s)
@@ -309,7 +310,7 @@ def test_a_wearer_overrides_only_where_the_own_grip_would_have_let_go(
 
 
 def test_a_target_that_comes_later_is_followed_later(tmp_path: Path) -> None:
-    scene = scene_of(tmp_path, card_text(row("fall"), row("fall")))
+    scene = scene_of(tmp_path, slow_card(row("fall"), row("fall")))
     first = []
     for delay in (0, 6):
         loop, _ = firm_loop(scene, settings=LoopSettings(delay_samples=delay))

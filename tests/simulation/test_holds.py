@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -149,7 +150,7 @@ def test_a_hold_that_a_table_bears_is_written_without_an_infinity_and_read_again
     tmp_path: Path,
 ) -> None:
     """Strict JSON has none, and one trial in several hundred of `wide` is such a hold."""
-    made = Scene(read_scene_file("wide"), 100)
+    made = Scene(replace(read_scene_file("wide"), step_s=0.0067), 100)
     (borne,) = [one for one in made.trials() if one.number == 142]
     assert borne.drawn["used"] == np.inf
     write_recording(tmp_path / "trial_1", made, list(made.run([borne])))

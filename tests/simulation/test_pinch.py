@@ -16,7 +16,7 @@ from holdfast.simulation.scene_file import SceneFile, read_scene_file
 from holdfast.simulation.script_times import Times
 from holdfast.simulation.truth import GROSS_SLIP_M, GROSS_TURN_RAD
 
-COARSE_S = 0.004
+COARSE_S = 0.0067
 SOON = {"close_at_s": 0.1, "hold_s": 0.9, "times": 1, "every_s": 0.8}
 TAIL = {"tail_s": 0.2}
 

@@ -14,6 +14,7 @@ CARD = card_text(
     row("pass", "count = 2\n"),
     row("fall", "weak_grip = 0.5\n", "hard-ball"),
     '[[trials]]\naction = "nothing"\nlasts_s = 1\n',
+    rate_hz=50,
 )
 KEYS = (
     "preventable",
@@ -39,7 +40,7 @@ def looped(
 ) -> tuple[str, dict[str, Any]]:
     """(what was printed, the JSON) of a run on a card."""
     out = folder / "loop.json"
-    options = ("--model", MODEL, "--jobs", 1, "--json", out, *words)
+    options = ("--model", SLOWER, "--jobs", 1, "--json", out, *words)
     code, printed, err = study("loop", written(folder, text), *options)
     assert code == 0, err
     assert "Traceback" not in err
@@ -82,8 +83,7 @@ def test_what_no_hand_can_hold_is_an_outcome(study: Run, tmp_path: Path) -> None
     slippery = '[objects."soap"]\nmass_g = 2000\nfriction = 0.05\nhalf_length_mm = 80\n'
     beyond = row("pull", "cap_n = 400\narm_n_per_m = 100000\ndistance_m = 1\n")
     text = card_text(row("fall", "", "soap"), beyond, effects=slippery, rate_hz=50)
-    words = ("--controller", "holdfast", "--model", SLOWER)
-    _, made = looped(study, tmp_path, text, *words)
+    _, made = looped(study, tmp_path, text, "--controller", "holdfast")
     figures = made["sets"]["mine"]["holdfast"]
     assert (figures["drops"], figures["preventable"], figures["saved_share"]) == (
         2,
@@ -113,7 +113,7 @@ def test_a_card_in_another_unit_or_at_another_rate_is_refused(
     fields = written(
         tmp_path, magnet.replace("150\n", '150\nunit = "uT"\n', 1), "fields"
     )
-    slow = written(tmp_path, CARD.replace("rate_hz = 150", "rate_hz = 100"), "slow")
+    slow = written(tmp_path, CARD.replace("rate_hz = 50", "rate_hz = 100"), "slow")
     fails(
         study,
         3,

@@ -205,7 +205,7 @@ def test_the_same_seed_gives_the_same_figures_and_another_others(data, points, n
 @pytest.mark.usefixtures("quick")
 def test_labels_drawn_by_lot_are_answered_by_chance():
     """No way round the split: where there is nothing to learn, nothing is learned."""
-    data = made_set(60, 12)
+    data = made_set(48, 12)
     points = points_of(data)
     lots = np.random.default_rng(0).permutation(points.kind)
     figures = case_figures(data, replace(points, kind=lots), BY_NAME["1"], seed=0)

@@ -1,4 +1,5 @@
-"""The whole main job on real recordings, in small: few people, few trees."""
+"""The whole main job on real recordings, in small: few people, few trees; the taxels that it
+takes, and the timing-only baseline."""
 
 from __future__ import annotations
 
@@ -26,11 +27,13 @@ from holdfast.training.crossval import (
     spec_for,
     splits_of,
 )
-from holdfast.training.datasets import load
+from holdfast.training.datasets import human_slip_uskin, keep_groups, load
 from holdfast.training.fitting import versions
 from holdfast.training.judging import held_out_figures
 from holdfast.training.plan import ForestPlan, TrainingPlan
 from holdfast.training.recording import DataSet
+from studies.folds import leaky_folds
+from studies.real.clock import clock_features
 from studies.real.figures import FinalModel, RealStudy, StreamedFold
 from studies.real.methods import CLOCK_PLAN, Method, cross_validated
 from studies.real.report import Evidence, write_real_report
@@ -45,8 +48,19 @@ Small = tuple[DataSet, dict[str, FloatRows], HeldOut]
 
 
 @pytest.fixture(scope="module")
-def small(real_set: Callable[[str], Path]) -> Small:
-    data = load(real_set("human_slip_uskin"), groups=3)
+def six(real_set: Callable[[str], Path]) -> DataSet:
+    return load(real_set("human_slip_uskin"))
+
+
+@pytest.fixture(scope="module")
+def whole(six: DataSet) -> DataSet:
+    """All taxels, as the methods keep them."""
+    return Method(CLOCK_PLAN, channels=48).data()
+
+
+@pytest.fixture(scope="module")
+def small(six: DataSet) -> Small:
+    data = keep_groups(six, 3, seed=0)
     spec = spec_for(data, PLAN.groups)
     features = features_of(data, spec)
     folds = [
@@ -63,24 +77,16 @@ def test_every_window_is_answered_by_a_forest_that_never_saw_its_person(
     data, features, _ = small
     people = np.unique(data.group_of("situations"), return_inverse=True)[1]
     rows = data.tasks["situations"]
-    named = DataSet(
-        **{
-            **vars(data),
-            "tasks": {
-                "situations": type(rows)(rows.trial, rows.row, people, rows.classes)
-            },
-        }
-    )
-    votes = cross_validate(named, {"situations": features["situations"]}, PLAN).votes[
-        "situations"
-    ]
+    tasks = {"situations": replace(rows, label=people)}
+    named = replace(data, tasks=tasks)
+    two = replace(PLAN, situation=replace(FEW, n_estimators=2))
+    given = {"situations": features["situations"]}
+    votes = cross_validate(named, given, two).votes["situations"]
     assert not votes[np.arange(len(votes)), people].any()
 
 
-def test_methods_side_by_side_answer_as_each_would_alone(
-    real_set: Callable[[str], Path],
-) -> None:
-    real_set("human_slip_uskin")
+@pytest.mark.usefixtures("whole")
+def test_methods_side_by_side_answer_as_each_would_alone() -> None:
     tiny = ForestPlan(n_estimators=2, max_depth=2)
     timed = replace(CLOCK_PLAN, situation=tiny, prediction=tiny, folds=3)
     methods = {
@@ -167,3 +173,48 @@ def test_the_page_s_table_shows_every_method(
     text = filled("docs/results.md", {"real": figures}, tmp_path)
     assert f"| {OURS_18} | {figures['situations']['macro_f1']:.3f} (" in text
     assert "| timing-only baseline |" in text
+
+
+# -- taxels, clock and folds
+
+
+def test_the_clock_counts_from_the_last_rise_through_one_newton(whole: DataSet) -> None:
+    rows = whole.tasks["situations"].take(np.arange(500))
+    clock = clock_features(whole, rows)
+    for trial, row, (frames, force_n) in zip(rows.trial, rows.row, clock, strict=True):
+        z = whole.recordings[trial].samples[:, 2::3].sum(axis=1)
+        rises = np.flatnonzero((z[1 : row + 1] >= 1.0) & (z[:row] < 1.0)) + 1
+        assert frames == (row - rises[-1] if len(rises) else -1)
+        assert force_n == pytest.approx(z[row], abs=1e-12)
+
+
+def test_the_usual_six_taxels_have_no_neighbours_and_leave_no_gap() -> None:
+    places = np.stack(np.divmod(np.arange(16), 4), axis=1)
+    steps = np.abs(places[:, None] - places).sum(axis=2)
+    chosen = [taxel - 1 for taxel in human_slip_uskin.SPREAD_TAXELS]
+    among = steps[np.ix_(chosen, chosen)]
+    assert among[~np.eye(6, dtype=np.bool_)].min() == 2
+    assert steps[:, chosen].min(axis=1).max() == 1
+
+
+def test_the_card_has_the_six_taxels_where_the_pad_has_them(
+    whole: DataSet, six: DataSet
+) -> None:
+    first = six.recordings[0].samples
+    np.testing.assert_array_equal(first[:, :3], whole.recordings[0].samples[:, 3:6])
+    assert six.hand is not None
+    sensed = [contact for contact in six.hand.contacts if contact.sensed]
+    taxels = human_slip_uskin.SPREAD_TAXELS
+    assert [contact.name for contact in sensed] == [f"taxel-{k}" for k in taxels]
+    down, right = np.divmod(np.array(taxels) - 1, 4)
+    along = np.array([contact.along_mm for contact in sensed])
+    across = np.array([contact.across_mm for contact in sensed])
+    np.testing.assert_allclose(along, 4.7 * (1.5 - down))
+    np.testing.assert_allclose(across, 4.7 * (right - 1.5))
+
+
+def test_the_leaky_split_tests_every_window_once_and_shares_people() -> None:
+    folds = leaky_folds(100, 5, seed=2)
+    assert sorted(np.concatenate([test for _, test in folds])) == list(range(100))
+    groups = np.arange(100) // 10
+    assert all(set(groups[test]) & set(groups[train]) for train, test in folds)

@@ -26,6 +26,8 @@ from holdfast.live.sources import open_live
 ROOT = Path(__file__).resolve().parents[2]
 AnyOutput = TypeVar("AnyOutput", bound=Output)
 DEFAULT = ROOT / "models" / "holdfast-150hz.onnx"
+# of fewer trees, quicker to open
+TINY = ROOT / "models" / "holdfast-150hz-tiny.onnx"
 
 
 RUN = [
@@ -33,11 +35,11 @@ RUN = [
     "-m",
     "holdfast",
     "run",
-    str(DEFAULT),
+    str(TINY),
     "--source",
     "virtual://ft232h",
 ]
-"""The command line on the default model and a virtual hand at rest."""
+"""The command line on the tiny model and a virtual hand at rest."""
 
 
 @pytest.fixture(scope="session")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,12 @@ def model() -> Model:
     return Model(str(MODEL))
 
 
+@cache
+def slower() -> Model:
+    """The one of a third of the samples."""
+    return Model(str(SLOWER))
+
+
 def row(action: str, more: str = "", name: str = "") -> str:
     """One short trial of a card. more: lines that take precedence."""
     keys = {line.split(" =")[0] for line in more.splitlines()}
@@ -56,6 +62,9 @@ def card_text(*rows: str, effects: str = "", rate_hz: int = 150) -> str:
     step_s = 0.525 / rate_hz
     head = f"[record]\nrate_hz = {rate_hz}\n[physics]\nstep_s = {step_s:g}\n"
     return head + "".join(rows) + effects
+
+
+slow_card = partial(card_text, rate_hz=50)
 
 
 def scene_of(folder: Path, text: str, seed: int = 0) -> Scene:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import subprocess
+import sys
 from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
@@ -35,6 +37,13 @@ SHIPPED = [
 ]
 """The packages in holdfast/; the others are folders at the top, outside the wheel."""
 HOUSE = {*MAY_IMPORT, "tests", "models", "examples"}
+
+
+def loaded_by(program: str) -> set[str]:
+    """The packages that a program has loaded when it ends, in a process of its own."""
+    command = [sys.executable, "-c", f"{program}\nimport sys; print(*sys.modules)"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    return {package_of(name) for name in done.stdout.split()}
 
 
 def folder_of(package: str) -> Path:

@@ -147,7 +147,6 @@ def of_gripper(gripper: Path, tmp_path_factory: pytest.TempPathFactory) -> Gripp
         warnings.simplefilter("ignore")
         report = ["--report", str(folder.with_name("report.html"))]
         assert main(["train", *words, "--learner", "forest", *report]) == 0
-        assert main(["export", str(folder)]) == 0
     card = json.loads((folder / "holdfast.json").read_text())["training"]
     return Gripper(gripper, folder, said.getvalue(), card)
 

@@ -36,6 +36,8 @@ libftdi calls 1 SIO_TCOFLUSH.
 MPSSE = 2
 SET_PINS = 0x80
 WRITE_BYTES, WRITE_BITS, READ_BYTES, READ_BITS = 0x11, 0x13, 0x20, 0x22
+ONE_BIT = b"\0"
+"""A length less 1: an acknowledge. No driver of ours moves other bits."""
 SET_OTHER_PINS, DIVIDER, OPEN_DRAIN = 0x82, 0x86, 0x9E
 LENGTHS = {
     SET_PINS: 3,
@@ -179,14 +181,14 @@ class VirtualFt232h:
         elif opcode == WRITE_BYTES:
             for byte in arguments[2:]:
                 self._lines.byte_out(byte)
-        elif opcode == READ_BITS:
+        elif opcode == READ_BITS and arguments == ONE_BIT:
             # the newest bit is the lowest, and older ones stay above it
             self._shifted = (self._shifted << 1 | self._lines.acknowledge_in()) & 0xFF
             self._answers.append(self._shifted)
         elif opcode == READ_BYTES:
             for _ in range(int.from_bytes(arguments, "little") + 1):
                 self._answers.append(self._lines.byte_in())
-        elif opcode == WRITE_BITS:
+        elif opcode == WRITE_BITS and arguments[:1] == ONE_BIT:
             self._lines.acknowledge_out(bool(arguments[1] & 0x80))
         else:
             self._configure(opcode, arguments)

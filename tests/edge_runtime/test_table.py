@@ -10,7 +10,7 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from holdfast.core.contract import FloatArray
-from holdfast.simulation.table import csv_bytes
+from holdfast.core.table import csv_bytes
 
 DECIMALS = st.integers(0, 6)
 WHOLE = st.integers(-(10**9), 10**9)
