@@ -229,7 +229,7 @@ def stamps_of(cells: pd.Series) -> Column:
     texts = cells.str.replace(r",|(?<=:\d\d):(?=\d{3})", ".", regex=True)
     date = re.match(r"(\d{4}-)|\d+[./-]\d+[./-]\d", first)
     if date:
-        form = "ISO8601" if date[1] else "mixed"
+        form = "ISO8601" if date[1] and not first.endswith("M") else "mixed"
         dates = pd.to_datetime(
             texts, format=form, dayfirst=not date[1], utc=True, errors="coerce"
         )
