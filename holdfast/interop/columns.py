@@ -115,9 +115,8 @@ def find_time(columns: Columns, rate_hz: float | None = None) -> TimeColumn | No
             found += [(True, 1.0, name, None)] if rate_hz else []
             continue
         fastest = FASTEST_HZ if named else FASTEST_UNNAMED_HZ
-        for unit, unit_ns in NS_OF.items():
-            fits = SLOWEST_HZ <= 1e9 / (step * unit_ns) <= fastest
-            if fits and named in (unit, None):
+        for unit in (named,) if named else NS_OF:
+            if SLOWEST_HZ <= 1e9 / (step * NS_OF[unit]) <= fastest:
                 found.append((not is_named, -even, name, unit))  # type: ignore[arg-type]
                 break
 
