@@ -55,7 +55,7 @@ TOUCH = re.compile(
 )
 FIELD = re.compile(r"(?i)(?<![a-z])(b[xyz](?![a-z])|mag)")
 FORCE = re.compile(r"(?i)force|(?<![a-z])f[xyz](?![a-z])")
-NORMAL = re.compile(r"(?i)(?<![a-z])[fb]?z(?![a-z])|normal")
+NORMAL = re.compile(r"(?i)(?<![a-z])[fb]?z(?![a-z])|normal|fsr|pressure|load.?cell")
 SHEAR = "(shear|tangential|lateral)([_ .]?force)?[_ .]?"
 AXIS_WORDS = (
     (re.compile(r"(?i)normal([_ .]?force)?"), " z "),
@@ -65,6 +65,8 @@ AXIS_WORDS = (
 """Words for axes."""
 TOUCHED = 0.2
 """A hand touches something while its readings are so far from rest, of their 95 % quantile."""
+SIGNED = 0.05
+"""Of the largest change: what goes so far below 0 has a sign."""
 FIRST_ROWS = 10
 CLEARLY = 3.0
 """How much larger a change is that contradicts the names."""
@@ -184,7 +186,10 @@ def find_sensors(
     rest = _by_count([one for one in names if not rise_of(longest[one])[0]], longest)
     if not rest:
         return [], ""
-    order = _order(channels(longest, rest))
+    values = channels(longest, rest)
+    order = _order(values)
+    if order is None:
+        return [], ""
     is_plain = (np.diff(order.ravel()) == 1).all()
     by = "three columns each" if is_plain else "by the touch"
     found = [SensorColumns(*(rest[k] for k in row)) for row in order.tolist()]
@@ -242,15 +247,18 @@ def _by_count(names: Sequence[str], columns: Columns) -> Sequence[str]:
     return next((one for one in (longest, moving) if len(one) % len(AXES) == 0), [])
 
 
-def _order(values: FloatArray) -> np.ndarray:
+def _order(values: FloatArray) -> np.ndarray | None:
     """[S, 3] places of x, y and z of columns without names [T, 3 S]: sensor by sensor.
 
-    Or axis by axis, where a touch moves one of three columns only then.
+    Or axis by axis, where a touch moves one of three columns only then. None where it moves all
+    alike and none goes below 0: they are normals alone.
     """
     by_sensor = np.arange(values.shape[1]).reshape(-1, 3)
     by_axis = by_sensor.reshape(3, -1).T
     change = touch(values)[0][1]
     shares = [normal_axis(change[order])[1] for order in (by_sensor, by_axis)]
+    if max(shares) < 0.5 and np.nanmin(values) > -SIGNED * change.max():
+        return None
     return by_axis if shares[1] > max(0.8, shares[0] + 0.2) else by_sensor
 
 

@@ -40,7 +40,7 @@ from holdfast.interop.map import (
     ImportMap,
     TrialRules,
 )
-from holdfast.interop.streams import ForeignLog, merged, text_cells
+from holdfast.interop.streams import ForeignLog, first_stream, merged, text_cells
 from holdfast.interop.understood import Answers, Sample, Understood, situation_of
 from holdfast.training.datasets.trials import action_of
 
@@ -95,6 +95,9 @@ class Form:
         add("time", first.time_text)
         names = f"{', '.join(first.form[:3])} to {', '.join(first.form[-3:])}"
         add("sensors", f"{len(first.sensors)}, {first.why}: {names}")
+        long = first_stream(first.log).long
+        if long:
+            add("layout", f"a row for each {' and '.join(long)}: made columns")
         trials = self._trial_rules()
         self.events = events = self._events(trials)
         unit, sensors = self._hand()
@@ -251,12 +254,14 @@ class Form:
         keys = {key for sample in self.samples for key in sample.log.keys}
         if trials.column:
             keys |= set(map(str.casefold, text_cells(first.columns[trials.column])))
-        stem = first.log.path.stem
+        stems = sorted((one.log.path.stem for one in self.samples), key=len)
         chosen: FoundLabels | None = None
         for log in [*self.tables, first.log]:
             name = log.path.name
             file = log.path.relative_to(root).as_posix()
-            file = name.replace(stem, "{name}") if stem in name else file
+            for stem in stems:
+                word = rf"(?<![^\W_]){re.escape(stem)}(?![^\W_])"
+                file = re.sub(word, "{name}", name) if re.search(word, name) else file
             for stream in log.streams:
                 columns = stream.columns
                 if stream.t_ns is not None or {*first.form} & columns.keys():
@@ -268,6 +273,11 @@ class Form:
                     what = [rules.start, rules.end, rules.label, rules.trial]
                     shown = f"{listed([*filter(None, what)])}, in {rules.unit}"
                     self.found.add("labels", f"{name}: {shown}")
+                elif found and chosen and found.rules.start == chosen.rules.start:
+                    # of another log
+                    labels = found.rules.labels | chosen.rules.labels
+                    rules = changed(chosen.rules, labels=labels)
+                    chosen = replace(chosen, rules=rules)
                 elif chosen is None or chosen.rules.start not in columns:
                     names = listed(list(columns), most=8)
                     self.found.add("not used", f"{name} (columns {names})")

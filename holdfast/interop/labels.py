@@ -313,6 +313,8 @@ def read_events(source: Path, plan: ImportMap, log: Path) -> tuple[Path, pd.Data
     times = events[["start", "end"]].apply(pd.to_numeric, errors="coerce")
     if words_of(rules.end) & LENGTH_WORDS:
         times["end"] += times["start"]
+    # a point has no end
+    times["end"] = times["end"].where(times["end"] != times["start"])
     # a trial without an event has an empty row
     events = events.assign(**times).dropna(subset="start")
     wrong = events[events["end"] < events["start"]]

@@ -4,8 +4,8 @@ Taken from the first lines. Names stand in the lines before the numbers that hav
 of them may hold units, and a merged heading stands for the cells to its right. Such a line may be a
 comment, as numpy writes it. A table without names has `column1`, `column2`, ..
 
-A line may begin with the time of its arrival (`14:02:11.000 -> 1,2,3`), or hold vectors in
-brackets: `Form.cells` makes plain cells of it.
+A line may begin with the time of its arrival (`14:02:11.000 -> 1,2,3`), hold vectors in brackets,
+or name each of its numbers (`x:1 y:2`): `Form.cells` makes plain cells of it.
 """
 
 from __future__ import annotations
@@ -37,6 +37,14 @@ STAMP = re.compile(
     rf"{CLOCK}\s*(?:Z|[AP]M|[+-]\d\d:?\d\d)?|\d\d?[./]\d\d?[./]\d{{4}}[T ]{CLOCK}|\d\d?:\d\d[.,]\d+"
 )
 VECTOR = re.compile(r'"?[\[(]\s*([-+\d.][^\[\]()]*?)\s*[\])]"?')
+PAIR = re.compile(r"(?<![^\s,;|])([^\W\d][\w.\[\]]*)\s*[:=]\s*(?=\S)")
+"""The name before a cell, as for the plotter of a serial monitor."""
+NUMBER_HZ = r"(?<![\d.,])(\d+(?:\.\d+)?)"
+RATE = re.compile(
+    r"(?im)(?:^\W*rate|\bfs|\b(?:sampl\w*|acqui\w*|scan|abtast)[-_ ]*(?:rate|freq\w*?))(?![a-z])"
+    rf"(?:.*?(?={NUMBER_HZ}[\s,;]*hz)|[^\dk\n]*(?={NUMBER_HZ}\W*$))"
+)
+"""What a line above the names says of the rate, in Hz."""
 GAP = r"[\s,;]+"
 """Between the numbers of a vector."""
 MOST_HEADING_ROWS = 3
@@ -46,10 +54,14 @@ Cells = list[str]
 
 @dataclass(frozen=True)
 class Form:
-    """How lines become cells. is_odd: whether lines must be made plain before pandas reads them."""
+    """How lines become cells. is_odd: whether lines must be made plain before pandas reads them.
+
+    has_names: whether each cell of a line has its name before it.
+    """
 
     separator: str
     decimal: str
+    has_names: bool = False
     is_odd: bool = False
 
     def cells(self, line: str) -> Cells:
@@ -57,6 +69,7 @@ class Form:
         mark = " " if self.separator == SPACES else self.separator
         line = ARRIVAL.sub(rf"\1{mark}", line)
         line = VECTOR.sub(lambda found: mark.join(re.split(GAP, found[1])), line)
+        line = PAIR.sub("", line) if self.has_names else line
         if self.separator == SPACES:
             return re.sub(r"(\d) (?=\d\d?:\d\d:)", r"\1T", line).split()
         try:
@@ -81,6 +94,7 @@ class TableLayout:
     """names: of the columns. first_row: index of the first line of numbers.
 
     numeric: the columns that hold numbers in the first lines. comment: what begins a comment.
+    rate_hz: as the lines above the names say; None where they say nothing.
     """
 
     form: Form
@@ -88,6 +102,7 @@ class TableLayout:
     first_row: int
     numeric: tuple[str, ...]
     comment: str = ""
+    rate_hz: float | None = None
 
 
 def layout_of(lines: Sequence[str]) -> TableLayout:
@@ -99,10 +114,11 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
     comment = next((one for one in COMMENTS if _begins(lines, one)), "")
     data = ["" if comment and _begins([line], comment) else line for line in lines]
     judged = list(filter(str.strip, data))[-JUDGED_ROWS:]
+    has_names = 2 * sum(len(PAIR.findall(line)) > 1 for line in judged) > len(judged)
     forms = []
     for separator in SEPARATORS:
         # a comma may be both, where cells stand in quotes
-        forms += [Form(separator, "."), Form(separator, ",")]
+        forms += [Form(separator, sign, has_names) for sign in ".,"]
     form = max(forms, key=lambda one: _fit(one, judged))
     share, wide = _fit(form, judged)
     rows = [form.cells(line) for line in data]
@@ -117,9 +133,13 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
         )
 
     first = are_data.index(True)
-    is_odd = any(ARRIVAL.match(one) or VECTOR.search(one) for one in data[first:][:20])
+    odd = (ARRIVAL.match(one) or VECTOR.search(one) for one in data[first:][:20])
+    is_odd = has_names or any(odd)
     above = [line.lstrip(f" {comment}") for line in lines[:first]]
     names = _heading(above, data[first], form)
+    if has_names:
+        named = replace(form, has_names=False).cells(PAIR.sub(r"\1=", data[first]))
+        names = [cell.rpartition("=")[0] for cell in named]
     # pandas names columns without names 0, 1, 2, .., and writes nothing above the index
     counted = [*map(str, range(wide))]
     if wide > 3 and rows[first] in (counted, ["", *counted[:-1]]):
@@ -131,7 +151,9 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
     if not _begins(lines[first:], comment or "\n"):
         comment = ""
     form = replace(form, is_odd=is_odd)
-    return TableLayout(form, tuple(names), first, tuple(numeric), comment)
+    rates = {*map(max, RATE.findall("\n".join(lines[:first])))}
+    rate_hz = float(rates.pop()) if len(rates) == 1 else None
+    return TableLayout(form, tuple(names), first, tuple(numeric), comment, rate_hz)
 
 
 def _begins(lines: Sequence[str], comment: str) -> bool:

@@ -28,13 +28,15 @@ LOG_TIME = "log_time"
 class Stream:
     """Rows of a topic, a sheet or a table. t_ns [T]: the log's own stamps; None without.
 
-    notes: what was left out or changed on reading, a line each.
+    notes: what was left out or changed on reading, a line each. long: the columns whose values
+    each had rows of their own.
     """
 
     columns: Columns
     t_ns: IntArray | None = None
     name: str = ""
     notes: tuple[str, ...] = ()
+    long: tuple[str, ...] = ()
 
     @property
     def rows(self) -> int:
@@ -46,7 +48,8 @@ class Stream:
 class ForeignLog:
     """One file. name: its path below the source, without its ending.
 
-    about: what a file of `holdfast convert` says of its trial, and the unit of its messages.
+    about: what a file of `holdfast convert` says of its trial, and the unit of its messages; the
+    rate that stands above a table.
     """
 
     path: Path

@@ -60,18 +60,29 @@ def read_log(path: Path, name: str) -> ForeignLog:
         lines.pop()
     layout = layout_of(lines[:HEAD_LINES])
     with path.open(encoding=encoding, errors="replace") as file:
-        if layout.form.is_odd or layout.comment == "//":
-            return ForeignLog(path, name, (read_table(file, layout),))
-        # lines of more cells than the others need the slow way, too
-        with suppress(pd.errors.ParserError, pd.errors.ParserWarning):
-            cells = _parsed(file, layout, layout.first_row)
-            # a line that was cut off has no last cell
-            n_torn = int(is_cut and str(cells[layout.names[-1]][-1]) in ("nan", ""))
-            cells = {key: cell[: len(cell) - n_torn] for key, cell in cells.items()}
-            return ForeignLog(path, name, (_numeric(cells, layout, n_torn),))
+        table = _as_it_stands(file, layout, is_cut=is_cut)
+        if table is None:
+            file.seek(0)
+            table = read_table(file, layout)
+    return ForeignLog(path, name, (table,), {"rate_hz": layout.rate_hz})
 
-        file.seek(0)
-        return ForeignLog(path, name, (read_table(file, layout),))
+
+def _as_it_stands(file: IO[str], layout: TableLayout, *, is_cut: bool) -> Stream | None:
+    """A table as pandas reads it; None where lines must be made plain first.
+
+    is_cut: whether the file ends within a line. Raises EmptyRecording.
+    """
+    if layout.form.is_odd or layout.comment == "//":
+        return None
+    # lines of more cells than the others need the slow way, too
+    with suppress(pd.errors.ParserError, pd.errors.ParserWarning):
+        cells = _parsed(file, layout, layout.first_row)
+        # a line that was cut off has no last cell
+        n_torn = int(is_cut and str(cells[layout.names[-1]][-1]) in ("nan", ""))
+        cells = {key: cell[: len(cell) - n_torn] for key, cell in cells.items()}
+        return _numeric(cells, layout, n_torn)
+
+    return None
 
 
 def encoding_of(head: bytes) -> str:
@@ -216,6 +227,8 @@ def _typed(column: Column, name: str, decimal: str, notes: list[str]) -> Column:
     words = filled[numbers.isna()]
     if not len(filled) or 2 * len(words) > len(filled):
         return cells.to_numpy(object)
+    # the names again, where a logger began anew, are no samples
+    words = words[~words.isin([name, *name.split()])]
     for word, count in words.value_counts().head(3).items():
         notes.append(f"{name}: {count} cells {word!r:.20} are missing samples")
     found: Column = numbers.reindex(cells.index).to_numpy(np.float64)

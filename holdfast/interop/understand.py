@@ -85,9 +85,10 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
             joined.append(_sample(group, log, answers))
         samples = [*filter(None, joined)]
 
-    forms: dict[tuple[str, ...], list[Sample]] = {}
+    forms: dict[tuple[object, ...], list[Sample]] = {}
     for sample in samples:
-        forms.setdefault(sample.form, []).append(sample)
+        rate_hz = sample.time.rate_hz if sample.time else None
+        forms.setdefault((*sample.form, rate_hz), []).append(sample)
     for of_form in forms.values():
         Form(found, source, of_form, tables, tuple(fingers), answers).understand()
     hands = {(plan.unit_of_values, len(plan.sensors)) for plan, _ in found.plans}
@@ -113,7 +114,7 @@ def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample 
     sensors, why = find_sensors(whole, longest.columns, marks)
     names = tuple(name for sensor in sensors for name in sensor.axes)
     columns = table_of(log, names)
-    time = find_time(columns, answers.rate)
+    time = find_time(columns, answers.rate or log.about.get("rate_hz"))
     if time is None or time.rate_hz:
         has_texts = any(map(is_text, whole.values())) and not why.startswith("by")
         if has_texts or longest.rows < FEWEST_ROWS:
