@@ -254,14 +254,13 @@ class Form:
         keys = {key for sample in self.samples for key in sample.log.keys}
         if trials.column:
             keys |= set(map(str.casefold, text_cells(first.columns[trials.column])))
-        stems = sorted((one.log.path.stem for one in self.samples), key=len)
         chosen: FoundLabels | None = None
         for log in [*self.tables, first.log]:
             name = log.path.name
             file = log.path.relative_to(root).as_posix()
-            for stem in stems:
-                word = rf"(?<![^\W_]){re.escape(stem)}(?![^\W_])"
-                file = re.sub(word, "{name}", name) if re.search(word, name) else file
+            for one in self.samples:
+                stem = rf"(?<![^\W_]){re.escape(one.log.path.stem)}(?![^\W_])"
+                file = re.sub(stem, "{name}", name) if re.search(stem, name) else file
             for stream in log.streams:
                 columns = stream.columns
                 if stream.t_ns is not None or {*first.form} & columns.keys():
@@ -273,11 +272,10 @@ class Form:
                     what = [rules.start, rules.end, rules.label, rules.trial]
                     shown = f"{listed([*filter(None, what)])}, in {rules.unit}"
                     self.found.add("labels", f"{name}: {shown}")
-                elif found and chosen and found.rules.start == chosen.rules.start:
-                    # of another log
-                    labels = found.rules.labels | chosen.rules.labels
-                    rules = changed(chosen.rules, labels=labels)
-                    chosen = replace(chosen, rules=rules)
+                elif found and chosen and chosen.rules.start in columns:
+                    # labels of another log
+                    labels = chosen.rules.labels
+                    labels.update(found.rules.labels | labels)
                 elif chosen is None or chosen.rules.start not in columns:
                     names = listed(list(columns), most=8)
                     self.found.add("not used", f"{name} (columns {names})")

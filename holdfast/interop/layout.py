@@ -114,11 +114,11 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
     comment = next((one for one in COMMENTS if _begins(lines, one)), "")
     data = ["" if comment and _begins([line], comment) else line for line in lines]
     judged = list(filter(str.strip, data))[-JUDGED_ROWS:]
-    has_names = 2 * sum(len(PAIR.findall(line)) > 1 for line in judged) > len(judged)
     forms = []
     for separator in SEPARATORS:
         # a comma may be both, where cells stand in quotes
-        forms += [Form(separator, sign, has_names) for sign in ".,"]
+        forms += [Form(separator, "."), Form(separator, ",")]
+    forms += [replace(form, has_names=True) for form in forms]
     form = max(forms, key=lambda one: _fit(one, judged))
     share, wide = _fit(form, judged)
     rows = [form.cells(line) for line in data]
@@ -134,12 +134,13 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
 
     first = are_data.index(True)
     odd = (ARRIVAL.match(one) or VECTOR.search(one) for one in data[first:][:20])
-    is_odd = has_names or any(odd)
+    is_odd = form.has_names or any(odd)
     above = [line.lstrip(f" {comment}") for line in lines[:first]]
     names = _heading(above, data[first], form)
-    if has_names:
-        named = replace(form, has_names=False).cells(PAIR.sub(r"\1=", data[first]))
-        names = [cell.rpartition("=")[0] for cell in named]
+    if form.has_names:
+        found = PAIR.findall(data[first])
+        # the time of arrival has none
+        names = [""] * (wide - len(found)) + found
     # pandas names columns without names 0, 1, 2, .., and writes nothing above the index
     counted = [*map(str, range(wide))]
     if wide > 3 and rows[first] in (counted, ["", *counted[:-1]]):

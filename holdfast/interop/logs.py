@@ -49,7 +49,7 @@ MODULES = {
     ".xdf": "xdf", ".xdfz": "xdf", LOG_MARKS[0]: "ros2", LOG_MARKS[1]: "lerobot",
 }  # fmt: skip
 """Ending or marking file -> the module that alone imports its library; of others it is `tables`."""
-MOST_LABEL_COLUMNS = 3
+LABEL_COLUMNS = 3
 """Of a table of labels: when each begins, when it ends, and what it is."""
 KEY = re.compile(
     r"(?i)(sensor|channel|chan|ch|finger(tip)?|taxel|pad|tip|axis|component|variable|signal|device"
@@ -57,8 +57,8 @@ KEY = re.compile(
 )
 """A column that says which sensor or axis a row is of."""
 MOST_KEYS, FEWEST_TIMES = 100, 20
-MOST_LONG = 8
-"""Columns of numbers where sensors have rows of their own: time, x, y, z and a few others."""
+MOST_LONG = 9
+"""Columns where sensors have rows of their own: time, sensor, x, y, z and a few others."""
 NEAR_STEPS = 0.6
 """A value of another clock belongs to a row if it is so many steps away."""
 SHEET = "sheet"
@@ -83,18 +83,20 @@ def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
     found: dict[str, LogPlace] = {}
     doubtful: list[LogPlace] = []
     root = source if _kind_of(source) is None else source.parent
-    # labels in a text beside a log have its name
-    order = sorted(_places(source, root), key=lambda one: one.kind in PROSE)
-    for place in sorted(order, key=lambda one: counted(one.name)):
-        if place.name in found and _is_table(place, most=MOST_LABEL_COLUMNS):
-            place = replace(place, name=place.name + place.kind)
-        if place.path != source and not _is_table(place):
+
+    def key(place: LogPlace) -> tuple[Any, ...]:
+        # of two with one name a text is that of the labels
+        return counted(place.name), place.kind in PROSE
+
+    for place in sorted(_places(source, root), key=key):
+        wide = _columns_of(place)
+        if place.path != source and not wide:
             others.append(place.path.name)
             doubtful += [] if place.kind in (*PROSE, *NO_LOGS) else [place]
-        elif place.name in found:
+        elif place.name in found and wide > LABEL_COLUMNS:
             others.append(f"{place.path.name} (as {found[place.name].path.name})")
         else:
-            found[place.name] = place
+            found[place.path.name if place.name in found else place.name] = place
 
     # where there is nothing else, reading them says what is wrong
     places = [*found.values()] or doubtful
@@ -148,25 +150,23 @@ def read_log(place: LogPlace) -> ForeignLog:
     return replace(log, streams=tuple(map(_united, same.values())))
 
 
-def _is_table(place: LogPlace, most: int = 0) -> bool:
-    """Whether a file begins like a table; what may be prose, like one with mostly numbers.
+def _columns_of(place: LogPlace) -> float:
+    """How many columns a file has that begins like a table, 0 for another one.
 
-    most: columns of a table of labels, if it must be one.
+    What may be prose must have mostly numbers.
     """
     if place.kind in MODULES or place.kind in NO_LOGS:
-        return place.kind in MODULES and not most
+        return np.inf if place.kind in MODULES else 0
     with place.path.open("rb") as file:
         head = file.read(HEAD_BYTES)
     text = head.decode(encoding_of(head), "replace")
     try:
         layout = layout_of(text.splitlines()[:HEAD_LINES])
     except DataError:
-        return False
+        return 0
 
-    n_numeric, n_columns = len(layout.numeric), len(layout.names)
-    if most:
-        return n_numeric < n_columns <= most
-    return place.kind not in PROSE or 2 * n_numeric >= n_columns
+    wide = len(layout.names)
+    return wide if place.kind not in PROSE or 2 * len(layout.numeric) >= wide else 0
 
 
 def _places(path: Path, root: Path) -> Iterator[LogPlace]:
@@ -208,98 +208,68 @@ def _wide(stream: Stream, path: Path) -> Stream:
     Raises ColumnError where it is not clear which rows belong together.
     """
     table = pd.DataFrame(stream.columns, copy=False)
-    numbers = table.select_dtypes("number").columns
-    if len(numbers) > MOST_LONG:
+    if stream.t_ns is not None or len(table.columns) > MOST_LONG:
         return stream
-    if stream.t_ns is not None:
-        table[LOG_TIME] = stream.t_ns
     keys, turning = [], []
     for name, cells in table.items():
         kinds = cells.unique()
         if 1 < len(kinds) <= MOST_KEYS:
             keys += [name] if KEY.fullmatch(name) else []
-            is_number = name not in numbers or {*np.diff(np.sort(kinds))} == {1}
+            is_count = is_text(kinds) or 2 < len(kinds) == np.ptp(kinds) + 1
             is_turning = np.mean(cells != cells.shift()) > 0.5
-            turning += [name] if is_turning and is_number else []
-    for of_row in [keys] if keys else [[name] for name in turning]:
-        codes, words = _row_keys(table, of_row)
-        is_word = bool(keys) or of_row[0] not in numbers
-        by_order = _times_by_order(codes)
-        rows = _times_by_column(table.drop(columns=of_row), codes)
-        rows = by_order if rows is None and is_word else rows
-        if rows is not None:
-            columns = _pivoted(table.drop(columns=of_row), rows, codes, words)
-            t_ns = columns.pop(LOG_TIME, None)
-            return replace(stream, columns=columns, t_ns=t_ns, long=tuple(of_row))
-        borders = np.diff(codes) != 0
-        anew = any((borders == (np.diff(table[name]) < 0)).all() for name in numbers)
-        is_one_each = anew or {*keys} & {*turning} if keys else by_order is not None
-        if is_one_each and len(words) > 2 and len(table) > MOST_KEYS:
-            raise ColumnError(
-                f"a row for each {listed(of_row)}? which rows are of one time is not clear",
-                where=path,
-                next_step="write the same time into them, or leave that column out",
-            )
-
+            turning += [[name]] if is_turning and is_count else []
+    for of_row in [keys] if keys else turning:
+        words = table[of_row].apply(_words_of).agg("_".join, axis=1)
+        times = _times_of(table.drop(columns=of_row), *pd.factorize(words))
+        if times is not None:
+            columns = _pivoted(table.drop(columns=of_row), times, words)
+            return replace(stream, columns=columns, long=tuple(of_row))
+    if keys and len(table) > MOST_KEYS:
+        raise ColumnError(
+            f"a row for each {listed(keys)}? which rows are of one time is not clear",
+            where=path,
+            next_step="write the same time into them, or leave that column out",
+        )
     return stream
 
 
-def _row_keys(table: pd.DataFrame, keys: Sequence[str]) -> tuple[IntArray, list[str]]:
-    """([T] which of these a row is of; they, such as `thumb`, or `sensor2_x` of two columns)."""
-    parts = []
-    for key in keys:
-        cells = table[key].to_numpy()
-        before = "" if is_text(cells) else key
-        parts.append([f"{before}{cell}" for cell in text_cells(cells)])
-    rows = ["_".join(words) for words in zip(*parts, strict=True)]
-    kinds = list(dict.fromkeys(rows))
-    # in the order of the first time that has them all
-    for k in range(min(len(rows), MOST_KEYS)):
-        if {*rows[k : k + len(kinds)]} == {*kinds}:
-            kinds = rows[k : k + len(kinds)]
-            break
-    return pd.Index(kinds).get_indexer(rows), kinds
+def _words_of(cells: pd.Series) -> list[str]:
+    """What rows are of: words as they stand, and numbers as `sensor2`."""
+    before = "" if is_text(cells.to_numpy()) else cells.name
+    return [f"{before}{cell}" for cell in text_cells(cells.to_numpy())]
 
 
-def _times_by_column(table: pd.DataFrame, codes: IntArray) -> IntArray | None:
-    """[T] which time a row is of, by a column that has a value for each time; None without."""
-    most = 1.25 * len(table) / (codes.max() + 1)
-    for name in table:
-        rows, times = pd.factorize(table[name])
-        is_twice = pd.DataFrame({"row": rows, "code": codes}).duplicated().any()
-        if FEWEST_TIMES < len(times) < most and not is_twice:
+def _times_of(
+    table: pd.DataFrame, codes: IntArray, kinds: Sequence[str]
+) -> IntArray | None:
+    """[T] which time a row is of, counted; None where rows are not of one sensor each.
+
+    By a column with a value for each time, else by the order of the sensors. codes [T]: which of
+    these a row is of.
+    """
+    in_order = np.cumsum(np.diff(codes, prepend=len(codes)) <= 0)
+    for cells in (*map(table.get, table), in_order):
+        rows, times = pd.factorize(cells)
+        is_once = not pd.MultiIndex.from_arrays([rows, codes]).has_duplicates
+        if is_once and FEWEST_TIMES < len(times) < 1.25 * len(rows) / len(kinds):
             return rows
     return None
 
 
-def _times_by_order(codes: IntArray) -> IntArray | None:
-    """[T] which time a row is of, where they come in the same order; None where they do not."""
-    rows = np.cumsum(np.diff(codes, prepend=len(codes)) <= 0) - 1
-    most = 1.25 * len(codes) / (codes.max() + 1)
-    return rows if FEWEST_TIMES < rows[-1] < most else None
-
-
-def _pivoted(
-    table: pd.DataFrame, rows: IntArray, codes: IntArray, words: Sequence[str]
-) -> Columns:
+def _pivoted(table: pd.DataFrame, times: IntArray, words: pd.Series) -> Columns:
     """The columns of each sensor; those that are the same for all, run on or hold texts, once."""
-    of_time = table.groupby(rows)
-    columns: Columns = {}
-    of_each = []
-    for name, cells in of_time.first().items():
-        steps = 0 if is_text(cells.to_numpy()) else table[name].diff()
-        falls, rises = np.sum(steps < 0), np.sum(steps > 0)
-        if falls <= 0.1 * rises or of_time[name].nunique().max() == 1:
-            columns[name] = cells.to_numpy()
-        else:
-            of_each.append(name)
-
-    whole = table.assign(row=rows, code=codes)
-    cells = whole.pivot(index="row", columns="code", values=of_each)
-    for code, word in enumerate(words):
+    numbers = table.select_dtypes("number")
+    steps = numbers.diff()
+    runs_on = (steps < 0).sum() <= 0.1 * (steps > 0).sum()
+    is_same = numbers.groupby(times).nunique().max() == 1
+    of_each = numbers.columns[~(runs_on | is_same)]
+    wide = table[of_each].set_index([times, words]).unstack()
+    once = table.drop(columns=of_each).groupby(times).first()
+    columns = {name: cells.to_numpy() for name, cells in once.items()}
+    for word in words.unique():
         for name in of_each:
             key = word if len(of_each) == 1 else f"{word}_{name}"
-            columns[key] = cells[name, code].to_numpy()
+            columns[key] = wide[name, word].to_numpy()
     return columns
 
 

@@ -59,30 +59,20 @@ def read_log(path: Path, name: str) -> ForeignLog:
         # the last one may be cut
         lines.pop()
     layout = layout_of(lines[:HEAD_LINES])
+    about = {"rate_hz": layout.rate_hz}
     with path.open(encoding=encoding, errors="replace") as file:
-        table = _as_it_stands(file, layout, is_cut=is_cut)
-        if table is None:
-            file.seek(0)
-            table = read_table(file, layout)
-    return ForeignLog(path, name, (table,), {"rate_hz": layout.rate_hz})
+        if layout.form.is_odd or layout.comment == "//":
+            return ForeignLog(path, name, (read_table(file, layout),), about)
+        # lines of more cells than the others need the slow way, too
+        with suppress(pd.errors.ParserError, pd.errors.ParserWarning):
+            cells = _parsed(file, layout, layout.first_row)
+            # a line that was cut off has no last cell
+            n_torn = int(is_cut and str(cells[layout.names[-1]][-1]) in ("nan", ""))
+            cells = {key: cell[: len(cell) - n_torn] for key, cell in cells.items()}
+            return ForeignLog(path, name, (_numeric(cells, layout, n_torn),), about)
 
-
-def _as_it_stands(file: IO[str], layout: TableLayout, *, is_cut: bool) -> Stream | None:
-    """A table as pandas reads it; None where lines must be made plain first.
-
-    is_cut: whether the file ends within a line. Raises EmptyRecording.
-    """
-    if layout.form.is_odd or layout.comment == "//":
-        return None
-    # lines of more cells than the others need the slow way, too
-    with suppress(pd.errors.ParserError, pd.errors.ParserWarning):
-        cells = _parsed(file, layout, layout.first_row)
-        # a line that was cut off has no last cell
-        n_torn = int(is_cut and str(cells[layout.names[-1]][-1]) in ("nan", ""))
-        cells = {key: cell[: len(cell) - n_torn] for key, cell in cells.items()}
-        return _numeric(cells, layout, n_torn)
-
-    return None
+        file.seek(0)
+        return ForeignLog(path, name, (read_table(file, layout),), about)
 
 
 def encoding_of(head: bytes) -> str:

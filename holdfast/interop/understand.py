@@ -85,10 +85,9 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
             joined.append(_sample(group, log, answers))
         samples = [*filter(None, joined)]
 
-    forms: dict[tuple[object, ...], list[Sample]] = {}
+    forms: dict[object, list[Sample]] = {}
     for sample in samples:
-        rate_hz = sample.time.rate_hz if sample.time else None
-        forms.setdefault((*sample.form, rate_hz), []).append(sample)
+        forms.setdefault((sample.form, sample.time), []).append(sample)
     for of_form in forms.values():
         Form(found, source, of_form, tables, tuple(fingers), answers).understand()
     hands = {(plan.unit_of_values, len(plan.sensors)) for plan, _ in found.plans}

@@ -184,6 +184,41 @@ def quoted_commas_over_noon_until_a_power_cut(path: Path, one: Made) -> None:
     place.write_bytes(place.read_bytes() + bytes(300))
 
 
+def a_row_for_each_sensor(path: Path, one: Made) -> None:
+    fingers = ("thumb", "index", "middle", "ring", "little")
+    rows = np.column_stack([np.repeat(one.t_s, 5), one.values.reshape(-1, 3)])
+    words = [*fingers] * len(one.t_s)
+    write_text(path.with_suffix(".csv"), ["time", *"xyz", "finger"], rows, texts=words)
+
+
+def a_row_for_each_value(path: Path, one: Made) -> None:
+    rows = np.column_stack([np.tile(one.t_s, 15), one.values.T.ravel()])
+    names = [name for name in axes(5) for _ in one.t_s]
+    write_text(path.with_suffix(".csv"), ["t", "value", "channel"], rows, texts=names)
+
+
+def sensors_in_turn(path: Path, one: Made) -> None:
+    """Each with a time of its own, sorted as text."""
+    order = [2, 10, 11, 1, 9]
+    times = 1e3 * np.repeat(one.t_s, 5) + np.tile(range(5), len(one.t_s))
+    readings = one.values.reshape(-1, 5, 3)[:, [1, 3, 4, 0, 2]].reshape(-1, 3)
+    rows = np.column_stack([times, np.tile(order, len(one.t_s)), readings])
+    write_text(path.with_suffix(".csv"), ["ms", "sensor_id", *"xyz"], rows)
+
+
+def lines_for_a_plotter(path: Path, one: Made) -> None:
+    numbers = np.column_stack([1e3 * one.t_s, one.values]).tolist()
+    names = ["t", *axes(5)]
+    lines = [" ".join(map("{}:{:g}".format, names, row)) for row in numbers]
+    path.with_suffix(".txt").write_text("\n".join(lines))
+
+
+def a_rate_above_the_names(path: Path, one: Made) -> None:
+    rows = np.column_stack([np.arange(len(one.t_s)), one.values])
+    head = "Device: rig 7\nSampling rate: 100 Hz\nGain: 4\n\n"
+    write_text(path.with_suffix(".csv"), ["index", *axes(5)], rows, head=head)
+
+
 READINGS = {
     write.__name__: write
     for write in (
@@ -193,6 +228,8 @@ READINGS = {
         a_file_for_each_finger, two_tables_on_a_sheet, names_and_millis_behind_a_stamp,
         moments_beside_forces, words_for_axes_that_nobody_knows, seconds_and_nanoseconds,
         a_table_of_words_beside, quoted_commas_over_noon_until_a_power_cut,
+        a_row_for_each_sensor, a_row_for_each_value, sensors_in_turn, lines_for_a_plotter,
+        a_rate_above_the_names,
     )
 }  # fmt: skip
 
@@ -373,6 +410,8 @@ SHEETS = {
         "time,what\n70001.0,grasp\n70003.0,slip\n70003.5,grasp\n",
     ),
     "no labels": ("slips.csv", "file,begin,end\n{a},3,3.5\n"),
+    "a track of labels": ("{a}.txt", "0\t1\tnothing\n3.0\t3.5\trisky slip\n"),
+    "a track of points": ("{a}.txt", "1\t1\tgrasp\n3.0\t3.0\tslip\n3.5\t3.5\tgrasp\n"),
     "ends alone": ("e.csv", "file,at,what\n{a},1,grasp\n{a},3.0,slip\n{a},3.5,grasp\n"),
 }
 
@@ -481,6 +520,49 @@ def test_paths_and_answers_name_person_object_and_action(
 
 
 # -- what cannot be known is asked, and nothing is silently wrong
+
+
+NORMALS = {
+    "fsr": ("fsr{k}", 0.02),
+    "A": ("A{k}", 0.0),
+}
+
+
+@pytest.mark.parametrize("form", NORMALS)
+def test_normals_alone_are_no_sensors_of_three_axes(
+    run: Run, tmp_path: Path, form: str
+) -> None:
+    name, noise = NORMALS[form]
+    one = made(1, sensors=6)
+    normals = np.abs(one.values[:, 2::3]) - noise
+    names = ["t", *(name.format(k=k) for k in range(6))]
+    write_log(tmp_path / "logs/a.csv", one, normals, names)
+    out = imported(run, tmp_path, *SLIP, code=2)
+    assert "which columns of a are x, y and z of each sensor?" in out
+
+
+def test_rows_of_sensors_that_no_time_joins_are_an_error(
+    run: Run, tmp_path: Path
+) -> None:
+    one = made(1, sensors=1)
+    sensors = np.random.default_rng(0).integers(1, 6, len(one.t_s))
+    names = ["t", *"xyz", "sensor"]
+    write_log(tmp_path / "logs/a.csv", one, names=names, texts=list(map(str, sensors)))
+    out = imported(run, tmp_path, *SLIP, code=3)
+    assert "which rows are of one time is not clear" in out
+
+
+def test_names_again_within_a_file_are_one_note(run: Run, tmp_path: Path) -> None:
+    one = made(1)
+    path = write_log(tmp_path / "logs/a.csv", one)
+    head, *lines = path.read_text().splitlines()
+    path.write_text("\n".join([head, *lines[:300], head, *lines[300:]]))
+    out = imported(run, tmp_path, *SLIP)
+    assert re.findall("note .*", out) == [
+        "note       a: 1 line without a number left out"
+    ]
+    trial = read_trial(tmp_path / "set/object/slip/trial_1.csv")
+    np.testing.assert_allclose(trial.raw, one.values)
 
 
 def test_the_rate_is_asked_and_a_counter_is_a_clock_with_it(
