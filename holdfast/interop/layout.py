@@ -38,7 +38,8 @@ STAMP = re.compile(
 )
 VECTOR = re.compile(r'"?[\[(]\s*([-+\d.][^\[\]()]*?)\s*[\])]"?')
 PAIR = re.compile(r"(?<![^\s,;|])([^\W\d][\w.\[\]]*)\s*[:=]\s*(?=\S)")
-"""The name before a cell, as for the plotter of a serial monitor."""
+FEWEST_PAIRS = 3
+"""A name before a cell, as for the plotter of a serial monitor; more than so many in a line."""
 NUMBER_HZ = r"(?<![\d.,])(\d+(?:\.\d+)?)"
 RATE = re.compile(
     r"(?im)(?:^\W*rate|\bfs|\b(?:sampl\w*|acqui\w*|scan|abtast)[-_ ]*(?:rate|freq\w*?))(?![a-z])"
@@ -118,7 +119,8 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
     for separator in SEPARATORS:
         # a comma may be both, where cells stand in quotes
         forms += [Form(separator, "."), Form(separator, ",")]
-    forms += [replace(form, has_names=True) for form in forms]
+    if 2 * sum(len(PAIR.findall(line)) > FEWEST_PAIRS for line in judged) > len(judged):
+        forms = [replace(form, has_names=True) for form in forms]
     form = max(forms, key=lambda one: _fit(one, judged))
     share, wide = _fit(form, judged)
     rows = [form.cells(line) for line in data]

@@ -26,16 +26,8 @@ from holdfast.core.errors import (
     listed,
 )
 from holdfast.core.trial_layout import LOG_MARKS, LOG_SUFFIXES
-from holdfast.interop.layout import layout_of
-from holdfast.interop.streams import (
-    LOG_TIME,
-    Columns,
-    ForeignLog,
-    Stream,
-    is_text,
-    text_cells,
-)
-from holdfast.interop.tables import HEAD_BYTES, HEAD_LINES, encoding_of, pd
+from holdfast.interop.streams import LOG_TIME, Columns, ForeignLog, Stream, is_text
+from holdfast.interop.tables import begin_of, pd
 
 PROSE = (".txt", ".dat", ".log", "")
 """Endings that other files have too: such a file in a folder is a log if it is a table."""
@@ -157,11 +149,8 @@ def _columns_of(place: LogPlace) -> float:
     """
     if place.kind in MODULES or place.kind in NO_LOGS:
         return np.inf if place.kind in MODULES else 0
-    with place.path.open("rb") as file:
-        head = file.read(HEAD_BYTES)
-    text = head.decode(encoding_of(head), "replace")
     try:
-        layout = layout_of(text.splitlines()[:HEAD_LINES])
+        layout, *_ = begin_of(place.path)
     except DataError:
         return 0
 
@@ -219,7 +208,7 @@ def _wide(stream: Stream, path: Path) -> Stream:
             is_turning = np.mean(cells != cells.shift()) > 0.5
             turning += [[name]] if is_turning and is_count else []
     for of_row in [keys] if keys else turning:
-        words = table[of_row].apply(_words_of).agg("_".join, axis=1)
+        words = table[of_row].astype(str).agg("_".join, axis=1)
         times = _times_of(table.drop(columns=of_row), *pd.factorize(words))
         if times is not None:
             columns = _pivoted(table.drop(columns=of_row), times, words)
@@ -231,12 +220,6 @@ def _wide(stream: Stream, path: Path) -> Stream:
             next_step="write the same time into them, or leave that column out",
         )
     return stream
-
-
-def _words_of(cells: pd.Series) -> list[str]:
-    """What rows are of: words as they stand, and numbers as `sensor2`."""
-    before = "" if is_text(cells.to_numpy()) else cells.name
-    return [f"{before}{cell}" for cell in text_cells(cells.to_numpy())]
 
 
 def _times_of(
@@ -268,8 +251,7 @@ def _pivoted(table: pd.DataFrame, times: IntArray, words: pd.Series) -> Columns:
     columns = {name: cells.to_numpy() for name, cells in once.items()}
     for word in words.unique():
         for name in of_each:
-            key = word if len(of_each) == 1 else f"{word}_{name}"
-            columns[key] = wide[name, word].to_numpy()
+            columns[f"{word}_{name}"] = wide[name, word].to_numpy()
     return columns
 
 

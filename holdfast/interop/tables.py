@@ -42,8 +42,8 @@ NOON = pd.Timedelta(hours=12)
 EPOCH = pd.Timestamp(0, tz="UTC")
 
 
-def read_log(path: Path, name: str) -> ForeignLog:
-    """A file of text as a log of one table. Raises a DataError."""
+def begin_of(path: Path) -> tuple[TableLayout, str, bool]:
+    """(layout, encoding, whether the last line is cut off) of a file. Raises a DataError."""
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
         file.seek(-min(len(head), 4), io.SEEK_END)
@@ -58,7 +58,12 @@ def read_log(path: Path, name: str) -> ForeignLog:
     if len(head) == HEAD_BYTES:
         # the last one may be cut
         lines.pop()
-    layout = layout_of(lines[:HEAD_LINES])
+    return layout_of(lines[:HEAD_LINES]), encoding, is_cut
+
+
+def read_log(path: Path, name: str) -> ForeignLog:
+    """A file of text as a log of one table. Raises a DataError."""
+    layout, encoding, is_cut = begin_of(path)
     about = {"rate_hz": layout.rate_hz}
     with path.open(encoding=encoding, errors="replace") as file:
         if layout.form.is_odd or layout.comment == "//":

@@ -114,8 +114,8 @@ class Sample:
             what = (
                 f"{time.column} counts samples" if time.column else "rows are counted"
             )
-            is_read = time.rate_hz == self.log.about.get("rate_hz")
-            by = ", by the head of the log" if is_read else " as given"
+            of_log = self.log.about.get("rate_hz")
+            by = ", by the head of the log" if time.rate_hz == of_log else " as given"
             return f"{what}, {time.rate_hz:g} Hz{by}"
         hz = 1.0 / usual_step(self.stamps_s[:50_000])
         return f"{time.column}, {hz:.4g} Hz, in {time.unit} by its steps"
