@@ -41,6 +41,7 @@ from holdfast.interop.map import (
     TrialRules,
 )
 from holdfast.interop.streams import ForeignLog, merged, text_cells
+from holdfast.interop.tables import pd
 from holdfast.interop.understood import Answers, Sample, Understood, situation_of
 from holdfast.training.datasets.trials import action_of
 
@@ -200,15 +201,14 @@ class Form:
 
         trials: the column of their numbers; "" where a log is a trial.
         """
-        actions: set[str | None] = set()
-        for columns in (one.columns for one in self.samples):
-            if not {name, trials} <= {"", *columns}:
+        words: set[str] = set()
+        for columns in (one.columns for one in self.samples if name in one.columns):
+            kinds = pd.Series(text_cells(columns[name]))
+            of_trial = columns.get(trials, np.zeros(len(kinds)))
+            if kinds.groupby(of_trial).nunique().max() > 1:
                 return False
-            kinds = text_cells(columns[name])
-            of_trial = text_cells(columns[trials]) if trials else [""] * len(kinds)
-            if len({*zip(of_trial, kinds, strict=True)}) > len({*of_trial}):
-                return False
-            actions |= {*map(action_of_word, kinds)}
+            words |= {*kinds}
+        actions = {*map(action_of_word, words)}
         return len(actions) > 1 and None not in actions and not self.answers.action
 
     # -- labels
@@ -389,31 +389,33 @@ def _words(path: str) -> list[str]:
     for word in words:
         # put-down and no-slip are one word
         is_one = action_of(word) or re.fullmatch(TOGETHER, word)
-        parts = [word] if is_one else PART.split(word)[1:-1]
-        parted += _ends_parted(parts, has_action=has_action) if parts else [word]
+        parted += [word] if is_one else _ends_parted(word, has_action)
     return parted
 
 
-def _ends_parted(parts: list[str], *, has_action: bool) -> list[str]:
-    """A person, an action and a number at the ends of words joined by dashes, and what is between.
+def _ends_parted(word: str, has_action: bool) -> list[str]:
+    """People, an action and numbers at the ends of words joined by dashes, and what is between.
 
     p01-slip-1 are three words and pass-empty-bottle two, but soft-ball is one. has_action: whether
     another word of the path is the action.
     """
-    known = []
-    is_named = False
-    for part in parts[::2]:
-        action = None if has_action else action_of_word(part)
-        is_action = action not in (None, "nothing")
-        has_action = has_action or is_action
-        is_name = is_action or bool(PERSON.fullmatch(part))
-        is_named = is_named or is_name
-        known.append(is_name or bool(NUMBERED.fullmatch(part)))
-    if not is_named or False not in known:
-        return parts if is_named else ["".join(parts)]
-    first = 2 * known.index(False)
-    last = len(parts) - 2 * known[::-1].index(False)
-    return [*parts[:first], "".join(parts[first:last]), *parts[last:]]
+
+    def is_name(part: str) -> bool:
+        is_action = not has_action and action_of_word(part) not in (None, "nothing")
+        return is_action or bool(PERSON.fullmatch(part))
+
+    parts = PART.split(word)[1:-1]
+    if not any(map(is_name, parts)):
+        return [word]
+    before: list[str] = []
+    after: list[str] = []
+    while len(parts) > 1 and (is_name(parts[0]) or NUMBERED.fullmatch(parts[0])):
+        before += parts[:2]
+        parts = parts[2:]
+    while len(parts) > 1 and (is_name(parts[-1]) or NUMBERED.fullmatch(parts[-1])):
+        after = parts[-2:] + after
+        parts = parts[:-2]
+    return [*before, "".join(parts), *after]
 
 
 def _key_of(column: str) -> str:
