@@ -53,8 +53,8 @@ MODULES = {
 LABEL_COLUMNS = 3
 """Of a table of labels: when each begins, when it ends, and what it is."""
 KEY = re.compile(
-    r"(?i)(sensor|channel|chan|ch|finger(tip)?|taxel|pad|tip|axis|component|variable|signal|device"
-    r"|node|addr(ess)?|id)s?[-_ .]*(id|nr|no|name|number|index|idx)?"
+    r"(?i)(sensor|channel|chan|ch|finger(tip)?|side|jaw|taxel|pad|tip|axis|component|variable"
+    r"|signal|device|node|addr(ess)?|id)s?[-_ .]*(id|nr|no|name|number|index|idx)?"
 )
 """A column that says which sensor or axis a row is of."""
 MOST_KEYS, FEWEST_TIMES = 100, 20
@@ -213,19 +213,19 @@ def _wide(stream: Stream, path: Path) -> Stream:
     table = pd.DataFrame(stream.columns, copy=False)
     if stream.t_ns is not None or len(table.columns) > MOST_LONG:
         return stream
+    kinds = table.nunique()
     keys, turning = [], []
-    for name, cells in table.items():
-        kinds = cells.unique()
-        if 1 < len(kinds) <= MOST_KEYS:
-            keys += [name] if KEY.fullmatch(name) else []
-            is_count = is_text(kinds) or 2 < len(kinds) == np.ptp(kinds) + 1
-            is_turning = np.mean(cells != cells.shift()) > 0.5
-            turning += [[name]] if is_turning and is_count else []
+    for name in table.columns[(kinds > 1) & (kinds <= MOST_KEYS)]:
+        keys += [name] if KEY.fullmatch(name) else []
+        # what stands in every other row may be a mark
+        is_turning = np.mean(table[name] != table[name].shift()) > 0.5
+        turning += [[name]] if is_turning and kinds[name] > 2 else []
     for of_row in [keys] if keys else turning:
         words = table[of_row].astype(str).agg("_".join, axis=1)
-        times = _times_of(table.drop(columns=of_row), *pd.factorize(words))
+        values = table.drop(columns=of_row)
+        times = _times_of(values, *pd.factorize(words))
         if times is not None:
-            columns = _pivoted(table.drop(columns=of_row), times, words)
+            columns = _pivoted(values, times, words)
             return replace(stream, columns=columns, long=tuple(of_row))
     if keys and len(table) > MOST_KEYS:
         raise ColumnError(
