@@ -210,9 +210,9 @@ def _wide(stream: Stream, path: Path) -> Stream:
     Which a row is of stands in a column with such a name, or in one that differs from row to row.
     Raises ColumnError where it is not clear which rows belong together.
     """
-    table = pd.DataFrame(stream.columns, copy=False)
-    if stream.t_ns is not None or len(table.columns) > MOST_LONG:
+    if stream.t_ns is not None or len(stream.columns) > MOST_LONG:
         return stream
+    table = pd.DataFrame(stream.columns, copy=False)
     kinds = table.nunique()
     keys, turning = [], []
     for name in table.columns[(kinds > 1) & (kinds <= MOST_KEYS)]:
