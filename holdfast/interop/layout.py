@@ -115,12 +115,12 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
     comment = next((one for one in COMMENTS if _begins(lines, one)), "")
     data = ["" if comment and _begins([line], comment) else line for line in lines]
     judged = list(filter(str.strip, data))[-JUDGED_ROWS:]
+    # the last line may be cut off
+    has_names = len(PAIR.findall(" ".join(judged[-2:-1]))) > FEWEST_PAIRS
     forms = []
     for separator in SEPARATORS:
         # a comma may be both, where cells stand in quotes
-        forms += [Form(separator, "."), Form(separator, ",")]
-    if 2 * sum(len(PAIR.findall(line)) > FEWEST_PAIRS for line in judged) > len(judged):
-        forms = [replace(form, has_names=True) for form in forms]
+        forms += [Form(separator, sign, has_names) for sign in (".", ",")]
     form = max(forms, key=lambda one: _fit(one, judged))
     share, wide = _fit(form, judged)
     rows = [form.cells(line) for line in data]
