@@ -25,10 +25,11 @@ from typing import TYPE_CHECKING
 from holdfast.cli.command import (
     STDOUT,
     add_json_option,
+    add_report_option,
     add_seed_option,
     path_argument,
     positive,
-    require_json_writable,
+    require_results_writable,
     show,
     show_found,
 )
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
     from holdfast.training.fitting import TrainingRequest
 
 # As holdfast.training has them; repeated here so that --help need not import it.
-WINDOWS = ("balanced", "dense", "thesis", "natural")
+WINDOWS = ("balanced", "thesis", "natural")
 FEATURES = ("fixed", "pooled")
 MODEL_SIZES = ("tiny", "default")
 LEARNERS = ("forest", "network", "committee")
@@ -78,12 +79,7 @@ def add_train_arguments(parser: argparse.ArgumentParser) -> None:
     _choose_learner(parser)
     add_seed_option(parser)
     add_json_option(parser)
-    parser.add_argument(
-        "--report",
-        type=path_argument,
-        metavar="OUT",
-        help="write a report (HTML): the held-out figure, with a learning curve",
-    )
+    add_report_option(parser, "the held-out figure, with a learning curve")
 
 
 def _choose_recordings(parser: argparse.ArgumentParser) -> None:
@@ -111,8 +107,7 @@ def _choose_learner(parser: argparse.ArgumentParser) -> None:
         choices=WINDOWS,
         default="balanced",
         metavar="WHICH",
-        help="windows to train on: balanced (default), dense (closer where a phase begins), "
-        "thesis (undersampled), natural",
+        help="windows to train on: balanced (default), thesis (undersampled), natural",
     )
     parser.add_argument(
         "--features",
@@ -145,11 +140,7 @@ def run_train(args: argparse.Namespace) -> int:
     from holdfast.training.metrics import situation_lines, with_interval
     from holdfast.training.progress import Stages, ignored
 
-    require_json_writable(args)
-    # A report that cannot be written is refused before the training.
-    if args.report is not None:
-        require_writable(args.report.parent)
-
+    require_results_writable(args)
     progress = Stages()
     progress("loading the libraries")
     # Imported within the stage: loading the libraries takes seconds, and is shown.
@@ -228,7 +219,7 @@ def add_export_arguments(parser: argparse.ArgumentParser) -> None:
         "artifact",
         nargs="?",
         type=path_argument,
-        default=Path("build/default"),
+        default=DEFAULT_OUT,
         metavar="DIR",
         help="artifact folder of holdfast train (default build/default); "
         "a model file with --to c, --hand or --rule, or an older one to be exported again",
@@ -282,7 +273,7 @@ def _rule(text: str) -> tuple[str, int]:
 
 def run_export(args: argparse.Namespace) -> int:
     """Export; prints what was verified."""
-    require_json_writable(args)
+    require_results_writable(args)
     # the name of a shipped model, as every other command takes it
     args.artifact = model_path(args.artifact)
     if args.to == "c":
@@ -389,6 +380,6 @@ def _agreement(head: HeadVerification) -> str:
     plain = head.predict_disagreement
     if plain is None:
         return f"{head.rows} rows, {labels}"
-    share = f"{1.0 - plain.share_off_ties:.4%}".replace("100.0000%", "100 %")
+    share = f"{1.0 - plain.share_off_ties:.4%}"
     agreement = f"agreement with scikit-learn predict: {share} ({plain.ties} ties)"
     return f"{head.rows} rows, {labels}; {agreement}"

@@ -37,6 +37,7 @@ from typing import TYPE_CHECKING
 
 from holdfast.cli.command import (
     add_json_option,
+    add_out_option,
     add_seed_option,
     path_argument,
     positive,
@@ -44,10 +45,10 @@ from holdfast.cli.command import (
     show_found,
 )
 from holdfast.cli.options import (
-    add_calibration_option,
     add_camera_options,
+    add_hand_options,
     add_recording_options,
-    add_source_option,
+    add_seconds_option,
 )
 from holdfast.core.errors import TagError, UsageError, command, count_of
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
@@ -58,27 +59,24 @@ if TYPE_CHECKING:
     from holdfast.drivers.camera.graph import FrameSource
 
 
+def _add_person_option(parser: argparse.ArgumentParser, *, required: bool) -> None:
+    parser.add_argument(
+        "--person",
+        required=required,
+        metavar="PSEUDONYM",
+        help="letters, digits, dashes; never a real name",
+    )
+
+
 # -- record
 
 
 def add_record_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
-    add_source_option(parser)
-    add_calibration_option(parser)
-    option(
-        "--out",
-        type=path_argument,
-        required=True,
-        metavar="DIR",
-        help="folder of recordings, new or of an earlier run",
-    )
-    option(
-        "--person",
-        required=True,
-        metavar="PSEUDONYM",
-        help="letters, digits, dashes; never a real name",
-    )
+    add_hand_options(parser)
+    add_out_option(parser, "folder of recordings, new or of an earlier run")
+    _add_person_option(parser, required=True)
     option(
         "--protocol",
         type=path_argument,
@@ -146,23 +144,14 @@ def add_study_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="print the steps with their minutes, and stop",
     )
-    option(
-        "--source",
-        metavar="URL",
-        help="a hand as in holdfast record, or a virtual participant such as sim://p1",
-    )
-    add_calibration_option(parser)
+    add_hand_options(parser, required=False)
     option(
         "--out",
         type=path_argument,
         metavar="DIR",
         help="folder of all people of the study",
     )
-    option(
-        "--person",
-        metavar="PSEUDONYM",
-        help="letters, digits, dashes; never a real name",
-    )
+    _add_person_option(parser, required=False)
     add_recording_options(parser)
     option(
         "--report",
@@ -230,7 +219,7 @@ def add_watch_arguments(parser: argparse.ArgumentParser) -> None:
     option("--camera", metavar="oak|FILE", help="oak, or a .frames.npz")
     option("--out", type=path_argument, metavar="DIR", help="the trial's folder")
     add_camera_options(parser)
-    option("--seconds", type=positive, metavar="S", help="oak: stop after S seconds")
+    add_seconds_option(parser, "oak: stop after S seconds")
     option(
         "--onset",
         type=path_argument,
