@@ -62,16 +62,9 @@ EDGE_RADIUS_MM = 5.0
 
 @dataclass(frozen=True)
 class HeldObject:
-    """One object; a ball where axial_radius_mm is above zero, else a cylinder with rounded ends.
+    """One object, by the numbers of OBJECT_KEYS.
 
-    mass_g             from the thesis, for its objects
-    radius_mm          of curvature across the grip
-    axial_radius_mm    of curvature along the axis
-    half_length_mm     of the straight part of a cylinder
-    friction           static, on silicone
-    kinetic_share      kinetic over static friction
-    stiffness_n_per_m  in series with a finger's
-    crush_n            grip of either side that crushes it; 0: none does
+    A ball where axial_radius_mm is above zero, else a cylinder with rounded ends.
     """
 
     name: str
