@@ -225,9 +225,7 @@ def table_lines(figures: Json) -> list[str]:
     """The tables among the figures as lines for people; nested figures are only in the JSON."""
     lines = []
     for title, rows in figures.items():
-        # Rows that hold a table of their own (latencies by stage) are left to the JSON.
-        is_table = isinstance(rows, list) and rows and isinstance(rows[0], dict)
-        if is_table and "latency_us" not in rows[0]:
+        if isinstance(rows, list) and rows and isinstance(rows[0], dict):
             lines.append(f"{title}\n{markdown(rows)}\n")
     return lines
 
