@@ -27,7 +27,6 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -38,8 +37,7 @@ import numpy as np
 from msgspec import Meta
 
 from holdfast.core.contract import BoolArray, FloatArray, Json
-from holdfast.core.errors import CardError
-from holdfast.core.schema import read, text_of
+from holdfast.core.schema import find_card, read, text_of
 
 Side = Literal["thumb", "opposing"]
 SIDES: tuple[Side, ...] = ("thumb", "opposing")
@@ -197,32 +195,14 @@ def hand_from_json(value: Any) -> HandCard:
     return hand
 
 
-def shipped_hands() -> list[str]:
-    """Names of the hand cards that are installed with Holdfast, sorted."""
-    return sorted(path.stem for path in HANDS.glob("*.toml"))
-
-
-def find_hand_card(name: str, folder: Path | None = None) -> Path:
+def find_hand_card(name: str | Path, folder: Path = Path()) -> Path:
     """A shipped hand card by name, or a file, seen from the folder first. Raises CardError."""
-    if name in shipped_hands():
-        return HANDS / f"{name}.toml"
-
-    for path in ((folder or Path()) / name, Path(name)):
-        # a name that no file can have is no file
-        with suppress(OSError, ValueError):
-            if path.is_file():
-                return path
-
-    raise CardError(
-        f"no hand card {name!r:.80}",
-        cause="neither a shipped hand card nor a file",
-        next_step=f"choose from {', '.join(shipped_hands())}, or give the path of a card",
-    )
+    return find_card(str(name), HANDS, "hand card", folder)
 
 
-def read_hand_card(name: str | Path, folder: Path | None = None) -> HandCard:
+def read_hand_card(name: str | Path, folder: Path = Path()) -> HandCard:
     """Read and check a hand card by name or path. Raises CardError."""
-    path = find_hand_card(str(name), folder)
+    path = find_hand_card(name, folder)
     tables = read(path, _Tables)
     # Where the card says no stiffness, the taxels of a pad have equal parts of a fingertip's.
     taxels = Counter(one.pad for one in tables.sensors)
