@@ -54,9 +54,7 @@ def run_check(args: argparse.Namespace) -> int:
     begin = Stages()
     begin(f"reading {args.folder}")
     settings = read_settings(settings_file([]))
-    most_n = settings.get("ceiling_n")
-    report = examine(find(args.folder), most_n)
-
+    report = examine(find(args.folder), settings.get("ceiling_n"))
     show_found(args, "\n".join(report_lines(report)), report.to_json())
     return 0 if report.readable else DataError.exit_code
 

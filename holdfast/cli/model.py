@@ -376,10 +376,11 @@ def _export_c(args: argparse.Namespace) -> int:
 
 def _agreement(head: HeadVerification) -> str:
     """How a head of the file compares with the reference; a forest, with scikit-learn's predict."""
-    labels = f"{head.label_mismatches} labels differ from the reference"
+    labels = (
+        f"{head.rows} rows, {head.label_mismatches} labels differ from the reference"
+    )
     plain = head.predict_disagreement
     if plain is None:
-        return f"{head.rows} rows, {labels}"
-    share = f"{1.0 - plain.share_off_ties:.4%}"
-    agreement = f"agreement with scikit-learn predict: {share} ({plain.ties} ties)"
-    return f"{head.rows} rows, {labels}; {agreement}"
+        return labels
+    agreement = f"{1.0 - plain.share_off_ties:.4%} ({plain.ties} ties)"
+    return f"{labels}; agreement with scikit-learn predict: {agreement}"

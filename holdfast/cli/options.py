@@ -273,8 +273,7 @@ class SettingsParser(Parser):
         name = names[-1].lstrip("-")
         if name in self._given:
             options["default"] = self._given[name]
-            # An option with a default must not be required; a positional argument becomes
-            # optional.
+            # An option with a default must not be required; a positional argument becomes optional.
             if names[0].startswith("-"):
                 options.pop("required", None)
             else:

@@ -14,6 +14,7 @@ from holdfast.cli.command import (
     whole,
 )
 from holdfast.core.errors import count_of
+from holdfast.core.writing import require_new
 from holdfast.simulation import shipped_scenes
 
 
@@ -45,7 +46,7 @@ def run_simulate(args: argparse.Namespace) -> int:
     An interrupted run leaves no folder.
     """
     from holdfast.core.locked import lock_of
-    from holdfast.simulation.folder import require_new, write_set
+    from holdfast.simulation.folder import write_set
     from holdfast.simulation.scene import Scene
     from holdfast.simulation.scene_file import read_scene_file
     from holdfast.training.progress import Stages

@@ -167,7 +167,7 @@ def match_alarms(
     outcomes = []
     for event in recording.events:
         # The truth is no sharper than the collar, so an alarm within it belongs to the event.
-        within = _within(event, alarms_s, collar_s)
+        within = within_event(event, alarms_s, collar_s)
 
         # The last sample before the collar: a request there is not an answer to this event.
         first_s = event.onset_s - collar_s
@@ -194,7 +194,7 @@ def false_alarms(recording: Recording, requests: BoolArray) -> IntArray:
     false = _begins(requests)
     t_s = np.arange(len(requests)) / recording.rate_hz
     for event in recording.events:
-        false[_within(event, t_s, COLLAR_S)] = False
+        false[within_event(event, t_s, COLLAR_S)] = False
     return np.asarray(false.sum(axis=0), dtype=np.int64)
 
 
@@ -207,7 +207,7 @@ def _begins(requests: BoolArray) -> BoolArray:
     return begins
 
 
-def _within(event: RiskyEvent, t_s: FloatArray, collar_s: float) -> BoolArray:
+def within_event(event: RiskyEvent, t_s: FloatArray, collar_s: float) -> BoolArray:
     """Where times [T] lie in an event or its collar."""
     after_onset = t_s >= event.onset_s - collar_s
     before_end = t_s <= event.end_s + collar_s

@@ -25,8 +25,7 @@ from holdfast.training.metrics import ABSENT, Interval, Share
 # Figures that every table uses: a spread of times, a share with its interval, McNemar's test.
 #
 # Shares of things that happen once a trial (a voluntary action, a hold) have exact binomial
-# intervals
-# (Clopper & Pearson, Biometrika 26, 1934): a bootstrap of a share of one gives 1 to 1.
+# intervals (Clopper & Pearson, Biometrika 26, 1934): a bootstrap of a share of one gives 1 to 1.
 
 
 @dataclass(frozen=True)
