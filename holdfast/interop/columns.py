@@ -16,8 +16,7 @@ import numpy as np
 from holdfast.core.column_map import NS_OF, SensorColumns, TimeColumn
 from holdfast.core.contract import AXES, NORMAL_AXIS, NORMAL_FLOOR, UNIT_OF, FloatArray
 from holdfast.core.trial_file import FASTEST_HZ, SLOWEST_HZ, TimeUnit
-from holdfast.interop.logs import counted
-from holdfast.interop.streams import LOG_TIME, Column, Columns, is_text
+from holdfast.interop.streams import LOG_TIME, Column, Columns, counted, is_text
 
 TIME_WORDS = {
     "time", "timestamp", "stamp", "t", "clock", "elapsed", "when", "date", "datetime"

@@ -41,6 +41,7 @@ from holdfast.interop.map import (
     TrialRules,
 )
 from holdfast.interop.streams import ForeignLog, merged, text_cells
+from holdfast.interop.tables import pd
 from holdfast.interop.understood import Answers, Sample, Understood, situation_of
 from holdfast.training.datasets.trials import action_of
 
@@ -190,7 +191,25 @@ class Form:
             if key and is_name and not getattr(self.answers, key, ""):
                 rules.setdefault(key, name)
 
+        for name in self.samples[0].marks:
+            if self._is_action(name, rules.get("column", "")):
+                rules.setdefault("action", name)
         return TrialRules(fingers=self.fingers, **rules)
+
+    def _is_action(self, name: str, trials: str) -> bool:
+        """Whether a column says what each trial is: words of actions that change with it alone.
+
+        trials: the column of their numbers; "" where a log is a trial.
+        """
+        words: set[str] = set()
+        for columns in (one.columns for one in self.samples if name in one.columns):
+            kinds = pd.Series(text_cells(columns[name]))
+            of_trial = columns.get(trials, np.zeros(len(kinds)))
+            if kinds.groupby(of_trial).nunique().max() > 1:
+                return False
+            words |= {*kinds}
+        actions = {*map(action_of_word, words)}
+        return len(actions) > 1 and None not in actions and not self.answers.action
 
     # -- labels
 
@@ -206,7 +225,7 @@ class Form:
             known[word] = situation_of(action)
         found = self._of_tables(trials, known)
         if found is None:
-            found = min(self._of_columns(known), key=_rank, default=None)
+            found = min(self._of_columns(trials, known), key=_rank, default=None)
             if found is None:
                 return None
             self.found.add("labels", f"column {found.rules.column}, {found.text}")
@@ -224,11 +243,13 @@ class Form:
 
         return changed(rules, labels={**rules.labels, unknown[0]: situation})
 
-    def _of_columns(self, known: dict[str, str]) -> list[FoundLabels]:
+    def _of_columns(
+        self, trials: TrialRules, known: dict[str, str]
+    ) -> list[FoundLabels]:
         """What the columns of labels mean."""
         labels: list[FoundLabels] = []
         for name in dict.fromkeys(key for one in self.samples for key in one.marks):
-            if _key_of(name):
+            if _key_of(name) or name == trials.action:
                 continue
             with_it = [one for one in self.samples if name in one.columns]
             cells = [cell for one in with_it for cell in text_cells(one.columns[name])]
@@ -327,7 +348,9 @@ class Form:
         for key in NAMES:
             if {*words} <= {*getattr(answers, key).split(",")}:
                 return key
-        if all(map(self._action, words)):
+        # an empty-bottle is a thing, although empty says that nothing is held
+        are_things = all(OBJECT.match(word) or named_mass(word) for word in words)
+        if all(map(self._action, words)) and not are_things:
             return "" if answers.whole_action else "action"
         if all(map(PERSON.fullmatch, words)):
             return "" if answers.person else "person"
@@ -335,7 +358,6 @@ class Form:
             return "trial"
         if answers.object:
             return ""
-        are_things = all(OBJECT.match(word) or named_mass(word) for word in words)
         return "thing" if are_things else "unclear"
 
     def _action(self, word: str) -> str | None:
@@ -361,14 +383,39 @@ def _rank(found: FoundLabels) -> tuple[int, bool]:
 
 def _words(path: str) -> list[str]:
     """The words of a path, with what stands before, between and behind them."""
-    words = []
-    for word in WORD.split(path):
-        parts = PART.split(word)[1:-1]
-        # p01-slip-1 are three words, soft-ball and put-down are one
+    words = WORD.split(path)
+    has_action = any(map(action_of_word, (one for one in words if "-" not in one)))
+    parted: list[str] = []
+    for word in words:
+        # put-down and no-slip are one word
         is_one = action_of(word) or re.fullmatch(TOGETHER, word)
-        are_several = any(PERSON.fullmatch(one) or action_of_word(one) for one in parts)
-        words += parts if are_several and not is_one else [word]
-    return words
+        parted += [word] if is_one else _ends_parted(word, has_action)
+    return parted
+
+
+def _ends_parted(word: str, has_action: bool) -> list[str]:
+    """People, an action and numbers at the ends of words joined by dashes, and what is between.
+
+    p01-slip-1 are three words and pass-empty-bottle two, but soft-ball is one. has_action: whether
+    another word of the path is the action.
+    """
+
+    def is_name(part: str) -> bool:
+        is_action = not has_action and action_of_word(part) not in (None, "nothing")
+        return is_action or bool(PERSON.fullmatch(part))
+
+    parts = PART.split(word)[1:-1]
+    if not any(map(is_name, parts)):
+        return [word]
+    before: list[str] = []
+    after: list[str] = []
+    while len(parts) > 1 and (is_name(parts[0]) or NUMBERED.fullmatch(parts[0])):
+        before += parts[:2]
+        parts = parts[2:]
+    while len(parts) > 1 and (is_name(parts[-1]) or NUMBERED.fullmatch(parts[-1])):
+        after = parts[-2:] + after
+        parts = parts[:-2]
+    return [*before, "".join(parts), *after]
 
 
 def _key_of(column: str) -> str:

@@ -12,15 +12,24 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from holdfast.core.column_map import NS_OF
 from holdfast.core.contract import IntArray
 from holdfast.core.errors import DataError, DataNotFound, EmptyRecording, NotANumber
 from holdfast.core.trial_layout import LOG_MARKS, LOG_SUFFIXES
+from holdfast.interop.columns import unit_of_time
 from holdfast.interop.layout import layout_of
-from holdfast.interop.streams import LOG_TIME, Columns, ForeignLog, Stream, is_text
+from holdfast.interop.streams import (
+    LOG_TIME,
+    Column,
+    Columns,
+    ForeignLog,
+    Stream,
+    counted,
+    is_text,
+)
 from holdfast.interop.tables import HEAD_BYTES, HEAD_LINES, encoding_of, pd
 
 PROSE = (".txt", ".dat", ".log", "")
@@ -78,12 +87,6 @@ def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
         )
 
     return places, others
-
-
-def counted(name: str) -> list[Any]:
-    """A key by which trial_2 comes before trial_10: texts and numbers in turn."""
-    parts = enumerate(re.split(r"(\d+)", name))
-    return [int(part) if k % 2 else part for k, part in parts]
 
 
 def read_log(place: LogPlace) -> ForeignLog:
@@ -156,13 +159,26 @@ def _kind_of(path: Path) -> str | None:
 
 
 def _whole_stamps(stream: Stream) -> Stream:
-    """The seconds and nanoseconds of stamps in two columns as one column of ns."""
+    """Stamps in two columns as one of ns: seconds or a clock, and what a second is parted into."""
     columns = dict(stream.columns)
-    for name in stream.columns:
+    clocks = [name for name, column in columns.items() if _is_clock(column)]
+    for name, column in stream.columns.items():
         seconds = re.sub("(?i)n(ano)?(?=se?cs?$|seconds$)", "", name)
+        part_ns = NS_OF.get(unit_of_time(name) or "", 0)
         if seconds != name and seconds in columns:
-            columns[name] = columns[name] + 10**9 * columns.pop(seconds)
+            columns[name] = column + 10**9 * columns.pop(seconds)
+        elif part_ns and len(clocks) == 1 and column.dtype.kind == "i":
+            is_part = (column >= 0) & (part_ns * column < 10**9)
+            if is_part.all():
+                columns[clocks[0]] = columns[clocks[0]] + part_ns * columns.pop(name)
+
     return replace(stream, columns=columns)
+
+
+def _is_clock(column: Column) -> bool:
+    """Whether a column holds times of day or dates, in ns, without a part of a second."""
+    is_ns = column.dtype.kind == "i" and len(column) and column.max() > 10**10
+    return bool(is_ns) and len(np.unique(column)) > 1 and not (column % 10**9).any()
 
 
 def _united(same: list[Stream]) -> Stream:

@@ -96,6 +96,12 @@ def text_cells(column: Column) -> list[str]:
     return [texts[row] for row in rows.tolist()]
 
 
+def counted(name: str) -> list[Any]:
+    """A key by which trial_2 comes before trial_10: texts and numbers in turn."""
+    parts = enumerate(re.split(r"(\d+)", name))
+    return [int(part) if k % 2 else part for k, part in parts]
+
+
 # -- an even clock
 
 

@@ -21,9 +21,16 @@ from holdfast.core.errors import listed
 from holdfast.interop.columns import channels, find_sensors, find_time, touch, unit_of
 from holdfast.interop.forms import Form
 from holdfast.interop.labels import is_mark
-from holdfast.interop.logs import LogPlace, counted, find_logs, read_log, table_of
+from holdfast.interop.logs import LogPlace, find_logs, read_log, table_of
 from holdfast.interop.map import NUMBERED, ImportMap
-from holdfast.interop.streams import Columns, ForeignLog, first_stream, is_text, merged
+from holdfast.interop.streams import (
+    Columns,
+    ForeignLog,
+    counted,
+    first_stream,
+    is_text,
+    merged,
+)
 from holdfast.interop.tables import pd
 from holdfast.interop.trials import files_of, read_joined
 from holdfast.interop.understood import Answers, Sample, Understood

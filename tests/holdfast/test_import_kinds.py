@@ -76,6 +76,14 @@ def units_below_the_names(path: Path, one: Made) -> None:
     )
 
 
+def a_clock_and_its_milliseconds(path: Path, one: Made) -> None:
+    form = "{h:02d}:{m:02d}:{s:02.0f}"
+    first = [clock(CLOCK_S + int(t_s + 1e-9), form) for t_s in one.t_s]
+    rows = np.column_stack([np.round(1e3 * one.t_s) % 1000, one.values])
+    names = ["clock", "ms", *axes(5)]
+    write_text(path.with_suffix(".csv"), names, rows, first=first)
+
+
 def over_midnight(path: Path, one: Made) -> None:
     first = [clock(86_398.0 + t) for t in one.t_s]
     names = ["when", *axes(5, "B{axis}{k} [mT]")]
@@ -193,6 +201,7 @@ READINGS = {
         a_file_for_each_finger, two_tables_on_a_sheet, names_and_millis_behind_a_stamp,
         moments_beside_forces, words_for_axes_that_nobody_knows, seconds_and_nanoseconds,
         a_table_of_words_beside, quoted_commas_over_noon_until_a_power_cut,
+        a_clock_and_its_milliseconds,
     )
 }  # fmt: skip
 
@@ -437,17 +446,19 @@ def test_one_file_is_cut_into_its_trials(run: Run, tmp_path: Path, form: str) ->
         np.testing.assert_allclose(trial.raw, one.values, atol=1e-9)
 
 
-def test_columns_name_who_does_what(run: Run, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("heading", "other", "action"),
+    [("condition", "no slip", "hold"), ("event", "pass", "pass")],
+)
+def test_columns_name_who_does_what(
+    run: Run, tmp_path: Path, heading: str, other: str, action: str
+) -> None:
     trials = [made(k) for k in (1, 2)]
-    columns = {
-        "run": ["1", "2"],
-        "subject": ["anna", "ben"],
-        "condition": ["slip", "no slip"],
-    }
+    columns = {"run": ["1", "2"], "subject": ["anna", "ben"], heading: ["slip", other]}
     in_one_file(tmp_path / "logs", trials, [0.0, 5.0], **columns)
     imported(run, tmp_path)
     assert (tmp_path / "set/anna/object/slip/trial_1.csv").is_file()
-    assert (tmp_path / "set/ben/object/hold/trial_1.csv").is_file()
+    assert (tmp_path / f"set/ben/object/{action}/trial_1.csv").is_file()
 
 
 PATHS = {
@@ -459,6 +470,9 @@ PATHS = {
     "participant_12/bottle/drop-1": ((), "participant_12/bottle/slip"),
     "p01-cup-no-slip-1": ((), "p01/cup/hold"),
     "grasp_glass_slip_01": ((), "glass/slip"),
+    # full-glass and empty-glass are objects
+    "slip_empty-glass": ((), "empty-glass/slip"),
+    "slip-empty-glass": ((), "empty-glass/slip"),
     "p3/slip/cup": (("--action", "hold"), "p3/cup/hold"),
     "subject3/cup/dropped/01": ((), "subject3/cup/slip"),
     "anna_mug_rutschen": (
