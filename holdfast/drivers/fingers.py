@@ -31,8 +31,6 @@ DOUBT_NS = 10_000_000_000
 DOUBTS = frozenset({"nack", "garbage", "reset", "mux"})
 """Reasons for an invalid reading that a bus which flips bits produces."""
 NO_READING = (np.nan, np.nan, np.nan)
-
-
 Answer = Reply | str
 """Of a finger: its reply, or one word for why there is none."""
 

@@ -309,8 +309,6 @@ EFFECTS = {
         only_unit="uT",
     ),
 }
-
-
 SHEAR_SHARE = 0.5
 """Largest shear of the calibration's loads over their normal force."""
 
