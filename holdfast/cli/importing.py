@@ -97,7 +97,8 @@ def run_import(args: argparse.Namespace) -> int:
     checked = examine(args.out)
     first, *_, verdict = report_lines(checked)
     shown = [*found.lines, "", *_picture(args), first, verdict]
-    next_words = ("train", "--data") if checked.trainable else ("check",)
+    is_ready = checked.levels <= {"advice"}
+    next_words = ("train", "--data") if is_ready else ("check",)
     shown.append(f"next: {command(*next_words, args.out)}")
     words = {"understood": found.lines, "notes": reading.notes}
     figures = {"out": str(args.out), "trials": reading.written, **words}

@@ -15,6 +15,12 @@ from tools.doc_tables import write_between
 Row = dict[str, Any]
 
 
+def rows_of(path: Path) -> list[Row]:
+    """How each test went, in the order of their names, whatever order they ran in."""
+    rows: list[Row] = json.loads(path.read_text("utf-8"))
+    return sorted(rows, key=lambda row: str(row["test"]))
+
+
 def lists(results: list[Row]) -> str:
     """A table an area, a line a case."""
     sections = []
@@ -41,5 +47,4 @@ def trouble(tests: list[Row]) -> str:
 
 
 if __name__ == "__main__":
-    rows = json.loads(Path(sys.argv[1]).read_text("utf-8"))
-    write_between(sys.argv[2], "hard-cases", lists(rows))
+    write_between(sys.argv[2], "hard-cases", lists(rows_of(Path(sys.argv[1]))))

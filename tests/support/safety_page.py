@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from hard_cases_page import trouble
+from hard_cases_page import rows_of, trouble
 
 from tools.doc_tables import write_between
 
@@ -37,5 +36,4 @@ def _lines(rows: list[Row]) -> Iterable[str]:
 
 
 if __name__ == "__main__":
-    rows = json.loads(Path(sys.argv[1]).read_text("utf-8"))
-    write_between(sys.argv[2], "hazards", lists(rows))
+    write_between(sys.argv[2], "hazards", lists(rows_of(Path(sys.argv[1]))))
