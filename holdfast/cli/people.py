@@ -193,8 +193,7 @@ def run_study(args: argparse.Namespace) -> int:
         if ending != Ending.FINISHED:
             return exit_code
 
-    lines = write_participant_report(args.out, args.person, protocol)
-    show("\n".join(lines))
+    show("\n".join(write_participant_report(args.out, args.person, protocol)))
     return 0
 
 

@@ -54,10 +54,9 @@ def run_simulate(args: argparse.Namespace) -> int:
     require_results_writable(args)
     # A set is made of one card and one seed; files of two sets must not mix.
     require_new(args.out)
-    file = read_scene_file(args.card, rate_hz=args.rate)
-    scene = Scene(file, args.seed)
+    card = read_scene_file(args.card, rate_hz=args.rate)
+    scene = Scene(card, args.seed)
     total = len(scene.trials(args.trials))
-    card = scene.file
     for number in (signal.SIGTERM, signal.SIGHUP):
         # As Ctrl-C, which removes the unfinished folder; under nohup SIGHUP stays ignored.
         if signal.getsignal(number) != signal.SIG_IGN:
