@@ -7,11 +7,8 @@ replaced only with --force.
 `export DIR --out FILE` turns an artifact into one verified, sealed file; without arguments
 build/default. Nothing is written unless file and reference agree. A file in the artifact's folder
 is derived from it and replaced; a file elsewhere is replaced only with --force. `--to c` turns a
-sealed file into C99 instead (export/c). A model file of an older version is exported again with the
-same learner: `holdfast export OLD.onnx --out NEW.onnx`. With --hand CARD, an artifact or a model
-file becomes a file for another hand, where all its features are pooled over the sensors. --rule
-NAME=NUMBER changes a rule of a model file's decision, such as how sure it is when it requests
-(min_risky_permille) and how long a request lasts (evidence_ms).
+sealed file into C99 instead (export/c). A model file is exported again with the same learner, for
+another hand (--hand, of pooled features) or by other rules (--rule).
 """
 
 from __future__ import annotations

@@ -4,23 +4,17 @@ record: trials, safe against crashes; a second run continues with the next trial
 
     holdfast record --source usb://ft232h --calibration c.json --out trials --person p01 \\
         --protocol protocol.toml
-    holdfast record --source usb://ft232h --out trials --person p01 \\
-        --object cup --action pull --camera oak --tag-mm 10
     holdfast record --source "virtual://ft232h?scene=pull-soft-ball" --out trials --person p00 \\
         --object soft-ball --action pull --trials 1 --at-once --seconds 8
 
 study: a study with one person; the same command goes on after a pause, a quit or a crash.
 
-    holdfast study thesis --list
     holdfast study thesis --source usb://ft232h --calibration hand.json --out study --person p01
-    holdfast study thesis --source sim://p1 --out try --person p01
 
 watch: video and tag tracks until Ctrl-C, or with --onset the onset of slip that a camera saw.
 
     holdfast watch --camera oak --tag-mm 9.96 --seconds 15 --out trials/7
-    holdfast watch --camera drawn.frames.npz --out build/watched
     holdfast watch --onset trials/7 --action pull          a label in trials/7/events.jsonl
-    holdfast watch --onset trials/p01/my-cup/pull/trial_1  of holdfast record: its phases too
 
 The action decides what a slip means: pull, fall and hold make it risky, pass and put-down safe.
 docs/recording-and-study.md has the keys and the files.

@@ -3,17 +3,11 @@
     name = "two-pads"
     about = "A gripper with one pad on each jaw"
 
-    [[sensors]]              # the thumb's side first; channels follow in the order of the file
+    [[sensors]]              # one or more a side, the thumb's first; channels are in this order
     name = "left-jaw"
     side = "thumb"           # or "opposing"
     along_mm = 0             # place along the object's axis, upwards
     across_mm = 0            # place across it
-
-    [[sensors]]
-    name = "right-jaw"
-    side = "opposing"
-    along_mm = 0
-    across_mm = 0
 
 Further keys of a sensor: `pad` names the soft pad that it shares with others (taxels), which bear
 the pad's load by a pressure profile; `stiffness` over that of one fingertip (default: the taxels of
@@ -62,10 +56,7 @@ FINGERS_AT_MM = (33.0, 11.0, -11.0, -33.0)
 class HandContact(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One place at which the hand touches: a [[sensors]] table.
 
-    along_mm, across_mm  place along the object's axis and across it
-    pad                  contacts with the same name lie in one soft pad; empty: on its own
-    stiffness            over that of one fingertip; 0: an equal part of it, until the card is read
-    sensed               False for a contact without a sensor
+    pad: empty where it lies on its own. stiffness: 0, until the card is read, for an equal part.
     """
 
     name: Name

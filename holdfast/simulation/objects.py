@@ -10,15 +10,10 @@ The hand of a scene file: how many contacts its thumb and its four fingers have.
     thumb = 4                # contacts on the thumb, default 2
     finger = 4               # contacts on each of the four fingers, default 1; 20 in all here
 
-or a hand card (core/hand_card.py), which says where its sensors are:
-
-    [hand]
-    card = "pinch-pad"
-
-Without a card each contact has an equal part of its finger's stiffness, and of the object's under
-it, so more contacts do not make a finger stiffer. Along a cylinder they lie side by side over the
-finger's width. All press along the thumb's axis: there is no palm, and a finger does not bend
-between its contacts.
+or a hand card, which says where its sensors are. Without a card each contact has an equal part of
+its finger's stiffness, and of the object's under it, so more contacts do not make a finger stiffer.
+Along a cylinder they lie side by side over the finger's width. All press along the thumb's axis:
+there is no palm, and a finger does not bend between its contacts.
 """
 
 from __future__ import annotations
