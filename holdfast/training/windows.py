@@ -22,6 +22,8 @@ balanced  dense windows, for a hand in continuous use: of trials with an exact t
           sample, and evenly spaced ones of everything else, each labelled by its phase; critical
           points play no part. Counts differ, and the plan's class weights make all eight classes
           weigh the same (training/plan.py). The forest sees what a hand mostly does: not slip
+dense     as balanced, and closer together where a phase begins: a hand that closes, or has just
+          let go, looks like a slip. Few windows of a slip that lasts
 thesis    the thesis' undersampled set: natural windows, as many of each class as the rarest has
           that occurs, and within a class every cell of object x action x source gives as equally
           as it can
@@ -53,13 +55,14 @@ from holdfast.training.recording import (
     Recording,
     whole_history,
 )
+from holdfast.training.timeline import Phase
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from holdfast.training.critical_points import CriticalPoint
 
-Choice = Literal["balanced", "thesis", "natural", "none"]
+Choice = Literal["balanced", "dense", "thesis", "natural", "none"]
 """Which windows of a set in the thesis' layout are taken; none for its recordings alone."""
 EDGE_S = WINDOW_S
 """How far a phase claims critical points beyond its edges, one window."""
@@ -73,6 +76,11 @@ MOST_OF_A_SLIP = 12
 """At most so many windows of one slip, however long it lasts."""
 DENSE_EVERY_S = {NOTHING: 0.5, GRASP: 0.1, SAFE_SLIP: 0.02, RISKY_SLIP: 0.0}
 """Between two dense windows of a situation; 0 takes every sample."""
+BEGIN_S = 0.4
+BEGIN_EVERY_S = {NOTHING: 0.013, GRASP: 0.02, SAFE_SLIP: 0.013, RISKY_SLIP: 0.0}
+"""While a phase begins, windows of the choice "dense" are no farther apart."""
+MOST_RISKY = 40
+"""And at most so many of one slip: its first ones, and others evenly spaced."""
 STRATA = ["object", "action", "source"]
 """What undersampling keeps as even as it can within a class."""
 COLUMNS = ["trial", "row", "label", *STRATA]
@@ -131,8 +139,8 @@ def windows_of(trials: Sequence[TimedTrial], choice: Choice) -> pd.DataFrame:
         name = trial.recording.object_name or NO_OBJECT
         action = trial.recording.action or NO_OBJECT
         # A script does not say when each sample begins to slip.
-        if choice == "balanced" and trial.timed and trial.has_object:
-            spots = _dense(trial.recording)
+        if choice in ("balanced", "dense") and trial.timed and trial.has_object:
+            spots = _dense(trial.recording, closer=choice == "dense")
         else:
             spots = _natural(trial)
 
@@ -212,8 +220,8 @@ def _natural(trial: TimedTrial) -> list[_Spot]:
     return sorted(spots, key=lambda spot: spot.row)
 
 
-def _dense(recording: Recording) -> list[_Spot]:
-    """Windows by phase alone."""
+def _dense(recording: Recording, *, closer: bool) -> list[_Spot]:
+    """Windows by phase alone. closer: while a phase begins, and few of a slip that lasts."""
     rate_hz = recording.rate_hz
     # Before that a hand answers nothing, because its history is not whole.
     settled = math.ceil(HISTORY_S * rate_hz)
@@ -221,9 +229,25 @@ def _dense(recording: Recording) -> list[_Spot]:
     for phase in recording.phases:
         first = max(phase.first, settled)
         every = max(1, round(DENSE_EVERY_S[phase.situation] * rate_hz))
-        for row in range(first, phase.stop, every):
+        rows = list(range(first, phase.stop, every))
+        if closer:
+            rows = _closer(rows, first, phase, rate_hz)
+        for row in rows:
             spots.append(_Spot(row, phase.situation, "dense"))
     return spots
+
+
+def _closer(rows: list[int], first: int, phase: Phase, rate_hz: float) -> list[int]:
+    """The rows of a phase from its row `first` on, and others while it begins."""
+    begun = min(phase.stop, first + round(BEGIN_S * rate_hz))
+    every = max(1, round(BEGIN_EVERY_S[phase.situation] * rate_hz))
+    in_order = sorted({*range(first, begun, every), *rows})
+    if phase.situation != RISKY_SLIP or len(in_order) <= MOST_RISKY:
+        return in_order
+    # A slow slide of a second would outweigh thirty fast slips.
+    half = MOST_RISKY // 2
+    later = np.linspace(half, len(in_order) - 1, MOST_RISKY - half).round()
+    return in_order[:half] + [in_order[int(place)] for place in later]
 
 
 def _empty_hand(recording: Recording) -> list[_Spot]:
