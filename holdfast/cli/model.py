@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from holdfast.training.fitting import TrainingRequest
 
 # As holdfast.training has them; repeated here so that --help need not import it.
-WINDOWS = ("balanced", "thesis", "natural")
+WINDOWS = ("balanced", "dense", "thesis", "natural")
 FEATURES = ("fixed", "pooled")
 MODEL_SIZES = ("tiny", "default")
 LEARNERS = ("forest", "network", "committee")
@@ -104,7 +104,8 @@ def _choose_learner(parser: argparse.ArgumentParser) -> None:
         choices=WINDOWS,
         default="balanced",
         metavar="WHICH",
-        help="windows to train on: balanced (default), thesis (undersampled), natural",
+        help="windows to train on: balanced (default), dense (closer where a phase begins), "
+        "thesis (undersampled), natural",
     )
     parser.add_argument(
         "--features",
