@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING
 
 from holdfast.cli.command import (
     add_json_option,
+    add_out_option,
     path_argument,
-    require_json_writable,
+    require_results_writable,
     show_found,
 )
 from holdfast.core.errors import UsageError, command
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from holdfast.sessions.adapt import HeldOutFigures
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_adapt_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     option("model", type=path_argument, metavar="MODEL", help="a sealed model file")
@@ -42,13 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SET|FOLDER",
         help="recordings with slips, of any person, such as simulated ones",
     )
-    option(
-        "--out",
-        type=path_argument,
-        required=True,
-        metavar="FILE",
-        help="model file to write; its card is written next to it",
-    )
+    add_out_option(parser, "model file to write; its card goes next to it", "FILE")
     option(
         "--undo",
         action="store_true",
@@ -62,12 +57,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json_option(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run_adapt(args: argparse.Namespace) -> int:
     """Adapt, or undo; prints what was chosen and verified."""
     # All that can be refused is refused before the fitting.
     _require_options(args)
     require_writable(args.out.parent)
-    require_json_writable(args)
+    require_results_writable(args)
     return _undo(args) if args.undo else _adapt(args)
 
 

@@ -18,7 +18,7 @@ from holdfast.cli.command import add_json_option, show, show_found
 from holdfast.core.errors import DataError, OutputError
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_check_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     option(
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> int:
+def run_check(args: argparse.Namespace) -> int:
     """Examine the folder and print the report."""
     # The folder is written here and not read.
     if args.example:
@@ -54,9 +54,7 @@ def run(args: argparse.Namespace) -> int:
     begin = Stages()
     begin(f"reading {args.folder}")
     settings = read_settings(settings_file([]))
-    most_n = settings.get("ceiling_n")
-    report = examine(find(args.folder), most_n)
-
+    report = examine(find(args.folder), settings.get("ceiling_n"))
     show_found(args, "\n".join(report_lines(report)), report.to_json())
     return 0 if report.readable else DataError.exit_code
 

@@ -197,6 +197,25 @@ def add_seed_option(
     )
 
 
+def add_out_option(
+    parser: argparse.ArgumentParser, written: str = "a new folder", metavar: str = "DIR"
+) -> None:
+    """--out, without which a verb has nowhere to write. written: what it will be."""
+    parser.add_argument(
+        "--out", type=path_argument, required=True, metavar=metavar, help=written
+    )
+
+
+def add_report_option(parser: argparse.ArgumentParser, shows: str) -> None:
+    """--report. shows: what stands on the page."""
+    parser.add_argument(
+        "--report",
+        type=path_argument,
+        metavar="OUT",
+        help=f"write a report (HTML): {shows}",
+    )
+
+
 def add_json_option(parser: argparse.ArgumentParser) -> None:
     """--json, which means the same in every command."""
     parser.add_argument(
@@ -209,13 +228,16 @@ def add_json_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def require_json_writable(args: argparse.Namespace) -> None:
-    """Raise OutputError where the file of --json cannot be written, before the work begins."""
-    # A run of hours must not end with a folder that cannot be written to.
-    if args.json not in (None, STDOUT):
-        from holdfast.core.writing import require_writable
+def require_results_writable(args: argparse.Namespace) -> None:
+    """Raise OutputError where a file of --json or --report cannot be written.
 
-        require_writable(args.json.parent)
+    Before the work begins: a run of hours must not end with a folder that cannot be written to.
+    """
+    from holdfast.core.writing import require_writable
+
+    for path in (args.json, getattr(args, "report", None)):
+        if path not in (None, STDOUT):
+            require_writable(path.parent)
 
 
 def show_found(args: argparse.Namespace, words: str, found: Mapping[str, Any]) -> None:

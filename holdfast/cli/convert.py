@@ -10,7 +10,12 @@ import argparse
 from importlib import import_module
 from typing import Any
 
-from holdfast.cli.command import add_json_option, path_argument, show_found
+from holdfast.cli.command import (
+    add_json_option,
+    add_out_option,
+    path_argument,
+    show_found,
+)
 from holdfast.core.errors import LibraryMissing, count_of
 from holdfast.core.writing import require_new, whole_folder
 
@@ -22,7 +27,7 @@ WRITERS = {
 """Format -> the module that writes it and alone imports its library."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_convert_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     option(
@@ -37,9 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         required=True,
         help="format to write (docs/formats.md); each needs the extra of its name",
     )
-    option(
-        "--out", type=path_argument, required=True, metavar="DIR", help="a new folder"
-    )
+    add_out_option(parser)
     option(
         "--only",
         default="*",
@@ -50,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json_option(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run_convert(args: argparse.Namespace) -> int:
     """Read all trials, then write all of them or nothing."""
     writer = _writer(args.to)
     from holdfast.interop.payload import read_payloads

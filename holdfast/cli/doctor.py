@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from holdfast.live.doctor import Finding
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_doctor_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     parser.add_argument(
         "model",
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json_option(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run_doctor(args: argparse.Namespace) -> int:
     """Print every finding when it is there; 1 where a check of the model failed."""
     if args.completion is not None:
         return _complete(args.completion)

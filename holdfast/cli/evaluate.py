@@ -6,10 +6,10 @@ import argparse
 
 from holdfast.cli.command import (
     add_json_option,
+    add_report_option,
     add_seed_option,
-    path_argument,
     positive,
-    require_json_writable,
+    require_results_writable,
     show_found,
 )
 from holdfast.cli.options import (
@@ -18,11 +18,10 @@ from holdfast.cli.options import (
     chosen_model,
     chosen_workers,
 )
-from holdfast.core.writing import require_writable
 from holdfast.evaluation import MOST_FALSE_PER_MIN
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     option("model", metavar="MODEL", help="a sealed holdfast.onnx")
@@ -56,25 +55,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_job_options(parser, 1)
     add_seed_option(parser, "the intervals")
     add_json_option(parser)
-    option(
-        "--report",
-        type=path_argument,
-        metavar="OUT",
-        help="write a report with pictures to this file (HTML)",
-    )
+    add_report_option(parser, "the answer, with pictures")
 
 
-def run(args: argparse.Namespace) -> int:
+def run_evaluate(args: argparse.Namespace) -> int:
     """Evaluate, print the figures in words, write them as JSON and as a report."""
     from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
     from holdfast.evaluation.report import evaluation_lines, write_event_report
     from holdfast.training.progress import Stages
 
-    require_json_writable(args)
-    # A report that cannot be written is refused before the evaluation.
-    if args.report is not None:
-        require_writable(args.report.parent)
-
+    require_results_writable(args)
     request = EvaluationRequest(
         tuple(args.data),
         tuple(args.choose),

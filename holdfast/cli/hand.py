@@ -26,16 +26,22 @@ from typing import TYPE_CHECKING
 from holdfast.cli.command import (
     STDOUT,
     add_json_option,
+    add_out_option,
     path_argument,
     positive,
-    require_json_writable,
+    require_results_writable,
     show,
     show_found,
     write_found,
 )
-from holdfast.cli.options import add_calibration_option, add_source_option, set_reader
+from holdfast.cli.options import (
+    add_hand_options,
+    add_model_argument,
+    add_seconds_option,
+    set_reader,
+)
 from holdfast.core.errors import DeviceNotFound, HoldfastError, command, count_of
-from holdfast.core.schema import DEFAULT_MODEL, LIBRARY, model_path
+from holdfast.core.schema import LIBRARY, model_path
 from holdfast.core.writing import require_writable
 
 if TYPE_CHECKING:
@@ -97,26 +103,14 @@ def _surveyed(url: str) -> ScannedBus:
 # -- bias and calibrate
 
 
-def _add_out_option(parser: argparse.ArgumentParser, written: str) -> None:
-    parser.add_argument(
-        "--out", type=path_argument, required=True, metavar="FILE", help=written
-    )
-
-
 def add_bias_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
-    add_source_option(parser)
-    add_calibration_option(parser)
-    _add_out_option(parser, "bias to write (JSON)")
-    option = parser.add_argument
-    option(
-        "--seconds",
-        type=positive,
-        default=2.0,
-        metavar="S",
-        help="duration of the measurement (default 2)",
+    add_hand_options(parser)
+    add_out_option(parser, "bias to write (JSON)", "FILE")
+    add_seconds_option(parser, "duration of the measurement (default 2)", 2.0)
+    parser.add_argument(
+        "--anyway", action="store_true", help="write it even if it is not good"
     )
-    option("--anyway", action="store_true", help="write it even if it is not good")
     add_json_option(parser)
 
 
@@ -132,7 +126,7 @@ def run_bias(args: argparse.Namespace) -> int:
     from holdfast.sessions.calibrate import measure_bias, require_good
 
     require_writable(args.out.parent)
-    require_json_writable(args)
+    require_results_writable(args)
 
     clock = RunClock()
     # Opening may take seconds, and simulating a scene longer.
@@ -177,7 +171,7 @@ def add_calibrate_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PATH",
         help="a CSV file Time,X1..Zn,Fx,Fy,Fz",
     )
-    _add_out_option(parser, "calibration to write")
+    add_out_option(parser, "calibration to write", "FILE")
     option(
         "--load-unit",
         choices=("N", "mN", "gf"),
@@ -208,7 +202,7 @@ def run_calibrate(args: argparse.Namespace) -> int:
 
     # Before the fit, whose result would otherwise be lost.
     require_writable(args.out.parent)
-    require_json_writable(args)
+    require_results_writable(args)
     loads = read_loads(args.path, args.load_unit)
     fit = calibrate(loads, args.path.name, args.date)
     if args.shear_gain is not None:
@@ -233,33 +227,15 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="latency",
         help="latency: the time of one decision, and the way of a sample",
     )
-    option(
-        "model",
-        nargs="?",
-        default=DEFAULT_MODEL,
-        metavar="MODEL",
-        help=f"a sealed model file (default: the shipped {DEFAULT_MODEL})",
-    )
+    add_model_argument(parser)
     option(
         "--older",
         type=path_argument,
         metavar="FILE",
         help="another file of this rate and hand, its step timed in the same run",
     )
-    option(
-        "--source",
-        default="virtual://ft232h",
-        metavar="URL",
-        help="the hand whose samples are followed (default virtual://ft232h)",
-    )
-    add_calibration_option(parser)
-    option(
-        "--seconds",
-        type=positive,
-        default=20.0,
-        metavar="S",
-        help="of each live run (default 20)",
-    )
+    add_hand_options(parser, required=False, default="virtual://ft232h")
+    add_seconds_option(parser, "of each live run (default 20)", 20.0)
     option("--check", action="store_true", help="exit 1 if a budget is exceeded")
     out = "folder for the results (default build/bench)"
     default = Path("build/bench")
@@ -278,7 +254,7 @@ def run_bench(args: argparse.Namespace) -> int:
     from holdfast.live.running import say
 
     require_writable(args.out)
-    require_json_writable(args)
+    require_results_writable(args)
     path = model_path(args.model)
     say("timing a decision and the way of a sample, which takes minutes")
     with TemporaryDirectory() as work:

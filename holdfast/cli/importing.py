@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from holdfast.cli.command import (
     add_json_option,
+    add_out_option,
     path_argument,
     positive,
     show,
@@ -39,7 +40,7 @@ PICTURE = "first-trial.svg"
 """In the set: the first trial over its time, with its labels."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_import_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     option(
@@ -48,9 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SOURCE",
         help="a text table, xlsx, MCAP, Parquet, XDF, rosbag2 or LeRobot, or a folder of them",
     )
-    option(
-        "--out", type=path_argument, required=True, metavar="DIR", help="a new folder"
-    )
+    add_out_option(parser)
     option(
         "--map",
         type=path_argument,
@@ -70,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json_option(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run_import(args: argparse.Namespace) -> int:
     """Say what was understood, ask what is left, then write all trials, or none."""
     from holdfast.training.progress import Stages
 

@@ -135,13 +135,8 @@ def functions_of(verb: str) -> tuple[Callable[..., None], Callable[..., int]]:
     The first takes a parser; the second takes its namespace and returns the exit code.
     """
     module = import_module(VERBS[verb][0])
-    # a file of several verbs names them
-    if hasattr(module, f"run_{verb}"):
-        return (
-            getattr(module, f"add_{verb}_arguments"),
-            getattr(module, f"run_{verb}"),
-        )
-    return module.add_arguments, module.run
+    add_arguments = getattr(module, f"add_{verb}_arguments")
+    return add_arguments, getattr(module, f"run_{verb}")
 
 
 def _stdin_url(word: str) -> str:

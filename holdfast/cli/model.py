@@ -7,11 +7,8 @@ replaced only with --force.
 `export DIR --out FILE` turns an artifact into one verified, sealed file; without arguments
 build/default. Nothing is written unless file and reference agree. A file in the artifact's folder
 is derived from it and replaced; a file elsewhere is replaced only with --force. `--to c` turns a
-sealed file into C99 instead (export/c). A model file of an older version is exported again with the
-same learner: `holdfast export OLD.onnx --out NEW.onnx`. With --hand CARD, an artifact or a model
-file becomes a file for another hand, where all its features are pooled over the sensors. --rule
-NAME=NUMBER changes a rule of a model file's decision, such as how sure it is when it requests
-(min_risky_permille) and how long a request lasts (evidence_ms).
+sealed file into C99 instead (export/c). A model file is exported again with the same learner, for
+another hand (--hand, of pooled features) or by other rules (--rule).
 """
 
 from __future__ import annotations
@@ -25,10 +22,11 @@ from typing import TYPE_CHECKING
 from holdfast.cli.command import (
     STDOUT,
     add_json_option,
+    add_report_option,
     add_seed_option,
     path_argument,
     positive,
-    require_json_writable,
+    require_results_writable,
     show,
     show_found,
 )
@@ -78,12 +76,7 @@ def add_train_arguments(parser: argparse.ArgumentParser) -> None:
     _choose_learner(parser)
     add_seed_option(parser)
     add_json_option(parser)
-    parser.add_argument(
-        "--report",
-        type=path_argument,
-        metavar="OUT",
-        help="write a report (HTML): the held-out figure, with a learning curve",
-    )
+    add_report_option(parser, "the held-out figure, with a learning curve")
 
 
 def _choose_recordings(parser: argparse.ArgumentParser) -> None:
@@ -145,11 +138,7 @@ def run_train(args: argparse.Namespace) -> int:
     from holdfast.training.metrics import situation_lines, with_interval
     from holdfast.training.progress import Stages, ignored
 
-    require_json_writable(args)
-    # A report that cannot be written is refused before the training.
-    if args.report is not None:
-        require_writable(args.report.parent)
-
+    require_results_writable(args)
     progress = Stages()
     progress("loading the libraries")
     # Imported within the stage: loading the libraries takes seconds, and is shown.
@@ -228,7 +217,7 @@ def add_export_arguments(parser: argparse.ArgumentParser) -> None:
         "artifact",
         nargs="?",
         type=path_argument,
-        default=Path("build/default"),
+        default=DEFAULT_OUT,
         metavar="DIR",
         help="artifact folder of holdfast train (default build/default); "
         "a model file with --to c, --hand or --rule, or an older one to be exported again",
@@ -282,7 +271,7 @@ def _rule(text: str) -> tuple[str, int]:
 
 def run_export(args: argparse.Namespace) -> int:
     """Export; prints what was verified."""
-    require_json_writable(args)
+    require_results_writable(args)
     # the name of a shipped model, as every other command takes it
     args.artifact = model_path(args.artifact)
     if args.to == "c":
@@ -385,10 +374,11 @@ def _export_c(args: argparse.Namespace) -> int:
 
 def _agreement(head: HeadVerification) -> str:
     """How a head of the file compares with the reference; a forest, with scikit-learn's predict."""
-    labels = f"{head.label_mismatches} labels differ from the reference"
+    labels = (
+        f"{head.rows} rows, {head.label_mismatches} labels differ from the reference"
+    )
     plain = head.predict_disagreement
     if plain is None:
-        return f"{head.rows} rows, {labels}"
-    share = f"{1.0 - plain.share_off_ties:.4%}".replace("100.0000%", "100 %")
-    agreement = f"agreement with scikit-learn predict: {share} ({plain.ties} ties)"
-    return f"{head.rows} rows, {labels}; {agreement}"
+        return labels
+    agreement = f"{1.0 - plain.share_off_ties:.4%} ({plain.ties} ties)"
+    return f"{labels}; agreement with scikit-learn predict: {agreement}"

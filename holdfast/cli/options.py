@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 
 from holdfast.cli.command import Parser, number, path_argument, positive, whole
 from holdfast.core.errors import DataNotFound
-from holdfast.core.schema import read, shipped
+from holdfast.core.schema import DEFAULT_MODEL, read, shipped
 from holdfast.edge_runtime.engine import ENGINES, ONNXRUNTIME, ModelChoice
 
 if TYPE_CHECKING:
@@ -41,14 +41,26 @@ SIDE_MM = (1.0, 200.0)
 """Plausible sides of a tag; a number outside is probably not in millimetres."""
 
 
-def add_source_option(parser: argparse.ArgumentParser) -> None:
-    """--source."""
+def add_hand_options(
+    parser: argparse.ArgumentParser,
+    *,
+    required: bool = True,
+    default: str | None = None,
+) -> None:
+    """--source and --calibration. required: the verb does nothing without a source."""
     parser.add_argument(
         "--source",
-        required=True,
+        required=required,
+        default=default,
         metavar="URL",
         help="usb://ft232h, i2c://1, virtual://ft232h?scene=.., sim://CARD, lsl://NAME, or lines: "
         "- (stdin), unix:///PATH, serial:///dev/ttyACM0 (docs/on-a-hand.md)",
+    )
+    parser.add_argument(
+        "--calibration",
+        type=path_argument,
+        metavar="FILE",
+        help="map from field to force, made by holdfast calibrate",
     )
 
 
@@ -62,13 +74,23 @@ def set_reader(source: str) -> SetReader | None:
     return read_set_trial
 
 
-def add_calibration_option(parser: argparse.ArgumentParser) -> None:
-    """--calibration."""
+def add_model_argument(parser: argparse.ArgumentParser) -> None:
+    """MODEL, the shipped one where none is named."""
     parser.add_argument(
-        "--calibration",
-        type=path_argument,
-        metavar="FILE",
-        help="map from field to force, made by holdfast calibrate",
+        "model",
+        nargs="?",
+        default=DEFAULT_MODEL,
+        metavar="MODEL",
+        help=f"a sealed model file (default: the shipped {DEFAULT_MODEL})",
+    )
+
+
+def add_seconds_option(
+    parser: argparse.ArgumentParser, about: str, default: float | None = None
+) -> None:
+    """--seconds. about: what they limit."""
+    parser.add_argument(
+        "--seconds", type=positive, default=default, metavar="S", help=about
     )
 
 
@@ -83,12 +105,7 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
         help=f"sampling rate of a hand (default {RATE_HZ:g})",
     )
     option("--anyway", action="store_true", help="record even if the bias is not good")
-    option(
-        "--seconds",
-        type=positive,
-        metavar="S",
-        help="end and keep a trial after S seconds",
-    )
+    add_seconds_option(parser, "end and keep a trial after S seconds")
     option(
         "--hand",
         metavar="CARD",
@@ -256,8 +273,7 @@ class SettingsParser(Parser):
         name = names[-1].lstrip("-")
         if name in self._given:
             options["default"] = self._given[name]
-            # An option with a default must not be required; a positional argument becomes
-            # optional.
+            # An option with a default must not be required; a positional argument becomes optional.
             if names[0].startswith("-"):
                 options.pop("required", None)
             else:

@@ -4,23 +4,17 @@ record: trials, safe against crashes; a second run continues with the next trial
 
     holdfast record --source usb://ft232h --calibration c.json --out trials --person p01 \\
         --protocol protocol.toml
-    holdfast record --source usb://ft232h --out trials --person p01 \\
-        --object cup --action pull --camera oak --tag-mm 10
     holdfast record --source "virtual://ft232h?scene=pull-soft-ball" --out trials --person p00 \\
         --object soft-ball --action pull --trials 1 --at-once --seconds 8
 
 study: a study with one person; the same command goes on after a pause, a quit or a crash.
 
-    holdfast study thesis --list
     holdfast study thesis --source usb://ft232h --calibration hand.json --out study --person p01
-    holdfast study thesis --source sim://p1 --out try --person p01
 
 watch: video and tag tracks until Ctrl-C, or with --onset the onset of slip that a camera saw.
 
     holdfast watch --camera oak --tag-mm 9.96 --seconds 15 --out trials/7
-    holdfast watch --camera drawn.frames.npz --out build/watched
     holdfast watch --onset trials/7 --action pull          a label in trials/7/events.jsonl
-    holdfast watch --onset trials/p01/my-cup/pull/trial_1  of holdfast record: its phases too
 
 The action decides what a slip means: pull, fall and hold make it risky, pass and put-down safe.
 docs/recording-and-study.md has the keys and the files.
@@ -37,6 +31,7 @@ from typing import TYPE_CHECKING
 
 from holdfast.cli.command import (
     add_json_option,
+    add_out_option,
     add_seed_option,
     path_argument,
     positive,
@@ -44,10 +39,10 @@ from holdfast.cli.command import (
     show_found,
 )
 from holdfast.cli.options import (
-    add_calibration_option,
     add_camera_options,
+    add_hand_options,
     add_recording_options,
-    add_source_option,
+    add_seconds_option,
 )
 from holdfast.core.errors import TagError, UsageError, command, count_of
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
@@ -58,27 +53,24 @@ if TYPE_CHECKING:
     from holdfast.drivers.camera.graph import FrameSource
 
 
+def _add_person_option(parser: argparse.ArgumentParser, *, required: bool) -> None:
+    parser.add_argument(
+        "--person",
+        required=required,
+        metavar="PSEUDONYM",
+        help="letters, digits, dashes; never a real name",
+    )
+
+
 # -- record
 
 
 def add_record_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
-    add_source_option(parser)
-    add_calibration_option(parser)
-    option(
-        "--out",
-        type=path_argument,
-        required=True,
-        metavar="DIR",
-        help="folder of recordings, new or of an earlier run",
-    )
-    option(
-        "--person",
-        required=True,
-        metavar="PSEUDONYM",
-        help="letters, digits, dashes; never a real name",
-    )
+    add_hand_options(parser)
+    add_out_option(parser, "folder of recordings, new or of an earlier run")
+    _add_person_option(parser, required=True)
     option(
         "--protocol",
         type=path_argument,
@@ -146,23 +138,14 @@ def add_study_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="print the steps with their minutes, and stop",
     )
-    option(
-        "--source",
-        metavar="URL",
-        help="a hand as in holdfast record, or a virtual participant such as sim://p1",
-    )
-    add_calibration_option(parser)
+    add_hand_options(parser, required=False)
     option(
         "--out",
         type=path_argument,
         metavar="DIR",
         help="folder of all people of the study",
     )
-    option(
-        "--person",
-        metavar="PSEUDONYM",
-        help="letters, digits, dashes; never a real name",
-    )
+    _add_person_option(parser, required=False)
     add_recording_options(parser)
     option(
         "--report",
@@ -204,8 +187,7 @@ def run_study(args: argparse.Namespace) -> int:
         if ending != Ending.FINISHED:
             return exit_code
 
-    lines = write_participant_report(args.out, args.person, protocol)
-    show("\n".join(lines))
+    show("\n".join(write_participant_report(args.out, args.person, protocol)))
     return 0
 
 
@@ -230,7 +212,7 @@ def add_watch_arguments(parser: argparse.ArgumentParser) -> None:
     option("--camera", metavar="oak|FILE", help="oak, or a .frames.npz")
     option("--out", type=path_argument, metavar="DIR", help="the trial's folder")
     add_camera_options(parser)
-    option("--seconds", type=positive, metavar="S", help="oak: stop after S seconds")
+    add_seconds_option(parser, "oak: stop after S seconds")
     option(
         "--onset",
         type=path_argument,

@@ -15,29 +15,23 @@ from __future__ import annotations
 import argparse
 import sys
 
-from holdfast.cli.command import path_argument, positive
+from holdfast.cli.command import path_argument
 from holdfast.cli.options import (
-    add_calibration_option,
     add_engine_option,
-    add_source_option,
+    add_hand_options,
+    add_model_argument,
+    add_seconds_option,
     add_wearer_option,
     set_reader,
 )
-from holdfast.core.schema import DEFAULT_MODEL
 from holdfast.edge_runtime.engine import AUTO
 
 
 def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
-    option(
-        "model",
-        nargs="?",
-        default=DEFAULT_MODEL,
-        metavar="MODEL",
-        help=f"a sealed holdfast.onnx (default: the shipped {DEFAULT_MODEL})",
-    )
-    add_source_option(parser)
+    add_model_argument(parser)
+    add_hand_options(parser)
     option(
         "--to",
         action="append",
@@ -52,7 +46,6 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
         "or to the hand in a scene, by the word virtual (--source virtual://..)",
     )
     add_wearer_option(parser)
-    add_calibration_option(parser)
     option(
         "--bias",
         type=path_argument,
@@ -60,12 +53,7 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
         help="file written by holdfast bias (default: from the first samples)",
     )
     add_engine_option(parser, AUTO)
-    option(
-        "--seconds",
-        type=positive,
-        metavar="S",
-        help="stop after S seconds (default: Ctrl-C)",
-    )
+    add_seconds_option(parser, "stop after S seconds (default: Ctrl-C)")
 
 
 def run_run(args: argparse.Namespace) -> int:

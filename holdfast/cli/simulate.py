@@ -7,17 +7,18 @@ import signal
 
 from holdfast.cli.command import (
     add_json_option,
+    add_out_option,
     add_seed_option,
-    path_argument,
-    require_json_writable,
+    require_results_writable,
     show_found,
     whole,
 )
 from holdfast.core.errors import count_of
+from holdfast.core.writing import require_new
 from holdfast.simulation import shipped_scenes
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_simulate_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     option(
@@ -25,9 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="CARD",
         help=f"a TOML file, or one of {', '.join(shipped_scenes())}",
     )
-    option(
-        "--out", type=path_argument, required=True, metavar="DIR", help="a new folder"
-    )
+    add_out_option(parser)
     option(
         "--trials",
         type=whole(1),
@@ -41,24 +40,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json_option(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run_simulate(args: argparse.Namespace) -> int:
     """Simulate and write; the same card and seed give the same bytes.
 
     An interrupted run leaves no folder.
     """
     from holdfast.core.locked import lock_of
-    from holdfast.simulation.folder import require_new, write_set
+    from holdfast.simulation.folder import write_set
     from holdfast.simulation.scene import Scene
     from holdfast.simulation.scene_file import read_scene_file
     from holdfast.training.progress import Stages
 
-    require_json_writable(args)
+    require_results_writable(args)
     # A set is made of one card and one seed; files of two sets must not mix.
     require_new(args.out)
-    file = read_scene_file(args.card, rate_hz=args.rate)
-    scene = Scene(file, args.seed)
+    card = read_scene_file(args.card, rate_hz=args.rate)
+    scene = Scene(card, args.seed)
     total = len(scene.trials(args.trials))
-    card = scene.file
     for number in (signal.SIGTERM, signal.SIGHUP):
         # As Ctrl-C, which removes the unfinished folder; under nohup SIGHUP stays ignored.
         if signal.getsignal(number) != signal.SIG_IGN:

@@ -183,7 +183,7 @@ class ColumnMap(
         values *= [-size if name[0] == MINUS else size for name in self.signed]
         return values
 
-    def stamp_ns(self, row: Mapping[str, Any], where: str | Path = "") -> int | None:
+    def stamp_ns(self, row: Mapping[str, Any]) -> int | None:
         """The time of a row or message; None where no column has it.
 
         Raises ColumnError or NotANumber.
@@ -191,12 +191,12 @@ class ColumnMap(
         name = self.time.column
         if not name:
             return None
-        self.require_columns(row, where, [name])
+        self.require_columns(row, "", [name])
         cell = row[name]
         if isinstance(cell, str) and re.fullmatch(r"\s*-?[0-9]+\s*", cell):
             # all digits of a whole number, which a float has not
             cell = int(cell)
-        return int(self.stamps_ns({name: [cell]}, 1, where)[0])
+        return int(self.stamps_ns({name: [cell]}, 1, "")[0])
 
     def stamps_ns(
         self, columns: Mapping[str, Any], rows: int, where: str | Path = ""

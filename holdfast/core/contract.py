@@ -92,8 +92,6 @@ MOST_AVERAGED = 20
 """At most so many samples of a source are averaged to one of a model."""
 RATES_HZ = (1e-3, 1e5)
 """The least and the largest sampling rate, wherever one comes from."""
-
-
 CANNOT_TELL = "cannot_tell"
 """Of a model card's "training": what its data did not show, name -> reason.
 

@@ -1,48 +1,7 @@
-"""Every error Holdfast raises on purpose, as one tree::
+"""Every error Holdfast raises on purpose: one tree, whose root is HoldfastError.
 
-    HoldfastError                 exit code 1
-    |-- UsageError                2   an argument on the command line is not allowed
-    |-- DataError                 3   a recording or a data set cannot be used
-    |   |-- DataNotFound              no such set, folder or file
-    |   |-- EmptyRecording            no rows, or too few to work with
-    |   |-- ColumnError               columns missing, unknown, doubled or out of order
-    |   |-- NotANumber                text where a number belongs
-    |   |-- TimeError                 time stands still, runs backwards, or has gaps
-    |   |-- RateError                 a rate that does not fit the model, or carries no band
-    |   |-- UnitError                 a unit that does not fit the model
-    |   |-- ChannelError              a number of channels that does not fit
-    |   |-- LabelError                what labels need (mass, action, truth) is missing or broken
-    |   |   `-- TagError              printed tags contradict each other, or their stated size
-    |   |-- CardError                 a scene's card holds impossible values
-    |   |-- ClassMissing              a class without a single window
-    |   |-- TooFewGroups              fewer people (or blocks) than a split needs
-    |   |-- TooLittleToAdapt          too few hand-overs of a person, or too little holding
-    |   `-- SetLocked                 kept for a last test: nothing may be chosen on it
-    |-- ModelError                4   a model file cannot be used
-    |   |-- NotAModel                 not an ONNX file of ours (a pickle, text, anything else)
-    |   |-- BrokenSeal                truncated or altered after it was sealed
-    |   |-- GoldenMismatch            this runtime does not reproduce the file's golden sequences
-    |   |-- RuntimeRefused            a version of onnxruntime known to answer wrongly
-    |   |-- VerificationFailed        the exported file and the reference disagree
-    |   |-- NotAdapted                it is no adapted file, so there is nothing to undo
-    |   |-- WorseThanBase             an adaptation that would answer worse than its base
-    |   |-- NotCompilable             it holds what the C form does not have
-    |   `-- LibraryRefused            no compiled library, or one of another model
-    |-- ArtifactError             4   a training artifact is missing, foreign or unsafe
-    |-- WorkersLost               1   a process or a cluster that computes jobs has died
-    |-- OutputError               5   a result cannot be written
-    |   `-- CompilerFailed            no C compiler, or one that is too old or fails
-    `-- DeviceError               6   the hand, or the camera next to it, cannot be read
-        |-- DeviceNotFound            no such bridge, or no finger answers
-        |-- AccessDenied              the bridge is there, but this user may not open it
-        |-- LibraryMissing            no libusb, or the library of an extra is not installed
-        |-- DeviceLost                unplugged, or no longer on the bus
-        |-- TransferFailed            a time-out, a stall, or an answer to another request
-        |-- BusStuck                  SDA or SCL is held low
-        |-- WrongDevice               another chip, or one that does not keep its configuration
-        `-- CameraUnavailable         no camera, or one that cannot be opened
-
-Each message is one line that says what, where, the likely cause and the next step.
+Each message is one line that says what, where, the likely cause and the next step. `exit_code` is
+what a command ends with; an error inherits it.
 
 Libraries that only an extra installs: what is said when one of them is missing.
 """

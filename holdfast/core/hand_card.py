@@ -3,17 +3,11 @@
     name = "two-pads"
     about = "A gripper with one pad on each jaw"
 
-    [[sensors]]              # the thumb's side first; channels follow in the order of the file
+    [[sensors]]              # one or more a side, the thumb's first; channels are in this order
     name = "left-jaw"
     side = "thumb"           # or "opposing"
     along_mm = 0             # place along the object's axis, upwards
     across_mm = 0            # place across it
-
-    [[sensors]]
-    name = "right-jaw"
-    side = "opposing"
-    along_mm = 0
-    across_mm = 0
 
 Further keys of a sensor: `pad` names the soft pad that it shares with others (taxels), which bear
 the pad's load by a pressure profile; `stiffness` over that of one fingertip (default: the taxels of
@@ -27,7 +21,6 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -38,8 +31,7 @@ import numpy as np
 from msgspec import Meta
 
 from holdfast.core.contract import BoolArray, FloatArray, Json
-from holdfast.core.errors import CardError
-from holdfast.core.schema import read, text_of
+from holdfast.core.schema import find_card, read, text_of
 
 Side = Literal["thumb", "opposing"]
 SIDES: tuple[Side, ...] = ("thumb", "opposing")
@@ -64,10 +56,7 @@ FINGERS_AT_MM = (33.0, 11.0, -11.0, -33.0)
 class HandContact(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One place at which the hand touches: a [[sensors]] table.
 
-    along_mm, across_mm  place along the object's axis and across it
-    pad                  contacts with the same name lie in one soft pad; empty: on its own
-    stiffness            over that of one fingertip; 0: an equal part of it, until the card is read
-    sensed               False for a contact without a sensor
+    pad: empty where it lies on its own. stiffness: 0, until the card is read, for an equal part.
     """
 
     name: Name
@@ -197,32 +186,14 @@ def hand_from_json(value: Any) -> HandCard:
     return hand
 
 
-def shipped_hands() -> list[str]:
-    """Names of the hand cards that are installed with Holdfast, sorted."""
-    return sorted(path.stem for path in HANDS.glob("*.toml"))
-
-
-def find_hand_card(name: str, folder: Path | None = None) -> Path:
+def find_hand_card(name: str | Path, folder: Path = Path()) -> Path:
     """A shipped hand card by name, or a file, seen from the folder first. Raises CardError."""
-    if name in shipped_hands():
-        return HANDS / f"{name}.toml"
-
-    for path in ((folder or Path()) / name, Path(name)):
-        # a name that no file can have is no file
-        with suppress(OSError, ValueError):
-            if path.is_file():
-                return path
-
-    raise CardError(
-        f"no hand card {name!r:.80}",
-        cause="neither a shipped hand card nor a file",
-        next_step=f"choose from {', '.join(shipped_hands())}, or give the path of a card",
-    )
+    return find_card(str(name), HANDS, "hand card", folder)
 
 
-def read_hand_card(name: str | Path, folder: Path | None = None) -> HandCard:
+def read_hand_card(name: str | Path, folder: Path = Path()) -> HandCard:
     """Read and check a hand card by name or path. Raises CardError."""
-    path = find_hand_card(str(name), folder)
+    path = find_hand_card(name, folder)
     tables = read(path, _Tables)
     # Where the card says no stiffness, the taxels of a pad have equal parts of a fingertip's.
     taxels = Counter(one.pad for one in tables.sensors)

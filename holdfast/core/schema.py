@@ -65,6 +65,31 @@ def shipped() -> list[str]:
     return sorted(path.stem for path in MODELS.glob("*.onnx"))
 
 
+def card_names(folder: Path) -> list[str]:
+    """Names of the cards of a folder that is installed with Holdfast, sorted."""
+    return sorted(path.stem for path in folder.glob("*.toml"))
+
+
+def find_card(name: str, shipped_in: Path, what: str, near: Path = Path()) -> Path:
+    """A shipped card by name, or a file, seen from the folder `near` first.
+
+    what: the card, for people. Raises CardError.
+    """
+    names = card_names(shipped_in)
+    if name in names:
+        return shipped_in / f"{name}.toml"
+    for path in (near / name, Path(name)):
+        # a name that no file can have is no file
+        with suppress(OSError, ValueError):
+            if path.is_file():
+                return path
+    raise CardError(
+        f"no {what} {name!r:.80}",
+        cause=f"neither a shipped {what} nor a file",
+        next_step=f"choose from {', '.join(names)}, or give a path",
+    )
+
+
 def model_path(word: str | Path) -> Path:
     """The file that a word names: a path, or the name of a shipped model.
 

@@ -71,8 +71,6 @@ UNITS_OF_TIME_S = {
 """What a time that should be in seconds may be in."""
 MOST_ROWS = 2_000_000
 """A gap that makes more of them is no loss of samples."""
-
-
 Times = TypeVar("Times", FloatArray, IntArray)
 
 

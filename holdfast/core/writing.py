@@ -93,11 +93,14 @@ def _give_name(unfinished: Path, folder: Path) -> None:
 
 
 def require_new(folder: Path) -> None:
-    """Raise OutputError where a folder holds something, or is a file."""
+    """Raise OutputError where a folder holds something, is a file, or cannot be written to."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise OutputError(
-            "exists and is not empty", where=folder, next_step="name a new folder"
+            "exists already, and is not empty",
+            where=folder,
+            next_step="name a new folder, or remove this one",
         )
+    require_writable(folder)
 
 
 def require_writable(folder: str | Path) -> None:

@@ -2,10 +2,9 @@
 
 A reading is valid only if all of this holds: the chip acknowledged, it converted anew within the
 last 20 ms, it kept its power, its own diagnosis found no fault, and no axis is at the end of its
-range. The chip converted anew if its
-packet differs from the last one: results and SET_COUNT change with a conversion and with nothing
-else. SET_COUNT alone is not enough: it rolls over every 8 conversions (19.4 ms), so it seems to
-stand still when the hand is read at 50 Hz.
+range. The chip converted anew if its packet differs from the last one: results and SET_COUNT change
+with a conversion and with nothing else. SET_COUNT alone is not enough: it rolls over every 8
+conversions (19.4 ms), so it seems to stand still when the hand is read at 50 Hz.
 
 A mux is part of every reading behind it. If a mux write was not acknowledged, the readings behind
 that mux are invalid. For ten seconds after any doubtful reply, each mux is read back after its
@@ -32,8 +31,6 @@ DOUBT_NS = 10_000_000_000
 DOUBTS = frozenset({"nack", "garbage", "reset", "mux"})
 """Reasons for an invalid reading that a bus which flips bits produces."""
 NO_READING = (np.nan, np.nan, np.nan)
-
-
 Answer = Reply | str
 """Of a finger: its reply, or one word for why there is none."""
 

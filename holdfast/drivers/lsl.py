@@ -315,9 +315,8 @@ class LslAnswers:
     """Sends each sample and its answer as two streams, NAME and NAME-decision.
 
     The samples are the prepared values, nan where a sensor is not valid; the decisions are
-    DECISION, state as an index of SITUATIONS or UNKNOWN_STATE. Both have the sample's time.
-    now_ns: the clock of the samples' stamps. not_learned: what the model cannot tell, nan in each
-    decision.
+    DECISION, state as an index of SITUATIONS or UNKNOWN_STATE. Both have the sample's time. now_ns:
+    the clock of the samples' stamps. not_learned: what the model cannot tell, nan in each decision.
     """
 
     def __init__(

@@ -55,8 +55,6 @@ WRONG_RUNTIMES = {
     "1.21.0": "crashes on a Raspberry Pi 4",
     "1.26.0": "mislabels binary forests",
 }
-
-
 Count = Annotated[int, Meta(ge=0, le=10_000)]
 """Of sensors, or of samples to settle: more than any model has, and few enough to load in time."""
 Reading = Annotated[float, Meta(ge=sys.float_info.min, le=sys.float_info.max)]

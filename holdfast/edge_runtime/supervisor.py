@@ -44,8 +44,6 @@ MODES: tuple[Mode, ...] = ("idle", "hold", "tighten", "relax", "yield")
 IDLE, HOLD, TIGHTEN, RELAX, YIELD = range(5)
 EXPIRES_MS = 300
 """For so long a command is valid; a hand without a later one holds its grip."""
-
-
 _to_json = json.JSONEncoder(separators=(",", ":")).encode
 
 

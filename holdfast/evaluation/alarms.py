@@ -167,7 +167,7 @@ def match_alarms(
     outcomes = []
     for event in recording.events:
         # The truth is no sharper than the collar, so an alarm within it belongs to the event.
-        within = _within(event, alarms_s, collar_s)
+        within = within_event(event, alarms_s, collar_s)
 
         # The last sample before the collar: a request there is not an answer to this event.
         first_s = event.onset_s - collar_s
@@ -189,14 +189,12 @@ def match_alarms(
     return EventMatch(recording, tuple(outcomes), false_s, minutes)
 
 
-def false_alarms(
-    recording: Recording, requests: BoolArray, collar_s: float = COLLAR_S
-) -> IntArray:
+def false_alarms(recording: Recording, requests: BoolArray) -> IntArray:
     """[K] how many alarms of requests [T, K] belong to no event, as `match_alarms` counts them."""
     false = _begins(requests)
     t_s = np.arange(len(requests)) / recording.rate_hz
     for event in recording.events:
-        false[_within(event, t_s, collar_s)] = False
+        false[within_event(event, t_s, COLLAR_S)] = False
     return np.asarray(false.sum(axis=0), dtype=np.int64)
 
 
@@ -209,7 +207,7 @@ def _begins(requests: BoolArray) -> BoolArray:
     return begins
 
 
-def _within(event: RiskyEvent, t_s: FloatArray, collar_s: float) -> BoolArray:
+def within_event(event: RiskyEvent, t_s: FloatArray, collar_s: float) -> BoolArray:
     """Where times [T] lie in an event or its collar."""
     after_onset = t_s >= event.onset_s - collar_s
     before_end = t_s <= event.end_s + collar_s
@@ -328,9 +326,7 @@ def event_times(matches: Sequence[EventMatch]) -> EventTimes:
     return times
 
 
-def event_scores(
-    streams: Sequence[EventMatch], *, seed: int = 0, n_draws: int = DRAWS
-) -> EventScores:
+def event_scores(streams: Sequence[EventMatch], *, seed: int = 0) -> EventScores:
     """Figures of many streams; groups are people, or trials where no person is named."""
     times = event_times(streams)
     already_on = 0
@@ -341,7 +337,7 @@ def event_scores(
     sums = _sums_by_group(streams)
     drawn = None
     if len(sums) > 1:
-        drawn = draw_groups(len(sums), n_draws, seed) @ sums
+        drawn = draw_groups(len(sums), DRAWS, seed) @ sums
 
     found, events, false, minutes = sums.sum(axis=0).tolist()
     false_per_min = false / minutes if minutes else None

@@ -25,8 +25,7 @@ from holdfast.training.metrics import ABSENT, Interval, Share
 # Figures that every table uses: a spread of times, a share with its interval, McNemar's test.
 #
 # Shares of things that happen once a trial (a voluntary action, a hold) have exact binomial
-# intervals
-# (Clopper & Pearson, Biometrika 26, 1934): a bootstrap of a share of one gives 1 to 1.
+# intervals (Clopper & Pearson, Biometrika 26, 1934): a bootstrap of a share of one gives 1 to 1.
 
 
 @dataclass(frozen=True)
@@ -225,9 +224,7 @@ def table_lines(figures: Json) -> list[str]:
     """The tables among the figures as lines for people; nested figures are only in the JSON."""
     lines = []
     for title, rows in figures.items():
-        # Rows that hold a table of their own (latencies by stage) are left to the JSON.
-        is_table = isinstance(rows, list) and rows and isinstance(rows[0], dict)
-        if is_table and "latency_us" not in rows[0]:
+        if isinstance(rows, list) and rows and isinstance(rows[0], dict):
             lines.append(f"{title}\n{markdown(rows)}\n")
     return lines
 

@@ -6,7 +6,7 @@ intervals over trials (or people), and over styles where there are several.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -24,6 +24,7 @@ from holdfast.evaluation.alarms import (
 )
 from holdfast.evaluation.formats import share
 from holdfast.evaluation.trials import DISTURBANCES, LabelledTrial, voluntary_actions
+from holdfast.training.datasets.trials import by_kind
 from holdfast.training.metrics import Interval, Share
 
 
@@ -171,7 +172,8 @@ def method_figures(of: Outcomes, seed: int) -> MethodFigures:
     wide = event_scores([one.wide for one in of], seed=seed)
     by_action = {}
     called_by_action = {}
-    for name, each in _grouped(of, _action).items():
+    # By name, so that the order does not depend on which trial came first.
+    for name, each in sorted(by_kind(of, _action).items()):
         called = _called(each)
         if called.n:
             called_by_action[name] = called
@@ -205,16 +207,6 @@ def _action(of: TrialOutcome) -> str:
     return of.trial.recording.action or ""
 
 
-def _grouped(
-    of: Outcomes, key: Callable[[TrialOutcome], str]
-) -> dict[str, list[TrialOutcome]]:
-    """By name, so that the order does not depend on which trial came first."""
-    groups: dict[str, list[TrialOutcome]] = {}
-    for one in of:
-        groups.setdefault(key(one), []).append(one)
-    return dict(sorted(groups.items()))
-
-
 def _called(of: Outcomes) -> Share:
     called: list[bool] = []
     for one in of:
@@ -244,7 +236,7 @@ def _kind(of: Outcomes) -> KindFigures:
 
 def by_style(of: Outcomes, seed: int) -> ByStyle | None:
     """Recall and false alarms by style, and intervals over styles; None with less than two."""
-    styles = _grouped(of, lambda one: one.trial.style)
+    styles = dict(sorted(by_kind(of, lambda one: one.trial.style).items()))
     # Trials of several people, or of none that is named.
     styles.pop("", None)
     # Of one style there is no spread between people to show.

@@ -31,14 +31,11 @@ from holdfast.training.metrics import over
 # HTML from templates: the one place that knows jinja2. The templates are in templates/.
 #
 # A page extends `base.html` (its blocks: title, style, body) and imports the macros of
-# `parts.html`:
-# a table, a figure, the key of colours, cells with an interval below a value. Numbers are
-# written by
-# the functions of `formats.py`, which templates have as filters.
+# `parts.html`: a table, a figure, the key of colours, cells with an interval below a value. Numbers
+# are written by the functions of `formats.py`, which templates have as filters.
 #
 # Text is escaped unless it is `Markup` already (a picture as SVG, or what `render` returned). A
-# name
-# that a template uses and a caller forgot is an error, never an empty place on a page.
+# name that a template uses and a caller forgot is an error, never an empty place on a page.
 
 TEMPLATES = Path(__file__).with_name("templates")
 FILTERS = {

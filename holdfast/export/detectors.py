@@ -40,6 +40,8 @@ DAMPING = 0.1
 """z of every resonator."""
 LOW_PASS_HZ = 75.0
 """Corner frequency of the low-pass that stands behind the differentiator (w_l)."""
+RINGS_S = 3.0
+"""A band is silent so long after an impulse."""
 STATES_PER_BAND = 4
 """Two resonators of second order, in transposed direct form II."""
 GRAIN = 1e-100
@@ -112,9 +114,7 @@ def _step(
     return np.array(following + outputs)
 
 
-def noise_gain(
-    rate_hz: float, bands_hz: tuple[float, ...], seconds: float = 3.0
-) -> float:
+def noise_gain(rate_hz: float, bands_hz: tuple[float, ...]) -> float:
     """RMS output of the loudest band for white noise of RMS 1 at the input, in 1/s.
 
     The number goes into the model file. It is summed row by row, because a matrix product may sum
@@ -127,7 +127,7 @@ def noise_gain(
     state = np.zeros(size)
     response = []
     # the bank is driven by differences: an impulse of 1 goes up and comes down again
-    impulse = [1.0, -1.0] + [0.0] * math.ceil(seconds * rate_hz)
+    impulse = [1.0, -1.0] + [0.0] * math.ceil(RINGS_S * rate_hz)
     for difference in impulse:
         row = np.concatenate([[difference], state])
         out = (row[:, None] * matrix).sum(axis=0)

@@ -40,8 +40,6 @@ LOSSES = ("repeated", "late", "restarts", "too_old", "dropped")
 """too_old: answers older than two periods; dropped: lines that a consumer did not take."""
 ANOTHER_CLOCK_NS = 1_000_000_000
 """A reading never takes this long: an older stamp comes from a clock that was set or wrapped."""
-
-
 Emit = Callable[[Prediction, Sample, SourceReading], object]
 """Passes an answer on, with the prepared sample and the reading that it is for."""
 

@@ -220,9 +220,8 @@ class LineOutput:
     """Predictions as JSON lines, to every sink that works; it reports the sinks that fail.
 
     watched, kept: sinks that get their lines elsewhere and are only checked for failures, or closed
-    with the others too. report:
-    receives a line for each failure. failures: the error by the sink's name. not_learned: what the
-    model cannot tell.
+    with the others too. report: receives a line for each failure. failures: the error by the sink's
+    name. not_learned: what the model cannot tell.
     """
 
     sinks: list[Sink]

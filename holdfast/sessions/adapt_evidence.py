@@ -25,7 +25,7 @@ from holdfast.core.contract import GRASP, RISKY_SLIP, BoolArray, FloatArray
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.graph import Outputs
 from holdfast.edge_runtime.model import Model
-from holdfast.evaluation.alarms import COLLAR_S, Answers
+from holdfast.evaluation.alarms import COLLAR_S, Answers, within_event
 from holdfast.evaluation.model_outputs import (
     everywhere,
     require_model_fits,
@@ -148,9 +148,7 @@ def stream_of(recording: Recording, outputs: Outputs) -> Stream:
 
     for k, slip in enumerate(recording.events):
         # The collar is that of the alarms: what counts as a found slip there is a slip here.
-        begun = t_s >= slip.onset_s - COLLAR_S
-        not_over = t_s <= slip.end_s + COLLAR_S
-        event[begun & not_over] = k
+        event[within_event(slip, t_s, COLLAR_S)] = k
 
     # The samples themselves are large and no longer needed.
     answers = Answers(without_samples(recording), situation, permille)

@@ -10,31 +10,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from holdfast.core.errors import CardError
+from holdfast.core.schema import card_names
 
 SCENES = Path(__file__).resolve().parent / "cards"
 """The folder of the scene files that are installed with Holdfast."""
-STYLES = SCENES / "styles.toml"
+STYLES = SCENES.parent / "styles.toml"
 
 
 def shipped_scenes() -> list[str]:
     """Names of the shipped scenes, sorted; found without numpy, so that `--help` is quick."""
-    return sorted(path.stem for path in SCENES.glob("*.toml") if path != STYLES)
-
-
-def find_scene_file(name: str) -> Path:
-    """A shipped scene by name, or a file. Raises CardError."""
-    if name in shipped_scenes():
-        return SCENES / f"{name}.toml"
-
-    try:
-        if Path(name).is_file():
-            return Path(name)
-    except OSError:
-        pass  # a name that no file can have
-
-    raise CardError(
-        f"no scene {name!r}",
-        cause="neither a shipped scene nor a file",
-        next_step=f"choose from {', '.join(shipped_scenes())}",
-    )
+    return card_names(SCENES)

@@ -36,8 +36,6 @@ OPENINGS: dict[Opening, str] = {
 FELT_N_S = 0.5
 FELT_N = 0.05
 """Speed and distance of a grip whose change cannot be felt."""
-
-
 NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e4)]
 Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e4)]
 

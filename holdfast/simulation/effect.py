@@ -48,7 +48,6 @@ EFFECT_MODULES = {
     "rotation": "contacts",
     "arm": "shakes",
     "tremor": "shakes",
-    "knock": "shakes",
     "fluctuation": "shakes",
     "averaging": "chip",
     "shear_gain": "sensor_spread",
@@ -59,7 +58,6 @@ EFFECT_MODULES = {
     "cross_talk": "magnet",
     "gain_tilt": "magnet",
     "magnet_reversed": "magnet",
-    "magnet_lost": "magnet",
     "thermal_drift": "magnet",
     "hall_noise": "chip",
     "quantisation": "chip",
@@ -367,7 +365,7 @@ class PhysicsEffect:
 
     @staticmethod
     def peak_m_s2(drawn: Drawn) -> float:
-        """Largest acceleration that a hold has to bear; a blow such as a knock is no part of it."""
+        """Largest acceleration that a hold has to bear."""
         return 0.0
 
     @staticmethod

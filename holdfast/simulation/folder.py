@@ -19,11 +19,10 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.core.contract import Json
-from holdfast.core.errors import OutputError
 from holdfast.core.table import Column, csv_bytes, trial_csv
 from holdfast.core.trial_file import TIME_COLUMN
 from holdfast.core.trial_layout import HAND_FILE
-from holdfast.core.writing import require_writable, whole_folder, write_whole
+from holdfast.core.writing import require_new, whole_folder, write_whole
 from holdfast.simulation.effect import Drawn, Signal
 from holdfast.simulation.protocol import PlannedTrial, Trials
 from holdfast.simulation.scene import BATCH, Scene, SimulatedTrial, shifted_s
@@ -54,17 +53,6 @@ def write_set(
     require_new(out)
     with whole_folder(out) as unfinished:
         return _fill(scene, unfinished, scene.trials(total), done)
-
-
-def require_new(out: Path) -> None:
-    """Raise OutputError for a folder with anything in it: nothing is ever overwritten."""
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise OutputError(
-            "exists already",
-            where=out,
-            next_step="name a new folder, or remove this one",
-        )
-    require_writable(out)
 
 
 def _fill(scene: Scene, out: Path, trials: Trials, done: Done) -> int:

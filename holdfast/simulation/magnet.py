@@ -40,8 +40,6 @@ SHEAR_N_PER_M = 15e3
 """Its stiffness sideways, N/m."""
 STIFFENING_N = 30.0
 """Silicone stiffens: displacement = F / (k (1 + |F| / STIFFENING_N))."""
-EARTH_UT = np.array([20.0, 0.0, 43.0])
-"""The earth's field in central Europe, the chip lying flat."""
 
 # Pads with strong magnets deep in soft lattice, above magnetometers: eFlesh (Pattabiraman 2025).
 # For scenes in uT: their field is never turned into newtons. Numbers from the authors' own probings
@@ -161,19 +159,6 @@ def reversed_plan(request: PlanRequest) -> Plan:
     return {"factor": sign}
 
 
-def lost_plan(request: PlanRequest) -> Plan:
-    """From at_s on the magnets of these sensors are lost."""
-    gone = np.zeros((len(request.t_s), request.sensors, 1), dtype=np.bool_)
-    after = request.t_s >= request["at_s"]
-    gone[:, request.places] = after[:, None, None]
-    return {"gone": gone}
-
-
-def magnet_lost(rows: Rows, plan: Plan) -> Rows:
-    """Without a magnet the earth's field remains, 48 uT."""
-    return replace(rows, values=np.where(plan["gone"], EARTH_UT, rows.values))
-
-
 def warming_plan(request: PlanRequest) -> Plan:
     """The magnets warm by w (1 - exp(-t / tau)) degC and lose 0.12 % of their field per degree.
 
@@ -269,15 +254,6 @@ EFFECTS = {
         reversed_plan,
         needs=("dipole",),
     ),
-    "magnet_lost": Effect(
-        magnet_lost,
-        {
-            "sensors": SENSORS,
-            "at_s": Parameter(5.0, "s", 0, 1e6, "time of the loss"),
-        },
-        lost_plan,
-        needs=("dipole",),
-    ),
     "thermal_drift": Effect(
         scaled,
         {
@@ -333,8 +309,6 @@ EFFECTS = {
         only_unit="uT",
     ),
 }
-
-
 SHEAR_SHARE = 0.5
 """Largest shear of the calibration's loads over their normal force."""
 

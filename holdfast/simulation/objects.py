@@ -10,15 +10,10 @@ The hand of a scene file: how many contacts its thumb and its four fingers have.
     thumb = 4                # contacts on the thumb, default 2
     finger = 4               # contacts on each of the four fingers, default 1; 20 in all here
 
-or a hand card (core/hand_card.py), which says where its sensors are:
-
-    [hand]
-    card = "pinch-pad"
-
-Without a card each contact has an equal part of its finger's stiffness, and of the object's under
-it, so more contacts do not make a finger stiffer. Along a cylinder they lie side by side over the
-finger's width. All press along the thumb's axis: there is no palm, and a finger does not bend
-between its contacts.
+or a hand card, which says where its sensors are. Without a card each contact has an equal part of
+its finger's stiffness, and of the object's under it, so more contacts do not make a finger stiffer.
+Along a cylinder they lie side by side over the finger's width. All press along the thumb's axis:
+there is no palm, and a finger does not bend between its contacts.
 """
 
 from __future__ import annotations
@@ -62,16 +57,9 @@ EDGE_RADIUS_MM = 5.0
 
 @dataclass(frozen=True)
 class HeldObject:
-    """One object; a ball where axial_radius_mm is above zero, else a cylinder with rounded ends.
+    """One object, by the numbers of OBJECT_KEYS.
 
-    mass_g             from the thesis, for its objects
-    radius_mm          of curvature across the grip
-    axial_radius_mm    of curvature along the axis
-    half_length_mm     of the straight part of a cylinder
-    friction           static, on silicone
-    kinetic_share      kinetic over static friction
-    stiffness_n_per_m  in series with a finger's
-    crush_n            grip of either side that crushes it; 0: none does
+    A ball where axial_radius_mm is above zero, else a cylinder with rounded ends.
     """
 
     name: str

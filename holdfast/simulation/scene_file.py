@@ -44,8 +44,8 @@ from msgspec import Meta
 from holdfast.core.contract import Json, Unit
 from holdfast.core.errors import CardError, UsageError
 from holdfast.core.hand_card import HandCard, read_hand_card
-from holdfast.core.schema import checked, read, text_of
-from holdfast.simulation import STYLES, find_scene_file
+from holdfast.core.schema import checked, find_card, read, text_of
+from holdfast.simulation import SCENES, STYLES
 from holdfast.simulation.actions import ACTION_MODULES, EMPTY_HANDED, parameters_of
 from holdfast.simulation.effect import (
     EFFECT_MODULES,
@@ -151,7 +151,7 @@ def read_scene_file(name: str, *, rate_hz: float | None = None) -> SceneFile:
 
     rate_hz replaces the file's rate. Raises CardError, and UsageError for a rate_hz beyond Rate.
     """
-    path = find_scene_file(name)
+    path = find_card(name, SCENES, "scene")
     tables = read(path, _Tables)
     if rate_hz is not None:
         where = "sampling rate, Hz"

@@ -156,33 +156,6 @@ class Tremor(PhysicsEffect):
         return [(0.0, FOREVER_S)]
 
 
-class Knock(PhysicsEffect):
-    """A blow to the hand: half a sine, peak in m/s^2; change of speed 2/pi peak * duration."""
-
-    kind = "shakes"
-
-    def __init__(self, batch: EffectBatch) -> None:
-        self.along = _directions(batch.rngs) * batch.values("peak_m_s2")
-        self.at_s = batch.values("at_s")
-        self.lasts_s = batch.values("lasts_s")
-
-    def acceleration_m_s2(self, t_s: FloatArray) -> FloatArray:
-        """[3, B] of the hand."""
-        u = (t_s - self.at_s) / self.lasts_s
-        half_sine = np.sin(np.pi * np.clip(u, 0.0, 1.0))
-
-        # sin(pi) is not exactly zero, so the end is cut off
-        lasts = (u > 0.0) & (u < 1.0)
-        return self.along * np.where(lasts, half_sine, 0.0)
-
-    def busy_s(self, trial: int) -> list[Interval]:
-        """The pulse and the time after it."""
-        at_s = self.at_s[trial]
-        over_s = at_s + self.lasts_s[trial]
-        # What the blow set in motion has settled 0.3 s later.
-        return [(at_s - 0.01, over_s + 0.3)]
-
-
 class Fluctuation(PhysicsEffect):
     """The grip force is never quite steady: it swings slowly by a share of itself.
 
@@ -239,20 +212,6 @@ EFFECTS = {
             ),
             "amplitude_m_s2": Parameter(
                 {"uniform": [0.1, 1.0]}, "m/s^2", 0, 50, "of the hand's acceleration"
-            ),
-        },
-    ),
-    "knock": Effect(
-        Knock,
-        {
-            "peak_m_s2": Parameter(
-                {"uniform": [5, 40]}, "m/s^2", 0, 1000, "greatest acceleration"
-            ),
-            "lasts_s": Parameter(
-                {"uniform": [0.005, 0.03]}, "s", 0.001, 1, "of the pulse"
-            ),
-            "at_s": Parameter(
-                {"uniform": [4.5, 6.0]}, "s", 0, 600, "start of the pulse"
             ),
         },
     ),

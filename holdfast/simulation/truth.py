@@ -60,16 +60,10 @@ Stretch = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Truth:
-    """Times in s, None for an event that never happened.
+    """Times of the events in s, None for one that never happened; end_s: of the trial.
 
-    contact_s         the first contact
-    load_onset_s      the action begins to pull at the object
-    incipient_slip_s  the first element of a brush slides
-    gross_slip_s      everything slides, or the object has slipped 2 mm
-    contact_lost_s    the last contact ends
-    slip_mm           travel of the contacts from the first contact to the last
-    marks             (start in s, situation), in order, until end_s
-    end_s             of the trial
+    slip_mm: travel of the contacts from the first contact to the last. marks: (start in s,
+    situation), in order, until end_s.
     """
 
     contact_s: float | None

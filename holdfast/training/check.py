@@ -39,8 +39,8 @@ from holdfast.training.datasets.trials import (
     FOLDERS,
     Missing,
     TrialReader,
+    by_kind,
     doubts_of,
-    in_kinds,
     sides_unknown,
 )
 from holdfast.training.judging import strictest_hold_out
@@ -362,9 +362,10 @@ def report_lines(report: FolderReport) -> list[str]:
 
     # One line for many faults of a kind: a folder of a hundred trials would fill the screen.
     # Numbers are left out of the comparison: "at 49 Hz" and "at 51 Hz" are the same fault.
-    for first, *others in in_kinds(
+    kinds = by_kind(
         report.missing, lambda one: re.sub(r"[0-9.]+", "#", f"{one.level} {one.what}")
-    ):
+    )
+    for first, *others in kinds.values():
         lines += ["", f"{LEVELS[first.level]} {first.where}: {first.what}"]
         lines.append(f"  -> {first.next_step}")
         if others:

@@ -149,11 +149,9 @@ def situation_scores(
     """F1 by situation, its mean and their intervals, from labels [M], [M] and groups [M].
 
     not_learned: situations without a figure, because the model cannot answer them; what it says in
-    their place still counts against the others.
-    A prediction of len(SITUATIONS) means "unknown": an answer withheld, which misses what was
-    there.
-    Raises LabelError for any other number: -1, the decision's own "unknown", would silently count
-    as another class' answer.
+    their place still counts against the others. A prediction of len(SITUATIONS) means "unknown": an
+    answer withheld, which misses what was there. Raises LabelError for any other number: -1, the
+    decision's own "unknown", would silently count as another class' answer.
     """
     n = len(SITUATIONS)
     _require_labels(truth, n, "truth")

@@ -114,18 +114,12 @@ at 150 Hz, so fewer of them are sure that it begins (development seeds)."""
 
 UNTUNED = ForestPlan(kind="random", class_weight=None)
 """The thesis' forest: 100 trees, nothing chosen."""
-
-
 SITUATION_NETWORK = NetworkPlan()
 """For the situations: the parameters above."""
 PREDICTION_NETWORK = NetworkPlan(alpha=10.0, epochs=10, rate=1e-3, balance=0.5)
 """For the 0.25 s prediction: more regularised, trained longer, classes half balanced."""
-
-
 HAND_NETWORK = NetworkPlan(hidden=(64,), balance=1.0)
 """For the hand: a second hidden layer costs time and brings no clear gain (docs/results.md)."""
-
-
 POOLED_NETWORK = NetworkPlan(hidden=(96,), members=2, balance=1.0)
 """For pooled features, which are half as many."""
 POOLED_DEPTH = 14

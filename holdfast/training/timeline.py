@@ -55,8 +55,6 @@ SLIP_BEFORE_S, SLIP_AFTER_S = 0.1, 0.3
 """What counts as slip before and after the largest change."""
 ACTION_KEY = "action_at_s"
 """In meta.json of the set or in a trial's truth: when the action starts."""
-
-
 OF_WHOLE_TRIAL = {
     "hold": "its folder",
     "slip": "its folder, at the largest change",

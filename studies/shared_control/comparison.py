@@ -9,7 +9,7 @@ from holdfast.cli.command import (
     add_json_option,
     path_argument,
     positive,
-    require_json_writable,
+    require_results_writable,
     show_found,
 )
 from holdfast.cli.options import chosen_model, chosen_workers
@@ -59,7 +59,7 @@ def require_scenes(args: argparse.Namespace) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run, print a line a controller, write the figures."""
-    require_json_writable(args)
+    require_results_writable(args)
     if args.report is not None:
         require_writable(args.report.parent)
     lag_ms = LAG_MS if args.lag_ms is None else args.lag_ms

@@ -293,7 +293,7 @@ def test_a_steady_acceleration_of_the_hand_turns_an_object_as_gravity_does() -> 
     assert turned[0] == pytest.approx(turned[1], rel=1e-6)
 
 
-# arm, tremor, knock
+# arm, tremor
 
 
 def integral(values: FloatArray, dt_s: float) -> FloatArray:
@@ -372,24 +372,6 @@ def test_an_object_that_nothing_holds_stays_where_it_is_while_the_hand_reaches()
         (moved,) = arm.motion_m(np.array([1.0]), k)
         assert np.linalg.norm(moved) == pytest.approx(0.2)
         assert state.position_m[:, k] == pytest.approx(-moved, abs=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("peak", "lasts_s"), [(20.0, 0.005), (20.0, 0.03), (40.0, 0.01)]
-)
-def test_a_knock_gives_a_free_object_its_impulse(peak: float, lasts_s: float) -> None:
-    knock = make("knock", peak_m_s2=peak, lasts_s=lasts_s, at_s=0.05)
-    what = body(gravity_m_s2=0.0)
-    open_hand = Inputs(shut(depth_m=-1.0))
-    state, _ = run(
-        what, 1e-4, 1500, PhysicsEffects(shakes=(knock,)), inputs=lambda t: open_hand
-    )
-    assert np.linalg.norm(state.velocity_m_s, axis=0) == pytest.approx(
-        2.0 / np.pi * peak * lasts_s, rel=1e-3
-    )
-    ((start, stop),) = knock.busy_s(0)
-    assert start <= 0.05
-    assert stop >= 0.05 + lasts_s
 
 
 # all

@@ -24,7 +24,6 @@ TEXTS = {
     "cross_talk": "",
     "gain_tilt": "",
     "magnet_reversed": "sensors = [2, 5]",
-    "magnet_lost": "sensors = [3]\nat_s = 0.2",
     "thermal_drift": "warming_degc = 10",
     "hall_noise": "",
     "quantisation": "",

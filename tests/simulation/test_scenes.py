@@ -171,7 +171,6 @@ def test_a_trial_is_the_same_in_any_company(tmp_path):
         "rotation",
         "arm",
         "tremor",
-        "knock",
         "hall_noise",
     ]
     every = "".join(f"[effects.{name}]\n" for name in names)

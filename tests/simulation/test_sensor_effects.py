@@ -26,7 +26,6 @@ CHANGES_NOTHING: dict[str, dict[str, Any]] = {
     "cross_talk": {"height_mm": 0, "axes": 0},
     "gain_tilt": {"gain_sd": 0, "tilt_sd_deg": 0},
     "magnet_reversed": {"sensors": []},
-    "magnet_lost": {"sensors": [], "at_s": 0},
     "thermal_drift": {"warming_degc": 0, "compensated": 0},
     "shear_gain": {"gain": 1, "spread": 0},
     "hysteresis": {"width_n": 0},
@@ -47,7 +46,6 @@ SOMETHING: dict[str, dict[str, Any]] = {
     "cross_talk": {},
     "gain_tilt": {},
     "magnet_reversed": {"sensors": [2, 5]},
-    "magnet_lost": {"sensors": [3], "at_s": 1},
     "thermal_drift": {"warming_degc": 10},
     "hall_noise": {},
     "quantisation": {},
@@ -302,7 +300,7 @@ def test_gains_and_angles_spread_as_they_say() -> None:
     assert np.abs(np.corrcoef(scaled) - np.eye(3)).max() < 0.08
 
 
-# magnets reversed and lost
+# magnets reversed
 
 
 @given(st.lists(st.integers(1, 6), unique=True))
@@ -312,16 +310,6 @@ def test_reversed_magnets_turn_exactly_the_named_sensors(sensors: list[int]) -> 
     sign = np.ones((6, 1))
     sign[columns(*sensors)] = -1.0
     assert np.array_equal(after.values, sign * before.values)
-
-
-def test_of_a_lost_magnet_only_the_field_of_the_earth_is_left() -> None:
-    before = wandering()
-    after = apply("magnet_lost", before, sensors=[1, 4], at_s=1.0)
-    left = after.values[100:, columns(1, 4)]
-    assert np.linalg.norm(left, axis=2) == pytest.approx(48.0, abs=1.0)
-    assert np.ptp(left, axis=(0, 1)) == pytest.approx(np.zeros(3))
-    assert np.array_equal(after.values[:100], before.values[:100])
-    assert np.array_equal(after.values[:, others(1, 4)], before.values[:, others(1, 4)])
 
 
 # warmth

@@ -27,7 +27,7 @@ from holdfast.training.crossval import (
     spec_for,
     splits_of,
 )
-from holdfast.training.datasets import human_slip_uskin, keep_groups, load
+from holdfast.training.datasets import human_slip_uskin, load
 from holdfast.training.fitting import versions
 from holdfast.training.judging import held_out_figures
 from holdfast.training.plan import ForestPlan, TrainingPlan
@@ -60,7 +60,7 @@ def whole(six: DataSet) -> DataSet:
 
 @pytest.fixture(scope="module")
 def small(six: DataSet) -> Small:
-    data = keep_groups(six, 3, seed=0)
+    data = six.of_groups(set(six.groups()[:3]))
     spec = spec_for(data, PLAN.groups)
     features = features_of(data, spec)
     folds = [

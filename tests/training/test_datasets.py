@@ -1,4 +1,4 @@
-"""Data sets by name or folder, groups kept, and the two sets with a licence."""
+"""Data sets by name or folder, and several joined."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from holdfast.core.errors import (
     LabelError,
     RateError,
     UnitError,
-    UsageError,
 )
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.datasets import join, load
@@ -67,25 +66,6 @@ def test_a_set_that_is_not_there_says_how_to_get_it(
     (tmp_path / "file").touch()
     with pytest.raises(DataNotFound, match="a file, not a folder"):
         load(tmp_path / "file")
-
-
-def test_kept_groups_come_with_their_windows_and_no_others(tmp_path: Path) -> None:
-    whole = load(write_eflesh(tmp_path))
-    part = load(tmp_path, groups=2, seed=3)
-    assert len(part.groups()) == 2
-    kept = np.isin(whole.group_of("situations"), part.groups())
-    rows, expected = part.tasks["situations"], whole.tasks["situations"].take(kept)
-    np.testing.assert_array_equal(rows.label, expected.label)
-    for new, old in zip(rows.trial, expected.trial, strict=True):
-        assert part.recordings[new].trial_id == whole.recordings[old].trial_id
-
-
-def test_more_groups_than_there_are_cannot_be_kept(tmp_path: Path) -> None:
-    write_eflesh(tmp_path)
-    with pytest.raises(UsageError, match="4 exist"):
-        load(tmp_path, groups=5)
-    with pytest.raises(UsageError, match="0 groups"):
-        load(tmp_path, groups=0)
 
 
 def test_channels_a_set_does_not_have_are_refused(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from holdfast.core.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
 from holdfast.core.trial_layout import MASSES_G, is_heavy
-from holdfast.export.spec import StepSpec, window_samples
+from holdfast.export.spec import HISTORY_S, StepSpec, window_samples
 from holdfast.training.datasets import load
 from holdfast.training.fixture import write_fixture
 from holdfast.training.plan import hand_plan
@@ -177,6 +177,10 @@ def test_balanced_windows_have_every_risky_sample_and_throw_none_away(
     assert len(set(counts.values())) == len(CLASSES), (
         "none is cut to the size of another"
     )
+
+
+def test_no_balanced_window_ends_before_the_history_is_whole(balanced: DataSet) -> None:
+    assert balanced.tasks["classes"].row.min() == round(HISTORY_S * balanced.rate_hz)
 
 
 @pytest.mark.parametrize("size", ["tiny", "default"])

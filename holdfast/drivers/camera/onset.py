@@ -9,9 +9,8 @@ The result is a time on which no tactile sample had an influence. There are thre
     gross  a fixed distance in mm, larger than what soft pads give without any slip
 
 A soft pad lets the object move before anything slips. So a motion counts only if it reaches the
-gross distance, which lies above what the pads give. Where a tag is hidden, the track has a gap,
-and nothing in the gap has a time. The camera cannot see parts of the contact slide (incipient
-slip).
+gross distance, which lies above what the pads give. Where a tag is hidden, the track has a gap, and
+nothing in the gap has a time. The camera cannot see parts of the contact slide (incipient slip).
 """
 
 from __future__ import annotations

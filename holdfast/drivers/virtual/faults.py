@@ -55,34 +55,22 @@ OF_A_SENSOR = {
     "wrong": "another chip answers at its address",
     "diag": "reports that its own diagnosis failed",
 }
-
-
 OF_THE_BUS = {
     "stuck": "SDA is held low until nine clocks are given",
     "noise": "flips one bit in ten thousand on the wire, of any sender",
 }
-
-
 OF_THE_BRIDGE = {
     "stall": "answers a transfer with STALL",
     "late": "lets a transfer time out and answers it afterwards",
     "short": "answers with half of the bytes",
     "unplug": "is gone from USB",
 }
-
-
 KINDS = {**OF_A_SENSOR, **OF_THE_BUS, **OF_THE_BRIDGE}
-
-
 AT_ONCE = ("por", "sleep", "stuck")
 """These faults happen once, at their time; the others last."""
-
-
 FORM = re.compile(
     r"(?P<kind>[a-z]+)(:(?P<sensor>[1-6]))?@(?P<at>\d+(\.\d+)?)(\+(?P<lasts>\d+(\.\d+)?))?"
 )
-
-
 DEFAULT_LASTS_S = 0.1
 
 

@@ -52,8 +52,7 @@ class Session:
     """Records the trials of one run.
 
     about: content of every trial's meta.json. mass_g: of objects, as the protocol gives it. intent:
-    the wearer's command, recorded beside the samples. truth: events of a scene between two
-    times.
+    the wearer's command, recorded beside the samples. truth: events of a scene between two times.
     """
 
     options: RecordOptions

@@ -10,10 +10,12 @@ The trials are those of the recorder, in its layout and by its code (holdfast/se
 
 from pathlib import Path
 
+from holdfast.core.schema import card_names
+
 PROTOCOLS = Path(__file__).with_name("protocols")
 """Folder of the study protocols that ship."""
 
 
 def shipped_protocols() -> list[str]:
     """Names of the study protocols that ship, sorted."""
-    return sorted(path.stem for path in PROTOCOLS.glob("*.toml"))
+    return card_names(PROTOCOLS)

@@ -13,8 +13,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from holdfast.core.contract import RATE_TOLERANCE
 from holdfast.core.errors import (
     ChannelError,
@@ -23,7 +21,6 @@ from holdfast.core.errors import (
     LabelError,
     RateError,
     UnitError,
-    UsageError,
     command,
 )
 from holdfast.core.hand_card import read_hand_card
@@ -61,7 +58,6 @@ def load(
     *,
     channels: int | None = None,
     rate_hz: float | None = None,
-    groups: int | None = None,
     seed: int = 0,
     windows: Choice = "balanced",
     hold_out: HoldOut | None = None,
@@ -69,13 +65,12 @@ def load(
     """A data set by its name (a folder in HOLDFAST_DATA) or by its path.
 
     channels: one of the channel counts a set offers, None for its usual 18. rate_hz: folders of
-    trials at a whole multiple of it are averaged down to it. groups: keep so many
-    people (or blocks), chosen by `seed`; a small real slice. seed: of every random choice. windows:
+    trials at a whole multiple of it are averaged down to it. seed: of every random choice. windows:
     in the thesis' layout those to train on (balanced), the thesis' undersampled ones, every one
     that is natural, to score on (training/windows.py), or none: recordings alone, which are read
     sooner. hold_out: what a group is; None for people where there are two.
 
-    Raises DataNotFound, ChannelError, UsageError, or a DataError of the reader.
+    Raises DataNotFound, ChannelError, or a DataError of the reader.
     """
     root = find(name_or_path)
     layout = layout_of(root)
@@ -104,9 +99,7 @@ def load(
         # A public set brings its own windows, and has a usual number of channels.
         with copied_whole(root):
             data = reader.load(root, channels=channels or USUAL_CHANNELS)
-    if hold_out is not None:
-        data = regrouped(data, hold_out)
-    return data if groups is None else keep_groups(data, groups, seed=seed)
+    return data if hold_out is None else regrouped(data, hold_out)
 
 
 def with_hand(data: DataSet, root: Path) -> DataSet:
@@ -181,22 +174,6 @@ def layout_of(root: Path) -> str | None:
 def reader_of(layout: str) -> Any:
     """The module that reads a layout: `load`, and for one of LAYOUTS also `readers`."""
     return import_module(f"holdfast.training.datasets.{layout}")
-
-
-def keep_groups(data: DataSet, n_groups: int, *, seed: int = 0) -> DataSet:
-    """The part of a set that n_groups people (or blocks), chosen by seed, recorded.
-
-    Raises UsageError for less than one and for more than there are.
-    """
-    names = data.groups()
-    if not 1 <= n_groups <= len(names):
-        raise UsageError(
-            f"{n_groups} groups (people, blocks) requested, {len(names)} exist",
-            next_step=f"keep 1 to {len(names)}",
-        )
-
-    kept = set(np.random.default_rng(seed).permutation(names)[:n_groups].tolist())
-    return data.of_groups(kept)
 
 
 def join(sets: Sequence[DataSet]) -> DataSet:

@@ -15,7 +15,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, NoReturn
+from typing import Literal, NoReturn, TypeVar
 
 import numpy as np
 
@@ -70,6 +70,7 @@ PRESSED_FLOORS, PRESSED_S = 2.0, 0.1
 MOSTLY = 9
 """A sensor reads below zero on a press where so many of its rows do for one that does not."""
 TORN = "the file was cut off, or rows were removed from it"
+One = TypeVar("One")
 Fault = Callable[[DataError], None]
 """What a reader does with a trial or folder that it cannot use."""
 
@@ -319,7 +320,7 @@ def sides_unknown(data: DataSet, root: Path) -> Iterator[Missing]:
 
 def warn_of(doubts: Iterable[Missing]) -> None:
     """A warning for each kind of doubt, with the first that was met."""
-    for first, *others in in_kinds(doubts, lambda one: one.next_step):
+    for first, *others in by_kind(doubts, lambda one: one.next_step).values():
         more = f" (and {len(others)} more like it)" if others else ""
         warnings.warn(
             f"{first.where}: {first.what}{more}; next: {first.next_step}",
@@ -328,14 +329,12 @@ def warn_of(doubts: Iterable[Missing]) -> None:
         )
 
 
-def in_kinds(
-    found: Iterable[Missing], kind: Callable[[Missing], str]
-) -> list[list[Missing]]:
+def by_kind(found: Iterable[One], kind: Callable[[One], str]) -> dict[str, list[One]]:
     """Those of a kind together, in order of first sight."""
-    kinds: dict[str, list[Missing]] = {}
+    kinds: dict[str, list[One]] = {}
     for one in found:
         kinds.setdefault(kind(one), []).append(one)
-    return list(kinds.values())
+    return kinds
 
 
 def _turned(trials: Sequence[TimedTrial]) -> Iterator[Missing]:
