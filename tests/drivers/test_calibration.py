@@ -14,6 +14,7 @@ from hard_marks import SINGULAR
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from own_data import rewrite
 
 from holdfast.cli import hand
 from holdfast.cli.command import Parser
@@ -387,23 +388,27 @@ def test_presses_without_shear_show_no_shear_gain() -> None:
     assert measured_shear_gain(straight, straight) is None
 
 
-Change = Callable[[FloatArray], None]
+Change = Callable[[FloatArray], FloatArray]
 
 
-def turned_sign(table: FloatArray) -> None:
+def turned_sign(table: FloatArray) -> FloatArray:
     table[:, -1] *= -1.0
+    return table
 
 
-def in_grams(table: FloatArray) -> None:
+def in_grams(table: FloatArray) -> FloatArray:
     table[:, -3:] *= 101.97
+    return table
 
 
-def late(table: FloatArray) -> None:
+def late(table: FloatArray) -> FloatArray:
     table[:, -3:] = np.roll(table[:, -3:], 10, axis=0)
+    return table
 
 
-def nothing(table: FloatArray) -> None:
+def nothing(table: FloatArray) -> FloatArray:
     """Loads as they were."""
+    return table
 
 
 @pytest.mark.parametrize(
@@ -420,10 +425,7 @@ def test_what_would_spoil_a_calibration_is_a_warning(
 ) -> None:
     path = tmp_path / "loads.csv"
     write_loads(path)
-    table = np.loadtxt(path, delimiter=",", skiprows=1)
-    change(table)
-    header = path.read_text().partition("\n")[0]
-    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.12g")
+    rewrite(path, change)
     assert calibrate_with(path, "--out", tmp_path / "c.json") == 0
     warned = [one for one in capsys.readouterr().out.splitlines() if "warning" in one]
     assert len(warned) == bool(says)
@@ -434,12 +436,13 @@ def test_what_would_spoil_a_calibration_is_a_warning(
 def test_a_magnet_is_turned_over_at_any_rest_that_its_noise_allows(
     tmp_path: Path, rest_ut: float
 ) -> None:
+    def moved(table: FloatArray) -> FloatArray:
+        table[:, 6] += rest_ut - 2000.0
+        return table
+
     path = tmp_path / "loads.csv"
     write_loads(path)
-    table = np.loadtxt(path, delimiter=",", skiprows=1)
-    table[:, 6] += rest_ut - 2000.0
-    header = path.read_text().partition("\n")[0]
-    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.12g")
+    rewrite(path, moved)
     assert read_loads(path, "N").reversed_.tolist() == [False, rest_ut < 0.0]
 
 

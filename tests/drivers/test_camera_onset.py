@@ -3,12 +3,11 @@ size."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
 
 import pytest
 from drawn_frames import camera, command, write_frames
+from recorder_bench import events_of
 
 from holdfast.cli.main import main
 from holdfast.simulation.scene import Scene
@@ -64,17 +63,11 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, Tr
     return of_action
 
 
-def phases_of(folder: Path) -> list[dict[str, Any]]:
-    """What a camera has written for a trial."""
-    lines = (folder / "events.jsonl").read_text("utf-8").splitlines()
-    return [json.loads(line) for line in lines]
-
-
 def test_onset_writes_the_label_that_the_camera_saw(filmed):
     folder, truth = filmed["pull"]
     done = command("watch", "--onset", folder)
     assert done.returncode == 0, done.stderr
-    (phase,) = phases_of(folder)
+    (phase,) = events_of(folder)
     assert (phase["label"], phase["provenance"]) == ("risky_slip", "camera")
     assert phase["t0_s"] == phase["onset_s"] < phase["gross_s"] < phase["t1_s"]
     assert phase["onset_s"] == pytest.approx(truth.incipient_slip_s, abs=0.025)
@@ -85,7 +78,7 @@ def test_a_loaded_hold_has_no_onset_before_the_hand_opens(filmed):
     done = command("watch", "--onset", held, "--until", truth.marks[-2][0])
     assert done.returncode == 0, done.stderr
     assert "no onset: the object moved by less than 2.00 mm" in done.stdout
-    assert phases_of(held) == []
+    assert events_of(held) == []
 
 
 @pytest.mark.parametrize("side", ["0.00996", "0.996", "996", "0", "nan", "one"])

@@ -40,12 +40,11 @@ def slid(
     acceleration_mm_s2: float,
     start_s: float,
     *,
-    fps: float = 60.0,
     seed: int = 0,
     lasts_s: float = 1.5,
 ) -> Motion:
     """At rest, then a constant acceleration."""
-    t_s = np.arange(1, int(fps * (start_s + lasts_s))) / fps
+    t_s = np.arange(1, int(60 * (start_s + lasts_s))) / 60
     place_mm = np.random.default_rng(seed).normal(0.0, NOISE_MM, (len(t_s), 2))
     place_mm[:, 1] += 0.5 * acceleration_mm_s2 * np.maximum(t_s - start_s, 0.0) ** 2
     return Motion(t_s, place_mm, MM_PER_PX)

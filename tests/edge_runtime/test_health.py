@@ -81,10 +81,10 @@ def fed(
 # -- a hand that repeats itself
 
 
-def stuck_hand(period: int, count: int = 1300) -> np.ndarray:
+def stuck_hand(period: int) -> np.ndarray:
     """A live hand for 200 samples, then its last `period` readings over and over."""
     live = noise(200)
-    return np.concatenate([live, np.resize(live[-period:], (count - 200, 18))])
+    return np.concatenate([live, np.resize(live[-period:], (1100, 18))])
 
 
 def test_a_hand_that_is_held_still_is_not_stuck(model: Model) -> None:

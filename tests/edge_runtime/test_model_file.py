@@ -21,7 +21,7 @@ import pytest
 from hard_marks import GOLDEN, VERSIONS
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from small_model import metadata_of, with_metadata
+from small_model import Trap, metadata_of, with_metadata
 
 from holdfast.core.contract import CLASSES, SITUATIONS, Sample
 from holdfast.core.errors import (
@@ -154,13 +154,6 @@ def test_so_is_one_with_something_after_its_end(
     assert isinstance(
         refused(tmp_path / "m.onnx", content(eight_classes.model) + more), BrokenSeal
     )
-
-
-class Trap:
-    """What a pickle could do when it is read."""
-
-    def __reduce__(self) -> tuple[Callable[..., Any], tuple[str]]:
-        return (exec, ("raise SystemExit('the pickle was read')",))
 
 
 FOREIGN: dict[str, tuple[Callable[[], bytes], str]] = {

@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-from functools import cache
-from typing import TYPE_CHECKING
-
 import msgspec
 import numpy as np
-import onnxruntime as ort
 import pytest
+from small_model import session_of
 
 from holdfast.core.contract import CLASSES, BoolArray, FloatArray
-from holdfast.edge_runtime.graph import StepGraph, open_session, run_recording
-from holdfast.export.features import feature_graph
+from holdfast.edge_runtime.graph import StepGraph, run_recording
 from holdfast.export.guard import reference_contact
 from holdfast.export.heads import ByForce
 from holdfast.export.spec import ContactRule, StepSpec
 from holdfast.export.verify import touching_input
-
-if TYPE_CHECKING:
-    pass
 
 RATE_HZ = 100.0
 SPEC = StepSpec(6, RATE_HZ, "N", ("now", "scaled_sums"))
@@ -30,15 +23,10 @@ def rule_of(spec: StepSpec = SPEC) -> ContactRule:
     return spec.contact
 
 
-@cache
-def session_of(spec: StepSpec) -> ort.InferenceSession:
-    return open_session(feature_graph(spec).SerializeToString())
-
-
-def empty_of(values: FloatArray, spec: StepSpec = SPEC) -> BoolArray:
+def empty_of(values: FloatArray) -> BoolArray:
     """[T] whether the graph says that the hand is empty."""
-    valid = np.ones((len(values), spec.n_sensors), np.bool_)
-    out = run_recording(session_of(spec), values, valid, ["empty"])
+    valid = np.ones((len(values), SPEC.n_sensors), np.bool_)
+    out = run_recording(session_of(SPEC), values, valid, ["empty"])
     flags: BoolArray = out["empty"][:, 0]
     return flags
 

@@ -15,13 +15,14 @@ import pytest
 from hard_marks import BAD_SAMPLE, GAPS, MISSING
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from small_model import session_of
 from test_bank import bank_model
 
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.errors import ChannelError
 from holdfast.edge_runtime.graph import Outputs, StepGraph, open_session, run_recording
 from holdfast.edge_runtime.monitor import Model
-from holdfast.export.features import GROUPS, feature_graph
+from holdfast.export.features import GROUPS
 from holdfast.export.guard import reference_flags
 from holdfast.export.spec import RANGE_LIMIT, StepSpec
 
@@ -39,11 +40,6 @@ def spec_of(
     *groups: str, rate_hz: float = 100.0, min_valid_sensors: int = 0
 ) -> StepSpec:
     return StepSpec(SENSORS, rate_hz, "N", groups or tuple(GROUPS), min_valid_sensors)
-
-
-@cache
-def session_of(spec: StepSpec) -> ort.InferenceSession:
-    return open_session(feature_graph(spec).SerializeToString())
 
 
 @cache
@@ -144,14 +140,12 @@ def test_one_sample_after_a_bad_one_the_filter_is_clean_as_if_its_clock_had_stoo
 
 
 @st.composite
-def corrupted(
-    draw: st.DrawFn, sensors: int, length: int = 70
-) -> tuple[FloatArray, BoolArray]:
+def corrupted(draw: st.DrawFn, sensors: int) -> tuple[FloatArray, BoolArray]:
     """A stream with any share of its readings spoilt in any of the ways, from any sample to any
     other."""
-    values, valid = clean(length, seed=draw(st.integers(0, 2**16)), sensors=sensors)
+    values, valid = clean(70, seed=draw(st.integers(0, 2**16)), sensors=sensors)
     rng = np.random.default_rng(draw(st.integers(0, 2**16)))
-    first, last = sorted((draw(st.integers(0, length)), draw(st.integers(0, length))))
+    first, last = sorted((draw(st.integers(0, 70)), draw(st.integers(0, 70))))
     share = draw(st.sampled_from([0.02, 0.3, 0.9, 1.0]))
     inside = np.zeros_like(values, dtype=np.bool_)
     inside[first:last] = rng.random((last - first, values.shape[1])) < share
@@ -194,9 +188,9 @@ def opened(path: Path) -> Model:
 
 
 @st.composite
-def gaps(draw: st.DrawFn, length: int = 260) -> BoolArray:
+def gaps(draw: st.DrawFn) -> BoolArray:
     """good [T, n]: runs of good and bad samples of any length, on every sensor for itself."""
-    good = np.ones((length, SENSORS), dtype=np.bool_)
+    good = np.ones((260, SENSORS), dtype=np.bool_)
     for sensor in range(SENSORS):
         runs = draw(
             st.lists(

@@ -45,14 +45,12 @@ def rows_of(n: int, seed: int = 0) -> FloatRows:
 
 
 @cache
-def learner_of(kind: str, n_classes: int = 8, without: int | None = None) -> Learner:
-    """A learner of a rule that the first feature decides. without: a class it never sees."""
+def learner_of(kind: str, n_classes: int = 8) -> Learner:
+    """A learner of a rule that the first feature decides."""
     rows = rows_of(300)
     label = np.clip(
         (2.0 * rows[:, 0] + n_classes / 2).astype(np.int64), 0, n_classes - 1
     )
-    kept = label != without
-    rows, label = rows[kept], label[kept]
     if kind == "network":
         return Learner(network=fit_network(PLAN, rows, label, n_classes, 0))
     forest = FOREST.build(0, n_jobs=1).fit(rows, label)

@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pooled_reference import PooledReference
+from small_model import session_of
 
 from holdfast.core.contract import NORMAL_FLOOR, BoolArray, FloatArray, Unit
 from holdfast.core.errors import UsageError
@@ -45,11 +46,6 @@ if TYPE_CHECKING:
 RATES_HZ = (50.0, 58.9, 150.0)
 HISTORY_S = 0.5
 Stream = tuple[FloatArray, BoolArray]
-
-
-@cache
-def session_of(spec: StepSpec) -> ort.InferenceSession:
-    return open_session(feature_graph(spec).SerializeToString())
 
 
 @cache

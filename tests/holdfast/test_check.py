@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import Run, fails
-from own_data import write_meta, write_people_folders, write_phases
+from own_data import rewrite, write_meta, write_people_folders, write_phases
 
 from holdfast.core.contract import SITUATIONS, channel_names
 from holdfast.core.errors import DataError, EmptyRecording
@@ -217,13 +217,6 @@ def test_a_rate_that_is_too_low_for_training_is_an_error_of_the_set(
 
 
 # -- what would make figures silently wrong
-
-
-def rewrite(path: Path, change: Callable[[np.ndarray], np.ndarray]) -> None:
-    """A trial's table [T, columns], changed."""
-    header = path.read_text().split("\n", 1)[0]
-    table = change(np.loadtxt(path, delimiter=",", skiprows=1))
-    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.6f")
 
 
 def cut_off(own: Path) -> None:

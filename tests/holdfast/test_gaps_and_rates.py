@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 from command_line import Run, fails
 from live_bench import DEFAULT
+from own_data import rewrite
 
 from holdfast.core.contract import GRASP
 from holdfast.core.errors import EmptyRecording
@@ -37,21 +37,15 @@ def made(tmp_path: Path) -> Path:
     return tmp_path / "set"
 
 
-def changed(path: Path, change: Callable[[np.ndarray], np.ndarray]) -> None:
-    header = path.read_text().split("\n", 1)[0]
-    table = change(np.loadtxt(path, delimiter=",", skiprows=1))
-    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.7f")
-
-
-def with_a_gap(path: Path, at_s: float, lasts_s: float = GAP_S) -> None:
+def with_a_gap(path: Path, at_s: float) -> None:
     """The trial without the rows of a span."""
 
     def cut(table: np.ndarray) -> np.ndarray:
         t_s = table[:, 0] - table[0, 0]
-        rows: np.ndarray = table[(t_s < at_s) | (t_s >= at_s + lasts_s)]
+        rows: np.ndarray = table[(t_s < at_s) | (t_s >= at_s + GAP_S)]
         return rows
 
-    changed(path, cut)
+    rewrite(path, cut)
 
 
 def onset_s(path: Path) -> float:
@@ -103,7 +97,7 @@ def test_a_trial_is_refused_where_nothing_is_left(run: Run, made: Path) -> None:
         kept: np.ndarray = table[np.arange(len(table)) % 20 < 10]
         return kept
 
-    changed(made / PULL, every_tenth)
+    rewrite(made / PULL, every_tenth)
     with pytest.raises(EmptyRecording, match=r"no 0\.5 s without lost samples"):
         load(made)
     assert "nothing is left" in run("check", made)[1]
@@ -117,7 +111,7 @@ def faster(path: Path, times: int) -> None:
         rows[:, 0] = np.arange(len(rows)) / (50.0 * times)
         return rows
 
-    changed(path, repeated)
+    rewrite(path, repeated)
 
 
 @pytest.mark.parametrize("times", [2, 7])
@@ -148,7 +142,7 @@ def test_another_rate_is_refused_with_the_file_that_fits_or_how_to_train_one(
 ) -> None:
     faster(made / PULL, 4)
     fails(run, 3, "RateError", "replay", DEFAULT, made / PULL, says="use holdfast-50hz")
-    changed(made / PULL, lambda table: table * ([200 / 70] + [1] * 18))
+    rewrite(made / PULL, lambda table: table * ([200 / 70] + [1] * 18))
     fails(run, 3, "RateError", "replay", DEFAULT, made / PULL, says="--rate 70")
 
 
@@ -204,7 +198,7 @@ def test_a_pull_that_ends_before_the_script_acts_is_labelled_by_its_folder(
 ) -> None:
     path = made / PULL
     truth_path(path).unlink()
-    changed(path, lambda table: table[table[:, 0] < table[0, 0] + 6.5])
+    rewrite(path, lambda table: table[table[:, 0] < table[0, 0] + 6.5])
     found = {f"{one.trial_id}.csv": one for one in load(made).recordings}[PULL]
     assert GRASP not in {phase.situation for phase in found.phases}
     assert [one.timed for one in found.events] == [False]

@@ -596,14 +596,6 @@ def test_the_rate_is_asked_and_a_counter_is_a_clock_with_it(
     np.testing.assert_allclose(trial.raw[170:], one.values[170:])
 
 
-def test_a_unit_that_sizes_do_not_tell_is_asked(run: Run, tmp_path: Path) -> None:
-    one = made(1)
-    write_log(tmp_path / "logs/a.csv", one, 1e3 * one.values + 364.2)
-    out = imported(run, tmp_path, *SLIP, code=2)
-    assert "what unit have the readings" in out
-    imported(run, tmp_path, *SLIP, "--unit", "mN")
-
-
 def test_an_axis_that_contradicts_the_names_is_asked(run: Run, tmp_path: Path) -> None:
     one = made(1)
     turned = np.roll(one.values.reshape(-1, 5, 3), 1, axis=2).reshape(-1, 15)
@@ -765,21 +757,23 @@ def test_two_hands_in_a_folder_are_not_one_set(run: Run, tmp_path: Path) -> None
     assert "4 sensors in N and 5 sensors in N: import each hand on its own" in out
 
 
-SAME_SIZE = {
+UNCLEAR = {
+    "mN": lambda one: 1e3 * one.values + 364.2,
+    # of the size of newtons
     "mT": lambda one: one.values + np.tile([1.1, -2.3, 7.2], 5),
     "g": lambda one: 10.0 * one.values,
 }
 
 
-@pytest.mark.parametrize("unit", SAME_SIZE)
-def test_readings_of_the_size_of_newtons_that_may_be_others_are_asked_for(
+@pytest.mark.parametrize("unit", UNCLEAR)
+def test_a_unit_that_sizes_do_not_tell_is_asked(
     run: Run, tmp_path: Path, unit: str
 ) -> None:
     one = made(1)
-    write_log(tmp_path / "logs/a.csv", one, SAME_SIZE[unit](one))
+    write_log(tmp_path / "logs/a.csv", one, UNCLEAR[unit](one))
     out = imported(run, tmp_path, *SLIP, code=2)
     assert "what unit have the readings" in out
-    imported(run, tmp_path, *SLIP, "--unit", "mT")
+    imported(run, tmp_path, *SLIP, "--unit", unit)
 
 
 def test_labels_that_begin_late_in_a_long_log_are_labels(

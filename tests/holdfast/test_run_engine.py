@@ -94,7 +94,7 @@ def test_both_engines_give_the_same_lines_on_a_virtual_hand_that_loses_a_finger(
     assert len({line["state"] for line in reference}) > 2
 
 
-def run_of(model: Path, *words: str, cwd: Path = ROOT) -> tuple[str, str]:
+def run_of(model: Path, *words: str) -> tuple[str, str]:
     """stdout (exit code, whether onnxruntime was loaded) and stderr of a short run."""
     program = f"""
 import sys
@@ -105,7 +105,7 @@ print(code, "onnxruntime" in sys.modules)
 """
     done = subprocess.run(
         [sys.executable, "-c", program, *words],
-        cwd=cwd,
+        cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,

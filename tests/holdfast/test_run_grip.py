@@ -6,7 +6,7 @@ import os
 import resource
 import signal
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 from unittest.mock import Mock
@@ -45,13 +45,11 @@ def receiver() -> Iterator[UnixReceiver]:
 
 
 @contextmanager
-def to_link(
-    url: str, model: Model, report: Callable[[str], None] = print
-) -> Iterator[GripOutput]:
+def to_link(url: str, model: Model) -> Iterator[GripOutput]:
     """The controller on a link, closed as a run closes it."""
-    control = controller_for("holdfast", model.card, report)
+    control = controller_for("holdfast", model.card, print)
     rate_hz = model.card.rate_hz
-    grip = open_grip(url, control, rate_hz, "", VirtualClock(), report)
+    grip = open_grip(url, control, rate_hz, "", VirtualClock(), print)
     with closing_output(grip):
         yield grip
 

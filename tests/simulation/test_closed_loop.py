@@ -45,14 +45,12 @@ CANNOT_TELL = replace(HEARD, opening="larger")
 """And the hand holds on while its wearer opens it."""
 
 
-def firm_loop(
-    scene: Scene, grip_n: float = 45.0, settings: LoopSettings = USUAL
-) -> tuple[ClosedLoop, Firm]:
+def firm_loop(scene: Scene, settings: LoopSettings = USUAL) -> tuple[ClosedLoop, Firm]:
     """All trials of a scene in hands that hold on firmly."""
     made: list[Firm] = []
 
     def make(trials: Sequence[PlannedTrial], rate_hz: float) -> Firm:
-        made.append(Firm(trials, grip_n))
+        made.append(firm_of(trials, rate_hz))
         return made[0]
 
     return ClosedLoop(scene, scene.trials(), slower(), make, settings), made[0]

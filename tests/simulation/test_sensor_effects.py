@@ -121,15 +121,6 @@ def field_ut(z_m: float) -> float:
     return float(1e6 * MU0 * MOMENT_A_M2 / (2.0 * np.pi * z_m**3))
 
 
-def others(*sensors: int) -> list[int]:
-    """Columns of all sensors but these (1 .. 6)."""
-    return [column for column in range(6) if column + 1 not in sensors]
-
-
-def columns(*sensors: int) -> list[int]:
-    return [number - 1 for number in sensors]
-
-
 # every effect
 
 
@@ -308,7 +299,7 @@ def test_reversed_magnets_turn_exactly_the_named_sensors(sensors: list[int]) -> 
     before = wandering(3)
     after = apply("magnet_reversed", before, sensors=sensors)
     sign = np.ones((6, 1))
-    sign[columns(*sensors)] = -1.0
+    sign[[number - 1 for number in sensors]] = -1.0
     assert np.array_equal(after.values, sign * before.values)
 
 

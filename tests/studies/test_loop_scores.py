@@ -76,8 +76,8 @@ def risky(
     )
 
 
-def handed(action: str = "pass", **held: Any) -> ThreeRuns:
-    return three(trial_of(action), held=held)
+def handed(**held: Any) -> ThreeRuns:
+    return three(trial_of("pass"), held=held)
 
 
 def later(trial: PlannedTrial, extra_s: float) -> dict[str, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,9 @@ from holdfast.core.trial_layout import META, truth_path
 from holdfast.training.fixture import write_fixture
 
 
-def write_people_folders(root: Path, people: int = 2) -> Path:
-    """Generated trials of some people, p01 first: 16 of each, one of them the hand alone."""
-    for number in range(1, people + 1):
+def write_people_folders(root: Path) -> Path:
+    """Generated trials of p01 and p02: 16 of each, one of them the hand alone."""
+    for number in (1, 2):
         person = root / f"p{number:02d}"
         write_fixture(person, trials_per_cell=1, seed=number)
         (person / META).unlink()
@@ -21,11 +22,11 @@ def write_people_folders(root: Path, people: int = 2) -> Path:
     return root
 
 
-def write_phases(path: Path, *labels: str, seconds: float = 2.0) -> Path:
+def write_phases(path: Path, *labels: str) -> Path:
     """A trial of noise at 50 Hz, sheared and pressed while it is held, with a truth of these
-    situations, one after the other."""
+    situations, two seconds of each."""
     path.parent.mkdir(parents=True)
-    n = round(50 * seconds * len(labels))
+    n = 100 * len(labels)
     noise = np.random.default_rng(n).normal(0.0, 0.1, (n, 3))
     for number, label in enumerate(labels):
         noise[number * n // len(labels) :, 1:] += float(label != "nothing")
@@ -33,10 +34,17 @@ def write_phases(path: Path, *labels: str, seconds: float = 2.0) -> Path:
     np.savetxt(path, rows, delimiter=",", header="Time,X1,Y1,Z1", comments="")
     phases = []
     for number, label in enumerate(labels):
-        start_s = seconds * number
-        phases.append({"t0_s": start_s, "t1_s": start_s + seconds, "label": label})
+        start_s = 2.0 * number
+        phases.append({"t0_s": start_s, "t1_s": start_s + 2.0, "label": label})
     truth_path(path).write_text(json.dumps({"phases": phases}), "utf-8")
     return path
+
+
+def rewrite(path: Path, change: Callable[[np.ndarray], np.ndarray]) -> None:
+    """A trial's table [T, columns], changed."""
+    header = path.read_text().split("\n", 1)[0]
+    table = change(np.loadtxt(path, delimiter=",", skiprows=1))
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.12g")
 
 
 def write_meta(folder: Path, **keys: object) -> None:

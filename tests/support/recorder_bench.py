@@ -112,12 +112,11 @@ def context_of(
     clock: VirtualClock,
     keys: Keys,
     messages: list[str] | None = None,
-    stopped: Callable[[], bool] = never,
     **more: Any,
 ) -> RunContext:
     """A run without a terminal; more: further fields of a RunContext."""
     messages = [] if messages is None else messages
-    return RunContext(clock, keys, Display(messages.append), stopped, **more)
+    return RunContext(clock, keys, Display(messages.append), never, **more)
 
 
 def cup_pull(out: Path) -> list[object]:

@@ -6,21 +6,23 @@ from __future__ import annotations
 import hashlib
 import json
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import onnx
+import onnxruntime as ort
 
 from holdfast.core.contract import CLASSES, SITUATIONS, Unit
 from holdfast.edge_runtime.decision import DecisionRules
+from holdfast.edge_runtime.graph import open_session
 from holdfast.edge_runtime.model_file import CARD_KEY, SEAL_KEY
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.export.artifact import Artifact
 from holdfast.export.exporting import model_card, seal, whole_graph
-from holdfast.export.features import feature_count
+from holdfast.export.features import feature_count, feature_graph
 from holdfast.export.heads import Calibration, Head
 from holdfast.export.learner import Learner, votes_of_trees
 from holdfast.export.spec import BandsLeftOut, StepSpec
@@ -116,16 +118,28 @@ def graph_of(made: Artifact) -> onnx.ModelProto:
 
 
 @cache
-def sealed_bytes(eight: bool = True) -> bytes:
-    """A sealed model of two sensors at 50 Hz: eight classes and a further head, or four
-    situations."""
-    made = artifact(spec(), eight)
+def session_of(spec: StepSpec) -> ort.InferenceSession:
+    """The step of this without a model: features, and what is known of the sample."""
+    return open_session(feature_graph(spec).SerializeToString())
+
+
+@cache
+def sealed_bytes() -> bytes:
+    """A sealed model of two sensors at 50 Hz: eight classes and a further head."""
+    made = artifact(spec())
     return seal(graph_of(made), model_card(made), made.spec)
 
 
 def card_of(data: bytes) -> dict[str, Any]:
     """The card inside a model file."""
     return dict(json.loads(metadata_of(data)[CARD_KEY]))
+
+
+class Trap:
+    """What a pickle could do when it is read."""
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[str]]:
+        return (exec, ("raise SystemExit('the pickle was read')",))
 
 
 def metadata_of(data: bytes) -> dict[str, str]:

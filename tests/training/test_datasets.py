@@ -23,10 +23,10 @@ from holdfast.training.datasets import join, load
 from holdfast.training.recording import DataSet
 
 
-def write_eflesh(root: Path, n_trials: int = 20) -> Path:
+def write_eflesh(root: Path) -> Path:
     """Every second trial is tugged from row 150 on."""
-    tugged = np.arange(n_trials) % 2
-    field = np.random.default_rng(1).standard_normal((n_trials, 300, 30)) + 500.0
+    tugged = np.arange(20) % 2
+    field = np.random.default_rng(1).standard_normal((20, 300, 30)) + 500.0
     field[tugged == 1, 150:] += 400.0
     np.savez(
         root / "eflesh_slip.npz", X=field.astype(np.float32), y=tugged.astype(np.int8)
