@@ -316,22 +316,22 @@ def test_words_of_the_lab_streaming_layer_are_put_on_the_runs_clock():
 
 # -- files
 
-HEAD = INTENT_HEADER
-
 
 def test_a_file_reads_back_as_it_was_written_without_silences_and_a_torn_line(tmp_path):
     path = tmp_path / "trial_1.intent.csv"
     items = [Intent(1_600_000_000, "open"), Intent(1_900_000_001, "unknown")]
     rows = [intent_row(one, 10**9, 5) for one in items]
-    path.write_text("\n".join([HEAD, *rows, "1.0,7,op"]), encoding="utf-8")
-    assert path.read_text("utf-8").startswith(f"{HEAD}\n0.600000,1600000005,open\n")
+    path.write_text("\n".join([INTENT_HEADER, *rows, "1.0,7,op"]), encoding="utf-8")
+    assert path.read_text("utf-8").startswith(
+        f"{INTENT_HEADER}\n0.600000,1600000005,open\n"
+    )
     assert read_intent(path) == [Intent(600_000_000, "open")]
 
 
 def test_the_words_of_an_older_file_with_envelopes_are_read(tmp_path):
     path = tmp_path / "trial_1.intent.csv"
     lines = [
-        f"{HEAD},envelope 1 (0 to 1)",
+        f"{INTENT_HEADER},envelope 1 (0 to 1)",
         "0.5,7,open,",
         "0.6,8,,0.25",
         "0.7,9,rest,",
@@ -344,7 +344,7 @@ def test_the_words_of_an_older_file_with_envelopes_are_read(tmp_path):
 @pytest.mark.parametrize("line", ["soon,5,open", "0.1,5,shut", "open"])
 def test_a_damaged_file_is_an_error_with_its_place(tmp_path, line):
     path = tmp_path / "trial_1.intent.csv"
-    path.write_text(f"{HEAD}\n{line}\n", encoding="utf-8")
+    path.write_text(f"{INTENT_HEADER}\n{line}\n", encoding="utf-8")
     with pytest.raises(NotANumber, match=r"line 2: .*") as raised:
         read_intent(path)
     assert "trial_1.intent.csv" in str(raised.value)

@@ -96,10 +96,6 @@ def test_the_json_has_rate_unit_mass_labels_and_their_sources(
     assert windows["risky_slip_light"] > 0 < windows["risky_slip_heavy"]
 
 
-def without_a_mass(own: Path) -> None:
-    (own / "p01/soft-ball").rename(own / "p01/mug")
-
-
 def with_a_trial_off_the_script(own: Path) -> None:
     truth_path(own / "p02" / FALL).write_text('{"action_at_s": 0.5}')
 
@@ -167,7 +163,7 @@ def missing(report: dict, level: str) -> str:
 
 
 def test_an_object_without_a_mass_is_trained_on_and_said(run: Run, own: Path) -> None:
-    without_a_mass(own)
+    (own / "p01/soft-ball").rename(own / "p01/mug")
     report = reported(run, own)
     assert (report["readable"], report["trainable"]) == (True, True)
     said = missing(report, "advice")

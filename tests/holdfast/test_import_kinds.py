@@ -270,12 +270,12 @@ def test_readings_of_any_form_are_the_same_trials_and_the_action_is_asked(
 
 
 def labelled(
-    logs: Path, trials: Trials, words: Callable[[Made], list[str]], name: str
+    folder: Path, trials: Trials, words: Callable[[Made], list[str]], name: str
 ) -> None:
     """A column of labels beside the readings."""
     for k, one in enumerate(trials, 1):
         names = ["time_s", *axes(5), name]
-        write_log(logs / f"log{k}.csv", one, names=names, texts=words(one))
+        write_log(folder / f"logs/log{k}.csv", one, names=names, texts=words(one))
 
 
 def sparse(one: Made, *words: str) -> list[str]:
@@ -330,7 +330,7 @@ def test_a_column_of_labels_says_when_it_slips(
     run: Run, tmp_path: Path, form: str
 ) -> None:
     name, words = COLUMNS[form]
-    labelled(tmp_path / "logs", [made(1), made(2)], words, name)
+    labelled(tmp_path, [made(1), made(2)], words, name)
     out = imported(run, tmp_path)
     assert "2 trials: 2 slip" in out
     for k in (1, 2):
@@ -359,7 +359,7 @@ def test_markers_at_the_ends_of_lines_of_tabs_are_labels(
 
 
 def test_trials_without_the_mark_of_a_slip_are_held(run: Run, tmp_path: Path) -> None:
-    labelled(tmp_path / "logs", [made(1)], lambda one: one.words("0", "0", "1"), "slip")
+    labelled(tmp_path, [made(1)], lambda one: one.words("0", "0", "1"), "slip")
     one = made(2)
     names = ["time_s", *axes(5), "slip"]
     write_log(tmp_path / "logs/log2.csv", one, names=names, texts=["0"] * len(one.t_s))
@@ -370,7 +370,7 @@ def test_trials_without_the_mark_of_a_slip_are_held(run: Run, tmp_path: Path) ->
 def test_a_mark_in_one_row_lasts_to_the_end_of_the_touch(
     run: Run, tmp_path: Path
 ) -> None:
-    labelled(tmp_path / "logs", [made(1)], moment, "slip_onset")
+    labelled(tmp_path, [made(1)], moment, "slip_onset")
     out = imported(run, tmp_path)
     assert "to the end of the contact" in out
     *_, slip = phases_of(tmp_path / "set/object/slip/trial_1.csv")
@@ -380,7 +380,7 @@ def test_a_mark_in_one_row_lasts_to_the_end_of_the_touch(
 def test_a_mark_of_the_touch_alone_does_not_say_what_happens(
     run: Run, tmp_path: Path
 ) -> None:
-    labelled(tmp_path / "logs", [made(1)], lambda one: one.words("0", "1", "1"), "on")
+    labelled(tmp_path, [made(1)], lambda one: one.words("0", "1", "1"), "on")
     assert "what happens in these trials?" in imported(run, tmp_path, code=2)
 
 
@@ -388,9 +388,7 @@ def test_a_mark_of_the_touch_alone_does_not_say_what_happens(
 def test_what_only_the_action_explains_is_asked_once(
     run: Run, tmp_path: Path, words: tuple[str, str, str]
 ) -> None:
-    labelled(
-        tmp_path / "logs", [made(1), made(2)], lambda one: one.words(*words), "zustand"
-    )
+    labelled(tmp_path, [made(1), made(2)], lambda one: one.words(*words), "zustand")
     asked = imported(run, tmp_path, code=2)
     assert f"what is '{words[2]}' in column zustand?" in asked
     for answer in ("slip", f"{words[2]}=slip"):
@@ -453,7 +451,7 @@ def test_a_table_of_events_says_when_it_slips(
 
 
 def in_one_file(
-    logs: Path, trials: Trials, begins_s: list[float], **columns: list[str]
+    folder: Path, trials: Trials, begins_s: list[float], **columns: list[str]
 ) -> None:
     rows, texts = [], []
     for k, one in enumerate(trials):
@@ -461,7 +459,10 @@ def in_one_file(
         texts += [",".join(cells[k] for cells in columns.values())] * len(one.t_s)
     names = ["time_s", *axes(5), *columns]
     write_text(
-        logs / "all.csv", names, np.concatenate(rows), texts=texts if columns else None
+        folder / "logs/all.csv",
+        names,
+        np.concatenate(rows),
+        texts=texts if columns else None,
     )
 
 
@@ -477,7 +478,7 @@ MANY: dict[str, tuple[list[float], dict[str, list[str]]]] = {
 def test_one_file_is_cut_into_its_trials(run: Run, tmp_path: Path, form: str) -> None:
     trials = [made(k) for k in (1, 2, 3)]
     begins_s, columns = MANY[form]
-    in_one_file(tmp_path / "logs", trials, begins_s, **columns)
+    in_one_file(tmp_path, trials, begins_s, **columns)
     out = imported(run, tmp_path, *SLIP)
     assert "3 trials: 3 slip" in out
     for k, one in enumerate(trials, 1):
@@ -494,7 +495,7 @@ def test_columns_name_who_does_what(
 ) -> None:
     trials = [made(k) for k in (1, 2)]
     columns = {"run": ["1", "2"], "subject": ["anna", "ben"], heading: ["slip", other]}
-    in_one_file(tmp_path / "logs", trials, [0.0, 5.0], **columns)
+    in_one_file(tmp_path, trials, [0.0, 5.0], **columns)
     imported(run, tmp_path)
     assert (tmp_path / "set/anna/object/slip/trial_1.csv").is_file()
     assert (tmp_path / f"set/ben/object/{action}/trial_1.csv").is_file()
@@ -740,7 +741,7 @@ def test_a_changed_map_stays_and_one_that_nobody_changed_is_written_over(
 def test_an_import_ends_with_a_picture_and_the_words_of_check(
     run: Run, tmp_path: Path
 ) -> None:
-    labelled(tmp_path / "logs", [made(1)], lambda one: one.words("0", "0", "1"), "slip")
+    labelled(tmp_path, [made(1)], lambda one: one.words("0", "0", "1"), "slip")
     out = run("import", tmp_path / "logs", "--out", tmp_path / "set", "--yes")[1]
     picture = (tmp_path / "set/first-trial.svg").read_text("utf-8")
     assert re.search("grip, .*load, .*truth", picture, re.DOTALL)
@@ -761,7 +762,7 @@ UNCLEAR = {
     "mN": lambda one: 1e3 * one.values + 364.2,
     # of the size of newtons
     "mT": lambda one: one.values + np.tile([1.1, -2.3, 7.2], 5),
-    "g": lambda one: 10.0 * one.values,
+    "gf": lambda one: 10.0 * one.values,
 }
 
 
@@ -795,11 +796,9 @@ def test_a_word_that_a_map_does_not_know_is_never_passed_over(
     run: Run, tmp_path: Path
 ) -> None:
     words = ("import", tmp_path / "logs", "--out")
-    labelled(tmp_path / "logs", [made(1)], moment, "slip_onset")
+    labelled(tmp_path, [made(1)], moment, "slip_onset")
     assert run(*words, tmp_path / "set", "--yes")[0] == 0
-    labelled(
-        tmp_path / "logs", [made(1)], lambda one: one.words("0", "0", "7"), "slip_onset"
-    )
+    labelled(tmp_path, [made(1)], lambda one: one.words("0", "0", "7"), "slip_onset")
     code, _, err = run(*words, tmp_path / "new", "--map", tmp_path / "set/import.toml")
     assert code == 3
     assert "the label '7' is no situation" in err

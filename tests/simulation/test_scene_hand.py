@@ -3,16 +3,15 @@ the bytes of all other hands as before."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from long_steps import texture_in_any_step  # noqa: F401  a fixture
 
 from holdfast.core.hand_card import HandCard
 from holdfast.core.trial_file import read_trial
-from holdfast.simulation.contacts import EFFECTS
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.objects import hand_of_counts
 from holdfast.simulation.protocol import PlannedTrial
@@ -58,14 +57,6 @@ def scene(tmp_path: Path, text: str) -> Scene:
     path = tmp_path / "mine.toml"
     path.write_text(text, encoding="utf-8")
     return Scene(read_scene_file(str(path)), 0)
-
-
-@pytest.fixture
-def texture_in_any_step(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Texture takes part in steps that are too long for its physics."""
-    monkeypatch.setitem(
-        EFFECTS, "texture", replace(EFFECTS["texture"], longest_step_s=math.inf)
-    )
 
 
 def trials_of(tmp_path: Path, text: str) -> list[SimulatedTrial]:

@@ -4,12 +4,12 @@ name."""
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from long_steps import texture_in_any_step  # noqa: F401  a fixture
 
 from holdfast.cli.main import main
 from holdfast.core.contract import SITUATIONS
@@ -72,14 +72,6 @@ def make(tmp_path: Path, text: str = CORE, seed: int = 0) -> Scene:
     path = tmp_path / "mine.toml"
     path.write_text(text, encoding="utf-8")
     return Scene(read_scene_file(str(path)), seed)
-
-
-@pytest.fixture
-def texture_in_any_step(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Texture takes part in steps that are too long for its physics."""
-    effects = module_effects("texture")
-    any_step = replace(effects["texture"], longest_step_s=math.inf)
-    monkeypatch.setitem(effects, "texture", any_step)
 
 
 def trials_of(scene: Scene) -> list[SimulatedTrial]:

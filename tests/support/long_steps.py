@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from holdfast.simulation import scene_file
+from holdfast.simulation.contacts import EFFECTS
 from holdfast.simulation.scene_file import STEP_S, SceneFile
 
 
@@ -27,3 +30,10 @@ def long_steps(step_s: float = 0.0067) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(scene_file, "SceneFile", coarse)
         yield
+
+
+@pytest.fixture
+def texture_in_any_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Texture takes part in steps that are too long for its physics."""
+    any_step = replace(EFFECTS["texture"], longest_step_s=math.inf)
+    monkeypatch.setitem(EFFECTS, "texture", any_step)
