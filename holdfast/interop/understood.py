@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from holdfast.core.column_map import SensorColumns, TimeColumn
-from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.contract import UNIT_OF, BoolArray, FloatArray
+from holdfast.core.errors import UsageError
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
 from holdfast.interop.columns import usual_step
 from holdfast.interop.logs import LogPlace
@@ -24,6 +25,7 @@ class Answers:
     """What the command line says. action: a word for all trials, or `word=action,word=action`.
 
     person, object: a name, or several of those in the paths. normal: x, y or z. rate: in Hz.
+    Raises UsageError for a unit that nobody knows.
     """
 
     action: str = ""
@@ -32,6 +34,12 @@ class Answers:
     unit: str = ""
     rate: float | None = None
     normal: str = ""
+
+    def __post_init__(self) -> None:
+        if self.unit not in ("", *UNIT_OF):
+            raise UsageError(
+                f"--unit {self.unit}", next_step=f"one of {', '.join(UNIT_OF)}"
+            )
 
     @property
     def actions(self) -> dict[str, str]:
