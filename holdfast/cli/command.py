@@ -172,13 +172,9 @@ def _as_ours(error: Exception) -> HoldfastError:
 
 
 def _one_line_to(on_stderr: Callable[[str], object]) -> Callable[..., None]:
+    # file, line and the like are not shown
     def show_warning(
-        message: Warning | str,
-        category: type[Warning],
-        filename: str,
-        lineno: int,
-        file: TextIO | None = None,
-        line: str | None = None,
+        message: Warning | str, category: type[Warning], *_: object, **__: object
     ) -> None:
         on_stderr(f"warning: {category.__name__}: {one_line(str(message))}")
 

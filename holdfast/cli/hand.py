@@ -16,7 +16,7 @@ from __future__ import annotations
 import argparse
 import sys
 from contextlib import closing, suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from datetime import date
 from importlib.resources import files
 from pathlib import Path
@@ -28,7 +28,6 @@ from holdfast.cli.command import (
     add_json_option,
     add_out_option,
     path_argument,
-    positive,
     require_results_writable,
     show,
     show_found,
@@ -178,17 +177,7 @@ def add_calibrate_arguments(parser: argparse.ArgumentParser) -> None:
         default="N",
         help="unit of the loads (default N)",
     )
-    option(
-        "--shear-gain",
-        type=positive,
-        metavar="X",
-        help="shear over normal force, as read over true, where it is known (default: measured)",
-    )
     add_json_option(parser)
-    today = date.today().isoformat()
-    option(
-        "--date", default=today, metavar="DAY", help="day of the loads (default today)"
-    )
 
 
 def run_calibrate(args: argparse.Namespace) -> int:
@@ -204,10 +193,7 @@ def run_calibrate(args: argparse.Namespace) -> int:
     require_writable(args.out.parent)
     require_results_writable(args)
     loads = read_loads(args.path, args.load_unit)
-    fit = calibrate(loads, args.path.name, args.date)
-    if args.shear_gain is not None:
-        known = replace(fit.calibration, shear_gain=args.shear_gain)
-        fit = replace(fit, calibration=known)
+    fit = calibrate(loads, args.path.name, date.today().isoformat())
     write_calibration(args.out, fit.calibration)
     found = as_json(loads, fit)
     words = "\n".join([*in_words(found), f"  written: {args.out}"])

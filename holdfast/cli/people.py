@@ -176,7 +176,16 @@ def run_study(args: argparse.Namespace) -> int:
         show("\n".join(protocol.listing()))
         return 0
 
-    _require_study_options(args)
+    # An option that is missing, or that goes with no other.
+    needed = ["out", "person"]
+    # Reports and withdrawals work on files alone, without a hand.
+    if not args.report and not args.withdraw:
+        needed.append("source")
+    for option in needed:
+        if getattr(args, option) is None:
+            step = "holdfast study --help shows all"
+            raise UsageError(f"--{option} is missing", next_step=step)
+
     if args.withdraw:
         done = withdraw_person(args.out, args.person, sys.stdin)
         return 0 if done else 1
@@ -189,18 +198,6 @@ def run_study(args: argparse.Namespace) -> int:
 
     show("\n".join(write_participant_report(args.out, args.person, protocol)))
     return 0
-
-
-def _require_study_options(args: argparse.Namespace) -> None:
-    """Raise UsageError for an option that is missing, or that goes with no other."""
-    needed = ["out", "person"]
-    # Reports and withdrawals work on files alone, without a hand.
-    if not args.report and not args.withdraw:
-        needed.append("source")
-    for option in needed:
-        if getattr(args, option) is None:
-            step = "holdfast study --help shows all"
-            raise UsageError(f"--{option} is missing", next_step=step)
 
 
 # -- watch

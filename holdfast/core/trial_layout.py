@@ -75,9 +75,14 @@ SITUATION_OF_ACTION = MappingProxyType(
 
 Of a tug, a weight that is added and a grip that relaxes: where the object slips, else a grasp.
 """
-VOLUNTARY_ACTIONS = tuple(
-    name for name, situation in SITUATION_OF_ACTION.items() if situation == "safe_slip"
-)
+
+
+def _actions_of(situation: str) -> tuple[str, ...]:
+    """The actions of a situation."""
+    return tuple(one for one, its in SITUATION_OF_ACTION.items() if its == situation)
+
+
+VOLUNTARY_ACTIONS = _actions_of("safe_slip")
 THESIS_ACTIONS = ("pass", "put-down", "pull", "fall", "nothing")
 """Actions of the thesis' script."""
 OTHER_ACTIONS = tuple(
@@ -88,13 +93,9 @@ UNSCRIPTED = (*OTHER_ACTIONS, "daily")
 """Actions whose labels come only from the truth file of a trial."""
 LABELLED_ACTIONS = ("hold", "slip")
 """Actions that need no truth: whether the object slipped is all that is known of a trial."""
-HELD_ACTIONS = tuple(
-    name for name, situation in SITUATION_OF_ACTION.items() if situation == "grasp"
-)
+HELD_ACTIONS = _actions_of("grasp")
 """Actions in which the object should stay in the hand."""
-RISKY_ACTIONS = tuple(
-    name for name, situation in SITUATION_OF_ACTION.items() if situation == "risky_slip"
-)
+RISKY_ACTIONS = _actions_of("risky_slip")
 
 
 def truth_path(trial: Path) -> Path:

@@ -111,7 +111,16 @@ class Fingers:
     def bring_up_all(self, bus: Bus) -> list[DeviceError | None]:
         """Check the muxes and bring up every finger; what is wrong with each, or None."""
         self._require_muxes(bus)
-        return [self._bring_up_patiently(bus, k) for k in range(len(self._states))]
+        failures = []
+        # again if another chip seems to answer
+        for k in range(len(self._states)):
+            for _ in range(TRIES_AT_START):
+                failure = self._bring_up(bus, k)
+                # silence does not change by asking again; a wrong answer may be noise
+                if not isinstance(failure, WrongDevice):
+                    break
+            failures.append(failure)
+        return failures
 
     def settle(self, bus: Bus) -> None:
         """Read until each finger has converted: the next reading can then be valid."""
@@ -151,15 +160,6 @@ class Fingers:
                 raise _no_mux(mux, another_chip=bool(plain_read(bus, mux)))
             # the test for a mux ends with all its channels disabled
             self._planner.masks[mux] = 0
-
-    def _bring_up_patiently(self, bus: Bus, k: int) -> DeviceError | None:
-        """Bring up a finger, again if another chip seems to answer; its failure or None."""
-        for _ in range(TRIES_AT_START):
-            failure = self._bring_up(bus, k)
-            # silence does not change by asking again; a wrong answer may be noise
-            if not isinstance(failure, WrongDevice):
-                break
-        return failure
 
     def _bring_up(self, bus: Bus, k: int) -> DeviceError | None:
         """Make a finger ready; what is wrong with it, or None. Raises what the bridge raises."""

@@ -96,7 +96,13 @@ class Hand:
         try:
             replies = self._driven.scan(bus)
         except BusStuck as error:
-            return self._free(bus, t_ns, error)
+            # nine clocks; where they do not help, the bridge is closed and opened again
+            self._complain(error)
+            try:
+                bus.clear()
+            except DeviceError as worse:
+                return self._give_up(t_ns, worse)
+            return self._no_reading(t_ns, "stuck")
         except TransferFailed as error:
             # single failures happen on any USB; a row of them does not heal by itself
             self._failures += 1
@@ -137,15 +143,6 @@ class Hand:
             self._bus = None
 
     # -- the recovery ladder
-
-    def _free(self, bus: Bus, t_ns: int, error: DeviceError) -> SourceReading:
-        """Send nine clocks; where they do not help, close the bridge and open it again."""
-        self._complain(error)
-        try:
-            bus.clear()
-        except DeviceError as worse:
-            return self._give_up(t_ns, worse)
-        return self._no_reading(t_ns, "stuck")
 
     def _give_up(self, t_ns: int, error: DeviceError) -> SourceReading:
         """Close the bridge; the next readings look for it."""

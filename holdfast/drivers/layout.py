@@ -122,15 +122,6 @@ def muxes_of(fingers: Sequence[Finger]) -> frozenset[int]:
     return frozenset(one.mux for one in fingers if one.channel is not None)
 
 
-def masks_of(channels: frozenset[Channel], muxes: frozenset[int]) -> dict[int, int]:
-    """Each mux's mask that enables these channels only; muxes that enable none come first."""
-    masks = dict.fromkeys(sorted(muxes), 0)
-    for mux, channel in channels:
-        masks[mux] |= 1 << channel
-    # a channel is disabled before another one with the same addresses is enabled
-    return dict(sorted(masks.items(), key=lambda item: bool(item[1])))
-
-
 # -- muxes on a bus
 
 ALIKE_BYTES = 8
@@ -245,7 +236,11 @@ class ScanPlanner:
 
     def select(self, channels: frozenset[Channel]) -> list[Transfer]:
         """Mux writes that enable these channels and disable the others; none where that holds."""
-        wanted = masks_of(channels, self.muxes) if channels else {}
+        masks = dict.fromkeys(sorted(self.muxes) if channels else (), 0)
+        for mux, channel in channels:
+            masks[mux] |= 1 << channel
+        # a channel is disabled before another one with the same addresses is enabled
+        wanted = dict(sorted(masks.items(), key=lambda item: bool(item[1])))
         writes = [
             enable_channels(mux, mask)
             for mux, mask in wanted.items()

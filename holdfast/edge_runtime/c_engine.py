@@ -51,7 +51,12 @@ class CompiledModel:
             raise _refused(what, where, cause) from None
 
         _require_same(self._library.holdfast_digest().decode(), digest, where)
-        self.card, self._out_type = card_of(about["card"], digest, path), _layout(about)
+        self.card = card_of(about["card"], digest, path)
+        fields = []
+        for one in about["outputs"]:
+            fields.append((one["name"], one["dtype"], tuple(one["shape"])))
+        # the layout of `holdfast_out`, aligned as C does
+        self._out_type = np.dtype(fields, align=True)
         golden = golden_from_json(about["golden"])
         check_golden(golden, self._golden_answers(list(golden)), str(where))
 
@@ -141,11 +146,3 @@ def _require_same(digest: str, of_file: str, where: Path) -> None:
 def _refused(what: str, where: Path, cause: str) -> LibraryRefused:
     step = "holdfast export MODEL --to c --force"
     return LibraryRefused(what, where=where, cause=cause, next_step=step)
-
-
-def _layout(about: Json) -> np.dtype[Any]:
-    """The layout of `holdfast_out`: the fields in model.json, aligned as C does."""
-    fields = []
-    for one in about["outputs"]:
-        fields.append((one["name"], one["dtype"], tuple(one["shape"])))
-    return np.dtype(fields, align=True)

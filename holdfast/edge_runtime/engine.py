@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Final, Protocol
 
 from holdfast.core.errors import LibraryRefused, ModelError, UsageError
@@ -69,7 +68,17 @@ class ModelChoice:
         for library in [folder / LIBRARY for folder in found]:
             if library.is_file():
                 try:
-                    return _own_library(self.path, library)
+                    # a library that nobody named: what it does is not known before it runs, and
+                    # the working folder may be anybody's
+                    if library.stat().st_uid not in (0, os.getuid()):
+                        raise LibraryRefused(
+                            "the library belongs to another user",
+                            where=library,
+                            next_step="name it if you trust it: library = in holdfast.toml",
+                        )
+                    from holdfast.edge_runtime.c_engine import CompiledModel
+
+                    return CompiledModel(self.path, library)
                 except ModelError as error:
                     why_not = f"{error}; until then onnxruntime computes the step"
 
@@ -78,17 +87,3 @@ class ModelChoice:
         opened = Model(self.path)
         opened.engine = why_not
         return opened
-
-
-def _own_library(model: str, library: Path) -> OpenedModel:
-    """A library that nobody named. Raises LibraryRefused."""
-    # what it does is not known before it runs, and the working folder may be anybody's
-    if library.stat().st_uid not in (0, os.getuid()):
-        raise LibraryRefused(
-            "the library belongs to another user",
-            where=library,
-            next_step="name it if you trust it: library = in holdfast.toml",
-        )
-    from holdfast.edge_runtime.c_engine import CompiledModel
-
-    return CompiledModel(model, library)

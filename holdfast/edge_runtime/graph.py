@@ -6,7 +6,7 @@ step of B hands, whatever computes it; StepGraph is that of onnxruntime.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -205,7 +205,10 @@ def step_recordings(
 ) -> list[Outputs]:
     """As `run_recordings`, by a step of any engine."""
     results: list[Outputs] = [{} for _ in values]
-    for batch in _batches(values):
+    # of similar length, so that little of a batch is padding
+    order = sorted(range(len(values)), key=lambda index: len(values[index]))
+    for start in range(0, len(order), BATCH):
+        batch = order[start : start + BATCH]
         graph = steps(len(batch))
         wanted = [rows[index] for index in batch]
         kept = _KeptRows(wanted, graph.out)
@@ -258,14 +261,6 @@ class _KeptRows:
         """The wanted rows of one recording of the batch."""
         mine = np.flatnonzero(self._position == position)
         return {name: array[mine] for name, array in self._out.items()}
-
-
-def _batches(values: Sequence[FloatArray]) -> Iterator[list[int]]:
-    """Indices of recordings of similar length, the shortest first."""
-    # of similar length, so that little of a batch is padding
-    order = sorted(range(len(values)), key=lambda index: len(values[index]))
-    for start in range(0, len(order), BATCH):
-        yield order[start : start + BATCH]
 
 
 def _pad(

@@ -103,7 +103,15 @@ def prepared_recording(
     else:
         sign, offset = card.preparation.learn(_resting(bias, card)[None] * factor)
     recording = PreparedRecording(times_s, raw * sign - offset, usable, ours)
-    _require_seconds(recording.rate_hz, card)
+    # times in another unit than seconds: the error names the likely one
+    rate_hz = recording.rate_hz
+    for name, per_s in (("milliseconds", 1e3), ("microseconds", 1e6)):
+        if abs(rate_hz * per_s / card.rate_hz - 1.0) <= RATE_TOLERANCE:
+            raise RateError(
+                f"t_s gives {rate_hz:.4g} Hz: these times look like {name}, not seconds",
+                where=WHERE,
+                next_step=f"divide them by {per_s:g}",
+            )
     return recording
 
 
@@ -156,17 +164,6 @@ def _unit(unit: str | None, card: ModelCard) -> tuple[Unit, float]:
             next_step=f"choose from {', '.join(UNIT_OF)}",
         )
     return UNIT_OF[unit]
-
-
-def _require_seconds(rate_hz: float, card: ModelCard) -> None:
-    """Raise RateError for times in another unit than seconds; the error names the likely one."""
-    for name, per_s in (("milliseconds", 1e3), ("microseconds", 1e6)):
-        if abs(rate_hz * per_s / card.rate_hz - 1.0) <= RATE_TOLERANCE:
-            raise RateError(
-                f"t_s gives {rate_hz:.4g} Hz: these times look like {name}, not seconds",
-                where=WHERE,
-                next_step=f"divide them by {per_s:g}",
-            )
 
 
 def _usable(raw: FloatArray, valid: npt.ArrayLike | None) -> BoolArray:

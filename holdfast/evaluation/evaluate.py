@@ -95,7 +95,15 @@ def evaluate_events(
     # As deployed the confidence is the same for all sets; only the baselines' settings differ.
     thresholds = chosen or sets[0].figures.thresholds
     assert thresholds is not None
-    return all_sets(run.model.card, _by_label(sets), thresholds, request.seed)
+    # Name -> set; a second set of the same name has a number behind it.
+    scored: dict[str, ScoredSet] = {}
+    for one in sets:
+        label = one.figures.card.name
+        # The same scene with two seeds gives two sets of one name.
+        if label in scored:
+            label = f"{label} ({len(scored) + 1})"
+        scored[label] = one
+    return all_sets(run.model.card, scored, thresholds, request.seed)
 
 
 def _scored(
@@ -108,18 +116,6 @@ def _scored(
     """One set, scored by any process."""
     run = _Run(model.open(), request, ignored, ignored)
     return run.scored(name, run.baselines(forest), chosen)
-
-
-def _by_label(sets: Sequence[ScoredSet]) -> dict[str, ScoredSet]:
-    """Name -> set; a second set of the same name has a number behind it."""
-    scored: dict[str, ScoredSet] = {}
-    for one in sets:
-        label = one.figures.card.name
-        # The same scene with two seeds gives two sets of one name.
-        if label in scored:
-            label = f"{label} ({len(scored) + 1})"
-        scored[label] = one
-    return scored
 
 
 def _require_apart(request: EvaluationRequest) -> None:

@@ -206,8 +206,11 @@ def distributions(times: dict[str, Times], kind: str) -> str:
             _curve(axes, of.available_ms, "lead available", "#009e73", linestyle="--")
             _curve(axes, of.lead_ms, "lead left at act", "#000000")
             axes.set_title(name, fontsize=9, loc="left")
+            # Further out where most alarms come late.
+            is_late = np.median(to_act) > MOST_MS
+            last_ms = float(np.percentile(to_act, 95)) if is_late else MOST_MS
             # Below 0: an alarm within the collar comes before the load onset.
-            axes.set(xlim=(-20.0, _last_ms(to_act)), ylim=(0.0, 1.02), xlabel="ms")
+            axes.set(xlim=(-20.0, last_ms), ylim=(0.0, 1.02), xlabel="ms")
             axes.axvline(0.0, color=QUIET, linewidth=0.7)
 
         # The last row may have fewer sets than columns.
@@ -218,13 +221,6 @@ def distributions(times: dict[str, Times], kind: str) -> str:
         first.set_ylabel("share of detected events")
         first.legend(frameon=False, fontsize=7, loc="lower right")
         return svg(figure)
-
-
-def _last_ms(to_act_ms: Sequence[float]) -> float:
-    """The right end of a panel, ms: further out where most alarms come late."""
-    if np.median(to_act_ms) <= MOST_MS:
-        return MOST_MS
-    return float(np.percentile(to_act_ms, 95))
 
 
 def _curve(

@@ -157,15 +157,11 @@ def svg(figure: Figure) -> str:
     text = buffer.getvalue()
     # The XML declaration before it has no place inside a page.
     element = text[text.index("<svg") :]
-    return with_label(element, label_of(figure))
-
-
-def label_of(figure: Figure) -> str:
-    """What a figure shows, from its own words: kind, titles, axes and the names in its legends."""
+    # Its own words: kind, titles, axes and the names in its legends.
     panels = [_panel(axes) for axes in figure.axes if axes.get_visible()]
     # Panels that say the same are named once.
     parts = dict.fromkeys([figure.get_suptitle(), *panels])
-    return "; ".join(filter(None, parts)).replace("\n", " ")
+    return with_label(element, "; ".join(filter(None, parts)).replace("\n", " "))
 
 
 def _panel(axes: Axes) -> str:

@@ -19,7 +19,6 @@ import numpy as np
 import onnx
 from onnx import TensorProto
 
-from holdfast.core.contract import FloatArray
 from holdfast.core.errors import UsageError
 from holdfast.export.builder import GraphBuilder
 from holdfast.export.detectors import add_bank, add_detectors
@@ -83,19 +82,16 @@ def _activity(history: History) -> Triples:
     # Without their signs: a swing to and fro must not cancel.
     steps = history.graph.node("Abs", history.summed_steps)
 
+    # Each row averages the steps of the most recent span.
+    rows = np.zeros((len(SPANS_S), history.spec.history_samples))
+    for row, seconds in zip(rows, SPANS_S, strict=True):
+        n_steps = history.spec.lag(seconds)
+        row[-n_steps:] = 1.0 / n_steps
+
     # The means of all spans in one product. The matrix stands on the left, so each recording of
     # a batch is multiplied in the same order as alone.
-    means = history.graph.node("MatMul", _span_means(history.spec), steps)
+    means = history.graph.node("MatMul", rows, steps)
     return Triples(history.pooled(means, len(SPANS_S)), scaled=True)
-
-
-def _span_means(spec: StepSpec) -> FloatArray:
-    """[spans, L - 1]: each row averages the steps of the most recent span."""
-    means = np.zeros((len(SPANS_S), spec.history_samples))
-    for row, seconds in enumerate(SPANS_S):
-        n_steps = spec.lag(seconds)
-        means[row, -n_steps:] = 1.0 / n_steps
-    return means
 
 
 # A group needs its count before a graph exists: an artifact is checked against it.

@@ -148,11 +148,6 @@ def _one(
     return PooledFeature(name, (Ratio(signal, row, pool, over),))
 
 
-def _largest(name: str, signal: str, row: Row, pools: tuple[str, ...]) -> PooledFeature:
-    """The largest of several pools over Zs."""
-    return PooledFeature(name, tuple(Ratio(signal, row, one, "T+O") for one in pools))
-
-
 def _sides(name: str, signal: str, row: Row, sign: str = "") -> PooledFeature:
     """The larger one of T / ZT and O / ZO; sign "-": of their negatives."""
     ratios = tuple(Ratio(signal, row, sign + side, side) for side in ("T", "O"))
@@ -183,10 +178,12 @@ def _state() -> list[PooledFeature]:
 
 def _along(span_s: float) -> list[PooledFeature]:
     row = Row("change", span_s)
+    # the larger one of both
+    turned = Ratio(ALONG, row, "T-O", "T+O"), Ratio(ALONG, row, "O-T", "T+O")
     return [
         _one("A / Zs", ALONG, row, "T+O", "T+O"),
         _one("A", ALONG, row),
-        _largest("|AT - AO| / Zs", ALONG, row, ("T-O", "O-T")),
+        PooledFeature("|AT - AO| / Zs", turned),
         _sides("A", ALONG, row),
         _sides("A", ALONG, row, "-"),
     ]

@@ -17,7 +17,7 @@ from onnx import helper
 from holdfast.core.errors import VerificationFailed
 from holdfast.export.heads import Correction, FloatRows, Head, learned_name
 from holdfast.export.learner import Forest, Learner, leaf_votes
-from holdfast.export.network import Inputs, Network
+from holdfast.export.network import Inputs
 
 THRESHOLD_ROWS, THRESHOLD_SHARE = 20_000, 0.9
 """Rows on thresholds of the trees, and the share of features that are moved there."""
@@ -126,23 +126,17 @@ def require_same_numbers(model: onnx.ModelProto, head: Head) -> int:
             trees = made_by[trees.input[0]]
         count += _same_trees(trees, forest, head)
 
-    if network is not None:
-        count += _same_weights(model, network, head)
-
-    return count
-
-
-def _same_weights(model: onnx.ModelProto, network: Network, head: Head) -> int:
-    """Every matrix and every bias of the network is in the file, number by number."""
+    if network is None:
+        return count
+    # every matrix and every bias of the network is in the file, number by number: the builder
+    # names constants by number, so they are looked up by what they hold
     constants = [onnx.numpy_helper.to_array(one) for one in model.graph.initializer]
-
-    # the builder names constants by number, so they are looked up by what they hold
     for layer in network.layers:
         for numbers in (layer.weights, layer.bias):
             is_there = any(np.array_equal(numbers, one) for one in constants)
             require(is_there, f"head {head.name}: {numbers.size} weights {DIFFER}")
 
-    return network.n_weights
+    return count + network.n_weights
 
 
 def _same_trees(node: onnx.NodeProto, forest: Forest, head: Head) -> int:

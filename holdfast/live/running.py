@@ -121,10 +121,17 @@ def stop_signals() -> Iterator[StopRequest]:
     def stop(number: int, frame: object) -> None:
         # only a flag: the loop ends after the sample, so that outputs are closed in order
         request.number = number
-        if number == signal.SIGHUP:
-            _let_go(terminals)
-        else:
+        if number != signal.SIGHUP:
             signal.signal(number, before[number])
+            return
+        # lost terminals become /dev/null; the others stay as they are
+        for handle in terminals:
+            try:
+                termios.tcgetattr(handle)
+            except termios.error:
+                nothing = os.open(os.devnull, os.O_RDWR)
+                os.dup2(nothing, handle)
+                os.close(nothing)
 
     wanted = [signal.SIGINT, signal.SIGTERM]
     # under nohup it is ignored, and stays so
@@ -137,17 +144,6 @@ def stop_signals() -> Iterator[StopRequest]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def _let_go(terminals: list[int]) -> None:
-    """Redirect the descriptors of lost terminals to /dev/null; the others stay as they are."""
-    for handle in terminals:
-        try:
-            termios.tcgetattr(handle)
-        except termios.error:
-            nothing = os.open(os.devnull, os.O_RDWR)
-            os.dup2(nothing, handle)
-            os.close(nothing)
 
 
 @contextmanager

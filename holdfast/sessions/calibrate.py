@@ -408,7 +408,7 @@ def in_words(found: Json) -> list[str]:
     if gain is None:
         lines.append(
             "  shear gain: not measured, because no load has shear at a light touch; the friction "
-            "estimate will take 1 (--shear-gain X writes one that is known)"
+            "estimate will take 1 (shear_gain in the file can be one that is known)"
         )
     else:
         lines.append(

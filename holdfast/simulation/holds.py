@@ -87,35 +87,32 @@ def in_hold(
     table = {name: HOLD[name] for name in HOLD if name in values}
 
     for refused in range(MOST_DRAWS):
-        tried = _one_draw(trial, draw_all(table, values, rng))
+        # A trial with the object and the directions that one draw gives it.
+        drawn = draw_all(table, values, rng)
+        changed: dict[str, Any] = {name: drawn[name] for name in HELD if name in drawn}
+        push = _direction(drawn, "push_along_thumb", "push_turn_deg", 0.0)
+        tried = replace(
+            trial,
+            object=replace(trial.object, **changed),
+            drawn=trial.drawn | drawn,
+            # Upright, gravity points against z, which is 90 degrees before y.
+            down=_direction(drawn, "fingers_down", "turn_deg", -90.0),
+            push=trial.push if push is None else push,
+        )
         if "used" not in table:
             return _named(tried)
 
         hold = _Hold(tried, peak_m_s2, lever_m)
         grip_n = hold.weak_n() if tried.supported else hold.firm_n()
         if LEAST_N <= grip_n <= MOST_N:
-            drawn = tried.drawn | {"used": hold.used_at(grip_n)}
-            held = replace(tried, grip_n=grip_n, drawn=drawn, refused=refused)
+            used = tried.drawn | {"used": hold.used_at(grip_n)}
+            held = replace(tried, grip_n=grip_n, drawn=used, refused=refused)
             return _named(held)
 
     raise HoldfastError(
         f"none of {MOST_DRAWS} draws is a hold of {LEAST_N:g} to {MOST_N:g} N a side",
         cause="mass, friction and friction used allow no such grip",
         next_step="widen their ranges in the scene file",
-    )
-
-
-def _one_draw(trial: PlannedTrial, drawn: dict[str, float]) -> PlannedTrial:
-    """A trial with the object and the directions that one draw gives it."""
-    changed: dict[str, Any] = {name: drawn[name] for name in HELD if name in drawn}
-    push = _direction(drawn, "push_along_thumb", "push_turn_deg", 0.0)
-    return replace(
-        trial,
-        object=replace(trial.object, **changed),
-        drawn=trial.drawn | drawn,
-        # Upright, gravity points against z, which is 90 degrees before y.
-        down=_direction(drawn, "fingers_down", "turn_deg", -90.0),
-        push=trial.push if push is None else push,
     )
 
 

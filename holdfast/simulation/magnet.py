@@ -206,11 +206,6 @@ def pad_magnet(rows: Rows, plan: Plan) -> Rows:
     return replace(rows, values=dipole_ut(place_m, 1.0) * plan["moment_a_m2"])
 
 
-def pad_noise_plan(request: PlanRequest) -> Plan:
-    """White noise of each axis, times a factor."""
-    return {"noise_ut": request["noise"] * PAD_NOISE_UT * request.noise()}
-
-
 def magnetometer(rows: Rows, plan: Plan) -> Rows:
     """Adds the noise of a MLX90393 and rounds to its steps, uT."""
     noisy = rows.values + plan["noise_ut"]
@@ -304,7 +299,8 @@ EFFECTS = {
     "magnetometer": Effect(
         magnetometer,
         {"noise": Parameter(1.0, "", 0, 100, "of the chip's noise")},
-        pad_noise_plan,
+        # White noise of each axis, times a factor.
+        lambda one: {"noise_ut": one["noise"] * PAD_NOISE_UT * one.noise()},
         needs=("pad_magnet",),
         only_unit="uT",
     ),

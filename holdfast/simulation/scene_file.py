@@ -179,7 +179,16 @@ def _scene(tables: _Tables, path: Path, hand: HandCard) -> SceneFile:
     for k, row in enumerate(tables.trials):
         rows.append(_row(f"trials[{k}]", tables.every_trial | row, objects, styles))
 
+    _require_known(tables.effects, EFFECT_MODULES, "effect")
+    for name, values in tables.effects.items():
+        effect = effect_named(name)
+        # Trials are stepped together, so a constant of the step cannot be drawn for each.
+        key = f"effects.{name}"
+        _require_possible(key, values, effect.parameters, (effect.constant,))
+
     record = tables.record
+    # The order is that in which effects run, not that of the file.
+    in_order = [name for name in EFFECT_MODULES if name in tables.effects]
     scene = SceneFile(
         name=path.stem,
         title=tables.title or path.stem,
@@ -188,7 +197,7 @@ def _scene(tables: _Tables, path: Path, hand: HandCard) -> SceneFile:
         join=record.join,
         step_s=tables.physics.step_s,
         rows=tuple(rows),
-        effects=_effects(tables.effects),
+        effects={name: tables.effects[name] for name in in_order},
         objects=objects,
         hand=hand,
         text=text_of(path),
@@ -261,19 +270,6 @@ def _row(
     of_style = styles[style]
     values = of_style.get("all", {}) | of_style.get(action, {}) | given
     return TrialsRow(tuple(names), action, style, count, values)
-
-
-def _effects(effects: Mapping[str, Json]) -> dict[str, Json]:
-    """Effects with their values, in the order in which they run. Raises ValueError."""
-    _require_known(effects, EFFECT_MODULES, "effect")
-    for name, values in effects.items():
-        effect = effect_named(name)
-        # Trials are stepped together, so a constant of the step cannot be drawn for each.
-        key = f"effects.{name}"
-        _require_possible(key, values, effect.parameters, (effect.constant,))
-
-    # The order is that in which effects run, not that of the file.
-    return {name: effects[name] for name in EFFECT_MODULES if name in effects}
 
 
 def _require_effects_fit(scene: SceneFile) -> None:

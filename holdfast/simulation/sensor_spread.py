@@ -124,15 +124,6 @@ def drift_plan(request: PlanRequest) -> Plan:
     return {"added": rates * request.t_s[:, None, None] + after * steps}
 
 
-def white_plan(request: PlanRequest) -> Plan:
-    """Normal noise of the drawn root mean square on every axis of every sample, N.
-
-    The noise of our own chips is 10 to 19 mN (`hall_noise`), of uSkin 3 mN (human_slip_uskin,
-    empty hand); a model should not depend on either.
-    """
-    return {"added": request["rms_n"] * request.noise()}
-
-
 EFFECTS = {
     "shear_gain": Effect(
         shear_gain,
@@ -187,7 +178,10 @@ EFFECTS = {
                 {"uniform": [0, 0.04]}, "N", 0, 10, "root mean square of every axis"
             ),
         },
-        white_plan,
+        # Normal noise of the drawn root mean square on every axis of every sample, N: that of our
+        # own chips is 10 to 19 mN (`hall_noise`), of uSkin 3 mN (human_slip_uskin, empty hand), and
+        # a model should not depend on either.
+        lambda request: {"added": request["rms_n"] * request.noise()},
         in_scene_unit=True,
         only_unit="N",
     ),

@@ -171,13 +171,6 @@ def forces_of(body: Body, state: State) -> FloatArray:
     return forces
 
 
-def travel_of(state: State, dt_s: FloatArray) -> FloatArray:
-    """[S, B] how far each contact slips in a step of dt_s: the mean of its elements."""
-    elements = len(state.slip_m_s)
-    total_m_s = np.add.reduce(state.slip_m_s, axis=0)
-    return total_m_s / elements * dt_s
-
-
 class ForceMean:
     """The chip's averaging: the mean of the forces over its conversion time before a sample.
 
@@ -281,7 +274,9 @@ class Part:
     ) -> None:
         """One step of dt_s to at_s [n], which leaves its truth in a row of the tape."""
         step(self.body, self.state, inputs, dt_s, at_s, self.effects)
-        self.travel_m += travel_of(self.state, dt_s)
+        # A contact slips as the mean of its elements does.
+        total_m_s = np.add.reduce(self.state.slip_m_s, axis=0)
+        self.travel_m += total_m_s / len(self.state.slip_m_s) * dt_s
         tape.write(row, self.trials, at_s, self.state, self.travel_m)
         if self.mean is not None:
             self.mean.add(self.body, self.state, at_s, dt_s)

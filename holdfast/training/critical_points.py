@@ -58,7 +58,8 @@ def offline_critical_points(recording: Recording) -> list[CriticalPoint]:
     rate_hz = recording.rate_hz
     # Filters and quotients would carry a lost value on, so it is held before anything else.
     held = _held(recording.samples, recording.valid)
-    samples = _at_rest_zero(held, rate_hz)
+    # The median of the rest: a single bad row of the unloaded start does not move the zero.
+    samples = held - np.median(held[: _rows(REST_S, rate_hz)], axis=0)
     by_band = band_pass_rows(samples, rate_hz)
     by_friction = friction_rows(samples, rate_hz)
 
@@ -178,13 +179,6 @@ def _held(samples: FloatArray, valid: BoolArray) -> FloatArray:
     known = pd.DataFrame(np.where(good, samples, np.nan))
     # The filters and quotients that follow need a finite value in every row.
     return known.ffill().bfill().fillna(0.0).to_numpy()
-
-
-def _at_rest_zero(samples: FloatArray, rate_hz: float) -> FloatArray:
-    """The samples without what the hand reads before it touches anything."""
-    # The median of the rest: a single bad row of the unloaded start does not move the zero.
-    rest = samples[: _rows(REST_S, rate_hz)]
-    return samples - np.median(rest, axis=0)
 
 
 def _rows(seconds: float, rate_hz: float) -> int:

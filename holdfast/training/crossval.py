@@ -112,7 +112,13 @@ def features_of(
     data: DataSet, spec: StepSpec, part: Part = ignored
 ) -> dict[str, FloatRows]:
     """Task -> features [M, F] float32 at the last row of every window; one pass for all tasks."""
-    wanted = rows_wanted(data)
+    # Per recording, the ascending rows at which any task has a window.
+    wanted = [np.empty(0, np.int64) for _ in data.recordings]
+    for windows in data.tasks.values():
+        for trial in np.unique(windows.trial).tolist():
+            # Windows of several tasks often end at the same row, which is computed once for all.
+            rows = windows.row[windows.trial == trial]
+            wanted[trial] = np.union1d(wanted[trial], rows)
     computed = features_at(data, spec, wanted, part)
     return {task: pick_rows(data, task, wanted, computed) for task in data.tasks}
 
@@ -126,18 +132,6 @@ def features_at(
     # The other outputs of a step are its state, which training does not need.
     outputs = stepped(steps_of(session, ["features"]), data.recordings, rows, part)
     return [output["features"] for output in outputs]
-
-
-def rows_wanted(data: DataSet) -> list[IntArray]:
-    """Per recording, the ascending rows at which any task has a window."""
-    wanted = [np.empty(0, np.int64) for _ in data.recordings]
-    for windows in data.tasks.values():
-        for trial in np.unique(windows.trial).tolist():
-            # Windows of several tasks often end at the same row, which is computed once for all of
-            # them.
-            rows = windows.row[windows.trial == trial]
-            wanted[trial] = np.union1d(wanted[trial], rows)
-    return wanted
 
 
 def pick_rows(

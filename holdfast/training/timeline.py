@@ -118,7 +118,14 @@ def scripted(
 
     acts = int(np.searchsorted(t_s, action_at_s))
     if not onset < acts < empty:
-        raise _off_the_script(trial, action_at_s, onset, empty)
+        raise LabelError(
+            f"the layout expects the action to start at {action_at_s:g} s, but contact lasted from "
+            f"{t_s[onset]:.2f} to {t_s[empty - 1]:.2f} s",
+            where=trial.path,
+            cause="a trial that did not follow the script",
+            next_step=f'write {{"{ACTION_KEY}": ..}} to meta.json of the set, or that or its '
+            f"phases to {truth_path(trial.path).name}",
+        )
 
     slip = SITUATIONS.index(SITUATION_OF_ACTION[action])
     starts = {0: NOTHING, onset: GRASP, acts: slip}
@@ -136,21 +143,6 @@ def scripted(
     phases = zip(rows[:-1], rows[1:], starts.values(), strict=True)
     return tuple(
         Phase(first, stop, what) for first, stop, what in phases if first < stop
-    )
-
-
-def _off_the_script(
-    trial: Trial, action_at_s: float, onset: int, empty: int
-) -> LabelError:
-    """The error for a hand that is not closed when the action should begin."""
-    truth = truth_path(trial.path).name
-    return LabelError(
-        f"the layout expects the action to start at {action_at_s:g} s, but contact lasted from "
-        f"{trial.t_s[onset]:.2f} to {trial.t_s[empty - 1]:.2f} s",
-        where=trial.path,
-        cause="a trial that did not follow the script",
-        next_step=f'write {{"{ACTION_KEY}": ..}} to meta.json of the set, or that or its phases to '
-        f"{truth}",
     )
 
 

@@ -203,7 +203,10 @@ def _label(situation: int, heavy: bool, classes: tuple[str, ...]) -> int:
 def _natural(trial: TimedTrial) -> list[_Spot]:
     """All windows of a trial, each row once, in order of time."""
     if not trial.has_object:
-        return _empty_hand(trial.recording)
+        # windows of the empty hand, evenly spaced
+        every = round(EMPTY_HAND_EVERY_S * trial.recording.rate_hz)
+        rows = range(every, len(trial.recording.samples), every)
+        return [_Spot(row, NOTHING, "nothing") for row in rows]
 
     # dense windows, the default, need no critical points
     from holdfast.training.critical_points import offline_critical_points
@@ -248,13 +251,6 @@ def _closer(rows: list[int], first: int, phase: Phase, rate_hz: float) -> list[i
     half = MOST_RISKY // 2
     later = np.linspace(half, len(in_order) - 1, MOST_RISKY - half).round()
     return in_order[:half] + [in_order[int(place)] for place in later]
-
-
-def _empty_hand(recording: Recording) -> list[_Spot]:
-    """Windows of a recording without an object, evenly spaced."""
-    every = round(EMPTY_HAND_EVERY_S * recording.rate_hz)
-    rows = range(every, len(recording.samples), every)
-    return [_Spot(row, NOTHING, "nothing") for row in rows]
 
 
 def _critical(recording: Recording, points: list[CriticalPoint]) -> list[_Spot]:

@@ -328,29 +328,17 @@ def test_loads_in_a_csv_file_become_a_calibration(
     tmp_path: Path, upside_down: int | None, capsys: pytest.CaptureFixture[str]
 ) -> None:
     matrix = write_loads(tmp_path / "loads.csv", reversed_sensor=upside_down)
-    words = (
-        "--out",
-        tmp_path / "c.json",
-        "--json",
-        tmp_path / "f.json",
-        "--date",
-        "2026-01-02",
-    )
-    # measured in the one case, and taken in the other
-    more = () if upside_down is None else ("--shear-gain", "0.6")
-    assert calibrate_with(tmp_path / "loads.csv", *words, *more) == 0
+    words = ("--out", tmp_path / "c.json", "--json", tmp_path / "f.json")
+    assert calibrate_with(tmp_path / "loads.csv", *words) == 0
     c = read_calibration(tmp_path / "c.json")
-    assert c.shear_gain == pytest.approx(1.0 if upside_down is None else 0.6)
+    assert c.shear_gain == pytest.approx(1.0)
     np.testing.assert_allclose(c.matrix_n_per_ut, matrix, atol=1e-8)
     assert c.reversed.tolist() == [False, upside_down == 1]
     np.testing.assert_allclose(
         np.abs(c.rest_ut), [[100.0, 50.0, 2000.0]] * 2, atol=1e-8
     )
-    assert (c.source, c.date, c.load_unit) == (
-        "loads.csv/loads",
-        "2026-01-02",
-        "N",
-    )
+    assert (c.source, c.load_unit) == ("loads.csv/loads", "N")
+    assert len(c.date) == len("2026-01-02")
     content = json.loads((tmp_path / "f.json").read_text())
     assert content["probings"] == 6
     assert content["errors"]["normal"]["rmse_n"] < 1e-6

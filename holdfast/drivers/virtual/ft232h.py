@@ -143,7 +143,27 @@ class VirtualFt232h:
         commands, used = parsed(self._commands)
         self._commands = self._commands[used:]
         for opcode, arguments in commands:
-            self._carry_out(opcode, arguments)
+            if opcode == SET_PINS:
+                levels, driven = arguments
+                # a pin that is not driven is pulled up
+                high = levels | ~driven
+                self._lines.set(bool(high & SCL), bool(high & SDA))
+            elif opcode == WRITE_BYTES:
+                for byte in arguments[2:]:
+                    self._lines.byte_out(byte)
+            elif opcode == READ_BITS and arguments == ONE_BIT:
+                # the newest bit is the lowest, and older ones stay above it
+                self._shifted = (
+                    self._shifted << 1 | self._lines.acknowledge_in()
+                ) & 0xFF
+                self._answers.append(self._shifted)
+            elif opcode == READ_BYTES:
+                for _ in range(int.from_bytes(arguments, "little") + 1):
+                    self._answers.append(self._lines.byte_in())
+            elif opcode == WRITE_BITS and arguments[:1] == ONE_BIT:
+                self._lines.acknowledge_out(bool(arguments[1] & 0x80))
+            else:
+                self._configure(opcode, arguments)
 
         bus_hz = self._master_hz / ((1 + self._divider) * self._phases)
         duration_ns = round(1e9 * (wire.bits - bits) / bus_hz)
@@ -171,27 +191,6 @@ class VirtualFt232h:
     def _levels(self) -> int:
         lines = self._lines
         return lines.scl * SCL | lines.master * SDA | lines.sda * SDA_IN
-
-    def _carry_out(self, opcode: int, arguments: bytes) -> None:
-        if opcode == SET_PINS:
-            levels, driven = arguments
-            # a pin that is not driven is pulled up
-            high = levels | ~driven
-            self._lines.set(bool(high & SCL), bool(high & SDA))
-        elif opcode == WRITE_BYTES:
-            for byte in arguments[2:]:
-                self._lines.byte_out(byte)
-        elif opcode == READ_BITS and arguments == ONE_BIT:
-            # the newest bit is the lowest, and older ones stay above it
-            self._shifted = (self._shifted << 1 | self._lines.acknowledge_in()) & 0xFF
-            self._answers.append(self._shifted)
-        elif opcode == READ_BYTES:
-            for _ in range(int.from_bytes(arguments, "little") + 1):
-                self._answers.append(self._lines.byte_in())
-        elif opcode == WRITE_BITS and arguments[:1] == ONE_BIT:
-            self._lines.acknowledge_out(bool(arguments[1] & 0x80))
-        else:
-            self._configure(opcode, arguments)
 
     def _configure(self, opcode: int, arguments: bytes) -> None:
         """Commands that do not move the lines."""

@@ -110,8 +110,15 @@ def compiled_library(files: Mapping[str, str]) -> tuple[bytes, str]:
         parts = ("holdfast_selftest.c", "holdfast.o", "-lm")
         _compile(compiler, folder, "-o", "selftest", *parts)
 
-        printed = _tested(folder / "selftest")
-        return (folder / LIBRARY).read_bytes(), printed
+        # what the self-test prints, unless answers differ
+        done = _run(str(folder / "selftest"), folder)
+        if done.returncode:
+            raise CompilerFailed(
+                f"the compiled model answers differently: {done.stdout:.{LONGEST_MESSAGE}}",
+                cause="a compiler that does not follow IEEE 754",
+                next_step="set CC to another compiler",
+            )
+        return (folder / LIBRARY).read_bytes(), done.stdout.strip()
 
 
 def folder_for(model: Path) -> Path:
@@ -139,18 +146,6 @@ def _compile(compiler: str, folder: Path, *words: str) -> None:
             cause="too old for C99, or no C compiler",
             next_step="set CC to gcc 4.6, clang 3.3 or newer",
         )
-
-
-def _tested(program: Path) -> str:
-    """What the self-test prints. Raises CompilerFailed where answers differ."""
-    done = _run(str(program), program.parent)
-    if done.returncode:
-        raise CompilerFailed(
-            f"the compiled model answers differently: {done.stdout:.{LONGEST_MESSAGE}}",
-            cause="a compiler that does not follow IEEE 754",
-            next_step="set CC to another compiler",
-        )
-    return done.stdout.strip()
 
 
 def _run(program: str, folder: Path, *words: str) -> subprocess.CompletedProcess[str]:

@@ -106,9 +106,14 @@ def truth_in(folder: Path) -> TrialTruth:
     trial = read_trial(folder / TACTILE)
     meta = read_meta(folder)
     events = read_events(folder / EVENTS)
+    phases = []
     try:
         known = _known_marks(events)
-        phases = _scene_phases(events)
+        for event in events:
+            # Only a scene knows every phase; all other sources give single times.
+            if event.get("provenance") == "scene" and event.get("label"):
+                t0_s, t1_s = float(event["t0_s"]), float(event["t1_s"])
+                phases.append(_interval(t0_s, t1_s, event["label"], "scene"))
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise LabelError(
             f"an event without its times ({error!r:.60})",
@@ -137,17 +142,6 @@ def _interval(
     # A key may be pressed out of order; a phase then is empty, not negative.
     end_s = round(max(t0_s, t1_s), 6)
     return LabelledInterval(round(t0_s, 6), end_s, label, provenance)
-
-
-def _scene_phases(events: list[Json]) -> list[LabelledInterval]:
-    """Only a scene knows every phase; all other sources give single times."""
-    phases = []
-    for event in events:
-        if event.get("provenance") == "scene" and event.get("label"):
-            t0_s = float(event["t0_s"])
-            t1_s = float(event["t1_s"])
-            phases.append(_interval(t0_s, t1_s, event["label"], "scene"))
-    return phases
 
 
 def _known_marks(events: list[Json]) -> dict[str, tuple[float, str]]:

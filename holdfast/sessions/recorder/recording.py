@@ -104,7 +104,12 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
             "calibration": _calibration(options.calibration),
             "bias": _bias(measured),
             "protocol": _protocol(plan, options.seed),
-            "versions": _versions(),
+            "versions": {
+                "holdfast": version("holdfast"),
+                "numpy": version("numpy"),
+                "python": platform.python_version(),
+                "machine": platform.machine(),
+            },
             "real_time_priority": has_priority,
             "configuration": _configuration(options),
         }
@@ -267,15 +272,6 @@ def _calibration(path: Path | None) -> Json | None:
         "n": known.n,
         # The whole calibration: the file may be changed later, the recording may not.
         "content": json_of(text),
-    }
-
-
-def _versions() -> dict[str, str]:
-    return {
-        "holdfast": version("holdfast"),
-        "numpy": version("numpy"),
-        "python": platform.python_version(),
-        "machine": platform.machine(),
     }
 
 

@@ -143,8 +143,13 @@ class Session:
         self._last = None
         out = self.options.out
         folder = new_trial(out, self.options.person, task)
-        # While the object is at hand; without its mass no weight is learned.
-        self._write_mass(folder, task)
+        # While the object is at hand: the protocol's mass goes into the object's meta.json. Without
+        # its mass no weight is learned.
+        if task.object in self.mass_g:
+            home = folder.parent.parent
+            # What a person wrote there, such as a colour, is not the recorder's to remove.
+            meta = read_meta(home) | {"mass_g": self.mass_g[task.object]}
+            write_whole(home / META, json.dumps(meta) + "\n")
         trial = None
         try:
             self.camera.start(folder)
@@ -203,7 +208,16 @@ class Session:
             if measured is None:
                 return SOURCE_OVER
             trouble, t_ns = stamps.judge(measured.t_ns)
-            _require_one_clock(trial, trouble, t_ns)
+            # As after a suspend.
+            step_ns = t_ns - trial.quality.times_ns[-1] if trial.started else 0
+            if trouble == "restarts" or step_ns > ANOTHER_CLOCK_NS:
+                raise TimeError(
+                    f"the clock jumped by {1e-9 * step_ns:+.3f} s in a trial",
+                    where=trial.folder,
+                    cause="the machine was suspended, or the source's clock was set",
+                    next_step="the samples before are kept as interrupted; "
+                    "start again with this trial",
+                )
             if trouble:
                 trial.quality.lost += 1
             else:
@@ -273,26 +287,6 @@ class Session:
             trial.note(event)
             end_s = max(end_s, event.get("t1_s", -1.0))
         return "the scene ended" if end_s < trial.t_s else ""
-
-    def _write_mass(self, folder: Path, task: Task) -> None:
-        """Write the protocol's mass to the object's meta.json; its other entries stay."""
-        if task.object in self.mass_g:
-            home = folder.parent.parent
-            # What a person wrote there, such as a colour, is not the recorder's to remove.
-            meta = read_meta(home) | {"mass_g": self.mass_g[task.object]}
-            write_whole(home / META, json.dumps(meta) + "\n")
-
-
-def _require_one_clock(trial: TrialRecorder, trouble: str, t_ns: int) -> None:
-    """Raise TimeError where time stamps jump by a second or more, as after a suspend."""
-    step_ns = t_ns - trial.quality.times_ns[-1] if trial.started else 0
-    if trouble == "restarts" or step_ns > ANOTHER_CLOCK_NS:
-        raise TimeError(
-            f"the clock jumped by {1e-9 * step_ns:+.3f} s in a trial",
-            where=trial.folder,
-            cause="the machine was suspended, or the source's clock was set",
-            next_step="the samples before are kept as interrupted; start again with this trial",
-        )
 
 
 def task_in_words(task: Task) -> str:

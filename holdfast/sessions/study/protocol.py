@@ -162,10 +162,6 @@ class StudyProtocol(Protocol):
         """Of all its parts together."""
         return sum(part.minutes for part in self.parts)
 
-    def minutes_after(self, number: int) -> float:
-        """Planned minutes of the parts after part `number`, from 0."""
-        return sum(part.minutes for part in self.parts[number + 1 :])
-
     def listing(self) -> list[str]:
         """The protocol as lines: step, minutes, title; and the sum."""
         lines = [self.title]

@@ -213,7 +213,8 @@ class Runner:
         self._note_down(Event.BEGUN, step=part.step, title=part.title, kept=kept)
         # A part that takes too long uses up no time of the parts after it.
         left_s = max(0.0, self._left_s())
-        left_s += 60.0 * self.protocol.minutes_after(number)
+        after = self.protocol.parts[number + 1 :]
+        left_s += 60.0 * sum(one.minutes for one in after)
         self.console.report("")
         self.console.report(
             f"step {part.step} of {self.protocol.last_step}, {part.title}: "
@@ -241,7 +242,14 @@ class Runner:
             # Counted from the disk each time: a trial that failed or was discarded is asked for
             # again.
             missing = self._missing(part)
-            self._prompt(part, missing)
+            # What the operator may do now.
+            if missing:
+                nth = (
+                    f"repetition {part.repetitions - missing + 1} of {part.repetitions}"
+                )
+                self.console.report(f"{nth}: space begins it; a in it: adverse event")
+            elif part.task:
+                self.console.report("all kept: space goes on, r repeats the last one")
             key = self.console.key(self._left_s())
             if key != Key.NEXT:
                 ending = self._operator(key, part)
@@ -260,13 +268,6 @@ class Runner:
         # Trials of the same task may be kept from an earlier part; those do not count here.
         before = self.journal.progress.kept_before[self.journal.part]
         return max(0, before + part.repetitions - self.trials.kept(part.task))
-
-    def _prompt(self, part: StudyPart, missing: int) -> None:
-        if missing:
-            nth = f"repetition {part.repetitions - missing + 1} of {part.repetitions}"
-            self.console.report(f"{nth}: space begins it; a in it: adverse event")
-        elif part.task:
-            self.console.report("all kept: space goes on, r repeats the last one")
 
     def _left_s(self) -> float:
         """Planned time that is left of the part under way, s; below 0: it takes longer."""

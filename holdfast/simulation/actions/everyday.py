@@ -109,11 +109,6 @@ def _table_s(drawn: Draws) -> float:
     return 2.0 * way_m / drawn["table_m_s"] + drawn["stay_s"]
 
 
-def _tug_n(trial: PlannedTrial, weight_n: float) -> float:
-    """A tug that pulls the way the weight does asks for the sum of both."""
-    return weight_n + trial.drawn["peak_n"]
-
-
 def _stack_n(trial: PlannedTrial, weight_n: float) -> float:
     """The hit is over when the added weight rests, so the sum is a little more than ever comes."""
     more_kg = 1e-3 * trial.drawn["added_g"]
@@ -131,11 +126,6 @@ def _carry_n(trial: PlannedTrial, weight_n: float) -> float:
     up_m_s2 = (1.0 + HEEL) * trial.drawn["up_m_s2"]
     peak_m_s2 = float(np.hypot(up_m_s2, trial.drawn["forward_m_s2"]))
     return weight_n + trial.object.mass_kg * peak_m_s2
-
-
-def _table_n(trial: PlannedTrial, weight_n: float) -> float:
-    """A table presses against the weight, but may press harder than that."""
-    return weight_n + trial.drawn["press_n"]
 
 
 def _everyday(
@@ -182,7 +172,8 @@ ACTIONS = {
             ),
         },
         lambda drawn: drawn["lasts_s"],
-        _tug_n,
+        # A tug that pulls the way the weight does asks for the sum of both.
+        lambda trial, weight_n: weight_n + trial.drawn["peak_n"],
         loaded=True,
     ),
     "stack": _everyday(
@@ -315,7 +306,8 @@ ACTIONS = {
             "stay_s": Parameter({"uniform": [0.1, 1]}, "s", 0, 60, "on the table"),
         },
         _table_s,
-        _table_n,
+        # A table presses against the weight, but may press harder than that.
+        lambda trial, weight_n: weight_n + trial.drawn["press_n"],
         loaded=True,
     ),
 }
