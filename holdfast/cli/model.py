@@ -36,6 +36,7 @@ from holdfast.core.writing import require_free, require_writable
 
 if TYPE_CHECKING:
     from holdfast.core.hand_card import HandCard
+    from holdfast.export.verify import HeadVerification
     from holdfast.training.fitting import TrainingRequest
 
 # As holdfast.training has them; repeated here so that --help need not import it.
@@ -71,7 +72,15 @@ def add_train_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="replace an artifact that is in DIR already",
     )
-    # which recordings are read, and how they are held out
+    _choose_recordings(parser)
+    _choose_learner(parser)
+    add_seed_option(parser)
+    add_json_option(parser)
+    add_report_option(parser, "the held-out figure, with a learning curve")
+
+
+def _choose_recordings(parser: argparse.ArgumentParser) -> None:
+    """The options of which recordings are read, and how they are held out."""
     parser.add_argument(
         "--rate",
         type=positive,
@@ -86,10 +95,6 @@ def add_train_arguments(parser: argparse.ArgumentParser) -> None:
         help="what is held out together: person, object or trial "
         "(default: the first of these with which every model learns every situation)",
     )
-    _choose_learner(parser)
-    add_seed_option(parser)
-    add_json_option(parser)
-    add_report_option(parser, "the held-out figure, with a learning curve")
 
 
 def _choose_learner(parser: argparse.ArgumentParser) -> None:
@@ -299,10 +304,7 @@ def run_export(args: argparse.Namespace) -> int:
     path, report = export_artifact(
         args.artifact, args.out, hand=_hand(args), report=_report
     )
-    lines = []
-    for name, head in report.heads.items():
-        labels = f"{head.label_mismatches} labels differ from the reference"
-        lines.append(f"{name}: {head.rows} rows, {labels}")
+    lines = [f"{name}: {_agreement(head)}" for name, head in report.heads.items()]
     lines += [
         "one at a time equals a batch, bit for bit: "
         f"{report.single_rows} rows and {report.stream_samples} samples",
@@ -368,3 +370,15 @@ def _export_c(args: argparse.Namespace) -> int:
     ]
     show_found(args, "\n".join(lines), {"folder": folder, **asdict(done)})
     return 0
+
+
+def _agreement(head: HeadVerification) -> str:
+    """How a head of the file compares with the reference; a forest, with scikit-learn's predict."""
+    labels = (
+        f"{head.rows} rows, {head.label_mismatches} labels differ from the reference"
+    )
+    plain = head.predict_disagreement
+    if plain is None:
+        return labels
+    agreement = f"{1.0 - plain.share_off_ties:.4%} ({plain.ties} ties)"
+    return f"{labels}; agreement with scikit-learn predict: {agreement}"

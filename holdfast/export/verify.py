@@ -36,8 +36,9 @@ from holdfast.export.heads import (
     Head,
     reference_label,
     reference_outputs,
+    riskier_argmax,
 )
-from holdfast.export.learner import reference_votes
+from holdfast.export.learner import Forest, reference_votes
 from holdfast.export.network import IntArray
 from holdfast.export.spec import ContactRule, StepSpec
 from holdfast.export.structure import hard_rows, require, require_same_numbers
@@ -61,26 +62,40 @@ OF_THE_STEP = (
 
 
 @dataclass(frozen=True)
+class PredictDisagreement:
+    """How often scikit-learn's predict gives another class. share_off_ties: 0 to 1."""
+
+    share_off_ties: float
+    ties: int
+    differs_on_ties: int
+
+
+@dataclass(frozen=True)
 class HeadVerification:
     """One head of a file against the reference. rows: given rows, thresholds and edges together.
 
-    label_mismatches: 0 in every report, because any other number raises. nodes: of its trees, and
-    weights of its network, each compared.
+    label_mismatches, vote_mismatches: 0 in every report, because any other number raises.
+    predict_disagreement: None but for a forest alone. nodes: of its trees, and weights of its
+    network, each compared.
     """
 
     rows: int
     label_mismatches: int
+    vote_mismatches: int
+    predict_disagreement: PredictDisagreement | None
     nodes: int
 
 
 @dataclass(frozen=True)
 class Verification:
-    """A whole file against the reference.
+    """A whole file against the reference. given_rows: feature rows of windows.
 
     single_rows: rows computed alone and in a batch. stream_samples: samples of all streams.
     """
 
+    given_rows: int
     heads: dict[str, HeadVerification]
+    ties_checked: int
     single_rows: int
     stream_samples: int
 
@@ -126,25 +141,21 @@ def verify(
 
     for head in heads:
         report(f"verifying head {head.name} on {len(rows)} rows and on its thresholds")
+        # The given rows come first: by their number `_compare` tells them from the hard ones.
         hard = np.concatenate([rows, hard_rows(head.learner, rows, seed)])
         answers = run_rows(learners, hard)
         nodes = require_same_numbers(model, head)
-        _compare(head, hard, answers, by_force=spec.contact is not None)
-        compared[head.name] = HeadVerification(len(hard), 0, nodes)
+        compared[head.name] = _compare(
+            head, hard, answers, len(rows), nodes, by_force=spec.contact is not None
+        )
         single += require_single_rows_equal(learners, hard, answers, seed)
 
     report("verifying ties, and streams of one hand against a batch")
-    _check_ties(model, heads)
+    ties = _check_ties(model, heads)
     if spec.contact is not None:
-        # A hand that touches nothing is called nothing, whatever the learner says.
-        session = open_session(cut_learners(model, touches=False))
-        answers = run_rows(session, rows[:SINGLE_ROWS])
-        for head in heads:
-            empty = ByForce.of(head).without_contact()
-            same = bool((answers[head.votes_name] == empty).all())
-            require(same, f"{head.name}: votes without contact are not all for nothing")
+        _check_without_contact(model, heads, rows)
     samples = compare_streams(model, spec, seed)
-    return Verification(compared, single, samples)
+    return Verification(len(rows), compared, ties, single, samples)
 
 
 def cut_learners(model: onnx.ModelProto, *, touches: bool = True) -> bytes:
@@ -189,25 +200,62 @@ def run_rows(session: Any, rows: npt.NDArray[Any], chunk: int = CHUNK) -> Output
     return dict(zip(names, columns, strict=True))
 
 
-def _compare(head: Head, rows: FloatRows, answers: Outputs, *, by_force: bool) -> None:
-    """Compare the answers to all rows. Raises VerificationFailed.
+def _compare(
+    head: Head,
+    rows: FloatRows,
+    answers: Outputs,
+    given: int,
+    nodes: int,
+    *,
+    by_force: bool,
+) -> HeadVerification:
+    """Compare the answers to all rows; the first `given` of them are rows of windows.
 
     by_force: force decides "nothing", and all rows are those of a hand that touches something.
     """
-    expected = reference_votes(head.learner, rows, len(head.classes))
+    learned = reference_votes(head.learner, rows, len(head.classes))
+    expected = learned
     if by_force:
-        expected = ByForce.of(head).in_contact(expected)
+        expected = ByForce.of(head).in_contact(learned)
     wrong = {}
     for name, reference in reference_outputs(head, expected).items():
-        # Votes, labels and flags must be equal, probabilities nearly so.
-        most = PROBABILITY_TOLERANCE if reference.dtype == np.float64 else 0.0
-        got = answers[name].astype(float)
-        apart = np.abs(got - reference).reshape(len(rows), -1).max(axis=1)
-        # "not near" instead of "far": a NaN is neither, and must count
-        if differ := int(np.sum(~(apart <= most))):
+        if differ := _rows_that_differ(answers[name], reference):
             wrong[name] = differ
     require(
         not wrong, f"head {head.name}: outputs differ, rows of {len(rows)}: {wrong}"
+    )
+
+    # scikit-learn averages probabilities, whole votes are rounded: reported, not required
+    plain = None
+    forest = head.learner.forest
+    if forest is not None and head.learner.network is None:
+        plain = _disagreement(forest, rows[:given], learned[:given])
+    return HeadVerification(len(rows), 0, 0, plain, nodes)
+
+
+def _rows_that_differ(got: npt.NDArray[Any], expected: npt.NDArray[Any]) -> int:
+    """Votes, labels and flags must be equal, probabilities within PROBABILITY_TOLERANCE."""
+    most = PROBABILITY_TOLERANCE if expected.dtype == np.float64 else 0.0
+    apart = np.abs(got.astype(float) - expected).reshape(len(got), -1).max(axis=1)
+    # "not near" instead of "far": a NaN is neither, and must count
+    return int(np.sum(~(apart <= most)))
+
+
+def _disagreement(
+    forest: Forest, rows: FloatRows, votes: IntArray
+) -> PredictDisagreement:
+    """How often scikit-learn's predict gives another class."""
+    in_order = np.sort(votes, axis=1)
+    tied = in_order[:, -1] == in_order[:, -2]
+    predicted = np.asarray(forest.predict(rows))
+    differs = predicted != riskier_argmax(votes)
+
+    # on a tie scikit-learn takes the first class, we take the riskier one
+    n_off_ties = (~tied).sum()
+    return PredictDisagreement(
+        share_off_ties=float((differs & ~tied).sum() / max(1, n_off_ties)),
+        ties=int(tied.sum()),
+        differs_on_ties=int((differs & tied).sum()),
     )
 
 
@@ -234,7 +282,7 @@ def _require_same(name: str, one: npt.NDArray[Any], many: npt.NDArray[Any]) -> N
     require(same, f"output {name!r}: a single row and a batch differ")
 
 
-def _check_ties(model: onnx.ModelProto, heads: list[Head]) -> None:
+def _check_ties(model: onnx.ModelProto, heads: list[Head]) -> int:
     """Feed exact ties between situations in at `votes`: the riskier one must win."""
     (main,) = [head for head in heads if head.name == MAIN_HEAD]
 
@@ -244,6 +292,7 @@ def _check_ties(model: onnx.ModelProto, heads: list[Head]) -> None:
     (got,) = session.run(None, {"votes": votes.astype(np.float32)})
     same = np.array_equal(got, reference_label(main, votes))
     require(same, "the riskier class does not win ties")
+    return len(votes)
 
 
 def _tied_votes(n_classes: int) -> IntArray:
@@ -256,6 +305,18 @@ def _tied_votes(n_classes: int) -> IntArray:
     # Both numbers are even, so that a situation splits into a light and a heavy class.
     votes = np.where(is_member, 4096, 1000)
     return np.repeat(votes // per, per, axis=1)
+
+
+def _check_without_contact(
+    model: onnx.ModelProto, heads: list[Head], rows: FloatRows
+) -> None:
+    """A hand that touches nothing is called nothing, whatever the learner says."""
+    session = open_session(cut_learners(model, touches=False))
+    answers = run_rows(session, rows[:SINGLE_ROWS])
+    for head in heads:
+        expected = ByForce.of(head).without_contact()
+        same = bool((answers[head.votes_name] == expected).all())
+        require(same, f"{head.name}: votes without contact are not all for nothing")
 
 
 def compare_streams(model: onnx.ModelProto, spec: StepSpec, seed: int) -> int:

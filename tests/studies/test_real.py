@@ -113,7 +113,7 @@ def test_the_sealed_file_streamed_sample_by_sample_gives_the_tables_labels(
     streamed = stream_one_fold(data, features, PLAN, held_out, tmp_path, 0)
     assert streamed.label_mismatches == 0
     heads = streamed.verification.heads.values()
-    assert sum(head.label_mismatches for head in heads) == 0
+    assert sum(head.label_mismatches + head.vote_mismatches for head in heads) == 0
     assert (
         streamed.windows.trained_on_recordings == streamed.windows.unknown_windows == 0
     )
@@ -136,7 +136,7 @@ def test_a_leaky_split_flatters(small: Small) -> None:
 def evidence(small: Small) -> Evidence:
     data, _, held_out = small
     heads = held_out_figures(data, held_out)
-    checked = ExportReport({}, 0, 0, bytes=1)
+    checked = ExportReport(0, {}, 0, 0, 0, bytes=1)
     windows = WindowFigures(heads, "model", data.name, data.kind, 0, 0, data.caveat, 0)
     figures = RealStudy(
         heads=heads,
