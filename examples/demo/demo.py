@@ -47,9 +47,7 @@ def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
     data = load(ready(TRAIN), windows="thesis")
     trained = train(data, work / "model", TrainingPlan(), seed=0)
     macro_f1 = trained.figures.situations.macro_f1
-    four = (
-        "four situations told apart on trials it did not learn from (macro F1, best 1)"
-    )
+    four = "how well it distinguishes four situations on new trials (macro F1, best 1)"
     print(f"{four}: {macro_f1:.2f}", flush=True)
     path, verified = export_artifact(work / "model", out / "holdfast.onnx")
     checked = verified.heads["situation"]

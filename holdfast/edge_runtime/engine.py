@@ -68,7 +68,7 @@ class ModelChoice:
         for library in [folder / LIBRARY for folder in found]:
             if library.is_file():
                 try:
-                    # a library that nobody named: what it does is not known before it runs, and
+                    # a library found by itself: what it does is not known before it runs, and
                     # the working folder may be anybody's
                     if library.stat().st_uid not in (0, os.getuid()):
                         raise LibraryRefused(

@@ -276,6 +276,8 @@ class Form:
         if trials.column:
             keys |= set(map(str.casefold, text_cells(first.columns[trials.column])))
         chosen: FoundLabels | None = None
+        place = ""
+        labels: dict[str, str] = {}
         for log in [*self.tables, first.log]:
             name = log.path.name
             file = log.path.relative_to(root).as_posix()
@@ -289,18 +291,22 @@ class Form:
                 found = rules_of_table(columns, keys, file, known)
                 if found and chosen is None:
                     rules = timed(found.rules, columns, first.stamps_s)
-                    chosen = replace(found, rules=rules)
-                    what = [rules.start, rules.end, rules.label, rules.trial]
-                    shown = f"{listed([*filter(None, what)])}, in {rules.unit}"
-                    self.found.add("labels", f"{name}: {shown}")
-                elif found and chosen and chosen.rules.start in columns:
-                    # labels of another log
-                    labels = chosen.rules.labels
-                    labels.update(found.rules.labels | labels)
-                elif chosen is None or chosen.rules.start not in columns:
+                    chosen, place = replace(found, rules=rules), name
+                is_used = chosen is not None and chosen.rules.start in columns
+                if found and is_used:
+                    # other logs have labels of their own
+                    labels = found.rules.labels | labels
+                elif not is_used:
                     names = listed(list(columns), most=8)
                     self.found.add("not used", f"{name} (columns {names})")
 
+        if chosen:
+            rules = changed(chosen.rules, labels=labels)
+            chosen = replace(chosen, rules=rules)
+            what = listed(
+                [*filter(None, [rules.start, rules.end, rules.label, rules.trial])]
+            )
+            self.found.add("labels", f"{place}: {what}, in {rules.unit}; {chosen.text}")
         return chosen
 
     # -- names

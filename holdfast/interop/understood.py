@@ -25,7 +25,7 @@ class Answers:
     """What the command line says. action: a word for all trials, or `word=action,word=action`.
 
     person, object: a name, or several of those in the paths. normal: x, y or z. rate: in Hz.
-    Raises UsageError for a unit that nobody knows.
+    Raises UsageError for an unknown unit.
     """
 
     action: str = ""

@@ -417,7 +417,7 @@ SHEETS = {
         "time,what\n70001.0,grasp\n70003.0,slip\n70003.5,grasp\n",
     ),
     "no labels": ("slips.csv", "file,begin,end\n{a},3,3.5\n"),
-    "a track of labels": ("{a}.txt", "0\t1\tnothing\n3.0\t3.5\trisky slip\n"),
+    "a track of labels": ("{a}.txt", "0\t1\tzork\n3.0\t3.5\trisky slip\n"),
     "a track of points": ("{a}.txt", "1\t1\tgrasp\n3.0\t3.0\tslip\n3.5\t3.5\tgrasp\n"),
     "ends alone": ("e.csv", "file,at,what\n{a},1,grasp\n{a},3.0,slip\n{a},3.5,grasp\n"),
 }
@@ -441,6 +441,7 @@ def test_a_table_of_events_says_when_it_slips(
         here.write_text(before + body)
     out = imported(run, tmp_path)
     assert "2 trials: 2 slip" in out
+    assert ("zork = none" in out) == ("zork" in text)
     (first, second) = sorted((tmp_path / "set").rglob("trial_?.csv"))
     for trial in (first, second):
         slips = [phase for phase in phases_of(trial) if phase[2] == "risky_slip"]
