@@ -1,4 +1,4 @@
-"""`python -m tools.house`: how large the project is, each figure beside its limit (budget.toml).
+"""`python -m tools.house`: how large the project is, and the limits of budget.toml.
 
 Sizes are counted as nodes of the syntax tree, because lines say more about the formatter.
 """
@@ -37,6 +37,8 @@ for words in {}:
     assert main(words) == 0
 """
 RUN = ["run", "holdfast-150hz", "--source", "virtual://ft232h", "--to", "none"]
+RUN += ["--engine", "onnxruntime", "--seconds", "0.5"]
+"""With onnxruntime: a C form that lies beside the model would load other modules."""
 COARSE = """
 from importlib.resources import files
 from pathlib import Path
@@ -70,11 +72,17 @@ EXPORT = ["export", "made", "--out", "made.onnx"]
 WALKS = {
     "import_holdfast": "import holdfast; dir(holdfast)",
     "fed_monitor": MONITOR,
-    "live_run": VERBS.format([[*RUN, "--seconds", "0.5"]]),
+    "live_run": VERBS.format([RUN]),
     "closed_loop": COARSE + LOOP,
     "train_and_export": FEW + VERBS.format([TRAIN, EXPORT]),
 }
 """The name of a walk in the budget -> a program that loads what it needs."""
+LIMITED = {
+    "shipped": ["holdfast"],
+    "studies_benchmarks_tools": ["studies", "benchmarks", "tools"],
+    "tests": ["tests"],
+}
+"""The name of a sum in the budget -> the folders that it counts."""
 
 
 @dataclass(frozen=True)
@@ -127,51 +135,43 @@ def modules_loaded(program: str, folder: Path) -> int:
     return int(done.stdout.split()[-1])
 
 
-def budget() -> dict[str, dict[str, float]]:
+def budget() -> dict[str, dict[str, int]]:
     """The limits, by section of tools/budget.toml."""
     return tomllib.loads((ROOT / "tools" / "budget.toml").read_text("utf-8"))
 
 
-def package_nodes() -> dict[str, float]:
+def package_nodes() -> dict[str, int]:
     """Nodes of each package that ships; `top` are the files beside them."""
     folders = sorted(path.parent.name for path in ROOT.glob("holdfast/*/__init__.py"))
-    nodes = {name: float(size_of([f"holdfast/{name}"]).nodes) for name in folders}
+    nodes = {name: size_of([f"holdfast/{name}"]).nodes for name in folders}
     return nodes | {"top": size_of(["holdfast"]).nodes - sum(nodes.values())}
 
 
-def size_figures() -> dict[str, dict[str, float]]:
-    """Every figure of the budget but the walks, under the names that it has there."""
-    shipped = size_of(["holdfast"])
-    return {
-        "packages": package_nodes(),
-        "shipped": {
-            "files": shipped.files,
-            "lines": shipped.lines,
-            "nodes_a_line": shipped.nodes_a_line,
-            "comprehensions_per_1000_lines": shipped.comprehensions_per_1000_lines,
-            "most_lines_a_file": shipped.most_lines,
-        },
-        "outside": {
-            "studies_and_benchmarks": size_of(["studies", "benchmarks"]).nodes,
-            "tests": size_of(["tests"]).nodes,
-        },
-    }
+def limited_nodes() -> dict[str, int]:
+    """The sums that have a limit, under their names in the budget."""
+    return {name: size_of(folders).nodes for name, folders in LIMITED.items()}
 
 
 def main() -> None:
-    """Print every figure beside its limit."""
-    figures, limits = size_figures(), budget()
-    walks: dict[str, float] = {}
+    """Print the sizes, and those that have a limit beside it."""
+    limits = budget()
+    for name, nodes in package_nodes().items():
+        print(f"{'holdfast/' + name:42}{nodes:12,}")
+    shipped = size_of(["holdfast"])
+    print(f"{'files':42}{shipped.files:12,}")
+    print(f"{'lines':42}{shipped.lines:12,}")
+    print(f"{'lines of the longest file':42}{shipped.most_lines:12,}")
+    print(f"{'nodes a line':42}{shipped.nodes_a_line:12.2f}")
+    per_1000 = shipped.comprehensions_per_1000_lines
+    print(f"{'comprehensions in 1,000 lines':42}{per_1000:12.1f}")
+
+    for name, nodes in limited_nodes().items():
+        print(f"{'nodes: ' + name:42}{nodes:12,} of {limits['nodes'][name]:12,}")
     with tempfile.TemporaryDirectory() as folder:
         for name, program in WALKS.items():
-            walks[name] = modules_loaded(program, Path(folder))
-    for section, named in [*figures.items(), ("walks", walks)]:
-        for name, figure in named.items():
-            label = f"{section} {name}"
-            print(f"{label:42}{figure:12,.6g} of {limits[section][name]:12,.6g}")
-        if section == "packages":
-            nodes, most = sum(named.values()), sum(limits[section].values())
-            print(f"{'packages, sum of nodes':42}{nodes:12,.0f} of {most:12,.0f}")
+            modules = modules_loaded(program, Path(folder))
+            most = limits["walks"][name]
+            print(f"{'modules loaded: ' + name:42}{modules:12,} of {most:12,}")
 
 
 if __name__ == "__main__":
