@@ -38,13 +38,14 @@ if TYPE_CHECKING:
     from holdfast.core.hand_card import HandCard
     from holdfast.export.verify import HeadVerification
     from holdfast.training.fitting import TrainingRequest
+    from holdfast.training.recording import HoldOut
 
 # As holdfast.training has them; repeated here so that --help need not import it.
 WINDOWS = ("balanced", "dense", "thesis", "natural")
 FEATURES = ("fixed", "pooled")
 MODEL_SIZES = ("tiny", "default")
 LEARNERS = ("forest", "network", "committee")
-HELD_OUT_BY = ("person", "object", "trial")
+HELD_OUT_BY: tuple[HoldOut, ...] = ("person", "object", "trial")
 DEFAULT_OUT = Path("build/default")
 
 
@@ -90,9 +91,11 @@ def _choose_recordings(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--hold-out",
-        choices=HELD_OUT_BY,
-        metavar="WHAT",
-        help="what is held out together: person, object or trial "
+        nargs="+",
+        type=_held_out_by,
+        default=[],
+        metavar="[SET=]WHAT",
+        help="what is held out together, of all sets or of one: person, object or trial "
         "(default: the first of these with which every model learns every situation)",
     )
 
@@ -128,6 +131,17 @@ def _choose_learner(parser: argparse.ArgumentParser) -> None:
         default="committee",
         metavar="WHAT",
         help="what answers: forest, network, or committee (both; default; docs/how-it-works.md)",
+    )
+
+
+def _held_out_by(text: str) -> tuple[str, HoldOut]:
+    """Name of the set, "" for all, and what is held out of it."""
+    name, _, what = text.rpartition("=")
+    for one in HELD_OUT_BY:
+        if what == one:
+            return name, one
+    raise argparse.ArgumentTypeError(
+        f"{what!r}; allowed: {', '.join(HELD_OUT_BY)}, or SET=WHAT"
     )
 
 
@@ -197,7 +211,7 @@ def _request(args: argparse.Namespace) -> TrainingRequest:
         data=tuple(args.data),
         out=args.out,
         replace=args.force,
-        hold_out=args.hold_out,
+        hold_out=dict(args.hold_out),
         rate_hz=args.rate,
         windows=args.windows,
         features=args.features,

@@ -6,7 +6,7 @@ one asks `require_open` first. Scoring a locked set is what it is there for, and
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from datetime import date
 from functools import cache
 from pathlib import Path
@@ -37,6 +37,14 @@ class Style(msgspec.Struct, frozen=True):
     sha256: str
 
 
+class People(msgspec.Struct, frozen=True):
+    """The people of a public set that choices may see; any other person of it is locked."""
+
+    set: str
+    development: tuple[str, ...]
+    about: str
+
+
 class LockedSets(msgspec.Struct, frozen=True):
     """What locked.toml says.
 
@@ -44,12 +52,14 @@ class LockedSets(msgspec.Struct, frozen=True):
     seeds        locked for every scene
     styles       locked at every seed
     development  seeds for choices
+    people       of public sets, those for choices
     """
 
     locked_on: date
     seeds: tuple[Seeds, ...]
     styles: tuple[Style, ...]
     development: Seeds
+    people: tuple[People, ...] = ()
 
     def reason(self, origin: Json, *, styles: bool = True) -> str:
         """Why the set of this origin is locked, or "".
@@ -128,3 +138,20 @@ def require_open(folder: Path, choice: str, *, styles: bool = True) -> None:
         next_step="simulate another set for this, "
         f"with a --seed from {development.first} to {development.last}",
     )
+
+
+def require_open_people(set_name: str, people: Iterable[str], choice: str) -> None:
+    """Raise SetLocked where a choice would see a locked person of a public set.
+
+    people: of the recordings that the choice sees.
+    """
+    for of_set in locked_sets().people:
+        locked = sorted(set(people) - set(of_set.development))
+        if of_set.set == set_name and locked:
+            raise SetLocked(
+                f"{choice} may not see {', '.join(locked)} of {set_name}: {of_set.about}",
+                where=set_name,
+                cause="these people are there for a last test",
+                next_step="score a model on them with holdfast evaluate; learn from "
+                + ", ".join(of_set.development),
+            )
