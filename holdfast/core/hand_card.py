@@ -11,7 +11,9 @@
 
 Further keys of a sensor: `pad` names the soft pad that it shares with others (taxels), which bear
 the pad's load by a pressure profile; `stiffness` over that of one fingertip (default: the taxels of
-a pad share one fingertip's); `sensed = false` for a contact without a sensor: it has no channels.
+a pad share one fingertip's); `sensed = false` for a contact without a sensor: it has no channels;
+`measures = "yz"` (or "xz") for a sensor that measures one axis of the shear. The column of the
+other axis is absent or empty, and a model gets 0.0 in its place (`fill_unmeasured`).
 
 All contacts press along the axis from thumb to fingers; a card turns none of them.
 """
@@ -22,7 +24,7 @@ import hashlib
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -30,11 +32,14 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from holdfast.core.contract import BoolArray, FloatArray, Json
+from holdfast.core.contract import AXES, BoolArray, FloatArray, Json, channel_names
 from holdfast.core.schema import find_card, read, text_of
 
 Side = Literal["thumb", "opposing"]
 SIDES: tuple[Side, ...] = ("thumb", "opposing")
+Measures = Literal["xyz", "xz", "yz"]
+"""The axes that a sensor measures: its normal, and at least one axis of the shear."""
+ALL_AXES: Measures = "xyz"
 HANDS = Path(__file__).resolve().parent / "hands"
 """The folder of the hand cards that are installed with Holdfast."""
 FEWEST_SENSORS, MOST_SENSORS = 2, 12
@@ -66,6 +71,7 @@ class HandContact(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     pad: Name = ""
     stiffness: Stiffness = 0.0
     sensed: bool = True
+    measures: Measures = ALL_AXES
 
 
 class _Tables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -125,6 +131,21 @@ class HandCard:
                 names.append(contact.name.replace("-", " "))
         return tuple(names)
 
+    @cached_property
+    def measured(self) -> BoolArray:
+        """[C] which channels are measured."""
+        flags = []
+        for contact in self.contacts:
+            if contact.sensed:
+                flags += [axis in contact.measures for axis in AXES]
+        return np.array(flags, dtype=np.bool_)
+
+    @cached_property
+    def unmeasured_names(self) -> tuple[str, ...]:
+        """The channels that are not measured, such as X1; empty for most hands."""
+        names = np.array(channel_names(self.n_sensors))
+        return tuple(names[~self.measured].tolist())
+
     @property
     def sensed(self) -> BoolArray:
         """[S] which contacts have a sensor."""
@@ -174,6 +195,10 @@ class HandCard:
     def to_json(self) -> Json:
         """For a model's metadata: the contacts and what the file was, without its text."""
         contacts = msgspec.to_builtins(self.contacts)
+        for contact in contacts:
+            # as cards were before there was such a key
+            if contact["measures"] == ALL_AXES:
+                del contact["measures"]
         return {"name": self.name, "contacts": contacts, "sha256": self.sha256}
 
 
@@ -184,6 +209,17 @@ def hand_from_json(value: Any) -> HandCard:
     if not hand.n_sensors:
         raise ValueError("a hand without sensors")
     return hand
+
+
+def fill_unmeasured(values: FloatArray, hand: HandCard | None) -> FloatArray:
+    """Values [.., C] with 0.0 in every channel that the hand card says is not measured.
+
+    What stood there does not count, be it nan, noise or a bias. So this acts last, on all ways to a
+    model: files, streams, replay, simulation and import. The same array where all is measured.
+    """
+    if hand is None or not hand.unmeasured_names:
+        return values
+    return np.where(hand.measured, values, 0.0)
 
 
 def find_hand_card(name: str | Path, folder: Path = Path()) -> Path:
@@ -221,6 +257,13 @@ def _require_hand(contacts: Sequence[HandContact]) -> None:
     if sides != sorted(sides, key=SIDES.index):
         allowed = "the contacts of the thumb's side before all others"
         raise ValueError(f"sides in mixed order; allowed: {allowed}")
+
+    for contact in contacts:
+        if contact.measures != ALL_AXES and not contact.sensed:
+            stated = (
+                f"{contact.name!r} has no sensor and measures = {contact.measures!r}"
+            )
+            raise ValueError(f"{stated}; allowed: measures only with a sensor")
 
     side_of_pad: dict[str, str] = {}
     for contact in contacts:

@@ -28,7 +28,7 @@ from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.grip import GripSense
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.simulation.effect import Plan, PlanRequest, Rows
-from holdfast.simulation.objects import sensed_of
+from holdfast.simulation.objects import read_of, sensed_of
 from holdfast.simulation.protocol import Trials
 from holdfast.simulation.scene import Scene
 
@@ -116,7 +116,7 @@ class LoopSensors:
                 self._before[name] = now
             now = replace(now, unit=effect.gives_unit or now.unit)
 
-        return self.scene.in_unit(now)
+        return read_of(self.scene.file.hand, self.scene.in_unit(now))
 
     def _between(self, now: Rows, rows: IntArray) -> tuple[Rows, IntArray]:
         """The readings of the sample before, taken late or early, and that sample's number.

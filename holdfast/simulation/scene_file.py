@@ -274,6 +274,14 @@ def _row(
 
 def _require_effects_fit(scene: SceneFile) -> None:
     """Raise ValueError for effects without what they need, or with too long a step or rate."""
+    hand = scene.hand
+    if hand.unmeasured_names and scene.unit != "N":
+        # a field is read, and calibrated, on all three axes
+        allowed = (
+            f'"N", because hand.card leaves out {", ".join(hand.unmeasured_names)}'
+        )
+        raise _refused("record.unit", scene.unit, allowed)
+
     units = {"N"}
     for name, values in scene.effects.items():
         effect = effect_named(name)
