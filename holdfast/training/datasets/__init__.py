@@ -12,11 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from holdfast.core.errors import (
-    ChannelError,
-    DataNotFound,
-    command,
-)
+from holdfast.core.errors import ChannelError, DataNotFound, command
 from holdfast.core.hand_card import read_hand_card
 from holdfast.core.trial_layout import (
     HAND_FILE,
@@ -27,11 +23,7 @@ from holdfast.core.trial_layout import (
     read_json,
 )
 from holdfast.training.datasets.trials import has_thesis_layout, require_offered
-from holdfast.training.recording import (
-    DataSet,
-    HoldOut,
-    regrouped,
-)
+from holdfast.training.recording import DataSet, HoldOut, regrouped
 from holdfast.training.windows import Choice
 
 PUBLIC_SETS = ("human_slip_uskin", "eflesh_slip", "grip_lift_ati")

@@ -22,7 +22,7 @@ import numpy as np
 
 from holdfast.core.contract import GRASP, NOTHING, FloatArray, averaged_by
 from holdfast.core.errors import EmptyRecording, RateError
-from holdfast.core.hand_card import read_hand_card
+from holdfast.core.hand_card import fill_unmeasured, read_hand_card
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.datasets.public_files import read_arrays
 from holdfast.training.datasets.thesis import SetMeta, of_trials
@@ -37,12 +37,11 @@ RECORDED_HZ = 600.0
 USUAL_HZ = 150.0
 CARD = "two-transducers"
 """The hand card with these sensors."""
-CHANNELS = (None, 2, 0, None, 3, 1)
-"""The column of a file for each channel: yellow x, y, z, then orange; x was not recorded."""
+COLUMN_OF = [2, 2, 0, 3, 3, 1]
+"""The column of a file for each channel: yellow x, y, z, then orange. x is not measured."""
 RESTS = ["rest_yellow_grip_n", "rest_orange_grip_n"]
 RESTS += ["rest_yellow_load_n", "rest_orange_load_n"]
 """Columns of lifts.csv: what a column of a file reads at rest, in the order of the columns."""
-FEWEST_ROWS = 2
 ABOUT = SetMeta(
     unit="N",
     kind="real, recorded by others: people lift an object with two fingertips",
@@ -75,7 +74,7 @@ def load(
     """
     import pandas as pd  # a third of a second, which sets in other formats do not need
 
-    require_offered(root, channels or len(CHANNELS), [len(CHANNELS)])
+    require_offered(root, channels or len(COLUMN_OF), [len(COLUMN_OF)])
     wanted_hz = rate_hz or USUAL_HZ
     averaged = averaged_by(RECORDED_HZ, wanted_hz)
     if averaged == 0:
@@ -117,11 +116,7 @@ def _trial(
     """One file with its lifts. raw [T, 4] at 600 Hz; lifts: its lines of lifts.csv."""
     rest = lifts[RESTS].iloc[0].to_numpy()
     forces = _means(raw.astype(np.float64) - rest, averaged)
-    samples = np.zeros((len(forces), len(CHANNELS)))
-    for channel, column in enumerate(CHANNELS):
-        if column is not None:
-            samples[:, channel] = forces[:, column]
-
+    samples = fill_unmeasured(forces[:, COLUMN_OF], read_hand_card(CARD))
     rate_hz = RECORDED_HZ / averaged
     good = lifts["yellow_ok"].to_numpy(dtype=bool)
     broken = _rows(lifts[~good], ["from_s", "to_s"], rate_hz, len(samples))

@@ -34,11 +34,12 @@ MUST_AGREE: tuple[tuple[type[DataError], str], ...] = (
     (UnitError, "unit"),
     (ChannelError, "sensors"),
     (ChannelError, "sides"),
+    (ChannelError, "axes that are not measured"),
     (LabelError, "tasks"),
     (DataError, "preparation"),
 )
 """What one model's sets have in common, and the error where they do not."""
-OF_A_HAND = ("sensors", "sides", "preparation")
+OF_A_HAND = ("sensors", "sides", "axes that are not measured", "preparation")
 """What sets of several hands may differ in."""
 
 
@@ -111,7 +112,7 @@ def _by_hand(sets: Sequence[DataSet]) -> list[list[DataSet]]:
 def _hand_of(data: DataSet) -> object:
     """What makes two hands different to the features: sensors, sides, axes that are measured."""
     hand = hand_or_usual(data.hand, data.n_sensors)
-    return data.n_sensors, hand and hand.sensor_sides
+    return data.n_sensors, hand and (hand.sensor_sides, hand.unmeasured_names)
 
 
 def _named(data: DataSet) -> DataSet:
@@ -183,6 +184,10 @@ def _require_alike(other: DataSet, first: DataSet, but: Sequence[str] = ()) -> N
         "unit": (other.unit, first.unit),
         "sensors": (other.n_sensors, first.n_sensors),
         "sides": (ours and ours.sensor_sides, theirs and theirs.sensor_sides),
+        "axes that are not measured": (
+            ours and ours.unmeasured_names,
+            theirs and theirs.unmeasured_names,
+        ),
         "tasks": (sorted(other.tasks), sorted(first.tasks)),
         "preparation": (other.preparation, first.preparation),
     }
