@@ -26,7 +26,8 @@ from holdfast.simulation.folder import write_set
 from holdfast.simulation.objects import hand_of_counts, load_factors
 from holdfast.simulation.scene import Scene, SimulatedTrial
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.training.datasets import join, load
+from holdfast.training.datasets import load
+from holdfast.training.datasets.joining import join
 
 ROWS = """
 [record]

@@ -52,12 +52,6 @@ def join(sets: Sequence[DataSet], *, several_hands: bool = False) -> DataSet:
     learned; of several hands, see `of_several_hands`. Raises RateError, UnitError, ChannelError,
     LabelError or DataError.
     """
-    # The same trials twice would be on both sides of a split, as two groups.
-    names = [data.name for data in sets]
-    if len(set(names)) < len(names):
-        raise DataError(
-            f"the same set twice ({', '.join(names)})", next_step="give every set once"
-        )
     first, *others = sets
     if not others:
         return first
@@ -67,6 +61,12 @@ def join(sets: Sequence[DataSet], *, several_hands: bool = False) -> DataSet:
         _require_alike(of_hand[0], first, but=OF_A_HAND)
     origins = tuple(SetOrigin.of(data) for data in sets)
     parts = [_of_one_hand([_named(data) for data in of_hand]) for of_hand in hands]
+    # The same trials twice would be on both sides of a split, as two groups.
+    names = [data.name for data in sets]
+    if len(set(names)) < len(names):
+        raise DataError(
+            f"the same set twice ({', '.join(names)})", next_step="give every set once"
+        )
     if len(parts) == 1:
         return replace(parts[0], origins=origins)
     return replace(of_several_hands(parts), origins=origins)
