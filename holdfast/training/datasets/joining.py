@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from holdfast.core.contract import CLASSES, RATE_TOLERANCE
+from holdfast.core.contract import CLASSES, RATE_TOLERANCE, SITUATIONS
 from holdfast.core.errors import (
     ChannelError,
     DataError,
@@ -40,7 +40,7 @@ MUST_AGREE: tuple[tuple[type[DataError], str], ...] = (
 )
 """What one model's sets have in common, and the error where they do not."""
 OF_A_HAND = ("sensors", "sides", "axes that are not measured", "preparation")
-"""What sets of several hands may differ in."""
+"""What sets of several hands differ in."""
 
 
 def join(sets: Sequence[DataSet], *, several_hands: bool = False) -> DataSet:
@@ -58,7 +58,7 @@ def join(sets: Sequence[DataSet], *, several_hands: bool = False) -> DataSet:
 
     hands = _by_hand(sets) if several_hands else [list(sets)]
     for of_hand in hands:
-        _require_alike(of_hand[0], first, but=OF_A_HAND)
+        _require_alike(of_hand[0], first, but=(*OF_A_HAND, "tasks"))
     origins = tuple(SetOrigin.of(data) for data in sets)
     parts = [_of_one_hand([_named(data) for data in of_hand]) for of_hand in hands]
     # The same trials twice would be on both sides of a split, as two groups.
@@ -96,7 +96,10 @@ def _of_either_weight(part: DataSet) -> DataSet:
         return part
     tasks = dict(part.tasks)
     rows = tasks.pop("situations")
-    heavy = np.arange(len(rows)) % 2
+    heavy = np.zeros(len(rows), dtype=np.int64)
+    for situation in range(len(SITUATIONS)):
+        of_situation = np.flatnonzero(rows.label == situation)
+        heavy[of_situation[1::2]] = 1
     tasks["classes"] = replace(rows, label=2 * rows.label + heavy, classes=CLASSES)
     return replace(part, tasks=tasks)
 
