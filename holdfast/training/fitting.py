@@ -297,19 +297,8 @@ def train(
     # A fold holds out at least one group, so there are at most as many folds as groups.
     plan = replace(plan, folds=min(plan.folds, max(2, len(data.groups()))))
 
-    spec_for(data, plan.groups).warn_of_lost_bands()
-    if plan.copies:
-        data = _with_copies(data, plan.copies, seed)
-
-    say(f"features of {len(data.recordings)} recordings")
-    features = features_of_each_hand(data, plan.groups, part)
-
-    # The figures come from these votes. The final learners have seen every window, so they have
-    # none.
-    held_out = cross_validate(data, features, plan, seed=seed, say=say)
-    say("final learners on all recordings")
-    figures = held_out_figures(data, held_out, seed)
-    artifact = final_artifact(data, features, held_out, figures, plan, seed)
+    data, features = with_features(data, plan, seed, say, part)
+    held_out, figures, artifact = fitted(data, features, plan, seed, say)
     write_artifact(out, artifact)
     curve = []
     if judge:
@@ -317,6 +306,39 @@ def train(
     return Trained(
         figures, held_out, curve, not_learned_of({"training": artifact.training})
     )
+
+
+def with_features(
+    data: DataSet,
+    plan: TrainingPlan,
+    seed: int,
+    say: Say = ignored,
+    part: Part = ignored,
+) -> tuple[DataSet, dict[str, FloatRows]]:
+    """The set with the plan's copies, and the features [M, F] of each task's windows."""
+    spec_for(data, plan.groups).warn_of_lost_bands()
+    if plan.copies:
+        data = _with_copies(data, plan.copies, seed)
+
+    say(f"features of {len(data.recordings)} recordings")
+    return data, features_of_each_hand(data, plan.groups, part)
+
+
+def fitted(
+    data: DataSet,
+    features: dict[str, FloatRows],
+    plan: TrainingPlan,
+    seed: int,
+    say: Say = ignored,
+) -> tuple[HeldOut, HeadFigures, Artifact]:
+    """Held-out votes and figures, and learners of all windows. features: of `with_features`."""
+    # The figures come from these votes. The final learners have seen every window, so they have
+    # none.
+    held_out = cross_validate(data, features, plan, seed=seed, say=say)
+    say("final learners on all recordings")
+    figures = held_out_figures(data, held_out, seed)
+    artifact = final_artifact(data, features, held_out, figures, plan, seed)
+    return held_out, figures, artifact
 
 
 def _with_copies(data: DataSet, copies: int, seed: int) -> DataSet:

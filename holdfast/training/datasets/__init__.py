@@ -133,9 +133,11 @@ def find(name_or_path: str | Path) -> Path:
     if path.is_dir():
         return path
     if is_public:
+        source = getattr(reader_of(str(name_or_path)), "SOURCE", "")
         raise DataNotFound(
             f"data set {name_or_path} not found",
             where=public,
+            cause=f"it is not part of Holdfast: {source}" if source else "",
             next_step=f"set {FOLDER_VARIABLE} to the folder that holds {name_or_path}/",
         )
     next_step = f"give a folder, or one of {', '.join(PUBLIC_SETS)}"
