@@ -1,0 +1,1 @@
+"""Real forces of people: how often a model alarms in their lifts, and what our scenes lack."""
