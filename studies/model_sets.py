@@ -9,10 +9,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from holdfast.core.writing import write_whole
 from holdfast.training.datasets import find
 from holdfast.training.datasets.grip_lift_ati import NAME as LIFTS
-from studies.people.two_pads import two_pad_scene
+from studies.people.two_pads import two_pad_name, write_two_pad_scene
 from tools.harness import SimulatedSet, simulate_sets
 
 SCENES = (("thesis", None), ("broad", None), ("wide", 500), ("everyday", 200))
@@ -37,10 +36,10 @@ def training_sets(
         count = QUICK_TRIALS if quick else trials
         sets.append(SimulatedSet(scene, scene, count, SEED, rate_hz))
     for scene, trials in TWO_PAD_SCENES if lifts else ():
-        folder = f"{scene}-two-pads"
-        card = write_whole(out / f"{folder}.toml", two_pad_scene(scene))
+        card = write_two_pad_scene(scene, rate_hz, out)
         count = QUICK_TRIALS if quick else trials
-        sets.append(SimulatedSet(folder, str(card), count, TWO_PAD_SEED, rate_hz))
+        name = two_pad_name(scene)
+        sets.append(SimulatedSet(name, str(card), count, TWO_PAD_SEED, rate_hz))
 
     # A set is written whole or not at all, so one that is there is the one that was asked for.
     simulate_sets([one for one in sets if not (out / one.folder).is_dir()], out)
