@@ -217,8 +217,8 @@ class DataSet:
     hand: its hand card, None where the set has none.
     forces_verified: thresholds in N mean what they say; False where the calibration is unknown.
     licence, source: of a public set, for the card of a model. origins: of a set that joins several.
-    parts: the sets of each hand, where it joins several hands; their recordings and windows are its
-    own, in this order.
+    parts: where it joins several hands, the sets that are alike together; their recordings and
+    windows are its own, in this order.
     """
 
     name: str

@@ -60,8 +60,8 @@ class Study:
         return main_task(self.data)
 
     @property
-    def pads(self) -> DataSet:
-        """The part of the two pads."""
+    def lifts(self) -> DataSet:
+        """The part of the lifts."""
         return self.data.parts[-1]
 
 
@@ -154,8 +154,8 @@ def _file(
     classes = study.data.tasks[task].classes
     _, test = fold
     artifact = Artifact(
-        spec_for(study.pads, study.plan.groups),
-        study.pads.preparation,
+        spec_for(study.lifts, study.plan.groups),
+        study.lifts.preparation,
         study.plan.decision.to_json(),
         [Head(TASK_HEADS[task], classes, learner, calibration)],
         study.features[test[:: max(1, len(test) // 20_000)]],

@@ -1,8 +1,8 @@
 """One training set of several: of one hand, or where features are pooled of several hands.
 
-Sets of one hand become one set. Sets of several hands become one set with a part for each hand:
-features are computed part by part, because each hand has a step of its own, and learned together,
-because pooled features are the same numbers for any hand.
+Sets of several hands become one set with a part for those that are alike: features are computed
+part by part, because each hand has a step of its own, and learned together, because pooled features
+are the same numbers for any hand.
 """
 
 from __future__ import annotations
@@ -39,28 +39,28 @@ MUST_AGREE: tuple[tuple[type[DataError], str], ...] = (
     (DataError, "preparation"),
 )
 """What one model's sets have in common, and the error where they do not."""
-OF_A_HAND = ("sensors", "sides", "axes that are not measured", "preparation")
-"""What sets of several hands differ in."""
+OF_A_PART = ("sensors", "sides", "axes that are not measured", "tasks", "preparation")
+"""What the parts of a set of several hands differ in."""
 
 
 def join(sets: Sequence[DataSet], *, several_hands: bool = False) -> DataSet:
     """One set of several, each with the windows it has, at the rate of the first.
 
-    several_hands: sets of other hands are parts of it; the first set's hand is the model's. Trials
-    and groups get their set's name before theirs, so that people of two sets stay two groups.
-    Redistributable only if all are. Where a set of a hand has no weights, none of that hand are
-    learned; of several hands, see `of_several_hands`. Raises RateError, UnitError, ChannelError,
+    several_hands: sets of another hand, of another preparation or without weights are parts of it;
+    the first set's hand and preparation are the model's. Else, where one set has no weights, none
+    are learned. Trials and groups get their set's name before theirs, so that people of two sets
+    stay two groups. Redistributable only if all are. Raises RateError, UnitError, ChannelError,
     LabelError or DataError.
     """
     first, *others = sets
     if not others:
         return first
 
-    hands = _by_hand(sets) if several_hands else [list(sets)]
-    for of_hand in hands:
-        _require_alike(of_hand[0], first, but=(*OF_A_HAND, "tasks"))
+    alike = _those_alike(sets) if several_hands else [list(sets)]
+    for of_part in alike:
+        _require_alike(of_part[0], first, but=OF_A_PART)
     origins = tuple(SetOrigin.of(data) for data in sets)
-    parts = [_of_one_hand([_named(data) for data in of_hand]) for of_hand in hands]
+    parts = [_of_one_hand([_named(data) for data in of_part]) for of_part in alike]
     # The same trials twice would be on both sides of a split, as two groups.
     names = [data.name for data in sets]
     if len(set(names)) < len(names):
@@ -73,7 +73,7 @@ def join(sets: Sequence[DataSet], *, several_hands: bool = False) -> DataSet:
 
 
 def of_several_hands(parts: Sequence[DataSet]) -> DataSet:
-    """One set with a part for each hand; its hand, unit and preparation are those of the first.
+    """One set of these parts; its hand, unit and preparation are those of the first.
 
     A part without weights takes part in the eight classes with light and heavy windows in turn, so
     that it says nothing of the weight. Where no part has weights, the four situations are learned.
@@ -104,18 +104,15 @@ def _of_either_weight(part: DataSet) -> DataSet:
     return replace(part, tasks=tasks)
 
 
-def _by_hand(sets: Sequence[DataSet]) -> list[list[DataSet]]:
-    """The sets of each hand together, the first set's hand first."""
-    hands: dict[object, list[DataSet]] = {}
+def _those_alike(sets: Sequence[DataSet]) -> list[list[DataSet]]:
+    """The sets that can be one part together, the first set's part first."""
+    parts: dict[object, list[DataSet]] = {}
     for data in sets:
-        hands.setdefault(_hand_of(data), []).append(data)
-    return list(hands.values())
-
-
-def _hand_of(data: DataSet) -> object:
-    """What makes two hands different to the features: sensors, sides, axes that are measured."""
-    hand = hand_or_usual(data.hand, data.n_sensors)
-    return data.n_sensors, hand and (hand.sensor_sides, hand.unmeasured_names)
+        hand = hand_or_usual(data.hand, data.n_sensors)
+        of_hand = hand and (hand.sensor_sides, hand.unmeasured_names)
+        alike = (data.n_sensors, of_hand, tuple(sorted(data.tasks)), data.preparation)
+        parts.setdefault(alike, []).append(data)
+    return list(parts.values())
 
 
 def _named(data: DataSet) -> DataSet:
@@ -199,7 +196,7 @@ def _require_alike(other: DataSet, first: DataSet, but: Sequence[str] = ()) -> N
         if name in but or one == reference:
             continue
         next_step = "use sets that were recorded alike, or one of them alone"
-        if name in OF_A_HAND:
+        if name in OF_A_PART:
             next_step += "; sets of several hands: --features pooled"
         raise error(
             f"{other.name} differs in {name}: {one}, not {reference}",
