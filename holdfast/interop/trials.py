@@ -239,7 +239,7 @@ class TrialImport:
         self.trials.append(parts)
         name = f"trial_{self.trials.count(parts)}.csv"
         place = "/".join(filter(None, [*parts, name]))
-        write_csv(self.folder / place, trial)
+        write_csv(self.folder / place, trial, plan.unmeasured_names)
         if kinds and not is_empty:
             write_whole(truth_path(self.folder / place), truth_of(trial, labels))
         self.written[place] = log.name
@@ -252,7 +252,8 @@ class TrialImport:
         """
         values = values_of(log, rows, plan)
         is_lost = np.isnan(values)
-        lost = zip(plan.channels, is_lost.sum(axis=0).tolist(), strict=True)
+        n_lost = is_lost.sum(axis=0)[plan.measured]
+        lost = zip(plan.channels, n_lost.tolist(), strict=True)
         self.missing.update(dict(lost))
         first = int(is_lost.argmin(axis=0).max())
         if 0 < first < len(rows) // 2:

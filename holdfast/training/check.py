@@ -18,6 +18,7 @@ import numpy as np
 from holdfast.core.contract import NOTHING, SITUATIONS, UNITS, Json
 from holdfast.core.errors import ColumnError, DataError, NotANumber, count_of
 from holdfast.core.trial_layout import (
+    HAND_FILE,
     META,
     TACTILE,
     has_logs,
@@ -42,6 +43,7 @@ from holdfast.training.datasets.trials import (
     by_kind,
     doubts_of,
     sides_unknown,
+    silent_axes,
 )
 from holdfast.training.judging import strictest_hold_out
 from holdfast.training.metrics import in_words
@@ -101,7 +103,7 @@ class FolderReport:
     layout: None where no reader recognises the folder. held_out_by: what training holds out.
     groups: how many of these there are. channels: three a sensor. rate_hz, unit, channels: of the
     whole set. windows: those that `train` learns from, by class or situation. not_held_out: why not
-    by something stricter, a line each.
+    by something stricter, a line each. not_measured: channels, by the hand card.
     """
 
     folder: str
@@ -115,6 +117,7 @@ class FolderReport:
     windows: dict[str, int] = field(default_factory=dict)
     missing: list[Missing] = field(default_factory=list)
     not_held_out: list[str] = field(default_factory=list)
+    not_measured: list[str] = field(default_factory=list)
 
     @property
     def levels(self) -> set[str]:
@@ -217,7 +220,11 @@ def _examine_set(
     data = thesis.of_trials(trials, thesis.SetMeta(), rate_hz, "balanced", seed=0)
     _describe(report, data)
     (report.windows,) = [rows.class_counts() for rows in data.tasks.values()]
-    return sides_unknown(with_hand(data, root), root)
+    data = with_hand(data, root)
+    if data.hand and data.hand.unmeasured_names:
+        report.not_measured = list(data.hand.unmeasured_names)
+    yield from sides_unknown(data, root)
+    yield from silent_axes(data, root)
 
 
 def _describe(report: FolderReport, data: DataSet) -> None:
@@ -398,9 +405,11 @@ def _summary(report: FolderReport, held_out_by: str) -> list[str]:
         people |= {cell.person} - {None}
     of = f" of {in_words(len(people), 'person')}" if people else ""
     form = FORMATS.get(report.layout or "", "a public set")
+    silent = ", ".join(report.not_measured)
     return [
         f"{report.folder}: {in_words(trials, 'trial')}{of}, {seconds / 60.0:.1f} min, "
         f"{report.channels} channels in {report.unit} at {report.rate_hz:g} Hz; {form}",
+        *([f"not measured, by {HAND_FILE}: {silent}"] if silent else []),
         f"held out by {held_out_by}: {in_words(report.groups, held_out_by)}",
         *report.not_held_out,
     ]

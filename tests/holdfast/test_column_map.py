@@ -99,7 +99,7 @@ def test_a_file_has_no_times_of_arrival_and_a_sender_does() -> None:
         ('unit = "mN"', 'unit = "kg"', "unit = 'kg'; next: allowed: N or mN or gf"),
         ('unit = "ms"', 'unit = "min"', "time.unit = 'min'"),
         ('z = "-a.z"', "z = 3", r"sensors\[0\].z = 3"),
-        ('z = "-a.z"', "", r"sensors\[0\].z is missing"),
+        ('z = "-a.z"', "", r"sensors\[0\]: z is missing"),
         ('z = "b.z"', 'z = "a.z"', "'a.z' stands twice"),
         ('z = "b.z"', 'z = "b.z"\nw = "q"', r"sensors\[1\].w is not known"),
         ('column = "millis"', "arrival = true", "a unit without its column"),

@@ -238,11 +238,13 @@ def _require_alike(other: DataSet, first: DataSet) -> None:
     rate_hz = first.rate_hz if is_near else other.rate_hz
     ours, theirs = other.hand or first.hand, first.hand or other.hand
     sides = ours and ours.sensor_sides
+    silent, silent_before = (hand and hand.unmeasured_names for hand in (ours, theirs))
     must_agree: list[tuple[type[DataError], str, object, object]] = [
         (RateError, "rate in Hz", rate_hz, first.rate_hz),
         (UnitError, "unit", other.unit, first.unit),
         (ChannelError, "sensors", other.n_sensors, first.n_sensors),
         (ChannelError, "sides", sides, theirs and theirs.sensor_sides),
+        (ChannelError, "axes that are not measured", silent, silent_before),
         (LabelError, "tasks", sorted(other.tasks), sorted(first.tasks)),
         (DataError, "preparation", other.preparation, first.preparation),
     ]

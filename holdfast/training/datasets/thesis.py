@@ -35,6 +35,7 @@ from holdfast.core.contract import (
     averaged_in_words,
 )
 from holdfast.core.errors import ChannelError, LabelError, RateError, count_of
+from holdfast.core.hand_card import HandCard
 from holdfast.core.schema import checked
 from holdfast.core.trial_file import LONGEST_S, Trial, implausible_rate, read_trial
 from holdfast.core.trial_layout import (
@@ -52,6 +53,7 @@ from holdfast.training.datasets.trials import (
     TrialPlace,
     TrialReader,
     doubts_of,
+    hand_beside,
     places,
     refuse,
     require_history,
@@ -142,8 +144,11 @@ def readers(
     set's meta.json.
     """
     meta = about(root)
+    hand = hand_beside(root, fault)
     return [
-        TrialReader(place, partial(timed, place, root, meta, rate_hz=rate_hz))
+        TrialReader(
+            place, partial(timed, place, root, meta, rate_hz=rate_hz, hand=hand)
+        )
         for place in places(root, fault)
     ]
 
@@ -251,12 +256,13 @@ def timed(
     meta: SetMeta,
     recorded: int | None = None,
     rate_hz: float | None = None,
+    hand: HandCard | None = None,
 ) -> TimedTrial:
     """Read and prepare a trial. Its phases are those of its truth, else of the script.
 
-    recorded: how many samples the recorder counted, None where that is not known.
+    recorded: how many samples the recorder counted, None where that is not known. hand: of the set.
     """
-    trial, folder = read_trial(place.path), place.object_folder
+    trial, folder = read_trial(place.path, hand), place.object_folder
 
     truth = read_truth(truth_path(trial.path))
     require_whole(trial, truth.end_s, recorded)
@@ -298,6 +304,7 @@ def timed(
         mass=mass,
         averaged=averaged,
         labels_by=labels_by,
+        denied=trial.denied,
     )
 
 
