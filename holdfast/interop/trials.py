@@ -43,6 +43,7 @@ from holdfast.interop.understood import Files, Understood
 from holdfast.interop.writing import truth_of, write_csv
 from holdfast.training.datasets.thesis import prepared
 from holdfast.training.datasets.trials import EMPTY_HAND
+from holdfast.training.lifts import LIFT, lift_phases
 from holdfast.training.progress import Part, ignored
 from holdfast.training.timeline import ACTION_S, contact
 
@@ -202,8 +203,8 @@ class TrialImport:
         labels, n_used = labels_of_rows(log, rows, plan, events)
         trial = self._trial(log, rows, plan)
         labels = labels[-len(trial.t_s) :]
-        samples = prepared(trial, plan.unit_of_values, "").samples
-        first, stop = contact(trial.t_s, samples)
+        recording = prepared(trial, plan.unit_of_values, "")
+        first, stop = contact(trial.t_s, recording.samples)
         if plan.events and plan.events.rest:
             closed = labels[first:stop]
             closed[closed == ""] = plan.events.rest
@@ -233,6 +234,10 @@ class TrialImport:
                 next_step="--action slip, or another action; or its events",
             )
 
+        if action == LIFT and not kinds:
+            # raises where the forces do not tell when the hand holds something
+            values, valid = recording.samples, recording.valid
+            lift_phases(values, valid, trial.rate_hz, recording.unit, log.path)
         is_empty = action == EMPTY_HAND
         thing = "" if is_empty else names["object"] or "object"
         parts = names["person"], thing, action

@@ -46,6 +46,7 @@ from holdfast.training.datasets.trials import (
     silent_axes,
 )
 from holdfast.training.judging import strictest_hold_out
+from holdfast.training.lifts import NOISES
 from holdfast.training.metrics import in_words
 from holdfast.training.plan import TrainingPlan
 from holdfast.training.recording import DataSet, counts_in_words, lost_spans
@@ -321,6 +322,14 @@ def _advice(
             what = f"{gaps}, the longest of {longest_s:.2f} s"
             step = "nothing: they are lost samples, and the answer is unknown over them"
             yield _advise(recording.trial_id, what, step)
+
+    by_noise = [one.contact_on for one in trials if one.contact_on is not None]
+    if by_noise:
+        low, high = (f"{limit:.3g}" for limit in (min(by_noise), max(by_noise)))
+        span = low if low == high else f"{low} to {high}"
+        what = f"contact in {in_words(len(by_noise), 'trial')} of lifts is what exceeds {span} "
+        what += f"{report.unit}: {NOISES:g} times the noise of the first rest"
+        yield _advise(root, what, f"where that is wrong, write {PHASES}")
 
     if all_read:
         yield from _missing_situations(report.windows, root, in_n=report.unit == "N")

@@ -93,7 +93,8 @@ class TimedTrial:
     timed: each sample of a phase is of its situation, which a script does not promise. mass: of the
     object, None where it is not known here. labels_by: what gives the phases. averaged: how many
     samples of its file one of the recording is the mean of. denied: columns with numbers that the
-    hand card says are not measured.
+    hand card says are not measured. contact_on: the reading above which a lift's hand touches
+    something, where it was taken from the noise.
     """
 
     recording: Recording
@@ -103,6 +104,7 @@ class TimedTrial:
     labels_by: str = ""
     averaged: int = 1
     denied: tuple[str, ...] = ()
+    contact_on: float | None = None
 
     @property
     def has_object(self) -> bool:

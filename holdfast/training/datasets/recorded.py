@@ -34,6 +34,8 @@ from holdfast.training.datasets.trials import (
     hand_beside,
     refuse,
 )
+from holdfast.training.lifts import LIFT
+from holdfast.training.timeline import OF_WHOLE_TRIAL
 from holdfast.training.windows import TimedTrial
 
 KEPT = "kept"
@@ -152,4 +154,5 @@ def _timed(
     )
     # A pressed key is late by a reaction; a scene and a camera know the moment.
     exact = not EXACT.isdisjoint(timed.labels_by.split(", "))
+    exact |= timed.labels_by == OF_WHOLE_TRIAL[LIFT]
     return replace(timed, recording=recording, timed=exact)

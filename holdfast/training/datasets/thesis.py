@@ -61,6 +61,7 @@ from holdfast.training.datasets.trials import (
     require_whole,
     warn_of,
 )
+from holdfast.training.lifts import LIFT, contact_rule, lift_phases
 from holdfast.training.recording import (
     DataSet,
     LabelledRows,
@@ -292,7 +293,10 @@ def timed(
     if truth.phases is not None:
         events = truth.events()
     mass = mass_of(folder, meta.masses_g) if folder else None
+    by_contact = folder is not None and is_by_contact(truth, action)
     labels_by = truth.labels_by(meta.action_at_s, action) if folder else OPEN_HAND
+    if by_contact:
+        labels_by = OF_WHOLE_TRIAL[LIFT]
     return TimedTrial(
         replace(
             recording,
@@ -305,6 +309,7 @@ def timed(
         averaged=averaged,
         labels_by=labels_by,
         denied=trial.denied,
+        contact_on=_contact_on(recording) if by_contact else None,
     )
 
 
@@ -319,9 +324,30 @@ def _phases(
     name = recording.object_name
     if name is None or action is None:
         return (Phase(0, len(trial.t_s), NOTHING),)
+    if is_by_contact(truth, action):
+        values, rate_hz = recording.samples, trial.rate_hz
+        where = trial.path
+        return lift_phases(values, recording.valid, rate_hz, recording.unit, where)
     if truth.phases is not None:
         return truth.phases_on(trial.t_s, truth_path(trial.path))
     return scripted(trial, recording.samples, action, name, starts_s)
+
+
+def is_by_contact(truth: Truth, action: str | None) -> bool:
+    """Whether the phases of a trial are found by contact: of lifts that nothing else labels.
+
+    The recorder's rule takes many lifts for one, from the first contact to the end of the last.
+    """
+    by_rule = {phase.provenance for phase in truth.phases or []} <= {"rule"}
+    return action == LIFT and (truth.phases is None or (bool(truth.phases) and by_rule))
+
+
+def _contact_on(recording: Recording) -> float | None:
+    """The reading above which a lift's hand touches something; None in N, where all have one."""
+    if recording.unit == "N":
+        return None
+    values, valid = recording.samples, recording.valid
+    return contact_rule(values, valid, recording.rate_hz, recording.unit).on
 
 
 def _lost_or_not(event: RiskyEvent, whole: BoolArray, t_s: FloatArray) -> RiskyEvent:
