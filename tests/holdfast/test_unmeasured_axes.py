@@ -35,6 +35,7 @@ from holdfast.live.outputs import SampleFile
 from holdfast.live.page.run_page import drawn_hand
 from holdfast.live.sources import open_source
 from holdfast.simulation.folder import write_set
+from holdfast.simulation.loop_sensing import HandModels
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.datasets import join, load
@@ -265,18 +266,24 @@ def test_a_model_of_three_axes_does_not_answer_such_a_hand(
 
 def test_whatever_stands_there_the_model_gets_zero(model: Path, own: Path) -> None:
     replay = open_replay(own / TRIAL)
-    answers = {}
+    answers: dict[str, object] = {}
     for name, there in (("zero", 0.0), ("nan", np.nan), ("number", 7.0)):
         values = replay.values.copy()
         values[:, 0::3] = there
         valid = np.ones((len(values), 2), np.bool_)
         fed = GripMonitor(Model(model), None)
         samples = map(Sample, replay.t_ns.tolist(), values, valid, range(len(values)))
-        one_by_one = [fed.feed(one).p_situation for one in samples]
+        one_by_one: list[object] = [fed.feed(one).p_situation for one in samples]
         whole = GripMonitor(Model(model), None).replay(values, 1e-9 * replay.t_ns)
+        looped = HandModels(Model(model), 1)
+        never = np.zeros(1, np.bool_)
+        rows = zip(values[:, None], valid[:, None], strict=True)
+        senses = [looped.answer(now, there, never, never) for now, there in rows]
+        grips = [[float(one.load_n[0]), float(one.p_risky[0])] for one in senses]
+        one_by_one.append(grips)
         answers[name] = one_by_one, whole.p_situation.tolist(), whole.state.tolist()
     assert answers["nan"] == answers["zero"] == answers["number"]
-    assert {"unknown"} < set(answers["zero"][2])
+    assert {"unknown"} < set(whole.state.tolist())
 
 
 def test_a_run_shows_the_axes_and_keeps_nothing_in_their_place(
