@@ -315,10 +315,10 @@ def run_export(args: argparse.Namespace) -> int:
     model = args.out or args.artifact / MODEL_NAME
     require_replaceable(args.artifact, model, force=args.force)
     _report(f"exporting {args.artifact}")
-    path, report = export_artifact(
-        args.artifact, args.out, hand=_hand(args), report=_report
-    )
+    hand = _hand(args)
+    path, report = export_artifact(args.artifact, args.out, hand=hand, report=_report)
     lines = [f"{name}: {_agreement(head)}" for name, head in report.heads.items()]
+    lines += [hand.in_words()] if hand else []
     lines += [
         "one at a time equals a batch, bit for bit: "
         f"{report.single_rows} rows and {report.stream_samples} samples",
@@ -360,10 +360,13 @@ def _export_again(args: argparse.Namespace) -> int:
     _report(f"exporting {args.artifact}")
     require_writable(args.out.parent)
     base = read_sealed(args.artifact)
-    data = changed(base, _hand(args), dict(args.rule), args.artifact)
+    hand = _hand(args)
+    data = changed(base, hand, dict(args.rule), args.artifact)
     write_model(args.out, data)
-    lines = f"the same learner\n{_written(args.out, len(data))}"
-    show_found(args, lines, {"model": args.out, "bytes": len(data)})
+    lines = ["the same learner", _written(args.out, len(data))]
+    if hand is not None:
+        lines.insert(1, hand.in_words())
+    show_found(args, "\n".join(lines), {"model": args.out, "bytes": len(data)})
     return 0
 
 

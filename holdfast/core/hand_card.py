@@ -26,7 +26,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Protocol
 
 import msgspec
 import numpy as np
@@ -34,6 +34,7 @@ from msgspec import Meta
 
 from holdfast.core.contract import AXES, BoolArray, FloatArray, Json, channel_names
 from holdfast.core.schema import find_card, read, text_of
+from holdfast.core.trial_layout import HAND_FILE
 
 Side = Literal["thumb", "opposing"]
 SIDES: tuple[Side, ...] = ("thumb", "opposing")
@@ -45,6 +46,8 @@ HANDS = Path(__file__).resolve().parent / "hands"
 FEWEST_SENSORS, MOST_SENSORS = 2, 12
 MOST_CONTACTS = 32
 """With those that have no sensor."""
+LEVELS = 4
+"""A file lies at most so many folders below its set: <person>/<object>/<action>/trial_1/."""
 FARTHEST_MM = 100.0
 """Of a place from the middle of the hand."""
 Name = Annotated[str, Meta(max_length=80)]
@@ -190,7 +193,10 @@ class HandCard:
         """One line for people: the card and its sensors, side by side."""
         sides = self.sensor_sides
         against = f"{sides.count('thumb')} against {sides.count('opposing')}"
-        return f"hand: {self.name}, {len(sides)} sensors ({against})"
+        words = f"hand: {self.name}, {len(sides)} sensors ({against})"
+        if self.unmeasured_names:
+            words += f"; not measured: {', '.join(self.unmeasured_names)}"
+        return words
 
     def to_json(self) -> Json:
         """For a model's metadata: the contacts and what the file was, without its text."""
@@ -211,7 +217,21 @@ def hand_from_json(value: Any) -> HandCard:
     return hand
 
 
-def fill_unmeasured(values: FloatArray, hand: HandCard | None) -> FloatArray:
+class Measuring(Protocol):
+    """What says which channels are measured: a hand card, or a column map."""
+
+    @property
+    def measured(self) -> BoolArray:
+        """[C] which channels are measured."""
+        ...
+
+    @property
+    def unmeasured_names(self) -> tuple[str, ...]:
+        """The channels that are not measured."""
+        ...
+
+
+def fill_unmeasured(values: FloatArray, hand: Measuring | None) -> FloatArray:
     """Values [.., C] with 0.0 in every channel that the hand card says is not measured.
 
     What stood there does not count, be it nan, noise or a bias. So this acts last, on all ways to a
@@ -220,6 +240,21 @@ def fill_unmeasured(values: FloatArray, hand: HandCard | None) -> FloatArray:
     if hand is None or not hand.unmeasured_names:
         return values
     return np.where(hand.measured, values, 0.0)
+
+
+def leave_empty(values: FloatArray, hand: Measuring | None) -> FloatArray:
+    """Values [.., C] as files and streams have them: nan in every channel that is not measured."""
+    if hand is None or not hand.unmeasured_names:
+        return values
+    return np.where(hand.measured, values, np.nan)
+
+
+def hand_card_near(path: Path) -> HandCard | None:
+    """The hand card of the set in which a trial's file is; None without one. Raises CardError."""
+    for folder in list(path.resolve().parents)[: 1 + LEVELS]:
+        if (folder / HAND_FILE).is_file():
+            return read_hand_card(folder / HAND_FILE)
+    return None
 
 
 def find_hand_card(name: str | Path, folder: Path = Path()) -> Path:

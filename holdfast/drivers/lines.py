@@ -36,7 +36,7 @@ from holdfast.core.errors import (
     RateError,
     listed,
 )
-from holdfast.core.hand_card import MOST_SENSORS
+from holdfast.core.hand_card import MOST_SENSORS, HandCard
 from holdfast.core.hand_lines import (
     LONGEST_LINE,
     NOT_RISING,
@@ -65,16 +65,25 @@ NAME_A_MAP = (
 """What to do about columns that are not those of a trial."""
 
 
-def map_of_names(names: Collection[str], unit: Unit) -> ColumnMap:
-    """The map of columns that are called X1, Y1, Z1, ..; Raises ColumnError."""
+def map_of_names(
+    names: Collection[str], unit: Unit, hand: HandCard | None = None
+) -> ColumnMap:
+    """The map of columns that are called X1, Y1, Z1, ..; Raises ColumnError.
+
+    hand: the columns of what it does not measure are left alone.
+    """
     numbers = [int(found[1]) for found in map(CHANNEL.fullmatch, names) if found]
     n_sensors = max(numbers, default=0)
     channels = channel_names(min(n_sensors, MOST_SENSORS + 1))
-    if not 0 < n_sensors <= MOST_SENSORS or not set(channels) <= set(names):
+    absent = hand.unmeasured_names if hand else ()
+    needed = set(channels).difference(absent)
+    is_hand = hand is None or hand.n_sensors == n_sensors
+    if not 0 < n_sensors <= MOST_SENSORS or not needed <= set(names) or not is_hand:
         raise ColumnError(
             f"no columns X1, Y1, Z1 to Xn, Yn, Zn among {listed(list(names))}",
-            next_step=NAME_A_MAP,
+            next_step=f"{NAME_A_MAP}; what a hand does not measure: ?hand=CARD",
         )
+    channels = tuple("" if name in absent else name for name in channels)
     axes = zip(channels[::3], channels[1::3], channels[2::3], strict=True)
     sensors = [SensorColumns(x, y, z) for x, y, z in axes]
     time = TimeColumn(arrival=True)
@@ -91,7 +100,7 @@ class SampleReader:
     column_map: None for columns with the project's names; then `map` is known from the first line
     on. unit: of their values, where the lines themselves name none. to_force: a calibration, for
     lines in uT. zero: what was removed from them by the run that wrote them (core/trial_file.py),
-    None for nothing.
+    None for nothing. hand: the card of the hand, where one is named.
     """
 
     def __init__(
@@ -99,8 +108,10 @@ class SampleReader:
         column_map: ColumnMap | None = None,
         unit: Unit = "N",
         to_force: ToForce | None = None,
+        hand: HandCard | None = None,
     ) -> None:
         self.map = column_map
+        self.hand = hand
         self.to_force = to_force
         self.zero: Zero | None = None
         self._unit: Unit = unit
@@ -151,7 +162,7 @@ class SampleReader:
         return dict(zip(self._names, cells, strict=True))
 
     def _known_map(self, names: Collection[str]) -> ColumnMap:
-        return self.map or map_of_names(names, self._unit)
+        return self.map or map_of_names(names, self._unit, self.hand)
 
     # -- a sample
 
@@ -234,7 +245,8 @@ class LineSource(Arrivals):
         dropped += self.begin()
         assert reader.map is not None
         self.unit: Unit = "N" if reader.to_force else reader.map.unit_of_values
-        self.n_channels = len(reader.map.channels)
+        self.n_channels = 3 * len(reader.map.sensors)
+        self.hand = reader.hand
         self.zero = reader.zero
         self._looked_ns = clock.now_ns()
         report(

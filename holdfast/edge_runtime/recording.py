@@ -95,13 +95,15 @@ def prepared_recording(
     raw = _table(values, card)
     times_s = _times(t_s, len(raw), card)
     ours, factor = _unit(unit, card)
+    raw = card.filler()(raw)
     usable = _usable(raw, valid)
     raw = raw * factor
     # the first valid rows decide, or one row: what the unloaded hand reads
     if bias is None:
         sign, offset = card.preparation.learn(raw, usable)
     else:
-        sign, offset = card.preparation.learn(_resting(bias, card)[None] * factor)
+        resting = card.filler()(_resting(bias, card))
+        sign, offset = card.preparation.learn(resting[None] * factor)
     recording = PreparedRecording(times_s, raw * sign - offset, usable, ours)
     # times in another unit than seconds: the error names the likely one
     rate_hz = recording.rate_hz

@@ -143,6 +143,16 @@ def require_model_fits(model: OpenedModel, data: DataSet) -> None:
         where=data.name,
     )
     hand = model.card.hand
+    ours = hand.unmeasured_names if hand else ()
+    theirs = data.hand.unmeasured_names if data.hand else ()
+    if ours != theirs:
+        raise ChannelError(
+            f"not measured in the set: {', '.join(theirs) or 'nothing'}; by the model's hand: "
+            f"{', '.join(ours) or 'nothing'}",
+            where=data.name,
+            cause="sensors that measure other axes",
+            next_step="holdfast export MODEL --hand CARD --out FILE, with the set's hand.toml",
+        )
     if hand is None or data.hand is None:
         return
     if hand.sensor_sides != data.hand.sensor_sides:

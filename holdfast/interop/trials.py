@@ -43,6 +43,7 @@ from holdfast.interop.understood import Files, Understood
 from holdfast.interop.writing import truth_of, write_csv
 from holdfast.training.datasets.thesis import prepared
 from holdfast.training.datasets.trials import EMPTY_HAND
+from holdfast.training.lifts import LIFT, lift_phases
 from holdfast.training.progress import Part, ignored
 from holdfast.training.timeline import ACTION_S, contact
 
@@ -202,8 +203,8 @@ class TrialImport:
         labels, n_used = labels_of_rows(log, rows, plan, events)
         trial = self._trial(log, rows, plan)
         labels = labels[-len(trial.t_s) :]
-        samples = prepared(trial, plan.unit_of_values, "").samples
-        first, stop = contact(trial.t_s, samples)
+        recording = prepared(trial, plan.unit_of_values, "")
+        first, stop = contact(trial.t_s, recording.samples)
         if plan.events and plan.events.rest:
             closed = labels[first:stop]
             closed[closed == ""] = plan.events.rest
@@ -233,13 +234,17 @@ class TrialImport:
                 next_step="--action slip, or another action; or its events",
             )
 
+        if action == LIFT and not kinds:
+            # raises where the forces do not tell when the hand holds something
+            values, valid = recording.samples, recording.valid
+            lift_phases(values, valid, trial.rate_hz, recording.unit, log.path)
         is_empty = action == EMPTY_HAND
         thing = "" if is_empty else names["object"] or "object"
         parts = names["person"], thing, action
         self.trials.append(parts)
         name = f"trial_{self.trials.count(parts)}.csv"
         place = "/".join(filter(None, [*parts, name]))
-        write_csv(self.folder / place, trial)
+        write_csv(self.folder / place, trial, plan.unmeasured_names)
         if kinds and not is_empty:
             write_whole(truth_path(self.folder / place), truth_of(trial, labels))
         self.written[place] = log.name
@@ -252,7 +257,8 @@ class TrialImport:
         """
         values = values_of(log, rows, plan)
         is_lost = np.isnan(values)
-        lost = zip(plan.channels, is_lost.sum(axis=0).tolist(), strict=True)
+        n_lost = is_lost.sum(axis=0)[plan.measured]
+        lost = zip(plan.channels, n_lost.tolist(), strict=True)
         self.missing.update(dict(lost))
         first = int(is_lost.argmin(axis=0).max())
         if 0 < first < len(rows) // 2:

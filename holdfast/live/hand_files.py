@@ -19,9 +19,9 @@ from holdfast.core.contract import NORMAL_AXIS, BoolArray, FloatArray, IntArray,
 from holdfast.core.errors import UnitError
 from holdfast.core.hand_card import sensor_names
 from holdfast.core.source import SelfPaced, Source, SourceReading
-from holdfast.drivers.replay import at_rate, zero_of
+from holdfast.drivers.replay import at_rate, hand_of, zero_of
 from holdfast.edge_runtime.model_file import ModelCard
-from holdfast.edge_runtime.monitor import GripMonitor, require_fit
+from holdfast.edge_runtime.monitor import GripMonitor, require_fit, require_measured
 from holdfast.edge_runtime.preparation import Preparation, Tare
 from holdfast.live.running import RunClock, say
 from holdfast.live.sources import SIM, ToForce, open_live, source_url
@@ -195,8 +195,11 @@ def tare_of(
         rate_hz=rate_hz,
         where=where,
     )
+    require_measured(card, hand_of(source), where)
     # the samples of another run have lost both already
     bare = card.preparation if zero_of(source) is None else Preparation()
+    if resting is not None:
+        resting = card.filler()(resting)
     return Tare(bare, card.n_channels, resting)
 
 
@@ -236,7 +239,7 @@ class OpenHand(ExitStack):
         card = monitor.card
         source = at_rate(self._source, card.rate_hz, say)
         rate_hz = source.rate_hz or card.rate_hz
-        tare = tare_of(card, source, self._resting, self.url)
+        tare, fill = tare_of(card, source, self._resting, self.url), card.filler()
         start_ns = self._clock.now_ns()
         sequence = 0
         while seconds is None or sequence < seconds * rate_hz:
@@ -247,6 +250,6 @@ class OpenHand(ExitStack):
             if reading is None:
                 return
             # the model was trained on values without the bias of the unloaded hand
-            values, valid = tare.prepare(reading.values, reading.valid)
+            values, valid = tare.prepare(fill(reading.values), reading.valid)
             yield Sample(reading.t_ns, values, valid, sequence)
             sequence += 1

@@ -140,6 +140,7 @@ class LiveRun:
     summary: Summary = field(default_factory=Summary)
 
     def __post_init__(self) -> None:
+        self._fill = self.monitor.card.filler()
         self._period_ns = 1e9 / (self.source.rate_hz or self.monitor.card.rate_hz)
         self._stamps = Stamps(self._period_ns)
         self._start_ns = self.clock.now_ns()
@@ -200,7 +201,7 @@ class LiveRun:
         # its values are history already, so no sensor counts as read
         lost = trouble in ("repeated", "late")
         valid = np.zeros_like(measured.valid) if lost else measured.valid
-        values, valid = self.tare.prepare(measured.values, valid)
+        values, valid = self.tare.prepare(self._fill(measured.values), valid)
         return Sample(t_ns, values, valid, self._turn)
 
     def _predict(self, sample: Sample) -> Prediction:

@@ -281,7 +281,9 @@ class _Run:
             self.lines.sinks.append(udp_sink(place))
         elif kind == "csv":
             zero: Zero = "measured" if self.options.bias else "first samples"
-            self._samples = SampleFile(Path(place), card.n_channels, card.unit, zero)
+            self._samples = SampleFile(
+                Path(place), card.n_channels, card.unit, zero, card.hand
+            )
             self.lines.kept.append(self._samples.sink)
             return self._samples
         elif kind == "view":
@@ -303,7 +305,9 @@ class _Run:
 
             sensors = card.n_channels // 3
             now_ns, gaps = self.clock.now_ns, card.not_learned
-            return LslAnswers(place, sensors, card.unit, card.rate_hz, now_ns, gaps)
+            return LslAnswers(
+                place, sensors, card.unit, card.rate_hz, now_ns, gaps, card.hand
+            )
         return None
 
     def _open_wearer(

@@ -162,6 +162,7 @@ class HandModels:
     def __init__(self, model: OpenedModel, hands: int) -> None:
         card = model.card
         self._stepper = model.stepper(OUTPUTS, hands)
+        self._fill = card.filler()
         self._tares = [Tare(card.preparation, card.n_channels) for _ in range(hands)]
         self._learned: tuple[FloatArray, FloatArray] | None = None
 
@@ -176,6 +177,8 @@ class HandModels:
 
         values [B, C] in the model's unit, valid [B, S]; opening, overridden [B]: by the wearers.
         """
+        # what stands between sensors and model may have put something there
+        values = self._fill(values)
         if self._learned is not None:
             sign, bias = self._learned
             values = values * sign - bias

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any
 from unittest.mock import MagicMock
 
+import msgspec
 import numpy as np
 import pylsl
 import pytest
@@ -25,6 +26,7 @@ from holdfast.core.errors import (
     RateError,
     UnitError,
 )
+from holdfast.core.hand_card import read_hand_card
 from holdfast.drivers import lsl
 from holdfast.drivers.arrivals import SKIPPED
 from holdfast.drivers.lsl import (
@@ -35,6 +37,7 @@ from holdfast.drivers.lsl import (
     LslSource,
     StreamFacts,
     decision_row,
+    order_of,
 )
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor, Model
@@ -126,6 +129,25 @@ def test_a_reader_that_falls_behind_drops_all_but_the_newest_and_says_so():
     assert newest.valid.all()
     assert clock.now_ns() - newest.t_ns <= 1.5e9 * PERIOD_S
     assert after.t_ns > newest.t_ns
+
+
+def test_a_stream_may_leave_out_what_its_hand_does_not_measure():
+    usual = read_hand_card("six-fingertips")
+    yz = tuple(msgspec.structs.replace(one, measures="yz") for one in usual.contacts)
+    hand = replace(usual, contacts=yz)
+    left = [name for name in LABELS if not name.startswith("X")]
+    whole = np.arange(1.0, 19.0)
+    expected = np.where(hand.measured, whole, 0.0)
+    for labels, row in ((LABELS, whole), (left, expected[hand.measured])):
+        facts = StreamFacts("hand", False, RATE_HZ, tuple(labels), ("N",) * len(labels))
+        inlet = ScriptedInlet(VirtualClock(), facts, rows=lambda k, row=row: row)
+        source = LslSource(inlet, inlet.clock, print, hand=hand)
+        reading = source.read()
+        assert reading.values.tolist() == expected.tolist()
+        assert reading.valid.all()
+        assert (source.n_channels, source.hand) == (18, hand)
+    with pytest.raises(ChannelError, match="12 channels, not 18 of the hand card"):
+        order_of(left, "lsl://hand", usual)
 
 
 def test_a_value_that_is_no_number_makes_its_finger_invalid_and_labels_give_the_order():

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 from hazard_marks import STALE_PAGE
 from headless_browser import Tab, browser, needs_chromium
 from page_bench import Served, sample, served
+
+from holdfast.core.hand_card import read_hand_card
+from holdfast.live.page.run_page import drawn_hand
 
 pytestmark = needs_chromium
 STATE, DETAIL = (
@@ -63,6 +68,21 @@ def test_a_phone_and_a_desk_show_state_forces_and_faults_in_words(tab, width, da
     assert "0.67 N" in sensors
     assert "does not answer" in sensors
     assert "1.67 N" in numbers
+
+
+def test_an_axis_that_the_hand_does_not_measure_is_a_dash_and_no_zero(tab):
+    usual = read_hand_card("six-fingertips")
+    yz = [msgspec.structs.replace(one, measures="yz") for one in usual.contacts[:1]]
+    hand = replace(usual, contacts=(*yz, *usual.contacts[1:]))
+    with served(hand=drawn_hand(hand, 6)) as page:
+        page.frame(*map(sample, range(10)))
+        opened(tab, page)
+        page.frame(sample(10))
+        tab.wait_until(f"{STATE} === 'grasp'")
+        sensors = text_of(tab, "sensors")
+        assert tab.problems == []
+    assert sensors.count("0.10 N, x \u2013") == 1
+    assert sensors.count("0.10 N") == 6
 
 
 @STALE_PAGE.mark

@@ -97,7 +97,8 @@ function showAlarm(state, agoS) {
   headline("risky_slip", "risky slip", [now, ...details(page.sample.answer, state)].join("; "));
 }
 
-const names = () => page.about.hand.filter((one) => one.sensed).map((one) => one.name);
+const sensors = () => page.about.hand.filter((one) => one.sensed);
+const names = () => sensors().map((one) => one.name);
 
 function details(answer, state) {
   const since = page.riskyAt === null ? null : page.sample.t_s - page.riskyAt;
@@ -167,7 +168,10 @@ function showSensors({ forces, v, why }) {
     const along = x === null || y === null ? null : Math.hypot(x, y);
     row.className = v[k] ? "" : "lost";
     row.cells[1].textContent = v[k] ? `${number(z, places)} ${unit}` : "–";
-    row.cells[2].textContent = v[k] ? `${number(along, places)} ${unit}` : "–";
+    // an axis that the sensor does not measure is a dash, and no zero
+    const unmeasured = ["x", "y"].filter((axis) => !sensors()[k].measures.includes(axis));
+    const dashes = unmeasured.map((axis) => `, ${axis} –`).join("");
+    row.cells[2].textContent = v[k] ? `${number(along, places)} ${unit}${dashes}` : "–";
     row.cells[3].textContent = v[k] ? "good" : SENSORS[why[k]] ?? (why[k] || "no new reading, or its bias is not known");
   });
 }

@@ -19,6 +19,7 @@ from holdfast.core.source import Source
 from holdfast.core.trial_layout import checked_name, mass_g
 from holdfast.drivers.calibration import fields_of, read_calibration
 from holdfast.drivers.hand import Hand
+from holdfast.drivers.replay import hand_of
 from holdfast.edge_runtime.wearer import IntentMonitor
 from holdfast.live.hand_files import force_of
 from holdfast.live.running import first_in_line
@@ -77,6 +78,9 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
     card = None if options.hand is None else read_hand_card(options.hand)
     report(f"opening {options.source}")
     source = open_source(options, context)
+    of_source = hand_of(source)
+    if card is None and of_source is not None and of_source.unmeasured_names:
+        card = of_source
     # The folder is locked for the whole run: a second recorder would mix trial numbers.
     folder = opened(options.out, source.unit, kind_of(options.source))
     monitor: AbstractContextManager[IntentMonitor | None] = nullcontext()
@@ -123,6 +127,7 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
             mass_g=plan.mass_g,
             intent=intent,
             truth=scene_truth_of(options.source, source),
+            hand=card,
         )
         return session.run(plan.tasks)
 

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from holdfast.core.contract import FloatArray, Json
 from holdfast.core.errors import EmptyRecording, TimeError
+from holdfast.core.hand_card import HandCard
 from holdfast.core.source import SelfPaced, Source
 from holdfast.core.trial_layout import META
 from holdfast.core.writing import write_whole
@@ -53,6 +54,7 @@ class Session:
 
     about: content of every trial's meta.json. mass_g: of objects, as the protocol gives it. intent:
     the wearer's command, recorded beside the samples. truth: events of a scene between two times.
+    hand: its card, where one is known.
     """
 
     options: RecordOptions
@@ -64,6 +66,7 @@ class Session:
     mass_g: dict[str, float] = field(default_factory=dict)
     intent: IntentMonitor | None = None
     truth: TruthEvents | None = None
+    hand: HandCard | None = None
     kept: int = 0
     _last: tuple[Path, Task] | None = None
 
@@ -184,7 +187,13 @@ class Session:
         after_ns = self.context.host_ns() - self.clock.now_ns()
 
         return TrialRecorder(
-            folder, self.source.n_channels, about, quality, after_ns, self.intent
+            folder,
+            self.source.n_channels,
+            about,
+            quality,
+            after_ns,
+            self.intent,
+            self.hand,
         )
 
     def _samples(self, trial: TrialRecorder) -> str:

@@ -16,7 +16,7 @@
    Sample: @CHANNELS@ numbers, x y z of sensor 1, then of sensor 2, and so on; z presses on the
    fingertip. In @UNIT@, without bias: subtract what the unloaded hand reads, as HOLDFAST_BIAS_ROWS
    and the numbers behind it say; 0 rows: its samples have no bias.
-   A sensor with a number that is not finite, or of magnitude @LIMIT@ or more, counts as lost at
+@UNMEASURED@   A sensor with a number that is not finite, or of magnitude @LIMIT@ or more, counts as lost at
    this sample: write NaN for a finger that did not answer. A sample that never came is a step with
    NaN in every number. Call holdfast_init again after a gap of more than @GAP_MS@ ms without steps.
 
