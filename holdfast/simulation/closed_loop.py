@@ -107,8 +107,11 @@ def run_loops(
     return [outcomes[k] for k in range(len(trials))]
 
 
-def batches(trials: Trials) -> list[list[int]]:
-    """Places of the trials that run together: those of similar length, MOST_TOGETHER at most."""
+def batches(trials: Trials, lanes: int = 1) -> list[list[int]]:
+    """Places of the trials that run together: those of similar length.
+
+    MOST_TOGETHER at most, each counted as often as it has lanes.
+    """
     habits = Habits()
     lasts_s = [loop_end_s(trial, habits) - Times.of(trial).close for trial in trials]
 
@@ -116,7 +119,7 @@ def batches(trials: Trials) -> list[list[int]]:
     order = sorted(range(len(trials)), key=lasts_s.__getitem__)
 
     # As few batches as can be, of equal size; -(-a // b) rounds up.
-    count = max(1, -(-len(order) // MOST_TOGETHER))
+    count = max(1, -(-len(order) * lanes // MOST_TOGETHER))
     return [part.tolist() for part in np.array_split(order, count) if part.size]
 
 
