@@ -17,6 +17,7 @@ from benchmarks.loop_baselines import CLOSURES, oracle, vibration
 from benchmarks.loop_figures import LoopFigures, ThreeRuns, loop_figures
 from holdfast.core.contract import Json
 from holdfast.core.errors import UsageError
+from holdfast.core.locked import locked_sets
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.edge_runtime.monitor import require_fit
@@ -124,6 +125,19 @@ def require_runnable(model: OpenedModel, card_name: str) -> None:
         rate_hz=card.rate_hz,
         where=card_name,
     )
+
+
+def _require_seen(card_name: str, seed: int) -> None:
+    """Raise UsageError for a style that no choice may see, at a seed that is not locked."""
+    sha256 = read_scene_file(card_name).sha256
+    sets = locked_sets()
+    for style in sets.styles:
+        same = style.sha256 == sha256 or style.scene == Path(card_name).stem
+        if same and sets.lock_of_seed(seed) is None:
+            raise UsageError(
+                f"{style.scene} is a style that no choice may see, and seed {seed} is not locked",
+                next_step="choose on other scenes; this one runs in reports, at a locked seed",
+            )
 
 
 def run_part(
@@ -347,6 +361,7 @@ class LoopComparison:
         model = model_of(self.model)
         for card in self.cards:
             require_runnable(model, card)
+            _require_seen(card, self.seed)
 
     def run(
         self, workers: Workers, done: Callable[[float], None]
