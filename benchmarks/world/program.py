@@ -172,10 +172,10 @@ def _others(args: argparse.Namespace, version: str, records: list[Json]) -> Json
 def seed_line(number: int) -> str:
     """What the seed is for."""
     sets = locked_sets()
-    for locked in sets.seeds:
-        if locked.first <= number <= locked.last:
-            since = f"locked since {sets.locked_on}"
-            return f"seed {number}: {since}, for reports; choose nothing on it"
+    locked = sets.lock_of_seed(number)
+    if locked is not None:
+        since = f"locked since {locked.locked_on}"
+        return f"seed {number}: {since}, for reports; choose nothing on it"
     if sets.development.first <= number <= sets.development.last:
         return f"seed {number}: for development, not for reports"
     return f"seed {number}: neither locked nor for development; its figures are for no report"

@@ -23,11 +23,15 @@ TRUTHS = "*.truth.json"
 
 
 class Seeds(msgspec.Struct, frozen=True):
-    """Seeds from first to last, both included, and what they are for."""
+    """Seeds from first to last, both included, and what they are for.
+
+    locked_on: the day; None for seeds that are open.
+    """
 
     first: int
     last: int
     about: str
+    locked_on: date | None = None
 
 
 class Style(msgspec.Struct, frozen=True):
@@ -48,7 +52,7 @@ class People(msgspec.Struct, frozen=True):
 class LockedSets(msgspec.Struct, frozen=True):
     """What locked.toml says.
 
-    locked_on    the day
+    locked_on    the day of the styles; seeds have their own
     seeds        locked for every scene
     styles       locked at every seed
     development  seeds for choices
@@ -61,6 +65,11 @@ class LockedSets(msgspec.Struct, frozen=True):
     development: Seeds
     people: tuple[People, ...] = ()
 
+    def lock_of_seed(self, seed: int) -> Seeds | None:
+        """The entry that locks a seed, the later one where two do; None for an open seed."""
+        found = [one for one in self.seeds if one.first <= seed <= one.last]
+        return found[-1] if found else None
+
     def reason(self, origin: Json, *, styles: bool = True) -> str:
         """Why the set of this origin is locked, or "".
 
@@ -72,9 +81,9 @@ class LockedSets(msgspec.Struct, frozen=True):
             return ""
 
         seed = origin.get("seed")
-        for locked in self.seeds:
-            if isinstance(seed, int) and locked.first <= seed <= locked.last:
-                return f"seed {seed} is locked ({locked.about})"
+        locked = self.lock_of_seed(seed) if isinstance(seed, int) else None
+        if locked is not None:
+            return f"seed {seed} is locked since {locked.locked_on} ({locked.about})"
         if not styles:
             return ""
 
@@ -82,7 +91,8 @@ class LockedSets(msgspec.Struct, frozen=True):
         for style in self.styles:
             # By its name too: another version of the scene is still that style.
             if style.scene == name or style.sha256 == sha256:
-                return f"the style {style.scene} is locked at every seed"
+                since = f"since {self.locked_on}"
+                return f"the style {style.scene} is locked at every seed, {since}"
         return ""
 
 
@@ -132,7 +142,7 @@ def require_open(folder: Path, choice: str, *, styles: bool = True) -> None:
     sets = locked_sets()
     development = sets.development
     raise SetLocked(
-        f"{choice} may not see this set: {reason}, since {sets.locked_on}",
+        f"{choice} may not see this set: {reason}",
         where=folder,
         cause="it was simulated for a last test",
         next_step="simulate another set for this, "
