@@ -144,7 +144,7 @@ static const command_t *answer(receiver_t *r, const char *line, int word, long l
 /* A serial port that passes bytes as they are; -1 with errno. */
 static int opened(const char *path) {
     const int port = open(path, O_RDWR | O_NOCTTY | O_NONBLOCK);
-    struct termios raw = {.c_cflag = CS8 | CREAD | CLOCAL};
+    struct termios raw = {.c_cflag = CS8 | CREAD | CLOCAL, .c_cc[VMIN] = 1};
     cfsetispeed(&raw, BAUD), cfsetospeed(&raw, BAUD);
     return port >= 0 && tcsetattr(port, TCSANOW, &raw) ? -1 : port;
 }

@@ -155,12 +155,15 @@ class Link:
         """What has come; waits at most so long for the first of it."""
         if not select.select([self.handle], [], [], wait_s)[0]:
             return []
-        came = b""
-        with suppress(OSError):  # unplugged
+        try:
             came = os.read(self.handle, 2048)
+        except BlockingIOError:  # another program took it
+            return []
+        except OSError:
+            came = b""
         if not self.is_wire:
             return [came]
-        if not came:
+        if not came:  # unplugged
             self.open_again(wait_s)
         *lines, rest = (self.rest + came).split(b"\n")
         self.rest = rest[-2048:]
@@ -184,8 +187,9 @@ class Link:
 def opened(path):
     """A serial port that passes bytes as they are."""
     port = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    flags = termios.tcgetattr(port)
-    raw = [0, 0, termios.CS8 | termios.CREAD | termios.CLOCAL, 0, BAUD, BAUD, flags[6]]
+    special = termios.tcgetattr(port)[6]
+    special[termios.VMIN] = 1  # so that no bytes and no port are told apart
+    raw = [0, 0, termios.CS8 | termios.CREAD | termios.CLOCAL, 0, BAUD, BAUD, special]
     termios.tcsetattr(port, termios.TCSANOW, raw)
     return port
 

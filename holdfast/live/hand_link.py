@@ -30,7 +30,7 @@ from typing import Any
 
 from holdfast.core.errors import DeviceError
 from holdfast.core.hand_lines import not_an_address
-from holdfast.drivers.line_feeds import open_port
+from holdfast.drivers.line_feeds import close_port, open_port
 from holdfast.edge_runtime.supervisor import EXPIRES_MS
 from holdfast.live.sources import source_url
 
@@ -151,8 +151,7 @@ class SerialPort:
 
     def close(self) -> None:
         """Close the port."""
-        with suppress(*FAILURES):
-            self._port.close()
+        close_port(self._port)
 
 
 Port = UnixPort | SerialPort

@@ -93,7 +93,7 @@ class TtyReceiver(Receiver):
         self.handle, other = os.openpty()
         self.path = os.ttyname(other)
         self.url = f"serial://{self.path}"
-        self._other, self._text = other, b""
+        self.other, self._text = other, b""
 
     def raw(self) -> bytes:
         while b"\n" not in self._text:
@@ -108,10 +108,10 @@ class TtyReceiver(Receiver):
         os.write(self.handle, line + b"\n")
 
     def close(self) -> None:
-        for handle in (self.handle, self._other):
+        for handle in (self.handle, self.other):
             if handle >= 0:
                 os.close(handle)
-        self.handle = self._other = -1
+        self.handle = self.other = -1
 
 
 def until(holds: Callable[[], object]) -> None:
