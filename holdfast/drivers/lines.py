@@ -223,7 +223,7 @@ class LineSource(Arrivals):
     """The lines of a feed as a source. clock: has now_ns and wait_until.
 
     report: receives what a person should know. rate_hz: None where it is measured. Raises
-    DeviceNotFound where no sample comes, RateError where a rate is not to be had, DeviceLost.
+    DeviceNotFound where no sample comes, RateError where a rate is not to be had.
     """
 
     def __init__(
@@ -296,10 +296,7 @@ class LineSource(Arrivals):
         return float(1e9 / steps.mean())
 
     def read(self) -> SourceReading | None:
-        """The next sample, or the last reading again with no sensor valid; None at the end.
-
-        Raises DeviceLost.
-        """
+        """The next sample, or the last reading again with no sensor valid; None at the end."""
         paused_ns = self.clock.now_ns() - self._looked_ns
         if paused_ns > self.periods_ns(PAUSE_PERIODS):
             self.count_dropped(self._drop_waiting(), "nothing was read")

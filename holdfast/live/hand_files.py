@@ -18,7 +18,7 @@ import numpy as np
 from holdfast.core.contract import NORMAL_AXIS, BoolArray, FloatArray, IntArray, Sample
 from holdfast.core.errors import UnitError
 from holdfast.core.hand_card import sensor_names
-from holdfast.core.source import SelfPaced, Source, SourceReading
+from holdfast.core.source import Source, SourceReading, Turns
 from holdfast.drivers.replay import at_rate, hand_of, zero_of
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.monitor import GripMonitor, require_fit, require_measured
@@ -232,24 +232,24 @@ class OpenHand(ExitStack):
     ) -> Iterator[Sample]:
         """Samples for a monitor, on time and at its rate, until the source ends.
 
-        seconds: end after so many. Without a file of the bias it is taken from the first rows, as
-        the model's card says; until then no sensor is valid, and the hand must be empty. Raises
-        UnitError, ChannelError or RateError where the source does not fit the model.
+        seconds: end after so many. Turns that pass while the program does something else are
+        skipped, as in a live run: the sequence has a gap there. Without a file of the bias it is
+        taken from the first rows, as the model's card says; until then no sensor is valid, and the
+        hand must be empty. Raises UnitError, ChannelError or RateError where the source does not
+        fit the model.
         """
         card = monitor.card
         source = at_rate(self._source, card.rate_hz, say)
         rate_hz = source.rate_hz or card.rate_hz
         tare, fill = tare_of(card, source, self._resting, self.url), card.filler()
-        start_ns = self._clock.now_ns()
-        sequence = 0
-        while seconds is None or sequence < seconds * rate_hz:
-            # an absolute schedule: a late sample delays no other one
-            if not isinstance(source, SelfPaced):
-                self._clock.wait_until(start_ns + round(1e9 * sequence / rate_hz))
+        turns = Turns(source, self._clock, 1e9 / rate_hz)
+        while seconds is None or turns.number < seconds * rate_hz:
+            turns.wait()
             reading = source.read()
             if reading is None:
                 return
             # the model was trained on values without the bias of the unloaded hand
             values, valid = tare.prepare(fill(reading.values), reading.valid)
-            yield Sample(reading.t_ns, values, valid, sequence)
-            sequence += 1
+            yield Sample(reading.t_ns, values, valid, turns.number)
+            # the program may have taken its time with this sample
+            turns.end()

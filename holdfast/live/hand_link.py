@@ -4,10 +4,11 @@
     serial:///dev/ttyX?baud=N     lines that end with a line feed; 115200 where no baud is given
 
 A thread writes, so the loop never waits. It takes the newest line when the link has room: a line
-that a newer one overtakes is left out and counted, so what arrives is never old. A link that fails,
-or that has no room for EXPIRES_MS, is reported once, and tried again every
-RETRY_S. Its first line is then `hold`. The last line of a run is `hold`. Where the process dies
-without it, the receiver holds EXPIRES_MS after the last line.
+that a newer one overtakes is left out and counted, so what leaves is never old. A receiver skips a
+line that became old on its way (core/hand_lines.py). A link that fails, or that has no room for
+EXPIRES_MS, is reported once, and tried again every RETRY_S. Its first line is then `hold`. The last
+line of a run is `hold`. Where the process dies without it, the receiver holds EXPIRES_MS after the
+last line.
 
 A serial port carries few lines: 115200 baud about 55 a second. It is the one that pyserial opens
 (extra `serial`). A line that was cut off is ended by the next line feed: a reader skips it.
@@ -16,6 +17,7 @@ A serial port carries few lines: 115200 baud about 55 a second. It is the one th
 from __future__ import annotations
 
 import math
+import os
 import select
 import socket
 import termios
@@ -28,7 +30,7 @@ from typing import Any
 
 from holdfast.core.errors import DeviceError
 from holdfast.core.hand_lines import not_an_address
-from holdfast.drivers.line_feeds import open_port
+from holdfast.drivers.line_feeds import close_port, open_port
 from holdfast.edge_runtime.supervisor import EXPIRES_MS
 from holdfast.live.sources import source_url
 
@@ -48,6 +50,11 @@ LAST_LINE_S = 0.2
 """The last line waits this long for room."""
 END_S = 0.5
 """The end of a run waits this long for the thread."""
+PSEUDO_TERMINALS = "/dev/pts/"
+NO_QUEUE = (
+    "a pseudo-terminal does not say how many bytes wait in it, so lines can arrive late: "
+    "its reader must be fast, and skip old lines"
+)
 LOST = "link was lost"
 HOLDS = "the hand holds its grip"
 STALLED = "its reader is stalled"
@@ -125,6 +132,11 @@ class SerialPort:
         port.write(self.begins)
         return port
 
+    @property
+    def is_pseudo_terminal(self) -> bool:
+        """Whether it is the end of a pty, which never says how many bytes wait."""
+        return os.ttyname(self._port.fd).startswith(PSEUDO_TERMINALS)
+
     def wait_for_room(self, wait_s: float) -> None:
         """Wait until few bytes are unsent: a line behind many would arrive old."""
         end_s = time.monotonic() + wait_s
@@ -139,8 +151,7 @@ class SerialPort:
 
     def close(self) -> None:
         """Close the port."""
-        with suppress(*FAILURES):
-            self._port.close()
+        close_port(self._port)
 
 
 Port = UnixPort | SerialPort
@@ -276,4 +287,6 @@ def open_hand_link(
         port: Port = UnixPort(where.name)
     else:
         port = SerialPort(where.name, where.options.baud)
+        if port.is_pseudo_terminal:
+            report(f"{name} {url}: {NO_QUEUE}")
     return HandLink(port, f"{name} {url}", last, report, now_ns, effect)

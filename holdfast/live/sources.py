@@ -376,7 +376,7 @@ def _lines(source: SourceUrl, opening: _Opening) -> Source:
 
     rate_hz = options.rate_hz or (column_map.time.rate_hz if column_map else None)
     reader = SampleReader(column_map, own_unit, opening.to_force, hand)
-    feed = open_feed(source, "--source")
+    feed = open_feed(source, "--source", opening.report)
     opening.report(f"{feed.name}: waiting for the first samples")
     clock, report = opening.clock, opening.report
     try:
@@ -408,12 +408,12 @@ def _column_map(
     return column_map, column_map.hand_card(Path(options.map).parent)
 
 
-def open_feed(source: SourceUrl, option: str) -> Feed:
+def open_feed(source: SourceUrl, option: str, report: Report) -> Feed:
     """What reads the lines of a stdin, unix or serial URL. option: its name for people.
 
-    Raises UsageError, DeviceError.
+    report: receives what becomes of a serial port. Raises UsageError, DeviceError.
     """
-    from holdfast.drivers.line_feeds import DatagramFeed, serial_feed, stdin_feed
+    from holdfast.drivers.line_feeds import DatagramFeed, SerialFeed, stdin_feed
 
     if source.scheme == "stdin":
         return stdin_feed()
@@ -424,7 +424,7 @@ def open_feed(source: SourceUrl, option: str) -> Feed:
         )
     if source.scheme == "unix":
         return DatagramFeed(source.name)
-    return serial_feed(source.name, source.options.baud)
+    return SerialFeed(source.name, source.options.baud, report)
 
 
 class Scheme(NamedTuple):

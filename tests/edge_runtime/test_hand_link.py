@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from grip_bench import TtyReceiver, UnixReceiver, command, opened, send, sender, until
-from hazard_marks import NO_GRIP_COMMAND, RUN_DIES, WIRE_FAILS
+from hazard_marks import NO_GRIP_COMMAND, OLD_COMMAND, RUN_DIES, WIRE_FAILS
 
 from holdfast.core.errors import DeviceNotFound, UsageError
 from holdfast.edge_runtime.supervisor import to_line
@@ -62,6 +62,8 @@ def test_a_run_that_ends_by_an_error_says_so_in_its_last_hold(receiver):
 def test_a_stalled_reader_never_delays_a_command_and_gets_hold_when_it_reads(receiver):
     messages: list[str] = []
     with opened(receiver.url, messages.append) as link:
+        # a port of this test says at once that it is a pseudo-terminal
+        messages.clear()
         k, slowest_s = 0, 0.0
         while not messages:
             k += 1
@@ -86,6 +88,7 @@ def test_a_stalled_reader_never_delays_a_command_and_gets_hold_when_it_reads(rec
 def test_a_stalled_reader_keeps_no_run_from_ending(receiver):
     messages: list[str] = []
     with opened(receiver.url, messages.append) as link:
+        messages.clear()
         while not messages:
             link(to_line(command(1)), 1)
             time.sleep(0.001)
@@ -102,6 +105,7 @@ def test_an_unplugged_port_comes_back_under_its_name_and_begins_with_hold(
     first = TtyReceiver()
     name.symlink_to(first.path)
     with opened(f"serial://{name}", messages.append) as link:
+        messages.clear()
         send(link, 1)
         assert first.next()["sequence"] == 1
         first.close()
@@ -143,6 +147,14 @@ def test_a_slow_port_gets_the_newest_command_and_queues_none(tty, monkeypatch):
         room[0] = 50
         assert [tty.next()["sequence"] for _ in range(2)] == [1, 4]
         assert link.dropped == 2
+
+
+@OLD_COMMAND.mark
+def test_a_port_that_does_not_say_what_waits_in_it_is_told(tty):
+    messages: list[str] = []
+    with opened(tty.url, messages.append):
+        pass
+    assert [one for one in messages if "lines can arrive late" in one]
 
 
 @pytest.mark.parametrize(

@@ -279,6 +279,15 @@ NO_GRIP_COMMAND = Hazard(
     "Every command says that it expires after 300 ms; the virtual hand then holds its grip",
     "The hand's own controller holds where no command comes for 300 ms",
 )
+OLD_COMMAND = Hazard(
+    LIVE,
+    "An old grip command moves the hand: its receiver was stopped, or the wire is too slow",
+    "Every command has its time: the example receivers skip what is older than 300 ms, over a "
+    "serial port what comes later than the fastest line by 200 ms, and drop what waited while they "
+    "did not look",
+    "The same in a receiver of one's own; over a wire, a delay that every line has from the first "
+    "on, or that stands for minutes, is not seen",
+)
 WIRE_FAILS = Hazard(
     LIVE,
     "The wire to the hand fails, or its reader stalls",

@@ -18,7 +18,7 @@ from pathlib import Path
 from holdfast.core.contract import FloatArray, Json
 from holdfast.core.errors import EmptyRecording, TimeError
 from holdfast.core.hand_card import HandCard
-from holdfast.core.source import SelfPaced, Source
+from holdfast.core.source import Source, Turns
 from holdfast.core.trial_layout import META
 from holdfast.core.writing import write_whole
 from holdfast.drivers.replay import PacedReplay
@@ -199,19 +199,13 @@ class Session:
     def _samples(self, trial: TrialRecorder) -> str:
         """Record until a key, a signal, the time or the source ends the trial."""
         stamps = Stamps(self.period_ns)
-        start_ns = self.clock.now_ns()
-        # Then its reads wait for the next sample, and no turn passes unread.
-        is_paced = isinstance(self.source, SelfPaced)
-
+        turns = Turns(self.source, self.clock, self.period_ns)
         seconds = self.options.seconds
         longest_ns = float("inf") if seconds is None else round(1e9 * seconds)
-        turn = 0
         while not self.stopped():
-            # From the start, not from the last sample: a late one delays no other.
-            if not is_paced:
-                self.clock.wait_until(start_ns + round(turn * self.period_ns))
+            turns.wait()
             now_ns = self.clock.now_ns()
-            if now_ns - start_ns >= longest_ns:
+            if now_ns - turns.start_ns >= longest_ns:
                 return TIME_OVER
             measured = self.source.read()
             if measured is None:
@@ -230,20 +224,14 @@ class Session:
             if trouble:
                 trial.quality.lost += 1
             else:
-                trial.write(t_ns, turn, measured)
+                trial.write(t_ns, turns.number, measured)
             # After the sample: a command is never what a sample waits for.
             trial.write_intent()
             self.context.display.show(trial, measured, now_ns)
             ends = self._take_key(trial)
             if ends:
                 return ends
-            turn += 1
-            # Turns whose time has passed are lost samples, and none is read late for them.
-            spent_ns = self.clock.now_ns() - start_ns
-            due = int(spent_ns / self.period_ns)
-            if due > turn and not is_paced:
-                trial.quality.lost += due - turn
-                turn = due
+            trial.quality.lost += turns.end()
 
         return SIGNAL
 
