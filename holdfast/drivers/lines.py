@@ -7,8 +7,8 @@
 
 A column map says which columns are sensors and time (core/column_map.py). Without one the columns
 are called X1, Y1, Z1, .. and, for the time, Time or t_s (in s), t_ms, t_us or t_ns. valid1, .. are
-0 where a sensor is not valid. Other columns are left alone. None, an empty cell and nan make a
-sensor invalid at this sample.
+0 where a sensor is not valid. Other columns are left alone. None, an empty cell, NaN and infinity
+make a sensor invalid at this sample, in whichever way a program writes them.
 
 A line counts where its time, and its `sequence` if it has one, are above those of the line before,
 or where none has counted for 300 ms (core/hand_lines.py). The time of a sample is that of its
@@ -47,6 +47,7 @@ from holdfast.core.hand_lines import (
     printable,
     sequence_of,
 )
+from holdfast.core.schema import NO_NUMBER
 from holdfast.core.source import SourceReading
 from holdfast.core.trial_file import TIME_COLUMNS, Zero, prepared_by
 from holdfast.drivers.arrivals import Arrivals
@@ -56,7 +57,9 @@ ToForce = Callable[[FloatArray], FloatArray]
 """Field [S, 3] in uT -> force [S, 3] in N."""
 SEPARATORS = (",", ";", "\t")
 CHANNEL = re.compile(r"[XYZ]([1-9][0-9]{0,3})")
-SAYS_NO = (0, "0", "false")
+SAYS_NO = (None, "", 0, "0", "false")
+EMPTY = re.compile(NO_NUMBER, re.IGNORECASE)
+"""A cell that counts as an empty one."""
 NOT_VALID = "not valid"
 NAME_A_MAP = (
     "describe the columns in a map, and add it to the URL: ?map=FILE (for - : "
@@ -148,6 +151,7 @@ class SampleReader:
             raise ValueError(f"{len(cells)} cells, the header has {len(self._names)}")
         if separator == ";":
             cells = [cell.replace(",", ".") for cell in cells]
+        cells = ["" if EMPTY.fullmatch(cell) else cell for cell in cells]
         return dict(zip(self._names, cells, strict=True))
 
     def _known_map(self, names: Collection[str]) -> ColumnMap:
@@ -189,7 +193,9 @@ def _valid(values: FloatArray, columns: dict[str, Any]) -> BoolArray:
     valid: BoolArray = np.logical_and.reduce(finite, axis=1)
     if "valid1" in columns:
         for k in range(len(valid)):
-            valid[k] &= columns.get(f"valid{k + 1}", 1) not in SAYS_NO
+            flag = columns.get(f"valid{k + 1}", 1)
+            # nan is unequal to itself
+            valid[k] &= flag not in SAYS_NO and flag == flag
     return valid
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import pty
 import socket
@@ -158,6 +159,21 @@ def test_a_stuck_sender_is_unknown(model: Model) -> None:
     assert {one.why for one in answers if one.t_decided_ns > 320 * PERIOD_NS} == {
         "repeats"
     }
+
+
+def test_a_finger_that_sends_nan_is_lost_alone(model: Model) -> None:
+    """The sender writes its lines with json.dumps."""
+    clock = VirtualClock()
+    source, _, said = opened(
+        clock, line=lambda k: text_of(k, **({"Z4": math.nan} if k >= 200 else {}))
+    )
+    answers = answered(model, clock, source, 400)
+    assert {one.state for one in answers[150:]} == {"nothing"}
+    degraded = [one.degraded for one in answers]
+    assert degraded[:200] == [False] * 200
+    assert set(degraded[200:]) == {True}
+    source.close()
+    assert said == ["script: 6 sensors in N at 150 Hz, stamps of arrival"]
 
 
 @STALE_LINES.mark
