@@ -248,12 +248,17 @@ class _Run:
         """Report what the run begins with; returns the measured bias, if there is one."""
         for line in about_model(self.model):
             self.report(line)
-        resting = resting_of(self.options.bias, source)
-        bare = resting is None and zero_of(source) is None
-        if bare and self._card.preparation.bias_rows:
-            outputs.append(ZeroWatch(self._card, self.report))
+        options = self.options
+        bias = resting_of(options.bias, source, options.calibration)
+        zero, measured = zero_of(source), ""
+        if bias is not None:
+            measured = f"{options.bias} ({bias.date or 'without a date'})"
+        elif zero == "measured":
+            measured = "that recording"
+        if measured or (zero is None and self._card.preparation.bias_rows):
+            outputs.append(ZeroWatch(self._card, self.report, measured))
         outputs.append(self._answers)
-        return resting
+        return None if bias is None else bias.values
 
     def _open_outputs(self, stack: ExitStack) -> list[Output]:
         """Those that only show or keep answers, in the order in which they get one."""

@@ -85,8 +85,7 @@ def test_a_column_map_names_turns_and_scales() -> None:
 
 @pytest.mark.parametrize(
     "word",
-    "NaN Infinity -Infinity nan -inf -nan(ind) 1e999 null".split()
-    + ['"nan"', " nan ", "1".ljust(5000, "0")],
+    ["NaN", "Infinity", "-Infinity", "nan", " nan ", "-inf", "-nan(ind)", "1e999"],
 )
 def test_a_value_in_json_that_is_no_finite_number_is_its_sensors_loss(
     word: str,
@@ -98,6 +97,12 @@ def test_a_value_in_json_that_is_no_finite_number_is_its_sensors_loss(
     time = TimeColumn(arrival=True)
     reader = SampleReader(ColumnMap(unit="N", time=time, sensors=tuple(sensors)))
     assert taken(reader, text.encode()).valid.tolist() == [True, False]
+
+
+@pytest.mark.parametrize("word", ['"nan"', "null", "1".ljust(5000, "0")])
+def test_a_text_null_or_a_number_without_end_is_its_sensors_loss_too(word: str) -> None:
+    text = line().replace(b'"Y2": 1.0', f'"Y2": {word}'.encode())
+    assert taken(SampleReader(), text).valid.tolist() == [True, False]
 
 
 @pytest.mark.parametrize("cell", ["", "nan", "inf", "-inf", "1e999", "-nan(ind)"])
