@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import msgspec
 
 from holdfast.core.contract import Command, FloatArray
-from holdfast.core.errors import OutputError, UsageError, visible
+from holdfast.core.errors import HoldfastError, OutputError, UsageError, visible
 from holdfast.core.lines import Sink, stream_sink
 from holdfast.core.schema import DEFAULT_MODEL
 from holdfast.core.source import Source
@@ -193,6 +193,8 @@ class _Run:
             # first, so that Ctrl-C while outputs are opened ends the run in order
             self.stopped = stack.enter_context(stop_signals())
             outputs = self._open_outputs(stack)
+            # called before they are closed
+            stack.push(self._show_failure)
             command = self._open_wearer(stack, outputs)
             moving = self._open_moving(stack)
             source = open_live(
@@ -230,6 +232,13 @@ class _Run:
         # exact only now: while sinks are open, waiting lines count as dropped
         summary.lost["dropped"] = self.lines.dropped
         return summary
+
+    def _show_failure(
+        self, kind: object, error: BaseException | None, trace: object
+    ) -> None:
+        """What ended the run, for the page: on the terminal it is printed at the very end."""
+        if self._page and isinstance(error, HoldfastError):
+            self._page.why_ended = visible(str(error))
 
     def _report_end(self, summary: Summary) -> None:
         """Why the loop has ended, for the terminal and the page."""

@@ -100,9 +100,7 @@ def test_a_stale_bias_is_said_in_the_terminal_and_an_absurd_or_foreign_one_refus
     code, _, err = run("run", TINY, *answers)
     assert code == 0
     assert err.count("warning") == 1
-    assert f"reads 3 N. If it holds nothing, the zero of {stored} ({good['date']})" in (
-        err
-    )
+    assert f"N. If it holds nothing, the zero of {stored} ({good['date']})" in (err)
     for change, says in (
         ({"values": [1e9] * 18}, "beyond 500 N"),
         ({"calibration": "0123456789abcdef"}, "calibration 0123456789abcdef, and this"),
