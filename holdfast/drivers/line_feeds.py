@@ -23,6 +23,8 @@ from holdfast.core.hand_lines import LONGEST_LINE, MOST_A_CALL, unix_listener
 
 CHUNK_BYTES = 64 << 10
 DEFAULT_BAUD = 115200
+BITS_A_BYTE = 10
+"""On a serial line: a start bit, eight bits, a stop bit."""
 
 
 class LineSplitter:
@@ -31,6 +33,11 @@ class LineSplitter:
     def __init__(self) -> None:
         self._rest = b""
         self._skips = False
+
+    @property
+    def unfinished(self) -> int:
+        """Bytes of a line whose end has not come."""
+        return len(self._rest)
 
     def split(self, data: bytes) -> list[bytes]:
         """The lines that are whole now, without their line ends."""
@@ -50,8 +57,10 @@ class LineSplitter:
 class StreamFeed:
     """Lines of a descriptor. close: closes it; None for standard input, whose end is the end.
 
-    ended: no line will ever come again.
+    ended: no line will ever come again. bytes_per_s: what a serial port carries at most.
     """
+
+    bytes_per_s: float | None = None
 
     def __init__(
         self, name: str, handle: int, close: Callable[[], object] | None = None
@@ -80,6 +89,11 @@ class StreamFeed:
         self.ended = not data
         return self._lines.split(data)
 
+    @property
+    def unfinished(self) -> int:
+        """Bytes that have come of a line whose end has not."""
+        return self._lines.unfinished
+
     def close(self) -> None:
         """Close the descriptor; standard input belongs to the program."""
         if self._close is not None:
@@ -90,6 +104,8 @@ class DatagramFeed:
     """Lines that come to a Unix socket as datagrams, one or several in each. Raises UsageError."""
 
     ended = False
+    bytes_per_s: float | None = None
+    unfinished = 0
 
     def __init__(self, path: str) -> None:
         self.name = f"unix://{path}"
@@ -126,7 +142,9 @@ def stdin_feed() -> StreamFeed:
 def serial_feed(path: str, baud: int) -> StreamFeed:
     """A serial port. Raises LibraryMissing, UsageError, DeviceNotFound, AccessDenied."""
     port = open_port(path, baud)
-    return StreamFeed(f"serial://{path}", port.fileno(), port.close)
+    feed = StreamFeed(f"serial://{path}", port.fileno(), port.close)
+    feed.bytes_per_s = baud / BITS_A_BYTE
+    return feed
 
 
 def open_port(path: str, baud: int = DEFAULT_BAUD) -> Any:

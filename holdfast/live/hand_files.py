@@ -244,6 +244,7 @@ def tare_of(
         unit=source.unit,
         rate_hz=rate_hz,
         where=where,
+        losses=getattr(source, "losses", ""),
     )
     # the samples of another run have lost both already
     bare = card.preparation if zero_of(source) is None else Preparation()

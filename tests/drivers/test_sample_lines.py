@@ -16,7 +16,7 @@ from holdfast.core.errors import ColumnError
 from holdfast.core.hand_lines import NOT_RISING, NOT_UNDERSTOOD, LineRefused
 from holdfast.core.schema import checked, toml_of
 from holdfast.core.source import SourceReading
-from holdfast.drivers.lines import SampleReader, map_of_names
+from holdfast.drivers.lines import SAME_STAMP, SampleReader, map_of_names
 
 NAMES = ("X1", "Y1", "Z1", "X2", "Y2", "Z2")
 MS = 1_000_000
@@ -65,7 +65,7 @@ def test_rows_are_read_by_their_header(header: str, row: str) -> None:
     assert reader.take(b"", 0) is None
     sample = taken(reader, row.encode())
     assert sample.values.tolist() == [1.0, -2.5, 3.0]
-    assert refused(reader, row.encode()) == NOT_RISING
+    assert refused(reader, row.encode()) == SAME_STAMP
 
 
 def test_a_header_that_comes_again_may_have_another_order() -> None:
@@ -157,7 +157,8 @@ def test_columns_of_which_none_is_a_sensor_say_what_to_do() -> None:
 def test_time_and_sequence_must_rise_until_the_sender_was_silent_for_300_ms() -> None:
     reader = SampleReader()
     taken(reader, line(t_ms=1000, sequence=7))
-    for numbers in ({"t_ms": 1000}, {"t_ms": 999}, {"sequence": 7}, {"sequence": 0}):
+    assert refused(reader, line(t_ms=1000, sequence=8)) == SAME_STAMP
+    for numbers in ({"t_ms": 999}, {"sequence": 7}, {"sequence": 0}):
         assert refused(reader, line(**({"t_ms": 1001, "sequence": 8} | numbers))) == (
             NOT_RISING
         )
