@@ -16,7 +16,7 @@ from __future__ import annotations
 import argparse
 import sys
 from contextlib import closing, suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import date
 from importlib.resources import files
 from pathlib import Path
@@ -118,7 +118,7 @@ def run_bias(args: argparse.Namespace) -> int:
 
     Raises OutputError, and the errors of the hand.
     """
-    from holdfast.drivers.calibration import write_bias
+    from holdfast.drivers.calibration import digest_of, write_bias
     from holdfast.live.hand_files import force_of
     from holdfast.live.running import RunClock, say
     from holdfast.live.sources import open_live
@@ -145,7 +145,9 @@ def run_bias(args: argparse.Namespace) -> int:
     if not args.anyway:
         require_good(measured, "nothing is written")
 
-    bias = measured.bias
+    digest = digest_of(args.calibration) if args.calibration else ""
+    today = date.today().isoformat()
+    bias = replace(measured.bias, date=today, calibration=digest)
     write_bias(args.out, bias)
     spread = float(bias.spread.max())
     run = command("run", "MODEL", "--source", "URL", "--bias", args.out)

@@ -28,7 +28,7 @@ from pathlib import Path
 
 from holdfast.core.contract import Json
 from holdfast.core.errors import UsageError, visible
-from holdfast.core.schema import json_of
+from holdfast.core.schema import message_of
 
 SILENCE_NS = 300_000_000
 """A sender that has been silent for longer is gone."""
@@ -51,10 +51,13 @@ class LineRefused(ValueError):
 
 
 def fields_of(line: bytes) -> Json:
-    """The members of a line that is one JSON object. Raises ValueError, with the reason."""
+    """The members of a line that is one JSON object; numbers may be nan or infinite.
+
+    Raises ValueError, with the reason.
+    """
     if len(line) > LONGEST_LINE:
         raise ValueError("too long")
-    fields = json_of(line)
+    fields = message_of(line)
     if not isinstance(fields, dict):
         raise ValueError("no JSON object")
     return fields

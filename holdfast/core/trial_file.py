@@ -411,11 +411,18 @@ def _check_time(time_s: FloatArray, path: Path) -> FloatArray:
     if len(backwards):
         at = backwards[0]
         word = f"runs backwards by {-steps[at]:.6g} s" if steps[at] else "stands still"
+        cause = "the clock was set, or the file holds two recordings"
+        next_step = "split the file there"
+        n_equal = int((steps == 0.0).sum())
+        if n_equal > 1:
+            word += f", as in {n_equal} lines"
+            cause = "its clock ticks too seldom, or its times have too few digits"
+            next_step = "write finer times, or import it with rate_hz in its map"
         raise TimeError(
             f"{line_of_row(at + 1)}: time {word}",
             where=path,
-            cause="the clock was set, or the file holds two recordings",
-            next_step="split the file there",
+            cause=cause,
+            next_step=next_step,
         )
     median = float(np.median(steps))
     from_zero: FloatArray = time_s - time_s[0]

@@ -29,6 +29,8 @@ CHUNK_BYTES = 64 << 10
 DEFAULT_BAUD = 115200
 RETRY_S = 0.2
 """Between two tries to open a port that has gone."""
+BITS_A_BYTE = 10
+"""On a serial line: a start bit, eight bits, a stop bit."""
 
 
 class LineSplitter:
@@ -37,6 +39,11 @@ class LineSplitter:
     def __init__(self) -> None:
         self._rest = b""
         self._skips = False
+
+    @property
+    def unfinished(self) -> int:
+        """Bytes of a line whose end has not come."""
+        return len(self._rest)
 
     def split(self, data: bytes) -> list[bytes]:
         """The lines that are whole now, without their line ends."""
@@ -56,8 +63,10 @@ class LineSplitter:
 class StreamFeed:
     """Lines of a descriptor that another program writes to, such as standard input.
 
-    ended: no line will ever come again.
+    ended: no line will ever come again. bytes_per_s: what a serial port carries at most.
     """
+
+    bytes_per_s: float | None = None
 
     def __init__(self, name: str, handle: int) -> None:
         self.name = name
@@ -82,6 +91,11 @@ class StreamFeed:
         self.ended = not data
         return self._lines.split(data)
 
+    @property
+    def unfinished(self) -> int:
+        """Bytes that have come of a line whose end has not."""
+        return self._lines.unfinished
+
     def close(self) -> None:
         """Standard input belongs to the program."""
 
@@ -101,6 +115,7 @@ class SerialFeed:
         self._port: Any = self._open()
         self._try_s = 0.0
         self._lines = LineSplitter()
+        self.bytes_per_s: float | None = baud / BITS_A_BYTE
 
     def pull(self, timeout_s: float) -> list[bytes]:
         """The lines that have come; waits at most so long for the first bytes."""
@@ -111,6 +126,11 @@ class SerialFeed:
         if not select.select([self._port.fd], [], [], wait_s)[0]:
             return []
         return self._lines.split(self._read())
+
+    @property
+    def unfinished(self) -> int:
+        """Bytes that have come of a line whose end has not."""
+        return self._lines.unfinished
 
     def close(self) -> None:
         """Close the port."""
@@ -157,6 +177,8 @@ class DatagramFeed:
     """Lines that come to a Unix socket as datagrams, one or several in each. Raises UsageError."""
 
     ended = False
+    bytes_per_s: float | None = None
+    unfinished = 0
 
     def __init__(self, path: str) -> None:
         self.name = f"unix://{path}"

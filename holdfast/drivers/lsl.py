@@ -63,6 +63,7 @@ MOST_AT_ONCE = 4096
 FORWARD_NS = 1_000_000
 """The correction may be wrong by so much: a stamp may lie that far in the future."""
 NO_NUMBER = "not a number"
+SAME_STAMP = "stamped like the one before"
 DECISION = ("state", *(f"p_{name}" for name in SITUATIONS), "p_risky", "arm", "act")
 UNKNOWN_STATE = -1.0
 UNIT_WORDS: dict[str, Unit] = {
@@ -247,6 +248,7 @@ class LslSource(Arrivals):
         where = f"lsl://{facts.name}"
         super().__init__(where, clock, report)
         self._inlet = inlet
+        self._stamp_ns: int | None = None
         inlet.begin(clock.now_ns, report)
         labels = () if facts.is_text else facts.labels
         self._order = order_of(labels, where, hand)
@@ -274,6 +276,10 @@ class LslSource(Arrivals):
     def collect(self, timeout_s: float) -> None:
         """Take what has come; wait at most so long for the first of it."""
         for t_ns, values in self._inlet.stamped(timeout_s):
+            # the loop counts it as lost
+            if t_ns == self._stamp_ns:
+                self.skipped.count(SAME_STAMP, f"a sample is {SAME_STAMP}")
+            self._stamp_ns = t_ns
             self.waiting.append(self._reading(t_ns, values))
         if self._inlet.ended:
             # the loop goes on at its pace, and its state is unknown

@@ -394,9 +394,18 @@ def _by_name(names: tuple[str, ...], values: Any) -> dict[str, float]:
 
 
 def require_fit(
-    card: ModelCard, *, n_channels: int, unit: str, rate_hz: float, where: str | Path
+    card: ModelCard,
+    *,
+    n_channels: int,
+    unit: str,
+    rate_hz: float,
+    where: str | Path,
+    losses: str = "",
 ) -> None:
-    """Raise ChannelError, UnitError or RateError where a source does not fit the model."""
+    """Raise ChannelError, UnitError or RateError where a source does not fit the model.
+
+    losses: what makes its rate smaller than that of its sender, in words.
+    """
     if n_channels != card.n_channels:
         raise ChannelError(
             f"the source has {n_channels} channels, the model needs {card.n_channels}",
@@ -417,8 +426,8 @@ def require_fit(
         raise RateError(
             f"{rate_hz:.4g} Hz, the model needs {card.rate_hz:.4g} Hz within {RATE_TOLERANCE:.0%}",
             where=where,
-            cause="a model made for another rate",
-            next_step=model_for_rate(rate_hz),
+            cause=losses or "a model made for another rate",
+            next_step="correct the sender" if losses else model_for_rate(rate_hz),
         )
 
 

@@ -147,10 +147,17 @@ def _times(t_s: npt.ArrayLike | None, n_rows: int, card: ModelCard) -> FloatArra
     good = inside & np.append(True, np.diff(times_s) > 0.0)
     if not good.all():
         row = int(np.argmin(good))
+        next_step = "replay each recording on its own"
+        n_equal = int((np.diff(times_s) == 0.0).sum())
+        if n_equal:
+            next_step = (
+                f"{n_equal} rows have the time of the row before: pass finer times, or none for "
+                "the model's rate"
+            )
         raise TimeError(
             f"t_s stands still, runs backwards or is no number at row {row}",
             where=WHERE,
-            next_step="replay each recording on its own",
+            next_step=next_step,
         )
     return times_s
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import msgspec
 
 from holdfast.core.contract import Command, FloatArray
-from holdfast.core.errors import OutputError, UsageError, visible
+from holdfast.core.errors import HoldfastError, OutputError, UsageError, visible
 from holdfast.core.lines import Sink, stream_sink
 from holdfast.core.schema import DEFAULT_MODEL
 from holdfast.core.source import Source
@@ -193,6 +193,8 @@ class _Run:
             # first, so that Ctrl-C while outputs are opened ends the run in order
             self.stopped = stack.enter_context(stop_signals())
             outputs = self._open_outputs(stack)
+            # called before they are closed
+            stack.push(self._show_failure)
             command = self._open_wearer(stack, outputs)
             moving = self._open_moving(stack)
             source = open_live(
@@ -231,6 +233,13 @@ class _Run:
         summary.lost["dropped"] = self.lines.dropped
         return summary
 
+    def _show_failure(
+        self, kind: object, error: BaseException | None, trace: object
+    ) -> None:
+        """What ended the run, for the page: on the terminal it is printed at the very end."""
+        if self._page and isinstance(error, HoldfastError):
+            self._page.why_ended = visible(str(error))
+
     def _report_end(self, summary: Summary) -> None:
         """Why the loop has ended, for the terminal and the page."""
         why = "it was stopped" if self.stopped() else "its time is over"
@@ -248,12 +257,17 @@ class _Run:
         """Report what the run begins with; returns the measured bias, if there is one."""
         for line in about_model(self.model):
             self.report(line)
-        resting = resting_of(self.options.bias, source)
-        bare = resting is None and zero_of(source) is None
-        if bare and self._card.preparation.bias_rows:
-            outputs.append(ZeroWatch(self._card, self.report))
+        options = self.options
+        bias = resting_of(options.bias, source, options.calibration)
+        zero, measured = zero_of(source), ""
+        if bias is not None:
+            measured = f"{options.bias} ({bias.date or 'without a date'})"
+        elif zero == "measured":
+            measured = "that recording"
+        if measured or (zero is None and self._card.preparation.bias_rows):
+            outputs.append(ZeroWatch(self._card, self.report, measured))
         outputs.append(self._answers)
-        return resting
+        return None if bias is None else bias.values
 
     def _open_outputs(self, stack: ExitStack) -> list[Output]:
         """Those that only show or keep answers, in the order in which they get one."""

@@ -98,9 +98,10 @@ class LineWords:
     def _read(self, line: bytes) -> list[Intent]:
         """The item of a line; none where it is skipped."""
         now_ns, kind, why = self.now_ns(), NOT_RISING, ""
+        line = line.strip()
         try:
             is_object = line.startswith(b"{")
-            fields = fields_of(line) if is_object else {"wants": line.decode().strip()}
+            fields = fields_of(line) if is_object else {"wants": line.decode()}
             sequence = sequence_of(fields.get("sequence"))
             item = intent_of(fields.get("wants"), now_ns)
             if self._rule.obeys(now_ns, sequence):

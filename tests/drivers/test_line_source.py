@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import fcntl
 import json
+import math
 import os
+import pty
+import re
 import select
 import socket
 from collections.abc import Callable, Iterator
@@ -21,8 +24,14 @@ from hypothesis import strategies as st
 from live_bench import go
 
 from holdfast.core.contract import Prediction, channel_names
-from holdfast.core.errors import AccessDenied, DeviceNotFound, RateError, UsageError
-from holdfast.core.hand_lines import LONGEST_LINE
+from holdfast.core.errors import (
+    AccessDenied,
+    DeviceLost,
+    DeviceNotFound,
+    RateError,
+    UsageError,
+)
+from holdfast.core.hand_lines import LONGEST_LINE, SECOND_NS
 from holdfast.core.source import Source, SourceReading
 from holdfast.drivers.arrivals import LOST, SKIPPED
 from holdfast.drivers.line_feeds import (
@@ -68,7 +77,9 @@ class ScriptedFeed(StreamFeed):
         ),
         ends: int = 10**9,
         rubbish: bytes = b"",
+        bytes_per_s: float | None = None,
     ) -> None:
+        self.bytes_per_s, self._lines = bytes_per_s, LineSplitter()
         self.clock, self.line, self.ends = clock, line, ends
         self.rubbish = rubbish
         self.late_ns = late_ns
@@ -169,6 +180,21 @@ def test_a_stuck_sender_is_unknown(model: Model) -> None:
     }
 
 
+def test_a_finger_that_sends_nan_is_lost_alone(model: Model) -> None:
+    """The sender writes its lines with json.dumps."""
+    clock = VirtualClock()
+    source, _, said = opened(
+        clock, line=lambda k: text_of(k, **({"Z4": math.nan} if k >= 200 else {}))
+    )
+    answers = answered(model, clock, source, 400)
+    assert {one.state for one in answers[150:]} == {"nothing"}
+    degraded = [one.degraded for one in answers]
+    assert degraded[:200] == [False] * 200
+    assert set(degraded[200:]) == {True}
+    source.close()
+    assert said == ["script: 6 sensors in N at 150 Hz, stamps of arrival"]
+
+
 @STALE_LINES.mark
 def test_what_waited_while_nothing_was_read_is_dropped() -> None:
     """As between two trials: a sender that died meanwhile must not leave one fresh sample."""
@@ -235,6 +261,69 @@ def test_a_source_without_samples_says_so(
 ) -> None:
     with pytest.raises(error, match=says):
         opened(VirtualClock(), None, **script)
+
+
+def slow(k: int) -> int:
+    """A line that came at a seventh of a second."""
+    return k * (SECOND_NS // 7 - PERIOD_NS)
+
+
+TICK_NS = 10_000_000
+
+
+@pytest.mark.parametrize(
+    ("script", "says"),
+    [
+        # a clock of the sender that ticks every 10 ms, one that stands, broken and cut lines
+        (
+            {"line": lambda k: text_of(k, t_ns=k * PERIOD_NS // TICK_NS * TICK_NS)},
+            r"35 of 106 lines were skipped: 35 stamped like the line before",
+        ),
+        (
+            {"line": lambda k: text_of(k, t_ns=5)},
+            r"\d+ of \d+ lines were skipped: \d+ stamped like the line before",
+        ),
+        (
+            {"line": lambda k: text_of(k) if k % 7 else text_of(k)[:99]},
+            r"\d+ of \d+ lines were skipped: \d+ not understood",
+        ),
+        (
+            {"late_ns": slow, "bytes_per_s": 4000.0},
+            r"the port is full: at 40000 baud it carries 7\.\d* lines of 5\d\d bytes",
+        ),
+    ],
+)
+def test_a_rate_that_losses_made_is_not_called_a_model_for_another_rate(
+    model: Model, script: Any, says: str
+) -> None:
+    clock = VirtualClock()
+    source, _, said = opened(clock, None, **script)
+    assert re.search(says, said[-1])
+    with pytest.raises(RateError, match=says) as error:
+        answered(model, clock, source, 10)
+    assert "correct the sender" in str(error.value)
+    assert "another rate" not in str(error.value)
+
+
+def test_a_rate_without_losses_is_another_one(model: Model) -> None:
+    clock = VirtualClock()
+    # one broken line in forty
+    source, _, _ = opened(
+        clock,
+        None,
+        late_ns=lambda k: k * PERIOD_NS,
+        line=lambda k: text_of(k) if k % 40 else b"broken",
+    )
+    with pytest.raises(RateError, match="a model made for another rate"):
+        answered(model, clock, source, 10)
+
+
+def test_bytes_without_an_end_of_line_are_no_silent_sender() -> None:
+    clock = VirtualClock()
+    feed = ScriptedFeed(clock, late_ns=lambda k: 10**12)
+    feed._lines.split(b"\xf8\x80" * 50)
+    with pytest.raises(DeviceNotFound, match=r"100 bytes came, and no end.*baud="):
+        LineSource(feed, SampleReader(), clock, print)
 
 
 # -- bytes

@@ -61,7 +61,9 @@ class ScriptedInlet(LslInlet):
         gone: range = range(0),
         ends: int = 10**9,
         rows: Callable[[int], np.ndarray] | None = None,
+        tick: int = 1,
     ) -> None:
+        self.tick = tick
         self.facts = facts
         self.clock = clock
         self.gone = gone
@@ -83,7 +85,8 @@ class ScriptedInlet(LslInlet):
         came = []
         while self.next < self.ends and self._sent_ns(self.next) <= self.clock.now_ns():
             if self.next not in self.gone:
-                stamp_s = BEHIND_S + 1e-9 * self._sent_ns(self.next)
+                stamped = self.next // self.tick * self.tick
+                stamp_s = BEHIND_S + 1e-9 * self._sent_ns(stamped)
                 came.append((stamp_s, self.rows(self.next).tolist()))
             self.next += 1
         return came
@@ -117,6 +120,17 @@ def test_every_sample_is_read_once_and_its_stamp_is_on_our_clock():
         np.testing.assert_array_equal(reading.values, inlet.rows(k))
         assert reading.valid.all()
     assert (source.unit, source.n_channels, source.rate_hz) == ("N", 18, RATE_HZ)
+
+
+def test_equal_stamps_of_a_sender_are_named():
+    source, _, said = opened(VirtualClock(), tick=2)
+    readings = [source.read() for _ in range(50)]
+    source.close()
+    assert readings[2].t_ns == readings[3].t_ns
+    assert said == [
+        "lsl://hand: a sample is stamped like the one before",
+        "lsl://hand: 25 skipped in all",
+    ]
 
 
 def test_a_reader_that_falls_behind_drops_all_but_the_newest_and_says_so():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import socket
 import stat
@@ -140,7 +141,10 @@ def test_a_word_comes_as_an_object_or_bare_and_an_opening_lasts_until_it_expires
     tmp_path: Path,
 ) -> None:
     with listening(tmp_path) as run, numbered_sender(run.path) as wearer:
-        for line in ({"wants": "open"}, b"open", b"open\nstop\nopen\n"):
+        lines = [{"wants": "open"}, b"open", b"open\nstop\nopen\n"]
+        # what else stands in a line is not asked for
+        lines += [{"wants": "open", "emg": math.nan}, b' {"emg":-inf,"wants":"open"}\r']
+        for line in lines:
             wearer.send(line)
             assert run.ask() == Command(opening=True, link="live")
         wearer.send({"wants": "stop"})

@@ -156,6 +156,7 @@ def test_a_sensor_without_a_number_is_not_valid(
         ({"t_s": lambda t: 1e3 * t}, "RateError", "look like milliseconds"),
         ({"t_s": lambda t: 2.0 * t}, "RateError", "the model needs"),
         ({"t_s": lambda t: t[::-1]}, "TimeError", "at row 1"),
+        ({"t_s": lambda t: t // 0.1}, "TimeError", "have the time of the row before"),
         ({"t_s": lambda t: t[:-1]}, "TimeError", "one time a row"),
         ({"t_s": lambda t: np.append(t[:-1], np.nan)}, "TimeError", "at row"),
         ({"values": lambda v: v[:, 1:]}, "ChannelError", "needs [T, 18]"),

@@ -7,7 +7,7 @@ import re
 import signal
 import socket
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from http.client import HTTPConnection
 from typing import Any
 
@@ -24,6 +24,7 @@ from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.wearer import Intent, IntentMonitor
+from holdfast.live.page.process import DIED
 from holdfast.live.page.run_page import PageLink, RunPage, open_page
 from holdfast.live.run import answer
 
@@ -176,18 +177,34 @@ def test_a_page_whose_process_does_not_start_is_an_error(monkeypatch):
         open_page("0", ABOUT, print)
 
 
+def close_stdin(run: subprocess.Popen[str]) -> None:
+    assert run.stdin is not None
+    run.stdin.close()
+
+
 @STALE_PAGE.mark
-def test_a_run_that_is_killed_ends_its_page():
-    command = [*RUN, "--to", "web:0"]
-    with subprocess.Popen(command, cwd=ROOT, text=True, stderr=subprocess.PIPE) as run:
+@pytest.mark.parametrize(
+    ("source", "end", "shown"),
+    [
+        ("virtual://ft232h", subprocess.Popen.kill, DIED),
+        # its error stands on the terminal, which a person with the page may not see
+        ("-", close_stdin, "the run failed: stdin: no sample came"),
+    ],
+)
+def test_a_run_that_is_killed_or_fails_ends_its_page_with_the_reason(
+    source: str, end: Callable[[subprocess.Popen[str]], None], shown: str
+) -> None:
+    command = [*RUN[:-1], source, "--to", "web:0"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, cwd=ROOT, text=True, stdin=pipe, stderr=pipe) as run:
         assert run.stderr is not None
         page = page_in(next(line for line in run.stderr if "live page" in line))
         events = HTTPConnection("127.0.0.1", page[0], timeout=300)
         events.request("GET", page[1] + "/events")
         answer = events.getresponse()
         next_event(answer)
-        run.kill()
+        end(run)
         while not (last := next_event(answer)[1])["ended"]:
             pass
         events.close()
-    assert last["ended"] == "the program that ran the loop died"
+    assert last["ended"].startswith(shown)

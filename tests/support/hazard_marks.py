@@ -133,10 +133,9 @@ DEAD_LOG = Hazard(
 )
 RESTART = Hazard(
     LIVE,
-    "The program restarts while the hand holds something",
-    "Forces above the stored unloaded bias are reported as `started_loaded`, and "
-    "`nothing` is not answered until the hand"
-    " has been empty",
+    "The program restarts while the hand holds something, or with a bias that is stale",
+    "Forces above the stored unloaded bias are reported as `started_loaded`, once in words with "
+    "the bias and its date, and `nothing` is not answered until the hand has been empty",
     "The hand's own controller keeps its grip while no answer comes",
 )
 DEAD_HAND = Hazard(
