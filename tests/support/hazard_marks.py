@@ -334,3 +334,11 @@ CROWDED_PAGE = Hazard(
     "A program on the same machine, or with the token, that opens connections without end: the "
     "page stops, the run goes on",
 )
+DEAF_TERMINAL = Hazard(
+    STUDIES,
+    "A key does something that the operator did not mean, or does nothing: after Ctrl-Z, an arrow "
+    "key, pasted text, a key before the question",
+    "Keys work again after `fg`; a key of several bytes is read whole; pasted text is no key; what "
+    "was typed before a question is dropped, but for stop and the adverse event",
+    "In a terminal without bracketed paste a text that is pasted in a trial is keys",
+)

@@ -34,7 +34,14 @@ from holdfast.sessions.recorder.folder import (
 )
 from holdfast.sessions.recorder.labels import MARKS, TruthEvents, read_meta
 from holdfast.sessions.recorder.plan import NOTHING, RecordOptions, Task
-from holdfast.sessions.recorder.terminal import HELP_READY, HELP_TRIAL, RunContext
+from holdfast.sessions.recorder.terminal import (
+    HELP_READY,
+    HELP_TRIAL,
+    KEYS,
+    TEXT,
+    TEXT_IS_NO_KEY,
+    RunContext,
+)
 from holdfast.sessions.recorder.trial import Quality, TrialRecorder
 
 READY_WAIT_S = 0.1
@@ -87,6 +94,8 @@ class Session:
         at_once = self.options.at_once
         while left and not self.stopped():
             task = task_in_words(left[0])
+            # A key before the question belongs to what was on the screen then.
+            self.keys.drop()
             help_ready = "" if at_once else f"; {HELP_READY}"
             self.report(f"next: {task} ({len(left)} left){help_ready}")
             key = "begin" if at_once else self._wait_for_key()
@@ -119,7 +128,10 @@ class Session:
                 self.report(f"{NO_KEY}; --at-once begins trials without a key")
             if self.keys.closed or self.stopped():
                 return "stop"
-            key = self.keys.pressed(READY_WAIT_S)
+            letter = self.keys.choice(KEYS, READY_WAIT_S)
+            key = KEYS.get(letter, "")
+            if letter == TEXT:
+                self.report(TEXT_IS_NO_KEY)
         return key
 
     def _discard_last(self, left: list[Task]) -> None:
@@ -157,6 +169,7 @@ class Session:
         try:
             self.camera.start(folder)
             trial = self._open(folder, task)
+            self.keys.drop()
             self.report(f"recording {folder.relative_to(out)}; {HELP_TRIAL}")
             outcome = self._samples(trial)
             self._end(trial, task, outcome)
