@@ -6,7 +6,6 @@ import fcntl
 import json
 import math
 import os
-import pty
 import re
 import select
 import socket
@@ -24,13 +23,7 @@ from hypothesis import strategies as st
 from live_bench import go
 
 from holdfast.core.contract import Prediction, channel_names
-from holdfast.core.errors import (
-    AccessDenied,
-    DeviceLost,
-    DeviceNotFound,
-    RateError,
-    UsageError,
-)
+from holdfast.core.errors import AccessDenied, DeviceNotFound, RateError, UsageError
 from holdfast.core.hand_lines import LONGEST_LINE, SECOND_NS
 from holdfast.core.source import Source, SourceReading
 from holdfast.drivers.arrivals import LOST, SKIPPED

@@ -1,4 +1,4 @@
-"""Sets of several hands in one training: parts, weights, what counts how much, and who is locked."""
+"""Sets of several hands in one training: parts, weights, what counts how much, who is locked."""
 
 from __future__ import annotations
 
@@ -16,11 +16,7 @@ from holdfast.core.errors import ChannelError, SetLocked, UsageError
 from holdfast.core.hand_card import read_hand_card
 from holdfast.core.locked import require_open_people
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.training.crossval import (
-    features_of_each_hand,
-    fit_forest,
-    window_counts,
-)
+from holdfast.training.crossval import features_of_each_hand, fit_forest, window_counts
 from holdfast.training.datasets.joining import join
 from holdfast.training.fitting import TrainingRequest, train, train_on_sets
 from holdfast.training.plan import POOLED_GROUPS, ForestPlan, TrainingPlan, pooled_plan
