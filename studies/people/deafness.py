@@ -53,7 +53,7 @@ class SimulatedSlip:
     rate_hz     of the samples
     load_n      [K, 2] change of the load of either pad along its own load; row 0 is 0
     normal_n    [K, 2] change of the normal force
-    at_gross_n  load of both pads together at gross slip
+    at_gross_n  what both pads together bear at gross slip; against their load, half of the change
     onset_s, gross_s, end_s  load onset, gross slip, and the last alarm that counts, from row 0
     """
 
@@ -98,9 +98,10 @@ def with_slips(
     """The recording with one slip in every lift that has room for one, and with its events.
 
     A slip is scaled so that at gross slip its pads bear the load that the lift's pads bore: a pull
-    or a fall up to doubles the load, and one of an object as hard to hold adds less. Its time is
-    drawn log-uniformly among those that fit the lift. After gross slip the change stays, and goes
-    as the pads let go; rows after the event, to the end of the contact, count in no figure.
+    or a fall at most doubles the load, and one of a hold that bore much already adds less; a pull
+    against the load turns it round. The time of the slip is drawn log-uniformly among those that
+    fit the lift. After gross slip the change stays, and goes as the pads let go; rows after the
+    event, to the end of the contact, count in no figure.
 
     slips: of the recording's rate (RateError otherwise). size: factor of every change.
     """
@@ -172,6 +173,9 @@ def _slip_of(
     was_n = (held_n * along).sum(axis=1)
     against = np.where(was_n < -AGAINST_N, -1.0, 1.0)
 
+    # From the hold's load to as much the other way is twice that load.
+    size_n = np.where(against < 0.0, 0.5 * change_n[-1], loads_n)
+
     start_s = float(t_s[before])
     end_s = truth.gross_slip_s + AFTER_GROSS_S
     if truth.contact_lost_s is not None:
@@ -182,7 +186,7 @@ def _slip_of(
         rate_hz=rate_hz,
         load_n=change_n * against,
         normal_n=forces_n[..., NORMAL] - forces_n[0, :, NORMAL],
-        at_gross_n=float(loads_n.sum()),
+        at_gross_n=float(size_n.sum()),
         onset_s=truth.load_onset_s - start_s,
         gross_s=truth.gross_slip_s - start_s,
         end_s=max(end_s, truth.gross_slip_s) - start_s,
