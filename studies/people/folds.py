@@ -46,10 +46,13 @@ QUICK_PEOPLE = 2
 
 @dataclass(frozen=True)
 class Study:
-    """What the folds share. data, features: of all windows; streams: the lifts, whole."""
+    """What the folds share. data, features: of all windows; sets: as they were read; streams: the
+    lifts, whole, the last of them.
+    """
 
     data: DataSet
     features: FloatRows
+    sets: tuple[DataSet, ...]
     streams: DataSet
     plan: TrainingPlan
     seed: int
@@ -99,7 +102,7 @@ def read_study(
     folds = min(FOLDS, len(streams.people()))
     plan = replace(plan, folds=folds)
     data, features = with_features(joined, plan, seed, say, say.part)
-    return Study(data, features[main_task(data)], streams, plan, seed)
+    return Study(data, features[main_task(data)], tuple(loaded), streams, plan, seed)
 
 
 def fold_files(study: Study, out: Path, say: Stages) -> list[FoldFile]:

@@ -28,7 +28,9 @@ from holdfast.training.progress import Stages
 from holdfast.training.recording import DataSet
 from studies.model_sets import training_sets
 from studies.people.figures import Lifts, lifts_of, parts_of, summary
-from studies.people.folds import fold_files, read_study
+from studies.people.folds import fold_files, read_study, scenes_file
+from studies.people.lifts_and_scenes import force_rows, told_apart
+from studies.people.slips_found import slips_for_lifts, slips_found
 from tools.harness import measured_now, write_figures
 
 COLUMNS = {
@@ -86,6 +88,14 @@ def run(args: argparse.Namespace) -> int:
         left_out += _answered(file.path, study.streams.of_groups(file.people))
     rows["people left out"] = left_out
 
+    say("slips put into real holds")
+    slips = slips_for_lifts(args.sets or args.out, args.rate)
+    scenes = scenes_file(study, args.out, say)
+    deafness = slips_found(files, scenes, study.streams, slips, args.seed)
+    say("lifts beside scenes")
+    pads = [data for data in study.sets if data.hand and data.hand.name == CARD]
+    lacking = force_rows(study.streams, pads[:-1])
+
     figures: Json = {
         **measured_now(),
         "kind": study.streams.kind,
@@ -95,6 +105,9 @@ def run(args: argparse.Namespace) -> int:
         "quick": args.quick,
         "cpu_minutes": _cpu_minutes(),
         "rows": {name: summary(lifts, args.seed) for name, lifts in rows.items()},
+        "slips_in_lifts": deafness,
+        "forces": [asdict(row) for row in lacking],
+        "told_apart": asdict(told_apart(study.streams, pads[:-1], args.seed)),
         "by_person": {
             name: parts_of(lifts, lambda lift: lift.person)
             for name, lifts in rows.items()
