@@ -9,6 +9,7 @@ development seeds of scenes.
 from __future__ import annotations
 
 import argparse
+import json
 import resource
 from dataclasses import asdict
 from pathlib import Path
@@ -63,6 +64,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="an older file that learned from no person, as a row beside",
     )
     parser.add_argument(
+        "--kept",
+        type=path_argument,
+        metavar="FILE",
+        help="print the table of an earlier run, and compute nothing",
+    )
+    parser.add_argument(
         "--quick",
         action="store_true",
         help="two people, few trials, the tiny size: whether it runs, no figure",
@@ -71,6 +78,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Train the folds, answer the people who are left out; people.json and a table."""
+    if args.kept:
+        kept: Json = json.loads(args.kept.read_text("utf-8"))
+        print("\n".join([f"{kept['command']}, {kept['measured_on']}", *_lines(kept)]))
+        return 0
     say = Stages()
     sets = training_sets(args.sets or args.out, args.rate, quick=args.quick)
     size = "tiny" if args.quick else "default"

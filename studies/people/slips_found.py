@@ -65,11 +65,17 @@ def slips_found(
 
     model = _opened(scenes)
     quiet = run_model(model, lifts)
-    alone = choose_confidence(quiet, model.card.decision, false / minutes)
+    rules = model.card.decision
+    alone = choose_confidence(quiet, rules, false / minutes)
     scenes_alone = _matched(model, slipping, alone)
+    alarms = sum(
+        len(match_alarms(one.recording, on).false_s)
+        for one, on in zip(quiet, requests_at(quiet, rules, alone), strict=True)
+    )
     return {
         "slips": len(slips),
-        "false_a_minute": false / minutes,
+        "with_lifts_false_a_minute": false / minutes,
+        "scenes_alone_false_a_minute": alarms / minutes,
         "permille_with_lifts": permille,
         "permille_scenes_alone": alone,
         "with_lifts": asdict(event_scores(with_lifts, seed=seed)),
