@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -140,16 +139,11 @@ def test_slips_of_another_rate_are_refused() -> None:
         with_slips(replace(lifts(), rate_hz=50.0), [slip()], np.random.default_rng(0))
 
 
-@cache
-def _made(folder: Path) -> tuple[SimulatedSlip, ...]:
-    scene = write_two_pad_scene("thesis", RATE_HZ, folder)
-    return tuple(simulated_slips(scene, 100, 14))
-
-
 def test_slips_of_a_scene_begin_with_nothing_and_end_at_gross_slip(
-    tmp_path_factory: pytest.TempPathFactory,
+    tmp_path: Path,
 ) -> None:
-    slips = _made(tmp_path_factory.getbasetemp() / "slips")
+    scene = write_two_pad_scene("thesis", RATE_HZ, tmp_path)
+    slips = simulated_slips(scene, 100, 8)
     assert {one.name.split()[1] for one in slips} == {"pull", "fall"}
     for one in slips:
         assert not one.load_n[0].any()
