@@ -9,6 +9,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from benchmarks.paired import paired_change
 from holdfast.cli.command import path_argument, show, whole
 from holdfast.cli.options import add_job_options, chosen_model, chosen_workers
 from holdfast.core.contract import Json
@@ -19,7 +20,6 @@ from holdfast.core.writing import require_writable, write_whole
 from holdfast.simulation.closed_loop import model_of
 from holdfast.simulation.drive import OPENINGS
 from holdfast.training.progress import Stages
-from studies.distortions.statistics import paired_change
 from studies.shared_control import comparison
 from studies.shared_control.closed_loop import ORACLE, LoopRequest, LoopRuns, Run
 from studies.shared_control.picture import knowing, picture
