@@ -98,7 +98,14 @@ def _in_words(name: str, figures: LoopFigures) -> str:
     saved = f"{figures.saved} of {figures.preventable} preventable drops saved"
     of_all = figures.saved_of_drops
     saved += f" ({of_all.count} of all {of_all.of})"
-    blocked = f"{figures.blocked} of {figures.handovers} hand-overs blocked"
+    fresh = figures.saved_untightened
+    saved += f", {fresh.count} of {fresh.of} without an earlier tightening"
+    after = figures.held_after_opening
+    blocked = f"{after.count} of {after.of} held after the wearer's opening"
+    if figures.before_force_n_p95 is not None:
+        before = f"{figures.before_force_n_p95:.1f} N and {figures.before_delay_ms_p95:.0f} ms"
+        blocked += f", before it {before} more for a receiver (95 %)"
+    blocked += f"; {figures.blocked} of {figures.handovers} hand-overs blocked"
     grip = f"grip {figures.grip_excess:.2f} N s above need a trial"
     return f"  {name:<13}{saved}, {blocked}, {grip}"
 

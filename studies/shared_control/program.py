@@ -9,6 +9,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from benchmarks.paired import paired_change
 from holdfast.cli.command import path_argument, show, whole
 from holdfast.cli.options import add_job_options, chosen_model, chosen_workers
 from holdfast.core.contract import Json
@@ -19,11 +20,10 @@ from holdfast.core.writing import require_writable, write_whole
 from holdfast.simulation.closed_loop import model_of
 from holdfast.simulation.drive import OPENINGS
 from holdfast.training.progress import Stages
-from studies.distortions.statistics import paired_change
 from studies.shared_control import comparison
 from studies.shared_control.closed_loop import ORACLE, LoopRequest, LoopRuns, Run
 from studies.shared_control.picture import knowing, picture
-from studies.shared_control.plan import LATE_S, PARTS, SEED, UNSEEN, Row, rows
+from studies.shared_control.plan import LATE_S, OURS, PARTS, SEED, UNSEEN, Row, rows
 from tools.doc_tables import fill, tables_of
 from tools.harness import add_engine_options, for_any_page, measured_now, write_figures
 
@@ -85,6 +85,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--controllers", nargs="+", metavar="NAME", help="of the tables' first column"
     )
     option(
+        "--before",
+        type=path_argument,
+        metavar="JSON",
+        help="loop.json of the code before, on the same trials: for aims that bound a change",
+    )
+    option(
         "--keep",
         action="store_true",
         help="keep the rows of the earlier run in --out that this one does not measure",
@@ -104,6 +110,7 @@ def run(args: argparse.Namespace) -> int:
     require_writable(args.out)
     seed = SEED if args.seed is None else args.seed
     trials = args.trials or TRIALS
+    before = _before(args.before, seed, trials) if args.before else {}
     wanted = _chosen(_open_rows(trials, seed, args), args)
     if args.opening != "wearer":
         wanted = [row.with_opening(args.opening) for row in wanted]
@@ -120,6 +127,7 @@ def run(args: argparse.Namespace) -> int:
         **measured_now(),
         "trials": trials,
         "rows": [_row(row, runs) for row in wanted],
+        **before,
     }
     if args.keep and (args.out / "loop.json").is_file():
         figures = merged(read_json(args.out / "loop.json"), figures)
@@ -162,6 +170,19 @@ def _locked_on(seed: int) -> str | None:
     """The day since which the seed is locked, None for one that choices may see."""
     locked = locked_sets().lock_of_seed(seed)
     return str(locked.locked_on) if locked is not None else None
+
+
+def _before(path: Path, seed: int, trials: int) -> Json:
+    """Our rows of an earlier version. Raises UsageError where its trials are other ones."""
+    earlier = read_json(path)
+    if (earlier["seed"], earlier["trials"]) != (seed, trials):
+        raise UsageError(
+            f"{path.name} has seed {earlier['seed']} and {earlier['trials']} trials a set, "
+            f"this run {seed} and {trials}",
+            next_step="run the code before on the same trials",
+        )
+    rows = [row for row in earlier["rows"] if row["controller"] == OURS]
+    return {"before": [row for row in rows if row["part"] == "table"]}
 
 
 def _open_rows(trials: int, seed: int, args: argparse.Namespace) -> list[Row]:
@@ -228,14 +249,26 @@ def _beside_late(row: Row, runs: LoopRuns) -> Json:
     """
     if not _late(row):
         return {}
-    saved = []
+    saved: list[dict[str, bool]] = []
+    fresh: dict[str, bool] = {}
     for run in (row.run, *_late(row)):
         drops = [one for one in runs.runs(*run) if one.preventable]
-        numbers = [str(one.bare.trial.number) for one in drops]
-        kept = [not one.held.dropped for one in drops]
-        saved.append(dict(zip(numbers, kept, strict=True)))
+        kept = {str(one.bare.trial.number): not one.held.dropped for one in drops}
+        saved.append(kept)
+        if run == row.run:
+            # what an earlier tightening saved is no merit of the answer
+            numbers = [
+                str(d.bare.trial.number) for d in drops if not d.tightened_before
+            ]
+            fresh = {number: kept[number] for number in numbers}
     change, interval = paired_change(*saved)
-    return {"saved_beside_late": change, "saved_beside_late_ci": interval}
+    change_fresh, interval_fresh = paired_change(fresh, saved[1])
+    return {
+        "saved_beside_late": change,
+        "saved_beside_late_ci": interval,
+        "fresh_beside_late": change_fresh,
+        "fresh_beside_late_ci": interval_fresh,
+    }
 
 
 def _late(row: Row) -> list[Run]:
