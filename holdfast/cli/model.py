@@ -26,13 +26,13 @@ from holdfast.cli.command import (
     add_seed_option,
     path_argument,
     positive,
-    require_results_writable,
+    require_outputs,
     show,
     show_found,
 )
 from holdfast.core.errors import UsageError, visible
 from holdfast.core.schema import model_path
-from holdfast.core.writing import require_free, require_writable
+from holdfast.edge_runtime.model_file import CARD_SUFFIX
 
 if TYPE_CHECKING:
     from holdfast.core.hand_card import HandCard
@@ -138,13 +138,15 @@ def run_train(args: argparse.Namespace) -> int:
     from holdfast.training.metrics import situation_lines, with_interval
     from holdfast.training.progress import Stages, ignored
 
-    require_results_writable(args)
     progress = Stages()
     progress("loading the libraries")
     # Imported within the stage: loading the libraries takes seconds, and is shown.
-    from holdfast.export.exporting import export_artifact
+    from holdfast.export.artifact import INDEX
+    from holdfast.export.exporting import MODEL_NAME, export_artifact
     from holdfast.training.fitting import train_on_sets
 
+    model = args.out / MODEL_NAME
+    require_outputs(args, args.out / INDEX, model, model.with_suffix(CARD_SUFFIX))
     # With --json on stdout nothing else may stand there.
     describe = ignored if args.json == STDOUT else show
     data, trained = train_on_sets(_request(args), progress, describe)
@@ -271,7 +273,6 @@ def _rule(text: str) -> tuple[str, int]:
 
 def run_export(args: argparse.Namespace) -> int:
     """Export; prints what was verified."""
-    require_results_writable(args)
     # the name of a shipped model, as every other command takes it
     args.artifact = model_path(args.artifact)
     if args.to == "c":
@@ -300,6 +301,7 @@ def run_export(args: argparse.Namespace) -> int:
     # Before the export, whose work would be lost.
     model = args.out or args.artifact / MODEL_NAME
     require_replaceable(args.artifact, model, force=args.force)
+    require_outputs(args, replaced=(model, model.with_suffix(CARD_SUFFIX)))
     _report(f"exporting {args.artifact}")
     path, report = export_artifact(
         args.artifact, args.out, hand=_hand(args), report=_report
@@ -342,9 +344,8 @@ def _export_again(args: argparse.Namespace) -> int:
             "a model file is exported again into another file",
             next_step="name it: --out NEW.onnx",
         )
-    require_free(args.out, force=args.force)
+    require_outputs(args, args.out, args.out.with_suffix(CARD_SUFFIX))
     _report(f"exporting {args.artifact}")
-    require_writable(args.out.parent)
     base = read_sealed(args.artifact)
     data = changed(base, _hand(args), dict(args.rule), args.artifact)
     write_model(args.out, data)
