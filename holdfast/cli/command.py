@@ -8,6 +8,8 @@ Exit codes: 0 done, 1 failed, 2 usage, 3 data, 4 model, 5 output, 6 device, 130 
 from __future__ import annotations
 
 import argparse
+import errno
+import io
 import json
 import os
 import re
@@ -19,6 +21,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
 from holdfast.core.errors import (
+    DataError,
     HoldfastError,
     OutputError,
     UsageError,
@@ -27,6 +30,8 @@ from holdfast.core.errors import (
 )
 from holdfast.core.lines import stream_sink
 
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
+"""Errors of writing alone."""
 WITH_SETTINGS = ("run", "record", "bias", "study", "replay")
 """Commands whose options may stand in holdfast.toml."""
 
@@ -98,6 +103,7 @@ def finish(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
     """
     # First: the next file that is opened would get the number of a closed stream.
     hold_standard_descriptors()
+    _show_every_name()
     with closing(stream_sink(sys.stderr)) as on_stderr:
         if "--debug" not in argv:
             warnings.showwarning = _one_line_to(on_stderr)
@@ -114,7 +120,13 @@ def finish(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
         # The reader of a pipe has seen enough (`| head`): that is no failure.
         except BrokenPipeError:
             return 0
-        except (HoldfastError, ModuleNotFoundError, OSError) as error:
+        # UnicodeError: a name that is not UTF-8, in a library that takes only such.
+        except (
+            HoldfastError,
+            ModuleNotFoundError,
+            OSError,
+            UnicodeError,
+        ) as error:
             if "--debug" in argv:
                 raise
             shown = _as_ours(error)
@@ -142,6 +154,14 @@ def hold_standard_descriptors() -> None:
     )
 
 
+def _show_every_name() -> None:
+    """Print what the locale cannot show as its escape: names of files may be any bytes."""
+    for stream in (sys.stdout, sys.stderr):
+        # a test's stream, such as StringIO, takes every text
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
 def _forget_what_cannot_be_written(stream: TextIO) -> None:
     """Drop what stdout cannot take.
 
@@ -160,9 +180,23 @@ def _as_ours(error: Exception) -> HoldfastError:
     """The error with an exit code of ours."""
     if isinstance(error, HoldfastError):
         return error
-    if not isinstance(error, ModuleNotFoundError):
-        step = "choose another place to write to; --debug shows the whole error"
-        return OutputError(str(error), next_step=step)
+    if isinstance(error, UnicodeError):
+        return UsageError(
+            "a name or a text is not UTF-8",
+            cause=one_line(str(error)),
+            next_step="rename the file or folder; --debug shows the whole error",
+        )
+    if isinstance(error, OSError):
+        # What is written to a file is an OutputError already.
+        if error.filename is None or error.errno in FULL:
+            step = "choose another place to write to; --debug shows the whole error"
+            return OutputError(str(error), next_step=step)
+        return DataError(
+            f"cannot be read ({error.strerror})",
+            where=os.fsdecode(error.filename),
+            cause="no permission, a damaged disk, or no path of a file",
+            next_step="check the path; --debug shows the whole error",
+        )
     # the modules of other extras name these themselves (core/errors.py: needs_extra)
     extra = "dask" if error.name == "distributed" else "train,viz"
     return UsageError(

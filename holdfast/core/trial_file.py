@@ -283,6 +283,19 @@ def check_columns(header: list[str], path: Path) -> int:
     raise ColumnError(what, where=path, next_step=fix)
 
 
+def says_no(cell: object) -> bool:
+    """Whether a cell of a column valid1, valid2, .. means that the sensor is not valid.
+
+    >>> [says_no(cell) for cell in (0, "0.0", "False", False, 1, "True", "")]
+    [True, True, True, True, False, False, False]
+    """
+    word = str(cell).strip().lower()
+    try:
+        return word == "false" or float(word) == 0.0
+    except ValueError:
+        return False
+
+
 def table_of(lines: Path | TextIO, header: list[str], path: Path) -> FloatArray:
     """[T, columns] of numbers in lines below a header. Raises NotANumber or ColumnError."""
     try:

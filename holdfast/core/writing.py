@@ -23,7 +23,10 @@ UNFINISHED = ".unfinished"
 def write_whole(path: str | Path, data: bytes | str) -> Path:
     """Write a file so that no reader ever sees a part of it. Raises OutputError."""
     path = Path(path)
-    content = data.encode() if isinstance(data, str) else data
+    # the name of a folder in it may be no UTF-8
+    content = (
+        data.encode("utf-8", "backslashreplace") if isinstance(data, str) else data
+    )
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -48,7 +48,7 @@ from holdfast.core.hand_lines import (
     sequence_of,
 )
 from holdfast.core.source import SourceReading
-from holdfast.core.trial_file import TIME_COLUMNS, Zero, prepared_by
+from holdfast.core.trial_file import TIME_COLUMNS, Zero, prepared_by, says_no
 from holdfast.drivers.arrivals import Arrivals
 from holdfast.drivers.line_feeds import Feed
 
@@ -56,7 +56,6 @@ ToForce = Callable[[FloatArray], FloatArray]
 """Field [S, 3] in uT -> force [S, 3] in N."""
 SEPARATORS = (",", ";", "\t")
 CHANNEL = re.compile(r"[XYZ]([1-9][0-9]{0,3})")
-SAYS_NO = (0, "0", "false")
 NOT_VALID = "not valid"
 NAME_A_MAP = (
     "describe the columns in a map, and add it to the URL: ?map=FILE (for - : "
@@ -70,7 +69,12 @@ def map_of_names(names: Collection[str], unit: Unit) -> ColumnMap:
     numbers = [int(found[1]) for found in map(CHANNEL.fullmatch, names) if found]
     n_sensors = max(numbers, default=0)
     channels = channel_names(min(n_sensors, MOST_SENSORS + 1))
-    if not 0 < n_sensors <= MOST_SENSORS or not set(channels) <= set(names):
+    if n_sensors > MOST_SENSORS:
+        raise ColumnError(
+            f"{n_sensors} sensors, and {MOST_SENSORS} are the most of a hand",
+            next_step=f"send those that matter, or {NAME_A_MAP}",
+        )
+    if n_sensors == 0 or not set(channels) <= set(names):
         raise ColumnError(
             f"no columns X1, Y1, Z1 to Xn, Yn, Zn among {listed(list(names))}",
             next_step=NAME_A_MAP,
@@ -126,11 +130,12 @@ class SampleReader:
     def _columns(self, line: bytes) -> dict[str, Any] | None:
         if len(line) > LONGEST_LINE:
             raise ValueError(f"longer than {LONGEST_LINE} bytes")
-        line = line.strip()
+        # not tabs: at the end of a row of these stands an empty cell
+        line = line.strip(b" \r\n")
         if line.startswith(b"{"):
             return flat_fields(fields_of(line))
         text = line.decode("utf-8").lstrip("\ufeff")
-        if not text or text.startswith("#"):
+        if not text.strip() or text.startswith("#"):
             return None
         return self._cells(text)
 
@@ -189,7 +194,7 @@ def _valid(values: FloatArray, columns: dict[str, Any]) -> BoolArray:
     valid: BoolArray = np.logical_and.reduce(finite, axis=1)
     if "valid1" in columns:
         for k in range(len(valid)):
-            valid[k] &= columns.get(f"valid{k + 1}", 1) not in SAYS_NO
+            valid[k] &= not says_no(columns.get(f"valid{k + 1}", 1))
     return valid
 
 

@@ -69,9 +69,11 @@ KINDS = {**OF_A_SENSOR, **OF_THE_BUS, **OF_THE_BRIDGE}
 AT_ONCE = ("por", "sleep", "stuck")
 """These faults happen once, at their time; the others last."""
 FORM = re.compile(
-    r"(?P<kind>[a-z]+)(:(?P<sensor>[1-6]))?@(?P<at>\d+(\.\d+)?)(\+(?P<lasts>\d+(\.\d+)?))?"
+    r"(?P<kind>[a-z]+)(:(?P<sensor>\d+))?@(?P<at>\d+(\.\d+)?)(\+(?P<lasts>\d+(\.\d+)?))?"
 )
 DEFAULT_LASTS_S = 0.1
+SENSORS = 6
+"""Of a virtual hand."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,8 @@ def read_fault(text: str) -> Fault:
             next_step=f"write kind:sensor@at+lasts; kinds: {', '.join(KINDS)}",
         )
     kind = found["kind"]
-    if (kind in OF_A_SENSOR) != (found["sensor"] is not None):
+    is_sensor = found["sensor"] is not None and 1 <= int(found["sensor"]) <= SENSORS
+    if is_sensor != (kind in OF_A_SENSOR):
         raise UsageError(
             f"{text!r}: a sensor, 1 .. 6, belongs to {', '.join(OF_A_SENSOR)} alone",
             next_step=f"such as {kind}:3@1+0.2 or {kind}@1+0.2",
