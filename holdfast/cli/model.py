@@ -366,6 +366,8 @@ def _export_c(args: argparse.Namespace) -> int:
         f"state {done.state_bytes} bytes, tables {done.table_bytes} bytes, "
         f"stack of a step about {done.stack_bytes} bytes",
         *(done.selftest or ["not compiled"]),
+        "labels are those of the model file; numbers may differ from Python's in the last bits, "
+        "which fuses products and sums where the processor can (FMA)",
         f"C: {folder} ({', '.join(done.files)})",
         f"on another machine, in a copy of this folder beside the model: {ON_A_BOARD}",
     ]

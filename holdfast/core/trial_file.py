@@ -13,6 +13,7 @@ import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TextIO, TypeVar
 
@@ -296,13 +297,19 @@ def says_no(cell: object) -> bool:
         return False
 
 
+def _flag(cell: str) -> float:
+    """A cell of a column valid1, valid2, .. as a number. Raises ValueError."""
+    return float({"true": "1", "false": "0"}.get(cell.strip().lower(), cell))
+
+
 def table_of(lines: Path | TextIO, header: list[str], path: Path) -> FloatArray:
     """[T, columns] of numbers in lines below a header. Raises NotANumber or ColumnError."""
     try:
         with warnings.catch_warnings():
             # numpy warns about a table without rows; its reader says it better
             warnings.simplefilter("ignore", UserWarning)
-            table = np.loadtxt(
+            read = partial(
+                np.loadtxt,
                 lines,
                 delimiter=",",
                 skiprows=1,
@@ -311,6 +318,14 @@ def table_of(lines: Path | TextIO, header: list[str], path: Path) -> FloatArray:
                 quotechar='"',
                 encoding="utf-8-sig",
             )
+            try:
+                table = read()
+            except ValueError:
+                flags = [k for k, name in enumerate(header) if name.startswith("valid")]
+                if not flags or not isinstance(lines, Path):
+                    raise
+                # True and False; read apart, because a function for each cell costs time
+                table = read(converters=dict.fromkeys(flags, _flag))
     except ValueError as error:
         raise _bad_table(str(error), header, path) from None
     if table.size and table.shape[1] != len(header):
