@@ -268,8 +268,12 @@ class LineSource(Arrivals):
             kind, count = refused[0]
             cause = f"{count:,} lines were {kind}, as the message above shows"
             next_step = f"correct the lines, or {NAME_A_MAP}"
+        elif self.ended:
+            cause = "its input is at its end (</dev/null, or a sender that failed)"
         return DeviceNotFound(
-            f"no sample came in {FIRST_S:g} s",
+            "it ended before a sample came"
+            if self.ended
+            else f"no sample came in {FIRST_S:g} s",
             where=self._feed.name,
             cause=cause,
             next_step=next_step,

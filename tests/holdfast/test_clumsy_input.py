@@ -9,12 +9,13 @@ from pathlib import Path
 import pytest
 
 from holdfast.cli.options import read_settings
-from holdfast.core.errors import CardError, ColumnError, UsageError
+from holdfast.core.errors import CardError, ColumnError, DeviceNotFound, UsageError
 from holdfast.core.hand_card import read_hand_card
 from holdfast.core.hand_lines import LineRefused
 from holdfast.core.schema import model_path
 from holdfast.core.trial_file import read_trial
-from holdfast.drivers.lines import SampleReader, map_of_names
+from holdfast.drivers.line_feeds import StreamFeed
+from holdfast.drivers.lines import LineSource, SampleReader, map_of_names
 from holdfast.drivers.virtual.faults import VirtualClock, read_fault
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 from holdfast.edge_runtime.wearer import read_intent
@@ -52,6 +53,14 @@ def test_a_sensor_is_not_valid_however_a_zero_is_written(
 def test_a_row_between_tabs_may_end_with_an_empty_cell() -> None:
     names = b"Time\tX1\tY1\tZ1\tX2\tY2\tZ2"
     assert reading_of(names, b"1\t1\t2\t3\t4\t5\t\r\n") == [True, False]
+
+
+def test_an_input_that_is_at_its_end_is_told_without_a_wait() -> None:
+    clock = VirtualClock()
+    feed = StreamFeed("stdin", os.open(os.devnull, os.O_RDONLY))
+    with pytest.raises(DeviceNotFound, match=r"ended before a sample came.*dev/null"):
+        LineSource(feed, SampleReader(), clock, print)
+    assert clock.now_ns() == 0
 
 
 def test_more_sensors_than_a_hand_has_are_refused_with_the_limit() -> None:
