@@ -85,8 +85,8 @@ bench: setup  ## what accuracy costs in time on this machine; all, or only NAME=
 	$(BIN)/python -m benchmarks $(or $(NAME),all) --out build/bench $(ARGS)
 
 latency: setup  ## a step as deployed at 150 and 50 Hz, minutes on a quiet machine, into docs/measured, its tables and picture; OLDER=FILE: beside it
-	$(BIN)/holdfast bench latency holdfast-150hz --out build/bench/150hz $(if $(OLDER),--older $(OLDER)) $(ARGS)
-	$(BIN)/holdfast bench latency holdfast-50hz --out build/bench/50hz $(ARGS)
+	$(BIN)/holdfast bench latency holdfast-150hz --force --out build/bench/150hz $(if $(OLDER),--older $(OLDER)) $(ARGS)
+	$(BIN)/holdfast bench latency holdfast-50hz --force --out build/bench/50hz $(ARGS)
 	for rate in 150hz 50hz; do cp build/bench/$$rate/latency.json docs/measured/latency-$$rate.json; done
 	$(MAKE) docs
 

@@ -28,7 +28,7 @@ from holdfast.cli.command import (
     add_json_option,
     add_out_option,
     path_argument,
-    require_results_writable,
+    require_outputs,
     show,
     show_found,
     write_found,
@@ -41,7 +41,6 @@ from holdfast.cli.options import (
 )
 from holdfast.core.errors import DeviceNotFound, HoldfastError, command, count_of
 from holdfast.core.schema import LIBRARY, model_path
-from holdfast.core.writing import require_writable
 
 if TYPE_CHECKING:
     from holdfast.drivers.scan import ScannedBus
@@ -124,8 +123,7 @@ def run_bias(args: argparse.Namespace) -> int:
     from holdfast.live.sources import open_live
     from holdfast.sessions.calibrate import measure_bias, require_good
 
-    require_writable(args.out.parent)
-    require_results_writable(args)
+    require_outputs(args, args.out)
 
     clock = RunClock()
     # Opening may take seconds, and simulating a scene longer.
@@ -192,8 +190,7 @@ def run_calibrate(args: argparse.Namespace) -> int:
     from holdfast.sessions.calibrate import as_json, calibrate, in_words, read_loads
 
     # Before the fit, whose result would otherwise be lost.
-    require_writable(args.out.parent)
-    require_results_writable(args)
+    require_outputs(args, args.out)
     loads = read_loads(args.path, args.load_unit)
     fit = calibrate(loads, args.path.name, date.today().isoformat())
     write_calibration(args.out, fit.calibration)
@@ -241,8 +238,7 @@ def run_bench(args: argparse.Namespace) -> int:
     from holdfast.live.bench import BenchRequest, figures_of
     from holdfast.live.running import say
 
-    require_writable(args.out)
-    require_results_writable(args)
+    require_outputs(args, args.out / "latency.json")
     path = model_path(args.model)
     say("timing a decision and the way of a sample, which takes minutes")
     with TemporaryDirectory() as work:

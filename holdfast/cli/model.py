@@ -26,13 +26,13 @@ from holdfast.cli.command import (
     add_seed_option,
     path_argument,
     positive,
-    require_results_writable,
+    require_outputs,
     show,
     show_found,
 )
 from holdfast.core.errors import UsageError, visible
 from holdfast.core.schema import model_path
-from holdfast.core.writing import require_free, require_writable
+from holdfast.edge_runtime.model_file import CARD_SUFFIX
 
 if TYPE_CHECKING:
     from holdfast.core.hand_card import HandCard
@@ -152,13 +152,15 @@ def run_train(args: argparse.Namespace) -> int:
     from holdfast.training.metrics import situation_lines, with_interval
     from holdfast.training.progress import Stages, ignored
 
-    require_results_writable(args)
     progress = Stages()
     progress("loading the libraries")
     # Imported within the stage: loading the libraries takes seconds, and is shown.
-    from holdfast.export.exporting import export_artifact
+    from holdfast.export.artifact import INDEX
+    from holdfast.export.exporting import MODEL_NAME, export_artifact
     from holdfast.training.fitting import train_on_sets
 
+    model = args.out / MODEL_NAME
+    require_outputs(args, args.out / INDEX, model, model.with_suffix(CARD_SUFFIX))
     # With --json on stdout nothing else may stand there.
     describe = ignored if args.json == STDOUT else show
     data, trained = train_on_sets(_request(args), progress, describe)
@@ -285,7 +287,6 @@ def _rule(text: str) -> tuple[str, int]:
 
 def run_export(args: argparse.Namespace) -> int:
     """Export; prints what was verified."""
-    require_results_writable(args)
     # the name of a shipped model, as every other command takes it
     args.artifact = model_path(args.artifact)
     if args.to == "c":
@@ -314,6 +315,7 @@ def run_export(args: argparse.Namespace) -> int:
     # Before the export, whose work would be lost.
     model = args.out or args.artifact / MODEL_NAME
     require_replaceable(args.artifact, model, force=args.force)
+    require_outputs(args, replaced=(model, model.with_suffix(CARD_SUFFIX)))
     _report(f"exporting {args.artifact}")
     hand = _hand(args)
     path, report = export_artifact(args.artifact, args.out, hand=hand, report=_report)
@@ -356,9 +358,8 @@ def _export_again(args: argparse.Namespace) -> int:
             "a model file is exported again into another file",
             next_step="name it: --out NEW.onnx",
         )
-    require_free(args.out, force=args.force)
+    require_outputs(args, args.out, args.out.with_suffix(CARD_SUFFIX))
     _report(f"exporting {args.artifact}")
-    require_writable(args.out.parent)
     base = read_sealed(args.artifact)
     hand = _hand(args)
     data = changed(base, hand, dict(args.rule), args.artifact)
@@ -382,6 +383,8 @@ def _export_c(args: argparse.Namespace) -> int:
         f"state {done.state_bytes} bytes, tables {done.table_bytes} bytes, "
         f"stack of a step about {done.stack_bytes} bytes",
         *(done.selftest or ["not compiled"]),
+        "labels are those of the model file; numbers may differ from Python's in the last bits, "
+        "which fuses products and sums where the processor can (FMA)",
         f"C: {folder} ({', '.join(done.files)})",
         f"on another machine, in a copy of this folder beside the model: {ON_A_BOARD}",
     ]

@@ -239,6 +239,9 @@ def read_settings(path: Path | None) -> dict[str, Any]:
         # a shipped model is found by its name, in any folder
         if name in FILES and value and value not in shipped():
             value = str(path.parent / value)
+        # a shipped card comes after a file beside the settings, as for a scene's hand
+        if name == "hand" and value and (path.parent / value).is_file():
+            value = str(path.parent / value)
         if value != getattr(usual, name):
             given[name] = value
     return given

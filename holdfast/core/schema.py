@@ -106,7 +106,9 @@ def model_path(word: str | Path) -> Path:
     path = Path(word)
     # a name of a shipped model; a file of that name in the working folder comes first
     inside = MODELS / f"{path.name}.onnx"
-    is_bare_name = path == Path(path.name) and not path.exists()
+    # the folder of an artifact has an index; another one of that name means nothing
+    is_ours = path.is_file() or (path / "artifact.json").is_file()
+    is_bare_name = path == Path(path.name) and not is_ours
     return inside if is_bare_name and inside.is_file() else path
 
 

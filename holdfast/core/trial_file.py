@@ -14,6 +14,7 @@ import re
 import warnings
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TextIO, TypeVar
 
@@ -321,6 +322,24 @@ def check_columns(header: list[str], path: Path, absent: Collection[str] = ()) -
     raise ColumnError(what, where=path, next_step=fix)
 
 
+def says_no(cell: object) -> bool:
+    """Whether a cell of a column valid1, valid2, .. means that the sensor is not valid.
+
+    >>> [says_no(cell) for cell in (0, "0.0", "False", False, 1, "True", "")]
+    [True, True, True, True, False, False, False]
+    """
+    word = str(cell).strip().lower()
+    try:
+        return word == "false" or float(word) == 0.0
+    except ValueError:
+        return False
+
+
+def _flag(cell: str) -> float:
+    """A cell of a column valid1, valid2, .. as a number. Raises ValueError."""
+    return float({"true": "1", "false": "0"}.get(cell.strip().lower(), cell))
+
+
 def table_of(
     lines: Path | TextIO, header: list[str], path: Path, absent: Collection[str] = ()
 ) -> FloatArray:
@@ -329,11 +348,13 @@ def table_of(
     Raises NotANumber or ColumnError.
     """
     may_be_empty = [k for k, name in enumerate(header) if name in absent]
+    cells: dict[int, Any] = dict.fromkeys(may_be_empty, _number_or_nan)
     try:
         with warnings.catch_warnings():
             # numpy warns about a table without rows; its reader says it better
             warnings.simplefilter("ignore", UserWarning)
-            table = np.loadtxt(
+            read = partial(
+                np.loadtxt,
                 lines,
                 delimiter=",",
                 skiprows=1,
@@ -341,8 +362,16 @@ def table_of(
                 comments=None,
                 quotechar='"',
                 encoding="utf-8-sig",
-                converters=dict.fromkeys(may_be_empty, _number_or_nan) or None,
+                converters=cells or None,
             )
+            try:
+                table = read()
+            except ValueError:
+                flags = [k for k, name in enumerate(header) if name.startswith("valid")]
+                if not flags or not isinstance(lines, Path):
+                    raise
+                # True and False; read apart, because a function for each cell costs time
+                table = read(converters=cells | dict.fromkeys(flags, _flag))
     except ValueError as error:
         raise _bad_table(str(error), header, path) from None
     if table.size and table.shape[1] != len(header):

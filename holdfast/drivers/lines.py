@@ -55,7 +55,7 @@ from holdfast.core.hand_lines import (
 )
 from holdfast.core.schema import NO_NUMBER
 from holdfast.core.source import SourceReading
-from holdfast.core.trial_file import TIME_COLUMNS, Zero, prepared_by
+from holdfast.core.trial_file import TIME_COLUMNS, Zero, prepared_by, says_no
 from holdfast.drivers.arrivals import Arrivals
 from holdfast.drivers.line_feeds import BITS_A_BYTE, Feed
 
@@ -63,7 +63,6 @@ ToForce = Callable[[FloatArray], FloatArray]
 """Field [S, 3] in uT -> force [S, 3] in N."""
 SEPARATORS = (",", ";", "\t")
 CHANNEL = re.compile(r"[XYZ]([1-9][0-9]{0,3})")
-SAYS_NO = (None, "", 0, "0", "false")
 EMPTY = re.compile(NO_NUMBER, re.IGNORECASE)
 """A cell that counts as an empty one."""
 NOT_VALID = "not valid"
@@ -85,10 +84,15 @@ def map_of_names(
     numbers = [int(found[1]) for found in map(CHANNEL.fullmatch, names) if found]
     n_sensors = max(numbers, default=0)
     channels = channel_names(min(n_sensors, MOST_SENSORS + 1))
+    if n_sensors > MOST_SENSORS:
+        raise ColumnError(
+            f"{n_sensors} sensors, and {MOST_SENSORS} are the most of a hand",
+            next_step=f"send those that matter, or {NAME_A_MAP}",
+        )
     absent = hand.unmeasured_names if hand else ()
     needed = set(channels).difference(absent)
     is_hand = hand is None or hand.n_sensors == n_sensors
-    if not 0 < n_sensors <= MOST_SENSORS or not needed <= set(names) or not is_hand:
+    if n_sensors == 0 or not needed <= set(names) or not is_hand:
         raise ColumnError(
             f"no columns X1, Y1, Z1 to Xn, Yn, Zn among {listed(list(names))}",
             next_step=f"{NAME_A_MAP}; what a hand does not measure: ?hand=CARD",
@@ -148,11 +152,12 @@ class SampleReader:
     def _columns(self, line: bytes) -> dict[str, Any] | None:
         if len(line) > LONGEST_LINE:
             raise ValueError(f"longer than {LONGEST_LINE} bytes")
-        line = line.strip()
+        # not tabs: at the end of a row of these stands an empty cell
+        line = line.strip(b" \r\n")
         if line.startswith(b"{"):
             return flat_fields(fields_of(line))
         text = line.decode("utf-8").lstrip("\ufeff")
-        if not text or text.startswith("#"):
+        if not text.strip() or text.startswith("#"):
             return None
         return self._cells(text)
 
@@ -214,8 +219,9 @@ def _valid(values: FloatArray, columns: dict[str, Any]) -> BoolArray:
     if "valid1" in columns:
         for k in range(len(valid)):
             flag = columns.get(f"valid{k + 1}", 1)
-            # nan is unequal to itself
-            valid[k] &= flag not in SAYS_NO and flag == flag
+            # an empty flag says nothing good; nan is unequal to itself
+            said = flag not in (None, "") and flag == flag
+            valid[k] &= said and not says_no(flag)
     return valid
 
 
@@ -320,8 +326,12 @@ class LineSource(Arrivals):
         elif self._feed.unfinished:
             cause = f"{self._feed.unfinished:,} bytes came, and no end of a line"
             next_step = "baud= as its sender has it, and a line end after each sample"
+        elif self.ended:
+            cause = "its input is at its end (</dev/null, or a sender that failed)"
         return DeviceNotFound(
-            f"no sample came in {FIRST_S:g} s",
+            "it ended before a sample came"
+            if self.ended
+            else f"no sample came in {FIRST_S:g} s",
             where=self._feed.name,
             cause=cause,
             next_step=next_step,

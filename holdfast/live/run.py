@@ -172,6 +172,7 @@ class _Run:
         self._grip: GripOutput | None = None
         self._scene: LiveScene | None = None
         self._answers = AnswerWatch(self._card, self.report)
+        self._new_files: list[Path] = []
         self.stopped = StopRequest()
 
     def report(self, text: str) -> None:
@@ -192,6 +193,7 @@ class _Run:
         with ExitStack() as stack:
             # first, so that Ctrl-C while outputs are opened ends the run in order
             self.stopped = stack.enter_context(stop_signals())
+            stack.push(self._leave_nothing_behind)
             outputs = self._open_outputs(stack)
             # called before they are closed
             stack.push(self._show_failure)
@@ -217,6 +219,8 @@ class _Run:
                 if self._grip is not None:
                     self._grip.begin(source)
                 resting = self._begin(source, outputs)
+                # from here on its files hold answers
+                self._new_files.clear()
                 summary = answer(
                     source,
                     self.model,
@@ -239,6 +243,12 @@ class _Run:
         """What ended the run, for the page: on the terminal it is printed at the very end."""
         if self._page and isinstance(error, HoldfastError):
             self._page.why_ended = visible(str(error))
+
+    def _leave_nothing_behind(self, kind: type | None, *_: object) -> None:
+        """Remove the new files of a run that was refused: they would stop the next one."""
+        if kind is not None:
+            for path in self._new_files:
+                path.unlink(missing_ok=True)
 
     def _report_end(self, summary: Summary) -> None:
         """Why the loop has ended, for the terminal and the page."""
@@ -291,6 +301,7 @@ class _Run:
             self.lines.sinks.append(stream_sink(sys.stdout, STDOUT))
         elif kind == "jsonl":
             self.lines.sinks.append(file_sink(Path(place)))
+            self._new_files.append(Path(place))
         elif kind == "udp":
             self.lines.sinks.append(udp_sink(place))
         elif kind == "csv":
@@ -299,6 +310,7 @@ class _Run:
                 Path(place), card.n_channels, card.unit, zero, card.hand
             )
             self.lines.kept.append(self._samples.sink)
+            self._new_files.append(Path(place))
             return self._samples
         elif kind == "view":
             from holdfast.live.view import open_view
@@ -341,6 +353,7 @@ class _Run:
         if self._samples is not None:
             log = IntentLog(wearer, clock.now_ns, self._samples)
             self.lines.kept.append(log.sink)
+            self._new_files.append(Path(log.sink.name))
             # after the file of samples, whose first sample sets the time axis of both
             outputs.insert(-1, log)
         return wearer.command

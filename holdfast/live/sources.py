@@ -115,7 +115,7 @@ class LinesOptions(StreamOptions, frozen=True):
 class SerialOptions(LinesOptions, frozen=True):
     """Of a serial port."""
 
-    baud: Count = 115_200
+    baud: Annotated[int, msgspec.Meta(ge=50, le=4_000_000)] = 115_200
 
 
 def source_url(url: str) -> SourceUrl:

@@ -9,12 +9,11 @@ from holdfast.cli.command import (
     add_json_option,
     path_argument,
     positive,
-    require_results_writable,
+    require_outputs,
     show_found,
 )
 from holdfast.cli.options import chosen_model, chosen_workers
 from holdfast.core.errors import UsageError
-from holdfast.core.writing import require_writable
 from holdfast.training.progress import Stages
 from studies.shared_control.closed_loop import LoopComparison
 from studies.shared_control.loop_report import write_loop_report
@@ -59,9 +58,7 @@ def require_scenes(args: argparse.Namespace) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run, print a line a controller, write the figures."""
-    require_results_writable(args)
-    if args.report is not None:
-        require_writable(args.report.parent)
+    require_outputs(args)
     lag_ms = LAG_MS if args.lag_ms is None else args.lag_ms
     comparison = LoopComparison(
         model=chosen_model(args),

@@ -134,7 +134,8 @@ def run(args: argparse.Namespace) -> int:
     path = write_figures(args.out / "loop.json", figures)
     if args.page:
         fill(PAGE, tables_of(PAGE, {"loop": figures}))
-    if any(row.part == "front" for row in wanted):
+    # not without --page: a run with other --parts, trials or seed must change no page
+    if args.page and any(row.part == "front" for row in wanted):
         write_whole(FIGURE, for_any_page(picture(figures)) + "\n")
     if any(row.part == "knowing" for row in wanted):
         write_whole(args.out / KNOWING, for_any_page(knowing(figures)) + "\n")

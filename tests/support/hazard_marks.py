@@ -51,7 +51,7 @@ READABLE_BY_OTHERS = Hazard(
 OVERWRITTEN = Hazard(
     RECORDINGS,
     "A command overwrites an earlier result",
-    "It refuses without `--force`",
+    "It refuses without `--force`, and never replaces its own input or another output",
     "Backups",
 )
 HALF_FINISHED = Hazard(

@@ -2,6 +2,19 @@
 
 static int32_t hf_least(int32_t a, int32_t b) { return a < b ? a : b; }
 
+static int32_t hf_within(int32_t value, int32_t most) { return value < 0 ? 0 : hf_least(value, most); }
+
+/* The rules within their bounds, so that no sum and no product of them is beyond its type. */
+static holdfast_rules hf_bounded(const holdfast_rules *rules) {
+    holdfast_rules own = *rules;
+    own.arm_samples = hf_within(own.arm_samples, HOLDFAST_MOST_SAMPLES);
+    own.act_samples = hf_within(own.act_samples, HOLDFAST_MOST_SAMPLES);
+    own.release_samples = hf_within(own.release_samples, HOLDFAST_MOST_SAMPLES);
+    own.override_ms = hf_within(own.override_ms, HOLDFAST_MOST_MS);
+    own.evidence_ms = hf_within(own.evidence_ms, HOLDFAST_MOST_MS);
+    return own;
+}
+
 static int32_t hf_time_left(int32_t left_us, int32_t period_us) {
     return left_us > period_us ? left_us - period_us : 0;
 }
@@ -64,6 +77,9 @@ const holdfast_rules holdfast_own_rules = {@RULES@};
 
 void holdfast_decide_label(const holdfast_rules *rules, holdfast_decision *decision, int situation,
                            int risky_permille, int32_t period_us, holdfast_wish wish) {
+    const holdfast_rules bounded = hf_bounded(rules);
+    rules = &bounded;
+    period_us = hf_within(period_us, INT32_MAX);
     if (wish & HOLDFAST_OVERRIDE) {
         hf_begin_override(rules, decision);
     } else if (decision->override_us > 0) {

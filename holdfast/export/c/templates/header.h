@@ -123,7 +123,10 @@ enum {
     HOLDFAST_ENDED_OVERRIDDEN = 4
 };
 
-/* Numbers of samples in a row, thousandths of the votes, and ms. */
+/* Numbers of samples in a row, thousandths of the votes, and ms, from 0 to these bounds; a number
+   beyond counts as the bound. */
+#define HOLDFAST_MOST_SAMPLES 1000000
+#define HOLDFAST_MOST_MS 2000000
 typedef struct {
     int32_t arm_samples, act_samples, release_samples, min_risky_permille, override_ms, evidence_ms;
 } holdfast_rules;
