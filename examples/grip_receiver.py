@@ -15,18 +15,15 @@ import time
 from contextlib import suppress
 
 SILENT_NS = 300_000_000  # expires_ms
-LATE_NS = (
-    200_000_000  # the same over a wire, on which the fastest line takes up to 100 ms
-)
-RESTART_NS = (
-    100_000_000  # where t_ns falls by more, the clock of the sender has begun anew
-)
+# the same over a wire, on which the fastest line takes up to 100 ms
+LATE_NS = 200_000_000
+# where t_ns falls by more, the clock of the sender has begun anew
+RESTART_NS = 100_000_000
 DRIFT = 0.006  # the clocks of two machines part by at most 6 ms a second
 FILTER_NS = 0  # 60_000_000 in a hand that does not filter muscle artefacts itself
 CEILING_N, SLEW_N_S = 70.0, 400.0  # what this hand allows, whatever is commanded
-BAUD = (
-    termios.B115200
-)  # of a serial port, as in --grip "serial:///dev/ttyUSB0?baud=115200"
+# of a serial port, as in --grip "serial:///dev/ttyUSB0?baud=115200"
+BAUD = termios.B115200
 CLOCK = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)  # that of t_ns
 MODES = "idle", "hold", "tighten", "relax", "yield"
 HOLD = "hold", "the grip it has", 0.0, "no command for 300 ms"
@@ -217,9 +214,8 @@ def main(path):
         began_ns = time.clock_gettime_ns(CLOCK)
         lines = link.lines(0.01)
         now_ns = time.clock_gettime_ns(CLOCK)
-        if (
-            now_ns - began_ns > SILENT_NS
-        ):  # this program was stopped: what waited is old
+        # this program was stopped: what waited is old
+        if now_ns - began_ns > SILENT_NS:
             link.drop()
             lines = []
         answers = [own.answer(b"", word := one, now_ns) for one in typed.words()]

@@ -112,15 +112,17 @@ def model_path(word: str | Path) -> Path:
     return inside if is_bare_name and inside.is_file() else path
 
 
-def c_folders(model: str | Path) -> list[Path]:
-    """Where the C form of a model is looked for: beside the file, then in the working folder.
+def c_folder(model: str | Path) -> Path:
+    """Where the C form of a model is looked for: beside the file.
 
-    >>> [folder.as_posix() for folder in c_folders("models/holdfast-150hz.onnx")]
-    ['models/holdfast-150hz-c', 'holdfast-150hz-c']
+    Nowhere else, above all not in the working folder: what a library does when it is loaded comes
+    before any check, and a folder may hold what another person put there.
+
+    >>> c_folder("models/holdfast-150hz.onnx").as_posix()
+    'models/holdfast-150hz-c'
     """
     path = model_path(model)
-    beside = path.with_name(f"{path.stem}-c")
-    return [beside, Path(beside.name)]
+    return path.with_name(f"{path.stem}-c")
 
 
 def text_of(path: Path) -> str:

@@ -93,6 +93,11 @@ class GripOutput:
     scene: LiveScene | None = None
     newest: GripCommand | None = None
 
+    @property
+    def leaves(self) -> bool:
+        """Whether commands leave."""
+        return self.link is None or self.link.works
+
     def begin(self, source: Source) -> None:
         """The loop begins to read this source."""
         self.report(WHO_LETS_GO)

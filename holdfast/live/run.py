@@ -1,6 +1,7 @@
 """A live run from its opened outputs to its summary: the body of `holdfast run`.
 
-A log that fails costs its lines and nothing else; the exit code is 5 where a file is incomplete.
+A log that fails costs its lines and nothing else; the exit code is 5 where a file is incomplete, or
+where not one command reached the hand.
 """
 
 from __future__ import annotations
@@ -60,6 +61,7 @@ from holdfast.live.sources import SetReader, is_standard_input, open_live
 
 if TYPE_CHECKING:
     from holdfast.live.grip import GripOutput
+    from holdfast.live.hand_link import HandLink
     from holdfast.live.page.run_page import RunPage
     from holdfast.live.scene import LiveScene
     from holdfast.live.view import View
@@ -150,6 +152,10 @@ def run(
             # a reader that went away on purpose leaves no incomplete file
             if name not in (STDOUT, STDERR) or error.errno not in READER_GONE:
                 code = OutputError.exit_code
+        for link in live.links:
+            if link.carried_none:
+                stderr(f"lost: {link.name} (not one line left)")
+                code = OutputError.exit_code
     return code
 
 
@@ -173,6 +179,7 @@ class _Run:
         self._scene: LiveScene | None = None
         self._answers = AnswerWatch(self._card, self.report)
         self._new_files: list[Path] = []
+        self.links: list[HandLink] = []
         self.stopped = StopRequest()
 
     def report(self, text: str) -> None:
@@ -366,13 +373,17 @@ class _Run:
             self._grip = self._open_grip(options.grip)
             self._scene = self._grip.scene
             moving.append(self._grip)
+            if self._grip.link is not None:
+                self.links.append(self._grip.link)
         if self._page:
             self._page.grip = self._grip
         if options.feedback:
             from holdfast.live.cues import SHIPPED, open_cues
 
             table, now_ns = options.cues or SHIPPED, self.clock.now_ns
-            moving.append(open_cues(options.feedback, table, now_ns, self.report))
+            cues = open_cues(options.feedback, table, now_ns, self.report)
+            moving.append(cues)
+            self.links.append(cues.link)
         for output in moving:
             close_at_end(stack, output)
         return moving

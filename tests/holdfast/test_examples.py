@@ -6,6 +6,7 @@ import importlib.util
 import json
 import math
 import os
+import re
 import shutil
 import signal
 import socket
@@ -526,6 +527,69 @@ def test_a_hand_whose_wearer_opens_ignores_targets_until_the_wearer_closes(progr
             send_line(grip_line(k, target_n=9.5 if k < 600 else 10.5))
         say("close\n")
         assert next(lines) in (HOLDS, "tighten: 10.5 N, at most 400 N/s (risky slip)")
+
+
+def test_each_word_of_the_wearer_counts_however_many_come_at_once(program):
+    with listening(program) as (lines, _, say, _):
+        say("close\nopen\n")
+        assert next(lines).startswith("open")
+        say("empty\nstop\n")
+        assert next(lines) == HOLDS
+        # a word may come in two parts
+        say("op")
+        say("en\n")
+        assert next(lines).startswith("open")
+
+
+@pytest.fixture(params=["grip_receiver.py", "grip_receiver.c", "cue_receiver.py"])
+def receiver_program(request, tmp_path_factory) -> list[str]:
+    source = EXAMPLES / request.param
+    if source.suffix == ".py":
+        return [sys.executable, str(source)]
+    return compiled(source, tmp_path_factory.mktemp("receiver") / "grip_receiver")
+
+
+def test_a_receiver_removes_nothing_but_what_one_that_ended_left(
+    receiver_program, tmp_path
+):
+    note, taken, left = (tmp_path / one for one in ("note", "taken", "left"))
+    note.write_text("mine")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as lives:
+        lives.bind(str(taken))
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as ended:
+            ended.bind(str(left))
+        too_long = tmp_path / ("x" * 200)
+        for path in (note, taken, too_long, tmp_path / "no-folder" / "hand"):
+            done = subprocess.run(
+                [*receiver_program, str(path)],
+                capture_output=True,
+                text=True,
+                stdin=subprocess.DEVNULL,
+                timeout=LONGEST_S,
+            )
+            assert done.returncode == 1
+            assert done.stderr.startswith(str(path))
+            assert done.stderr.count("\n") == 1
+        assert note.read_text() == "mine"
+        assert sorted(tmp_path.iterdir()) == sorted([note, taken, left])
+        with subprocess.Popen(
+            [*receiver_program, str(left)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+        ) as process:
+            assert process.stdout is not None
+            assert process.stdout.readline() == b"listening\n"
+            process.kill()
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+            sender.sendto(b"", str(taken))
+        assert lives.recv(10) == b""
+
+
+def test_the_receiver_in_c_reads_numbers_as_they_are_sent_in_every_locale():
+    """Where a decimal is a comma, strtod reads 9 of 9.4; such a locale is seldom installed."""
+    text = (EXAMPLES / "grip_receiver.c").read_text(encoding="utf-8")
+    code = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
+    assert not re.search(r"strtod|atof|%l[efg]", code)
 
 
 def cue(sequence: int, **changed: Any) -> bytes:

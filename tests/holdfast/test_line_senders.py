@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -69,6 +70,15 @@ def test_the_sender_in_c_is_answered_until_its_end(c_sender: str) -> None:
     assert "6 sensors in N at 150 Hz" in said
     assert len(answers) > 0
     assert all(one["state"] in ("unknown", "nothing") for one in answers)
+
+
+def test_the_sender_in_c_ends_a_line_with_its_row(c_sender: str) -> None:
+    """A line end that came with the next row made every sample a period late."""
+    with subprocess.Popen([c_sender], stdout=subprocess.PIPE) as sender:
+        assert sender.stdout is not None
+        came = [os.read(sender.stdout.fileno(), 1 << 16) for _ in range(4)]
+        sender.kill()
+    assert all(one.endswith(b"\n") for one in came)
 
 
 def test_the_sender_in_python_is_answered(tmp_path: Path) -> None:

@@ -87,6 +87,19 @@ def test_an_axis_that_the_hand_does_not_measure_is_a_dash_and_no_zero(tab):
 
 
 @STALE_PAGE.mark
+def test_a_command_that_does_not_leave_is_told_where_the_target_stands(tab):
+    with served(grip=True) as page:
+        opened(tab, page)
+        page.frame(sample(0))
+        tab.wait_until("document.body.innerText.includes('9.40 N (tighten')")
+        away = sample(1)
+        away["sample"]["grip"]["leaves"] = False
+        page.frame(away)
+        tab.wait_until("document.body.innerText.includes('NO COMMAND LEAVES')")
+        assert "9.40 N" not in text_of(tab, "numbers")
+
+
+@STALE_PAGE.mark
 def test_a_page_that_hears_nothing_never_shows_an_old_state(tab):
     with served() as page:
         opened(tab, page)

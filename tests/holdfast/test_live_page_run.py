@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from grip_bench import until
 from hazard_marks import PAGE_DELAYS, STALE_PAGE
 from live_bench import ROOT, RUN, Steady
 from made_prediction import prediction
@@ -24,6 +25,7 @@ from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.wearer import Intent, IntentMonitor
+from holdfast.live.grip import controller_for, open_grip
 from holdfast.live.page.process import DIED
 from holdfast.live.page.run_page import PageLink, RunPage, open_page
 from holdfast.live.run import answer
@@ -116,6 +118,24 @@ def test_the_page_gets_every_sample_its_answer_and_what_was_lost(model, ends):
     assert samples[2]["x"] == [0.5] * 18
     assert samples[0]["answer"]["state"] == "unknown"
     assert "grip" not in samples[0]
+
+
+def test_the_page_learns_with_each_command_whether_it_leaves(model, ends, tmp_path):
+    ours, theirs = ends
+    clock = VirtualClock()
+    control = controller_for("holdfast", model.card, print)
+    url = f"unix://{tmp_path / 'nothing-here'}"
+    grip = open_grip(url, control, 150.0, "", clock, print)
+    page = RunPage(PageLink(ours, print), model.card, grip)
+    monitor = GripMonitor(model, None)
+    for k in range(2):
+        sample = Sample(k * 6_666_667, np.full(18, 0.1 * k), VALID, k)
+        said = monitor.feed(sample)
+        grip.write(said, sample)
+        page.write(said, sample, READING)
+        until(lambda: not grip.leaves)
+    grip.close()
+    assert received(theirs)[-1]["sample"]["grip"]["leaves"] is False
 
 
 def test_the_page_gets_the_wearers_own_command(model, ends):

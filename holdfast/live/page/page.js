@@ -179,6 +179,12 @@ function wearer({ wants, link }) {
   return wants;
 }
 
+/** The newest command, or that none reaches the hand. */
+function target(grip, force) {
+  if (!grip.leaves) return "NO COMMAND LEAVES: the hand holds its grip";
+  return `${grip.target_n === null ? "none" : force(grip.target_n)} (${grip.mode}: ${grip.reason})`;
+}
+
 /** So many samples span one period fewer. */
 const rate = (rows) => (rows.length > 1 ? `${number((rows.length - 1) / (rows.at(-1).t_s - rows[0].t_s), 1)} Hz` : "–");
 
@@ -189,7 +195,7 @@ function showNumbers() {
   const force = (value) => (value === null || value === undefined ? "–" : `${number(value, placesOf(about.unit))} ${about.unit}`);
   const figures = { "grip of either side": force(last?.grip), "load along the skin": force(last?.load) };
   const { grip, answer } = sample;
-  figures["target"] = about.grip ? `${grip.target_n === null ? "none" : force(grip.target_n)} (${grip.mode}: ${grip.reason})` : "no controller runs (--grip)";
+  figures["target"] = about.grip ? target(grip, force) : "no controller runs (--grip)";
   if (about.grip) figures["friction margin"] = grip.margin === null ? "not known before a slip" : `${number(grip.margin)} (friction ${number(grip.mu_hat)})`;
   figures["latency"] = `${number(1e-3 * answer.latency_us)} ms`;
   figures["request"] = answer.act ? "act" : answer.arm ? "arm" : "none";

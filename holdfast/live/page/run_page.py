@@ -255,7 +255,8 @@ class RunPage:
         if SITUATIONS[RISKY_SLIP] in self.card.not_learned:
             message["answer"]["p_risky"] = None
         if self.grip is not None and self.grip.newest is not None:
-            message["grip"] = self.grip.newest._asdict()
+            command = self.grip.newest._asdict()
+            message["grip"] = command | {"leaves": self.grip.leaves}
         if self.intent is not None:
             wants = self.intent.newest.wants
             message["intent"] = {"wants": wants, "link": self.intent.link}
