@@ -126,10 +126,16 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
         help="oak: measured side of the printed tags",
     )
     option(
-        "--fps", type=positive, metavar="HZ", help="oak: frames a second (default 60)"
+        "--fps",
+        type=number(1.0, 1000.0),
+        metavar="HZ",
+        help="oak: frames a second (default 60)",
     )
     option(
-        "--exposure-ms", type=positive, metavar="MS", help="oak: exposure (default 2)"
+        "--exposure-ms",
+        type=number(1e-3, 1000.0),
+        metavar="MS",
+        help="oak: exposure (default 2)",
     )
 
 
