@@ -101,7 +101,7 @@ int main(void) {
         sense = holdfast_sense_of(&out, &decision, sample, valid, HOLDFAST_NO_WISH);
         holdfast_grip_step(&grip, &sense, &command);
         printf("{\"t_s\":%.6f,\"state\":\"%s\",\"p_risky\":%.6f,", cells[0],
-               STATES[out.unknown ? 0 : 1 + out.situation], (double)out.p_situation[3]);
+               STATES[1 + holdfast_situation(&out)], (double)out.p_situation[3]);
         printf("\"act\":%s,\"mode\":\"%s\",\"target_n\":%.4f}\n", decision.act ? "true" : "false",
                MODES[command.mode], command.target_n);
         fflush(stdout);

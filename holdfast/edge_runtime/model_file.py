@@ -145,6 +145,14 @@ class ModelCard(msgspec.Struct, frozen=True):
         return self.classes == CLASSES
 
     @property
+    def thumb(self) -> tuple[bool, ...] | None:
+        """Which sensors press from the thumb's side; None where no hand says so."""
+        from holdfast.core.hand_card import hand_or_usual
+
+        hand = hand_or_usual(self.hand, self.spec.n_sensors)
+        return None if hand is None else hand.of_thumb
+
+    @property
     def hand(self) -> HandCard | None:
         """The hand card of its training sets, None where they had none. Raises NotAModel."""
         value = self.raw["spec"].get("hand")

@@ -41,7 +41,7 @@ from holdfast.edge_runtime.health import (
 from holdfast.edge_runtime.model import (
     Model as Model,  # both from here, as the README does
 )
-from holdfast.edge_runtime.model import answers_of
+from holdfast.edge_runtime.model import answers_of, situations_of
 from holdfast.edge_runtime.model_file import ModelCard
 
 if TYPE_CHECKING:
@@ -330,12 +330,22 @@ class GripMonitor:
             override=feed.override,
         )
 
+    def _label(self, degraded: bool) -> int:
+        """The situation that the hand goes by."""
+        out = self._graph.out
+        # a whole hand pays nothing for the rule of a degraded one
+        if not degraded:
+            return int(out["situation"][0])
+        return int(situations_of(out, self.card.n_channels // 3)[0])
+
     def _answer(self, feed: _Feed, why: Reason) -> Prediction:
         """The decision and the prediction of one sample. why: "" where its state is known."""
         card = self.card
         out = self._graph.out
         sample = feed.sample
-        label = UNKNOWN if why else int(out["situation"][0])
+        usable = int(out["usable_sensors"][0])
+        degraded = not why and usable < card.n_channels // 3
+        label = UNKNOWN if why else self._label(degraded)
         self._decide(feed, label)
         state: State = "unknown" if why else _STATES[label]
 
@@ -348,8 +358,6 @@ class GripMonitor:
 
         p_situation = _by_name(SITUATIONS, out["p_situation"][0])
         fired = out["detectors"][0].tolist()
-        usable = int(out["usable_sensors"][0])
-        degraded = not why and usable < card.n_channels // 3
         # after everything else, so that the latency counts all of it
         decided_ns = self._now_ns(sample)
 

@@ -25,16 +25,18 @@ from holdfast.core.contract import (
     FloatArray,
     IntArray,
 )
+from holdfast.edge_runtime.batch import ManyHands
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.graph import StepGraph
 from holdfast.edge_runtime.grip import GripSense
+from holdfast.edge_runtime.grip_control import forces_of
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.simulation.effect import Plan, PlanRequest, Rows
 from holdfast.simulation.objects import read_of, sensed_of
 from holdfast.simulation.protocol import Trials
 from holdfast.simulation.scene import Scene
 
-OUTPUTS = ("p_situation", "situation", "unknown")
+OUTPUTS = ("p_situation", "situation", "unknown", "usable_sensors")
 """Outputs of the graph that a controller needs."""
 
 
@@ -192,6 +194,7 @@ class HandModels:
         self._model = model
         self._stepper: Any = model.stepper(OUTPUTS, hands)
         self._fill = card.filler()
+        self._thumb = card.thumb
         self._tares = [Tare(card.preparation, card.n_channels) for _ in range(hands)]
         self._learned: tuple[FloatArray, FloatArray] | None = None
 
@@ -239,19 +242,15 @@ class HandModels:
         p_situation = answers["p_situation"]
         known = ~answers["unknown"]
 
-        by_sensor = values.reshape(len(values), -1, 3)
-        forces = np.where(valid[..., None], by_sensor, 0.0)
-
-        # A sensor can read below zero by its noise, but a finger cannot pull.
-        normal_n = np.maximum(forces[..., 2], 0.0)
-        shear_n = np.sqrt(forces[..., 0] ** 2 + forces[..., 1] ** 2)
-
-        # Thumb and fingers press with equal force, so half of the sum is the grip of a side.
+        hands = ManyHands(len(values))
+        grip_n, load_n = forces_of(hands, [*values.T], [*valid.T], self._thumb)
+        degraded = known & (answers["usable_sensors"] < valid.shape[1])
+        p_safe = p_situation[:, SAFE_SLIP].astype(np.float64)
         return GripSense(
-            grip_n=0.5 * normal_n.sum(axis=1),
-            load_n=shear_n.sum(axis=1),
+            grip_n=grip_n,
+            load_n=load_n,
             p_risky=p_situation[:, RISKY_SLIP].astype(np.float64),
-            p_safe=p_situation[:, SAFE_SLIP].astype(np.float64),
+            p_safe=np.where(degraded, 0.0, p_safe),
             known=known,
             empty=known & (answers["situation"] == NOTHING),
             opening=opening,

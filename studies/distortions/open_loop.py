@@ -19,6 +19,7 @@ from holdfast.evaluation.alarms import (
 )
 from holdfast.evaluation.formats import share
 from holdfast.evaluation.model_outputs import (
+    OUTPUTS,
     ModelOutputs,
     everywhere,
     read_outputs,
@@ -31,7 +32,6 @@ from studies.distortions.statistics import mean_interval
 from studies.distortions.table import by_name
 from studies.distortions.trials import NOTHING_ACTION, felt_set, recording_of
 
-OUTPUTS = ("situation", "votes", "unknown", "detectors", "p_situation")
 COLUMNS = ("found", "called")
 """Yes-or-no outcomes of single events and actions, which compare pair by pair."""
 

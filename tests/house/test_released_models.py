@@ -1,4 +1,4 @@
-"""The files in models/: small enough for a board, made from scenes and lifts, as their cards say."""
+"""The files in models: small enough for a board, from scenes and lifts, and as their cards say."""
 
 from __future__ import annotations
 

@@ -174,7 +174,8 @@ WRONG_RATE = Hazard(
 LOST_SENSOR = Hazard(
     LIVE,
     "A sensor is lost, stale, saturated or not finite",
-    "The state is `unknown` unless the model declares that the others are enough; it is never safe",
+    "The state is `unknown`; where the model declares that the others are enough, it is `degraded` "
+    "and never a safe slip",
     "The hand holds its grip on `unknown`",
 )
 SILENT_CUES = Hazard(

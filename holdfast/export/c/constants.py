@@ -66,7 +66,14 @@ def constants(card: ModelCard) -> str:
     for name, value in reals.items():
         lines.append(f"#define {name} {number(value, 'double')}\n")
     lines.append(f"#define HF_RATIOS {friction.SAMPLES}\n")
+    lines.append(f"#define HF_KNOWS_SIDES {int(card.thumb is not None)}\n")
     return "".join(lines)
+
+
+def thumb_of(card: ModelCard) -> str:
+    """1 for each sensor on the thumb's side, as an initialiser; zeros where no side is known."""
+    sides = card.thumb or (False,) * (card.n_channels // 3)
+    return ", ".join(str(int(side)) for side in sides)
 
 
 def rules_of(card: ModelCard) -> str:

@@ -140,6 +140,10 @@ typedef struct {
     uint8_t arm, act, ended;
 } holdfast_decision;
 
+/* The label that a hand goes by: the situation, or HOLDFAST_UNKNOWN. While a sensor is lost no slip is
+   called safe: it is then a risky slip or a grasp, whichever is more probable. */
+int holdfast_situation(const holdfast_out *out);
+
 /* After each holdfast_step, with the model's own rules. */
 void holdfast_decide(holdfast_decision *decision, const holdfast_out *out, holdfast_wish wish);
 
@@ -203,7 +207,8 @@ typedef struct {
    taken. 0 else. */
 int holdfast_grip_init(holdfast_grip *grip, const holdfast_grip_options *options);
 
-/* After holdfast_decide: what was sensed, from the sample's forces (lost sensors count as no force). */
+/* After holdfast_decide: what was sensed, from the sample's forces. The other fingers of its side stand
+   in for a lost one, where the model's hand is known. */
 holdfast_sense holdfast_sense_of(const holdfast_out *out, const holdfast_decision *decision,
                                  const double *sample, const uint8_t *valid, holdfast_wish wish);
 void holdfast_grip_step(holdfast_grip *grip, const holdfast_sense *sense, holdfast_command *command);
