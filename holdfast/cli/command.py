@@ -198,9 +198,10 @@ def _as_ours(error: Exception) -> HoldfastError:
             next_step="check the path; --debug shows the whole error",
         )
     # the modules of other extras name these themselves (core/errors.py: needs_extra)
-    extra = "dask" if error.name == "distributed" else "train,viz"
+    missing = error.name if isinstance(error, ModuleNotFoundError) else error
+    extra = "dask" if missing == "distributed" else "train,viz"
     return UsageError(
-        f"this needs the package {error.name}",
+        f"this needs the package {missing}",
         cause="only an extra installs it",
         next_step=f"pip install 'holdfast[{extra}]'",
     )

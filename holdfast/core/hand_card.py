@@ -285,8 +285,10 @@ def _require_hand(contacts: Sequence[HandContact]) -> None:
         allowed = f"{FEWEST_SENSORS} to {MOST_SENSORS} (sensed = true)"
         raise ValueError(f"{n_sensors} sensors; allowed: {allowed}")
 
-    names = Counter(contact.name for contact in contacts)
-    places = Counter((one.side, one.along_mm, one.across_mm) for one in contacts)
+    names: Counter[object] = Counter(contact.name for contact in contacts)
+    places: Counter[object] = Counter(
+        (one.side, one.along_mm, one.across_mm) for one in contacts
+    )
     for what, counts in {"name": names, "place": places}.items():
         value, count = counts.most_common(1)[0]
         if count > 1:

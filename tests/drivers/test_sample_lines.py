@@ -93,7 +93,8 @@ def test_a_value_in_json_that_is_no_finite_number_is_its_sensors_loss(
     """As json.dumps, ROS and printf write them."""
     text = f'{{"f":[1,2,3,4,{word},6],"other":{word}}}'
     names = [f"f.{k}" for k in range(6)]
-    sensors = [SensorColumns(*names[:3]), SensorColumns(*names[3:])]
+    first = SensorColumns(names[0], names[1], names[2])
+    sensors = [first, SensorColumns(names[3], names[4], names[5])]
     time = TimeColumn(arrival=True)
     reader = SampleReader(ColumnMap(unit="N", time=time, sensors=tuple(sensors)))
     assert taken(reader, text.encode()).valid.tolist() == [True, False]

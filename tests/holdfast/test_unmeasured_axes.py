@@ -38,7 +38,8 @@ from holdfast.simulation.folder import write_set
 from holdfast.simulation.loop_sensing import HandModels
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.training.datasets import join, load
+from holdfast.training.datasets import load
+from holdfast.training.datasets.joining import join
 from holdfast.training.datasets.trials import DoubtfulData
 
 PADS = """
@@ -256,7 +257,7 @@ def test_a_model_of_three_axes_does_not_answer_such_a_hand(
     data = load(own, windows="none")
     require_model_fits(Model(model), data)
     with pytest.raises(ChannelError, match="not measured in the set: X1, X2; by the"):
-        require_model_fits(SimpleNamespace(card=three_axes), data)  # type: ignore[arg-type]
+        require_model_fits(SimpleNamespace(card=three_axes), data)
     with pytest.raises(ChannelError, match="not measured in the set: nothing"):
         require_model_fits(Model(model), replace(data, hand=None))
 
