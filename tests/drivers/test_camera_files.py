@@ -133,7 +133,7 @@ def test_onset_counts_from_the_first_tactile_sample_and_leaves_other_events_alon
         assert main(["watch", "--onset", str(tmp_path), "--action", "pass"]) == 0
     first, mine = map(json.loads, (tmp_path / "events.jsonl").read_text().splitlines())
     assert first == json.loads(other)
-    assert mine["t0_s"] == pytest.approx(0.55, abs=0.003)
+    assert mine["t0_s"] == pytest.approx(0.55, abs=0.006)
     assert (mine["label"], mine["provenance"], mine["by"]) == (
         "safe_slip",
         "camera",
@@ -145,7 +145,7 @@ def test_without_tactile_samples_onset_counts_from_the_first_frame(tmp_path, cap
     hand_made(tmp_path, at_s=5000.0, slides_at_s=0.8)
     assert main(["watch", "--onset", str(tmp_path), "--action", "pull"]) == 0
     assert json.loads((tmp_path / "events.jsonl").read_text())["t0_s"] == pytest.approx(
-        0.8, abs=0.003
+        0.8, abs=0.006
     )
 
 

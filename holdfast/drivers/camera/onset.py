@@ -314,7 +314,8 @@ def fitted_start(
 
     first: the first frame beyond the threshold. Starts on a grid and EXPONENTS are compared by
     their likelihood, in a fit of c and k to the rest and to the first moving frames. The start is
-    the mean over all: where a line and a parabola fit alike, its standard deviation is large.
+    the mean over all: where a line and a parabola fit alike, its standard deviation is large. All
+    is done twice, with all frames that one of the motions fits, and with half of the moving ones.
     """
     begin, stop = _frames_to_fit(t_s, along_mm, first, moved.threshold_mm)
     t, d = t_s[begin:stop], along_mm[begin:stop]
@@ -329,23 +330,29 @@ def fitted_start(
     # [P, G, N]: for each exponent, start and number of frames
     fits = [_fits(after_s**power, d, weights) for power in EXPONENTS]
     misfit = np.array([one for one, _ in fits]) / sigma_mm**2
+    slope = np.array([one for _, one in fits])
     frames = np.arange(1, len(t) + 1)
     fit = misfit.min(axis=(0, 1)) <= frames + 3.0 * np.sqrt(2.0 * frames)
-    fit[: first - begin + FIT_FRAMES] = True
+    still = first - begin
+    fit[: still + FIT_FRAMES] = True
     # the first number of frames that no motion fits, or all of them
-    used = (int(np.argmin(fit)) or len(t)) - 1
+    most = int(np.argmin(fit)) or len(t)
 
-    still = np.flatnonzero(np.abs(d[: first - begin]) <= WITHIN * sigma_mm)
-    last = int(still[-1]) if still.size else 0
-    there_mm = [
-        slope[:, used] * after_s[:, last] ** power
-        for power, (_, slope) in zip(EXPONENTS, fits, strict=True)
-    ]
-    excess = misfit[..., used] - misfit[..., used].min()
-    # c, k and the start were fitted
-    excess /= max(1.0, misfit[..., used].min() / max(used - 2, 1))
-    likely = np.where(np.array(there_mm) <= BEYOND * sigma_mm, excess, np.inf)
-    share = np.exp(-0.5 * likely).sum(axis=0)
+    near = np.flatnonzero(np.abs(d[:still]) <= WITHIN * sigma_mm)
+    last = int(near[-1]) if near.size else 0
+    # [P, G]: how far each motion would have come at the last frame at rest, for a slope of 1
+    came = np.array([after_s[:, last] ** power for power in EXPONENTS])
+    share = np.zeros(STEPS)
+    # half of the moving frames may say something else: the motion changed meanwhile
+    for used in {most, min(most, still + max(FIT_FRAMES, (most - still) // 2))}:
+        # a start after that frame is always possible
+        is_possible = slope[..., used - 1] * came <= BEYOND * sigma_mm
+        here = np.where(is_possible, misfit[..., used - 1], np.inf)
+        least = float(here.min())
+        # c, k and the start were fitted
+        excess = (here - least) / max(1.0, least / max(used - 3, 1))
+        likely = np.exp(-0.5 * excess).sum(axis=0)
+        share += likely / likely.sum()
     share /= share.sum()
     start_s = float(share @ starts_s)
     return start_s, float(np.sqrt(share @ (starts_s - start_s) ** 2))
