@@ -212,7 +212,12 @@ class GripControl:
             # a ceiling in N says nothing about numbers in another unit, and neither does a rise
             within = replace(within, ceiling_n=math.inf)
             self.rules = replace(
-                self.rules, rise_n=math.inf, follow_n=math.inf, most_over_n=math.inf
+                self.rules,
+                rise_n=math.inf,
+                follow_n=math.inf,
+                safe_follow_n=math.inf if self.rules.safe_follow_n else 0.0,
+                most_over_n=math.inf,
+                in_newtons=False,
             )
         controller = CONTROLLERS[name](ONE_HAND, rate_hz, setting, self.rules)
 
