@@ -306,17 +306,14 @@ def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
     """The figures of one controller on one set."""
     passes = [run for run in runs if run.hands_over("pass")]
     put_downs = [run for run in runs if run.hands_over("put-down")]
-    # Only fragile objects can be crushed, so only they are in the denominator.
-    fragile = [run for run in runs if run.bare.trial.object.crush_n > 0.0]
     preventable = [run for run in runs if run.preventable]
     kept = [run for run in preventable if not run.held.dropped]
-    new = [run.held.dropped and not run.bare.dropped for run in runs]
 
     drops = _saved_drops(runs)
     saved = drops.of_preventable
     blocked = _counted([run.blocked for run in passes])
     disturbed = _counted([run.blocked for run in put_downs])
-    crushed = _counted([run.held.crushed for run in fragile])
+    crushed = _crushed(runs)
 
     peaks_n = [run.held.peak_n for run in passes]
     extra_n = [run.extra_n for run in passes]
@@ -325,10 +322,7 @@ def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
     before_n = [run.before_n for run in passes]
     before_ms = [1e3 * run.before_s for run in passes]
     excess_n_s = [run.excess_n_s for run in runs]
-    in_holds = [run.held for run in runs if run.held.trial.action in HELD_ACTIONS]
-    # Without a slip the controller has no estimate of friction, and no error.
-    errors = [run.friction_error for run in preventable]
-    known_errors = [error for error in errors if np.isfinite(error)]
+    friction_errors = _friction_errors(preventable)
 
     # Medians are of the cases that a share counts, so both describe the same trials.
     return LoopFigures(
@@ -366,15 +360,33 @@ def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
         disturbed_share=disturbed.share,
         disturbed_share_ci=disturbed.share_ci,
         fragile=crushed.of,
-        lost_in_holds=_counted([held.dropped for held in in_holds]),
+        lost_in_holds=_lost_in_holds(runs),
         crushed_share=crushed.share,
         crushed_share_ci=crushed.share_ci,
         grip_excess=float(np.mean(excess_n_s)) if runs else 0.0,
         tightenings_per_min=_tightenings_per_min(runs),
-        new_drops=sum(new),
-        mu_observed=len(known_errors),
-        mu_error_p50=_percentile(known_errors, 50),
+        new_drops=sum(run.held.dropped and not run.bare.dropped for run in runs),
+        mu_observed=len(friction_errors),
+        mu_error_p50=_percentile(friction_errors, 50),
     )
+
+
+def _crushed(runs: Sequence[ThreeRuns]) -> Counted:
+    """Fragile objects that were crushed; no other can be."""
+    fragile = [run for run in runs if run.bare.trial.object.crush_n > 0.0]
+    return _counted([run.held.crushed for run in fragile])
+
+
+def _lost_in_holds(runs: Sequence[ThreeRuns]) -> Counted:
+    """Objects that were lost in a hold that the wearer meant to last."""
+    held = [run.held for run in runs if run.held.trial.action in HELD_ACTIONS]
+    return _counted([one.dropped for one in held])
+
+
+def _friction_errors(runs: Sequence[ThreeRuns]) -> list[float]:
+    """Errors of the friction estimate; without a slip there is neither estimate nor error."""
+    errors = [run.friction_error for run in runs]
+    return [error for error in errors if np.isfinite(error)]
 
 
 def _called(runs: Sequence[ThreeRuns], action: str) -> Counted:
