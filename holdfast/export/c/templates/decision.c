@@ -2,8 +2,6 @@
 
 static int32_t hf_least(int32_t a, int32_t b) { return a < b ? a : b; }
 
-static int32_t hf_within(int32_t value, int32_t most) { return value < 0 ? 0 : hf_least(value, most); }
-
 /* The rules within their bounds, so that no sum and no product of them is beyond its type. */
 static holdfast_rules hf_bounded(const holdfast_rules *rules) {
     holdfast_rules own = *rules;
