@@ -228,7 +228,7 @@ def test_an_oak_that_falls_off_the_bus_ends_its_graph_and_is_given_back():
 
 
 def test_frames_from_disk_are_numbered_in_order_and_are_whole_as_they_were(tmp_path):
-    images = np.arange(24, dtype=np.uint8).reshape(3, 2, 4)
+    images = np.arange(3 * 24 * 26, dtype=np.uint8).reshape(3, 24, 26)
     path = write_frames(tmp_path / "a.frames.npz", np.arange(3) / 4, images, fps=4.0)
     name, lens, stored = read_frames(path)
     assert (name, lens) == (path.name, Lens(4.0, 2.0, 10.0, "trial"))
