@@ -1,5 +1,8 @@
 /* ---- the decision (holdfast/edge_runtime/decision.py) ---- */
 
+/* Whether a sensor is lost; the answer comes from the others. */
+#define HF_DEGRADED(out) (!(out)->unknown && (out)->usable_sensors < HOLDFAST_SENSORS)
+
 static int32_t hf_least(int32_t a, int32_t b) { return a < b ? a : b; }
 
 /* The rules within their bounds, so that no sum and no product of them is beyond its type. */
@@ -102,8 +105,14 @@ int holdfast_risky_permille(const holdfast_out *out) {
     return all > 0 ? (int)(1000 * risky / all) : 0;
 }
 
+int holdfast_situation(const holdfast_out *out) {
+    if (out->unknown) return HOLDFAST_UNKNOWN;
+    if (!HF_DEGRADED(out) || out->situation != HOLDFAST_SAFE_SLIP) return (int)out->situation;
+    return out->p_situation[HOLDFAST_RISKY_SLIP] >= out->p_situation[HOLDFAST_GRASP] ? HOLDFAST_RISKY_SLIP
+                                                                                   : HOLDFAST_GRASP;
+}
+
 void holdfast_decide(holdfast_decision *decision, const holdfast_out *out, holdfast_wish wish) {
-    const int label = out->unknown ? HOLDFAST_UNKNOWN : (int)out->situation;
-    holdfast_decide_label(&holdfast_own_rules, decision, label, holdfast_risky_permille(out),
+    holdfast_decide_label(&holdfast_own_rules, decision, holdfast_situation(out), holdfast_risky_permille(out),
                           HOLDFAST_PERIOD_US, wish);
 }
