@@ -15,6 +15,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from holdfast.cli.command import (
+    CARD_SUFFIX,
     add_json_option,
     add_out_option,
     path_argument,
@@ -22,7 +23,6 @@ from holdfast.cli.command import (
     show_found,
 )
 from holdfast.core.errors import UsageError, command
-from holdfast.edge_runtime.model_file import CARD_SUFFIX
 
 if TYPE_CHECKING:
     from holdfast.sessions.adapt import HeldOutFigures

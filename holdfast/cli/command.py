@@ -218,6 +218,8 @@ def _one_line_to(on_stderr: Callable[[str], object]) -> Callable[..., None]:
 
 
 STDOUT = Path("-")
+CARD_SUFFIX = ".json"
+"""As holdfast.edge_runtime has it; repeated here so that --help need not import it."""
 RESULTS = ("json", "report")
 """Options whose value is a file to write."""
 
@@ -307,7 +309,7 @@ def inputs_of(args: argparse.Namespace) -> list[Path]:
         inputs += paths
         # The card of a model is read with it.
         inputs += [
-            path.with_suffix(".json") for path in paths if path.suffix == ".onnx"
+            path.with_suffix(CARD_SUFFIX) for path in paths if path.suffix == ".onnx"
         ]
     # Not by Path.exists, which raises for words that are too long for a name.
     return [path for path in inputs if os.path.exists(path)]

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from holdfast.cli.command import (
+    CARD_SUFFIX,
     STDOUT,
     add_json_option,
     add_report_option,
@@ -32,7 +33,6 @@ from holdfast.cli.command import (
 )
 from holdfast.core.errors import UsageError, visible
 from holdfast.core.schema import model_path
-from holdfast.edge_runtime.model_file import CARD_SUFFIX
 
 if TYPE_CHECKING:
     from holdfast.core.hand_card import HandCard

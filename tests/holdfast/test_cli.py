@@ -486,7 +486,8 @@ def test_a_name_that_a_locale_cannot_show_gives_one_line_in_every_verb(
     # as where LC_ALL=C, without the coercion to UTF-8
     shown = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
     told = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
-    with monkeypatch.context() as patched:
+    with monkeypatch.context() as patched, open(os.devnull) as nothing:
+        patched.setattr(sys, "stdin", nothing)
         patched.setattr(sys, "stdout", shown)
         patched.setattr(sys, "stderr", told)
         code = main([verb, *words])
