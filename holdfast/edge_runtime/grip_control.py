@@ -322,7 +322,7 @@ def _weights(
     if thumb is None or (len(set(thumb)) == 2 and batch.every(valid)):
         return [1.0] * len(valid)
 
-    read = dict.fromkeys(thumb, batch.zero())
+    read: dict[bool, Number] = dict.fromkeys(thumb, batch.zero())
     for side, good in zip(thumb, valid, strict=True):
         read[side] = read[side] + batch.choose(good, 1.0, 0.0)
     sides_read = batch.zero()
