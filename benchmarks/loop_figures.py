@@ -318,10 +318,8 @@ def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
     peaks_n = [run.held.peak_n for run in passes]
     extra_n = [run.extra_n for run in passes]
     delays_ms = [1e3 * run.extra_s for run in passes]
-    openings = [run for run in (*passes, *put_downs) if run.opened]
     before_n = [run.before_n for run in passes]
     before_ms = [1e3 * run.before_s for run in passes]
-    excess_n_s = [run.excess_n_s for run in runs]
     friction_errors = _friction_errors(preventable)
 
     # Medians are of the cases that a share counts, so both describe the same trials.
@@ -351,7 +349,7 @@ def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
         extra_force_n_p95=_percentile(extra_n, 95),
         extra_delay_ms_p50=_percentile(delays_ms, 50),
         extra_delay_ms_p95=_percentile(delays_ms, 95),
-        held_after_opening=_counted([run.held_after for run in openings]),
+        held_after_opening=_held_after([*passes, *put_downs]),
         before_force_n_p50=_percentile(before_n, 50),
         before_force_n_p95=_percentile(before_n, 95),
         before_delay_ms_p50=_percentile(before_ms, 50),
@@ -363,12 +361,17 @@ def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
         lost_in_holds=_lost_in_holds(runs),
         crushed_share=crushed.share,
         crushed_share_ci=crushed.share_ci,
-        grip_excess=float(np.mean(excess_n_s)) if runs else 0.0,
+        grip_excess=float(np.mean([r.excess_n_s for r in runs])) if runs else 0.0,
         tightenings_per_min=_tightenings_per_min(runs),
         new_drops=sum(run.held.dropped and not run.bare.dropped for run in runs),
         mu_observed=len(friction_errors),
         mu_error_p50=_percentile(friction_errors, 50),
     )
+
+
+def _held_after(runs: Sequence[ThreeRuns]) -> Counted:
+    """Openings after which the hand still grips, though the bare hand does not."""
+    return _counted([run.held_after for run in runs if run.opened])
 
 
 def _crushed(runs: Sequence[ThreeRuns]) -> Counted:

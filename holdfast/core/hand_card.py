@@ -285,17 +285,6 @@ def _require_hand(contacts: Sequence[HandContact]) -> None:
         allowed = f"{FEWEST_SENSORS} to {MOST_SENSORS} (sensed = true)"
         raise ValueError(f"{n_sensors} sensors; allowed: {allowed}")
 
-    names: Counter[object] = Counter(contact.name for contact in contacts)
-    places: Counter[object] = Counter(
-        (one.side, one.along_mm, one.across_mm) for one in contacts
-    )
-    for what, counts in {"name": names, "place": places}.items():
-        value, count = counts.most_common(1)[0]
-        if count > 1:
-            raise ValueError(
-                f"{count} contacts have {what} {value}; allowed: each its own"
-            )
-
     sides = [contact.side for contact in contacts]
     if set(sides) != set(SIDES):
         needed = "a contact on either side; one without a sensor has sensed = false"
@@ -317,6 +306,17 @@ def _require_hand(contacts: Sequence[HandContact]) -> None:
         if contact.pad and side != contact.side:
             raise ValueError(
                 f"pad = {contact.pad!r}; allowed: all its contacts on one side"
+            )
+
+    names: Counter[object] = Counter(contact.name for contact in contacts)
+    places: Counter[object] = Counter(
+        (one.side, one.along_mm, one.across_mm) for one in contacts
+    )
+    for what, counts in {"name": names, "place": places}.items():
+        value, count = counts.most_common(1)[0]
+        if count > 1:
+            raise ValueError(
+                f"{count} contacts have {what} {value}; allowed: each its own"
             )
 
 

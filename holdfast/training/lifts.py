@@ -15,7 +15,6 @@ import numpy as np
 
 from holdfast.core.contract import GRASP, NOTHING, BoolArray, FloatArray, Unit
 from holdfast.core.errors import LabelError
-from holdfast.export.guard import reference_contact, reference_flags
 from holdfast.export.spec import (
     LEAST_MEAN,
     MEAN_S,
@@ -78,6 +77,9 @@ def lift_phases(
     found, or one in the first REST_S: then a person has to say what happens.
     """
     spec = _spec(valid, rate_hz, unit)
+    # onnx, which a conversion of trials need not load
+    from holdfast.export.guard import reference_contact, reference_flags
+
     rule = contact_rule(samples, valid, rate_hz, unit)
 
     # A rest before the first row, because the rule knows nothing until its history is whole.

@@ -206,7 +206,9 @@ def test_there_may_be_12_sensors_and_as_many_as_have_all_their_columns() -> None
         return [f"{axis}{k}" for k in range(1, n_sensors + 1) for axis in "XYZ"]
 
     assert len(map_of_names(names(12), "N").channels) == 36
-    for wrong in (names(13), names(2)[:5], names(2)[3:], ["X0", "Y0", "Z0"]):
+    with pytest.raises(ColumnError, match="13 sensors, and 12 are the most"):
+        map_of_names(names(13), "N")
+    for wrong in (names(2)[:5], names(2)[3:], ["X0", "Y0", "Z0"]):
         with pytest.raises(ColumnError, match="no columns X1"):
             map_of_names(wrong, "N")
 

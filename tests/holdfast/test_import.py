@@ -69,7 +69,7 @@ def test_an_axis_that_no_column_has_stays_out_of_the_set(
 ) -> None:
     sides = ["thumb", "thumb", "opposing", "opposing", "opposing"]
     sensors = [
-        f'[[sensors]]\nname = "s{k}"\nside = "{side}"\nalong_mm = 0\n'
+        f'[[sensors]]\nname = "s{k}"\nside = "{side}"\nalong_mm = {k}\n'
         for k, side in enumerate(sides)
     ]
     card = "".join(sensors).replace("along_mm", 'measures = "yz"\nalong_mm', 1)

@@ -208,7 +208,7 @@ def close_stdin(run: subprocess.Popen[str]) -> None:
     [
         ("virtual://ft232h", subprocess.Popen.kill, DIED),
         # its error stands on the terminal, which a person with the page may not see
-        ("-", close_stdin, "the run failed: stdin: no sample came"),
+        ("-", close_stdin, "the run failed: stdin: it ended before a sample came"),
     ],
 )
 def test_a_run_that_is_killed_or_fails_ends_its_page_with_the_reason(

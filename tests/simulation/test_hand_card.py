@@ -57,6 +57,11 @@ BARE = '[[sensors]]\nname = "c"\nside = "opposing"\nalong_mm = 9\nsensed = false
 HELD_S = 0.9
 
 
+def bare_contact(k: int) -> str:
+    """One of many, each with a name and a place of its own."""
+    return BARE.replace('"c"', f'"c{k}"').replace("along_mm = 9", f"along_mm = {k + 9}")
+
+
 def card(tmp_path: Path, text: str) -> HandCard:
     path = tmp_path / "mine.toml"
     path.write_text(text, encoding="utf-8")
@@ -327,11 +332,11 @@ SEALED = {"holdfast.sha256": "0" * 64}
 
 
 def test_a_hand_has_at_most_12_sensors_and_32_contacts(tmp_path: Path) -> None:
-    bare = "".join(BARE.replace('"c"', f'"c{k}"') for k in range(31))
+    bare = "".join(bare_contact(k) for k in range(31))
     with pytest.raises(CardError, match="33 of them"):
         card(tmp_path, TWO + bare)
     with pytest.raises(CardError, match="sensors"):
         card(tmp_path, TWO + bare.replace("sensed = false\n", ""))
     more = bare.replace("sensed = false\n", "", 10)
-    made = card(tmp_path, TWO + more.removesuffix(BARE.replace('"c"', '"c30"')))
+    made = card(tmp_path, TWO + more.removesuffix(bare_contact(30)))
     assert (made.n_sensors, made.n_contacts) == (12, 32)
