@@ -147,8 +147,10 @@ def told_apart(lifts: DataSet, scenes: Sequence[DataSet], seed: int = 0) -> Told
     group = np.concatenate(groups)
     is_lift = np.concatenate(of_lifts)
     # Dealt apart, so that every fold has people and trials.
-    dealt = assign_groups(group[is_lift], FOLDS, seed=seed)
-    dealt |= assign_groups(group[~is_lift], FOLDS, seed=seed)
+    fewest = min(len(set(group[of])) for of in (is_lift, ~is_lift))
+    folds = min(FOLDS, fewest)
+    dealt = assign_groups(group[is_lift], folds, seed=seed)
+    dealt |= assign_groups(group[~is_lift], folds, seed=seed)
 
     score = np.zeros(len(values))
     importance = np.zeros(values.shape[1])
