@@ -21,8 +21,8 @@ import pandas as pd
 
 from holdfast import evaluation
 from holdfast.cli.main import main
+from holdfast.data.datasets import load
 from holdfast.edge_runtime.monitor import Model
-from holdfast.training.datasets import load
 
 os.chdir(tempfile.mkdtemp())
 Path("lab/logs").mkdir(parents=True)

@@ -20,9 +20,9 @@ import pandas as pd
 
 from holdfast import evaluation
 from holdfast.cli.main import main
+from holdfast.data.datasets import load
 from holdfast.edge_runtime.monitor import Model
 from holdfast.export.exporting import export_artifact
-from holdfast.training.datasets import load
 from holdfast.training.fitting import train
 from holdfast.training.plan import TWO_SAMPLES, ForestPlan, TrainingPlan
 

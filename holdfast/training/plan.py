@@ -15,7 +15,7 @@ from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 
 from holdfast.core.contract import FloatArray, IntArray, Json
 from holdfast.edge_runtime.decision import DecisionRules
-from holdfast.export.learner import Forest
+from holdfast.step.learner import Forest
 
 CLOCK_FREE_GROUPS = (
     "now",

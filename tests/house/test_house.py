@@ -94,7 +94,7 @@ def test_every_folder_with_code_has_a_place_in_the_table():
 
 def test_the_import_test_sees_every_way_to_import():
     source = """
-import holdfast.training.recording as t
+import holdfast.data.recording as t
 def late():
     from holdfast.export import graph
     import importlib
@@ -246,7 +246,7 @@ def test_nothing_that_opens_a_model_leaves_telemetry_behind(
     for first in (
         "holdfast.edge_runtime.monitor",
         "holdfast.live.bench",
-        "holdfast.export.builder",
+        "holdfast.step.builder",
     ):
         model = repr(str(eight_classes.model))
         load = f"from holdfast.edge_runtime.monitor import Model; Model({model})"

@@ -109,11 +109,11 @@ def test_the_source_archive_has_its_tests(sdist: Path) -> None:
 )
 def test_a_link_gives_the_modules_of_the_package(tmp_path: Path) -> None:
     program = """
-import edge_runtime.monitor, drivers, export.spec, training
-import holdfast.edge_runtime.monitor, holdfast.drivers.replay, holdfast.export.spec
+import edge_runtime.monitor, drivers, export.verify, training
+import holdfast.edge_runtime.monitor, holdfast.drivers.replay, holdfast.export.verify
 assert edge_runtime is holdfast.edge_runtime
 assert edge_runtime.monitor is holdfast.edge_runtime.monitor
-assert export.spec is holdfast.export.spec
+assert export.verify is holdfast.export.verify
 import drivers.replay
 assert drivers.replay.Replay is holdfast.drivers.replay.Replay
 assert edge_runtime.monitor.__spec__.name == "holdfast.edge_runtime.monitor"
