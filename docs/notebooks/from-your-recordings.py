@@ -19,9 +19,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from holdfast import evaluation
+from holdfast import evaluation, load_set
 from holdfast.cli.main import main
-from holdfast.data.datasets import load
 from holdfast.edge_runtime.monitor import Model
 
 os.chdir(tempfile.mkdtemp())
@@ -116,7 +115,7 @@ main(["evaluate", model, "--data", "unseen", "--report", "evaluate.html"])
 # A line a sample: the truth beside the answer.
 
 # %%
-data = load(Path("unseen"), windows="natural")
+data = load_set(Path("unseen"), windows="natural")
 answers = evaluation.to_frame(evaluation.run_model(Model(model), data))
 pd.crosstab(answers["truth"], answers["state"])
 

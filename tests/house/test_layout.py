@@ -104,6 +104,32 @@ def test_the_source_archive_has_its_tests(sdist: Path) -> None:
     assert " passed" in printed
 
 
+def test_the_old_name_of_a_module_that_moved_gives_the_module_and_a_warning() -> None:
+    program = """
+import warnings
+from importlib import import_module
+import holdfast
+
+def old(name):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        module = import_module(name)
+    (warning,) = (one for one in caught if one.category is DeprecationWarning)
+    return module, str(warning.message)
+
+datasets, said = old("holdfast.training.datasets")
+assert datasets.load is holdfast.load_set
+print(said)
+thesis, _ = old("holdfast.training.datasets.thesis")
+assert thesis is import_module("holdfast.data.datasets.thesis")
+assert old("holdfast.training.progress")[0] is import_module("holdfast.core.progress")
+assert old("holdfast.export.spec")[0] is import_module("holdfast.step.spec")
+assert datasets.__spec__.name == "holdfast.data.datasets"
+"""
+    said = "holdfast.training.datasets is now holdfast.data.datasets"
+    assert python(ROOT, "-c", program).startswith(said)
+
+
 @pytest.mark.skipif(
     not all((ROOT / name).is_symlink() for name in LINKS), reason="no links here"
 )
