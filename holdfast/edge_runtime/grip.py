@@ -319,8 +319,8 @@ class LoadFollower:
     LEARNS_S and until the hand has closed, quickly (QUICK_S), whatever is given, and nothing is
     followed: a pick-up is no slip. Afterwards slowly (MEAN_S), while no target is given and the
     load does not rise. From `above` times the reference on the grip should be so large that no more
-    than that is in use: T / (2 above reference), but at most MOST_N and MOST_TIMES the wearer's grip
-    over it. So a wearer who closes a touching hand soon grips by more than a target can have made.
+    than that is in use: T / (2 above reference), but at most MOST_N and MOST_TIMES the wearer's
+    grip over it. So a wearer who closes a touching hand soon grips by more than a target made.
     """
 
     LEARNS_S = 0.6

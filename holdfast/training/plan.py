@@ -109,10 +109,10 @@ ANY_HAND = {
     "follow_above_permille": 1250,
     "safe_follow_mn": 2000,
 }
-"""Of a committee on pooled features, which is trained on wider scenes. A request without evidence is
-over soon, so that a false one hides no slip after it. The grip answers a slip where the model is
+"""Of a committee on pooled features, which is trained on wider scenes. A request without evidence
+is over soon, so that a false one hides no slip after it. The grip answers a slip where the model is
 sure, and follows a load from little over what is usual in a hold on; where another person may take
-the object by 2 N at most (development seeds, docs/decisions.md)."""
+the object by 2 N at most (development seeds)."""
 SLOW_HZ = 100.0
 SLOW_PERMILLE = 680
 """Below SLOW_HZ it asks for a little less: at 50 Hz a slip has a third of the samples that it has
