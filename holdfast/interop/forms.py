@@ -19,7 +19,7 @@ import numpy as np
 from msgspec.structs import replace as changed
 
 from holdfast.core.column_map import SensorColumns
-from holdfast.core.contract import AXES, NORMAL_AXIS, UNIT_OF
+from holdfast.core.contract import AXES, NORMAL_AXIS, UNIT_OF, valid_names
 from holdfast.core.errors import listed
 from holdfast.core.trial_layout import named_mass
 from holdfast.interop.columns import normal_axis, oriented, words_of
@@ -113,6 +113,7 @@ class Form:
         used = {*first.form, trials.column, trials.person, trials.object, trials.action}
         used.add(first.time.column if first.time else "")
         used.add(events.column if events else "")
+        used.update(valid_names(len(first.sensors)))
         unused = [name for name in merged(first.log) if name not in used]
         if unused:
             add("not used", listed(unused, most=12))
