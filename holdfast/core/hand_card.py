@@ -55,6 +55,8 @@ def too_many(n_sensors: int) -> str:
     if n_sensors <= MOST_SENSORS:
         return ""
     return f"{n_sensors} sensors, and {MOST_SENSORS} are the most of a hand"
+
+
 FARTHEST_MM = 100.0
 """Of a place from the middle of the hand."""
 Name = Annotated[str, Meta(max_length=80)]

@@ -2,7 +2,7 @@
 
 #define HF_PERIOD_S (1.0 / HOLDFAST_RATE_HZ)
 
-/* The grip that the wearer set. One that a target may have made says nothing about it. */
+/* The grip that the wearer set. One under a target says nothing about it. */
 static void hf_step_own_grip(holdfast_grip *own, const holdfast_sense *sense) {
     const double share = 1.0 / (1.0 + HF_OWN_S * HOLDFAST_RATE_HZ);
     const double back = 1.0 / (1.0 + HF_BACK_S * HOLDFAST_RATE_HZ);
@@ -10,7 +10,7 @@ static void hf_step_own_grip(holdfast_grip *own, const holdfast_sense *sense) {
     const int rises = rise_n > HF_RISES_N + HF_RISES_SHARE * own->own_n;
     int is_ours;
     own->ours_n = hf_high(own->given_n, own->ours_n + back * (own->given_n - own->ours_n));
-    is_ours = own->ours_n > HF_LEAST_OURS_N && sense->grip_n < own->ours_n + HF_APART_N;
+    is_ours = own->ours_n > HF_OURS_N;
     if (!sense->known) return;
     own->still_s = rises && !is_ours ? 0.0 : hf_low(own->still_s + HF_PERIOD_S, HF_MOST_S);
     own->held_s = hf_low(own->held_s + HF_PERIOD_S, HF_MOST_S);
