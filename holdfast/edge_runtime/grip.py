@@ -73,9 +73,10 @@ def possible(batch: Batch, sense: GripSense) -> GripSense:
 class WearersGrip:
     """The grip that the wearer set, N a side; 0 while nothing is held.
 
-    A grip that a target may have made says nothing about it: what is given counts, and what was
-    given for as long as a drive takes to come back from it. A grip that is larger than that by
-    APART_N is the wearer's, whatever is given.
+    A grip under a target says nothing about it: what is given counts, and what was given for as
+    long as a drive takes to come back from it. A larger grip than that does not either: a sensor
+    may read twice what is there, and a drive coasts on. While the hand closes nothing is wanted, so
+    the grip is known where the first target is given.
 
     closes: the hand still closes on its object. It does from the contact on until the grip has not
     risen for STILL_S, and again where it rises within CLOSES_S of the contact. held_s: time since
@@ -88,7 +89,8 @@ class WearersGrip:
     """Time constant of the low-pass over the measured grip."""
     BACK_S = 0.2
     """Time constant at which what was given fades."""
-    APART_N = 0.5
+    OURS_N = 0.5
+    """What is given counts as none below it, N a side."""
     RISES_N, RISES_SHARE = 0.1, 0.03
     """A grip rises where it is further above its low-pass than this, N, and this share of it."""
     STILL_S = 0.05
@@ -100,8 +102,7 @@ class WearersGrip:
 
     def __init__(self, batch: Batch, rate_hz: float, in_newtons: bool = True) -> None:
         self._batch = batch
-        # in another unit no grip is known to be larger than a target, or to rise
-        self._apart_n = self.APART_N if in_newtons else math.inf
+        # in another unit no grip is known to rise
         self._rises_n = self.RISES_N if in_newtons else math.inf
         self._again_n = self.AGAIN_N if in_newtons else math.inf
         self._period_s = 1.0 / rate_hz
@@ -119,9 +120,7 @@ class WearersGrip:
         batch = self._batch
         faded_n = self._ours_n + self._back * (given_n - self._ours_n)
         self._ours_n = batch.most(given_n, faded_n)
-        is_ours = self._ours_n > self.APART_N
-        is_ours = is_ours & (sense.grip_n < self._ours_n + self._apart_n)
-        measures = sense.known & batch.no(is_ours)
+        measures = sense.known & (self._ours_n <= self.OURS_N)
 
         rise_n = sense.grip_n - self.grip_n
         rises = rise_n > self._rises_n + self.RISES_SHARE * self.grip_n

@@ -19,8 +19,9 @@ import numpy as np
 from msgspec.structs import replace as changed
 
 from holdfast.core.column_map import SensorColumns
-from holdfast.core.contract import AXES, NORMAL_AXIS, UNIT_OF
+from holdfast.core.contract import AXES, NORMAL_AXIS, UNIT_OF, valid_names
 from holdfast.core.errors import listed
+from holdfast.core.hand_card import too_many
 from holdfast.core.trial_layout import named_mass
 from holdfast.data.datasets.trials import action_of
 from holdfast.interop.columns import normal_axis, oriented, words_of
@@ -96,6 +97,9 @@ class Form:
         add("time", first.time_text)
         names = f"{', '.join(first.form[:3])} to {', '.join(first.form[-3:])}"
         add("sensors", f"{len(first.sensors)}, {first.why}: {names}")
+        wrong = too_many(len(first.sensors))
+        if wrong:
+            add("note", f"{wrong}: take those out of the map that do not matter")
         long = first_stream(first.log).long
         if long:
             add("layout", f"a row for each {' and '.join(long)}: made columns")
@@ -113,6 +117,7 @@ class Form:
         used = {*first.form, trials.column, trials.person, trials.object, trials.action}
         used.add(first.time.column if first.time else "")
         used.add(events.column if events else "")
+        used.update(valid_names(len(first.sensors)))
         unused = [name for name in merged(first.log) if name not in used]
         if unused:
             add("not used", listed(unused, most=12))

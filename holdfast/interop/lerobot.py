@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from holdfast.core.contract import SITUATIONS, Json, channel_names
+from holdfast.core.contract import SITUATIONS, Json, channel_names, valid_names
 from holdfast.core.errors import NotANumber, needs_extra
 from holdfast.core.schema import json_of, read
 from holdfast.core.writing import write_whole
@@ -139,7 +139,7 @@ def _info(
     recording = trials[0].recording
     names = {
         TACTILE: list(channel_names(recording.n_sensors)),
-        VALID: [f"valid{sensor + 1}" for sensor in range(recording.n_sensors)],
+        VALID: list(valid_names(recording.n_sensors)),
     }
     features: Json = {}
     for key, column in frames.items():

@@ -14,10 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contract import FloatArray
+from holdfast.core.column_map import MINUS
+from holdfast.core.contract import BoolArray, FloatArray, valid_names
 from holdfast.core.errors import EmptyRecording, LabelError, TimeError, count_of, listed
 from holdfast.core.progress import Part, ignored
-from holdfast.core.trial_file import Trial, implausible_rate
+from holdfast.core.trial_file import Trial, implausible_rate, says_no
 from holdfast.core.trial_layout import (
     LABELLED_ACTIONS,
     RISKY_ACTIONS,
@@ -36,6 +37,7 @@ from holdfast.interop.map import NAMES, ImportMap
 from holdfast.interop.streams import (
     FEWEST_ROWS,
     GAP_STEPS,
+    Column,
     ForeignLog,
     Stream,
     evened,
@@ -153,6 +155,13 @@ class TrialImport:
             further |= {plan.events.column} & columns.keys()
         # the columns themselves, because a long log is large
         rows = pd.DataFrame({name: columns[name] for name in plan.columns}, copy=False)
+        flags = valid_names(len(plan.sensors))
+        for sensor, flag in zip(plan.sensors, flags, strict=True):
+            # what a log says is not valid is no reading
+            lost = _says_no(columns[flag]) if flag in columns else np.zeros(1)
+            for name in filter(None, sensor.axes) if lost.any() else ():
+                name = name.removeprefix(MINUS)
+                rows[name] = np.where(lost, np.nan, rows[name])
         for name in further:
             rows[name] = np.array(text_cells(columns[name]), dtype=object)
         timed = rows.dropna(subset=[*filter(None, [plan.time.column])])
@@ -282,6 +291,14 @@ def values_of(log: ForeignLog, rows: pd.DataFrame, plan: ImportMap) -> FloatArra
     values = plan.values_of(rows, log.path)
     values[~(np.abs(values) < LARGEST)] = np.nan
     return values
+
+
+def _says_no(cells: Column) -> BoolArray:
+    """[T] where a column valid1, valid2, .. says that its sensor is not valid."""
+    if cells.dtype == object:
+        return np.array([says_no(cell) for cell in cells])
+    # among numbers a word, such as False, was read as nan
+    return ~(np.abs(cells.astype(np.float64)) > 0.0)
 
 
 # -- files of one trial

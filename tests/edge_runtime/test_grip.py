@@ -276,11 +276,16 @@ def test_a_slow_load_is_followed_before_half_of_it_is_there() -> None:
 
 
 def closed(
-    grip_n: float, lasts_s: float, given_from_s: float, most_over_n: float
+    grip_n: float,
+    lasts_s: float,
+    given_from_s: float,
+    most_over_n: float,
+    gain: float = 1.0,
 ) -> tuple[float, float]:
     """(largest target, the wearer's grip as measured) where a hand closes with a slip certain.
 
-    The hand grips for the larger of the target and its wearer, behind a lag of 50 ms.
+    The hand grips for the larger of the target and its wearer, behind a lag of 50 ms. gain: read
+    over true.
     """
     rules = AnswerRules(most_over_n=most_over_n)
     loop = GripLoop(ONE_HAND, RATE_HZ, Holdfast(ONE_HAND, RATE_HZ, rules=rules))
@@ -294,7 +299,7 @@ def closed(
         slips = given_from_s <= t_s < given_from_s + 0.3
         loop.step(
             sense(
-                grip_n=max(own_n, held_n),
+                grip_n=gain * max(own_n, held_n),
                 p_risky=1.0 if slips else 0.0,
                 empty=own_n < 0.05,
             )
@@ -312,6 +317,15 @@ def test_a_slip_at_any_time_of_the_close_leaves_the_wearers_grip_known(
         largest_n, measured_n = closed(grip_n, lasts_s, given_from_s, 3.0)
         assert measured_n == pytest.approx(grip_n, abs=1.0)
         assert largest_n <= grip_n + 3.0 + 1.0
+
+
+@pytest.mark.parametrize("gain", [1.3, 2.4])
+def test_a_sensor_that_reads_too_much_makes_no_target_climb(gain: float) -> None:
+    """What it reads under a target was more than the target, and was taken for the wearer's."""
+    for given_from_s in np.arange(0.02, 1.2, 0.12):
+        largest_n, measured_n = closed(5.0, 0.5, given_from_s, 3.0, gain)
+        assert measured_n == pytest.approx(gain * 5.0, abs=1.0)
+        assert largest_n <= gain * 5.0 + 3.0 + 1.0
 
 
 def test_a_hand_that_only_closes_wants_nothing_however_its_load_is_read() -> None:
@@ -375,8 +389,8 @@ def test_holdfast_raises_to_what_friction_needs_only_where_it_has_answered() -> 
     [
         (
             AnswerRules(floor=0.2),
-            4351.530684,
-            "0 0 20 3.9752426 3.6100576 0 0 15.030134 3.6113857 0 0",
+            4351.711258,
+            "0 0 20 3.9752426 3.6100576 0 0 15.0347592 3.6113857 0 0",
         ),
         (
             AnswerRules(detects=False, floor=0.05, above=1.002),
@@ -385,8 +399,8 @@ def test_holdfast_raises_to_what_friction_needs_only_where_it_has_answered() -> 
         ),
         (
             AnswerRules(follows=False, rise_n=2.0),
-            4307.508739,
-            "0 0 20 3.9752426 3.6100576 0 0 15.030134 3.6113857 0 0",
+            4307.689313,
+            "0 0 20 3.9752426 3.6100576 0 0 15.0347592 3.6113857 0 0",
         ),
     ],
 )

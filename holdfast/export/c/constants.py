@@ -35,7 +35,7 @@ REALS = {
     "HF_BRAKE_S": SlipAnswer.BRAKE_S,
     "HF_OWN_S": WearersGrip.TIME_S,
     "HF_BACK_S": WearersGrip.BACK_S,
-    "HF_LEAST_OURS_N": WearersGrip.APART_N,
+    "HF_OURS_N": WearersGrip.OURS_N,
     "HF_RISES_SHARE": WearersGrip.RISES_SHARE,
     "HF_STILL_S": WearersGrip.STILL_S,
     "HF_CLOSES_S": WearersGrip.CLOSES_S,
@@ -77,7 +77,6 @@ def constants(card: ModelCard) -> str:
         **REALS,
     }
     rises_n = {
-        "HF_APART_N": WearersGrip.APART_N,
         "HF_RISES_N": WearersGrip.RISES_N,
         "HF_AGAIN_N": WearersGrip.AGAIN_N,
         "HF_RISE_N": answer.rise_n,
