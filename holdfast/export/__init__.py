@@ -1,9 +1,10 @@
 """For: what becomes of an artifact folder: one verified, sealed file, and its C form.
-May import: step, edge_runtime, core; never training.
+May import: step, edge_runtime, core.
 Begin with: exporting.py, features and learner joined to one graph, and sealed.
 
 verify.py in between: that graph against the reference (structure.py: every number). changed.py
-writes a changed copy of such a file, c/ its C form. export.py is `holdfast export` as a script.
+writes a changed copy of such a file, c/ its C form. Nothing here imports training. export.py
+is `holdfast export` as a script.
 """
 
 from holdfast.core.links import link, moved

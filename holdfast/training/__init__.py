@@ -1,8 +1,9 @@
 """For: what learns: plan, folds, fitting, judging. `data` makes the windows that it fits.
-May import: data, step, edge_runtime, core; never export, which takes the artifact from here.
+May import: data, step, edge_runtime, core.
 Begin with: fitting.py, from sets to an artifact; crossval.py answers for people it never saw.
 
-plan.py has what they choose by default. train.py is `holdfast train` as a script.
+plan.py has what they choose by default. Nothing here imports export, which reads the artifact.
+train.py is `holdfast train` as a script.
 """
 
 from holdfast.core.links import link, moved

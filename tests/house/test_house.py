@@ -102,7 +102,7 @@ def test_every_room_says_what_it_is_for_what_it_may_import_and_where_to_begin():
         assert begin is not None, room
         assert (folder_of(room) / begin[0]).is_file(), lines[2]
         promised = set(re.findall(r"\w+", lines[1].split(":")[1])) & set(SHIPPED)
-        assert promised - {"training"} <= reached(room), room
+        assert promised <= reached(room), room
 
 
 def test_a_library_that_only_an_extra_installs_is_imported_in_one_file():
