@@ -74,9 +74,9 @@ class WearersGrip:
     """The grip that the wearer set, N a side; 0 while nothing is held.
 
     A grip under a target says nothing about it: what is given counts, and what was given for as
-    long as a drive takes to come back from it. A larger grip than that does not either: a sensor
-    may read twice what is there, and a drive coasts on. While the hand closes nothing is wanted, so
-    the grip is known where the first target is given.
+    long as a drive takes to come back from it. A larger grip than that does not either, up to
+    OURS_TIMES of it: a sensor may read twice what is there, and a drive coasts on. While the hand
+    closes nothing is wanted, so the grip is known where the first target is given.
 
     closes: the hand still closes on its object. It does from the contact on until the grip has not
     risen for STILL_S, and again where it rises within CLOSES_S of the contact. held_s: time since
@@ -91,6 +91,7 @@ class WearersGrip:
     """Time constant at which what was given fades."""
     OURS_N = 0.5
     """What is given counts as none below it, N a side."""
+    OURS_TIMES = 2.5
     RISES_N, RISES_SHARE = 0.1, 0.03
     """A grip rises where it is further above its low-pass than this, N, and this share of it."""
     STILL_S = 0.05
@@ -102,7 +103,8 @@ class WearersGrip:
 
     def __init__(self, batch: Batch, rate_hz: float, in_newtons: bool = True) -> None:
         self._batch = batch
-        # in another unit no grip is known to rise
+        # in another unit no grip is known to rise, or to be more than a target makes
+        self._in_newtons = in_newtons
         self._rises_n = self.RISES_N if in_newtons else math.inf
         self._again_n = self.AGAIN_N if in_newtons else math.inf
         self._period_s = 1.0 / rate_hz
@@ -120,7 +122,11 @@ class WearersGrip:
         batch = self._batch
         faded_n = self._ours_n + self._back * (given_n - self._ours_n)
         self._ours_n = batch.most(given_n, faded_n)
-        measures = sense.known & (self._ours_n <= self.OURS_N)
+        is_ours = self._ours_n > self.OURS_N
+        if self._in_newtons:
+            made_n = self.OURS_TIMES * self._ours_n + self.OURS_N
+            is_ours = is_ours & (sense.grip_n < made_n)
+        measures = sense.known & batch.no(is_ours)
 
         rise_n = sense.grip_n - self.grip_n
         rises = rise_n > self._rises_n + self.RISES_SHARE * self.grip_n

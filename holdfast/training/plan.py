@@ -102,17 +102,17 @@ HIGH_CONFIDENCE: dict[LearnerKind, DecisionRules] = {
 sample sooner. Networks are surer of themselves than forests (docs/decisions.md)."""
 ANY_HAND = {
     "min_risky_permille": 740,
-    "answer_permille": 700,
+    "answer_permille": 650,
     "full_answer_permille": 800,
     "evidence_ms": 300,
-    "follow_floor_permille": 100,
+    "follow_floor_permille": 130,
     "follow_above_permille": 1250,
-    "safe_follow_mn": 2000,
+    "safe_follow_mn": 500,
 }
 """Of a committee on pooled features, which is trained on wider scenes. A request without evidence
 is over soon, so that a false one hides no slip after it. The grip answers a slip where the model is
 sure, and follows a load from little over what is usual in a hold on; where another person may take
-the object by 2 N at most (development seeds)."""
+the object by 0.5 N at most (development seeds)."""
 SLOW_HZ = 100.0
 SLOW_PERMILLE = 680
 """Below SLOW_HZ it asks for a little less: at 50 Hz a slip has a third of the samples that it has

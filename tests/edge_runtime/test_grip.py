@@ -389,8 +389,8 @@ def test_holdfast_raises_to_what_friction_needs_only_where_it_has_answered() -> 
     [
         (
             AnswerRules(floor=0.2),
-            4351.711258,
-            "0 0 20 3.9752426 3.6100576 0 0 15.0347592 3.6113857 0 0",
+            4351.562708,
+            "0 0 20 3.9752426 3.6100576 0 0 15.0312773 3.6113857 0 0",
         ),
         (
             AnswerRules(detects=False, floor=0.05, above=1.002),
@@ -399,8 +399,8 @@ def test_holdfast_raises_to_what_friction_needs_only_where_it_has_answered() -> 
         ),
         (
             AnswerRules(follows=False, rise_n=2.0),
-            4307.689313,
-            "0 0 20 3.9752426 3.6100576 0 0 15.0347592 3.6113857 0 0",
+            4307.540764,
+            "0 0 20 3.9752426 3.6100576 0 0 15.0312773 3.6113857 0 0",
         ),
     ],
 )

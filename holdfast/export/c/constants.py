@@ -79,6 +79,7 @@ def constants(card: ModelCard) -> str:
     rises_n = {
         "HF_RISES_N": WearersGrip.RISES_N,
         "HF_AGAIN_N": WearersGrip.AGAIN_N,
+        "HF_OURS_TIMES": WearersGrip.OURS_TIMES,
         "HF_RISE_N": answer.rise_n,
         "HF_FOLLOW_N": answer.follow_n,
         "HF_SAFE_FOLLOW_N": answer.safe_follow_n,

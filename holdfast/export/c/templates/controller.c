@@ -12,7 +12,8 @@ static void hf_step_own_grip(holdfast_grip *own, const holdfast_sense *sense) {
         rise_n > HF_AGAIN_N + HF_AGAIN_SHARE * own->own_n && sense->p_risky < HF_SLIP_P;
     int is_ours;
     own->ours_n = hf_high(own->given_n, own->ours_n + back * (own->given_n - own->ours_n));
-    is_ours = own->ours_n > HF_OURS_N;
+    is_ours = own->ours_n > HF_OURS_N &&
+              sense->grip_n < HF_OURS_TIMES * own->ours_n + HF_OURS_N;
     if (!sense->known) return;
     own->still_s = rises && !is_ours ? 0.0 : hf_low(own->still_s + HF_PERIOD_S, HF_MOST_S);
     own->held_s = again && !is_ours ? 0.0 : hf_low(own->held_s + HF_PERIOD_S, HF_MOST_S);
