@@ -46,6 +46,12 @@ SOURCES: dict[str, dict[str, str]] = {
         "arm": "docs/measured/arm.json",
     },
     "docs/faq.md": {"latency": "docs/measured/latency-150hz.json"},
+    "docs/for-boards.md": {"arm": "docs/measured/arm.json"},
+    "docs/for-clinicians.md": {
+        "cost": "docs/measured/cost.json",
+        "evaluated": EVALUATED,
+        "lifts": "docs/measured/people-2026-11-28.json",
+    },
     "docs/hard-cases.md": {
         "distortions": "docs/measured/distortions-080828f74eb1.json"
     },
