@@ -37,6 +37,7 @@ COMMIT = re.compile(r"commit `?[0-9a-f]{7,}")
 GIVEN = (
     # how figures are stated
     "95 % interval",
+    "95 % quantile",
     "0.25 s",
     "8 of 10 has",
     "0.44 to 0.97",
