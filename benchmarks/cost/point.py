@@ -142,6 +142,5 @@ README_POINTS = (
     Point(debounce=2),
     Point(),
     SHIPPED,
-    Point(rate_hz=50.0),
 )
 """What the README shows of them."""

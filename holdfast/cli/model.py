@@ -189,7 +189,8 @@ def run_train(args: argparse.Namespace) -> int:
     lines += trained.not_held_out
     lines += not_learned_in_words(not_learned)
     lines += [data.caveat, _written(model, exported.bytes)]
-    lines.append(f"next: {command('run', model)}")
+    hand = command("run", model, "--source", "usb://ft232h")
+    lines.append(f"next: {command('doctor', model)}; with a hand: {hand}")
 
     found = {
         "artifact": args.out,

@@ -252,12 +252,11 @@ def warn_of_scarcity(data: DataSet) -> None:
             if 0 < count < FEWEST_WINDOWS:
                 few.append(f"{name} ({count})")
 
-    # The thesis' undersampled set is as small as its rarest class.
+    # The thesis' undersampled set (--windows thesis) is as small as its rarest class.
     if few:
         warnings.warn(
             f"{data.name}: fewer than {FEWEST_WINDOWS} windows of {', '.join(few)}; do not trust "
-            "the answers and figures of these; next: record or simulate more trials with them, or "
-            "leave out --windows thesis",
+            "the answers and figures of these; next: record or simulate more trials with them",
             FewWindows,
             stacklevel=2,
         )

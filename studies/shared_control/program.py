@@ -29,7 +29,7 @@ from tools.harness import add_engine_options, for_any_page, measured_now, write_
 
 TRIALS = 55
 MODEL = Path("models/holdfast-150hz.onnx")
-PAGE = "docs/shared-control.md"
+PAGE = "docs/shared-control-figures.md"
 ROW_KEYS = (
     "part",
     "set",

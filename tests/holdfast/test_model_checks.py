@@ -70,8 +70,8 @@ def default_alone() -> tuple[list[str], set[str]]:
     "Forest and ONNX",
     "the board answers otherwise than the machine it was verified on",
     elsewhere="the tests ran on another machine only",
-    here="`holdfast doctor MODEL` runs the hard cases in short on the board, with the very "
-    "file that is deployed",
+    here="`holdfast doctor MODEL` replays the stored answers on the board, with the very file "
+    "that is deployed",
 )
 def test_the_default_model_holds_line_by_line(default_alone, record_property):
     lines, _ = default_alone
