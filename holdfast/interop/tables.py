@@ -28,7 +28,14 @@ from holdfast.core.errors import (
     count_of,
     needs_extra,
 )
-from holdfast.interop.layout import MISSING, SPACES, STAMP, TableLayout, layout_of
+from holdfast.interop.layout import (
+    COMMENTS,
+    MISSING,
+    SPACES,
+    STAMP,
+    TableLayout,
+    layout_of,
+)
 from holdfast.interop.streams import Column, Columns, ForeignLog, Stream, is_text
 
 with needs_extra("train"):
@@ -66,18 +73,56 @@ def read_log(path: Path, name: str) -> ForeignLog:
     layout, encoding, is_cut = begin_of(path)
     about = {"rate_hz": layout.rate_hz}
     with path.open(encoding=encoding, errors="replace") as file:
-        if layout.form.is_odd or layout.comment == "//":
-            return ForeignLog(path, name, (read_table(file, layout),), about)
-        # lines of more cells than the others need the slow way, too
-        with suppress(pd.errors.ParserError, pd.errors.ParserWarning):
-            cells = _parsed(file, layout, layout.first_row)
-            # a line that was cut off has no last cell
-            n_torn = int(is_cut and str(cells[layout.names[-1]][-1]) in ("nan", ""))
-            cells = {key: cell[: len(cell) - n_torn] for key, cell in cells.items()}
-            return ForeignLog(path, name, (_numeric(cells, layout, n_torn),), about)
-
+        stop, notes = _other_lines(file, layout)
         file.seek(0)
-        return ForeignLog(path, name, (read_table(file, layout),), about)
+        if not (layout.form.is_odd or layout.comment == "//" or stop or notes):
+            # lines of more cells than the others need the slow way, too
+            with suppress(pd.errors.ParserError, pd.errors.ParserWarning):
+                cells = _parsed(file, layout, layout.first_row)
+                # a line that was cut off has no last cell
+                n_torn = int(is_cut and str(cells[layout.names[-1]][-1]) in ("nan", ""))
+                cells = {key: cell[: len(cell) - n_torn] for key, cell in cells.items()}
+                stream = _numeric(cells, layout, n_torn, notes)
+                return ForeignLog(path, name, (stream,), about)
+            file.seek(0)
+        stream = read_table(islice(file, stop), layout, notes)
+        return ForeignLog(path, name, (stream,), about)
+
+
+def _other_lines(file: IO[str], layout: TableLayout) -> tuple[int | None, list[str]]:
+    """(before which line a second block ends the first, if any; what stands between its rows).
+
+    A block ends with an empty line, where what follows is no row of it.
+    """
+    mark = None if layout.form.separator == SPACES else layout.form.separator
+    others: list[str] = []
+    n_marks = 0
+    was_empty = False
+    for number, whole in enumerate(islice(file, layout.first_row, None)):
+        line = whole.strip(" \t\r\n\0")
+        n_cells = len(whole.rstrip("\r\n").split(mark))
+        n_marks = n_marks or n_cells
+        # a row begins with a number; all else is looked at
+        if line and not was_empty and line[0] in "0123456789-+.\"'[(":
+            continue
+        is_row = n_cells == n_marks
+        if (
+            was_empty
+            and line
+            and not (is_row and layout.form.share(layout.form.cells(line)))
+        ):
+            note = f"a second block that begins with {line!r:.40} left out"
+            return layout.first_row + number, [note]
+        if (line and not is_row) or line.startswith(COMMENTS):
+            others.append(line[:40])
+        was_empty = not line
+    n_lines = count_of(len(others), "line")
+    notes = (
+        [f"{n_lines} between the rows left out, such as {others[0]!r}"]
+        if others
+        else []
+    )
+    return None, notes
 
 
 def encoding_of(head: bytes) -> str:
@@ -95,7 +140,9 @@ def encoding_of(head: bytes) -> str:
     return "utf-8-sig"
 
 
-def read_table(lines: Iterable[str], layout: TableLayout) -> Stream:
+def read_table(
+    lines: Iterable[str], layout: TableLayout, notes: Sequence[str] = ()
+) -> Stream:
     """A table whose lines are made plain one by one. Raises EmptyRecording.
 
     Lines of another number of cells are left out. The plain ones go through a file, because the
@@ -115,7 +162,7 @@ def read_table(lines: Iterable[str], layout: TableLayout) -> Stream:
                 n_torn += 1
 
         file.seek(0)
-        return _numeric(_parsed(file, layout, 0), layout, n_torn)
+        return _numeric(_parsed(file, layout, 0), layout, n_torn, notes)
 
 
 def streams_of(
@@ -181,13 +228,15 @@ def _parsed(file: IO[str], layout: TableLayout, first_row: int) -> Columns:
     return {name: column[:rows] for name, column in columns.items()}
 
 
-def _numeric(cells: Columns, layout: TableLayout, n_torn: int) -> Stream:
+def _numeric(
+    cells: Columns, layout: TableLayout, n_torn: int, known: Sequence[str] = ()
+) -> Stream:
     """The columns as numbers or texts; rows without a number are left out, and noted.
 
-    n_torn: lines that are left out already. Raises EmptyRecording.
+    n_torn: lines that are left out already. known: notes on others. Raises EmptyRecording.
     """
     columns: Columns = {}
-    notes = []
+    notes = [*known]
     if n_torn:
         notes.append(f"{count_of(n_torn, 'line')} of another number of cells left out")
     there = np.zeros(len(cells[layout.names[0]]), dtype=np.bool_)
