@@ -30,8 +30,10 @@ MISSING = (
 """What stands in a column of numbers where a sample is missing."""
 CLOCK = r"(?:\d{4}[-/.]\d\d?[-/.]\d\d?[T ])?\d{1,2}:\d\d:\d\d(?:[.,:]\d+)?"
 ARRIVAL = re.compile(
-    rf"^\s*\[?({CLOCK})\]?\s*(?:->|=>|>|\||:|-)?\s+(?![AP]M\b)(?=[-+\d.\[(A-Za-z])"
+    rf"^\s*(?:\[?({CLOCK})\]?\s*(?:->|=>|>|\||:|-)?\s+(?![AP]M\b)(?=[-+\d.\[(A-Za-z])"
+    r"|[EWIDV] \((\d+)\) [\w.-]+: *)"
 )
+"""A time before a line, of day or, of ESP-IDF, in ms."""
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE)
 STAMP = re.compile(
     rf"{CLOCK}\s*(?:Z|[AP]M|[+-]\d\d:?\d\d)?|\d\d?[./]\d\d?[./]\d{{4}}[T ]{CLOCK}|\d\d?:\d\d[.,]\d+"
@@ -47,7 +49,7 @@ RATE = re.compile(
     rf"|^\W*(?:devices|trajectories|model outputs)\W*\n(?={NUMBER_HZ}\W*$)"
 )
 """What a line above the names says of the rate, in Hz; of Vicon, the line below a block's name."""
-PERIOD = re.compile(r"(?im)^delta_x\s+(\d*\.?\d+(?:e-?\d+)?)")
+PERIOD = re.compile(r"(?im)^delta_x\s+(\d*[.,]?\d+(?:e-?\d+)?)")
 """What LabVIEW says of the time between two rows, in s."""
 GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}([,.' ]\d{3})+")
 """A whole number with a sign between its thousands; its fraction may follow."""
@@ -74,7 +76,7 @@ class Form:
     def cells(self, line: str) -> Cells:
         """The cells of a line."""
         mark = " " if self.separator == SPACES else self.separator
-        line = ARRIVAL.sub(rf"\1{mark}", line)
+        line = ARRIVAL.sub(rf"\1\2{mark}", line)
         line = VECTOR.sub(lambda found: mark.join(re.split(GAP, found[1])), line)
         line = PAIR.sub("", line) if self.has_names else line
         if self.separator == SPACES:
@@ -168,7 +170,9 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
         comment = ""
     form = replace(form, is_odd=is_odd)
     rates = {*map(max, RATE.findall("\n".join(lines[:first])))}
-    rates |= {1.0 / float(one) for one in PERIOD.findall("\n".join(lines[:first]))}
+    for period in PERIOD.findall("\n".join(lines[:first])):
+        period_s = float(period.replace(",", "."))
+        rates |= {1.0 / period_s} if period_s else set()
     rate_hz = float(rates.pop()) if len(rates) == 1 else None
     return TableLayout(form, tuple(names), first, tuple(numeric), comment, rate_hz)
 

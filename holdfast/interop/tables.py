@@ -73,9 +73,9 @@ def read_log(path: Path, name: str) -> ForeignLog:
     layout, encoding, is_cut = begin_of(path)
     about = {"rate_hz": layout.rate_hz}
     with path.open(encoding=encoding, errors="replace") as file:
-        stop, notes = _other_lines(file, layout)
+        stop, notes, is_plain = _other_lines(file, layout)
         file.seek(0)
-        if not (layout.form.is_odd or layout.comment == "//" or stop or notes):
+        if is_plain and layout.comment != "//":
             # lines of more cells than the others need the slow way, too
             with suppress(pd.errors.ParserError, pd.errors.ParserWarning):
                 cells = _parsed(file, layout, layout.first_row)
@@ -89,31 +89,31 @@ def read_log(path: Path, name: str) -> ForeignLog:
         return ForeignLog(path, name, (stream,), about)
 
 
-def _other_lines(file: IO[str], layout: TableLayout) -> tuple[int | None, list[str]]:
-    """(before which line a second block ends the first, if any; what stands between its rows).
+def _other_lines(
+    file: IO[str], layout: TableLayout
+) -> tuple[int | None, list[str], bool]:
+    """What stands between the rows of a table and behind them.
 
-    A block ends with an empty line, where what follows is no row of it.
+    (before which line a second block ends the first, if any; notes; whether pandas can read all
+    lines: it fills short ones up, and their cells stand in other columns). A block ends with an
+    empty line, where what follows is no row of it.
     """
-    mark = None if layout.form.separator == SPACES else layout.form.separator
+    form = layout.form
+    mark = None if form.separator == SPACES else form.separator
     others: list[str] = []
-    n_marks = 0
-    was_empty = False
+    most, n_short, was_empty, is_short = 0, 0, False, False
     for number, whole in enumerate(islice(file, layout.first_row, None)):
-        line = whole.strip(" \t\r\n\0")
-        n_cells = len(whole.rstrip("\r\n").split(mark))
-        n_marks = n_marks or n_cells
-        # a row begins with a number; all else is looked at
-        if line and not was_empty and line[0] in "0123456789-+.\"'[(":
+        n_marks = len(whole.split()) if mark is None else whole.count(mark)
+        most = most or n_marks
+        is_short = n_marks < most
+        if not is_short and not was_empty and whole[0] in "0123456789-+.":
             continue
-        is_row = n_cells == n_marks
-        if (
-            was_empty
-            and line
-            and not (is_row and layout.form.share(layout.form.cells(line)))
-        ):
+        line = whole.strip(" \t\r\n\0")
+        n_short += is_short and bool(line)
+        if was_empty and line and (n_marks != most or not form.share(form.cells(line))):
             note = f"a second block that begins with {line!r:.40} left out"
-            return layout.first_row + number, [note]
-        if (line and not is_row) or line.startswith(COMMENTS):
+            return layout.first_row + number, [note], False
+        if line.startswith(COMMENTS) or (n_marks != most and line[:1].isalpha()):
             others.append(line[:40])
         was_empty = not line
     n_lines = count_of(len(others), "line")
@@ -122,7 +122,8 @@ def _other_lines(file: IO[str], layout: TableLayout) -> tuple[int | None, list[s
         if others
         else []
     )
-    return None, notes
+    # the last line may be cut off
+    return None, notes, not (form.is_odd or others or n_short > is_short)
 
 
 def encoding_of(head: bytes) -> str:

@@ -400,6 +400,94 @@ def test_an_open_hand_that_presses_is_doubted(run: Run, tmp_path: Path) -> None:
     assert doubt in run("check", tmp_path / "set")[1]
 
 
+# -- further forms, as public threads show them
+
+
+def esp_idf_monitor(one: Made) -> str:
+    """Each line with a level, milliseconds and a tag before it (ESP-IDF)."""
+    lines = ["I (31) boot: ESP-IDF v5.1", "I (32) hand: ready"]
+    for t_s, row in zip(one.t_s, one.values.tolist(), strict=True):
+        cells = ",".join(f"{cell:.4f}" for cell in row)
+        lines.append(f"I ({1e3 * t_s + 340:.0f}) hand: {cells}")
+    return "\n".join(lines) + "\n"
+
+
+def rostopic_echo(one: Made) -> str:
+    """A comment sign before the names, stamps of 19 digits, texts beside (rostopic echo -p)."""
+    head = "%time,field.header.seq,field.header.stamp,field.header.frame_id"
+    lines = [",".join([head, *axes(5, "field.pads{k}.force.{axis}")])]
+    for k, row in enumerate(one.values.tolist()):
+        stamp = 1_700_000_000_000_000_000 + k * 10_000_000
+        cells = [stamp, k, stamp, "pads", *(f"{cell:.4f}" for cell in row)]
+        lines.append(",".join(map(str, cells)))
+    return "\n".join(lines) + "\n"
+
+
+def an_empty_line_after_each_row(one: Made) -> str:
+    """Line ends of Windows, written in text mode (CR CR LF)."""
+    rows = np.column_stack([one.t_s, one.values])
+    lines = [",".join(f"{cell:.4f}" for cell in row) for row in rows.tolist()]
+    return "\r\r\n".join([",".join(["t", *axes(5)]), *lines]) + "\r\r\n"
+
+
+def opensim_storage(one: Made) -> str:
+    """Keys and values, `endheader`, names, tabs (.mot and .sto of OpenSim)."""
+    rows = np.column_stack([one.t_s, one.values])
+    head = (
+        f"forces\nversion=1\nnRows={len(rows)}\nnColumns=16\ninDegrees=yes\nendheader"
+    )
+    names = "\t".join(["time", *axes(5, "{k}_ground_force_v{axis}")])
+    lines = ["\t".join(f"{cell:.4f}" for cell in row) for row in rows.tolist()]
+    return "\n".join([head, names, *lines]) + "\n"
+
+
+def lines_that_leave_a_dead_sensor_out(one: Made) -> str:
+    """No cell stands for a sensor that does not answer: all others move to the left."""
+    rows = np.column_stack([one.t_s, one.values])
+    lines = []
+    for k, row in enumerate(rows.tolist()):
+        cells = [f"{cell:.4f}" for cell in row]
+        lines.append(",".join(cells[:1] + cells[4:] if k in (200, 201) else cells))
+    return "\n".join([",".join(["t", *axes(5)]), *lines]) + "\n"
+
+
+def opensignals(one: Made) -> str:
+    """A counter of four bits, and JSON in a comment above it (OpenSignals)."""
+    facts = '{"00:07": {"sampling rate": 100, "column": ["nSeq", "CH1"]}}'
+    lines = ["# OpenSignals Text File Format", f"# {facts}", "# EndOfHeader"]
+    for k, row in enumerate(one.values.tolist()):
+        lines.append("\t".join([str(k % 16), *(f"{cell:.4f}" for cell in row)]))
+    return "\n".join(lines) + "\n"
+
+
+FURTHER = {
+    write.__name__: write
+    for write in (
+        esp_idf_monitor, rostopic_echo, an_empty_line_after_each_row, opensim_storage,
+        lines_that_leave_a_dead_sensor_out, opensignals,
+    )
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", FURTHER)
+def test_a_form_of_a_public_thread_is_right_or_asked(
+    run: Run, tmp_path: Path, form: str
+) -> None:
+    one = made(1)
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs/a.txt").write_bytes(FURTHER[form](one).encode())
+    words: tuple[object, ...] = SLIP
+    if form == "opensignals":
+        assert "how many rows a second" in imported(run, tmp_path, *SLIP, code=2)
+        words = (*SLIP, "--rate", 100)
+    imported(run, tmp_path, *words)
+    trial = read_trial(tmp_path / "set/object/slip/trial_1.csv")
+    assert trial.rate_hz == pytest.approx(100.0, rel=1e-3)
+    np.testing.assert_allclose(trial.raw[:200], one.values[:200], atol=1e-4)
+    np.testing.assert_allclose(trial.raw[-200:], one.values[-200:], atol=1e-4)
+    assert len(trial.raw) == (498 if form.startswith("lines_that") else 500)
+
+
 # -- facts beside a log, and what is refused
 
 
