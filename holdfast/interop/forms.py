@@ -22,6 +22,7 @@ from holdfast.core.errors import listed
 from holdfast.interop.columns import words_of
 from holdfast.interop.evidence import Evidence, best
 from holdfast.interop.labels import (
+    ROW,
     FoundLabels,
     action_of_sentence,
     labels_of,
@@ -33,6 +34,7 @@ from holdfast.interop.map import NAMES, Facts, ImportMap, TrialRules
 from holdfast.interop.names import names_of_paths
 from holdfast.interop.sensors import normal_axis, oriented
 from holdfast.interop.streams import ForeignLog, first_stream, merged, text_cells
+from holdfast.interop.tables import pd
 from holdfast.interop.understood import Answers, Sample, Understood
 from holdfast.training.datasets.trials import action_of
 
@@ -91,7 +93,7 @@ class Form:
             add("names", f"{key}: {listed(words, 6)}")
         for question in of_paths.questions:
             self.found.ask(*question)
-        for word in of_paths.actions:
+        for word in of_paths.names.get("action", ()):
             actions[word] = answers.actions.get(word) or str(action_of_sentence(word))
 
         about = all(one.log.about.get("action") for one in self.samples)
@@ -182,8 +184,8 @@ class Form:
             if not key or getattr(self.answers, key, "") or key in rules:
                 continue
             with_it = [one.columns[name] for one in self.samples if name in one.columns]
-            kinds = {
-                *filter(None, (word for one in with_it for word in {*text_cells(one)}))
+            kinds = {word for one in with_it for word in text_cells(pd.unique(one))} - {
+                ""
             }
             if key == "action":
                 meant = {
@@ -208,7 +210,18 @@ class Form:
             return None
         rules = found.rules
         where = f"column {rules.column}" if rules.column else rules.file
-        self.found.add("labels", f"{where}, {found.text}")
+        times = ""
+        if rules.file:
+            parts = listed(
+                [*filter(None, [rules.start, rules.end, rules.label, rules.trial])]
+            )
+            fits = (
+                ", checked: the last event lies within a log"
+                if rules.unit != ROW
+                else ""
+            )
+            times = f": {parts}, in {rules.unit}{fits}"
+        self.found.add("labels", f"{where}{times}; {found.text}")
         if found.unknown:
             words = listed([repr(one) for one in found.unknown], most=8)
             answer = ",".join(f"{one}=slip" for one in found.unknown[:1])

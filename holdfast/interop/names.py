@@ -25,13 +25,12 @@ WORD = re.compile(rf"(?<![^/_ .-])({TOGETHER}(?=[/_ .-]|$)|[^/_ .-]+)")
 
 @dataclass
 class PathNames:
-    """path: the pattern of [trials], "" where it says nothing. actions: the words of actions.
+    """path: the pattern of [trials], "" where it says nothing. names: key -> its words.
 
-    names: key -> its words. questions: what is not clear, with the option that answers it.
+    questions: what is not clear, with the option that answers it.
     """
 
     path: str = ""
-    actions: list[str] = field(default_factory=list)
     names: dict[str, list[str]] = field(default_factory=dict)
     questions: list[tuple[str, str]] = field(default_factory=list)
 
@@ -48,50 +47,40 @@ def names_of_paths(paths: Sequence[str], answers: Answers) -> PathNames:
     if any(one[::2] != marks for one in split):
         return found
     words = [*zip(*(one[1::2] for one in split), strict=True)]
+    seen = [[*dict.fromkeys(one)] for one in words]
+    kinds = [_kind(one, answers) for one in seen]
     fields: dict[str, int] = {}
-    unclear = []
-    for k, of_place in enumerate(words):
-        kind = _kind(of_place, answers)
-        first = fields.setdefault(kind, k)
-        # a study's name may hold an action too: that which differs says what happens
-        if kind == "action" and len({*words[first]}) < 2:
-            fields[kind] = k
-        elif kind == "action" and first != k and len({*of_place}) > 1:
-            both = [one for of_both in (words[first], of_place) for one in of_both]
-            what = f"which of {listed([*dict.fromkeys(both)])} happens? one action is right"
-            found.questions.append(("--action", what))
-        fields[kind] = k if kind == "trial" else fields[kind]
-        unclear += [k] if kind == "unclear" else []
+    for key in NAMES:
+        places = [k for k, kind in enumerate(kinds) if kind == key]
+        # a study's name may hold a word of an action too: that which differs counts
+        places = [k for k in places if len(seen[k]) > 1] or places
+        if places:
+            fields[key] = places[0]
+        meanings = {tuple(map(action_of_word, words[k])) for k in places}
+        if key == "action" and len(meanings) > 1:
+            both = listed([word for k in places for word in seen[k]])
+            found.questions.append(("--action", f"which of {both} happens?"))
 
-    if fields.get("trial") != len(words) - 1:
-        fields.pop("trial", None)
-    fields.pop("unclear", None)
-    fields.pop("", None)
-    for k in unclear:
-        seen = [*dict.fromkeys(words[k])]
-        # held out by trial, or by people with a trial each, is the same
-        is_same = len(seen) in (1, len(words[k]))
-        if not is_same and "person" not in fields and not answers.person:
-            what = f"are {listed(seen, most=6)} people or objects? nothing says it"
-            names = ",".join(seen)
-            what += f": --person {names} or --object {names}"
-            found.questions.append(("--person", what))
-    if (
-        len(unclear) == 1
-        and fields.keys() & {"person", "action"}
-        and not answers.object
-    ):
+    unclear = [k for k, kind in enumerate(kinds) if kind == "unclear"]
+    # held out by trial, or by people with a trial each, is the same
+    several = [k for k in unclear if 1 < len(seen[k]) < len(paths)]
+    for k in several if "person" not in fields and not answers.person else ():
+        what = f"are {listed(seen[k], most=6)} people or objects? nothing says it"
+        one_of = ",".join(seen[k])
+        what += f": --person {one_of} or --object {one_of}"
+        found.questions.append(("--person", what))
+    if len(unclear) == 1 and fields.keys() & {"person", "action"}:
         # what is left beside a person or an action is what was held
         fields.setdefault("object", unclear[0])
-    if not fields.keys() - {"trial"}:
+    if not fields:
         return found
-
-    parts = [one[0] if len(set(one)) == 1 else "*" for one in words]
+    if kinds[-1] == "trial":
+        fields["trial"] = len(kinds) - 1
+    parts = [one[0] if len(one) == 1 else "*" for one in seen]
     for key, k in sorted(fields.items(), key=lambda one: one[1]):
         parts[k] = f"{{{key}}}"
-        found.names[key] = [*dict.fromkeys(words[k])]
+        found.names[key] = seen[k]
     found.path = "".join(map("".join, zip(marks, [*parts, ""], strict=True)))
-    found.actions = found.names.get("action", [])
     return found
 
 

@@ -235,7 +235,10 @@ class TrialImport:
         labels = labels[-len(trial.t_s) :]
         samples = prepared(trial, plan.unit_of_values, "").samples
         first, stop = contact(trial.t_s, samples)
-        rules = plan.events if None not in labels else None
+        is_named = labels[0] is not None
+        rules = plan.events if is_named else None
+        if plan.events and not is_named:
+            self._note(log, "no event is of it")
         kinds = {*labels} - {"", None}
         if rules and rules.rest and len({*labels}) > 1:
             closed = labels[first:stop]
