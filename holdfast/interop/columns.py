@@ -26,6 +26,7 @@ TIME_UNITS = {
     "us": "[uµμ]s|usec|micros|microseconds?",
     "ns": "ns|nsec|nanos|nanoseconds?",
 }
+JUDGED_ROWS = 50_000
 FEWEST_STAMPS = 20
 """A column with fewer values is no clock."""
 FASTEST_UNNAMED_HZ = 2000.0
@@ -109,6 +110,7 @@ def _clock(
     is_date = column.dtype.kind == "i" and column.max() > CLOCK_NS
     unit_named = unit_of_time(name)
     is_named = bool(unit_named or words_of(name) & TIME_WORDS)
+    column = column[:JUDGED_ROWS]
     kinds = len(np.unique(column))
     is_few = kinds < FEWEST_STAMPS and not (is_date and is_named)
     # an unnamed one has a value for each row
@@ -133,7 +135,7 @@ def rise_of(column: Column) -> tuple[float, float, bool]:
 
     The step is 0.0 for a column that does not rise.
     """
-    first = np.zeros(2) if is_text(column) else column[:50_000].astype(np.float64)
+    first = np.zeros(2) if is_text(column) else column[:JUDGED_ROWS].astype(np.float64)
     values = first[np.isfinite(first)]
     steps = np.diff(values)
     if len(values) < 0.9 * len(first) or not steps.any() or np.mean(steps < 0) > 0.05:

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.core.column_map import NS_OF
-from holdfast.core.contract import BoolArray, IntArray
+from holdfast.core.contract import IntArray
 from holdfast.core.errors import ColumnError, count_of, listed
-from holdfast.interop.columns import CLOCK_NS, find_time, rise_of, unit_of_time
+from holdfast.interop.columns import CLOCK_NS, find_time, unit_of_time
 from holdfast.interop.streams import (
     LOG_TIME,
     Column,
@@ -29,15 +29,13 @@ KEY = re.compile(
     r"|signal|device|node|addr(ess)?|id)s?[-_ .]*(id|nr|no|name|number|index|idx)?"
 )
 """A column that says which sensor or axis a row is of."""
-MOST_KEYS, FEWEST_TIMES = 100, 20
+MOST_KEYS = 100
 MOST_LONG = 9
 """Columns where sensors have rows of their own: time, sensor, x, y, z and a few others."""
 NEAR_STEPS = 0.6
 """A value of another clock belongs to a row if it is so many steps away."""
 SHEET = "sheet"
 """The column that names the sheet of a row, where several are one table."""
-APART = 0.1
-"""Topics of one table have so small a share of their rows in common, or a smaller one."""
 
 
 def whole_stamps(stream: Stream) -> Stream:
@@ -66,98 +64,37 @@ def _is_clock(column: Column) -> bool:
 def made_wide(stream: Stream, path: Path) -> Stream:
     """A table with a row for each sensor or axis at each time as one with a column for each.
 
-    Which a row is of stands in a column with such a name. Raises ColumnError where it is not clear
-    which rows belong together.
+    Which a row is of stands in a column with such a name. Raises ColumnError where no time joins
+    the rows of different sensors.
     """
-    if stream.t_ns is not None or len(stream.columns) > MOST_LONG:
+    kinds = {name: len(pd.unique(cells)) for name, cells in stream.columns.items()}
+    keys = [
+        name for name in kinds if KEY.fullmatch(name) and 1 < kinds[name] <= MOST_KEYS
+    ]
+    is_long = (
+        stream.t_ns is None and len(kinds) <= MOST_LONG and stream.rows > MOST_KEYS
+    )
+    if not keys or not is_long:
         return stream
     table = pd.DataFrame(stream.columns, copy=False)
-    kinds = table.nunique()
-    several = table.columns[(kinds > 1) & (kinds <= MOST_KEYS)]
-    keys = [name for name in several if KEY.fullmatch(name)]
-    if not keys or len(table) <= MOST_KEYS:
-        return stream
     words = table[keys].map(str).agg("_".join, axis=1)
-    values = table.drop(columns=keys)
-    codes, names = pd.factorize(words)
-    time = find_time({str(name): cells.to_numpy() for name, cells in values.items()})
-    in_order = np.cumsum(np.diff(codes, prepend=len(codes)) <= 0)
-    for cells in (values.get(time.value.column) if time else None, in_order):
-        rows, times = pd.factorize(in_order if cells is None else cells)
-        is_once = not pd.MultiIndex.from_arrays([rows, codes]).has_duplicates
-        if is_once and FEWEST_TIMES < len(times) < 1.25 * len(rows) / len(names):
-            columns = _pivoted(values, rows, words)
-            return replace(stream, columns=columns, long=tuple(keys))
-    raise ColumnError(
-        f"a row for each {listed(keys)}? which rows are of one time is not clear",
-        where=path,
-        next_step="write the same time into them, or leave that column out",
-    )
-
-
-def _pivoted(table: pd.DataFrame, times: IntArray, words: pd.Series) -> Columns:
-    """The columns of each sensor; those that are the same for all, run on or hold texts, once."""
-    is_same = table.groupby(times).nunique().max() == 1
-    of_each = []
-    for name in table.select_dtypes("number"):
-        of_each += [] if is_same[name] or rise_of(table[name].to_numpy())[0] else [name]
-    wide = table[of_each].set_index([times, words]).unstack()
-    once = table.drop(columns=of_each).groupby(times).first()
-    columns = {name: cells.to_numpy() for name, cells in once.items()}
-    for word in words.unique():
-        for name in of_each:
-            columns[f"{word}_{name}"] = wide[name, word].to_numpy()
-    return columns
-
-
-def by_topic(stream: Stream, path: Path) -> list[Stream]:
-    """A table with a row for each message of any topic as a stream for each topic.
-
-    The cells of other topics are empty there, and no row has all. Raises ColumnError where no
-    column has the times of all rows.
-    """
-    groups: list[tuple[BoolArray, list[str]]] = []
-    for name, column in {} if stream.t_ns is not None else stream.columns.items():
-        there = column != "" if is_text(column) else np.isfinite(column)
-        same = [
-            one
-            for one in groups
-            if one[0].all() == there.all() and _overlap(one[0], there) > 0.5
-        ]
-        if same:
-            same[0][1].append(name)
-        else:
-            groups.append((there, [name]))
-    # a column of labels or of missing samples is no topic
-    topics = [there for there, names in groups if len(names) > 2 and not there.all()]
-    if not any(_overlap(one, other) < APART for one, other in pairwise(topics)):
-        return [stream]
-    time = find_time(stream.columns)
-    if time is None or not time.value.column:
+    table = table.drop(columns=keys)
+    time = find_time({name: stream.columns[name] for name in table})
+    at = time.value.column if time else ""
+    times = table.pop(at) if at else words
+    if pd.MultiIndex.from_arrays([times, words]).has_duplicates:
         raise ColumnError(
-            "no row has all sensors, and no column has the times of all rows",
+            f"a row for each {listed(keys)}? which rows are of one time is not clear",
             where=path,
-            next_step="write a column of time, or a row for all sensors",
+            next_step="write the same time into them, or leave that column out",
         )
-    stamps = stream.columns[time.value.column] * time.value.unit_ns
-    t_ns = np.round(stamps.astype(np.float64)).astype(np.int64)
-    if stamps.dtype.kind == "i":
-        t_ns = stamps.astype(np.int64)
-    streams = []
-    for there, names in groups:
-        cells = {name: stream.columns[name][there] for name in names}
-        cells.pop(time.value.column, None)
-        notes = (
-            f"{len(topics)} topics, a row for each message: joined by their times",
-        )
-        part = Stream(cells, t_ns[there], names[0], () if streams else notes)
-        streams += [part] if cells else []
-    return streams
-
-
-def _overlap(one: BoolArray, other: BoolArray) -> float:
-    """How many of the rows of the rarer one both have."""
-    return float((one & other).sum() / max(1, min(one.sum(), other.sum())))
+    numbers = table.select_dtypes("number").set_index([times, words]).unstack()
+    texts = table.select_dtypes(exclude="number").groupby(times).first()
+    columns = {at: numbers.index.to_numpy()}
+    columns |= {str(name): cells.to_numpy() for name, cells in texts.items()}
+    for (name, word), cells in numbers.items():
+        columns[f"{word}_{name}"] = cells.to_numpy()
+    return replace(stream, columns=columns, long=tuple(keys))
 
 
 def without_repeats(stream: Stream) -> Stream:

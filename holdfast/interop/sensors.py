@@ -66,11 +66,10 @@ CLEARLY = 3.0
 class FoundSensors:
     """sensors: in the order in which people count, None where they are asked for.
 
-    others: columns with axes that are no readings. question: what is not clear.
+    question: what is not clear.
     """
 
     sensors: Evidence[list[SensorColumns]] | None = None
-    others: tuple[str, ...] = ()
     question: str = ""
 
     @property
@@ -98,7 +97,7 @@ def find_sensors(
 
     groups = _by_axes(names)
     if groups:
-        return _of_one_kind(groups, columns, is_given=bool(chosen))
+        return _of_one_kind(groups, is_given=bool(chosen))
     if chosen:
         rows = [names[k : k + 3] for k in range(0, len(names), 3)]
         if not names or len(names) % 3:
@@ -131,9 +130,7 @@ def _by_axes(names: Sequence[str]) -> dict[str, dict[str, str]]:
     return {key: group for key, group in groups.items() if len(group) == len(AXES)}
 
 
-def _of_one_kind(
-    groups: dict[str, dict[str, str]], columns: Columns, *, is_given: bool
-) -> FoundSensors:
+def _of_one_kind(groups: dict[str, dict[str, str]], *, is_given: bool) -> FoundSensors:
     """The sensors of groups that are of one quantity; asked where several may be readings."""
     kinds: dict[str, list[str]] = {}
     for key in groups:
@@ -149,22 +146,14 @@ def _of_one_kind(
 
     keys = sorted((key for kind in chosen for key in kinds[kind]), key=place)
     sensors = [SensorColumns(**groups[key]) for key in keys]  # type: ignore[arg-type]
-    names = [name for key in keys for name in (groups[key][axis] for axis in AXES)]
     why = "as given" if is_given else "by the axes in their names"
     hands = {bool(found[1]) for found in map(HAND.search, keys) if found}
     if len(hands) > 1 and any(map(FINGER.search, keys)) and not is_given:
         return FoundSensors(question="left and right are two hands: which one?")
-    check = ""
     if len(chosen) != 1 and not is_given:
-        # words that nobody knows may be those of fingers in another language
-        check = "z presses on every one, one sign, the largest in contact"
-        is_alike = max(map(len, kinds.values())) == 1 and len(chosen) == len(kinds)
-        if not is_alike or not presses(channels(columns, names)):
-            words = listed([*kinds], most=6)
-            return FoundSensors(question=f"columns {words}: which are the readings?")
-    others = {name for group in groups.values() for name in group.values()} - {*names}
-    left_out = [name for name in columns if name in others]
-    return FoundSensors(Evidence(sensors, why, check), tuple(left_out))
+        words = listed([*kinds], most=6)
+        return FoundSensors(question=f"columns {words}: which are the readings?")
+    return FoundSensors(Evidence(sensors, why))
 
 
 def finger_order(name: str) -> int:

@@ -13,6 +13,7 @@ import re
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -73,57 +74,69 @@ def read_log(path: Path, name: str) -> ForeignLog:
     layout, encoding, is_cut = begin_of(path)
     about = {"rate_hz": layout.rate_hz}
     with path.open(encoding=encoding, errors="replace") as file:
-        stop, notes, is_plain = _other_lines(file, layout)
+        lines = _lines_of(file, layout)
         file.seek(0)
-        if is_plain and layout.comment != "//":
+        if lines.is_plain and layout.comment != "//":
             # lines of more cells than the others need the slow way, too
             with suppress(pd.errors.ParserError, pd.errors.ParserWarning):
-                cells = _parsed(file, layout, layout.first_row)
+                cells = _parsed(file, layout, layout.first_row, lines.count)
                 # a line that was cut off has no last cell
                 n_torn = int(is_cut and str(cells[layout.names[-1]][-1]) in ("nan", ""))
                 cells = {key: cell[: len(cell) - n_torn] for key, cell in cells.items()}
-                stream = _numeric(cells, layout, n_torn, notes)
+                stream = _numeric(cells, layout, n_torn, lines.notes)
                 return ForeignLog(path, name, (stream,), about)
             file.seek(0)
-        stream = read_table(islice(file, stop), layout, notes)
+        stream = read_table(islice(file, lines.stop), layout, lines.notes)
         return ForeignLog(path, name, (stream,), about)
 
 
-def _other_lines(
-    file: IO[str], layout: TableLayout
-) -> tuple[int | None, list[str], bool]:
+@dataclass
+class _Lines:
+    """The lines of a table. stop: before which a second block ends the first; None for none.
+
+    is_plain: whether pandas can read them all: it fills short ones up, and their cells would stand
+    in other columns. count: from the first row on.
+    """
+
+    count: int = 0
+    stop: int | None = None
+    is_plain: bool = True
+    notes: Sequence[str] = ()
+
+
+def _lines_of(file: IO[str], layout: TableLayout) -> _Lines:
     """What stands between the rows of a table and behind them.
 
-    (before which line a second block ends the first, if any; notes; whether pandas can read all
-    lines: it fills short ones up, and their cells stand in other columns). A block ends with an
-    empty line, where what follows is no row of it.
+    A block ends with an empty line, where what follows is no row of it.
     """
-    form = layout.form
+    form, found = layout.form, _Lines()
     mark = None if form.separator == SPACES else form.separator
     others: list[str] = []
     most, n_short, was_empty, is_short = 0, 0, False, False
-    for number, whole in enumerate(islice(file, layout.first_row, None)):
+    for number, whole in enumerate(islice(file, layout.first_row, None), 1):
+        found.count = number
         n_marks = len(whole.split()) if mark is None else whole.count(mark)
         most = most or n_marks
-        is_short = n_marks < most
-        if not is_short and not was_empty and whole[0] in "0123456789-+.":
+        if n_marks >= most and not was_empty and whole[0] in "0123456789-+.":
+            is_short = False
             continue
         line = whole.strip(" \t\r\n\0")
-        n_short += is_short and bool(line)
+        is_short = n_marks < most and bool(line)
+        n_short += is_short
         if was_empty and line and (n_marks != most or not form.share(form.cells(line))):
-            note = f"a second block that begins with {line!r:.40} left out"
-            return layout.first_row + number, [note], False
+            found.stop = layout.first_row + number - 1
+            found.notes = [f"a second block that begins with {line!r:.40} left out"]
+            break
         if line.startswith(COMMENTS) or (n_marks != most and line[:1].isalpha()):
             others.append(line[:40])
         was_empty = not line
-    n_lines = count_of(len(others), "line")
-    notes = (
-        [f"{n_lines} between the rows left out, such as {others[0]!r}"]
-        if others
-        else []
-    )
+    else:
+        text = f"{count_of(len(others), 'line')} between the rows left out, such as "
+        found.notes = [f"{text}{one!r}" for one in others[:1]]
     # the last line may be cut off
-    return None, notes, not (form.is_odd or others or n_short > is_short)
+    is_odd = form.is_odd or others or found.stop
+    found.is_plain = not is_odd and n_short <= is_short
+    return found
 
 
 def encoding_of(head: bytes) -> str:
@@ -153,17 +166,19 @@ def read_table(
     n_torn = 0
     with TemporaryFile("w+", encoding="utf-8", newline="") as file:
         plain = csv.writer(file, delimiter=mark)
+        n_rows = 0
         for line in islice(lines, layout.first_row, None):
             if not line.strip() or (layout.comment and line.startswith(layout.comment)):
                 continue
             cells = layout.form.cells(line)
             if len(cells) == len(layout.names):
                 plain.writerow(cells)
+                n_rows += 1
             else:
                 n_torn += 1
 
         file.seek(0)
-        return _numeric(_parsed(file, layout, 0), layout, n_torn, notes)
+        return _numeric(_parsed(file, layout, 0, n_rows), layout, n_torn, notes)
 
 
 def streams_of(
@@ -189,14 +204,12 @@ def streams_of(
     return tuple(streams)
 
 
-def _parsed(file: IO[str], layout: TableLayout, first_row: int) -> Columns:
-    """The cells of each column as pandas reads them.
+def _parsed(file: IO[str], layout: TableLayout, first_row: int, most: int) -> Columns:
+    """The cells of each column as pandas reads them; most: rows.
 
     A long file read at once takes three times the memory of its table, and joined pieces twice: so
     each column gets its place first, which costs nothing while it is empty.
     """
-    most = sum(1 for _ in file)
-    file.seek(0)
     columns: Columns = {}
     rows = 0
     with warnings.catch_warnings():

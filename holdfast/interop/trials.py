@@ -24,7 +24,7 @@ from holdfast.core.trial_layout import (
     truth_path,
 )
 from holdfast.core.writing import write_whole
-from holdfast.interop.columns import find_time, usual_step
+from holdfast.interop.columns import JUDGED_ROWS, find_time, usual_step
 from holdfast.interop.joining import table_of
 from holdfast.interop.labels import (
     NO_EVENTS,
@@ -59,8 +59,6 @@ JUMP_S, BACK_S = 60.0, 0.5
 """A clock that jumps on by so much, or back, begins a new trial."""
 LONG_GAP_S, LONG_GAP_STEPS = 0.5, 20.0
 """A gap with the open hand ends a trial from so many seconds and so many usual steps on."""
-JUDGED_ROWS = 50_000
-"""Of a log, in which is seen how many rows a value stays."""
 JUMP = 2.0**16
 MOST_ZEROS = 0.3
 """Of a press: a sensor that reads 0 for longer touches nothing."""
@@ -299,8 +297,10 @@ class TrialImport:
         n_zeros = lose_zeros(values)
         if n_zeros:
             self._note(log, f"{count_of(n_zeros, 'zero')} of a sensor in a press: lost")
-        steps = np.abs(np.diff(values, axis=0)) / UNIT_OF[plan.unit][1]
-        n_jumps = int((np.abs(steps - JUMP) < 0.1 * JUMP).sum())
+        n_jumps = 0
+        for channel in values.T:
+            steps = np.abs(np.diff(channel)) / UNIT_OF[plan.unit][1]
+            n_jumps += int((np.abs(steps - JUMP) < 0.1 * JUMP).sum())
         if n_jumps:
             self._note(
                 log, f"{count_of(n_jumps, 'jump')} by 2^16: --unwrap takes them out"
@@ -347,11 +347,15 @@ def lose_zeros(values: FloatArray) -> int:
 
     values [T, C]: changed. A sensor that is 0 elsewhere too is at rest.
     """
-    rows = touch(values)[1]
     n_lost = 0
     for sensor in np.split(values, values.shape[1] // 3, axis=1):
         is_zero = (sensor == 0).all(axis=1)
-        if 0 < is_zero[rows].mean() < MOST_ZEROS and not is_zero[~rows].any():
+        rows = touch(values)[1] if is_zero.any() else is_zero
+        if (
+            rows.any()
+            and 0 < is_zero[rows].mean() < MOST_ZEROS
+            and not is_zero[~rows].any()
+        ):
             sensor[is_zero] = np.nan
             n_lost += int(is_zero.sum())
     return n_lost

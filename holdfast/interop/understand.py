@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.errors import listed
+from holdfast.core.errors import ColumnError, listed
 from holdfast.interop.columns import channels, find_time, unit_of
 from holdfast.interop.forms import Form
 from holdfast.interop.joining import table_of
@@ -142,6 +142,13 @@ def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample 
     if not names:
         return found.question if longest.rows >= FEWEST_ROWS else ""
     values = channels(columns, names)
+    there = np.isfinite(values)
+    if not there[:, there.any(axis=0)].all(axis=1).any():
+        raise ColumnError(
+            "no row has all sensors: each is of one topic or of one sensor",
+            where=log.path,
+            next_step="write a row for each time, with all sensors",
+        )
     effects, touched = touch(values)
     unit = unit_of(names, values, effects)
     marks = [name for name, column in columns.items() if is_mark(name, column)]

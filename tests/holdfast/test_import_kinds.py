@@ -205,15 +205,6 @@ def a_row_for_each_value(path: Path, one: Made) -> None:
     write_text(path.with_suffix(".csv"), ["t", "value", "channel"], rows, texts=names)
 
 
-def sensors_in_turn(path: Path, one: Made) -> None:
-    """Each with a time of its own, sorted as text."""
-    order = [2, 10, 11, 1, 9]
-    times = 1e3 * np.repeat(one.t_s, 5) + np.tile(range(5), len(one.t_s))
-    readings = one.values.reshape(-1, 5, 3)[:, [1, 3, 4, 0, 2]].reshape(-1, 3)
-    rows = np.column_stack([times, np.tile(order, len(one.t_s)), readings])
-    write_text(path.with_suffix(".csv"), ["ms", "sensor_id", *"xyz"], rows)
-
-
 def lines_for_a_plotter(path: Path, one: Made) -> None:
     numbers = np.column_stack([1e3 * one.t_s, one.values]).tolist()
     names = ["t", *axes(5)]
@@ -236,7 +227,7 @@ READINGS = {
         a_file_for_each_finger, two_tables_on_a_sheet, names_and_millis_behind_a_stamp,
         moments_beside_forces, words_for_axes_that_nobody_knows, seconds_and_nanoseconds,
         a_table_of_words_beside, quoted_commas_over_noon_until_a_power_cut,
-        a_row_for_each_sensor, a_row_for_each_value, sensors_in_turn, lines_for_a_plotter,
+        a_row_for_each_sensor, a_row_for_each_value, lines_for_a_plotter,
         a_rate_above_the_names,
         a_clock_and_its_milliseconds,
     )

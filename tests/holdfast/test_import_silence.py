@@ -108,7 +108,7 @@ def test_the_rate_that_is_given_wins_over_any_column(
 # -- rows
 
 
-def test_a_row_for_each_message_of_any_topic_is_joined(
+def test_a_row_for_each_message_of_any_topic_is_refused(
     run: Run, tmp_path: Path
 ) -> None:
     one = two_sensors()
@@ -118,14 +118,22 @@ def test_a_row_for_each_message_of_any_topic_is_joined(
         lines.append((t_s, ",".join([f"{t_s:.4f}", *cells[:3], "", "", ""])))
         later = t_s + 0.003
         lines.append((later, ",".join([f"{later:.4f}", "", "", "", *cells[3:]])))
-    names = "t," + ",".join(
-        f"/ft_{k}/force/{a}" for k in ("left", "right") for a in "xyz"
-    )
+    hands = ("left", "right")
+    names = "t," + ",".join(f"/ft_{k}/force/{a}" for k in hands for a in "xyz")
     (tmp_path / "logs").mkdir()
     text = "\n".join([names, *(line for _, line in sorted(lines))])
     (tmp_path / "logs/a.csv").write_text(text + "\n")
-    imported(run, tmp_path, *SLIP)
-    np.testing.assert_allclose(raw(tmp_path), one.values, atol=1e-4)
+    assert "no row has all sensors" in imported(run, tmp_path, *SLIP, code=3)
+
+
+def test_a_row_for_each_sensor_at_its_own_time_is_refused(
+    run: Run, tmp_path: Path
+) -> None:
+    one = made(1)
+    times = 1e3 * np.repeat(one.t_s, 5) + np.tile(range(5), len(one.t_s))
+    rows = np.column_stack([times, np.tile(range(5), 500), one.values.reshape(-1, 3)])
+    write_text(tmp_path / "logs/a.csv", ["ms", "sensor_id", *"xyz"], rows)
+    assert "no row has all sensors" in imported(run, tmp_path, *SLIP, code=3)
 
 
 def test_rows_twice_are_rows_once(run: Run, tmp_path: Path) -> None:
