@@ -172,36 +172,39 @@ def usual_step(values: FloatArray) -> float:
 
 def unit_of(
     names: Sequence[str], values: FloatArray, effects: FloatArray
-) -> tuple[Evidence[str] | None, str]:
-    """(the unit of channels [T, C], what is not clear of it), by their names, such as `x [mN]`.
+) -> Evidence[str] | str:
+    """The unit of channels [T, C] by their names, such as `x [mN]`; else what is not clear of it.
 
-    Else by the size of a press, where no unit is written and a press of people fits one unit only.
+    By the size of a press, where no unit is written and a press of people fits one unit only.
     effects [2, C]: of a touch.
     """
-    written = [_unit_behind(name) for name in names]
+    written = {_unit_behind(name) for name in names}
     known = {_unit_in([word], SIGNAL_UNITS) for word in written}
-    if len(known) == 1 and None not in known:
-        return Evidence(str(known.pop()), f"{written[0]} in the names"), ""
-    if known != {None} or (any(written) and len({*written}) == 1):
-        return None, f"the names say {', '.join(sorted({*written}))}"
+    if known != {None} or (len(written) == 1 and written != {""}):
+        unit = known.pop() if len(known) == 1 else None
+        words = ", ".join(sorted(written))
+        return (
+            Evidence(unit, f"{words} in the names")
+            if unit
+            else f"the names say {words}"
+        )
 
     rest = np.abs(effects[0]).reshape(-1, 3)
     normal, shear = rest[:, NORMAL_AXIS], rest[:, :NORMAL_AXIS]
     middle = float(np.median(normal))
     change = float(np.nanquantile(np.abs(values[::7] - effects[0]), 0.99))
     sizes = f"at rest {middle:.3g}, changes of {change:.3g}"
-    is_whole = all((np.nan_to_num(one) % 1 == 0).all() for one in values.T)
-    if is_whole or FIELD.search(names[0]):
-        return None, f"{'whole numbers' if is_whole else 'a field'}, {sizes}"
+    is_whole = (np.nan_to_num(values[::7]) % 1 == 0).all()
     for unit, size in (("N", 1.0), ("mN", 1e3)):
         # the thesis' fingertips rest under a load on the normal alone
         is_loaded = np.abs(normal / size - PRELOAD_N) < PRELOAD_RANGE_N
         is_loaded &= shear.max(axis=1) < 0.2 * normal
         is_at_rest = middle < TARED * change or is_loaded.mean() >= 0.5
-        if is_at_rest and PRESS_N[0] < change / size < PRESS_N[1]:
+        is_press = PRESS_N[0] < change / size < PRESS_N[1]
+        if is_at_rest and is_press and not is_whole and not FIELD.search(names[0]):
             bounds = f"a press lies between {PRESS_N[0]:g} and {PRESS_N[1]:g} N"
-            return Evidence(unit, f"by size, {sizes}", bounds), ""
-    return None, sizes
+            return Evidence(unit, f"by size, {sizes}", bounds)
+    return f"{'whole numbers, ' if is_whole else ''}{sizes}"
 
 
 def _unit_behind(name: str) -> str:

@@ -76,12 +76,12 @@ class Form:
         No map is added while the time or the unit is asked for: it could not be written down.
         """
         first, answers, add = self.samples[0], self.answers, self.found.add
-        names, time = first.found.names, first.time
+        names, time = first.names, first.time
         if time is None:
             self.found.ask("--rate", HOW_MANY_ROWS)
         add("time", time or "not known")
         spelled = f"{', '.join(names[:3])} to {', '.join(names[-3:])}"
-        add("sensors", f"{len(names) // 3}, {first.found.sensors}: {spelled}")
+        add("sensors", f"{len(names) // 3}, {first.sensors}: {spelled}")
         long = first_stream(first.log).long
         if long:
             add("layout", f"a row for each {' and '.join(long)}: made columns")
@@ -141,7 +141,7 @@ class Form:
             # the hand is closed in the first rows: what a touch changes is not seen
             effects[1:] = 0.0
 
-        sensors = first.found.sensors.value if first.found.sensors else []
+        sensors = first.sensors.value
         axis, share = normal_axis(effects[1].reshape(-1, 3))
         axis = axis if share >= MOST_SENSORS else NORMAL_AXIS
         if answers.normal:
@@ -153,15 +153,14 @@ class Form:
             most = f"a touch moves {AXES[axis]} most, the names say z"
             ask("--normal", f"{most}: which axis is normal? x, y, z")
 
-        of_names, unclear = first.unit
         of_log = first.log.about.get("unit")
         unit = best(
             Evidence(answers.unit, "as given") if answers.unit else None,
             Evidence(str(of_log), "as the log says") if of_log in UNIT_OF else None,
-            of_names,
+            first.unit if isinstance(first.unit, Evidence) else None,
         )
         if unit is None:
-            what = f"what unit have the readings ({unclear})"
+            what = f"what unit have the readings ({first.unit})"
             ask("--unit", f"{what}? nothing says it: {', '.join(UNIT_OF)}")
             return "", sensors
 
@@ -253,29 +252,19 @@ class Form:
         keys = {key for sample in self.samples for key in sample.log.keys}
         if trials.column:
             keys |= set(map(str.casefold, text_cells(first.columns[trials.column])))
-        own = [
-            replace(
-                first.log,
-                streams=tuple(
-                    one
-                    for one in first.log.streams
-                    if one.t_ns is None
-                    and not {*first.found.names} & one.columns.keys()
-                ),
-            )
-        ]
         pairs = paired(names, [log.name for log in self.tables])
         labels: list[FoundLabels] = []
-        for log in [*self.tables, *own]:
+        for log in [*self.tables, first.log]:
             file = log.path.relative_to(root).as_posix()
             beside = [one for one, table in pairs.items() if table == log.name]
             for stream in log.streams:
-                found = rules_of_table(
-                    stream.columns, keys, file, self.answers.situations
-                )
-                is_paired = bool(beside) or log in own
+                columns = stream.columns
+                if stream.t_ns is not None or {*first.names} & columns.keys():
+                    continue
+                found = rules_of_table(columns, keys, file, self.answers.situations)
+                is_paired = bool(beside) or log is first.log
                 if found is None or not (found.rules.trial or is_paired):
-                    shown = listed([*stream.columns], most=8)
+                    shown = listed([*columns], most=8)
                     self.found.add("not used", f"{log.path.name} (columns {shown})")
                     continue
                 rules = found.rules
@@ -283,7 +272,7 @@ class Form:
                     word = other_word(beside[0], log.name) if beside else ""
                     pattern = f"*{word}*{log.path.suffix}".replace("**", "*")
                     rules = changed(rules, file=pattern)
-                rules = timed(rules, stream.columns, first.stamps_s)
+                rules = timed(rules, columns, first.stamps_s)
                 labels.append(replace(found, rules=rules))
         return _merged(labels)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from pathlib import Path
@@ -270,7 +270,7 @@ def timed(rules: EventRules, columns: Columns, stamps_s: FloatArray) -> EventRul
 
 
 def tables_of(
-    rules: EventRules | None, source: Path, names: Collection[str]
+    rules: EventRules | None, source: Path, files: Mapping[str, Sequence[LogPlace]]
 ) -> dict[str, Path]:
     """The name of a log -> the file of its events, where the rules name one for it."""
     if rules is None or not rules.file:
@@ -278,12 +278,17 @@ def tables_of(
     root = source if source.is_dir() else source.parent
     pattern = rules.file.replace("{name}", "*")
     if "*" not in pattern:
-        return dict.fromkeys(names, root / pattern)
+        return dict.fromkeys(files, root / pattern)
     tables = {}
     for path in sorted(root.rglob("*")):
         if fnmatch(path.relative_to(root).as_posix(), pattern):
             tables[path.relative_to(root).with_suffix("").as_posix()] = path
-    return {log: tables[one] for log, one in paired([*names], [*tables]).items()}
+    # a table that was taken for a log is none; that of a workbook may be its own
+    logs = [
+        name for name, (one, *_) in files.items() if one.path not in tables.values()
+    ]
+    pairs = paired(logs or [*files], [*tables])
+    return {log: tables[table] for log, table in pairs.items()}
 
 
 def read_events(path: Path, plan: ImportMap) -> pd.DataFrame:

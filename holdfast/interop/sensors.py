@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -62,56 +61,33 @@ CLEARLY = 3.0
 """How much larger a change is that contradicts the names."""
 
 
-@dataclass(frozen=True)
-class FoundSensors:
-    """sensors: in the order in which people count, None where they are asked for.
-
-    question: what is not clear.
-    """
-
-    sensors: Evidence[list[SensorColumns]] | None = None
-    question: str = ""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """[C] the columns of the axes."""
-        sensors = self.sensors.value if self.sensors else []
-        return tuple(name for sensor in sensors for name in sensor.axes)
-
-
 def find_sensors(
     columns: Columns, longest: Columns, marks: Collection[str], chosen: str = ""
-) -> FoundSensors:
-    """The sensors of a log; none and no question for another table.
+) -> Evidence[list[SensorColumns]] | str:
+    """The sensors of a log in the order in which people count; else what is not clear, "" for all.
 
     By the names of all its columns, else by what those of its longest stream hold. marks: the
     columns that may hold labels. chosen: patterns of names, as given, with a comma between them.
     """
-    patterns = chosen.split(",")
     names = []
     for name, column in columns.items():
         is_free = name != LOG_TIME and name not in marks and not is_text(column)
-        is_chosen = any(fnmatchcase(name, one) for one in patterns)
-        if is_chosen or (is_free and not chosen and not words_of(name) & NO_SENSOR):
-            names.append(name)
+        is_free &= not words_of(name) & NO_SENSOR
+        is_chosen = any(fnmatchcase(name, one) for one in chosen.split(","))
+        names += [name] if is_chosen or (is_free and not chosen) else []
 
     groups = _by_axes(names)
     if groups:
         return _of_one_kind(groups, is_given=bool(chosen))
-    if chosen:
-        rows = [names[k : k + 3] for k in range(0, len(names), 3)]
-        if not names or len(names) % 3:
-            return FoundSensors(
-                question=f"--sensors {chosen} are {len(names)} columns, not three a sensor"
-            )
-        return FoundSensors(Evidence([SensorColumns(*row) for row in rows], "as given"))
-    unnamed = [name for name in names if name in longest and not _counts(name, longest)]
-    return _by_touch(unnamed, longest)
-
-
-def _counts(name: str, columns: Columns) -> bool:
-    """Whether a column rises as a time, a number of rows or of trials does."""
-    return bool(rise_of(columns[name])[0])
+    if not chosen:
+        readings = [
+            one for one in names if one in longest and not rise_of(longest[one])[0]
+        ]
+        return _by_touch(readings, longest)
+    if not names or len(names) % 3:
+        return f"--sensors {chosen} are {len(names)} columns, not three a sensor"
+    rows = zip(names[::3], names[1::3], names[2::3], strict=True)
+    return Evidence([SensorColumns(*row) for row in rows], "as given")
 
 
 # -- by names
@@ -130,30 +106,27 @@ def _by_axes(names: Sequence[str]) -> dict[str, dict[str, str]]:
     return {key: group for key, group in groups.items() if len(group) == len(AXES)}
 
 
-def _of_one_kind(groups: dict[str, dict[str, str]], *, is_given: bool) -> FoundSensors:
+def _of_one_kind(
+    groups: dict[str, dict[str, str]], *, is_given: bool
+) -> Evidence[list[SensorColumns]] | str:
     """The sensors of groups that are of one quantity; asked where several may be readings."""
-    kinds: dict[str, list[str]] = {}
-    for key in groups:
-        kinds.setdefault(PLACE.sub("#", key).lower(), []).append(key)
+    kind_of = {key: PLACE.sub("#", key).lower() for key in groups}
+    kinds = [*dict.fromkeys(kind_of.values())]
     forces = [kind for kind in kinds if FORCE.search(kind)]
     readings = forces if len(forces) == 1 else [*filter(READING.search, kinds)]
-    chosen = [*kinds] if is_given else readings
-
-    def place(key: str) -> tuple[object, ...]:
-        """By the order of a hand; other words as they stand, numbers as people count."""
-        kind = [*kinds].index(PLACE.sub("#", key).lower())
-        return finger_order(key), kind, counted(key)
-
-    keys = sorted((key for kind in chosen for key in kinds[kind]), key=place)
-    sensors = [SensorColumns(**groups[key]) for key in keys]  # type: ignore[arg-type]
-    why = "as given" if is_given else "by the axes in their names"
+    chosen = kinds if is_given else readings
+    keys = [key for key in groups if kind_of[key] in chosen]
+    # by the order of a hand; other words as they stand, numbers as people count
+    keys.sort(
+        key=lambda key: (finger_order(key), kinds.index(kind_of[key]), counted(key))
+    )
     hands = {bool(found[1]) for found in map(HAND.search, keys) if found}
     if len(hands) > 1 and any(map(FINGER.search, keys)) and not is_given:
-        return FoundSensors(question="left and right are two hands: which one?")
+        return "left and right are two hands: which one?"
     if len(chosen) != 1 and not is_given:
-        words = listed([*kinds], most=6)
-        return FoundSensors(question=f"columns {words}: which are the readings?")
-    return FoundSensors(Evidence(sensors, why))
+        return f"columns {listed(kinds, most=6)}: which are the readings?"
+    sensors = [SensorColumns(**groups[key]) for key in keys]  # type: ignore[arg-type]
+    return Evidence(sensors, "as given" if is_given else "by the axes in their names")
 
 
 def finger_order(name: str) -> int:
@@ -165,35 +138,32 @@ def finger_order(name: str) -> int:
 # -- by what a touch does
 
 
-def _by_touch(names: Sequence[str], columns: Columns) -> FoundSensors:
+def _by_touch(
+    names: Sequence[str], columns: Columns
+) -> Evidence[list[SensorColumns]] | str:
     """Columns without axes in their names as three a sensor, where a touch shows that.
 
     All of them, or those that differ in a number. Sensor by sensor, or axis by axis.
     """
-    texts = [re.sub(r"\d+", "#", name) for name in names]
-    series = [tuple(names)]
-    for text in dict.fromkeys(texts):
-        same = [name for name, its in zip(names, texts, strict=True) if its == text]
-        series.append(tuple(sorted(same, key=counted)))
-    check = "every third column presses, on every sensor"
-    found = {}
-    for of_series in dict.fromkeys(series):
-        if len(of_series) < FEWEST_UNNAMED or len(of_series) % 3:
+    series = {"": [*names]}
+    for name in sorted(names, key=counted):
+        series.setdefault(re.sub(r"\d+", "#", name), []).append(name)
+    found = set()
+    for one in series.values():
+        if len(one) < FEWEST_UNNAMED or len(one) % 3:
             continue
-        values = channels(columns, of_series)
-        by_sensor = np.arange(len(of_series)).reshape(-1, 3)
-        for order in (by_sensor, by_sensor.reshape(3, -1).T):
-            if presses(values[:, order.ravel()]):
-                axes = tuple(tuple(of_series[k] for k in row) for row in order.tolist())
-                found[axes] = f"x, y, z of each, {of_series[0]} to {of_series[-1]}"
-    if len(found) == 1:
-        ((axes, why),) = found.items()
-        sensors = [SensorColumns(*row) for row in axes]  # type: ignore[arg-type]
-        return FoundSensors(Evidence(sensors, why, check))
-    most = max(series, key=len)
-    return FoundSensors(
-        question=f"columns {listed(list(most))}" if len(most) > 2 else ""
-    )
+        for order in (one, [*np.reshape(one, (3, -1)).T.ravel()]):
+            found |= (
+                {tuple(map(str, order))} if presses(channels(columns, order)) else set()
+            )
+    if len(found) != 1:
+        most = max(series.values(), key=len)
+        return f"columns {listed(most)}" if len(most) > 2 else ""
+    (axes,) = found
+    rows = zip(axes[::3], axes[1::3], axes[2::3], strict=True)
+    sensors = [SensorColumns(*row) for row in rows]
+    check = "every third column presses, on every sensor"
+    return Evidence(sensors, f"no axes in the names, {axes[0]} to {axes[-1]}", check)
 
 
 def presses(values: FloatArray) -> bool:

@@ -371,7 +371,9 @@ def files_of(places: Sequence[LogPlace], fingers: Sequence[str]) -> Files:
     """
     facts = {one.name: one for one in places if one.kind == SCALARS}
     logs = [one for one in places if one.kind != SCALARS]
-    files: Files = {} if fingers else {place.name: [place] for place in logs}
+    files: Files = {}
+    for place in () if fingers else logs:
+        files.setdefault(place.name, [place])
     for word in fingers:
         # the whole word, and the signs around it
         token = re.compile(

@@ -19,6 +19,7 @@ import numpy as np
 
 from holdfast.core.errors import ColumnError, listed
 from holdfast.interop.columns import channels, find_time, unit_of
+from holdfast.interop.evidence import Evidence
 from holdfast.interop.forms import Form
 from holdfast.interop.joining import table_of
 from holdfast.interop.labels import is_mark
@@ -105,7 +106,7 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
     forms: dict[object, list[Sample]] = {}
     for one in samples:
         time = one.time.value if one.time else None
-        forms.setdefault((one.found.names, time), []).append(one)
+        forms.setdefault((one.names, time), []).append(one)
     for of_form in forms.values():
         Form(found, source, of_form, tables, tuple(fingers), answers).understand()
     hands = {(plan.unit_of_values, len(plan.sensors)) for plan, _ in found.plans}
@@ -130,17 +131,18 @@ def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample 
     if longest.rows < 2:
         return ""
     marks = [name for name, column in whole.items() if is_mark(name, column)]
-    found = find_sensors(whole, longest.columns, marks, answers.sensors)
-    names = found.names
+    sensors = find_sensors(whole, longest.columns, marks, answers.sensors)
+    found = sensors.value if isinstance(sensors, Evidence) else []
+    names = tuple(name for sensor in found for name in sensor.axes)
     columns = table_of(log, names)
     time = find_time(columns or whole, answers.rate, log.about.get("rate_hz"))
     if time is None or time.value.rate_hz:
-        is_unsure = found.sensors is None or found.sensors.check
+        is_unsure = isinstance(sensors, str) or sensors.check
         has_texts = any(map(is_text, whole.values())) and is_unsure
         if has_texts or longest.rows < FEWEST_ROWS:
             return ""
-    if not names:
-        return found.question if longest.rows >= FEWEST_ROWS else ""
+    if isinstance(sensors, str):
+        return sensors if longest.rows >= FEWEST_ROWS else ""
     values = channels(columns, names)
     there = np.isfinite(values)
     if not there[:, there.any(axis=0)].all(axis=1).any():
@@ -156,7 +158,7 @@ def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample 
         marks.remove(time.value.column)
     streams = [replace(one, columns=_short(one.columns, names)) for one in log.streams]
     log, columns = replace(log, streams=tuple(streams)), _short(columns, names)
-    return Sample(files, log, columns, time, found, marks, effects, touched, unit)
+    return Sample(files, log, columns, time, sensors, marks, effects, touched, unit)
 
 
 def _short(columns: Columns, readings: Sequence[str]) -> Columns:
@@ -177,7 +179,7 @@ def _fingers(samples: Sequence[Sample]) -> list[str]:
     The word names a finger; or the clock is that of the day, so that overlap is no accident.
     """
     names = [re.split(r"[/_ .]+|-(?=[A-Za-z])", one.log.name) for one in samples]
-    if any(len(one.found.names) > 3 for one in samples) or len({*map(len, names)}) > 1:
+    if any(len(one.names) > 3 for one in samples) or len({*map(len, names)}) > 1:
         return []
     firsts = pd.Series([np.nanmin(one.stamps_s) for one in samples])
     lasts = pd.Series([np.nanmax(one.stamps_s) for one in samples])

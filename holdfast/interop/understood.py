@@ -6,14 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from holdfast.core.column_map import TimeColumn
+from holdfast.core.column_map import SensorColumns, TimeColumn
 from holdfast.core.contract import UNIT_OF, BoolArray, FloatArray
 from holdfast.core.errors import UsageError
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
 from holdfast.interop.evidence import Evidence
 from holdfast.interop.logs import LogPlace
 from holdfast.interop.map import ImportMap
-from holdfast.interop.sensors import FoundSensors
 from holdfast.interop.streams import Columns, ForeignLog
 from holdfast.training.datasets.trials import action_of
 
@@ -103,11 +102,16 @@ class Sample:
     log: ForeignLog
     columns: Columns
     time: Evidence[TimeColumn] | None
-    found: FoundSensors
+    sensors: Evidence[list[SensorColumns]]
     marks: list[str]
     effects: FloatArray
     touched: BoolArray
-    unit: tuple[Evidence[str] | None, str]
+    unit: Evidence[str] | str
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """[C] the columns of the axes."""
+        return tuple(name for sensor in self.sensors.value for name in sensor.axes)
 
     @property
     def stamps_s(self) -> np.ndarray:
