@@ -233,41 +233,35 @@ class TrialImport:
         labels = labels[-len(trial.t_s) :]
         samples = prepared(trial, plan.unit_of_values, "").samples
         first, stop = contact(trial.t_s, samples)
-        is_named = labels[0] is not None
-        rules = plan.events if is_named else None
-        if plan.events and not is_named:
+        is_timed = len({*labels}) > 1
+        rules = plan.events if labels[0] is not None else None
+        if plan.events and not rules:
             self._note(log, "no event is of it")
-        kinds = {*labels} - {"", None}
-        if rules and rules.rest and len({*labels}) > 1:
+        if rules and rules.rest:
             closed = labels[first:stop]
             closed[closed == ""] = rules.rest
             # a mark without an end lasts to that of the contact
-            if rules.hold:
-                labels[stop:] = ""
-            kinds = {*labels} - {""}
-        elif rules and rules.rest and not kinds:
-            kinds = {rules.rest}
+            labels[stop:] = "" if rules.hold else labels[stop:]
+        kinds = {*labels} - {"", None}
         fits = (action for needed, action in ACTION_OF_LABELS if needed <= kinds)
         action = names["action"] or next(fits, "")
-        if len({*labels}) == 1:
-            # what is the same in every row says what the trial is, and not when
-            kinds = set()
-        situation = SITUATION_OF_ACTION.get(action, "")
+        # what is the same in every row says what the trial is, and not when
+        kinds = kinds if is_timed else set()
         at_s = plan.facts.action_at_s or ACTION_S
         is_scripted = trial.t_s[first] < at_s < trial.t_s[stop - 1]
         is_untimed = action in TIMED and not is_scripted
         is_untimed |= action in UNSCRIPTED and action not in LABELLED_ACTIONS
+        situation = SITUATION_OF_ACTION.get(action, "")
         if is_untimed and not kinds and situation:
             # here the times of a lift will be those of its contact (training has that rule)
             taken = {"risky_slip": "slip", "grasp": "hold"}.get(situation, "")
-            text = f"taken as {taken}"
-            if taken:
-                action = taken
-            else:
-                text, kinds = "only the empty hand is labelled", {"nothing"}
+            text = f"taken as {taken}" if taken else "only the empty hand is labelled"
+            self._note(log, f"{action}: its times are not known: {text}")
+            action = taken or action
+            if not taken:
+                kinds = {"nothing"}
                 labels[:] = "nothing"
                 labels[first:stop] = ""
-            self._note(log, f"{names['action']}: its times are not known: {text}")
 
         if not action or (action in UNSCRIPTED[-1:] and not kinds):
             raise LabelError(
