@@ -29,7 +29,7 @@ from holdfast.interop.labels import (
     rules_of_table,
     timed,
 )
-from holdfast.interop.logs import other_word, paired
+from holdfast.interop.logs import SCALARS, other_word, paired
 from holdfast.interop.map import NAMES, Facts, ImportMap, TrialRules
 from holdfast.interop.names import names_of_paths
 from holdfast.interop.sensors import normal_axis, oriented
@@ -264,8 +264,9 @@ class Form:
                 found = rules_of_table(columns, keys, file, self.answers.situations)
                 is_paired = bool(beside) or log is first.log
                 if found is None or not (found.rules.trial or is_paired):
-                    shown = listed([*columns], most=8)
-                    self.found.add("not used", f"{log.path.name} (columns {shown})")
+                    shown = f"{log.path.name} (columns {listed([*columns], most=8)})"
+                    if log.path.suffix != SCALARS:
+                        self.found.add("not used", shown)
                     continue
                 rules = found.rules
                 if not rules.trial:

@@ -142,18 +142,18 @@ def labels_of(
         return None
     labels = _by_words(kinds, known)
     # a label in a row or two lasts on; the value of most rows says that nothing begins there
-    on = np.array(cells, dtype=object)
-    usual = _usual(on)
-    on = on != usual
-    hold = not labels.get(usual) and bool(0 < on.sum() <= 2 * _begins(on).sum())
-    if "slip" in name.lower() and len(kinds) <= 2 and not any(labels.values()):
-        off = next((kind for kind in kinds if kind.lower() in OFF), kinds[0])
-        mark = next((kind for kind in kinds if kind != off), "1")
-        if NEGATION.search(name):
-            off, mark = mark, off
-        labels = {off: "", mark: "risky_slip"}
+    every = np.array(cells, dtype=object)
+    usual = _usual(every)
+    marked = every != usual
+    hold = not labels.get(usual) and bool(0 < marked.sum() <= 2 * _begins(marked).sum())
+    off = [kind for kind in kinds if kind.lower() in OFF]
+    if "slip" in name.lower() and len(kinds) <= 2 and (off or kinds == ["1"]):
+        mark = next((kind for kind in kinds if kind not in off), "1")
+        no = "".join(off) or "0"
+        on, no = (no, mark) if NEGATION.search(name) else (mark, no)
+        labels = {no: "", on: "risky_slip"}
     # what says no says that nothing happens
-    labels = {kind: "" for kind in kinds if kind and kind.lower() in OFF} | labels
+    labels = {kind: "" for kind in off if kind} | labels
     if hold and not labels.get(usual):
         labels.pop(usual, None)
         kinds.remove(usual)
@@ -253,7 +253,7 @@ def timed(rules: EventRules, columns: Columns, stamps_s: FloatArray) -> EventRul
     """
     if words_of(rules.start) & ROW_WORDS:
         return changed(rules, unit=ROW)
-    latest = np.nanmax(columns[rules.start].astype(np.float64))
+    latest = np.nanmax(columns[rules.start].astype(np.float64), initial=0.0)
     lasts_s = stamps_s[-1] - stamps_s[0]
     named = unit_of_time(rules.start)
     for unit in (named,) if named else NS_OF:
