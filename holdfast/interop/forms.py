@@ -148,7 +148,7 @@ class Form:
             axis = AXES.index(answers.normal)
             order = [(axis + 1) % 3, (axis + 2) % 3, axis]
             axes = [[one.axes[k] for k in order] for one in sensors]
-            sensors = [SensorColumns(*one) for one in axes]
+            sensors = [SensorColumns(*one) for one in axes]  # type: ignore[arg-type]
         elif axis != NORMAL_AXIS:
             most = f"a touch moves {AXES[axis]} most, the names say z"
             ask("--normal", f"{most}: which axis is normal? x, y, z")
@@ -180,7 +180,7 @@ class Form:
         for name, column in self.samples[0].columns.items():
             words = words_of(name)
             key = next((key for key, of_key in NAMED.items() if words & of_key), "")
-            if not key or getattr(self.answers, key, "") or key in rules:
+            if not key or key in rules or (key in NAMES and getattr(self.answers, key)):
                 continue
             with_it = [one.columns[name] for one in self.samples if name in one.columns]
             kinds = {word for one in with_it for word in text_cells(pd.unique(one))} - {

@@ -463,7 +463,7 @@ def labels_of_rows(
     is_ours = events["trial"].str.casefold().isin({"", *log.keys, *of_column})
     if rules and rules.column in rows:
         labels = marks_of(rows[rules.column].to_numpy(object), rules)
-        unmarked = ()
+        unmarked: set[str] = set()
     elif not rules or not is_ours.any():
         # nothing says what happens when
         return np.full(len(rows), None, dtype=object), 0
