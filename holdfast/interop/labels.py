@@ -111,7 +111,9 @@ class FoundLabels:
     def text(self) -> str:
         """What the labels mean."""
         labels = self.rules.labels.items()
-        shown = [f"{label} = {meaning or 'none'}" for label, meaning in labels]
+        shown = [
+            f"{label or 'each'} = {meaning or 'none'}" for label, meaning in labels
+        ]
         holds = "; each holds to the next, or to the end of the contact"
         return listed(shown, most=8) + (holds if self.rules.hold else "")
 

@@ -133,7 +133,7 @@ def read_log(place: LogPlace) -> ForeignLog:
     reader = import_module(f"holdfast.interop.{MODULES.get(place.kind, 'tables')}")
     what = _what_it_is(place.path) if place.path.is_file() else "no table"
     if what != "no table":
-        raise NotANumber(what.partition(":")[0], where=place.path, next_step=what)
+        raise NotANumber(f"{place.path.name} is {what}", where=place.path)
     try:
         log: ForeignLog = reader.read_log(place.path, place.name)
     except DataError as error:

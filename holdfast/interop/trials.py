@@ -457,27 +457,23 @@ def labels_of_rows(
 
     events: of this and other trials, what lies within another one behind it. Raises LabelError.
     """
-    labels = np.full(len(rows), "", dtype=object)
+    labels = np.full(len(rows), None, dtype=object)
     rules, n_used = plan.events, 0
     of_column = {*map(str.casefold, rows.get(plan.trials.column, ()))}
     is_ours = events["trial"].str.casefold().isin({"", *log.keys, *of_column})
     if rules and rules.column in rows:
         labels = marks_of(rows[rules.column].to_numpy(object), rules)
-        unmarked: set[str] = set()
     elif not rules or not is_ours.any():
         # nothing says what happens when
-        return np.full(len(rows), None, dtype=object), 0
+        return labels, 0
     else:
-        unmarked = {""}
         clock = clock_of(rules, rows.index.to_numpy())
         for event in events[is_ours].dropna(subset="start").itertuples():
             first, stop = np.searchsorted(clock, [event.start, event.end])
             n_used += int(clock[0] <= event.start <= clock[-1])
             labels[first:stop] = event.label
 
-    meanings = {
-        label: plan.situation(label) for label in {*labels}.difference(unmarked)
-    }
+    meanings = {label: plan.situation(label) for label in {*labels} - {None}}
     for label, situation in meanings.items():
         if situation is None:
             raise LabelError(

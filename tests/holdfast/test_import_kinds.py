@@ -372,7 +372,7 @@ ASKED: dict[str, tuple[str, tuple[str, str, str], str]] = {
     ),
     "numbers": ("phase", ("0", "1", "2"), "1=hold,2=slip"),
     "a point and an S": ("event", (".", ".", "S"), "S=slip"),
-    "true and false": ("label", ("False", "False", "True"), "True=slip"),
+    "true and false": ("label", ("False", "False", "True"), "1=slip"),
 }  # fmt: skip
 
 
@@ -577,7 +577,7 @@ def test_rows_of_sensors_that_no_time_joins_are_an_error(
     names = ["t", *"xyz", "sensor"]
     write_log(tmp_path / "logs/a.csv", one, names=names, texts=list(map(str, sensors)))
     out = imported(run, tmp_path, *SLIP, code=3)
-    assert "which rows are of one time is not clear" in out
+    assert "no row has all sensors" in out
 
 
 def test_names_again_within_a_file_are_one_note(run: Run, tmp_path: Path) -> None:
