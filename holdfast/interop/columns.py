@@ -26,6 +26,8 @@ TIME_UNITS = {
     "us": "[uµμ]s|usec|micros|microseconds?",
     "ns": "ns|nsec|nanos|nanoseconds?",
 }
+JUMP = 2.0**16
+"""Of a reading of 16 bits that goes over its end."""
 JUDGED_ROWS = 50_000
 FEWEST_STAMPS = 20
 """A column with fewer values is no clock."""
@@ -218,3 +220,8 @@ def _unit_behind(name: str) -> str:
 def channels(columns: Mapping[str, Column], names: Sequence[str]) -> FloatArray:
     """[T, C] columns as numbers."""
     return np.stack([np.asarray(columns[name], float) for name in names], axis=1)
+
+
+def without_jumps(values: FloatArray, size: float = 1.0) -> FloatArray:
+    """Readings [T, C] of 16 bits that went over their end, on one line; size: of a bit."""
+    return np.unwrap(values, period=JUMP * size, axis=0)

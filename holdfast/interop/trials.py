@@ -24,7 +24,13 @@ from holdfast.core.trial_layout import (
     truth_path,
 )
 from holdfast.core.writing import write_whole
-from holdfast.interop.columns import JUDGED_ROWS, find_time, usual_step
+from holdfast.interop.columns import (
+    JUDGED_ROWS,
+    JUMP,
+    find_time,
+    usual_step,
+    without_jumps,
+)
 from holdfast.interop.joining import table_of
 from holdfast.interop.labels import (
     NO_EVENTS,
@@ -59,7 +65,6 @@ JUMP_S, BACK_S = 60.0, 0.5
 """A clock that jumps on by so much, or back, begins a new trial."""
 LONG_GAP_S, LONG_GAP_STEPS = 0.5, 20.0
 """A gap with the open hand ends a trial from so many seconds and so many usual steps on."""
-JUMP = 2.0**16
 MOST_ZEROS = 0.3
 """Of a press: a sensor that reads 0 for longer touches nothing."""
 LARGEST = 1e10
@@ -324,7 +329,7 @@ def values_of(log: ForeignLog, rows: pd.DataFrame, plan: ImportMap) -> FloatArra
     values = plan.values_of(rows, log.path)
     values[~(np.abs(values) < LARGEST)] = np.nan
     if plan.unwrap:
-        values = np.unwrap(values, period=JUMP * UNIT_OF[plan.unit][1], axis=0)
+        values = without_jumps(values, UNIT_OF[plan.unit][1])
     return values
 
 

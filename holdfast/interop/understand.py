@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.core.errors import ColumnError, listed
-from holdfast.interop.columns import channels, find_time, unit_of
+from holdfast.interop.columns import channels, find_time, unit_of, without_jumps
 from holdfast.interop.evidence import Evidence
 from holdfast.interop.forms import Form
 from holdfast.interop.joining import table_of
@@ -144,6 +144,7 @@ def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample 
     if isinstance(sensors, str):
         return sensors if longest.rows >= FEWEST_ROWS else ""
     values = channels(columns, names)
+    values = without_jumps(values) if answers.unwrap else values
     there = np.isfinite(values)
     if not there[:, there.any(axis=0)].all(axis=1).any():
         raise ColumnError(

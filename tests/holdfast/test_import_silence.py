@@ -493,7 +493,7 @@ def test_a_form_of_a_public_thread_is_right_or_asked(
     words: tuple[object, ...] = SLIP
     if form == "opensignals":
         # a counter of four bits is no clock, and no reading
-        assert "--rate" in imported(run, tmp_path, *SLIP, code=2)
+        assert "--sensors" in imported(run, tmp_path, *SLIP, code=2)
         columns = "column[2-9],column1[0-6]"
         words = (*SLIP, "--rate", 100, "--sensors", columns)
     imported(run, tmp_path, *words)
