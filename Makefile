@@ -9,7 +9,6 @@ DEMO_LOCKS := requirements/demo.lock requirements/build.lock
 RATE   ?= 150
 SIZE   ?= default
 MODEL  ?= models/holdfast-150hz.onnx
-MADE    = build/models/$(RATE)hz-$(SIZE)
 # Tests run in a process a core and one more (some wait for real time), a file at a time, the longest first.
 ACROSS := -n $(shell expr $$(nproc 2>/dev/null || echo 2) + 1) --dist loadfile --no-loadscope-reorder
 # A process a core: numpy's own threads would only wait for each other.
@@ -52,17 +51,13 @@ distortions: setup  ## one set of trials with one nuisance at a time, into build
 evaluate: setup  ## the default model on unseen simulated sets, with baselines, into build/evaluate
 real distortions evaluate:
 	$(BIN)/python -m studies $@ $(if $(filter evaluate,$@),--model $(MODEL)) $(ARGS)
+	$(if $(filter real,$@),$(BIN)/python -m studies people --kept docs/measured/people-2026-11-28.json)
 
 study: setup  ## one study: make study NAME=adapt; without NAME the list
 	$(BIN)/python -m studies $(NAME) $(ARGS)
 
-models: setup  ## rebuild the default model from scenes, into models; RATE=50 for slow bridges, SIZE=tiny
-	rm -rf $(MADE)
-	for set in thesis broad "wide --trials 500" "everyday --trials 200"; do \
-	    $(BIN)/holdfast simulate $$set --rate $(RATE) --out $(MADE)/$${set%% *} || exit; done
-	$(BIN)/holdfast train --data $(MADE)/thesis $(MADE)/broad $(MADE)/wide $(MADE)/everyday \
-	    --features pooled --windows dense --hold-out trial $(if $(filter-out default,$(SIZE)),--size $(SIZE)) --out $(MADE)
-	$(BIN)/holdfast export $(MADE) --force --out models/holdfast-$(RATE)hz$(if $(filter-out default,$(SIZE)),-$(SIZE)).onnx
+models: setup  ## rebuild the shipped file from scenes and lifts of people, into models; RATE=50, SIZE=tiny; SETS=scenes: without people
+	$(BIN)/python -m studies models --rate $(RATE) --size $(SIZE) --out build/models/$(RATE)hz $(if $(filter scenes,$(SETS)),--scenes) $(ARGS)
 
 soak: setup  ## the long tests: a million steps, an hour of falls in real time, and the like; then the tests beside four busy loops
 	$(BIN)/python -m pytest -m soak $(ARGS)
@@ -90,8 +85,8 @@ bench: setup  ## what accuracy costs in time on this machine; all, or only NAME=
 	$(BIN)/python -m benchmarks $(or $(NAME),all) --out build/bench $(ARGS)
 
 latency: setup  ## a step as deployed at 150 and 50 Hz, minutes on a quiet machine, into docs/measured, its tables and picture; OLDER=FILE: beside it
-	$(BIN)/holdfast bench latency holdfast-150hz --out build/bench/150hz $(if $(OLDER),--older $(OLDER)) $(ARGS)
-	$(BIN)/holdfast bench latency holdfast-50hz --out build/bench/50hz $(ARGS)
+	$(BIN)/holdfast bench latency holdfast-150hz --force --out build/bench/150hz $(if $(OLDER),--older $(OLDER)) $(ARGS)
+	$(BIN)/holdfast bench latency holdfast-50hz --force --out build/bench/50hz $(ARGS)
 	for rate in 150hz 50hz; do cp build/bench/$$rate/latency.json docs/measured/latency-$$rate.json; done
 	$(MAKE) docs
 

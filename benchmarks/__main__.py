@@ -16,7 +16,7 @@ from holdfast.cli.command import (
     STDOUT,
     add_json_option,
     path_argument,
-    require_results_writable,
+    require_outputs,
     write_found,
 )
 from holdfast.cli.options import CORES, add_job_options, chosen_workers
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.training.progress import Stages
 
     require_writable(args.out)
-    require_results_writable(args)
+    require_outputs(args)
     chosen = [args.what]
     if args.what == "all":
         chosen = [name for name, one in MEASURES.items() if not one.alone]

@@ -117,12 +117,16 @@ def oracle(
     onset_s: dict[int, float],
     ceiling_n: float,
     closure: float = SPARE,
+    knows_after_s: float = 0.0,
 ) -> Make:
-    """A maker of the oracle; onset_s: trial number -> load onset in a hand that does nothing."""
+    """A maker of the oracle; onset_s: trial number -> load onset in a hand that does nothing.
+
+    knows_after_s: by so much later it knows.
+    """
 
     def make(trials: Sequence[PlannedTrial], rate_hz: float) -> LoopController:
-        onsets = np.array([onset_s[trial.number] for trial in trials])
-        return Oracle(trials, onsets, ceiling_n, closure)
+        onsets_s = np.array([onset_s[trial.number] for trial in trials])
+        return Oracle(trials, onsets_s + knows_after_s, ceiling_n, closure)
 
     return make
 

@@ -4,7 +4,9 @@ Each trial is run in a hand that does nothing (bare), by the oracle, and by the 
 is an object that the bare hand loses in a pull or a fall. It is preventable where one of several
 closures of the same drive keeps the object; the oracle is, for each event, the gentlest that does.
 A hand-over is blocked where the receiver needs over 5 N more than from the bare hand, gets the
-object over 0.3 s later, or needs an override. All figures are simulated.
+object over 0.3 s later, or needs an override: that is comfort. What the wearer's rule promises
+stands apart from it, divided by the wearer's opening: after it the hand does not hold on; before it
+a receiver feels more force, and waits. All figures are simulated.
 """
 
 from __future__ import annotations
@@ -25,6 +27,10 @@ from holdfast.training.metrics import Interval
 BLOCKED_N = 5.0
 BLOCKED_S = 0.3
 """A hand-over that needs more force, or more time, than this is blocked."""
+HELD_N = 0.5
+HELD_S = 0.15
+"""A hand that grips by more than HELD_N for HELD_S longer than the bare hand after the same opening
+holds on."""
 TIGHTER_N = 1.0
 """A hand that grips by so much more than its wearer commands is tightened."""
 GRIPS_N = (0.0, 0.5, 1.0, 2.0, 5.0, 70.0)
@@ -112,6 +118,27 @@ class ThreeRuns:
         return _taken_s(self.held) - _taken_s(self.bare)
 
     @property
+    def opened(self) -> bool:
+        """The wearer opens the hand, and the bare hand lets go, while the trial is watched."""
+        return bool(np.isfinite(_let_go_s(self.bare)))
+
+    @property
+    def held_after(self) -> bool:
+        """The hand holds on after its wearer has opened it."""
+        return _let_go_s(self.held) - _let_go_s(self.bare) > HELD_S
+
+    @property
+    def before_n(self) -> float:
+        """Largest force of the other person before the opening, beyond the bare hand's, N."""
+        return self.held.peak_before_n - self.bare.peak_before_n
+
+    @property
+    def before_s(self) -> float:
+        """By how much longer than with the bare hand the other person waits before the opening."""
+        opens_s = self.bare.opens_s
+        return min(_taken_s(self.held), opens_s) - min(_taken_s(self.bare), opens_s)
+
+    @property
     def excess_n_s(self) -> float:
         """Integral over time of the grip beyond what is needed, N s."""
         held = self.held
@@ -143,6 +170,15 @@ def _times_s(of: LoopOutcome) -> FloatArray:
     rows = np.arange(len(of.grip_n))
     times_s: FloatArray = of.begin_s + rows / of.rate_hz
     return times_s
+
+
+def _let_go_s(of: LoopOutcome) -> float:
+    """When the hand no longer grips after its wearer's opening; inf where that is not watched."""
+    times_s = _times_s(of)
+    # What has left the hand is not held, wherever its fingers are.
+    free = (of.grip_n <= HELD_N) | (times_s >= of.lost_s)
+    found = np.flatnonzero(free & (times_s >= of.opens_s))
+    return float(times_s[found[0]]) if found.size else np.inf
 
 
 def _taken_s(of: LoopOutcome) -> float:
@@ -210,7 +246,9 @@ class LoopFigures:
     held_called: tugs, and pick_ups_called: lifts, that the bare hand holds and in which our command
     tightens. lost_in_holds: of what should stay in the hand, whatever the bare hand does.
     receiver_peak_n: largest force of a receiver. refused: hand-overs of which the receiver gives
-    up. put_downs: disturbed as a hand-over is blocked. grip_excess: N s a trial beyond what is
+    up. held_after_opening: of the hand-overs and put-downs in which the wearer opens the hand.
+    before_force_n, before_delay_ms: of a receiver before that opening, beyond the bare hand.
+    put_downs: disturbed as a hand-over is blocked. grip_excess: N s a trial beyond what is
     needed. tightenings_per_min: before any action, and in disturbed holds. new_drops: what the
     bare hand keeps, or loses before the action, and the controller loses. mu_error_p50: where a
     slip has shown friction.
@@ -241,6 +279,11 @@ class LoopFigures:
     extra_force_n_p95: float | None
     extra_delay_ms_p50: float | None
     extra_delay_ms_p95: float | None
+    held_after_opening: Counted
+    before_force_n_p50: float | None
+    before_force_n_p95: float | None
+    before_delay_ms_p50: float | None
+    before_delay_ms_p95: float | None
     put_downs: int
     disturbed_share: float | None
     disturbed_share_ci: Interval | None
@@ -263,26 +306,21 @@ def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
     """The figures of one controller on one set."""
     passes = [run for run in runs if run.hands_over("pass")]
     put_downs = [run for run in runs if run.hands_over("put-down")]
-    # Only fragile objects can be crushed, so only they are in the denominator.
-    fragile = [run for run in runs if run.bare.trial.object.crush_n > 0.0]
     preventable = [run for run in runs if run.preventable]
     kept = [run for run in preventable if not run.held.dropped]
-    new = [run.held.dropped and not run.bare.dropped for run in runs]
 
     drops = _saved_drops(runs)
     saved = drops.of_preventable
     blocked = _counted([run.blocked for run in passes])
     disturbed = _counted([run.blocked for run in put_downs])
-    crushed = _counted([run.held.crushed for run in fragile])
+    crushed = _crushed(runs)
 
     peaks_n = [run.held.peak_n for run in passes]
     extra_n = [run.extra_n for run in passes]
     delays_ms = [1e3 * run.extra_s for run in passes]
-    excess_n_s = [run.excess_n_s for run in runs]
-    in_holds = [run.held for run in runs if run.held.trial.action in HELD_ACTIONS]
-    # Without a slip the controller has no estimate of friction, and no error.
-    errors = [run.friction_error for run in preventable]
-    known_errors = [error for error in errors if np.isfinite(error)]
+    before_n = [run.before_n for run in passes]
+    before_ms = [1e3 * run.before_s for run in passes]
+    friction_errors = _friction_errors(preventable)
 
     # Medians are of the cases that a share counts, so both describe the same trials.
     return LoopFigures(
@@ -311,19 +349,47 @@ def loop_figures(runs: Sequence[ThreeRuns]) -> LoopFigures:
         extra_force_n_p95=_percentile(extra_n, 95),
         extra_delay_ms_p50=_percentile(delays_ms, 50),
         extra_delay_ms_p95=_percentile(delays_ms, 95),
+        held_after_opening=_held_after([*passes, *put_downs]),
+        before_force_n_p50=_percentile(before_n, 50),
+        before_force_n_p95=_percentile(before_n, 95),
+        before_delay_ms_p50=_percentile(before_ms, 50),
+        before_delay_ms_p95=_percentile(before_ms, 95),
         put_downs=disturbed.of,
         disturbed_share=disturbed.share,
         disturbed_share_ci=disturbed.share_ci,
         fragile=crushed.of,
-        lost_in_holds=_counted([held.dropped for held in in_holds]),
+        lost_in_holds=_lost_in_holds(runs),
         crushed_share=crushed.share,
         crushed_share_ci=crushed.share_ci,
-        grip_excess=float(np.mean(excess_n_s)) if runs else 0.0,
+        grip_excess=float(np.mean([r.excess_n_s for r in runs])) if runs else 0.0,
         tightenings_per_min=_tightenings_per_min(runs),
-        new_drops=sum(new),
-        mu_observed=len(known_errors),
-        mu_error_p50=_percentile(known_errors, 50),
+        new_drops=sum(run.held.dropped and not run.bare.dropped for run in runs),
+        mu_observed=len(friction_errors),
+        mu_error_p50=_percentile(friction_errors, 50),
     )
+
+
+def _held_after(runs: Sequence[ThreeRuns]) -> Counted:
+    """Openings after which the hand still grips, though the bare hand does not."""
+    return _counted([run.held_after for run in runs if run.opened])
+
+
+def _crushed(runs: Sequence[ThreeRuns]) -> Counted:
+    """Fragile objects that were crushed; no other can be."""
+    fragile = [run for run in runs if run.bare.trial.object.crush_n > 0.0]
+    return _counted([run.held.crushed for run in fragile])
+
+
+def _lost_in_holds(runs: Sequence[ThreeRuns]) -> Counted:
+    """Objects that were lost in a hold that the wearer meant to last."""
+    held = [run.held for run in runs if run.held.trial.action in HELD_ACTIONS]
+    return _counted([one.dropped for one in held])
+
+
+def _friction_errors(runs: Sequence[ThreeRuns]) -> list[float]:
+    """Errors of the friction estimate; without a slip there is neither estimate nor error."""
+    errors = [run.friction_error for run in runs]
+    return [error for error in errors if np.isfinite(error)]
 
 
 def _called(runs: Sequence[ThreeRuns], action: str) -> Counted:

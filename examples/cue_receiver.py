@@ -8,10 +8,13 @@ holdfast.toml of the run has feedback = "unix:///run/hand/cues".
 import json
 import os
 import socket
+import stat
 import sys
 import time
+from contextlib import suppress
 
 SILENT_NS = 3_000_000_000  # expires_ms
+CLOCK = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)  # that of t_ns
 LINK_LOST = "link lost", 1, 1500, 0, 0.5
 
 
@@ -43,15 +46,17 @@ def whole(value, most):
     return value
 
 
-def read(line):
-    """(sequence, what to play), None for a line to skip."""
+def read(line, now_ns):
+    """(sequence, what to play), None for a line to skip, such as one that waited for long."""
     try:
         cue = json.loads(line)
         sequence, pulses = whole(cue["sequence"], 2**53), whole(cue["pulses"], 10)
+        age_ns = now_ns - whole(cue["t_ns"], 10**18)
         on_ms, off_ms = (whole(cue[k], 60_000) for k in ("on_ms", "off_ms"))
         strength = cue["strength"]
         is_share = not isinstance(strength, bool) and 0 <= strength <= 1
-        if not is_share or not cue["cue"].isprintable():
+        is_old = abs(age_ns) > SILENT_NS  # or its stamp is of another clock
+        if is_old or not is_share or not cue["cue"].isprintable():
             return None
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None  # cut off on the way, or something else
@@ -59,10 +64,16 @@ def read(line):
 
 
 def listen(path):
-    """A socket at a path that only this user may write to."""
+    """A socket at a path that only this user may write to; no other file is removed."""
     receiver = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-    if os.path.exists(path):
-        os.unlink(path)
+    with suppress(FileNotFoundError):
+        if stat.S_ISSOCK(os.lstat(path).st_mode):
+            try:
+                receiver.connect(
+                    path
+                )  # a program that lives answers, and bind then fails
+            except ConnectionRefusedError:
+                os.unlink(path)  # left behind by one that ended
     os.fchmod(receiver.fileno(), 0o600)  # before bind: never wider, whatever the umask
     receiver.bind(path)
     return receiver
@@ -70,17 +81,20 @@ def listen(path):
 
 def main(path):
     """Play each cue as it comes; where no line comes, the wearer must feel that too."""
-    rising, receiver = Rising(), listen(path)
+    try:
+        rising, receiver = Rising(), listen(path)
+    except OSError as error:
+        raise SystemExit(f"{path}: {error.args[-1]}") from None
     receiver.settimeout(0.05)
     print("listening", flush=True)
-    lost_ns = time.monotonic_ns() + SILENT_NS
+    lost_ns = time.clock_gettime_ns(CLOCK) + SILENT_NS
     while True:
         try:
             line = receiver.recv(2048)
         except TimeoutError:
             line = b""
-        now_ns = time.monotonic_ns()
-        cue = read(line)
+        now_ns = time.clock_gettime_ns(CLOCK)
+        cue = read(line, now_ns)
         if cue and rising.obeys(cue[0], now_ns):
             lost_ns = now_ns + SILENT_NS
             if cue[1][1]:  # pulses; else a sign of life

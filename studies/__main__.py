@@ -17,6 +17,16 @@ PROGRAMS = {
         "taxels, features and learner chosen on people, never on those that are scored",
         "build/real",
     ),
+    "people": Program(
+        "studies.people.program",
+        "false alarms and squeezing in plain lifts by people who are left out",
+        "build/people",
+    ),
+    "models": Program(
+        "studies.models",
+        "the shipped files, made anew from scenes and lifts",
+        "build/models",
+    ),
     "evaluate": Program(
         "studies.default_model",
         "the default model on unseen simulated sets, with baselines",

@@ -34,6 +34,8 @@ SOURCES: dict[str, dict[str, str]] = {
         "loop": "docs/measured/loop-2026-11-28.json",
         "world": "docs/measured/world-e2feeff75e0a.json",
         "latency": "docs/measured/latency-150hz.json",
+        "evaluated": "build/evaluate/figures.json",
+        "lifts": "docs/measured/people-2026-11-28.json",
     },
     "docs/any-runtime.md": {
         "here": "build/bench/runtimes.json",
@@ -53,6 +55,7 @@ SOURCES: dict[str, dict[str, str]] = {
         "world": "docs/measured/world-e2feeff75e0a.json",
         "openings": "docs/measured/world-openings-e2feeff75e0a.json",
         "wide": "docs/measured/wide-080828f74eb1.json",
+        "lifts": "docs/measured/people-2026-11-28.json",
     },
     "docs/scenes.md": {
         "simulator": "build/bench/simulator.json",

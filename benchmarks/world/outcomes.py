@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from benchmarks.loop_figures import HELD_N
 from benchmarks.world.draws import WorldTrial, draw_trial
 from benchmarks.world.hand import DRIVE, RATE_HZ, World
 from holdfast.core.contract import FloatArray
@@ -30,6 +31,8 @@ SETTLED_MM = 0.5
 """A hold that slides further between the giver's letting go and the event is drawn again."""
 GROSS_MM = 2.0
 """Gross slip, as in our scenes. Kinds that friction holds stay below it in the bare hand."""
+KNOWS_AFTER_S = 0.02
+"""A hand that knows so long after load onset: no hand knows at its onset."""
 MUST_HOLD = ("tug-held", "pick-up", "quiet-hold", "trembling-hold")
 MOST_ATTEMPTS = 200
 REFUSALS = ("grip or load", "hold slides", "friction does not hold it", "unstable")
@@ -44,6 +47,8 @@ class Outcome:
     onset_s  load onset
     slip_mm  how far the pads slid from the event on, mean of those that touch
     peak_n   largest change of the force of people and box since the event, while it is held
+    peak_before_n  the same up to the wearer's opening
+    held_on_s  how long after its wearer's grip has gone, by an opening, the hand still grips
     grip_n   largest grip of the drive from the event on, N a side
     """
 
@@ -51,6 +56,8 @@ class Outcome:
     onset_s: float = np.inf
     slip_mm: float = 0.0
     peak_n: float = 0.0
+    peak_before_n: float = 0.0
+    held_on_s: float = 0.0
     grip_n: float = 0.0
 
 
@@ -65,6 +72,7 @@ class Watch:
         self._apart = 0
         self._before_n: FloatArray | None = None
         self._from_m: FloatArray | None = None
+        self._own_gone_s = np.inf
 
     @property
     def over(self) -> bool:
@@ -99,8 +107,20 @@ class Watch:
         if self._apart:
             return
         found.peak_n = max(found.peak_n, change_n)
+        if world.t_s < world.trial.open_s:
+            found.peak_before_n = found.peak_n
+        else:
+            self._look_after_opening()
         found.grip_n = max(found.grip_n, float(world.drive.grip_n[0]))
         found.slip_mm = slid_mm(world, self._from_m)
+
+    def _look_after_opening(self) -> None:
+        """How long the hand grips beyond its wearer, in whose bare hand nothing else moves it."""
+        world = self.world
+        if world.script.own_n(world.t_s) <= HELD_N:
+            self._own_gone_s = min(self._own_gone_s, world.t_s)
+        if float(world.drive.grip_n[0]) > HELD_N and world.t_s > self._own_gone_s:
+            self.outcome.held_on_s = world.t_s - self._own_gone_s
 
 
 def slid_mm(world: World, from_m: FloatArray) -> float:
@@ -188,23 +208,25 @@ def possible_run(
     raise RuntimeError(f"{kind} {repetition}: no hold in {MOST_ATTEMPTS} draws")
 
 
-def oracle_saves(run: BareRun) -> str | None:
-    """The first closure that keeps the object, or None."""
+def oracle_saves(run: BareRun, knows_after_s: float = 0.0) -> str | None:
+    """The first closure that keeps the object, or None. knows_after_s: later than load onset."""
     need_n = run.trial.need_n
     targets = {f"{multiple:g}": multiple * need_n for multiple in CLOSURES}
     targets[CEILING] = DRIVE.ceiling_n
     for name, target_n in targets.items():
-        if np.isinf(closed_from_onset(run, target_n).lost_s):
+        if np.isinf(closed_from_onset(run, target_n, knows_after_s).lost_s):
             return name
     return None
 
 
-def closed_from_onset(run: BareRun, target_n: float) -> Outcome:
-    """The trial with a drive that gets this target from the bare hand's load onset on."""
+def closed_from_onset(
+    run: BareRun, target_n: float, knows_after_s: float = 0.0
+) -> Outcome:
+    """The trial with a drive that gets this target from the bare hand's load onset on, or later."""
     world = run.at_event.copy()
     watch = Watch(world)
     while not watch.over:
-        begun = world.t_s >= run.outcome.onset_s
+        begun = world.t_s >= run.outcome.onset_s + knows_after_s
         world.advance(target_n if begun else 0.0)
         watch.look()
     return watch.outcome

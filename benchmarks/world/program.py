@@ -172,10 +172,10 @@ def _others(args: argparse.Namespace, version: str, records: list[Json]) -> Json
 def seed_line(number: int) -> str:
     """What the seed is for."""
     sets = locked_sets()
-    for locked in sets.seeds:
-        if locked.first <= number <= locked.last:
-            since = f"locked since {sets.locked_on}"
-            return f"seed {number}: {since}, for reports; choose nothing on it"
+    locked = sets.lock_of_seed(number)
+    if locked is not None:
+        since = f"locked since {locked.locked_on}"
+        return f"seed {number}: {since}, for reports; choose nothing on it"
     if sets.development.first <= number <= sets.development.last:
         return f"seed {number}: for development, not for reports"
     return f"seed {number}: neither locked nor for development; its figures are for no report"
@@ -316,6 +316,14 @@ def _commit() -> str | None:
     return done.stdout.strip()
 
 
+def _before(row: Json) -> str:
+    """What a receiver feels before the opening."""
+    if row["before_n"] is None or row["before_ms"] is None:
+        return ""
+    more = f"{row['before_n']['p95']:.1f} N and {row['before_ms']['p95']:.0f} ms more"
+    return f", before it {more} (95 %)"
+
+
 def summary(figures: Json) -> list[str]:
     """A few lines for people."""
     lines = []
@@ -328,11 +336,14 @@ def summary(figures: Json) -> list[str]:
             fresh = f"{row['saved_fresh']} of {row['saved_fresh_of']} without earlier tightening"
             called = f"called {row['called']} of {row['called_of']}"
             lines.append(
-                f"  {row['kind']:<16}{row['drops']:4d} drops, {drops}, {fresh}; {called}"
+                f"  {row['kind']:<16}{row['drops']:4d} drops, {drops}, {fresh}, "
+                f"{row['late_saves']} by a hand that knows 20 ms after load onset; {called}"
             )
         for row in table["hand_overs"]:
             lines.append(
-                f"  {row['opens']:<32}blocked {row['blocked']} of {row['blocked_of']}"
+                f"  {row['opens']:<32}held after the opening {row['held_after']} of "
+                f"{row['held_after_of']}{_before(row)}; blocked {row['blocked']} of "
+                f"{row['blocked_of']}"
             )
         for row in table["quiet"]:
             lines.append(

@@ -10,6 +10,7 @@ import numpy as np
 from benchmarks.world.answers import Answers, answered_run
 from benchmarks.world.draws import NEVER_S, RISKY, WorldTrial, draw_trial, with_intent
 from benchmarks.world.outcomes import (
+    KNOWS_AFTER_S,
     REFUSALS,
     BareRun,
     Outcome,
@@ -82,15 +83,18 @@ def answered_again(one: Json, seed: int, hand: AnsweredHand) -> Json:
 def _hands(bare: BareRun, key: TrialKey, hand: AnsweredHand) -> Json:
     """The bare hand, the oracle where it drops the object, and the answered hand."""
     trial = with_intent(bare.trial, hand.intent)
-    saves = None
+    saves = late = None
     if key.kind in RISKY and np.isfinite(bare.outcome.lost_s):
         saves = oracle_saves(bare)
+        # What nothing keeps from load onset on is not preventable, and is not tried later.
+        late = oracle_saves(bare, KNOWS_AFTER_S) if saves else None
     answers = hand.run(trial, key.pads, key.sensors)
     return {
         "attempt": trial.attempt,
         "trial": _drawn(trial),
         "bare": _outcome(bare.outcome, trial),
         "oracle": saves,
+        "oracle_late": late,
         "answered": _answered(answers, trial),
     }
 
@@ -136,5 +140,7 @@ def _outcome(outcome: Outcome, trial: WorldTrial) -> Json:
         "onset_s": onset_s,
         "slip_mm": round(outcome.slip_mm, 3),
         "peak_n": round(outcome.peak_n, 3),
+        "peak_before_n": round(outcome.peak_before_n, 3),
+        "held_on_s": round(outcome.held_on_s, 4),
         "grip_n": round(outcome.grip_n, 3),
     }

@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 from scipy.stats import chi2
 
-from benchmarks.loop_figures import BLOCKED_N, BLOCKED_S
+from benchmarks.loop_figures import BLOCKED_N, BLOCKED_S, HELD_S
+from benchmarks.paired import paired_change
 from benchmarks.world.draws import FALLS, HAND_OVERS, KINDS, PULLS, RISKY
 from benchmarks.world.outcomes import CEILING, CLOSURES
 from holdfast.core.contract import Json
@@ -57,6 +58,11 @@ def saved(one: Json) -> bool:
     return dropped(one["bare"]) and not dropped(one["answered"])
 
 
+def late_saves(one: Json) -> bool:
+    """A hand that knows 20 ms after load onset keeps the object."""
+    return one["oracle_late"] is not None
+
+
 def too_much(one: Json) -> bool:
     """The largest command exceeds the wearer's grip and SPARE times what the load needs."""
     trial = one["trial"]
@@ -91,11 +97,23 @@ def kind_row(name: str, records: Records) -> Json:
         **_with_share("saved_all", [saved(one) for one in drops]),
         **_with_share("saved", [saved(one) for one in can]),
         **_with_share("saved_fresh", [saved(one) for one in fresh]),
+        **_with_share("late_saves", [late_saves(one) for one in can]),
+        "beside_late": _beside_late(can),
+        "fresh_beside_late": _beside_late(fresh),
         **_with_share("called", [one["answered"]["called"] for one in records]),
         **_with_share("earlier", [one["answered"]["earlier"] for one in records]),
         **_with_share("too_much", [too_much(one) for one in records]),
         "new_drops": sum(dropped(one["answered"]) for one in kept),
     }
+
+
+def _beside_late(drops: Records) -> Json:
+    """Saved, less what a hand saves that knows 20 ms after load onset: drop by drop."""
+    names = [one["name"] for one in drops]
+    ours = dict(zip(names, [saved(one) for one in drops], strict=True))
+    late = dict(zip(names, [late_saves(one) for one in drops], strict=True))
+    change, interval = paired_change(ours, late)
+    return {"change": change, "change_ci": interval}
 
 
 def beside(controller: str, records: Records) -> Json:
@@ -157,16 +175,40 @@ def blocked(one: Json) -> bool:
     )
 
 
+def held_after(one: Json) -> bool:
+    """The hand grips on for HELD_S longer than its wearer, who has opened it."""
+    return bool(one["answered"]["held_on_s"] > HELD_S)
+
+
+def _before_ms(one: Json) -> float:
+    """By how much longer than with the bare hand the other person waits before the opening, ms."""
+    opens_s = one["trial"]["opens_s"]
+    waits_s = []
+    for hand in ("answered", "bare"):
+        times_s = [t_s for t_s in (one[hand]["lost_s"], opens_s) if t_s is not None]
+        waits_s.append(min(times_s, default=np.inf))
+    return float(1e3 * (waits_s[0] - waits_s[1]))
+
+
 def hand_over_row(name: str, records: Records) -> Json:
     """One row of the hand-overs: what the other person feels."""
     gone = [one for one in records if dropped(one["bare"])]
     freed = [one for one in gone if dropped(one["answered"])]
     delays = [one["answered"]["lost_s"] - one["bare"]["lost_s"] for one in freed]
     extra = [one["answered"]["peak_n"] - one["bare"]["peak_n"] for one in gone]
+    opened = [one for one in gone if one["trial"]["opens_s"] is not None]
+    before_n = []
+    for one in gone:
+        before_n.append(one["answered"]["peak_before_n"] - one["bare"]["peak_before_n"])
+    # One that never gets it from a hand that never opens waits for ever: it is in never_let_go.
+    before_ms = [ms for ms in map(_before_ms, gone) if np.isfinite(ms)]
     return {
         "opens": name,
         "trials": len(records),
         "let_go": len(gone),
+        **_with_share("held_after", [held_after(one) for one in opened]),
+        "before_n": _percentiles(before_n),
+        "before_ms": _percentiles(before_ms),
         **_with_share("blocked", [blocked(one) for one in gone]),
         "never_let_go": len(gone) - len(freed),
         "bare_peak_n": _percentiles([one["bare"]["peak_n"] for one in gone]),

@@ -73,7 +73,7 @@ EXPORTED(feed) int feed(double harder) {
 }
 
 EXPORTED(known) int known(void) { return is_known; } /* whether the bias is */
-EXPORTED(label) int label(void) { return out.unknown ? HOLDFAST_UNKNOWN : out.situation; }
+EXPORTED(label) int label(void) { return holdfast_situation(&out); }
 EXPORTED(risky) double risky(void) { return (double)out.p_situation[HOLDFAST_RISKY_SLIP]; }
 EXPORTED(acts) int acts(void) { return decision.act; }
 EXPORTED(mode) int mode(void) { return command.mode; }

@@ -43,6 +43,11 @@ async function take(files) {
     const json = [...files].find((file) => file.name.endsWith(".truth.json"));
     show(readTrial(await csv.text(), hand.channels()), json ? readTruth(await json.text()) : []);
   } catch (error) {
+    // the answers of another trial must not stand below the name of this one
+    shown = { trial: null, truth: [], harder: null, answers: [] };
+    at("summary").textContent = "";
+    at("undo").disabled = true;
+    draw();
     at("problem").textContent = error.message;
   }
 }
@@ -65,6 +70,10 @@ function closeUp() {
 }
 
 function draw() {
+  if (!shown.answers.length) {
+    for (const id of ["plot", "close"]) penOf(at(id));  // which clears it
+    return;
+  }
   drawOn(at("plot"), whole());
   drawOn(at("close"), closeUp());
 }
@@ -142,6 +151,7 @@ function phasesOf(answers) {
 function draggable(canvas, range) {
   let start = null;
   canvas.addEventListener("pointerdown", (event) => {
+    if (!shown.trial) return;
     start = { y: event.clientY, from: scales(canvas, range()).t(event.offsetX) };
     canvas.setPointerCapture(event.pointerId);
   });

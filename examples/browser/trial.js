@@ -29,12 +29,22 @@ function readTruth(text) {
   return phases.map((one) => ({ from: one.t0_s, to: one.t1_s, situation: one.label.replace("_", " ") }));
 }
 
+/** Throws an Error where a trial is not at the hand's rate (+-10 %, as in Holdfast), or its time does not rise. */
+function requireRate(times, rateHz) {
+  const steps = times.slice(1).map((t, k) => t - times[k]);
+  const bad = steps.findIndex((step) => !(step > 0));
+  if (bad >= 0) throw new Error(`the time does not rise at sample ${bad + 1}: ${times[bad]} s, then ${times[bad + 1]} s`);
+  const middle = [...steps].sort((a, b) => a - b)[steps.length >> 1];
+  if (Math.abs(1 / (middle * rateHz) - 1) > 0.1) throw new Error(`this trial has ${(1 / middle).toPrecision(3)} samples a second; the model needs ${rateHz}`);
+}
+
 /** Every sample through the hand. harder: {from: s, times: factor} multiplies forces along the skin. */
 function runTrial(hand, trial, harder) {
   const channels = hand.channels();
   const sample = new Float64Array(hand.memory.buffer, hand.samples(), channels);
   const valid = new Uint8Array(hand.memory.buffer, hand.valids(), channels / 3);
   const lost = 1.5 / hand.rate_hz();
+  requireRate(trial.times, hand.rate_hz());
   hand.begin();
   return trial.rows.map((row, k) => {
     const t = trial.times[k];

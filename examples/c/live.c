@@ -3,13 +3,16 @@
      cc -std=c99 -O2 -ffp-contract=off -Ibuild/c -o live examples/c/live.c build/c/holdfast.c -lm
      tail -f -n +1 trial_1/tactile.csv | ./live
    In: Time in s, x y z of every sensor; then, where the recorder wrote the line, a validity flag for
-   each sensor at the end. The first lines must be of the unloaded hand. A lost finger is nan. */
+   each sensor at the end. The first lines must be of the unloaded hand. A lost finger is nan.
+   Until RATE_ROWS lines have shown the model's rate, the state is unknown; another rate, or a time
+   that does not rise, ends it with 2. */
 #include "holdfast.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 
+enum { RATE_ROWS = 20 };
 enum { C = HOLDFAST_CHANNELS, S = HOLDFAST_SENSORS, CELLS = 1 + C + 8 + S };
 #if HOLDFAST_BIAS_MEDIAN
 #error "the bias of this model is a median; this example takes a mean"
@@ -49,6 +52,23 @@ static int prepare(double *sample) {
     return rows >= HOLDFAST_BIAS_ROWS;
 }
 
+/* Whether a line may follow the last one: its time rises, and most lines come at the model's rate. */
+static int is_in_time(double step_s, int *rows) {
+    static int others = 0;
+    const double periods = step_s * HOLDFAST_RATE_HZ;
+    if (!(step_s > 0.0)) {
+        fputs("the time does not rise\n", stderr);
+        return 0;
+    }
+    if (*rows < RATE_ROWS) {
+        others += periods < 0.9 || periods > 1.1;
+        ++*rows;
+    }
+    if (2 * others <= RATE_ROWS) return 1;
+    fprintf(stderr, "the lines come at another rate than the model's %.4g Hz\n", (double)HOLDFAST_RATE_HZ);
+    return 0;
+}
+
 int main(void) {
     static const uint8_t none[S] = {0};
     static holdfast_state state;
@@ -56,7 +76,8 @@ int main(void) {
     holdfast_grip grip;
     holdfast_command command;
     holdfast_out out;
-    double last_s = -1.0;
+    double last_s = NAN;
+    int rows = 0;
     char line[4096];
     if (holdfast_init(&state) != HOLDFAST_OK) return 1;
     holdfast_grip_init(&grip, NULL);
@@ -69,16 +90,18 @@ int main(void) {
         const int known = prepare(sample);
         for (int k = 0; k < S; ++k) valid[k] = known && (n == 1 + C || cells[n - S + k] != 0.0);
         /* samples that never came are steps without a sensor; a longer gap is no different */
-        const double missing = last_s < 0.0 ? 0.0 : (cells[0] - last_s) * HOLDFAST_RATE_HZ - 1.5;
+        if (!isnan(last_s) && !is_in_time(cells[0] - last_s, &rows)) return 2;
+        const double missing = isnan(last_s) ? 0.0 : (cells[0] - last_s) * HOLDFAST_RATE_HZ - 1.5;
         for (int k = 0; k <= HOLDFAST_GAP_SAMPLES && k < missing; ++k)
             holdfast_step_valid(&state, sample, none, &out);
         last_s = cells[0];
         holdfast_step_valid(&state, sample, valid, &out);
+        if (rows < RATE_ROWS) out.unknown = 1;
         holdfast_decide(&decision, &out, HOLDFAST_NO_WISH);
         sense = holdfast_sense_of(&out, &decision, sample, valid, HOLDFAST_NO_WISH);
         holdfast_grip_step(&grip, &sense, &command);
         printf("{\"t_s\":%.6f,\"state\":\"%s\",\"p_risky\":%.6f,", cells[0],
-               STATES[out.unknown ? 0 : 1 + out.situation], (double)out.p_situation[3]);
+               STATES[1 + holdfast_situation(&out)], (double)out.p_situation[3]);
         printf("\"act\":%s,\"mode\":\"%s\",\"target_n\":%.4f}\n", decision.act ? "true" : "false",
                MODES[command.mode], command.target_n);
         fflush(stdout);

@@ -15,14 +15,14 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from holdfast.cli.command import (
+    CARD_SUFFIX,
     add_json_option,
     add_out_option,
     path_argument,
-    require_results_writable,
+    require_outputs,
     show_found,
 )
 from holdfast.core.errors import UsageError, command
-from holdfast.core.writing import require_free, require_writable
 
 if TYPE_CHECKING:
     from holdfast.sessions.adapt import HeldOutFigures
@@ -61,8 +61,6 @@ def run_adapt(args: argparse.Namespace) -> int:
     """Adapt, or undo; prints what was chosen and verified."""
     # All that can be refused is refused before the fitting.
     _require_options(args)
-    require_writable(args.out.parent)
-    require_results_writable(args)
     return _undo(args) if args.undo else _adapt(args)
 
 
@@ -75,9 +73,7 @@ def _require_options(args: argparse.Namespace) -> None:
             next_step="holdfast adapt MODEL --data FOLDER --person p01 --slips FOLDER --out FILE",
         )
 
-    # resolved: the same file under another name is found out too
-    is_model = args.out.resolve() == args.model.resolve()
-    require_free(args.out, force=args.force and not is_model)
+    require_outputs(args, args.out, args.out.with_suffix(CARD_SUFFIX))
 
 
 def _undo(args: argparse.Namespace) -> int:

@@ -8,16 +8,20 @@ Exit codes: 0 done, 1 failed, 2 usage, 3 data, 4 model, 5 output, 6 device, 130 
 from __future__ import annotations
 
 import argparse
+import errno
+import io
 import json
 import os
+import re
 import sys
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
 from holdfast.core.errors import (
+    DataError,
     HoldfastError,
     OutputError,
     UsageError,
@@ -26,6 +30,8 @@ from holdfast.core.errors import (
 )
 from holdfast.core.lines import stream_sink
 
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
+"""Errors of writing alone."""
 WITH_SETTINGS = ("run", "record", "bias", "study", "replay")
 """Commands whose options may stand in holdfast.toml."""
 
@@ -97,6 +103,7 @@ def finish(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
     """
     # First: the next file that is opened would get the number of a closed stream.
     hold_standard_descriptors()
+    _show_every_name()
     with closing(stream_sink(sys.stderr)) as on_stderr:
         if "--debug" not in argv:
             warnings.showwarning = _one_line_to(on_stderr)
@@ -113,7 +120,13 @@ def finish(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
         # The reader of a pipe has seen enough (`| head`): that is no failure.
         except BrokenPipeError:
             return 0
-        except (HoldfastError, ModuleNotFoundError, OSError) as error:
+        # UnicodeError: a name that is not UTF-8, in a library that takes only such.
+        except (
+            HoldfastError,
+            ModuleNotFoundError,
+            OSError,
+            UnicodeError,
+        ) as error:
             if "--debug" in argv:
                 raise
             shown = _as_ours(error)
@@ -141,6 +154,14 @@ def hold_standard_descriptors() -> None:
     )
 
 
+def _show_every_name() -> None:
+    """Print what the locale cannot show as its escape: names of files may be any bytes."""
+    for stream in (sys.stdout, sys.stderr):
+        # a test's stream, such as StringIO, takes every text
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
 def _forget_what_cannot_be_written(stream: TextIO) -> None:
     """Drop what stdout cannot take.
 
@@ -159,13 +180,28 @@ def _as_ours(error: Exception) -> HoldfastError:
     """The error with an exit code of ours."""
     if isinstance(error, HoldfastError):
         return error
-    if not isinstance(error, ModuleNotFoundError):
-        step = "choose another place to write to; --debug shows the whole error"
-        return OutputError(str(error), next_step=step)
+    if isinstance(error, UnicodeError):
+        return UsageError(
+            "a name or a text is not UTF-8",
+            cause=one_line(str(error)),
+            next_step="rename the file or folder; --debug shows the whole error",
+        )
+    if isinstance(error, OSError):
+        # What is written to a file is an OutputError already.
+        if error.filename is None or error.errno in FULL:
+            step = "choose another place to write to; --debug shows the whole error"
+            return OutputError(str(error), next_step=step)
+        return DataError(
+            f"cannot be read ({error.strerror})",
+            where=os.fsdecode(error.filename),
+            cause="no permission, a damaged disk, or no path of a file",
+            next_step="check the path; --debug shows the whole error",
+        )
     # the modules of other extras name these themselves (core/errors.py: needs_extra)
-    extra = "dask" if error.name == "distributed" else "train,viz"
+    missing = error.name if isinstance(error, ModuleNotFoundError) else error
+    extra = "dask" if missing == "distributed" else "train,viz"
     return UsageError(
-        f"this needs the package {error.name}",
+        f"this needs the package {missing}",
         cause="only an extra installs it",
         next_step=f"pip install 'holdfast[{extra}]'",
     )
@@ -182,6 +218,10 @@ def _one_line_to(on_stderr: Callable[[str], object]) -> Callable[..., None]:
 
 
 STDOUT = Path("-")
+CARD_SUFFIX = ".json"
+"""As holdfast.edge_runtime has it; repeated here so that --help need not import it."""
+RESULTS = ("json", "report")
+"""Options whose value is a file to write."""
 
 
 def add_seed_option(
@@ -222,18 +262,57 @@ def add_json_option(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="what was found as one JSON object, to FILE; without FILE to stdout, instead of words",
     )
+    # Some verbs replace more with it, and say so.
+    if "--force" not in parser._option_string_actions:
+        parser.add_argument(
+            "--force", action="store_true", help="replace files that exist"
+        )
 
 
-def require_results_writable(args: argparse.Namespace) -> None:
-    """Raise OutputError where a file of --json or --report cannot be written.
+def require_outputs(
+    args: argparse.Namespace,
+    *files: Path,
+    replaced: Iterable[Path] = (),
+    folder: Path | None = None,
+) -> None:
+    """Raise OutputError where a file of --json, --report or files may not be written.
 
-    Before the work begins: a run of hours must not end with a folder that cannot be written to.
+    Before the work begins: a run of hours must not end with a file that cannot be written, and a
+    verb that is refused leaves nothing behind. replaced: files which each run writes anew. folder:
+    a new one that the verb fills.
     """
-    from holdfast.core.writing import require_writable
+    from holdfast.core import writing
 
-    for path in (args.json, getattr(args, "report", None)):
-        if path not in (None, STDOUT):
-            require_writable(path.parent)
+    named = [getattr(args, name, None) for name in RESULTS]
+    # A study's --report is no file, and --json alone is stdout.
+    results = [path for path in named if isinstance(path, Path) and path != STDOUT]
+    writing.require_outputs(
+        [*files, *results],
+        inputs_of(args),
+        force=getattr(args, "force", False),
+        replaced=replaced,
+        folder=folder,
+    )
+
+
+def inputs_of(args: argparse.Namespace) -> list[Path]:
+    """What exists of the files that the options name, but for those that are written."""
+    words: list[object] = []
+    for name, value in vars(args).items():
+        if name not in (*RESULTS, "out"):
+            words += value if isinstance(value, list) else [value]
+    inputs = []
+    for word in words:
+        # A URL may name several files: sim://CARD, FILE.csv, virtual://ft232h?scene=CARD.
+        parts = re.split(r"://|[?&=]", word) if isinstance(word, str) else [word]
+        paths = [Path(part) for part in parts if isinstance(part, (str, Path))]
+        inputs += paths
+        # The card of a model is read with it.
+        inputs += [
+            path.with_suffix(CARD_SUFFIX) for path in paths if path.suffix == ".onnx"
+        ]
+    # Not by Path.exists, which raises for words that are too long for a name.
+    return [path for path in inputs if os.path.exists(path)]
 
 
 def show_found(args: argparse.Namespace, words: str, found: Mapping[str, Any]) -> None:
@@ -255,6 +334,8 @@ def write_found(args: argparse.Namespace, found: Mapping[str, Any]) -> None:
     if args.json == STDOUT:
         sys.stdout.write(text)
         return
-    from holdfast.core.writing import write_whole
+    from holdfast.core.writing import require_free, write_whole
 
+    # What is there now and was not before the work is a result of this very command.
+    require_free(args.json, force=args.force)
     write_whole(args.json, text)

@@ -14,6 +14,7 @@ from holdfast.cli.command import (
     add_json_option,
     add_out_option,
     path_argument,
+    require_outputs,
     show_found,
 )
 from holdfast.core.errors import LibraryMissing, count_of
@@ -60,6 +61,7 @@ def run_convert(args: argparse.Namespace) -> int:
 
     # Files of two conversions in one folder could not be told apart.
     require_new(args.out)
+    require_outputs(args, folder=args.out)
     trials = read_payloads(args.source, args.only, raw=args.raw)
     # All or nothing: a conversion that fails leaves no folder behind.
     with whole_folder(args.out) as folder:

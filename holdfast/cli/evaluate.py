@@ -9,7 +9,6 @@ from holdfast.cli.command import (
     add_report_option,
     add_seed_option,
     positive,
-    require_results_writable,
     show_found,
 )
 from holdfast.cli.options import (
@@ -64,7 +63,6 @@ def run_evaluate(args: argparse.Namespace) -> int:
     from holdfast.evaluation.report import evaluation_lines, write_event_report
     from holdfast.training.progress import Stages
 
-    require_results_writable(args)
     request = EvaluationRequest(
         tuple(args.data),
         tuple(args.choose),

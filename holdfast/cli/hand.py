@@ -16,7 +16,7 @@ from __future__ import annotations
 import argparse
 import sys
 from contextlib import closing, suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import date
 from importlib.resources import files
 from pathlib import Path
@@ -28,7 +28,7 @@ from holdfast.cli.command import (
     add_json_option,
     add_out_option,
     path_argument,
-    require_results_writable,
+    require_outputs,
     show,
     show_found,
     write_found,
@@ -41,7 +41,6 @@ from holdfast.cli.options import (
 )
 from holdfast.core.errors import DeviceNotFound, HoldfastError, command, count_of
 from holdfast.core.schema import LIBRARY, model_path
-from holdfast.core.writing import require_writable
 
 if TYPE_CHECKING:
     from holdfast.drivers.scan import ScannedBus
@@ -118,14 +117,13 @@ def run_bias(args: argparse.Namespace) -> int:
 
     Raises OutputError, and the errors of the hand.
     """
-    from holdfast.drivers.calibration import write_bias
+    from holdfast.drivers.calibration import digest_of, write_bias
     from holdfast.live.hand_files import force_of
     from holdfast.live.running import RunClock, say
     from holdfast.live.sources import open_live
     from holdfast.sessions.calibrate import measure_bias, require_good
 
-    require_writable(args.out.parent)
-    require_results_writable(args)
+    require_outputs(args, args.out)
 
     clock = RunClock()
     # Opening may take seconds, and simulating a scene longer.
@@ -145,7 +143,9 @@ def run_bias(args: argparse.Namespace) -> int:
     if not args.anyway:
         require_good(measured, "nothing is written")
 
-    bias = measured.bias
+    digest = digest_of(args.calibration) if args.calibration else ""
+    today = date.today().isoformat()
+    bias = replace(measured.bias, date=today, calibration=digest)
     write_bias(args.out, bias)
     spread = float(bias.spread.max())
     run = command("run", "MODEL", "--source", "URL", "--bias", args.out)
@@ -190,8 +190,7 @@ def run_calibrate(args: argparse.Namespace) -> int:
     from holdfast.sessions.calibrate import as_json, calibrate, in_words, read_loads
 
     # Before the fit, whose result would otherwise be lost.
-    require_writable(args.out.parent)
-    require_results_writable(args)
+    require_outputs(args, args.out)
     loads = read_loads(args.path, args.load_unit)
     fit = calibrate(loads, args.path.name, date.today().isoformat())
     write_calibration(args.out, fit.calibration)
@@ -239,8 +238,7 @@ def run_bench(args: argparse.Namespace) -> int:
     from holdfast.live.bench import BenchRequest, figures_of
     from holdfast.live.running import say
 
-    require_writable(args.out)
-    require_results_writable(args)
+    require_outputs(args, args.out / "latency.json")
     path = model_path(args.model)
     say("timing a decision and the way of a sample, which takes minutes")
     with TemporaryDirectory() as work:

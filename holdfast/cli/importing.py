@@ -16,6 +16,7 @@ from holdfast.cli.command import (
     add_out_option,
     path_argument,
     positive,
+    require_outputs,
     show,
     show_found,
 )
@@ -79,6 +80,7 @@ def run_import(args: argparse.Namespace) -> int:
     from holdfast.training.progress import Stages
 
     require_new(args.out)
+    require_outputs(args, folder=args.out)
     begin = Stages()
     begin(f"looking at {args.source}")
     found = _understood(args, begin.part)

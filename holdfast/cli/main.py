@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 from importlib.metadata import version
 
-from holdfast.cli.command import WITH_SETTINGS, Parser, finish
+from holdfast.cli.command import WITH_SETTINGS, Parser, finish, require_outputs
 from holdfast.core.errors import UsageError
 
 GROUPS = {
@@ -126,7 +126,10 @@ def _run(verb: str, argv: Sequence[str]) -> int:
     add_arguments, run = functions_of(verb)
     parser = _parser(verb, argv, VERBS[verb][1])
     add_arguments(parser)
-    return run(parser.parse_args(list(map(_stdin_url, argv))))
+    args = parser.parse_args(list(map(_stdin_url, argv)))
+    # For every verb; those that write more files ask again with these.
+    require_outputs(args)
+    return run(args)
 
 
 def functions_of(verb: str) -> tuple[Callable[..., None], Callable[..., int]]:

@@ -20,31 +20,32 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from holdfast.cli.command import (
+    CARD_SUFFIX,
     STDOUT,
     add_json_option,
     add_report_option,
     add_seed_option,
     path_argument,
     positive,
-    require_results_writable,
+    require_outputs,
     show,
     show_found,
 )
 from holdfast.core.errors import UsageError, visible
 from holdfast.core.schema import model_path
-from holdfast.core.writing import require_free, require_writable
 
 if TYPE_CHECKING:
     from holdfast.core.hand_card import HandCard
     from holdfast.export.verify import HeadVerification
     from holdfast.training.fitting import TrainingRequest
+    from holdfast.training.recording import HoldOut
 
 # As holdfast.training has them; repeated here so that --help need not import it.
 WINDOWS = ("balanced", "dense", "thesis", "natural")
 FEATURES = ("fixed", "pooled")
 MODEL_SIZES = ("tiny", "default")
 LEARNERS = ("forest", "network", "committee")
-HELD_OUT_BY = ("person", "object", "trial")
+HELD_OUT_BY: tuple[HoldOut, ...] = ("person", "object", "trial")
 DEFAULT_OUT = Path("build/default")
 
 
@@ -90,9 +91,11 @@ def _choose_recordings(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--hold-out",
-        choices=HELD_OUT_BY,
-        metavar="WHAT",
-        help="what is held out together: person, object or trial "
+        nargs="+",
+        type=_held_out_by,
+        default=[],
+        metavar="[SET=]WHAT",
+        help="what is held out together, of all sets or of one: person, object or trial "
         "(default: the first of these with which every model learns every situation)",
     )
 
@@ -131,6 +134,17 @@ def _choose_learner(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _held_out_by(text: str) -> tuple[str, HoldOut]:
+    """Name of the set, "" for all, and what is held out of it."""
+    name, _, what = text.rpartition("=")
+    for one in HELD_OUT_BY:
+        if what == one:
+            return name, one
+    raise argparse.ArgumentTypeError(
+        f"{what!r}; allowed: {', '.join(HELD_OUT_BY)}, or SET=WHAT"
+    )
+
+
 def run_train(args: argparse.Namespace) -> int:
     """Train; prints the windows and the held-out figures, and the stages on stderr."""
     from holdfast.core.contract import CANNOT_TELL, not_learned_in_words
@@ -138,13 +152,15 @@ def run_train(args: argparse.Namespace) -> int:
     from holdfast.training.metrics import situation_lines, with_interval
     from holdfast.training.progress import Stages, ignored
 
-    require_results_writable(args)
     progress = Stages()
     progress("loading the libraries")
     # Imported within the stage: loading the libraries takes seconds, and is shown.
-    from holdfast.export.exporting import export_artifact
+    from holdfast.export.artifact import INDEX
+    from holdfast.export.exporting import MODEL_NAME, export_artifact
     from holdfast.training.fitting import train_on_sets
 
+    model = args.out / MODEL_NAME
+    require_outputs(args, args.out / INDEX, model, model.with_suffix(CARD_SUFFIX))
     # With --json on stdout nothing else may stand there.
     describe = ignored if args.json == STDOUT else show
     data, trained = train_on_sets(_request(args), progress, describe)
@@ -201,7 +217,7 @@ def _request(args: argparse.Namespace) -> TrainingRequest:
         data=tuple(args.data),
         out=args.out,
         replace=args.force,
-        hold_out=args.hold_out,
+        hold_out=dict(args.hold_out),
         rate_hz=args.rate,
         windows=args.windows,
         features=args.features,
@@ -275,7 +291,6 @@ def _rule(text: str) -> tuple[str, int]:
 
 def run_export(args: argparse.Namespace) -> int:
     """Export; prints what was verified."""
-    require_results_writable(args)
     # the name of a shipped model, as every other command takes it
     args.artifact = model_path(args.artifact)
     if args.to == "c":
@@ -304,11 +319,12 @@ def run_export(args: argparse.Namespace) -> int:
     # Before the export, whose work would be lost.
     model = args.out or args.artifact / MODEL_NAME
     require_replaceable(args.artifact, model, force=args.force)
+    require_outputs(args, replaced=(model, model.with_suffix(CARD_SUFFIX)))
     _report(f"exporting {args.artifact}")
-    path, report = export_artifact(
-        args.artifact, args.out, hand=_hand(args), report=_report
-    )
+    hand = _hand(args)
+    path, report = export_artifact(args.artifact, args.out, hand=hand, report=_report)
     lines = [f"{name}: {_agreement(head)}" for name, head in report.heads.items()]
+    lines += [hand.in_words()] if hand else []
     lines += [
         "one at a time equals a batch, bit for bit: "
         f"{report.single_rows} rows and {report.stream_samples} samples",
@@ -346,14 +362,16 @@ def _export_again(args: argparse.Namespace) -> int:
             "a model file is exported again into another file",
             next_step="name it: --out NEW.onnx",
         )
-    require_free(args.out, force=args.force)
+    require_outputs(args, args.out, args.out.with_suffix(CARD_SUFFIX))
     _report(f"exporting {args.artifact}")
-    require_writable(args.out.parent)
     base = read_sealed(args.artifact)
-    data = changed(base, _hand(args), dict(args.rule), args.artifact)
+    hand = _hand(args)
+    data = changed(base, hand, dict(args.rule), args.artifact)
     write_model(args.out, data)
-    lines = f"the same learner\n{_written(args.out, len(data))}"
-    show_found(args, lines, {"model": args.out, "bytes": len(data)})
+    lines = ["the same learner", _written(args.out, len(data))]
+    if hand is not None:
+        lines.insert(1, hand.in_words())
+    show_found(args, "\n".join(lines), {"model": args.out, "bytes": len(data)})
     return 0
 
 
@@ -369,6 +387,8 @@ def _export_c(args: argparse.Namespace) -> int:
         f"state {done.state_bytes} bytes, tables {done.table_bytes} bytes, "
         f"stack of a step about {done.stack_bytes} bytes",
         *(done.selftest or ["not compiled"]),
+        "labels are those of the model file; numbers may differ from Python's in the last bits, "
+        "which fuses products and sums where the processor can (FMA)",
         f"C: {folder} ({', '.join(done.files)})",
         f"on another machine, in a copy of this folder beside the model: {ON_A_BOARD}",
     ]

@@ -126,10 +126,16 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
         help="oak: measured side of the printed tags",
     )
     option(
-        "--fps", type=positive, metavar="HZ", help="oak: frames a second (default 60)"
+        "--fps",
+        type=number(1.0, 1000.0),
+        metavar="HZ",
+        help="oak: frames a second (default 60)",
     )
     option(
-        "--exposure-ms", type=positive, metavar="MS", help="oak: exposure (default 2)"
+        "--exposure-ms",
+        type=number(1e-3, 1000.0),
+        metavar="MS",
+        help="oak: exposure (default 2)",
     )
 
 
@@ -238,6 +244,9 @@ def read_settings(path: Path | None) -> dict[str, Any]:
         value = getattr(settings, name)
         # a shipped model is found by its name, in any folder
         if name in FILES and value and value not in shipped():
+            value = str(path.parent / value)
+        # a shipped card comes after a file beside the settings, as for a scene's hand
+        if name == "hand" and value and (path.parent / value).is_file():
             value = str(path.parent / value)
         if value != getattr(usual, name):
             given[name] = value

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 
 from holdfast.cli.command import path_argument
 from holdfast.cli.options import (
@@ -83,7 +84,12 @@ def run_replay(args: argparse.Namespace) -> int:
     Raises DataError, and ChannelError, UnitError, RateError where trial and model differ.
     """
     from holdfast.core.contract import not_learned_in_words
-    from holdfast.edge_runtime.monitor import GripMonitor, Model, require_fit
+    from holdfast.edge_runtime.monitor import (
+        GripMonitor,
+        Model,
+        require_fit,
+        require_measured,
+    )
     from holdfast.live.outputs import to_json_line
     from holdfast.live.running import say
     from holdfast.live.sources import open_source
@@ -95,6 +101,8 @@ def run_replay(args: argparse.Namespace) -> int:
         channels=card.n_channels,
         read_set=set_reader(args.trial),
     )
+    require_measured(card, source.hand, args.trial)
+    source = replace(source, values=card.filler()(source.values))
     source = source.at_rate(card.rate_hz, say).prepared(card.preparation)
     # Before the first answer, so that stdout holds either answers of this trial or nothing.
     require_fit(

@@ -9,7 +9,7 @@ from holdfast.cli.command import (
     add_json_option,
     add_out_option,
     add_seed_option,
-    require_results_writable,
+    require_outputs,
     show_found,
     whole,
 )
@@ -51,9 +51,9 @@ def run_simulate(args: argparse.Namespace) -> int:
     from holdfast.simulation.scene_file import read_scene_file
     from holdfast.training.progress import Stages
 
-    require_results_writable(args)
     # A set is made of one card and one seed; files of two sets must not mix.
     require_new(args.out)
+    require_outputs(args, folder=args.out)
     card = read_scene_file(args.card, rate_hz=args.rate)
     scene = Scene(card, args.seed)
     total = len(scene.trials(args.trials))

@@ -15,6 +15,7 @@
     z = "-thumb_z"               # a leading "-" turns the sign
     z_zero = 4096                # taken from z first, where a reading rests far from 0
 
+A sensor that measures one axis of the shear has no x, or no y; its hand card says so (`measures`).
 A message is flattened into columns: {"imu": {"f": [1, 2]}} has `imu.f.0` and `imu.f.1`.
 
 Further tables say how files become trials; `holdfast import` reads them, and a live
@@ -32,9 +33,16 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from holdfast.core.contract import UNIT_OF, FloatArray, IntArray, Unit
+from holdfast.core.contract import (
+    UNIT_OF,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Unit,
+    channel_names,
+)
 from holdfast.core.errors import CardError, ColumnError, NotANumber, listed
-from holdfast.core.hand_card import HandCard, read_hand_card
+from holdfast.core.hand_card import HandCard, fill_unmeasured, read_hand_card
 from holdfast.core.schema import read
 from holdfast.core.trial_file import TimeUnit
 
@@ -52,7 +60,6 @@ MapUnit = Literal[
 ]  # fmt: skip
 Rate = Annotated[float, Meta(ge=1e-3, le=1e6)]
 Name = Annotated[str, Meta(max_length=200)]
-Axis = Annotated[str, Meta(min_length=1, max_length=200)]
 
 
 class TimeColumn(
@@ -86,18 +93,30 @@ class SensorColumns(
 ):
     """The columns of a sensor's axes as the map writes them, each with its sign.
 
-    z_zero: what is taken from the column of z before its sign, in the map's unit.
+    x, y: one of them may be "", for an axis that is not measured. z_zero: what is taken from the
+    column of z before its sign, in the map's unit.
     """
 
-    x: Axis
-    y: Axis
-    z: Axis
+    x: Name = ""
+    y: Name = ""
+    z: Name = ""
     z_zero: float = 0.0
+
+    def __post_init__(self) -> None:
+        missing = "" if self.x or self.y else "x or y"
+        missing = missing if self.z else "z"
+        if missing:
+            raise ValueError(f"{missing} is missing; allowed: z, and x, y or both")
 
     @property
     def axes(self) -> tuple[str, str, str]:
         """In the order of the channels."""
         return self.x, self.y, self.z
+
+    @property
+    def measured(self) -> tuple[bool, bool, bool]:
+        """Which axes have a column."""
+        return bool(self.x), bool(self.y), True
 
 
 class ColumnMap(
@@ -136,13 +155,27 @@ class ColumnMap(
 
     @property
     def signed(self) -> tuple[str, ...]:
-        """[C] the columns as the map writes them."""
-        return tuple(name for sensor in self.sensors for name in sensor.axes)
+        """The columns of what is measured, as the map writes them."""
+        return tuple(name for sensor in self.sensors for name in sensor.axes if name)
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """[C] the columns without their signs."""
+        """The columns of what is measured, without their signs."""
         return tuple(name.removeprefix(MINUS) for name in self.signed)
+
+    @property
+    def measured(self) -> BoolArray:
+        """[C] which channels have a column."""
+        flags = [has for sensor in self.sensors for has in sensor.measured]
+        return np.array(flags, dtype=np.bool_)
+
+    @property
+    def unmeasured_names(self) -> tuple[str, ...]:
+        """The channels without a column, such as X1."""
+        if len(self.signed) == 3 * len(self.sensors):
+            return ()
+        names = np.array(channel_names(len(self.sensors)))
+        return tuple(names[~self.measured].tolist())
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -174,16 +207,26 @@ class ColumnMap(
     ) -> FloatArray:
         """[C] of one row or message, or [T, C] of arrays [T], in `unit_of_values`.
 
-        None and an empty text are nan. Raises ColumnError or NotANumber.
+        None and an empty text are nan; 0.0 stands for what is not measured. Raises ColumnError or
+        NotANumber.
         """
         self.require_columns(columns, where, self.channels)
         cells = [_numbers(columns[name], name, where) for name in self.channels]
-        values: FloatArray = np.stack(cells, axis=-1)
+        read: FloatArray = np.stack(cells, axis=-1)
         size = UNIT_OF[self.unit][1]
+        signs = [-size if name[0] == MINUS else size for name in self.signed]
+        values = read
+        if self.unmeasured_names:
+            # zero and sign of a channel without a column do not matter
+            values = np.full((*read.shape[:-1], 3 * len(self.sensors)), np.nan)
+            values[..., self.measured] = read
+            every_sign = np.ones(values.shape[-1])
+            every_sign[self.measured] = signs
+            signs = every_sign.tolist()
         # in place: a long log is large
         values[..., 2::3] -= [sensor.z_zero for sensor in self.sensors]
-        values *= [-size if name[0] == MINUS else size for name in self.signed]
-        return values
+        values *= signs
+        return fill_unmeasured(values, self)
 
     def stamp_ns(self, row: Mapping[str, Any]) -> int | None:
         """The time of a row or message; None where no column has it.
@@ -233,9 +276,11 @@ class ColumnMap(
     def hand_card(self, folder: Path) -> HandCard | None:
         """The hand card that the map names; None for none. folder: of the map.
 
-        Raises CardError, also where it has another number of sensors than the map.
+        Raises CardError, also where it has another number of sensors than the map, or measures
+        other axes.
         """
         if not self.hand:
+            self._require_same_axes(None, folder)
             return None
         hand = read_hand_card(self.hand, folder)
         if hand.n_sensors != len(self.sensors):
@@ -245,7 +290,31 @@ class ColumnMap(
                 where=folder,
                 next_step="name another hand card, or correct [[sensors]]",
             )
+        self._require_same_axes(hand, folder)
         return hand
+
+    def _require_same_axes(self, hand: HandCard | None, folder: Path) -> None:
+        """Raise CardError where the card measures other axes than the map, or too few for uT."""
+        promised = hand.unmeasured_names if hand else ()
+        lacks = [name for name in self.unmeasured_names if name not in promised]
+        denied = [name for name in promised if name not in self.unmeasured_names]
+        card = f"the hand card {self.hand}" if hand else "no hand card"
+        if denied:
+            what = (
+                f"columns for {', '.join(denied)}, which {card} says are not measured"
+            )
+            next_step = "take them out of [[sensors]], or correct measures of the card"
+        elif lacks:
+            what = f"no columns for {', '.join(lacks)}, and {card} says they are not measured"
+            next_step = (
+                'write measures = "yz" (or "xz") for these sensors in the hand card'
+            )
+        elif promised and self.unit_of_values == "uT":
+            what = f"{card} leaves out {', '.join(promised)}, and a field needs all three axes"
+            next_step = "use forces, or counts"
+        else:
+            return
+        raise CardError(what, where=folder, next_step=next_step)
 
 
 def read_column_map(path: str | Path) -> ColumnMap:

@@ -186,7 +186,8 @@ class Prediction:
     and during one. opening, overridden, commands: what the wearer commands, whether an override
     lasts, and whether the commands still come. late: older than two periods when it was given.
     started_loaded: the hand held something at the start and has not been empty since; None where no
-    stored bias says what unloaded is. degraded: some sensors are missing, yet enough are left.
+    stored bias says what unloaded is. degraded: some sensors are missing, yet enough are left; the
+    state is then never safe_slip, whatever p_situation says.
     """
 
     sequence: int

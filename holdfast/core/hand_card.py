@@ -11,7 +11,9 @@
 
 Further keys of a sensor: `pad` names the soft pad that it shares with others (taxels), which bear
 the pad's load by a pressure profile; `stiffness` over that of one fingertip (default: the taxels of
-a pad share one fingertip's); `sensed = false` for a contact without a sensor: it has no channels.
+a pad share one fingertip's); `sensed = false` for a contact without a sensor: it has no channels;
+`measures = "yz"` (or "xz") for a sensor that measures one axis of the shear. The column of the
+other axis is absent or empty, and a model gets 0.0 in its place (`fill_unmeasured`).
 
 All contacts press along the axis from thumb to fingers; a card turns none of them.
 """
@@ -22,24 +24,30 @@ import hashlib
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Protocol
 
 import msgspec
 import numpy as np
 from msgspec import Meta
 
-from holdfast.core.contract import BoolArray, FloatArray, Json
+from holdfast.core.contract import AXES, BoolArray, FloatArray, Json, channel_names
 from holdfast.core.schema import find_card, read, text_of
+from holdfast.core.trial_layout import HAND_FILE
 
 Side = Literal["thumb", "opposing"]
 SIDES: tuple[Side, ...] = ("thumb", "opposing")
+Measures = Literal["xyz", "xz", "yz"]
+"""The axes that a sensor measures: its normal, and at least one axis of the shear."""
+ALL_AXES: Measures = "xyz"
 HANDS = Path(__file__).resolve().parent / "hands"
 """The folder of the hand cards that are installed with Holdfast."""
 FEWEST_SENSORS, MOST_SENSORS = 2, 12
 MOST_CONTACTS = 32
 """With those that have no sensor."""
+LEVELS = 4
+"""A file lies at most so many folders below its set: <person>/<object>/<action>/trial_1/."""
 FARTHEST_MM = 100.0
 """Of a place from the middle of the hand."""
 Name = Annotated[str, Meta(max_length=80)]
@@ -66,6 +74,7 @@ class HandContact(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     pad: Name = ""
     stiffness: Stiffness = 0.0
     sensed: bool = True
+    measures: Measures = ALL_AXES
 
 
 class _Tables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -125,6 +134,21 @@ class HandCard:
                 names.append(contact.name.replace("-", " "))
         return tuple(names)
 
+    @cached_property
+    def measured(self) -> BoolArray:
+        """[C] which channels are measured."""
+        flags = []
+        for contact in self.contacts:
+            if contact.sensed:
+                flags += [axis in contact.measures for axis in AXES]
+        return np.array(flags, dtype=np.bool_)
+
+    @cached_property
+    def unmeasured_names(self) -> tuple[str, ...]:
+        """The channels that are not measured, such as X1; empty for most hands."""
+        names = np.array(channel_names(self.n_sensors))
+        return tuple(names[~self.measured].tolist())
+
     @property
     def sensed(self) -> BoolArray:
         """[S] which contacts have a sensor."""
@@ -169,11 +193,18 @@ class HandCard:
         """One line for people: the card and its sensors, side by side."""
         sides = self.sensor_sides
         against = f"{sides.count('thumb')} against {sides.count('opposing')}"
-        return f"hand: {self.name}, {len(sides)} sensors ({against})"
+        words = f"hand: {self.name}, {len(sides)} sensors ({against})"
+        if self.unmeasured_names:
+            words += f"; not measured: {', '.join(self.unmeasured_names)}"
+        return words
 
     def to_json(self) -> Json:
         """For a model's metadata: the contacts and what the file was, without its text."""
         contacts = msgspec.to_builtins(self.contacts)
+        for contact in contacts:
+            # as cards were before there was such a key
+            if contact["measures"] == ALL_AXES:
+                del contact["measures"]
         return {"name": self.name, "contacts": contacts, "sha256": self.sha256}
 
 
@@ -184,6 +215,46 @@ def hand_from_json(value: Any) -> HandCard:
     if not hand.n_sensors:
         raise ValueError("a hand without sensors")
     return hand
+
+
+class Measuring(Protocol):
+    """What says which channels are measured: a hand card, or a column map."""
+
+    @property
+    def measured(self) -> BoolArray:
+        """[C] which channels are measured."""
+        ...
+
+    @property
+    def unmeasured_names(self) -> tuple[str, ...]:
+        """The channels that are not measured."""
+        ...
+
+
+def fill_unmeasured(values: FloatArray, hand: Measuring | None) -> FloatArray:
+    """Values [.., C] with 0.0 in every channel that the hand card says is not measured.
+
+    What stood there does not count, be it nan, noise or a bias. So this acts last, on all ways to a
+    model: files, streams, replay, simulation and import. The same array where all is measured.
+    """
+    if hand is None or not hand.unmeasured_names:
+        return values
+    return np.where(hand.measured, values, 0.0)
+
+
+def leave_empty(values: FloatArray, hand: Measuring | None) -> FloatArray:
+    """Values [.., C] as files and streams have them: nan in every channel that is not measured."""
+    if hand is None or not hand.unmeasured_names:
+        return values
+    return np.where(hand.measured, values, np.nan)
+
+
+def hand_card_near(path: Path) -> HandCard | None:
+    """The hand card of the set in which a trial's file is; None without one. Raises CardError."""
+    for folder in list(path.resolve().parents)[: 1 + LEVELS]:
+        if (folder / HAND_FILE).is_file():
+            return read_hand_card(folder / HAND_FILE)
+    return None
 
 
 def find_hand_card(name: str | Path, folder: Path = Path()) -> Path:
@@ -222,12 +293,30 @@ def _require_hand(contacts: Sequence[HandContact]) -> None:
         allowed = "the contacts of the thumb's side before all others"
         raise ValueError(f"sides in mixed order; allowed: {allowed}")
 
+    for contact in contacts:
+        if contact.measures != ALL_AXES and not contact.sensed:
+            stated = (
+                f"{contact.name!r} has no sensor and measures = {contact.measures!r}"
+            )
+            raise ValueError(f"{stated}; allowed: measures only with a sensor")
+
     side_of_pad: dict[str, str] = {}
     for contact in contacts:
         side = side_of_pad.setdefault(contact.pad, contact.side)
         if contact.pad and side != contact.side:
             raise ValueError(
                 f"pad = {contact.pad!r}; allowed: all its contacts on one side"
+            )
+
+    names: Counter[object] = Counter(contact.name for contact in contacts)
+    places: Counter[object] = Counter(
+        (one.side, one.along_mm, one.across_mm) for one in contacts
+    )
+    for what, counts in {"name": names, "place": places}.items():
+        value, count = counts.most_common(1)[0]
+        if count > 1:
+            raise ValueError(
+                f"{count} contacts have {what} {value}; allowed: each its own"
             )
 
 

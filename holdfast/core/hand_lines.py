@@ -7,7 +7,10 @@
 1. skips what is not one JSON object that it understands;
 2. obeys a line only where its sequence is above that of the line before;
 3. holds where it has obeyed no line for 300 ms (SILENCE_NS); then any sequence may begin, as after
-   a restart of the sender.
+   a restart of the sender;
+4. obeys no line that is older than 300 ms (`expires_ms`), by its `t_ns`: what waits in a socket or
+   a wire while its reader is stopped or slow is old when it is read. docs/shared-control.md says
+   how a receiver with another clock finds the age.
 
 A line without a sequence is obeyed as it comes. Nothing that moves a hand crosses a network: the
 file of a Unix socket has permissions 0600, so only processes of the same user may write to it.
@@ -25,7 +28,7 @@ from pathlib import Path
 
 from holdfast.core.contract import Json
 from holdfast.core.errors import UsageError, visible
-from holdfast.core.schema import json_of
+from holdfast.core.schema import message_of
 
 SILENCE_NS = 300_000_000
 """A sender that has been silent for longer is gone."""
@@ -48,10 +51,13 @@ class LineRefused(ValueError):
 
 
 def fields_of(line: bytes) -> Json:
-    """The members of a line that is one JSON object. Raises ValueError, with the reason."""
+    """The members of a line that is one JSON object; numbers may be nan or infinite.
+
+    Raises ValueError, with the reason.
+    """
     if len(line) > LONGEST_LINE:
         raise ValueError("too long")
-    fields = json_of(line)
+    fields = message_of(line)
     if not isinstance(fields, dict):
         raise ValueError("no JSON object")
     return fields

@@ -6,7 +6,7 @@ one asks `require_open` first. Scoring a locked set is what it is there for, and
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from datetime import date
 from functools import cache
 from pathlib import Path
@@ -23,11 +23,15 @@ TRUTHS = "*.truth.json"
 
 
 class Seeds(msgspec.Struct, frozen=True):
-    """Seeds from first to last, both included, and what they are for."""
+    """Seeds from first to last, both included, and what they are for.
+
+    locked_on: the day; None for seeds that are open.
+    """
 
     first: int
     last: int
     about: str
+    locked_on: date | None = None
 
 
 class Style(msgspec.Struct, frozen=True):
@@ -37,19 +41,34 @@ class Style(msgspec.Struct, frozen=True):
     sha256: str
 
 
+class People(msgspec.Struct, frozen=True):
+    """The people of a public set that choices may see; any other person of it is locked."""
+
+    set: str
+    development: tuple[str, ...]
+    about: str
+
+
 class LockedSets(msgspec.Struct, frozen=True):
     """What locked.toml says.
 
-    locked_on    the day
+    locked_on    the day of the styles; seeds have their own
     seeds        locked for every scene
     styles       locked at every seed
     development  seeds for choices
+    people       of public sets, those for choices
     """
 
     locked_on: date
     seeds: tuple[Seeds, ...]
     styles: tuple[Style, ...]
     development: Seeds
+    people: tuple[People, ...] = ()
+
+    def lock_of_seed(self, seed: int) -> Seeds | None:
+        """The entry that locks a seed, the later one where two do; None for an open seed."""
+        found = [one for one in self.seeds if one.first <= seed <= one.last]
+        return found[-1] if found else None
 
     def reason(self, origin: Json, *, styles: bool = True) -> str:
         """Why the set of this origin is locked, or "".
@@ -62,9 +81,9 @@ class LockedSets(msgspec.Struct, frozen=True):
             return ""
 
         seed = origin.get("seed")
-        for locked in self.seeds:
-            if isinstance(seed, int) and locked.first <= seed <= locked.last:
-                return f"seed {seed} is locked ({locked.about})"
+        locked = self.lock_of_seed(seed) if isinstance(seed, int) else None
+        if locked is not None:
+            return f"seed {seed} is locked since {locked.locked_on} ({locked.about})"
         if not styles:
             return ""
 
@@ -72,7 +91,8 @@ class LockedSets(msgspec.Struct, frozen=True):
         for style in self.styles:
             # By its name too: another version of the scene is still that style.
             if style.scene == name or style.sha256 == sha256:
-                return f"the style {style.scene} is locked at every seed"
+                since = f"since {self.locked_on}"
+                return f"the style {style.scene} is locked at every seed, {since}"
         return ""
 
 
@@ -122,9 +142,26 @@ def require_open(folder: Path, choice: str, *, styles: bool = True) -> None:
     sets = locked_sets()
     development = sets.development
     raise SetLocked(
-        f"{choice} may not see this set: {reason}, since {sets.locked_on}",
+        f"{choice} may not see this set: {reason}",
         where=folder,
         cause="it was simulated for a last test",
         next_step="simulate another set for this, "
         f"with a --seed from {development.first} to {development.last}",
     )
+
+
+def require_open_people(set_name: str, people: Iterable[str], choice: str) -> None:
+    """Raise SetLocked where a choice would see a locked person of a public set.
+
+    people: of the recordings that the choice sees.
+    """
+    for of_set in locked_sets().people:
+        locked = sorted(set(people) - set(of_set.development))
+        if of_set.set == set_name and locked:
+            raise SetLocked(
+                f"{choice} may not see {', '.join(locked)} of {set_name}: {of_set.about}",
+                where=set_name,
+                cause="these people are there for a last test",
+                next_step="score a model on them with holdfast evaluate; learn from "
+                + ", ".join(of_set.development),
+            )

@@ -39,6 +39,11 @@ DEFAULT_MODEL = "holdfast-150hz"
 """The shipped model that a run takes where none is named."""
 LONGEST_VALUE = 80
 """Characters of a value in an error."""
+MOST_DIGITS = 300
+"""Of a whole number in a message."""
+NO_NUMBER = r"[+-]?(?:nan(?:\([^)]*\))?|inf(?:inity)?)"
+"""What printf writes for a number that is none, in any case: nan, -inf, -nan(ind)."""
+_BARE_NO_NUMBER = re.compile(rf"(?<=[:,\[])\s*{NO_NUMBER}(?=\s*[,\]}}])", re.IGNORECASE)
 NAMES = {
     bool: "true or false",
     int: "a whole number",
@@ -101,19 +106,23 @@ def model_path(word: str | Path) -> Path:
     path = Path(word)
     # a name of a shipped model; a file of that name in the working folder comes first
     inside = MODELS / f"{path.name}.onnx"
-    is_bare_name = path == Path(path.name) and not path.exists()
+    # the folder of an artifact has an index; another one of that name means nothing
+    is_ours = path.is_file() or (path / "artifact.json").is_file()
+    is_bare_name = path == Path(path.name) and not is_ours
     return inside if is_bare_name and inside.is_file() else path
 
 
-def c_folders(model: str | Path) -> list[Path]:
-    """Where the C form of a model is looked for: beside the file, then in the working folder.
+def c_folder(model: str | Path) -> Path:
+    """Where the C form of a model is looked for: beside the file.
 
-    >>> [folder.as_posix() for folder in c_folders("models/holdfast-150hz.onnx")]
-    ['models/holdfast-150hz-c', 'holdfast-150hz-c']
+    Nowhere else, above all not in the working folder: what a library does when it is loaded comes
+    before any check, and a folder may hold what another person put there.
+
+    >>> c_folder("models/holdfast-150hz.onnx").as_posix()
+    'models/holdfast-150hz-c'
     """
     path = model_path(model)
-    beside = path.with_name(f"{path.stem}-c")
-    return [beside, Path(beside.name)]
+    return path.with_name(f"{path.stem}-c")
 
 
 def text_of(path: Path) -> str:
@@ -130,6 +139,31 @@ def json_of(text: str | bytes, number: Callable[[str], float] | None = None) -> 
         return json.loads(text, parse_constant=_finite, parse_float=number)
     except RecursionError:
         raise ValueError("it nests too deep") from None
+
+
+def message_of(text: str | bytes) -> Any:
+    """The value of a JSON text that another program sent, which may hold nan and infinity.
+
+    They stand there as NaN and Infinity, as Python and ROS write them, or as printf does. Raises
+    ValueError.
+    """
+    text = text.decode("utf-8") if isinstance(text, bytes) else text
+    try:
+        return _message_of(text)
+    except json.JSONDecodeError:
+        return _message_of(_BARE_NO_NUMBER.sub("NaN", text))
+
+
+def _message_of(text: str) -> Any:
+    try:
+        return json.loads(text, parse_constant=float, parse_int=_whole)
+    except RecursionError:
+        raise ValueError("it nests too deep") from None
+
+
+def _whole(digits: str) -> float:
+    # Python refuses more, and numpy has no room for them: infinite, as 1e999 is
+    return int(digits) if len(digits) <= MOST_DIGITS else float(digits)
 
 
 def toml_of(text: str) -> dict[str, Any]:

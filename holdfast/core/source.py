@@ -73,3 +73,38 @@ class SelfPaced:
 
     Where none comes in time, `read` returns an invalid reading about once a period.
     """
+
+
+class Turns:
+    """When a source is read: once a period from now on, and never late for a turn that has passed.
+
+    A source that paces itself waits in its `read`: then nothing is waited for and nothing skipped.
+    clock: has now_ns and wait_until. number: of this turn, from 0; gaps are turns that were
+    skipped. start_ns: when turn 0 was due.
+    """
+
+    def __init__(self, source: Source, clock: Any, period_ns: float) -> None:
+        # a schedule of this clock would drift from that of the source
+        self._is_paced = isinstance(source, SelfPaced)
+        self._clock = clock
+        self._period_ns = period_ns
+        self.start_ns: int = clock.now_ns()
+        self.number = 0
+
+    def wait(self) -> None:
+        """Wait until this turn is due."""
+        # from the start and not from the last turn: rounding and delays do not add up
+        if not self._is_paced:
+            due_ns = self.start_ns + round(self.number * self._period_ns)
+            self._clock.wait_until(due_ns)
+
+    def end(self) -> int:
+        """Go on to the next turn that is not past; how many are skipped for that."""
+        self.number += 1
+        if self._is_paced:
+            return 0
+        # turns that are past are never made up for: late answers would act on old touch
+        passed_ns = self._clock.now_ns() - self.start_ns
+        skipped = max(0, int(passed_ns / self._period_ns) - self.number)
+        self.number += skipped
+        return skipped

@@ -7,7 +7,7 @@ columns get blanks, which are removed from the whole at the end.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from itertools import groupby
 
 import numpy as np
@@ -51,12 +51,23 @@ def csv_bytes(header: Sequence[str], columns: Sequence[Column]) -> bytes:
 
 
 def trial_csv(
-    t_s: FloatArray, values: FloatArray, time_decimals: int, decimals: int
+    t_s: FloatArray,
+    values: FloatArray,
+    time_decimals: int,
+    decimals: int,
+    absent: Collection[str] = (),
 ) -> bytes:
-    """A trial file: times [T] and values [T, C]. Raises ValueError as `csv_bytes` does."""
-    header = [TIME_COLUMN, *channel_names(values.shape[1] // 3)]
-    channels = [(channel, decimals) for channel in values.T]
-    return csv_bytes(header, [(t_s, time_decimals), *channels])
+    """A trial file: times [T] and values [T, C]; absent: channels that are not measured.
+
+    Raises ValueError as `csv_bytes` does.
+    """
+    header, columns = [TIME_COLUMN], [(t_s, time_decimals)]
+    names = channel_names(values.shape[1] // 3)
+    for name, channel in zip(names, values.T, strict=True):
+        if name not in absent:
+            header.append(name)
+            columns.append((channel, decimals))
+    return csv_bytes(header, columns)
 
 
 def _cells(values: FloatArray, decimals: int) -> Letters:

@@ -2,7 +2,8 @@
 
 The recorder adds columns of its own (host_ns, device_us, sequence, valid1 .. validn). A run adds
 prepared_N (or another unit): sign and zero are removed, the zero being that of the first samples
-(1) or a measured one (2). Any other column is an error, because it may be a mistake. If there is a
+(1) or a measured one (2). Any other column is an error, because it may be a mistake. An axis that
+the hand card says is not measured has no column, or empty cells; it is read as 0.0. If there is a
 column `sequence`, the samples that it skips were lost; they become invalid rows instead of a gap.
 """
 
@@ -11,10 +12,11 @@ from __future__ import annotations
 import csv
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal, TextIO, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TextIO, TypeVar
 
 import numpy as np
 
@@ -28,6 +30,7 @@ from holdfast.core.contract import (
     is_rate,
 )
 from holdfast.core.errors import (
+    ChannelError,
     ColumnError,
     DataNotFound,
     EmptyRecording,
@@ -37,7 +40,10 @@ from holdfast.core.errors import (
     count_of,
     listed,
 )
-from holdfast.core.trial_layout import TACTILE
+from holdfast.core.trial_layout import HAND_FILE, TACTILE
+
+if TYPE_CHECKING:
+    from holdfast.core.hand_card import HandCard
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
 TIME_COLUMN = "Time"
@@ -97,7 +103,8 @@ class Trial:
     """A trial file as read: t_s [T] from zero, raw [T, C] in the file's unit, valid [T, C/3].
 
     rows: which of them stand in the file, the others were lost; None for all. zero: what was
-    removed from raw, None for nothing. unit: where the file itself names it.
+    removed from raw, None for nothing. unit: where the file itself names it. denied: columns with
+    numbers other than 0, of axes that the hand card says are not measured; raw has 0.0 there.
     """
 
     path: Path
@@ -107,6 +114,7 @@ class Trial:
     rows: IntArray | None = None
     zero: Zero | None = None
     unit: Unit | None = None
+    denied: tuple[str, ...] = ()
 
     @property
     def rate_hz(self) -> float:
@@ -145,15 +153,24 @@ def implausible_rate(rate_hz: float) -> str:
     return f"{runs}: no time in seconds"
 
 
-def read_trial(path: str | Path) -> Trial:
+def read_trial(path: str | Path, hand: HandCard | None = None) -> Trial:
     """Read and check one trial file.
 
-    Raises DataNotFound, EmptyRecording, ColumnError, NotANumber or TimeError; each names the place.
+    hand: its card, which says what is not measured; None where all is. Raises DataNotFound,
+    EmptyRecording, ColumnError, ChannelError, NotANumber or TimeError; each names the place.
     """
     path = Path(path)
     header = _header(path)
-    n_sensors = check_columns(header, path)
-    table = table_of(path, header, path)
+    absent = hand.unmeasured_names if hand else ()
+    n_sensors = check_columns(header, path, absent)
+    if hand and absent and hand.n_sensors != n_sensors:
+        raise ChannelError(
+            f"{n_sensors} sensors, and the hand card has {hand.n_sensors}",
+            where=path,
+            cause=f"{HAND_FILE} is the card of another hand",
+            next_step="put the card back with which the set was recorded",
+        )
+    table = table_of(path, header, path, absent)
     if len(table) < MIN_ROWS:
         raise EmptyRecording(
             f"{count_of(len(table), 'row')} of data",
@@ -162,19 +179,37 @@ def read_trial(path: str | Path) -> Trial:
             next_step="record it again",
         )
     t_s = _check_time(SECONDS[TIME_COLUMNS[header[0]]] * table[:, 0], path)
-    raw = table[:, 1 : 1 + 3 * n_sensors]
+    raw, denied = _channels(table, header, n_sensors, hand)
     valid = np.ones((len(table), n_sensors), dtype=np.bool_)
     # a sensor without such a column is valid
     for k in range(n_sensors):
         if f"valid{k + 1}" in header:
             valid[:, k] = table[:, header.index(f"valid{k + 1}")] != 0.0
     zero, unit = prepared_by(dict(zip(header, table[0], strict=True)))
-    trial = Trial(path, t_s, raw, valid, zero=zero, unit=unit)
+    trial = Trial(path, t_s, raw, valid, zero=zero, unit=unit, denied=denied)
     # the counter of the recorder knows exactly what was lost; time alone only guesses
     if "sequence" in header:
         counted = table[:, header.index("sequence")]
         return _with_lost_rows(trial, _places_by_sequence(counted, path))
     return _with_lost_rows(trial, places_by_time(t_s))
+
+
+def _channels(
+    table: FloatArray, header: list[str], n_sensors: int, hand: HandCard | None
+) -> tuple[FloatArray, tuple[str, ...]]:
+    """([T, C] of a table, columns with numbers on axes that the card says are not measured)."""
+    if hand is None or not hand.unmeasured_names:
+        return table[:, 1 : 1 + 3 * n_sensors], ()
+    # late, because most trials need none
+    from holdfast.core.hand_card import fill_unmeasured
+
+    raw = np.full((len(table), 3 * n_sensors), np.nan)
+    for channel, name in enumerate(channel_names(n_sensors)):
+        if name in header:
+            raw[:, channel] = table[:, header.index(name)]
+    has_numbers = (np.nan_to_num(raw) != 0.0).any(axis=0) & ~hand.measured
+    names = np.array(channel_names(n_sensors))[has_numbers]
+    return fill_unmeasured(raw, hand), tuple(names.tolist())
 
 
 def prepared_by(row: Mapping[str, Any]) -> tuple[Zero | None, Unit | None]:
@@ -261,12 +296,14 @@ def _header(path: Path) -> list[str]:
     return [name.strip() for name in header]
 
 
-def check_columns(header: list[str], path: Path) -> int:
-    """Number of sensors, or a ColumnError that names the columns."""
+def check_columns(header: list[str], path: Path, absent: Collection[str] = ()) -> int:
+    """Number of sensors, or a ColumnError that names the columns. absent: these may be missing."""
     numbers = [int(name[1:]) for name in header if _CHANNEL.fullmatch(name)]
     n_sensors = max(numbers, default=1)
     time = header[0] if header[0] in TIME_COLUMNS else TIME_COLUMN
-    expected = [time, *channel_names(n_sensors)]
+    optional = set(absent).difference(header)
+    expected = [time]
+    expected += [one for one in channel_names(n_sensors) if one not in optional]
     known = {*expected, *RECORDER_COLUMNS}
     known.update(f"valid{k}" for k in range(1, n_sensors + 1))
     missing = [name for name in expected if name not in header]
@@ -280,16 +317,44 @@ def check_columns(header: list[str], path: Path) -> int:
     else:
         return n_sensors
     fix = "the layout is Time,X1,Y1,Z1,X2,.. with three columns a sensor, and no others"
+    if missing and not any(name.startswith("Z") for name in [*missing, *unknown]):
+        fix += f"; an axis that no sensor measures: say so in {HAND_FILE} (docs/scenes.md, hands)"
     raise ColumnError(what, where=path, next_step=fix)
 
 
-def table_of(lines: Path | TextIO, header: list[str], path: Path) -> FloatArray:
-    """[T, columns] of numbers in lines below a header. Raises NotANumber or ColumnError."""
+def says_no(cell: object) -> bool:
+    """Whether a cell of a column valid1, valid2, .. means that the sensor is not valid.
+
+    >>> [says_no(cell) for cell in (0, "0.0", "False", False, 1, "True", "")]
+    [True, True, True, True, False, False, False]
+    """
+    word = str(cell).strip().lower()
+    try:
+        return word == "false" or float(word) == 0.0
+    except ValueError:
+        return False
+
+
+def _flag(cell: str) -> float:
+    """A cell of a column valid1, valid2, .. as a number. Raises ValueError."""
+    return float({"true": "1", "false": "0"}.get(cell.strip().lower(), cell))
+
+
+def table_of(
+    lines: Path | TextIO, header: list[str], path: Path, absent: Collection[str] = ()
+) -> FloatArray:
+    """[T, columns] of numbers in lines below a header; absent: columns that may have empty cells.
+
+    Raises NotANumber or ColumnError.
+    """
+    may_be_empty = [k for k, name in enumerate(header) if name in absent]
+    cells: dict[int, Any] = dict.fromkeys(may_be_empty, _number_or_nan)
     try:
         with warnings.catch_warnings():
             # numpy warns about a table without rows; its reader says it better
             warnings.simplefilter("ignore", UserWarning)
-            table = np.loadtxt(
+            read = partial(
+                np.loadtxt,
                 lines,
                 delimiter=",",
                 skiprows=1,
@@ -297,12 +362,25 @@ def table_of(lines: Path | TextIO, header: list[str], path: Path) -> FloatArray:
                 comments=None,
                 quotechar='"',
                 encoding="utf-8-sig",
+                converters=cells or None,
             )
+            try:
+                table = read()
+            except ValueError:
+                flags = [k for k, name in enumerate(header) if name.startswith("valid")]
+                if not flags or not isinstance(lines, Path):
+                    raise
+                # True and False; read apart, because a function for each cell costs time
+                table = read(converters=cells | dict.fromkeys(flags, _flag))
     except ValueError as error:
         raise _bad_table(str(error), header, path) from None
     if table.size and table.shape[1] != len(header):
         raise _other_count(f"each line has {table.shape[1]} cells", header, path)
     return table
+
+
+def _number_or_nan(cell: str) -> float:
+    return float(cell.strip() or "nan")
 
 
 def _bad_table(said: str, header: list[str], path: Path) -> NotANumber | ColumnError:
@@ -362,11 +440,18 @@ def _check_time(time_s: FloatArray, path: Path) -> FloatArray:
     if len(backwards):
         at = backwards[0]
         word = f"runs backwards by {-steps[at]:.6g} s" if steps[at] else "stands still"
+        cause = "the clock was set, or the file holds two recordings"
+        next_step = "split the file there"
+        n_equal = int((steps == 0.0).sum())
+        if n_equal > 1:
+            word += f", as in {n_equal} lines"
+            cause = "its clock ticks too seldom, or its times have too few digits"
+            next_step = "write finer times, or import it with rate_hz in its map"
         raise TimeError(
             f"{line_of_row(at + 1)}: time {word}",
             where=path,
-            cause="the clock was set, or the file holds two recordings",
-            next_step="split the file there",
+            cause=cause,
+            next_step=next_step,
         )
     median = float(np.median(steps))
     from_zero: FloatArray = time_s - time_s[0]

@@ -91,8 +91,11 @@ OTHER_ACTIONS = tuple(
 """Actions without a script: a trial's truth tells what happens when."""
 UNSCRIPTED = (*OTHER_ACTIONS, "daily")
 """Actions whose labels come only from the truth file of a trial."""
-LABELLED_ACTIONS = ("hold", "slip")
-"""Actions that need no truth: whether the object slipped is all that is known of a trial."""
+LABELLED_ACTIONS = ("hold", "slip", "lift")
+"""Actions that need no truth: whether the object slipped is all that is known of a trial.
+
+Of lifts, one after the other, the forces tell when the hand holds something (training/lifts.py).
+"""
 HELD_ACTIONS = _actions_of("grasp")
 """Actions in which the object should stay in the hand."""
 RISKY_ACTIONS = _actions_of("risky_slip")

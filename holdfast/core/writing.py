@@ -10,7 +10,7 @@ import os
 import secrets
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -23,7 +23,10 @@ UNFINISHED = ".unfinished"
 def write_whole(path: str | Path, data: bytes | str) -> Path:
     """Write a file so that no reader ever sees a part of it. Raises OutputError."""
     path = Path(path)
-    content = data.encode() if isinstance(data, str) else data
+    # the name of a folder in it may be no UTF-8
+    content = (
+        data.encode("utf-8", "backslashreplace") if isinstance(data, str) else data
+    )
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -126,8 +129,47 @@ def require_free(path: Path, *, force: bool) -> None:
             "exists already",
             where=path,
             cause="an earlier run of this command",
-            next_step="name another place with --out, or add --force to replace it",
+            next_step="name another file, or add --force to replace it",
         )
+
+
+def require_outputs(
+    outputs: Iterable[Path],
+    inputs: Iterable[Path],
+    *,
+    force: bool,
+    replaced: Iterable[Path] = (),
+    folder: Path | None = None,
+) -> None:
+    """The rule for the files that a command writes, checked before it writes any of them.
+
+    outputs: never an input, never one file twice, and replaced only with force. replaced: further
+    outputs, which each run writes anew. folder: a new one, in which nothing else is written. Raises
+    OutputError; leaves nothing behind.
+    """
+    known = {path.resolve(): "an input" for path in inputs}
+    written = [] if folder is None else [folder.resolve()]
+    for path in (*replaced, *outputs):
+        # A device or a pipe would be replaced by a file of its name.
+        if path.exists() and not path.is_file():
+            what = "a folder" if path.is_dir() else "no regular file"
+            raise OutputError(f"is {what}", where=path, next_step="name another file")
+        where = path.resolve()
+        # One file in the place of the folder of another cannot be, either.
+        for other in written:
+            if where.is_relative_to(other) or other.is_relative_to(where):
+                known[where] = "another output, or in it or around it"
+        if where in known:
+            raise OutputError(
+                f"is {known[where]}",
+                where=path,
+                cause="one file or folder was named twice, and would be lost",
+                next_step="name another file",
+            )
+        written.append(where)
+        require_writable(path.parent)
+    for path in outputs:
+        require_free(path, force=force)
 
 
 def remove(path: Path) -> None:

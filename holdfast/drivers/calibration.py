@@ -7,6 +7,7 @@ the shares. `holdfast calibrate` fits the matrices. Files are JSON, written with
 
 from __future__ import annotations
 
+import hashlib
 import json
 import warnings
 from dataclasses import dataclass
@@ -45,6 +46,8 @@ QUIET: dict[Unit, float] = {"N": 0.12, "uT": 40.0}
 
 The TMAG5273's noise is 22 uT in x and y, and 11 uT in z.
 """
+LARGEST: dict[Unit, float] = {"N": 500.0, "uT": 3e5, "count": 2.0**31}
+"""No unloaded channel reads more. The TMAG5273's widest range is 266 mT."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,8 @@ class Bias:
     """What an unloaded hand reads: values [C] median, spread [C] standard deviation, over n rows.
 
     reversed [S]: whose magnet is upside down. The values are as read: a reversed magnet is
-    reported, not corrected.
+    reported, not corrected. date: of the measurement, YYYY-MM-DD. calibration: the digest_of the
+    file that made N of uT, "" without one. Both are None where a file does not say.
     """
 
     values: FloatArray
@@ -60,13 +64,16 @@ class Bias:
     n: int
     unit: Unit
     reversed: BoolArray
+    date: str | None = None
+    calibration: str | None = None
 
 
 def bias_of(values: FloatArray, unit: Unit) -> tuple[Bias, tuple[str, ...]]:
     """The bias of unloaded rows [T, C], and warnings that name the channels.
 
     Warnings are about lost rows (more than LOST_SHARE), noise or drift (from the first to the last
-    third) above QUIET, and reversed magnets, whose resting normal is below minus NORMAL_FLOOR.
+    third) above QUIET, readings above LARGEST, and reversed magnets, whose resting normal is below
+    minus NORMAL_FLOOR.
     Raises EmptyRecording, NotANumber (a channel without MIN_BIAS_ROWS finite rows), ChannelError,
     UnitError.
     """
@@ -125,6 +132,11 @@ def _bias_warnings(masked: FloatArray, bias: Bias) -> tuple[str, ...]:
             drift > quiet,
             f"drifts by more than {limit}: {{}}; likely cause: it warms up, or a load creeps; "
             "next: wait a minute and take the bias again",
+        ),
+        (
+            np.abs(bias.values) > LARGEST[bias.unit],
+            f"reads more than {LARGEST[bias.unit]:g} {bias.unit} at rest: {{}}; likely cause: "
+            "another unit or calibration; next: correct it",
         ),
         (
             upside_down,
@@ -243,6 +255,11 @@ def write_calibration(path: str | Path, calibration: Calibration) -> Path:
     return _write(path, "calibration", calibration)
 
 
+def digest_of(path: str | Path) -> str:
+    """What tells a calibration file from others. Raises OSError."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()[:16]
+
+
 def read_calibration(path: str | Path) -> Calibration:
     """Read and check a calibration. Raises DataNotFound, DataError."""
     file = _read(Path(path), CalibrationFile, "write one with holdfast calibrate")
@@ -256,18 +273,29 @@ class BiasFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     kind: Literal["bias"]
     values: Annotated[list[float], msgspec.Meta(min_length=3)]
     spread: list[float]
-    n: Annotated[int, msgspec.Meta(ge=0)]
+    n: Annotated[int, msgspec.Meta(ge=1)]
     unit: Unit
     reversed: list[bool]
+    # files of older versions say neither
+    date: str | None = None
+    calibration: str | None = None
 
     def __post_init__(self) -> None:
-        """Raise ValueError where the lists are not of the same sensors."""
+        """Raise ValueError where lists are not of the same sensors, or no sensor reads a value."""
         n_channels = 3 * len(self.reversed)
         if not len(self.values) == len(self.spread) == n_channels:
             raise ValueError(
                 f"{len(self.values)} values, {len(self.spread)} in spread, and "
                 f"{len(self.reversed)} in reversed; allowed: three values a sensor"
             )
+        largest = LARGEST[self.unit]
+        if max(map(abs, self.values)) > largest or max(self.spread) > largest:
+            raise ValueError(
+                f"values or spread beyond {largest:g} {self.unit}; allowed: what an unloaded hand "
+                "reads (holdfast bias)"
+            )
+        if min(self.spread) < 0.0:
+            raise ValueError("spread below 0; allowed: from 0")
 
 
 def fields_of(content: Bias | Calibration) -> Json:

@@ -7,8 +7,8 @@
 
 A column map says which columns are sensors and time (core/column_map.py). Without one the columns
 are called X1, Y1, Z1, .. and, for the time, Time or t_s (in s), t_ms, t_us or t_ns. valid1, .. are
-0 where a sensor is not valid. Other columns are left alone. None, an empty cell and nan make a
-sensor invalid at this sample.
+0 where a sensor is not valid. Other columns are left alone. None, an empty cell, NaN and infinity
+make a sensor invalid at this sample, in whichever way a program writes them.
 
 A line counts where its time, and its `sequence` if it has one, are above those of the line before,
 or where none has counted for 300 ms (core/hand_lines.py). The time of a sample is that of its
@@ -28,7 +28,13 @@ from typing import Any
 import numpy as np
 
 from holdfast.core.column_map import ColumnMap, SensorColumns, TimeColumn, flat_fields
-from holdfast.core.contract import BoolArray, FloatArray, Unit, channel_names
+from holdfast.core.contract import (
+    RATE_TOLERANCE,
+    BoolArray,
+    FloatArray,
+    Unit,
+    channel_names,
+)
 from holdfast.core.errors import (
     ColumnError,
     DataError,
@@ -36,7 +42,7 @@ from holdfast.core.errors import (
     RateError,
     listed,
 )
-from holdfast.core.hand_card import MOST_SENSORS
+from holdfast.core.hand_card import MOST_SENSORS, HandCard
 from holdfast.core.hand_lines import (
     LONGEST_LINE,
     NOT_RISING,
@@ -47,17 +53,20 @@ from holdfast.core.hand_lines import (
     printable,
     sequence_of,
 )
+from holdfast.core.schema import NO_NUMBER
 from holdfast.core.source import SourceReading
-from holdfast.core.trial_file import TIME_COLUMNS, Zero, prepared_by
+from holdfast.core.trial_file import TIME_COLUMNS, Zero, prepared_by, says_no
 from holdfast.drivers.arrivals import Arrivals
-from holdfast.drivers.line_feeds import Feed
+from holdfast.drivers.line_feeds import BITS_A_BYTE, Feed
 
 ToForce = Callable[[FloatArray], FloatArray]
 """Field [S, 3] in uT -> force [S, 3] in N."""
 SEPARATORS = (",", ";", "\t")
 CHANNEL = re.compile(r"[XYZ]([1-9][0-9]{0,3})")
-SAYS_NO = (0, "0", "false")
+EMPTY = re.compile(NO_NUMBER, re.IGNORECASE)
+"""A cell that counts as an empty one."""
 NOT_VALID = "not valid"
+SAME_STAMP = "stamped like the line before"
 NAME_A_MAP = (
     "describe the columns in a map, and add it to the URL: ?map=FILE (for - : "
     '"stdin://?map=FILE")'
@@ -65,16 +74,30 @@ NAME_A_MAP = (
 """What to do about columns that are not those of a trial."""
 
 
-def map_of_names(names: Collection[str], unit: Unit) -> ColumnMap:
-    """The map of columns that are called X1, Y1, Z1, ..; Raises ColumnError."""
+def map_of_names(
+    names: Collection[str], unit: Unit, hand: HandCard | None = None
+) -> ColumnMap:
+    """The map of columns that are called X1, Y1, Z1, ..; Raises ColumnError.
+
+    hand: the columns of what it does not measure are left alone.
+    """
     numbers = [int(found[1]) for found in map(CHANNEL.fullmatch, names) if found]
     n_sensors = max(numbers, default=0)
     channels = channel_names(min(n_sensors, MOST_SENSORS + 1))
-    if not 0 < n_sensors <= MOST_SENSORS or not set(channels) <= set(names):
+    if n_sensors > MOST_SENSORS:
+        raise ColumnError(
+            f"{n_sensors} sensors, and {MOST_SENSORS} are the most of a hand",
+            next_step=f"send those that matter, or {NAME_A_MAP}",
+        )
+    absent = hand.unmeasured_names if hand else ()
+    needed = set(channels).difference(absent)
+    is_hand = hand is None or hand.n_sensors == n_sensors
+    if n_sensors == 0 or not needed <= set(names) or not is_hand:
         raise ColumnError(
             f"no columns X1, Y1, Z1 to Xn, Yn, Zn among {listed(list(names))}",
-            next_step=NAME_A_MAP,
+            next_step=f"{NAME_A_MAP}; what a hand does not measure: ?hand=CARD",
         )
+    channels = tuple("" if name in absent else name for name in channels)
     axes = zip(channels[::3], channels[1::3], channels[2::3], strict=True)
     sensors = [SensorColumns(x, y, z) for x, y, z in axes]
     time = TimeColumn(arrival=True)
@@ -91,7 +114,7 @@ class SampleReader:
     column_map: None for columns with the project's names; then `map` is known from the first line
     on. unit: of their values, where the lines themselves name none. to_force: a calibration, for
     lines in uT. zero: what was removed from them by the run that wrote them (core/trial_file.py),
-    None for nothing.
+    None for nothing. hand: the card of the hand, where one is named.
     """
 
     def __init__(
@@ -99,12 +122,15 @@ class SampleReader:
         column_map: ColumnMap | None = None,
         unit: Unit = "N",
         to_force: ToForce | None = None,
+        hand: HandCard | None = None,
     ) -> None:
         self.map = column_map
+        self.hand = hand
         self.to_force = to_force
         self.zero: Zero | None = None
         self._unit: Unit = unit
         self._rule = RisingRule()
+        self._stamp_ns: int | None = None
         self._names: list[str] = []
         self._separator = ""
 
@@ -126,11 +152,12 @@ class SampleReader:
     def _columns(self, line: bytes) -> dict[str, Any] | None:
         if len(line) > LONGEST_LINE:
             raise ValueError(f"longer than {LONGEST_LINE} bytes")
-        line = line.strip()
+        # not tabs: at the end of a row of these stands an empty cell
+        line = line.strip(b" \r\n")
         if line.startswith(b"{"):
             return flat_fields(fields_of(line))
         text = line.decode("utf-8").lstrip("\ufeff")
-        if not text or text.startswith("#"):
+        if not text.strip() or text.startswith("#"):
             return None
         return self._cells(text)
 
@@ -148,10 +175,11 @@ class SampleReader:
             raise ValueError(f"{len(cells)} cells, the header has {len(self._names)}")
         if separator == ";":
             cells = [cell.replace(",", ".") for cell in cells]
+        cells = ["" if EMPTY.fullmatch(cell) else cell for cell in cells]
         return dict(zip(self._names, cells, strict=True))
 
     def _known_map(self, names: Collection[str]) -> ColumnMap:
-        return self.map or map_of_names(names, self._unit)
+        return self.map or map_of_names(names, self._unit, self.hand)
 
     # -- a sample
 
@@ -167,8 +195,9 @@ class SampleReader:
         values = column_map.values_of(columns)
         valid = _valid(values, columns)
         if not self._rule.obeys(now_ns, sequence_of(sequence), stamp_ns):
-            raise LineRefused(NOT_RISING)
-        self.map = column_map
+            is_same = stamp_ns is not None and stamp_ns == self._stamp_ns
+            raise LineRefused(SAME_STAMP if is_same else NOT_RISING)
+        self.map, self._stamp_ns = column_map, stamp_ns
         if self.to_force is not None:
             values = self.to_force(values.reshape(-1, 3)).reshape(-1)
         why = tuple("" if one else NOT_VALID for one in valid)
@@ -189,7 +218,10 @@ def _valid(values: FloatArray, columns: dict[str, Any]) -> BoolArray:
     valid: BoolArray = np.logical_and.reduce(finite, axis=1)
     if "valid1" in columns:
         for k in range(len(valid)):
-            valid[k] &= columns.get(f"valid{k + 1}", 1) not in SAYS_NO
+            flag = columns.get(f"valid{k + 1}", 1)
+            # an empty flag says nothing good; nan is unequal to itself
+            said = flag not in (None, "") and flag == flag
+            valid[k] &= said and not says_no(flag)
     return valid
 
 
@@ -202,6 +234,8 @@ SETTLE_S, MEASURE_S = 0.2, 0.5
 MEASURE_LINES = 20
 """The rate is measured over so many samples, and for so long; not over the first ones, because a
 sender that was held up sends all that it has at once."""
+FULL = 0.8
+"""A serial port that carries a larger share of what it can has no room for more."""
 PAUSE_PERIODS = 3.0
 """Where nothing was read for longer, what waits has no known time of arrival."""
 MOST_DROPPED = 4096
@@ -212,7 +246,7 @@ class LineSource(Arrivals):
     """The lines of a feed as a source. clock: has now_ns and wait_until.
 
     report: receives what a person should know. rate_hz: None where it is measured. Raises
-    DeviceNotFound where no sample comes, RateError where a rate is not to be had, DeviceLost.
+    DeviceNotFound where no sample comes, RateError where a rate is not to be had.
     """
 
     def __init__(
@@ -224,6 +258,7 @@ class LineSource(Arrivals):
         rate_hz: float | None = None,
     ) -> None:
         super().__init__(feed.name, clock, report)
+        self._n_lines = self._n_bytes = 0
         self._feed = feed
         self._reader = reader
         self._report = report
@@ -234,14 +269,39 @@ class LineSource(Arrivals):
         dropped += self.begin()
         assert reader.map is not None
         self.unit: Unit = "N" if reader.to_force else reader.map.unit_of_values
-        self.n_channels = len(reader.map.channels)
+        self.n_channels = 3 * len(reader.map.sensors)
+        self.hand = reader.hand
         self.zero = reader.zero
         self._looked_ns = clock.now_ns()
         report(
             f"{feed.name}: {self.n_channels // 3} sensors in {self.unit} at "
             f"{self.rate_hz:.4g} Hz, stamps of arrival"
             + (f"; {dropped:,} samples before that are dropped" if dropped else "")
+            + (f"; {self.losses}" if self.losses else "")
         )
+
+    @property
+    def losses(self) -> str:
+        """What makes its rate smaller than that of its sender, in words; "" for nothing."""
+        found = []
+        # dropped samples had come
+        kinds = (NOT_UNDERSTOOD, SAME_STAMP, NOT_RISING)
+        skipped = {kind: self.skipped.total[kind] for kind in kinds}
+        # fewer cannot bring a rate out of its tolerance
+        if sum(skipped.values()) > 0.5 * RATE_TOLERANCE * self._n_lines:
+            each = [f"{n:,} {kind}" for kind, n in skipped.items() if n]
+            what = f"{sum(skipped.values()):,} of {self._n_lines:,} lines were skipped"
+            found.append(f"{what}: {', '.join(each)}")
+        port = self._feed.bytes_per_s
+        if port and self._n_lines and self.rate_hz:
+            # with its line end
+            length = self._n_bytes / self._n_lines + 1.0
+            if self.rate_hz * length > FULL * port:
+                found.append(
+                    f"the port is full: at {port * BITS_A_BYTE:.0f} baud it carries "
+                    f"{port / length:.3g} lines of {length:.0f} bytes a second"
+                )
+        return "; ".join(found)
 
     def _collect_first(self, rate_hz: float | None) -> None:
         """Wait for one sample, or for enough of them to measure the rate. Raises DeviceNotFound."""
@@ -263,8 +323,15 @@ class LineSource(Arrivals):
             kind, count = refused[0]
             cause = f"{count:,} lines were {kind}, as the message above shows"
             next_step = f"correct the lines, or {NAME_A_MAP}"
+        elif self._feed.unfinished:
+            cause = f"{self._feed.unfinished:,} bytes came, and no end of a line"
+            next_step = "baud= as its sender has it, and a line end after each sample"
+        elif self.ended:
+            cause = "its input is at its end (</dev/null, or a sender that failed)"
         return DeviceNotFound(
-            f"no sample came in {FIRST_S:g} s",
+            "it ended before a sample came"
+            if self.ended
+            else f"no sample came in {FIRST_S:g} s",
             where=self._feed.name,
             cause=cause,
             next_step=next_step,
@@ -284,10 +351,7 @@ class LineSource(Arrivals):
         return float(1e9 / steps.mean())
 
     def read(self) -> SourceReading | None:
-        """The next sample, or the last reading again with no sensor valid; None at the end.
-
-        Raises DeviceLost.
-        """
+        """The next sample, or the last reading again with no sensor valid; None at the end."""
         paused_ns = self.clock.now_ns() - self._looked_ns
         if paused_ns > self.periods_ns(PAUSE_PERIODS):
             self.count_dropped(self._drop_waiting(), "nothing was read")
@@ -319,6 +383,8 @@ class LineSource(Arrivals):
         self.ended = self._feed.ended
         arrived_ns = self.clock.now_ns()
         for text in lines:
+            self._n_lines += 1
+            self._n_bytes += len(text)
             try:
                 reading = self._reader.take(text, arrived_ns)
             except LineRefused as error:

@@ -37,6 +37,7 @@ from holdfast.core.errors import (
     listed,
     needs_extra,
 )
+from holdfast.core.hand_card import HandCard, fill_unmeasured, leave_empty
 from holdfast.core.hand_lines import NOT_UNDERSTOOD, Skipped
 from holdfast.core.source import SourceReading
 from holdfast.drivers.arrivals import Arrivals
@@ -62,6 +63,7 @@ MOST_AT_ONCE = 4096
 FORWARD_NS = 1_000_000
 """The correction may be wrong by so much: a stamp may lie that far in the future."""
 NO_NUMBER = "not a number"
+SAME_STAMP = "stamped like the one before"
 DECISION = ("state", *(f"p_{name}" for name in SITUATIONS), "p_risky", "arm", "act")
 UNKNOWN_STATE = -1.0
 UNIT_WORDS: dict[str, Unit] = {
@@ -88,19 +90,25 @@ class StreamFacts:
     units: tuple[str, ...]
 
 
-def order_of(labels: Sequence[str], where: str) -> list[int]:
+def order_of(
+    labels: Sequence[str], where: str, hand: HandCard | None = None
+) -> list[int]:
     """Where X1, Y1, Z1, .. are: by their labels if these are the layout's, else as they come.
 
-    Raises ChannelError.
+    hand: a stream may leave out what it does not measure. Raises ChannelError.
     """
     count = len(labels)
-    if not count or count % 3:
+    names = channel_names(hand.n_sensors if hand else count // 3)
+    if hand is not None and count < len(names):
+        names = tuple(name for name in names if name not in hand.unmeasured_names)
+    if not count or count != len(names):
+        whole = f"{len(names)} of the hand card" if hand else "a multiple of three"
         raise ChannelError(
-            f"{count} channels, not a multiple of three",
+            f"{count} channels, not {whole}",
             where=where,
-            next_step="send x, y, z of each sensor, or name another stream",
+            next_step="send x, y, z of each sensor, or name another stream; what a hand does not "
+            f"measure may be left out: {where}?hand=CARD",
         )
-    names = channel_names(count // 3)
     # labels in another order are sorted; labels of another kind say nothing about order
     by_name = set(labels) == {*names}
     return [labels.index(name) for name in names] if by_name else [*range(count)]
@@ -223,7 +231,8 @@ class LslSource(Arrivals):
     """An inlet as a source. clock: has now_ns and wait_until.
 
     unit, rate_hz: None where the stream names them. report: receives a line when the stream ends.
-    Raises ChannelError, UnitError, RateError, or DeviceNotFound where nothing is sent.
+    hand: its card; None where it measures all. Raises ChannelError, UnitError, RateError, or
+    DeviceNotFound where nothing is sent.
     """
 
     def __init__(
@@ -233,14 +242,22 @@ class LslSource(Arrivals):
         report: Callable[[str], object],
         unit: Unit | None = None,
         rate_hz: float | None = None,
+        hand: HandCard | None = None,
     ) -> None:
         facts = inlet.facts
         where = f"lsl://{facts.name}"
         super().__init__(where, clock, report)
         self._inlet = inlet
+        self._stamp_ns: int | None = None
         inlet.begin(clock.now_ns, report)
-        self._order = order_of(() if facts.is_text else facts.labels, where)
-        self.n_channels = len(self._order)
+        labels = () if facts.is_text else facts.labels
+        self._order = order_of(labels, where, hand)
+        self.hand = hand
+        self.n_channels = 3 * hand.n_sensors if hand else len(self._order)
+        # where each of them goes: a stream may leave out what is not measured
+        self._places: Any = slice(None)
+        if hand is not None and len(self._order) < self.n_channels:
+            self._places = hand.measured
         self.unit: Unit = unit or unit_of(facts.units, where)
         self.rate_hz = rate_hz or facts.rate_hz
         if not self.rate_hz > 0.0:
@@ -259,6 +276,10 @@ class LslSource(Arrivals):
     def collect(self, timeout_s: float) -> None:
         """Take what has come; wait at most so long for the first of it."""
         for t_ns, values in self._inlet.stamped(timeout_s):
+            # the loop counts it as lost
+            if t_ns == self._stamp_ns:
+                self.skipped.count(SAME_STAMP, f"a sample is {SAME_STAMP}")
+            self._stamp_ns = t_ns
             self.waiting.append(self._reading(t_ns, values))
         if self._inlet.ended:
             # the loop goes on at its pace, and its state is unknown
@@ -273,7 +294,9 @@ class LslSource(Arrivals):
         now_ns = self.clock.now_ns()
         # a small error of the correction is no sample from the future
         t_ns = now_ns if now_ns < t_ns <= now_ns + FORWARD_NS else t_ns
-        ordered: FloatArray = np.array(values, dtype=np.float64)[self._order]
+        ordered: FloatArray = np.full(self.n_channels, np.nan)
+        ordered[self._places] = np.array(values, dtype=np.float64)[self._order]
+        ordered = fill_unmeasured(ordered, self.hand)
         finite = np.isfinite(ordered).reshape(-1, 3)
         valid: BoolArray = np.logical_and.reduce(finite, axis=1)
         why = tuple("" if one else NO_NUMBER for one in valid)
@@ -317,6 +340,7 @@ class LslAnswers:
     The samples are the prepared values, nan where a sensor is not valid; the decisions are
     DECISION, state as an index of SITUATIONS or UNKNOWN_STATE. Both have the sample's time. now_ns:
     the clock of the samples' stamps. not_learned: what the model cannot tell, nan in each decision.
+    hand: the model's; nan for an axis that it does not measure.
     """
 
     def __init__(
@@ -327,8 +351,10 @@ class LslAnswers:
         rate_hz: float,
         now_ns: Callable[[], int],
         not_learned: Collection[str] = (),
+        hand: HandCard | None = None,
     ) -> None:
         labels = channel_names(n_sensors)
+        self._hand = hand
         units = [unit] * len(labels)
         self._samples = _outlet(name, "Tactile", rate_hz, labels, units)
         no_units = [""] * len(DECISION)
@@ -345,6 +371,7 @@ class LslAnswers:
         stamp_s = 1e-9 * (sample.t_ns - self._offset_ns)
         # receivers must not take a held value for a measured one
         values = np.where(np.repeat(sample.valid, 3), sample.values, np.nan)
+        values = leave_empty(values, self._hand)
         self._samples.push_sample(values.tolist(), stamp_s)
         decision = decision_row(prediction, self._not_learned)
         self._decisions.push_sample(decision, stamp_s)

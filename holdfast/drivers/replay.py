@@ -22,6 +22,7 @@ from holdfast.core.contract import (
     averaged_in_words,
 )
 from holdfast.core.errors import DataNotFound, UnitError
+from holdfast.core.hand_card import HandCard, hand_card_near
 from holdfast.core.schema import read
 from holdfast.core.source import SelfPaced, Source, SourceReading
 from holdfast.core.trial_file import Zero, block_means, read_trial
@@ -46,7 +47,7 @@ class Replay:
     """A recorded stream: t_ns [T] from zero, values [T, C], valid [T, C/3], one rate, one unit.
 
     zero: what was removed from its values already, None for nothing. rows: which rows are samples;
-    the others were lost, None for all.
+    the others were lost, None for all. hand: its card, None where none lies beside it.
     """
 
     t_ns: np.ndarray[tuple[int], np.dtype[np.int64]]
@@ -56,6 +57,7 @@ class Replay:
     unit: Unit
     zero: Zero | None = None
     rows: IntArray | None = None
+    hand: HandCard | None = None
 
     def prepared(self, preparation: Preparation) -> Replay:
         """The same stream with its bias removed, as the model's card says."""
@@ -94,7 +96,8 @@ def open_replay(path: str | Path) -> Replay:
             where=path,
             next_step="name a trial's CSV file",
         )
-    trial = read_trial(file)
+    hand = hand_card_near(file)
+    trial = read_trial(file, hand)
     # whole nanoseconds, as a live source has them
     t_ns = np.round(trial.t_s * 1e9).astype(np.int64)
     unit = trial.unit
@@ -108,6 +111,7 @@ def open_replay(path: str | Path) -> Replay:
         unit or DEFAULT_UNIT,
         trial.zero,
         trial.rows,
+        hand,
     )
 
 
@@ -130,6 +134,7 @@ class PacedReplay:
         self.n_channels = replay.values.shape[1]
         self.rate_hz: float | None = replay.rate_hz
         self.zero = replay.zero
+        self.hand = replay.hand
 
     def read(self) -> SourceReading | None:
         """The row whose time has come; None after the last."""
@@ -159,6 +164,7 @@ class AveragedSource(SelfPaced):
         self.unit = source.unit
         self.n_channels = source.n_channels
         self.zero = zero_of(source)
+        self.hand = hand_of(source)
         rate_hz = source.rate_hz
         self.rate_hz: float | None = None if rate_hz is None else rate_hz / n
 
@@ -194,6 +200,12 @@ def at_rate(source: Source, rate_hz: float, report: Callable[[str], object]) -> 
         return source
     report(averaged_in_words(source.rate_hz, n))
     return AveragedSource(source, n)
+
+
+def hand_of(source: Source) -> HandCard | None:
+    """The hand card of a source, where it has one: of a set, a scene or a column map."""
+    hand: HandCard | None = getattr(source, "hand", None)
+    return hand
 
 
 def zero_of(source: Source) -> Zero | None:

@@ -2,12 +2,14 @@
 
 What a grip controller computes is a few dozen operations on single numbers. On the hand they run on
 Python's own floats, which is several times faster than numpy on arrays of one element. A closed
-loop in simulation runs them on arrays of B hands. Only +, -, *, /, comparisons and the choices
-below are used. IEEE 754 defines each of them to the last bit, so both give the same bits.
+loop in simulation runs them on arrays of B hands. Only +, -, *, /, square roots, comparisons and
+the choices below are used. IEEE 754 defines each of them to the last bit, so both give the same
+bits.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -51,6 +53,16 @@ class Batch:
         """x, not below low and not above high."""
         x = x if x > low else low
         return x if x < high else high
+
+    @staticmethod
+    def root(x: Number) -> Number:
+        """The square root of a number from 0 on."""
+        return math.sqrt(x)
+
+    @staticmethod
+    def every(flags: list[Flag]) -> bool:
+        """Whether all of several flags are set, in every hand."""
+        return all(flags)
 
     def zero(self) -> Number:
         """0 for every hand."""
@@ -98,6 +110,16 @@ class ManyHands(Batch):
         """x, not below low and not above high."""
         x = np.where(x > low, x, low)
         return np.where(x < high, x, high)
+
+    @staticmethod
+    def root(x: Number) -> Number:
+        """The square root of a number from 0 on."""
+        return np.sqrt(x)
+
+    @staticmethod
+    def every(flags: list[Flag]) -> bool:
+        """Whether all of several flags are set, in every hand."""
+        return all(bool(flag.all()) for flag in flags)
 
     def zero(self) -> Number:
         """Zeros."""

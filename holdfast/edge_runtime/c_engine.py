@@ -9,7 +9,6 @@ onnxruntime does at every load.
 from __future__ import annotations
 
 import ctypes
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ import numpy as np
 
 from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.core.errors import LibraryRefused
-from holdfast.core.schema import LIBRARY, c_folders
+from holdfast.core.schema import LIBRARY, c_folder, json_of
 from holdfast.edge_runtime.graph import Outputs, step_recordings
 from holdfast.edge_runtime.model import check_golden, golden_from_json, golden_input
 from holdfast.edge_runtime.model_file import card_of, digest_of, read_sealed
@@ -30,34 +29,34 @@ ABOUT = "model.json"
 class CompiledModel:
     """A model file and its compiled library, both checked. Raises a ModelError.
 
-    library: None for the first of `c_folders`. engine: a line for people.
+    library: None for that in `c_folder`. engine: a line for people.
     """
 
     def __init__(self, path: str | Path, library: str | Path | None = None) -> None:
         digest = digest_of(read_sealed(path))
-        where = Path(library) if library else c_folders(path)[0] / LIBRARY
+        where = Path(library) if library else c_folder(path) / LIBRARY
         self.engine = f"the step is compiled C, {where}; --engine onnxruntime declines"
         if not where.is_file():
             raise _refused("no compiled library", where, "not built yet, or elsewhere")
 
         try:
-            about: Json = json.loads(where.with_name(ABOUT).read_text("utf-8"))
+            about: Json = json_of(where.with_name(ABOUT).read_bytes())
             # before anything of the library runs
             _require_same(about["digest"], digest, where)
+            golden = golden_from_json(about["golden"])
+            fields = []
+            for one in about["outputs"]:
+                fields.append((one["name"], one["dtype"], tuple(one["shape"])))
+            # the layout of `holdfast_out`, aligned as C does
+            self._out_type = np.dtype(fields, align=True)
+            self.card = card_of(about["card"], digest, path)
             self._library = _loaded(where)
-        except (OSError, AttributeError, ValueError) as error:
-            what = f"is no library of a model with its {ABOUT} ({error!s:.200})"
+        except (OSError, AttributeError, ValueError, KeyError, TypeError) as error:
+            what = f"is no library of a model with its {ABOUT} ({error!r:.200})"
             cause = "built for another machine, or copied in part"
             raise _refused(what, where, cause) from None
 
         _require_same(self._library.holdfast_digest().decode(), digest, where)
-        self.card = card_of(about["card"], digest, path)
-        fields = []
-        for one in about["outputs"]:
-            fields.append((one["name"], one["dtype"], tuple(one["shape"])))
-        # the layout of `holdfast_out`, aligned as C does
-        self._out_type = np.dtype(fields, align=True)
-        golden = golden_from_json(about["golden"])
         check_golden(golden, self._golden_answers(list(golden)), str(where))
 
     def stepper(self, outputs: Sequence[str], hands: int = 1) -> CStep:

@@ -39,8 +39,19 @@ LIMITS = {
     "evidence_ms": (1, 600_000),
     "answer_permille": (1, 998),
     "full_answer_permille": (2, 999),
+    "follow_floor_permille": (1, 1000),
+    "follow_above_permille": (1001, 10_000),
+    "safe_follow_mn": (0, 1_000_000),
 }
 """Least and largest value of every parameter."""
+OF_THE_GRIP = (
+    "answer_permille",
+    "full_answer_permille",
+    "follow_floor_permille",
+    "follow_above_permille",
+    "safe_follow_mn",
+)
+"""Parameters that the grip controller goes by."""
 
 
 def period_us(rate_hz: float) -> int:
@@ -52,9 +63,9 @@ def period_us(rate_hz: float) -> int:
 class DecisionRules:
     """Parameters in samples, thousandths and ms, stored in the model's metadata.
 
-    The docstring of the module explains all but the last two, which the grip controller answers by
-    (AnswerRules.from_p and full_p): they belong to the model, because learners differ in what they
-    mean by a probability. Raises ValueError for one outside LIMITS.
+    The docstring of the module explains all but the last five, which the grip controller goes by
+    (AnswerRules: from_p, full_p, floor, above, safe_follow_n): they belong to the model, because
+    learners differ in what they mean by a probability. Raises ValueError for one outside LIMITS.
     """
 
     arm_samples: int = 1
@@ -65,6 +76,9 @@ class DecisionRules:
     evidence_ms: int = 2000
     answer_permille: int = 700
     full_answer_permille: int = 850
+    follow_floor_permille: int = 200
+    follow_above_permille: int = 1150
+    safe_follow_mn: int = 0
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
@@ -80,8 +94,8 @@ class DecisionRules:
     def to_json(self) -> dict[str, int]:
         """As a JSON object of integers."""
         fields = asdict(self)
-        # The card of a usual answer is as it was before there was a choice.
-        for name in ("answer_permille", "full_answer_permille"):
+        # The card of a usual grip is as it was before there was a choice.
+        for name in OF_THE_GRIP:
             if fields[name] == getattr(DecisionRules, name):
                 del fields[name]
         return fields

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Protocol
 
 from holdfast.core.errors import LibraryRefused, ModelError, UsageError
-from holdfast.core.schema import LIBRARY, c_folders
+from holdfast.core.schema import LIBRARY, c_folder
 
 if TYPE_CHECKING:
     from holdfast.edge_runtime.graph import Stepper
@@ -42,7 +42,7 @@ class OpenedModel(Protocol):
 class ModelChoice:
     """A model file and what steps it: AUTO takes its C form where one is that fits.
 
-    library: of the C engine; None: in the first of `c_folders`.
+    library: of the C engine; None: in `c_folder`, beside the model.
     """
 
     path: str
@@ -63,24 +63,22 @@ class ModelChoice:
 
     def _fastest(self) -> OpenedModel:
         """Its C form where AUTO finds one that fits, else onnxruntime with the reason."""
-        found = [] if self.engine == ONNXRUNTIME else c_folders(self.path)
+        library = c_folder(self.path) / LIBRARY
         why_not = ""
-        for library in [folder / LIBRARY for folder in found]:
-            if library.is_file():
-                try:
-                    # a library found by itself: what it does is not known before it runs, and
-                    # the working folder may be anybody's
-                    if library.stat().st_uid not in (0, os.getuid()):
-                        raise LibraryRefused(
-                            "the library belongs to another user",
-                            where=library,
-                            next_step="name it if you trust it: library = in holdfast.toml",
-                        )
-                    from holdfast.edge_runtime.c_engine import CompiledModel
+        if self.engine != ONNXRUNTIME and library.is_file():
+            try:
+                # found by itself: what it does is not known before it runs
+                if library.stat().st_uid not in (0, os.getuid()):
+                    raise LibraryRefused(
+                        "the library belongs to another user",
+                        where=library,
+                        next_step="name it if you trust it: library = in holdfast.toml",
+                    )
+                from holdfast.edge_runtime.c_engine import CompiledModel
 
-                    return CompiledModel(self.path, library)
-                except ModelError as error:
-                    why_not = f"{error}; until then onnxruntime computes the step"
+                return CompiledModel(self.path, library)
+            except ModelError as error:
+                why_not = f"{error}; until then onnxruntime computes the step"
 
         from holdfast.edge_runtime.model import Model
 

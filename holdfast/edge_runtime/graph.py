@@ -133,6 +133,11 @@ class StepGraph:
         """Start from a fresh state at the next sample."""
         self._reset[:] = True
 
+    def take(self, other: StepGraph, which: Rows) -> None:
+        """Go on from the states of some hands of another one [B], which may repeat."""
+        np.take(other.state, which, axis=0, out=self.state, mode="clip")
+        self._reset[:] = other._reset[which]
+
     @property
     def state(self) -> FloatArray:
         """[B, rows, C] state after the last step."""

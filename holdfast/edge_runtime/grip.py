@@ -2,8 +2,8 @@
 
 Pure formulas with a fixed step: no clock, no randomness. Each runs on one hand or on B hands with
 the same bits (edge_runtime/batch.py). A controller only wants; edge_runtime/supervisor.py decides
-what may reach the hand. The wearer's grip is the grip that the wearer set: it is measured while no
-target is given.
+what may reach the hand. The wearer's grip is the grip that the wearer set (WearersGrip); while the
+wearer closes the hand on an object nothing is wanted.
 
     none       wants nothing
     holdfast   the larger of two answers, to a slip and to a load that rises
@@ -71,26 +71,75 @@ def possible(batch: Batch, sense: GripSense) -> GripSense:
 
 
 class WearersGrip:
-    """The grip that the wearer set, measured while no target is given; 0 while nothing is held."""
+    """The grip that the wearer set, N a side; 0 while nothing is held.
+
+    A grip that a target may have made says nothing about it: what is given counts, and what was
+    given for as long as a drive takes to come back from it. A grip that is larger than that by
+    APART_N is the wearer's, whatever is given.
+
+    closes: the hand still closes on its object. It does from the contact on until the grip has not
+    risen for STILL_S, and again where it rises within CLOSES_S of the contact. held_s: time since
+    the contact, up to MOST_S.
+    """
 
     TIME_S = 0.1
     """Time constant of the low-pass over the measured grip."""
+    BACK_S = 0.2
+    """Time constant at which what was given fades."""
+    APART_N = 0.5
+    RISES_N, RISES_SHARE = 0.1, 0.03
+    """A grip rises where it is further above its low-pass than this, N, and this share of it."""
+    STILL_S = 0.05
+    CLOSES_S = 1.0
+    MOST_S = 10.0
+    """Times are bounded, so that they do not grow for days."""
 
-    def __init__(self, batch: Batch, rate_hz: float) -> None:
+    def __init__(self, batch: Batch, rate_hz: float, in_newtons: bool = True) -> None:
         self._batch = batch
+        # in another unit no grip is known to be larger than a target, or to rise
+        self._apart_n = self.APART_N if in_newtons else math.inf
+        self._rises_n = self.RISES_N if in_newtons else math.inf
+        self._period_s = 1.0 / rate_hz
         # the share of a new value in a first-order low-pass
         self._share = 1.0 / (1.0 + self.TIME_S * rate_hz)
+        self._back = 1.0 / (1.0 + self.BACK_S * rate_hz)
+        self._ours_n = batch.zero()
+        self._still_s = batch.zero()
         self.grip_n = batch.zero()
+        self.held_s = batch.zero()
+        self.closes = batch.false()
 
     def step(self, sense: GripSense, given_n: Number) -> Number:
-        """The wearer's grip after one sample; it stands still while a target is given."""
+        """The wearer's grip after one sample. given_n: the target that the hand has."""
         batch = self._batch
-        smooth_n = self.grip_n + self._share * (sense.grip_n - self.grip_n)
-        measured_n = batch.choose(sense.empty, 0.0, smooth_n)
-        # a grip that a target made says nothing about what the wearer set
-        idle = (given_n <= 0.0) & sense.known
-        self.grip_n = batch.choose(idle, measured_n, self.grip_n)
+        faded_n = self._ours_n + self._back * (given_n - self._ours_n)
+        self._ours_n = batch.most(given_n, faded_n)
+        is_ours = self._ours_n > self.APART_N
+        is_ours = is_ours & (sense.grip_n < self._ours_n + self._apart_n)
+        measures = sense.known & batch.no(is_ours)
+
+        rise_n = sense.grip_n - self.grip_n
+        rises = rise_n > self._rises_n + self.RISES_SHARE * self.grip_n
+        smooth_n = self.grip_n + self._share * rise_n
+        self.grip_n = batch.choose(measures, smooth_n, self.grip_n)
+
+        later_s = batch.least(self._still_s + self._period_s, self.MOST_S)
+        still_s = batch.choose(measures & rises, 0.0, later_s)
+        self._still_s = batch.choose(sense.known, still_s, self._still_s)
+        later_s = batch.least(self.held_s + self._period_s, self.MOST_S)
+        self.held_s = batch.choose(sense.known, later_s, self.held_s)
+        self._let_go(sense.known & sense.empty)
+        early = self.held_s < self.CLOSES_S
+        self.closes = (self._still_s < self.STILL_S) & early
         return self.grip_n
+
+    def _let_go(self, empty: Flag) -> None:
+        """An empty hand has no grip, and closes on the next object."""
+        batch = self._batch
+        self.grip_n = batch.choose(empty, 0.0, self.grip_n)
+        self._ours_n = batch.choose(empty, 0.0, self._ours_n)
+        self._still_s = batch.choose(empty, 0.0, self._still_s)
+        self.held_s = batch.choose(empty, 0.0, self.held_s)
 
 
 class Controller:
@@ -114,9 +163,14 @@ class Controller:
         self._rate_hz = rate_hz
         self._setting = self.SETTING if setting is None else setting
         self._period_s = 1.0 / rate_hz
-        self._wearer = WearersGrip(batch, rate_hz)
         self.rules = rules or AnswerRules()
+        self._wearer = WearersGrip(batch, rate_hz, self.rules.in_newtons)
         self.fresh = batch.false()
+
+    @property
+    def wearers_n(self) -> Number:
+        """The grip that the wearer set, as measured, N a side."""
+        return self._wearer.grip_n
 
     def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
         """The wanted grip, N a side; 0 for none.
@@ -132,10 +186,11 @@ class AnswerRules:
 
     from_p, full_p: p(risky) at which an answer to a slip begins, and at which it is a full one.
     rise_n: it raises the grip by so much over the wearer's and not further, N a side. follow_n: a
-    load is followed by so much over the wearer's. most_over_n: no target of either is further above
-    it; for fragile work. floor: share of friction in use up to which no
-    load is followed. safe_p: none is where p(safe slip) is as large: another person takes it.
-    detects, follows: whether slips, and loads, are answered; studies leave one out.
+    load is followed by so much over the wearer's, and by safe_follow_n where p(safe slip) is safe_p
+    or more, because another person may take it; 0: not at all. most_over_n: no target of either is
+    further above it; for fragile work. floor: share of friction in use up to which no load is
+    followed; above: from so many times what is usual on one is. detects,
+    follows: whether slips, and loads, are answered; studies leave one out. in_newtons: forces are.
     """
 
     from_p: float = DecisionRules.answer_permille / 1000
@@ -143,16 +198,23 @@ class AnswerRules:
     rise_n: float = 6.0
     follow_n: float = 15.0
     most_over_n: float = math.inf
-    floor: float = 0.2
+    floor: float = DecisionRules.follow_floor_permille / 1000
+    above: float = DecisionRules.follow_above_permille / 1000
     safe_p: float = 0.5
+    safe_follow_n: float = DecisionRules.safe_follow_mn / 1000
     detects: bool = True
     follows: bool = True
+    in_newtons: bool = True
 
     @classmethod
     def of(cls, decision: DecisionRules, **others: Any) -> AnswerRules:
         """Those that come with a model; others: what shall differ from them."""
         usual = cls(
-            decision.answer_permille / 1000, decision.full_answer_permille / 1000
+            from_p=decision.answer_permille / 1000,
+            full_p=decision.full_answer_permille / 1000,
+            floor=decision.follow_floor_permille / 1000,
+            above=decision.follow_above_permille / 1000,
+            safe_follow_n=decision.safe_follow_mn / 1000,
         )
         return replace(usual, **others)
 
@@ -244,48 +306,85 @@ class LoadFollower:
     """The grip that keeps the share of friction in use where it was: it rises with the load.
 
     In use is u = T / (2 max(N, LEAST_N)), the force along the skin over the normal force. The
-    reference is what was in use of late while no target was given: the mean of u, and TIMES its
-    mean deviation, over MEAN_S; at least the floor. From ABOVE times the reference on the grip
-    should be T / (2 reference), so that no more is in use than before.
+    reference is what is usual in this hold: the mean of u, and TIMES its mean deviation; at least
+    the floor. It is learned in two steps. While the wearer makes the hold, from the contact on for
+    LEARNS_S and until the hand has closed, quickly (QUICK_S), whatever is given, and nothing is
+    followed: a pick-up is no slip. Afterwards slowly (MEAN_S), while no target is given and the
+    load does not rise. From `above` times the reference on the grip should be so large that no more
+    than that is in use: T / (2 above reference).
     """
 
+    LEARNS_S = 0.8
+    QUICK_S = 0.15
     MEAN_S = 1.0
     TIMES = 2.0
     """A tremor stays below so many times its mean deviation: of a sine the peak is 1.6."""
-    ABOVE = 1.15
+    LOAD_S, LONG_S = 0.1, 0.4
+    """Time constants of two low-passes over the load; it rises where one is RISES of the other."""
+    RISES = 1.2
     LEAST_N = 0.5
     """Below it the ratio of two noisy numbers means little, N a side."""
 
     def __init__(self, batch: Batch, rate_hz: float, rules: AnswerRules) -> None:
         self._batch = batch
         self._rules = rules
-        self._share = 1.0 / (1.0 + self.MEAN_S * rate_hz)
+        self._slow = 1.0 / (1.0 + self.MEAN_S * rate_hz)
+        self._quick = 1.0 / (1.0 + self.QUICK_S * rate_hz)
+        self._short = 1.0 / (1.0 + self.LOAD_S * rate_hz)
+        self._long = 1.0 / (1.0 + self.LONG_S * rate_hz)
+        self._load_n = batch.zero()
+        self._long_n = batch.zero()
         self._mean = batch.zero()
         self._apart = batch.zero()
 
-    def step(self, sense: GripSense, given_n: Number) -> Number:
+    def step(self, sense: GripSense, given_n: Number, wearer: WearersGrip) -> Number:
         """The grip that the load asks for, N a side; 0 where it does not rise."""
         batch = self._batch
         used = sense.load_n / (2.0 * batch.most(sense.grip_n, self.LEAST_N))
         usual = self._mean + self.TIMES * self._apart
         reference = batch.most(usual, self._rules.floor)
         holds = sense.known & batch.no(sense.empty)
-        rises = holds & (used > self.ABOVE * reference)
-        # another person who takes the object raises the load as well
-        rises = rises & (sense.p_safe < self._rules.safe_p)
-        self._learn(used, holds & (given_n <= 0.0), sense.known & sense.empty)
-        return batch.choose(rises, sense.load_n / (2.0 * reference), 0.0)
+        makes = wearer.closes | (wearer.held_s < self.LEARNS_S)
+        allowed = self._rules.above * reference
+        rises = holds & batch.no(makes) & (used > allowed)
 
-    def _learn(self, used: Number, learns: Flag, forgets: Flag) -> None:
-        """Mean and deviation; a grip that a target made says nothing about the wearer's hold."""
+        # another person who takes the object raises the load as well
+        taken = sense.p_safe >= self._rules.safe_p
+        most_n = batch.choose(taken, self._rules.safe_follow_n, self._rules.follow_n)
+        asked_n = batch.least(sense.load_n / (2.0 * allowed), wearer.grip_n + most_n)
+
+        self._pass_load(sense, holds)
+        grows = self._load_n > self.RISES * self._long_n
+        learns = holds & (makes | ((given_n <= 0.0) & batch.no(grows)))
+        self._learn(used, makes, learns)
+        self._forget(sense.known & sense.empty)
+        return batch.choose(rises & (most_n > 0.0), asked_n, 0.0)
+
+    def _pass_load(self, sense: GripSense, holds: Flag) -> None:
+        """Both low-passes over the load."""
         batch = self._batch
+        load_n = self._load_n + self._short * (sense.load_n - self._load_n)
+        long_n = self._long_n + self._long * (sense.load_n - self._long_n)
+        self._load_n = batch.choose(holds, load_n, self._load_n)
+        self._long_n = batch.choose(holds, long_n, self._long_n)
+
+    def _forget(self, empty: Flag) -> None:
+        """The next hold is another one."""
+        batch = self._batch
+        self._mean = batch.choose(empty, 0.0, self._mean)
+        self._apart = batch.choose(empty, 0.0, self._apart)
+        self._load_n = batch.choose(empty, 0.0, self._load_n)
+        self._long_n = batch.choose(empty, 0.0, self._long_n)
+
+    def _learn(self, used: Number, makes: Flag, learns: Flag) -> None:
+        """Mean and deviation of what is in use."""
+        batch = self._batch
+        share = batch.choose(makes, self._quick, self._slow)
         apart = batch.most(used - self._mean, self._mean - used)
-        mean = self._mean + self._share * (used - self._mean)
-        apart = self._apart + self._share * (apart - self._apart)
-        mean = batch.choose(learns, mean, self._mean)
-        apart = batch.choose(learns, apart, self._apart)
-        self._mean = batch.choose(forgets, 0.0, mean)
-        self._apart = batch.choose(forgets, 0.0, apart)
+        mean = self._mean + share * (used - self._mean)
+        apart = self._apart + share * (apart - self._apart)
+        self._mean = batch.choose(learns, mean, self._mean)
+        self._apart = batch.choose(learns, apart, self._apart)
 
 
 class Holdfast(Controller):
@@ -314,10 +413,14 @@ class Holdfast(Controller):
         wanted_n = self._slip.step(sense, wearers_n, given_n, needed_n)
         self.fresh = self._slip.fresh
         if self.rules.follows:
-            asked_n = self._load.step(sense, given_n)
-            asked_n = batch.least(asked_n, wearers_n + self.rules.follow_n)
+            asked_n = self._load.step(sense, given_n, self._wearer)
             self.fresh = self.fresh | (asked_n > 0.0)
             wanted_n = batch.most(wanted_n, asked_n)
+
+        # while the hand closes no sensor tells the wearer's grip from ours
+        closes = self._wearer.closes
+        self.fresh = self.fresh & batch.no(closes)
+        wanted_n = batch.choose(closes, 0.0, wanted_n)
         return batch.least(wanted_n, wearers_n + self.rules.most_over_n)
 
 

@@ -23,7 +23,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from math import sqrt
 
 from holdfast.core.contract import BoolArray, FloatArray, Prediction, Unit
 from holdfast.core.errors import UsageError
@@ -213,7 +212,12 @@ class GripControl:
             # a ceiling in N says nothing about numbers in another unit, and neither does a rise
             within = replace(within, ceiling_n=math.inf)
             self.rules = replace(
-                self.rules, rise_n=math.inf, follow_n=math.inf, most_over_n=math.inf
+                self.rules,
+                rise_n=math.inf,
+                follow_n=math.inf,
+                safe_follow_n=math.inf if self.rules.safe_follow_n else 0.0,
+                most_over_n=math.inf,
+                in_newtons=False,
             )
         controller = CONTROLLERS[name](ONE_HAND, rate_hz, setting, self.rules)
 
@@ -263,32 +267,18 @@ def sense_of(
     valid: BoolArray,
     thumb: tuple[bool, ...] | None = None,
 ) -> GripSense:
-    """What a controller knows of one sample; no force where a sensor is not valid or not finite.
+    """What a controller knows of one sample of one hand. forces [C], valid [S]; thumb: forces_of.
 
-    thumb: which fingers press from the thumb's side. Then the others of its side stand in for a
-    finger without a reading, and a side without any has the force of the other one, its reaction.
+    While the answer is degraded no slip is called safe.
     """
     # Python's own floats: numpy on six numbers is several times slower
-    f = forces.tolist()
-    flags = valid.tolist()
-    grip_n = load_n = 0.0
-    weights = _weights(thumb, flags)
-    for x, y, z, good, weight in zip(
-        f[::3], f[1::3], f[2::3], flags, weights, strict=True
-    ):
-        # a larger number counts as no force, and NaN is not below LARGEST
-        if good and abs(x) + abs(y) + abs(z) < LARGEST:
-            # a finger can press, not pull: less than 0 is noise
-            if z > 0.0:
-                grip_n += weight * z
-            load_n += weight * sqrt(x * x + y * y)
-
+    grip_n, load_n = forces_of(ONE_HAND, forces.tolist(), valid.tolist(), thumb)
     return GripSense(
-        # the fingers press from two sides, each with half of the sum
-        grip_n=0.5 * grip_n,
+        grip_n=grip_n,
         load_n=load_n,
         p_risky=prediction.p_risky,
-        p_safe=prediction.p_situation["safe_slip"],
+        # a lost finger must not calm
+        p_safe=0.0 if prediction.degraded else prediction.p_situation["safe_slip"],
         known=prediction.state != "unknown",
         empty=prediction.state == "nothing",
         opening=prediction.opening,
@@ -296,13 +286,51 @@ def sense_of(
     )
 
 
-def _weights(thumb: tuple[bool, ...] | None, flags: list[bool]) -> list[float]:
+def forces_of(
+    batch: Batch,
+    axes: list[Number],
+    valid: list[Flag],
+    thumb: tuple[bool, ...] | None = None,
+) -> tuple[Number, Number]:
+    """(grip of either side, all fingers' force along the skin) of one sample, as they are read.
+
+    axes: x, y, z of each finger in turn. valid: of each finger; one that is not, or not finite, has
+    no force. thumb: which fingers press from the thumb's side. Then the others of its side stand in
+    for a finger that is not valid, and a side without any has the force of the other one, its
+    reaction.
+    """
+    grip_n, load_n = batch.zero(), batch.zero()
+    weights = _weights(batch, thumb, valid)
+    for x, y, z, flag, weight in zip(
+        axes[::3], axes[1::3], axes[2::3], valid, weights, strict=True
+    ):
+        # a larger number counts as no force, and NaN is not below LARGEST
+        good = flag & (abs(x) + abs(y) + abs(z) < LARGEST)
+        # a finger can press, not pull: less than 0 is noise
+        grip_n = grip_n + batch.choose(good & (z > 0.0), weight * z, 0.0)
+        skin_n = batch.root(x * x + y * y)
+        load_n = load_n + batch.choose(good, weight * skin_n, 0.0)
+
+    # the fingers press from two sides, each with half of the sum
+    return 0.5 * grip_n, load_n
+
+
+def _weights(
+    batch: Batch, thumb: tuple[bool, ...] | None, valid: list[Flag]
+) -> list[Number]:
     """What each finger counts, so that both sides together bear what the whole hand bears."""
-    if thumb is None or (all(flags) and len(set(thumb)) == 2):
-        return [1.0] * len(flags)
-    read = [side for side, good in zip(thumb, flags, strict=True) if good]
-    sides = 2.0 / max(1, len(set(read)))
-    return [sides * thumb.count(one) / max(1, read.count(one)) for one in thumb]
+    if thumb is None or (len(set(thumb)) == 2 and batch.every(valid)):
+        return [1.0] * len(valid)
+
+    read: dict[bool, Number] = dict.fromkeys(thumb, batch.zero())
+    for side, good in zip(thumb, valid, strict=True):
+        read[side] = read[side] + batch.choose(good, 1.0, 0.0)
+    sides_read = batch.zero()
+    for count in read.values():
+        sides_read = sides_read + batch.choose(count > 0.0, 1.0, 0.0)
+
+    sides = 2.0 / batch.most(sides_read, 1.0)
+    return [sides * thumb.count(side) / batch.most(read[side], 1.0) for side in thumb]
 
 
 def _cue(prediction: Prediction, from_p: float) -> float:

@@ -22,7 +22,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.core.contract import BoolArray, FloatArray, Json
+from holdfast.core.contract import (
+    GRASP,
+    RISKY_SLIP,
+    SAFE_SLIP,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Json,
+)
 from holdfast.core.errors import GoldenMismatch, NotAModel
 from holdfast.edge_runtime.graph import Outputs, StepGraph, open_session, run_recording
 from holdfast.edge_runtime.model_file import (
@@ -114,6 +122,24 @@ def answers_of(card: ModelCard) -> list[str]:
     """The outputs that answer for a model with this card."""
     weighs = WEIGHS if card.has_weight else ()
     return [*ANSWERS, *card.heads, *weighs]
+
+
+LABEL = ("situation", "p_situation", "usable_sensors")
+"""Outputs that `situations_of` needs."""
+
+
+def situations_of(out: Outputs, n_sensors: int) -> IntArray:
+    """[..] the situations that a hand goes by: the model's, but no safe slip without a sensor.
+
+    out: LABEL. While one of n_sensors is lost, a safe slip of the model is a risky slip or a grasp,
+    whichever is more probable, the riskier on a tie: a lost finger must not calm.
+    """
+    said = out["situation"]
+    p_situation = out["p_situation"]
+    risky = p_situation[..., RISKY_SLIP] >= p_situation[..., GRASP]
+    calms = (said == SAFE_SLIP) & (out["usable_sensors"] < n_sensors)
+    found: IntArray = np.where(calms, np.where(risky, RISKY_SLIP, GRASP), said)
+    return found
 
 
 def _require_fit(answers: Outputs, card: ModelCard) -> None:

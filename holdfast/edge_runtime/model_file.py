@@ -9,7 +9,8 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,6 +21,7 @@ from holdfast.core.contract import (
     CLASSES,
     RATES_HZ,
     SITUATIONS,
+    FloatArray,
     Json,
     Unit,
     not_learned_of,
@@ -143,6 +145,14 @@ class ModelCard(msgspec.Struct, frozen=True):
         return self.classes == CLASSES
 
     @property
+    def thumb(self) -> tuple[bool, ...] | None:
+        """Which sensors press from the thumb's side; None where no hand says so."""
+        from holdfast.core.hand_card import hand_or_usual
+
+        hand = hand_or_usual(self.hand, self.spec.n_sensors)
+        return None if hand is None else hand.of_thumb
+
+    @property
     def hand(self) -> HandCard | None:
         """The hand card of its training sets, None where they had none. Raises NotAModel."""
         value = self.raw["spec"].get("hand")
@@ -159,6 +169,25 @@ class ModelCard(msgspec.Struct, frozen=True):
                 f"its hand card is wrong: {error!r:.80}",
                 next_step="export the model again",
             ) from None
+
+    def filler(self) -> Filler:
+        """Writes 0.0 into values [.., C] on each axis that the model's hand does not measure.
+
+        Gives back the same array where all is measured. Raises NotAModel.
+        """
+        hand = self.hand
+        if hand is None or not hand.unmeasured_names:
+            return _as_they_are
+        from holdfast.core.hand_card import fill_unmeasured
+
+        return partial(fill_unmeasured, hand=hand)
+
+
+Filler = Callable[[FloatArray], FloatArray]
+
+
+def _as_they_are(values: FloatArray) -> FloatArray:
+    return values
 
 
 def votes_in_all(head: Mapping[str, Any]) -> int:

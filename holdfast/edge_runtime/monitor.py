@@ -22,6 +22,7 @@ from holdfast.core.contract import (
     SITUATIONS,
     BoolArray,
     CommandLink,
+    FloatArray,
     Prediction,
     Reason,
     Sample,
@@ -40,10 +41,11 @@ from holdfast.edge_runtime.health import (
 from holdfast.edge_runtime.model import (
     Model as Model,  # both from here, as the README does
 )
-from holdfast.edge_runtime.model import answers_of
+from holdfast.edge_runtime.model import answers_of, situations_of
 from holdfast.edge_runtime.model_file import ModelCard
 
 if TYPE_CHECKING:
+    from holdfast.core.hand_card import HandCard
     from holdfast.edge_runtime.engine import OpenedModel
     from holdfast.edge_runtime.recording import Answers
 
@@ -93,6 +95,7 @@ class GripMonitor:
         self.engine = model.engine
         """What steps the model, as a line for people; "" for onnxruntime without more to say."""
         self._model = model
+        self._fill = self.card.filler()
         self._graph = model.stepper(answers_of(self.card))
         self._clock_ns = clock_ns
         self._bias_known = bias_known
@@ -113,6 +116,8 @@ class GripMonitor:
         commands: CommandLink = "none",
     ) -> Prediction:
         """One sample in, one prediction out. values [C]: without bias, in the model's unit.
+
+        An axis that the model's hand does not measure may hold anything: 0.0 goes to the model.
 
         Samples that never came (a gap in t_ns) count as lost: the graph is stepped over them, and a
         gap of more than 20 ms makes the state unknown until the history is complete again. A sample
@@ -135,8 +140,9 @@ class GripMonitor:
         repeated = stamp == (self._last_t_ns, self._last_sequence)
         if not repeated:
             self._bridge_gap(sample.t_ns)
-            frozen = self._watch(sample)
-            np.copyto(self._graph.sample[0], sample.values)
+            values = self._fill(sample.values)
+            frozen = self._watch(sample, values)
+            np.copyto(self._graph.sample[0], values)
             # True only where a sensor is valid and not frozen
             np.greater(sample.valid, frozen, out=self._graph.valid[0])
             self._graph.step()
@@ -249,21 +255,21 @@ class GripMonitor:
         for _ in range(min(missing, self.card.gap_samples + 1)):
             self._graph.step()
 
-    def _watch(self, sample: Sample) -> BoolArray | bool:
+    def _watch(self, sample: Sample, values: FloatArray) -> BoolArray | bool:
         """Pass the sample to every watch that judges whether samples can be trusted.
 
-        Returns which sensors [S] are frozen, or False for none.
+        values [C]: as the model gets them. Returns which sensors [S] are frozen, False for none.
         """
         self._last_sequence = sample.sequence
-        inside = np.abs(sample.values) < self.card.range_limit  # False for NaN
+        inside = np.abs(values) < self.card.range_limit  # False for NaN
         usable = sample.valid & inside.reshape(-1, 3).all(axis=1)
-        self._stuck = self._repeats.stuck(sample.values, usable)
+        self._stuck = self._repeats.stuck(values, usable)
         self._rate_fits = self._rate.fits(sample.t_ns, sample.sequence)
         if self._start is not None:
-            self._start.take(sample.values, usable)
+            self._start.take(values, usable)
         if self._frozen is None:
             return False
-        return self._frozen.frozen(sample.values, usable)
+        return self._frozen.frozen(values, usable)
 
     def _now_ns(self, sample: Sample) -> int:
         """The clock's time; in a replay, the sample's time plus the computing time."""
@@ -324,12 +330,22 @@ class GripMonitor:
             override=feed.override,
         )
 
+    def _label(self, degraded: bool) -> int:
+        """The situation that the hand goes by."""
+        out = self._graph.out
+        # a whole hand pays nothing for the rule of a degraded one
+        if not degraded:
+            return int(out["situation"][0])
+        return int(situations_of(out, self.card.n_channels // 3)[0])
+
     def _answer(self, feed: _Feed, why: Reason) -> Prediction:
         """The decision and the prediction of one sample. why: "" where its state is known."""
         card = self.card
         out = self._graph.out
         sample = feed.sample
-        label = UNKNOWN if why else int(out["situation"][0])
+        usable = int(out["usable_sensors"][0])
+        degraded = not why and usable < card.n_channels // 3
+        label = UNKNOWN if why else self._label(degraded)
         self._decide(feed, label)
         state: State = "unknown" if why else _STATES[label]
 
@@ -342,8 +358,6 @@ class GripMonitor:
 
         p_situation = _by_name(SITUATIONS, out["p_situation"][0])
         fired = out["detectors"][0].tolist()
-        usable = int(out["usable_sensors"][0])
-        degraded = not why and usable < card.n_channels // 3
         # after everything else, so that the latency counts all of it
         decided_ns = self._now_ns(sample)
 
@@ -388,9 +402,18 @@ def _by_name(names: tuple[str, ...], values: Any) -> dict[str, float]:
 
 
 def require_fit(
-    card: ModelCard, *, n_channels: int, unit: str, rate_hz: float, where: str | Path
+    card: ModelCard,
+    *,
+    n_channels: int,
+    unit: str,
+    rate_hz: float,
+    where: str | Path,
+    losses: str = "",
 ) -> None:
-    """Raise ChannelError, UnitError or RateError where a source does not fit the model."""
+    """Raise ChannelError, UnitError or RateError where a source does not fit the model.
+
+    losses: what makes its rate smaller than that of its sender, in words.
+    """
     if n_channels != card.n_channels:
         raise ChannelError(
             f"the source has {n_channels} channels, the model needs {card.n_channels}",
@@ -411,8 +434,27 @@ def require_fit(
         raise RateError(
             f"{rate_hz:.4g} Hz, the model needs {card.rate_hz:.4g} Hz within {RATE_TOLERANCE:.0%}",
             where=where,
-            cause="a model made for another rate",
-            next_step=model_for_rate(rate_hz),
+            cause=losses or "a model made for another rate",
+            next_step="correct the sender" if losses else model_for_rate(rate_hz),
+        )
+
+
+def require_measured(card: ModelCard, hand: HandCard | None, where: str | Path) -> None:
+    """Raise ChannelError where a hand does not measure an axis that the model needs.
+
+    hand: that of a source or a set, None where none is known. What it measures more goes to no
+    model (ModelCard.filler).
+    """
+    if hand is None or not hand.unmeasured_names:
+        return
+    needs = card.hand.unmeasured_names if card.hand else ()
+    lacks = [name for name in hand.unmeasured_names if name not in needs]
+    if lacks:
+        raise ChannelError(
+            f"{', '.join(lacks)}: not measured by the hand {hand.name}, and the model needs it",
+            where=where,
+            cause="a model made for sensors of three axes",
+            next_step="holdfast export MODEL --hand CARD --out FILE, with this hand's card",
         )
 
 

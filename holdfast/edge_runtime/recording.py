@@ -95,13 +95,15 @@ def prepared_recording(
     raw = _table(values, card)
     times_s = _times(t_s, len(raw), card)
     ours, factor = _unit(unit, card)
+    raw = card.filler()(raw)
     usable = _usable(raw, valid)
     raw = raw * factor
     # the first valid rows decide, or one row: what the unloaded hand reads
     if bias is None:
         sign, offset = card.preparation.learn(raw, usable)
     else:
-        sign, offset = card.preparation.learn(_resting(bias, card)[None] * factor)
+        resting = card.filler()(_resting(bias, card))
+        sign, offset = card.preparation.learn(resting[None] * factor)
     recording = PreparedRecording(times_s, raw * sign - offset, usable, ours)
     # times in another unit than seconds: the error names the likely one
     rate_hz = recording.rate_hz
@@ -145,10 +147,17 @@ def _times(t_s: npt.ArrayLike | None, n_rows: int, card: ModelCard) -> FloatArra
     good = inside & np.append(True, np.diff(times_s) > 0.0)
     if not good.all():
         row = int(np.argmin(good))
+        next_step = "replay each recording on its own"
+        n_equal = int((np.diff(times_s) == 0.0).sum())
+        if n_equal:
+            next_step = (
+                f"{n_equal} rows have the time of the row before: pass finer times, or none for "
+                "the model's rate"
+            )
         raise TimeError(
             f"t_s stands still, runs backwards or is no number at row {row}",
             where=WHERE,
-            next_step="replay each recording on its own",
+            next_step=next_step,
         )
     return times_s
 

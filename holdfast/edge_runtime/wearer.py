@@ -114,7 +114,7 @@ def read_intent(path: Path) -> list[Intent]:
     # the first line has names; what follows the last line end is torn, or empty
     for number, line in enumerate(text_of(path).split("\n")[1:-1], start=2):
         try:
-            time_s, _, wants = line.split(",")[:3]
+            time_s, _, wants = line.rstrip("\r").split(",")[:3]
             # older files say so
             wants = "stop" if wants == "rest" else wants
             if wants not in (UNKNOWN, ""):

@@ -162,8 +162,9 @@ def match_alarms(
     """Match the alarms of a stream with its events. requests [T]: an act is requested."""
     rate_hz = recording.rate_hz
     # In s, as the truth has its events.
-    alarms_s = np.flatnonzero(_begins(requests)) / rate_hz
-    false = np.ones(len(alarms_s), dtype=np.bool_)
+    alarms = np.flatnonzero(_begins(requests))
+    alarms_s = alarms / rate_hz
+    false = recording.counted(len(requests))[alarms]
     outcomes = []
     for event in recording.events:
         # The truth is no sharper than the collar, so an alarm within it belongs to the event.
@@ -185,13 +186,13 @@ def match_alarms(
         false &= ~within
 
     false_s = tuple(alarms_s[false].tolist())
-    minutes = len(requests) / rate_hz / 60.0
+    minutes = recording.counted_s(len(requests)) / 60.0
     return EventMatch(recording, tuple(outcomes), false_s, minutes)
 
 
 def false_alarms(recording: Recording, requests: BoolArray) -> IntArray:
     """[K] how many alarms of requests [T, K] belong to no event, as `match_alarms` counts them."""
-    false = _begins(requests)
+    false = _begins(requests) & recording.counted(len(requests))[:, None]
     t_s = np.arange(len(requests)) / recording.rate_hz
     for event in recording.events:
         false[within_event(event, t_s, COLLAR_S)] = False
@@ -227,7 +228,7 @@ def choose_confidence(
     for one, of_one in zip(answers, requests, strict=True):
         # All confidences at once: column k is confidence k.
         false += false_alarms(one.recording, of_one)
-        seconds += len(one.situation) / one.recording.rate_hz
+        seconds += one.recording.counted_s(len(one.situation))
 
     # As a count: a rate would have to be divided by the minutes for each confidence.
     allowed = most_false_per_min * (seconds / 60.0)

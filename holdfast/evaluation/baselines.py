@@ -200,9 +200,9 @@ def raw_forest(data: DataSet, spec: StepSpec, seed: int) -> bytes:
     """The thesis' forest, trained on a set, as a step graph of its own."""
     task = main_task(data)
     # The rate of the model, of which that of the set may be off by some per cent.
-    narrow = msgspec.structs.replace(
-        spec_for(data, RAW_BASELINE.groups), rate_hz=spec.rate_hz
-    )
+    # Of no hand card: raw windows need no sides, and an axis that is 0.0 throughout harms none.
+    of_no_hand = spec_for(replace(data, hand=None), RAW_BASELINE.groups)
+    narrow = msgspec.structs.replace(of_no_hand, rate_hz=spec.rate_hz)
     alone = replace(data, tasks={task: data.tasks[task]})
     features = features_of(alone, narrow)[task]
     # On all rows: it is scored on other sets, so nothing has to be held out.

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from holdfast.core.errors import UsageError, count_of
-from holdfast.core.locked import require_open
+from holdfast.core.errors import SetLocked, UsageError, count_of
+from holdfast.core.locked import require_open, require_open_people
 from holdfast.core.trial_layout import read_json
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.graph import Outputs
+from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.evaluation import MOST_FALSE_PER_MIN
 from holdfast.evaluation.alarms import choose_confidence
 from holdfast.evaluation.baselines import (
@@ -179,6 +180,7 @@ class _Run:
         labels = []
         for name in names:
             data = self._load(name)
+            require_open_people(data.name, data.people(), "a threshold")
             recordings += data.recordings
             labels.append(_label(name, data))
 
@@ -251,7 +253,24 @@ class _Run:
         # Before a set is run, which takes minutes.
         require_model_fits(self.model, data)
         # Unseen people alone, where the model was trained on others of the set.
-        return data.of_groups(self.request.people) if self.request.people else data
+        if self.request.people:
+            data = data.of_groups(self.request.people)
+        _require_unseen(self.model.card, data)
+        return data
+
+
+def _require_unseen(card: ModelCard, data: DataSet) -> None:
+    """Raise SetLocked for people of a set that the model has learned from, at whatever rate."""
+    for learned in card.raw["training"].get("sets", []):
+        seen = sorted(set(learned["people"]) & set(data.people()))
+        if learned["name"] == data.name and seen:
+            raise SetLocked(
+                f"the model has learned from {', '.join(seen)} of {data.name}",
+                where=data.name,
+                cause="its figures on people that it knows would flatter",
+                next_step="evaluate it on a folder of other people; figures with these people left "
+                "out: python -m studies people",
+            )
 
 
 def _label(name: str, data: DataSet) -> str:

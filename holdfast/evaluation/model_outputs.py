@@ -14,6 +14,7 @@ from holdfast.core.errors import ChannelError
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.graph import Outputs, Steps
+from holdfast.edge_runtime.model import LABEL, situations_of
 from holdfast.edge_runtime.monitor import require_fit
 from holdfast.evaluation.alarms import Answers
 from holdfast.export.heads import riskier_argmax
@@ -25,7 +26,7 @@ from holdfast.training.plan import TASK_HEADS
 from holdfast.training.progress import Part, ignored
 from holdfast.training.recording import DataSet, Recording
 
-OUTPUTS = ("situation", "votes", "unknown", "p_situation")
+OUTPUTS = ("votes", "unknown", *LABEL)
 NO_CLASS = -1
 """Where no class is known; below every class, as UNKNOWN is below every situation."""
 
@@ -80,6 +81,7 @@ def read_outputs(
         votes = out["votes"].astype(np.int64)
         # Where the hand would say unknown, no class may be counted as its answer.
         withheld = out["unknown"]
+        situation = situations_of(out, model.card.n_channels // 3)
 
         # A model of four situations has no votes by weight.
         eight = np.full(len(votes), NO_CLASS)
@@ -88,7 +90,7 @@ def read_outputs(
         read.append(
             ModelOutputs(
                 recording,
-                situation=np.where(withheld, UNKNOWN, out["situation"]),
+                situation=np.where(withheld, UNKNOWN, situation),
                 risky_permille=risky_permille(votes),
                 p_situation=out["p_situation"],
                 eight=eight,
@@ -143,6 +145,16 @@ def require_model_fits(model: OpenedModel, data: DataSet) -> None:
         where=data.name,
     )
     hand = model.card.hand
+    ours = hand.unmeasured_names if hand else ()
+    theirs = data.hand.unmeasured_names if data.hand else ()
+    if ours != theirs:
+        raise ChannelError(
+            f"not measured in the set: {', '.join(theirs) or 'nothing'}; by the model's hand: "
+            f"{', '.join(ours) or 'nothing'}",
+            where=data.name,
+            cause="sensors that measure other axes",
+            next_step="holdfast export MODEL --hand CARD --out FILE, with the set's hand.toml",
+        )
     if hand is None or data.hand is None:
         return
     if hand.sensor_sides != data.hand.sensor_sides:
@@ -165,12 +177,13 @@ def window_figures(
 ) -> WindowFigures:
     """Figures of a model at the windows of a set, and how much of the set it was trained on.
 
-    computed: [T, ..] "situation", "unknown" and `heads_with_task` at every sample of each
-    recording, streamed from a fresh state. A window at which the state would be unknown is a miss.
+    computed: [T, ..] LABEL, "unknown" and `heads_with_task` at every sample of each recording,
+    streamed from a fresh state. A window at which the state would be unknown is a miss.
     """
     data = data.with_situations()
     withheld = at_windows(data, "situations", "unknown", computed)
-    answered = at_windows(data, "situations", "situation", computed)
+    named = {name: at_windows(data, "situations", name, computed) for name in LABEL}
+    answered = situations_of(named, model.card.n_channels // 3)
     # One past the last situation is "unknown", which misses whatever was there.
     situation = np.where(withheld, len(SITUATIONS), answered)
 

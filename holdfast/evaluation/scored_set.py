@@ -205,7 +205,7 @@ def _card(
     onsets = []
     for one, trial in zip(data.recordings, trials, strict=True):
         # Each recording has a rate of its own, by which its samples count.
-        seconds += len(one.samples) / one.rate_hz
+        seconds += one.counted_s(len(one.samples))
         events += len(one.events)
         onsets += trial.sources
 

@@ -149,6 +149,15 @@ class StepSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 f"a rate of {self.rate_hz} Hz", next_step="check the time stamps"
             )
 
+        silent = self.hand.unmeasured_names if self.hand else ()
+        if silent and (self.unit == "uT" or not self.is_pooled):
+            raise ChannelError(
+                f"{', '.join(silent)}: not measured, by the hand card, and fixed features and "
+                "fields in uT need all three axes of a sensor",
+                where=self.hand.name if self.hand else "",
+                next_step="train with --features pooled, on forces",
+            )
+
         # the class is frozen, so what hangs on other fields is filled in this way
         fill_in = msgspec.structs.force_setattr
         if self.force_decides is None:

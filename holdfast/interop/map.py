@@ -223,4 +223,5 @@ def toml_text(table: Mapping[str, Any], name: str = "") -> str:
             # a text, a number or a list of such is written as in JSON
             lines.append(f"{key} = {json.dumps(value, ensure_ascii=False)}\n")
 
-    return "".join(lines + within)
+    # TOML forbids the one control character that JSON leaves as it is.
+    return "".join(lines + within).replace("\x7f", "\\u007f")

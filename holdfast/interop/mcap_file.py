@@ -20,7 +20,7 @@ import numpy as np
 
 from holdfast.core.contract import AXES, Json
 from holdfast.core.errors import needs_extra
-from holdfast.core.schema import json_of
+from holdfast.core.schema import json_of, message_of
 from holdfast.interop.payload import TrialPayload
 from holdfast.interop.streams import ForeignLog
 
@@ -156,7 +156,7 @@ def _decoder(encoding: str, schema: Schema | None) -> Decode | None:
     if schema is not None and any(word in schema.name for word in PICTURES):
         return None
     if encoding == "json":
-        return json_of
+        return message_of
     decode = DecoderFactory().decoder_for(encoding, schema)
     if decode is not None:
         return lambda data: MessageToDict(

@@ -23,6 +23,7 @@ from holdfast.core.contract import (
     Json,
 )
 from holdfast.core.errors import DataNotFound, listed
+from holdfast.core.hand_card import hand_card_near
 from holdfast.core.trial_file import read_trial
 from holdfast.core.trial_layout import META, TACTILE, read_json
 from holdfast.training.datasets import LAYOUTS, find, layout_of, reader_of
@@ -123,7 +124,7 @@ def _name(path: Path, root: Path) -> str:
 def _payload(path: Path, timed: TimedTrial, raw: bool) -> TrialPayload:
     """The payload of a trial that was read. raw: values as recorded."""
     # Read again, since a reader gives prepared samples, and `raw` wants those of the file.
-    trial = read_trial(path)
+    trial = read_trial(path, hand_card_near(path))
     recording = timed.recording
 
     # Rows in no phase keep NO_LABEL: no other situation is assumed for them.

@@ -58,6 +58,7 @@ from holdfast.interop.understood import Files, Understood
 from holdfast.interop.writing import truth_of, write_csv
 from holdfast.training.datasets.thesis import prepared
 from holdfast.training.datasets.trials import EMPTY_HAND
+from holdfast.training.lifts import LIFT, lift_phases
 from holdfast.training.progress import Part, ignored
 from holdfast.training.timeline import ACTION_S, contact
 
@@ -236,8 +237,8 @@ class TrialImport:
         labels, n_used = labels_of_rows(log, rows, plan, events)
         trial = self._trial(log, rows, plan)
         labels = labels[-len(trial.t_s) :]
-        samples = prepared(trial, plan.unit_of_values, "").samples
-        first, stop = contact(trial.t_s, samples)
+        recording = prepared(trial, plan.unit_of_values, "")
+        first, stop = contact(trial.t_s, recording.samples)
         is_timed = len({*labels}) > 1
         rules = plan.events if labels[0] is not None else None
         if plan.events and not rules:
@@ -258,7 +259,6 @@ class TrialImport:
         is_untimed |= action in UNSCRIPTED and action not in LABELLED_ACTIONS
         situation = SITUATION_OF_ACTION.get(action, "")
         if is_untimed and not kinds and situation:
-            # here the times of a lift will be those of its contact (training has that rule)
             taken = {"risky_slip": "slip", "grasp": "hold"}.get(situation, "")
             text = f"taken as {taken}" if taken else "only the empty hand is labelled"
             self._note(log, f"{action}: its times are not known: {text}")
@@ -275,13 +275,17 @@ class TrialImport:
                 next_step="--action slip, or another action; or its events",
             )
 
+        if action == LIFT and not kinds:
+            # raises where the forces do not tell when the hand holds something
+            values, valid = recording.samples, recording.valid
+            lift_phases(values, valid, trial.rate_hz, recording.unit, log.path)
         is_empty = action == EMPTY_HAND
         thing = "" if is_empty else names["object"] or "object"
         parts = names["person"], thing, action
         self.trials.append(parts)
         name = f"trial_{self.trials.count(parts)}.csv"
         place = "/".join(filter(None, [*parts, name]))
-        write_csv(self.folder / place, trial)
+        write_csv(self.folder / place, trial, plan.unmeasured_names)
         if kinds and not is_empty:
             write_whole(truth_path(self.folder / place), truth_of(trial, labels))
         self.written[place] = log.name
@@ -305,7 +309,8 @@ class TrialImport:
                 log, f"{count_of(n_jumps, 'jump')} by 2^16: --unwrap takes them out"
             )
         is_lost = np.isnan(values)
-        lost = zip(plan.channels, is_lost.sum(axis=0).tolist(), strict=True)
+        n_lost = is_lost.sum(axis=0)[plan.measured]
+        lost = zip(plan.channels, n_lost.tolist(), strict=True)
         self.missing.update(dict(lost))
         first = int(is_lost.argmin(axis=0).max())
         if 0 < first < len(rows) // 2:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Collection
 from itertools import pairwise
 from pathlib import Path
 
@@ -33,10 +34,10 @@ THESIS_SENSORS = 6
 """Of a set without a hand card."""
 
 
-def write_csv(path: Path, trial: Trial) -> None:
-    """The samples as the layout has them; a lost value is nan."""
+def write_csv(path: Path, trial: Trial, absent: Collection[str] = ()) -> None:
+    """The samples as the layout has them; a lost value is nan. absent: what is not measured."""
     decimals = decimals_of(trial.t_s), decimals_of(trial.raw)
-    write_whole(path, trial_csv(trial.t_s, trial.raw, *decimals))
+    write_whole(path, trial_csv(trial.t_s, trial.raw, *decimals, absent))
 
 
 def decimals_of(values: FloatArray) -> int:

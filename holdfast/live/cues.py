@@ -163,7 +163,7 @@ class CueOutput:
     """The wearer's cues as an output of a run."""
 
     def __init__(self, link: HandLink, table: CueTable) -> None:
-        self._link = link
+        self.link = link
         self._table = table
         self._cues = Cues(table)
         self._newest_ns = -QUIET_NS
@@ -172,11 +172,11 @@ class CueOutput:
         self, prediction: Prediction, sample: object = None, reading: object = None
     ) -> None:
         """Send the cue of one sample, or a sign of life where none was due for long."""
-        if not self._link.works:
+        if not self.link.works:
             # a cue that did not leave is due again
             self._cues = Cues(self._table)
         # a line never takes the place of a cue that has not left yet
-        if not self._link.idle:
+        if not self.link.idle:
             return
         now_ns = prediction.t_decided_ns
         kind = self._cues.due(prediction.state, prediction.act, prediction.arm, now_ns)
@@ -188,12 +188,12 @@ class CueOutput:
         elif now_ns - self._newest_ns < QUIET_NS:
             return
         line = cue_line(prediction.sequence, prediction.t_acquired_ns, name, rule)
-        self._link(line, prediction.sequence)
+        self.link(line, prediction.sequence)
         self._newest_ns = now_ns
 
     def close(self, reason: str = STOPPED) -> None:
         """Send the cue `unknown`: nothing looks after the grip any more."""
-        self._link.close(reason)
+        self.link.close(reason)
 
 
 def open_cues(

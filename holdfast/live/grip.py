@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 from holdfast.core.contract import GripCommand, Prediction, Sample
 from holdfast.core.errors import ChannelError
-from holdfast.core.hand_card import hand_or_usual
 from holdfast.core.source import Source
 from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.edge_runtime.grip_control import GripControl
@@ -50,9 +49,7 @@ def controller_for(
     report: gets one line where it runs in reduced mode. Raises UsageError, ChannelError.
     """
     n_sensors = card.n_channels // 3
-    # half of the sum of all normal forces is the grip of either side, where no card says more
-    thumb = None if card.hand is None else card.hand.of_thumb
-    if hand_or_usual(card.hand, n_sensors) is None:
+    if card.thumb is None:
         raise ChannelError(
             f"the model is for {n_sensors} sensors and does not say which side they press from",
             where="--grip",
@@ -67,7 +64,7 @@ def controller_for(
         n_fingers=n_sensors,
         limits=Limits(ceiling_n=ceiling_n or Limits.ceiling_n),
         shear_gain=shear_gain,
-        thumb=thumb,
+        thumb=card.thumb,
         rules=AnswerRules.of(card.decision, most_over_n=most_over_n or math.inf),
     )
     # a raw field gives no force in N, so there is no target to command
@@ -92,6 +89,11 @@ class GripOutput:
     link: HandLink | None = None
     scene: LiveScene | None = None
     newest: GripCommand | None = None
+
+    @property
+    def leaves(self) -> bool:
+        """Whether commands leave."""
+        return self.link is None or self.link.works
 
     def begin(self, source: Source) -> None:
         """The loop begins to read this source."""

@@ -4,10 +4,11 @@
     serial:///dev/ttyX?baud=N     lines that end with a line feed; 115200 where no baud is given
 
 A thread writes, so the loop never waits. It takes the newest line when the link has room: a line
-that a newer one overtakes is left out and counted, so what arrives is never old. A link that fails,
-or that has no room for EXPIRES_MS, is reported once, and tried again every
-RETRY_S. Its first line is then `hold`. The last line of a run is `hold`. Where the process dies
-without it, the receiver holds EXPIRES_MS after the last line.
+that a newer one overtakes is left out and counted, so what leaves is never old. A receiver skips a
+line that became old on its way (core/hand_lines.py). A link that fails, or that has no room for
+EXPIRES_MS, is reported once, and tried again every RETRY_S. Its first line is then `hold`. The last
+line of a run is `hold`. Where the process dies without it, the receiver holds EXPIRES_MS after the
+last line.
 
 A serial port carries few lines: 115200 baud about 55 a second. It is the one that pyserial opens
 (extra `serial`). A line that was cut off is ended by the next line feed: a reader skips it.
@@ -16,8 +17,10 @@ A serial port carries few lines: 115200 baud about 55 a second. It is the one th
 from __future__ import annotations
 
 import math
+import os
 import select
 import socket
+import stat
 import termios
 import time
 from collections.abc import Callable
@@ -26,9 +29,9 @@ from dataclasses import dataclass
 from threading import Condition, Thread
 from typing import Any
 
-from holdfast.core.errors import DeviceError
+from holdfast.core.errors import DeviceError, UsageError
 from holdfast.core.hand_lines import not_an_address
-from holdfast.drivers.line_feeds import open_port
+from holdfast.drivers.line_feeds import close_port, open_port
 from holdfast.edge_runtime.supervisor import EXPIRES_MS
 from holdfast.live.sources import source_url
 
@@ -42,12 +45,19 @@ PATIENCE_S = 1e-3 * EXPIRES_MS
 """A link that has no room for so long has failed."""
 LOOK_AGAIN_S = 0.002
 """Between two looks at how many bytes a port has still to send."""
+LONGEST_PATH = 107
+"""Bytes of the path of a socket file, by the system."""
 RETRY_S = 0.2
 """From a failure to the first try, and between two tries."""
 LAST_LINE_S = 0.2
 """The last line waits this long for room."""
 END_S = 0.5
 """The end of a run waits this long for the thread."""
+PSEUDO_TERMINALS = "/dev/pts/"
+NO_QUEUE = (
+    "a pseudo-terminal does not say how many bytes wait in it, so lines can arrive late: "
+    "its reader must be fast, and skip old lines"
+)
 LOST = "link was lost"
 HOLDS = "the hand holds its grip"
 STALLED = "its reader is stalled"
@@ -70,6 +80,7 @@ class UnixPort:
 
     def __init__(self, path: str) -> None:
         self._path = path
+        self._is_connected = False
         self._sender = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._sender.setblocking(False)
         # one that starts later is found then; until then its absence is reported
@@ -78,7 +89,9 @@ class UnixPort:
 
     def open(self) -> None:
         """Find the receiver, or the one that came in its place. Raises OSError."""
+        self._is_connected = False
         self._sender.connect(self._path)
+        self._is_connected = True
 
     def wait_for_room(self, wait_s: float) -> None:
         """Wait for room in the receiver's queue. Raises OSError."""
@@ -87,6 +100,9 @@ class UnixPort:
 
     def write(self, line: bytes) -> None:
         """Send one datagram. Raises OSError."""
+        # without it, the error would be that of a missing connection, whatever stands in its way
+        if not self._is_connected:
+            self.open()
         self._sender.send(line)
 
     def close(self) -> None:
@@ -125,6 +141,11 @@ class SerialPort:
         port.write(self.begins)
         return port
 
+    @property
+    def is_pseudo_terminal(self) -> bool:
+        """Whether it is the end of a pty, which never says how many bytes wait."""
+        return os.ttyname(self._port.fd).startswith(PSEUDO_TERMINALS)
+
     def wait_for_room(self, wait_s: float) -> None:
         """Wait until few bytes are unsent: a line behind many would arrive old."""
         end_s = time.monotonic() + wait_s
@@ -139,8 +160,7 @@ class SerialPort:
 
     def close(self) -> None:
         """Close the port."""
-        with suppress(*FAILURES):
-            self._port.close()
+        close_port(self._port)
 
 
 Port = UnixPort | SerialPort
@@ -150,7 +170,8 @@ Port = UnixPort | SerialPort
 class HandLink:
     """One link with its thread and its retries. dropped: lines that did not leave.
 
-    name, effect: of the link, and of its failure, for people. works: lines leave.
+    name, effect: of the link, and of its failure, for people. works: lines leave. left: how many
+    lines have left, not counting those that begin after a failure and that end the run.
     """
 
     port: Port
@@ -160,6 +181,7 @@ class HandLink:
     now_ns: Callable[[], int]
     effect: str = HOLDS
     dropped: int = 0
+    left: int = 0
     works: bool = True
     _sequence: int = -1
     _line: str | None = None
@@ -170,6 +192,11 @@ class HandLink:
         self._changed = Condition()
         self._thread = Thread(target=self._write_all, name="hand link", daemon=True)
         self._thread.start()
+
+    @property
+    def carried_none(self) -> bool:
+        """Whether no line has left of those that were passed on."""
+        return self._sequence >= 0 and self.left == 0
 
     @property
     def idle(self) -> bool:
@@ -205,6 +232,7 @@ class HandLink:
             try:
                 self.port.wait_for_room(PATIENCE_S)
                 self.port.write(self._newest().encode())
+                self.left += 1
             except FAILURES as error:
                 self._recover(error)
 
@@ -273,7 +301,25 @@ def open_hand_link(
         raise not_an_address(url, name, "unix:///PATH or serial:///DEVICE")
     where = source_url(url)
     if where.scheme == "unix":
+        _require_possible(where.name, name)
         port: Port = UnixPort(where.name)
     else:
         port = SerialPort(where.name, where.options.baud)
+        if port.is_pseudo_terminal:
+            report(f"{name} {url}: {NO_QUEUE}")
     return HandLink(port, f"{name} {url}", last, report, now_ns, effect)
+
+
+def _require_possible(path: str, link: str) -> None:
+    """Raise UsageError for a path at which no receiver can come."""
+    if len(os.fsencode(path)) > LONGEST_PATH:
+        raise UsageError(
+            f"{link}: unix://{path} is longer than {LONGEST_PATH} bytes, which no socket can have",
+            next_step="choose a shorter path",
+        )
+    with suppress(OSError):
+        if not stat.S_ISSOCK(os.stat(path).st_mode):
+            raise UsageError(
+                f"{link}: unix://{path} is no socket",
+                next_step="name the socket file of the receiver; it may start later",
+            )

@@ -27,7 +27,7 @@ import numpy.typing as npt
 
 from holdfast.core.contract import Command, FloatArray, Prediction, Sample
 from holdfast.core.errors import count_of
-from holdfast.core.source import SelfPaced, Source, SourceReading
+from holdfast.core.source import Source, SourceReading, Turns
 from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.preparation import Tare
 
@@ -140,12 +140,10 @@ class LiveRun:
     summary: Summary = field(default_factory=Summary)
 
     def __post_init__(self) -> None:
-        self._period_ns = 1e9 / (self.source.rate_hz or self.monitor.card.rate_hz)
-        self._stamps = Stamps(self._period_ns)
-        self._start_ns = self.clock.now_ns()
-        # its reads wait for the next sample: a schedule of this clock would drift from its own
-        self._is_paced = isinstance(self.source, SelfPaced)
-        self._turn = 0
+        self._fill = self.monitor.card.filler()
+        period_ns = 1e9 / (self.source.rate_hz or self.monitor.card.rate_hz)
+        self._stamps = Stamps(period_ns)
+        self._turns = Turns(self.source, self.clock, period_ns)
 
     def until(self, stopped: Callable[[], bool]) -> Summary:
         """Read, answer and emit until stopped or until the source ends.
@@ -158,10 +156,7 @@ class LiveRun:
 
     def answer_next(self) -> bool:
         """Wait until the next sample is due, read and answer it; False where the source ended."""
-        # from the start and not from the last turn: rounding and delays do not add up
-        if not self._is_paced:
-            due_ns = self._start_ns + round(self._turn * self._period_ns)
-            self.clock.wait_until(due_ns)
+        self._turns.wait()
         began_ns = self.clock.now_ns()
         measured = self.source.read()
         # a recording that ends; a hand never does
@@ -185,7 +180,7 @@ class LiveRun:
         ]
         # after emit, so that counting and its cost are part of no stage
         self.summary.note(prediction, times_ns)
-        self._schedule_next()
+        self.summary.overruns += self._turns.end()
         return True
 
     def _sample(self, measured: SourceReading) -> Sample:
@@ -200,8 +195,8 @@ class LiveRun:
         # its values are history already, so no sensor counts as read
         lost = trouble in ("repeated", "late")
         valid = np.zeros_like(measured.valid) if lost else measured.valid
-        values, valid = self.tare.prepare(measured.values, valid)
-        return Sample(t_ns, values, valid, self._turn)
+        values, valid = self.tare.prepare(self._fill(measured.values), valid)
+        return Sample(t_ns, values, valid, self._turns.number)
 
     def _predict(self, sample: Sample) -> Prediction:
         # asked for as late as possible, so that an opening command counts for this very sample
@@ -212,18 +207,6 @@ class LiveRun:
             override=command.override,
             commands=command.link,
         )
-
-    def _schedule_next(self) -> None:
-        """Count this turn, and skip the turns whose time has passed."""
-        self._turn += 1
-        if self._is_paced:
-            return
-        # turns that are past are never made up for: late answers would act on old touch
-        passed_ns = self.clock.now_ns() - self._start_ns
-        missed = int(passed_ns / self._period_ns) - self._turn
-        if missed > 0:
-            self.summary.overruns += missed
-            self._turn += missed
 
 
 def report_summary(summary: Summary, report: Callable[[str], object]) -> None:

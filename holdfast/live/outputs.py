@@ -41,6 +41,7 @@ from holdfast.core.contract import (
     not_learned_in_words,
 )
 from holdfast.core.errors import OutputError, UsageError
+from holdfast.core.hand_card import HandCard, leave_empty
 from holdfast.core.lines import CLOSING_S, LineWriter, Sink
 from holdfast.core.source import SourceReading
 from holdfast.core.trial_file import TIME_COLUMN, ZEROS, Zero
@@ -281,14 +282,19 @@ class SampleFile:
     """A new CSV of prepared samples that replays to the same states, row by row.
 
     Columns: Time, X1 .. Zn, valid1 .. validn, sequence and prepared_UNIT (core/trial_file.py).
-    Invalid values are written as they are, nan too; all digits are kept. first_ns: time of the
-    first sample, None before it. Raises OutputError.
+    Invalid values are written as they are, nan too; an axis that the hand does not measure is nan.
+    All digits are kept. first_ns: time of the first sample, None before it. Raises OutputError.
     """
 
     def __init__(
-        self, path: Path, n_channels: int, unit: Unit = "N", zero: Zero = ZEROS[0]
+        self,
+        path: Path,
+        n_channels: int,
+        unit: Unit = "N",
+        zero: Zero = ZEROS[0],
+        hand: HandCard | None = None,
     ) -> None:
-        """zero: what was removed from the samples."""
+        """zero: what was removed from the samples. hand: the model's."""
         sensors = n_channels // 3
         valid = [f"valid{k}" for k in range(1, sensors + 1)]
         names = [TIME_COLUMN, *channel_names(sensors), *valid]
@@ -296,6 +302,7 @@ class SampleFile:
         self.sink = file_sink(path, ",".join([*names, "sequence", f"prepared_{unit}"]))
         self.first_ns: int | None = None
         self._zero = str(1 + ZEROS.index(zero))
+        self._hand = hand
 
     def write(
         self,
@@ -314,7 +321,7 @@ class SampleFile:
         # whole numbers: as a float, a time of many hours would lose its nanoseconds
         seconds, rest_ns = divmod(sample.t_ns - self.first_ns, 10**9)
         cells = [f"{seconds}.{rest_ns:09d}"]
-        cells += map(repr, sample.values.tolist())
+        cells += map(repr, leave_empty(sample.values, self._hand).tolist())
         cells += ["1" if valid else "0" for valid in sample.valid]
         cells += [str(sample.sequence), self._zero]
         self.sink(",".join(cells))

@@ -1,6 +1,7 @@
 """A live run from its opened outputs to its summary: the body of `holdfast run`.
 
-A log that fails costs its lines and nothing else; the exit code is 5 where a file is incomplete.
+A log that fails costs its lines and nothing else; the exit code is 5 where a file is incomplete, or
+where not one command reached the hand.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import msgspec
 
 from holdfast.core.contract import Command, FloatArray
-from holdfast.core.errors import OutputError, UsageError, visible
+from holdfast.core.errors import HoldfastError, OutputError, UsageError, visible
 from holdfast.core.lines import Sink, stream_sink
 from holdfast.core.schema import DEFAULT_MODEL
 from holdfast.core.source import Source
@@ -60,6 +61,7 @@ from holdfast.live.sources import SetReader, is_standard_input, open_live
 
 if TYPE_CHECKING:
     from holdfast.live.grip import GripOutput
+    from holdfast.live.hand_link import HandLink
     from holdfast.live.page.run_page import RunPage
     from holdfast.live.scene import LiveScene
     from holdfast.live.view import View
@@ -150,6 +152,10 @@ def run(
             # a reader that went away on purpose leaves no incomplete file
             if name not in (STDOUT, STDERR) or error.errno not in READER_GONE:
                 code = OutputError.exit_code
+        for link in live.links:
+            if link.carried_none:
+                stderr(f"lost: {link.name} (not one line left)")
+                code = OutputError.exit_code
     return code
 
 
@@ -172,6 +178,8 @@ class _Run:
         self._grip: GripOutput | None = None
         self._scene: LiveScene | None = None
         self._answers = AnswerWatch(self._card, self.report)
+        self._new_files: list[Path] = []
+        self.links: list[HandLink] = []
         self.stopped = StopRequest()
 
     def report(self, text: str) -> None:
@@ -192,7 +200,10 @@ class _Run:
         with ExitStack() as stack:
             # first, so that Ctrl-C while outputs are opened ends the run in order
             self.stopped = stack.enter_context(stop_signals())
+            stack.push(self._leave_nothing_behind)
             outputs = self._open_outputs(stack)
+            # called before they are closed
+            stack.push(self._show_failure)
             command = self._open_wearer(stack, outputs)
             moving = self._open_moving(stack)
             source = open_live(
@@ -215,6 +226,8 @@ class _Run:
                 if self._grip is not None:
                     self._grip.begin(source)
                 resting = self._begin(source, outputs)
+                # from here on its files hold answers
+                self._new_files.clear()
                 summary = answer(
                     source,
                     self.model,
@@ -230,6 +243,19 @@ class _Run:
         # exact only now: while sinks are open, waiting lines count as dropped
         summary.lost["dropped"] = self.lines.dropped
         return summary
+
+    def _show_failure(
+        self, kind: object, error: BaseException | None, trace: object
+    ) -> None:
+        """What ended the run, for the page: on the terminal it is printed at the very end."""
+        if self._page and isinstance(error, HoldfastError):
+            self._page.why_ended = visible(str(error))
+
+    def _leave_nothing_behind(self, kind: type | None, *_: object) -> None:
+        """Remove the new files of a run that was refused: they would stop the next one."""
+        if kind is not None:
+            for path in self._new_files:
+                path.unlink(missing_ok=True)
 
     def _report_end(self, summary: Summary) -> None:
         """Why the loop has ended, for the terminal and the page."""
@@ -248,12 +274,17 @@ class _Run:
         """Report what the run begins with; returns the measured bias, if there is one."""
         for line in about_model(self.model):
             self.report(line)
-        resting = resting_of(self.options.bias, source)
-        bare = resting is None and zero_of(source) is None
-        if bare and self._card.preparation.bias_rows:
-            outputs.append(ZeroWatch(self._card, self.report))
+        options = self.options
+        bias = resting_of(options.bias, source, options.calibration)
+        zero, measured = zero_of(source), ""
+        if bias is not None:
+            measured = f"{options.bias} ({bias.date or 'without a date'})"
+        elif zero == "measured":
+            measured = "that recording"
+        if measured or (zero is None and self._card.preparation.bias_rows):
+            outputs.append(ZeroWatch(self._card, self.report, measured))
         outputs.append(self._answers)
-        return resting
+        return None if bias is None else bias.values
 
     def _open_outputs(self, stack: ExitStack) -> list[Output]:
         """Those that only show or keep answers, in the order in which they get one."""
@@ -277,12 +308,16 @@ class _Run:
             self.lines.sinks.append(stream_sink(sys.stdout, STDOUT))
         elif kind == "jsonl":
             self.lines.sinks.append(file_sink(Path(place)))
+            self._new_files.append(Path(place))
         elif kind == "udp":
             self.lines.sinks.append(udp_sink(place))
         elif kind == "csv":
             zero: Zero = "measured" if self.options.bias else "first samples"
-            self._samples = SampleFile(Path(place), card.n_channels, card.unit, zero)
+            self._samples = SampleFile(
+                Path(place), card.n_channels, card.unit, zero, card.hand
+            )
             self.lines.kept.append(self._samples.sink)
+            self._new_files.append(Path(place))
             return self._samples
         elif kind == "view":
             from holdfast.live.view import open_view
@@ -303,7 +338,9 @@ class _Run:
 
             sensors = card.n_channels // 3
             now_ns, gaps = self.clock.now_ns, card.not_learned
-            return LslAnswers(place, sensors, card.unit, card.rate_hz, now_ns, gaps)
+            return LslAnswers(
+                place, sensors, card.unit, card.rate_hz, now_ns, gaps, card.hand
+            )
         return None
 
     def _open_wearer(
@@ -323,6 +360,7 @@ class _Run:
         if self._samples is not None:
             log = IntentLog(wearer, clock.now_ns, self._samples)
             self.lines.kept.append(log.sink)
+            self._new_files.append(Path(log.sink.name))
             # after the file of samples, whose first sample sets the time axis of both
             outputs.insert(-1, log)
         return wearer.command
@@ -335,13 +373,17 @@ class _Run:
             self._grip = self._open_grip(options.grip)
             self._scene = self._grip.scene
             moving.append(self._grip)
+            if self._grip.link is not None:
+                self.links.append(self._grip.link)
         if self._page:
             self._page.grip = self._grip
         if options.feedback:
             from holdfast.live.cues import SHIPPED, open_cues
 
             table, now_ns = options.cues or SHIPPED, self.clock.now_ns
-            moving.append(open_cues(options.feedback, table, now_ns, self.report))
+            cues = open_cues(options.feedback, table, now_ns, self.report)
+            moving.append(cues)
+            self.links.append(cues.link)
         for output in moving:
             close_at_end(stack, output)
         return moving

@@ -85,7 +85,10 @@ def simulated_stream(source: SourceUrl) -> Replay:
     signal, _, _ = scene.join([trial])
     t_ns = np.round(signal.t_s * 1e9).astype(np.int64)
     values = signal.values.reshape(len(t_ns), -1)
-    return Replay(t_ns, values, signal.valid, scene.file.rate_hz, signal.unit)
+    hand = scene.file.hand
+    return Replay(
+        t_ns, values, signal.valid, scene.file.rate_hz, signal.unit, hand=hand
+    )
 
 
 def scene_truth(source: SourceUrl) -> Truth | None:

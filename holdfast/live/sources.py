@@ -14,7 +14,8 @@
     replay://SET#N, SET#N                     trial N (or its name) of a data set
 
 A hand also has layout=mux (drivers/layout.py), averages=32. Lines also have map=FILE
-(a column map), unit=N (without a map), rate_hz=150 (else measured). What comes over a network is
+(a column map), unit=N and hand=CARD (without a map), rate_hz=150 (else measured); a stream of LSL
+has hand=CARD too. What comes over a network is
 piped: nc -l 9000 | holdfast run --source -
 """
 
@@ -33,6 +34,7 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray, Unit
 from holdfast.core.errors import CardError, DataNotFound, UsageError
+from holdfast.core.hand_card import HandCard, read_hand_card
 from holdfast.core.schema import checked
 from holdfast.core.source import Source, SourceUrl
 from holdfast.drivers.bridges import open_bus as open_bridge
@@ -97,10 +99,11 @@ class SceneOptions(NoOptions, frozen=True):
 
 
 class StreamOptions(NoOptions, frozen=True):
-    """Of a stream; None where it says them itself."""
+    """Of a stream; None where it says them itself. hand: a hand card, by name or path."""
 
     unit: Unit | None = None
     rate_hz: RateHz | None = None
+    hand: str | None = None
 
 
 class LinesOptions(StreamOptions, frozen=True):
@@ -112,7 +115,7 @@ class LinesOptions(StreamOptions, frozen=True):
 class SerialOptions(LinesOptions, frozen=True):
     """Of a serial port."""
 
-    baud: Count = 115_200
+    baud: Annotated[int, msgspec.Meta(ge=50, le=4_000_000)] = 115_200
 
 
 def source_url(url: str) -> SourceUrl:
@@ -342,7 +345,8 @@ def _stream(source: SourceUrl, opening: _Opening) -> Source:
     options = source.options
     inlet = LslInlet(stream_name(source.name))
     clock, report = opening.clock, opening.report
-    return LslSource(inlet, clock, report, options.unit, options.rate_hz)
+    hand = None if options.hand is None else read_hand_card(options.hand)
+    return LslSource(inlet, clock, report, options.unit, options.rate_hz, hand)
 
 
 def _lines(source: SourceUrl, opening: _Opening) -> Source:
@@ -355,7 +359,7 @@ def _lines(source: SourceUrl, opening: _Opening) -> Source:
             next_step=f"{REPLAY}FILE (holdfast import reads other columns)",
         )
     options = source.options
-    column_map = _column_map(options)
+    column_map, hand = _column_map(options)
     own_unit: Unit = options.unit or "N"
     unit = column_map.unit_of_values if column_map else own_unit
     if opening.to_force is not None and unit != "uT":
@@ -363,10 +367,16 @@ def _lines(source: SourceUrl, opening: _Opening) -> Source:
             f"a calibration maps a field in uT to a force, and these lines are in {unit}",
             next_step="leave it out, or say unit=uT",
         )
+    if opening.to_force is not None and hand and hand.unmeasured_names:
+        raise UsageError(
+            f"a calibration needs all three axes, and {hand.name} does not measure "
+            f"{', '.join(hand.unmeasured_names)}",
+            next_step="send forces",
+        )
 
     rate_hz = options.rate_hz or (column_map.time.rate_hz if column_map else None)
-    reader = SampleReader(column_map, own_unit, opening.to_force)
-    feed = open_feed(source, "--source")
+    reader = SampleReader(column_map, own_unit, opening.to_force, hand)
+    feed = open_feed(source, "--source", opening.report)
     opening.report(f"{feed.name}: waiting for the first samples")
     clock, report = opening.clock, opening.report
     try:
@@ -376,11 +386,18 @@ def _lines(source: SourceUrl, opening: _Opening) -> Source:
         raise
 
 
-def _column_map(options: LinesOptions) -> ColumnMap | None:
+def _column_map(
+    options: LinesOptions,
+) -> tuple[ColumnMap | None, HandCard | None]:
+    """The map and the hand card that the options of lines name."""
     if options.map is None:
-        return None
-    if options.unit is not None:
-        raise UsageError("unit= beside a map", next_step="write the unit into the map")
+        hand = None if options.hand is None else read_hand_card(options.hand)
+        return None, hand
+    for key in ("unit", "hand"):
+        if getattr(options, key) is not None:
+            raise UsageError(
+                f"{key}= beside a map", next_step=f"write the {key} into the map"
+            )
     from holdfast.core.column_map import read_column_map
 
     try:
@@ -388,16 +405,15 @@ def _column_map(options: LinesOptions) -> ColumnMap | None:
     except FileNotFoundError:
         raise CardError("no such column map", where=options.map) from None
     # looked at here: a map that contradicts its hand card is refused before anything opens
-    column_map.hand_card(Path(options.map).parent)
-    return column_map
+    return column_map, column_map.hand_card(Path(options.map).parent)
 
 
-def open_feed(source: SourceUrl, option: str) -> Feed:
+def open_feed(source: SourceUrl, option: str, report: Report) -> Feed:
     """What reads the lines of a stdin, unix or serial URL. option: its name for people.
 
-    Raises UsageError, DeviceError.
+    report: receives what becomes of a serial port. Raises UsageError, DeviceError.
     """
-    from holdfast.drivers.line_feeds import DatagramFeed, serial_feed, stdin_feed
+    from holdfast.drivers.line_feeds import DatagramFeed, SerialFeed, stdin_feed
 
     if source.scheme == "stdin":
         return stdin_feed()
@@ -408,7 +424,7 @@ def open_feed(source: SourceUrl, option: str) -> Feed:
         )
     if source.scheme == "unix":
         return DatagramFeed(source.name)
-    return serial_feed(source.name, source.options.baud)
+    return SerialFeed(source.name, source.options.baud, report)
 
 
 class Scheme(NamedTuple):

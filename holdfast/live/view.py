@@ -125,6 +125,8 @@ class View:
         console = Console(file=file, force_terminal=True, highlight=False)  # type: ignore[arg-type]
         ended = False
         with Live(console=console, auto_refresh=False, transient=True) as live:
+            # Ctrl-Z may come at any moment, and a shell does not show a hidden cursor again.
+            console.show_cursor(True)
             while not ended:
                 # waiting on the event ends the picture at once when the run ends
                 ended = self._done.wait(REFRESH_S)

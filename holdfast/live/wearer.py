@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from holdfast.core.errors import DeviceLost
 from holdfast.core.hand_lines import (
     NOT_RISING,
     NOT_UNDERSTOOD,
@@ -81,7 +80,7 @@ class IntentLog:
 class LineWords:
     """Items as lines, stamped at the sample at which they are read."""
 
-    feed: Feed | None
+    feed: Feed
     now_ns: Callable[[], int]
     report: Callable[[str], object]
 
@@ -90,24 +89,19 @@ class LineWords:
         self._skipped = Skipped("wearer", self.report, self.now_ns)
 
     def __call__(self) -> list[Intent]:
-        """What is waiting, oldest first; nothing any more once a port was unplugged."""
-        try:
-            lines = self.feed.pull(0.0) if self.feed else []
-        except DeviceLost as error:
-            self.report(f"wearer: {error}")
-            self.feed = None
-            return []
+        """What is waiting, oldest first."""
         items = []
-        for line in lines:
+        for line in self.feed.pull(0.0):
             items += self._read(line)
         return items
 
     def _read(self, line: bytes) -> list[Intent]:
         """The item of a line; none where it is skipped."""
         now_ns, kind, why = self.now_ns(), NOT_RISING, ""
+        line = line.strip()
         try:
             is_object = line.startswith(b"{")
-            fields = fields_of(line) if is_object else {"wants": line.decode().strip()}
+            fields = fields_of(line) if is_object else {"wants": line.decode()}
             sequence = sequence_of(fields.get("sequence"))
             item = intent_of(fields.get("wants"), now_ns)
             if self._rule.obeys(now_ns, sequence):
@@ -168,5 +162,5 @@ def _words_of(
     if url != "-" and not url.startswith(tuple(f"{one}://" for one in LINES)):
         raise not_an_address(url, "wearer")
 
-    feed = stack.enter_context(closing(open_feed(source_url(url), "--wearer")))
+    feed = stack.enter_context(closing(open_feed(source_url(url), "--wearer", report)))
     return stack.enter_context(closing(LineWords(feed, now_ns, report)))

@@ -31,7 +31,7 @@ from holdfast.core.errors import (
     TooFewGroups,
     count_of,
 )
-from holdfast.core.source import SelfPaced, Source
+from holdfast.core.source import Source, Turns
 from holdfast.drivers.calibration import Bias, Calibration, bias_of, turn
 
 RATE_HZ = 100.0
@@ -77,14 +77,12 @@ def require_good(measured: MeasuredBias, consequence: str) -> None:
 
 def read_rows(source: Source, clock: Any, seconds: float) -> FloatArray:
     """[T, C] of a source at its rate or at RATE_HZ, nan where a sensor is not valid."""
-    # an absolute schedule, as in the live loop: one slow reading shifts no other
-    start_ns = clock.now_ns()
     # a stream sends at its own rate, and a hand is read as asked
     rate_hz = source.rate_hz or RATE_HZ
+    turns = Turns(source, clock, 1e9 / rate_hz)
     rows = []
-    for k in range(round(seconds * rate_hz)):
-        if not isinstance(source, SelfPaced):
-            clock.wait_until(start_ns + round(k * 1e9 / rate_hz))
+    while turns.number < round(seconds * rate_hz):
+        turns.wait()
         measured = source.read()
         # a recording that is shorter than asked for is measured as far as it goes
         if measured is None:
@@ -92,6 +90,7 @@ def read_rows(source: Source, clock: Any, seconds: float) -> FloatArray:
         # a finger is valid or not with all three of its axes
         valid = np.repeat(measured.valid, 3)
         rows.append(np.where(valid, measured.values, np.nan))
+        turns.end()
 
     return np.array(rows).reshape(-1, source.n_channels)
 

@@ -15,16 +15,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
 
-from holdfast.core.contract import BoolArray, FloatArray
+from holdfast.core.contract import BoolArray, FloatArray, IntArray
 from holdfast.edge_runtime.batch import Batch, ManyHands
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.grip import AnswerRules, Controller, GripSense, Holdfast
 from holdfast.edge_runtime.grip_control import GripLoop
 from holdfast.edge_runtime.supervisor import Limits
+from holdfast.simulation.core import two_at_least
 from holdfast.simulation.drive import Actuator, Drive, Opening
 from holdfast.simulation.loop_people import Habits, LoopOutcome, Wearer, outcome_of
 from holdfast.simulation.loop_physics import HandsAndObjects, loop_end_s, spans_of
@@ -33,7 +35,9 @@ from holdfast.simulation.magnet import shear_gain_in
 from holdfast.simulation.protocol import Trials
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.script_times import Times
+from holdfast.simulation.stepper import WORTH_LEAVING, TrialMotion, some_trials
 
+SENSES = GripSense.__struct_fields__
 ROWS_TO_SPARE = 5
 """Rows by which the loop begins earlier than bias and model need."""
 MOST_TOGETHER = 500
@@ -103,8 +107,11 @@ def run_loops(
     return [outcomes[k] for k in range(len(trials))]
 
 
-def batches(trials: Trials) -> list[list[int]]:
-    """Places of the trials that run together: those of similar length, MOST_TOGETHER at most."""
+def batches(trials: Trials, lanes: int = 1) -> list[list[int]]:
+    """Places of the trials that run together: those of similar length.
+
+    MOST_TOGETHER at most, each counted as often as it has lanes.
+    """
     habits = Habits()
     lasts_s = [loop_end_s(trial, habits) - Times.of(trial).close for trial in trials]
 
@@ -112,7 +119,7 @@ def batches(trials: Trials) -> list[list[int]]:
     order = sorted(range(len(trials)), key=lasts_s.__getitem__)
 
     # As few batches as can be, of equal size; -(-a // b) rounds up.
-    count = max(1, -(-len(order) // MOST_TOGETHER))
+    count = max(1, -(-len(order) * lanes // MOST_TOGETHER))
     return [part.tolist() for part in np.array_split(order, count) if part.size]
 
 
@@ -125,10 +132,38 @@ def run_batch(
     settings: LoopSettings = USUAL,
 ) -> dict[int, LoopOutcome]:
     """Outcomes of one batch, by their places among the trials."""
+    (outcomes,) = run_together(scene, trials, [(batch, make)], model, settings)
+    return outcomes
+
+
+def run_together(
+    scene: Scene,
+    trials: Trials,
+    wanted: Sequence[tuple[Sequence[int], Make]],
+    model: OpenedModel,
+    settings: LoopSettings = USUAL,
+) -> list[dict[int, LoopOutcome]]:
+    """Outcomes of some trials with each of several controllers, by their places among the trials.
+
+    A trial that several controllers have runs as one hand for as long as they say the same.
+    """
     # A single trial runs twice, because numpy sums one in another order than many.
-    places = batch if len(batch) > 1 else [*batch, *batch]
-    loop = ClosedLoop(scene, [trials[k] for k in places], model, make, settings)
-    return dict(zip(places, loop.run(), strict=True))
+    if sum(len(places) for places, _ in wanted) == 1:
+        wanted = [([*places, *places], make) for places, make in wanted]
+
+    lanes = [trials[k] for places, _ in wanted for k in places]
+    stops = np.cumsum([len(places) for places, _ in wanted]).tolist()
+    make = _side_by_side([make for _, make in wanted], stops)
+    # What a study puts between sensors and model cannot be copied, nor can a compiled model.
+    branches = settings.between is None and HandModels(model, 1).can_branch
+    kind = BranchingLoop if branches else ClosedLoop
+    outcomes = kind(scene, lanes, model, make, settings).run()
+
+    found = []
+    for (places, _), stop in zip(wanted, stops, strict=True):
+        part = outcomes[stop - len(places) : stop]
+        found.append(dict(zip(places, part, strict=True)))
+    return found
 
 
 class ClosedLoop:
@@ -153,33 +188,46 @@ class ClosedLoop:
     ) -> None:
         self.trials = trials
         self.rate_hz = scene.file.rate_hz
+        self.evidence_p = AnswerRules.of(model.card.decision).from_p
+        self._take_hands(scene, trials, model, settings, np.arange(len(trials)))
+        self.spans = self.world.spans
+        self.controller = make(trials, self.rate_hz)
+
+        # Commands on their way: at first none.
+        self._late = [np.zeros(len(trials))] * settings.delay_samples
+        self._p_risky = np.zeros(len(trials))
+        # What outcomes have of every sample, in single precision to save memory.
+        self._noted = np.zeros((4, self.spans.periods, len(trials)), np.float32)
+
+    def _take_hands(
+        self,
+        scene: Scene,
+        trials: Trials,
+        model: OpenedModel,
+        settings: LoopSettings,
+        columns: IntArray,
+    ) -> None:
+        """A hand for each of these trials; columns: theirs of the tape."""
         preparation = model.card.preparation
         habits = settings.habits
 
         # When the hand begins to close, the bias must be known and the filters of the model
         # settled.
         before = model.card.settle_samples + preparation.bias_rows + ROWS_TO_SPARE
-        self.spans = spans_of(scene, trials, before, habits)
+        spans = spans_of(scene, trials, before, habits)
 
         self.actuator = Actuator(settings.drive, trials, settings.opening)
         steps = scene.step_settings_of(trials)
-        self.world = HandsAndObjects(trials, steps, self.spans, self.actuator, habits)
+        self.world = HandsAndObjects(
+            trials, steps, spans, self.actuator, habits, len(self.trials), columns
+        )
 
-        self.sensors: Any = LoopSensors(scene, trials, self.spans.counts)
+        self.sensors: Any = LoopSensors(scene, trials, spans.counts)
         if settings.between is not None:
-            self.sensors = settings.between(self.sensors, trials, self.spans.counts)
+            self.sensors = settings.between(self.sensors, trials, spans.counts)
         self.models = HandModels(model, len(trials))
-        self.evidence_p = AnswerRules.of(model.card.decision).from_p
-
         self.wearer = Wearer(trials, habits, scene.seed)
-        self.controller = make(trials, self.rate_hz)
-
-        # Commands on their way: at first none.
-        self._late = [np.zeros(len(trials))] * settings.delay_samples
         self._agents_n = self.world.all.state.agents_n.copy()
-        self._p_risky = np.zeros(len(trials))
-        # What outcomes have of every sample, in single precision to save memory.
-        self._noted = np.zeros((4, self.spans.periods, len(trials)), np.float32)
 
     def run(self) -> list[LoopOutcome]:
         """Run to the end."""
@@ -197,20 +245,26 @@ class ClosedLoop:
 
     def decide(self, period: int) -> FloatArray:
         """[B] targets of the drives at a sample, 0 for none."""
+        sense, now = self.feel(period)
+        self._p_risky = np.where(sense.known, sense.p_risky, 0.0)
+        # A queue: what is decided now acts delay_samples later.
+        self._late.append(self.controller.step(sense, now))
+        return self._late.pop(0)
+
+    def feel(self, period: int) -> tuple[GripSense, LoopTruth]:
+        """What controllers get at a sample, and what only a simulation knows."""
         # A trial that has ended repeats its last sample.
-        rows = np.minimum(self.spans.begins + period, self.spans.counts - 1)
+        spans = self.world.spans
+        rows = np.minimum(spans.begins + period, spans.counts - 1)
         readings = self.sensors.read(rows, self.world.forces_n)
-        values = readings.values.reshape(len(self.trials), -1)
+        values = readings.values.reshape(len(rows), -1)
 
         # Only the wearer, and a baseline of a study, use the truth.
         now = LoopTruth(rows / self.rate_hz, self.actuator.grip_n)
         opening = now.t_s >= self.wearer.signal_s
         overridden = self._overridden(now)
         sense = self.models.answer(values, readings.valid, opening, overridden)
-        self._p_risky = np.where(sense.known, sense.p_risky, 0.0)
-        # A queue: what is decided now acts delay_samples later.
-        self._late.append(self.controller.step(sense, now))
-        return self._late.pop(0)
+        return sense, now
 
     def _overridden(self, now: LoopTruth) -> BoolArray:
         """[B] whether the wearer's override lasts; it lasts until the end of the trial."""
@@ -229,21 +283,202 @@ class ClosedLoop:
 
     def outcome(self, k: int) -> LoopOutcome:
         """What became of trial k."""
+        return self._outcome(
+            k,
+            self.world.motion(k),
+            overrode_s=float(self.wearer.overrode_s[k]),
+            mu_hat=float(self.controller.mu_hat[k]),
+            gives_up_s=float(self.world.script.gives_up_s[k]),
+        )
+
+    def _outcome(self, k: int, motion: TrialMotion, **known: float) -> LoopOutcome:
         begin = int(self.spans.begins[k])
         end = int(self.spans.ends[k])
         names = ("grip_n", "own_n", "target_n", "p_risky")
         levels = dict(zip(names, self._noted[:, : end - begin, k], strict=True))
         return outcome_of(
             self.trials[k],
-            self.world.motion(k),
+            motion,
             **levels,
-            overrode_s=float(self.wearer.overrode_s[k]),
+            **known,
             begin_s=begin / self.rate_hz,
             rate_hz=self.rate_hz,
-            mu_hat=float(self.controller.mu_hat[k]),
-            gives_up_s=float(self.world.script.gives_up_s[k]),
             evidence_p=self.evidence_p,
         )
+
+
+class BranchingLoop(ClosedLoop):
+    """A closed loop whose lanes share a hand for as long as their commands agree.
+
+    A lane is a trial with a controller. Every lane of a trial has the same past until a command
+    differs, so till then one hand is simulated for all of them; then the hand becomes two, with the
+    same past. A hand whose lanes have ended is left. Nothing of this changes an outcome.
+
+    hand_of  [lanes] each lane's hand, -1 for one that has ended
+    lead     [hands] a lane of each; its column of the tape is that of the hand
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        trials: Trials,
+        model: OpenedModel,
+        make: Make,
+        settings: LoopSettings = USUAL,
+    ) -> None:
+        super().__init__(scene, trials, model, make, settings)
+        self._gives_up_s = self.world.script.gives_up_s[self.hand_of]
+        self._overrode_s = np.full(len(trials), np.inf)
+        self._mu_hat = np.full(len(trials), np.nan)
+        self.spans = self.spans.some(self.hand_of)
+
+    def _take_hands(
+        self,
+        scene: Scene,
+        trials: Trials,
+        model: OpenedModel,
+        settings: LoopSettings,
+        columns: IntArray,
+    ) -> None:
+        """One hand for all lanes of a trial."""
+        first: dict[int, int] = {}
+        for lane, trial in enumerate(trials):
+            first.setdefault(id(trial), lane)
+        self._column_of = np.array([first[id(trial)] for trial in trials])
+        self.lead = two_at_least(np.unique(self._column_of))
+        self.hand_of = self._hands()
+        hands = [trials[lane] for lane in self.lead]
+        super()._take_hands(scene, hands, model, settings, self.lead)
+
+    def _hands(self) -> IntArray:
+        """[lanes] each lane's hand."""
+        hands = np.full(len(self.trials), -1)
+        hands[self.lead] = np.arange(len(self.lead))
+        return hands[self._column_of]
+
+    def run(self) -> list[LoopOutcome]:
+        """Run to the end."""
+        for period in range(self.spans.periods):
+            self._leave(period)
+            target_n = self.decide(period)
+            self.note(period, target_n)
+            self._end(period)
+            self._advance(period, target_n)
+        return [self.outcome(k) for k in range(len(self.trials))]
+
+    def feel(self, period: int) -> tuple[GripSense, LoopTruth]:
+        """As of every lane; one that has ended gets what some other feels."""
+        sense, now = super().feel(period)
+        lanes = [getattr(sense, name)[self.hand_of] for name in SENSES]
+        return GripSense(*lanes), LoopTruth(
+            now.t_s[self.hand_of], now.grip_n[self.hand_of]
+        )
+
+    def note(self, period: int, target_n: FloatArray) -> None:
+        """Write down one sample period."""
+        drive = self.actuator
+        grip_n, own_n = drive.grip_n[self.hand_of], drive.wearers_n[self.hand_of]
+        self._noted[:, period] = (grip_n, own_n, target_n, self._p_risky)
+
+    def _end(self, period: int) -> None:
+        """Keep what is known of the lanes whose last sample this is."""
+        ends = self.spans.ends - self.spans.begins == period + 1
+        self._overrode_s[ends] = self.wearer.overrode_s[self.hand_of[ends]]
+        self._mu_hat[ends] = self.controller.mu_hat[ends]
+
+    def _leave(self, period: int) -> None:
+        """Leave the hands that have ended, where that is worth the copying."""
+        spans = self.world.spans
+        goes_on = spans.begins + period < spans.ends
+        ended = len(goes_on) - int(goes_on.sum())
+        if ended >= max(1, len(goes_on) // WORTH_LEAVING) and len(goes_on) > 2:
+            which = np.flatnonzero(goes_on)
+            self._keep(which, self.lead[which], period)
+
+    def _advance(self, period: int, target_n: FloatArray) -> None:
+        """One sample period; a hand whose lanes differ becomes several."""
+        wanted = self.world.wanted(period)
+        # A command below the wearer's own grip is none, nor is one that does not count.
+        least_n = np.minimum(self.actuator.own_n, wanted.own_n.min(axis=0))
+        counts_n = self.actuator.obeyed_n(
+            target_n, self.world.opens(period)[self.hand_of]
+        )
+        counts_n = np.where(counts_n <= least_n[self.hand_of], 0.0, counts_n)
+
+        differs = counts_n != counts_n[self.lead[self.hand_of]]
+        differs &= self.hand_of >= 0
+        if differs.any():
+            # The first lane that differs leads the new hand.
+            lead: dict[tuple[int, float], int] = {}
+            for lane in np.flatnonzero(differs).tolist():
+                key = int(self.hand_of[lane]), float(counts_n[lane])
+                self._column_of[lane] = lead.setdefault(key, lane)
+            old = np.arange(len(self.lead))
+            which = np.concatenate([old, [hand for hand, _ in lead]])
+            columns = np.concatenate([self.lead, list(lead.values())])
+            wanted = wanted.some(self._keep(which, columns, period))
+        self.world.advance(period, counts_n[self.lead], wanted)
+
+    def _keep(self, which: IntArray, columns: IntArray, period: int) -> IntArray:
+        """Go on with some hands, which may repeat; columns: the lanes that lead them.
+
+        Returns which, with a single one twice.
+        """
+        which, columns = two_at_least(which), two_at_least(columns)
+        n = len(self.lead)
+        self.lead = columns
+        self.hand_of = self._hands()
+
+        self.actuator = some_trials(self.actuator, which, n)
+        self.world.keep(which, columns, self.actuator, period)
+        self.sensors = self.sensors.some(which)
+        self.models = self.models.some(which)
+        self.wearer = some_trials(self.wearer, which, n)
+        self._agents_n = np.take(self._agents_n, which, axis=1)
+        return which
+
+    def outcome(self, k: int) -> LoopOutcome:
+        """What became of lane k."""
+        return self._outcome(
+            k,
+            self.world.motion(int(self._column_of[k])),
+            overrode_s=float(self._overrode_s[k]),
+            mu_hat=float(self._mu_hat[k]),
+            gives_up_s=float(self._gives_up_s[k]),
+        )
+
+
+class _SideBySide:
+    """Controllers of neighbouring lanes as one; stops: where the lanes of each end."""
+
+    def __init__(
+        self, controllers: Sequence[LoopController], stops: Sequence[int]
+    ) -> None:
+        self._lanes = [slice(a, b) for a, b in pairwise([0, *stops])]
+        self._controllers = controllers
+        self.mu_hat = np.full(stops[-1], np.nan)
+
+    def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:
+        """[lanes] target, N a side; 0 for none."""
+        target_n = np.empty(len(self.mu_hat))
+        for controller, lanes in zip(self._controllers, self._lanes, strict=True):
+            felt = GripSense(*[getattr(sense, name)[lanes] for name in SENSES])
+            truth = LoopTruth(now.t_s[lanes], now.grip_n[lanes])
+            target_n[lanes] = controller.step(felt, truth)
+            self.mu_hat[lanes] = controller.mu_hat
+        return target_n
+
+
+def _side_by_side(makes: Sequence[Make], stops: Sequence[int]) -> Make:
+    """A maker of several controllers, one after another."""
+
+    def make(trials: Trials, rate_hz: float) -> LoopController:
+        controllers = []
+        for one, (start, stop) in zip(makes, pairwise([0, *stops]), strict=True):
+            controllers.append(one(trials[start:stop], rate_hz))
+        return _SideBySide(controllers, stops)
+
+    return make
 
 
 class Managed:

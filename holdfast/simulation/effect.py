@@ -225,6 +225,7 @@ class Effect:
     gives_unit      the unit after it; None: it changes no unit
     in_scene_unit   it acts on reported samples, so the unit is converted before it
     only_unit       the unit of the scene's samples that it needs; None: any
+    by_channel      parameters that are lists with a number for each channel, all given or none
     """
 
     make: Callable[..., Any]
@@ -238,6 +239,7 @@ class Effect:
     gives_unit: Unit | None = None
     in_scene_unit: bool = False
     only_unit: Unit | None = None
+    by_channel: tuple[str, ...] = ()
 
     @property
     def stage(self) -> str:

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.core.contract import Json
+from holdfast.core.hand_card import HandCard
 from holdfast.core.table import Column, csv_bytes, trial_csv
 from holdfast.core.trial_file import TIME_COLUMN
 from holdfast.core.trial_layout import HAND_FILE
@@ -121,7 +122,7 @@ def write_recording(path: Path, scene: Scene, trials: Sequence[SimulatedTrial]) 
     signal, starts_s, drawn = scene.join(trials)
     truth = _truth(scene, trials, starts_s, drawn)
     parts: dict[str, bytes | str] = {
-        "csv": _samples(signal),
+        "csv": _samples(signal, scene.file.hand),
         "motion.csv": _motion(trials, starts_s, turns="rotation" in scene.file.effects),
         "truth.json": _json(truth),
     }
@@ -181,10 +182,12 @@ def _meta(scene: Scene, trials: Trials) -> Json:
     return meta
 
 
-def _samples(signal: Signal) -> bytes:
-    """The CSV of a recording: times and channels."""
+def _samples(signal: Signal, hand: HandCard) -> bytes:
+    """The CSV of a recording: times, and the channels that the hand measures."""
     values = signal.values.reshape(len(signal.t_s), -1)
-    return trial_csv(signal.t_s, values, TIME_DECIMALS, DECIMALS[signal.unit])
+    decimals = DECIMALS[signal.unit]
+    absent = hand.unmeasured_names
+    return trial_csv(signal.t_s, values, TIME_DECIMALS, decimals, absent)
 
 
 def _motion(

@@ -192,6 +192,7 @@ class LoopOutcome:
     slip_mm     travel of the contacts since load onset
     peak_n      largest force of the other person or the box beyond the one before the action, while
                 there is contact
+    peak_before_n  the same up to the wearer's opening
     overrode_s  the wearer overrides
     begin_s     first time of what is recorded
     rate_hz     of what is recorded
@@ -214,6 +215,7 @@ class LoopOutcome:
     rate_hz: float
     mu_hat: float
     gives_up_s: float = NEVER_S
+    peak_before_n: float = 0.0
     evidence_p: float = AnswerRules.from_p
 
     @property
@@ -255,6 +257,7 @@ def outcome_of(trial: PlannedTrial, motion: TrialMotion, **known: Any) -> LoopOu
 
     acts = steps.at(steps.times.act)
     change_n = steps.change_n(acts)[acts : steps.lost]
+    before_n = change_n[: max(steps.at(steps.times.open) - acts, 0)]
     return LoopOutcome(
         **known,
         trial=trial,
@@ -262,4 +265,5 @@ def outcome_of(trial: PlannedTrial, motion: TrialMotion, **known: Any) -> LoopOu
         onset_s=steps.time(onset) or HELD_AT_END_S,
         slip_mm=1e3 * float(slip_m),
         peak_n=float(change_n.max(initial=0.0)),
+        peak_before_n=float(before_n.max(initial=0.0)),
     )

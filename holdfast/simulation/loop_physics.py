@@ -56,6 +56,10 @@ class Spans:
     ends: IntArray
     counts: IntArray
 
+    def some(self, which: IntArray) -> Spans:
+        """Those of some trials, which may repeat."""
+        return Spans(*[numbers[which] for numbers in vars(self).values()])
+
     @property
     def periods(self) -> int:
         """Sample periods until the last trial has ended."""
@@ -99,15 +103,38 @@ def spans_of(
     return Spans(*np.array(spans).T)
 
 
+@dataclass(frozen=True)
+class Wanted:
+    """What the wearers want of B hands in n steps of a sample period.
+
+    ends_s      [n, B] ends of the steps
+    closures_m  [S, B] at each, how far the wearer closes the fingers
+    own_n       [n, B] the grip that the wearer asks for, N a side
+    """
+
+    ends_s: FloatArray
+    closures_m: list[FloatArray]
+    own_n: FloatArray
+
+    def some(self, which: IntArray) -> Wanted:
+        """Those of some hands, which may repeat."""
+        # `take` keeps the layout in memory, which decides in which order numpy sums.
+        ends_s = np.take(self.ends_s, which, axis=1)
+        closures_m = [np.take(one_m, which, axis=1) for one_m in self.closures_m]
+        return Wanted(ends_s, closures_m, np.take(self.own_n, which, axis=1))
+
+
 class HandsAndObjects:
     """The physics of B trials.
 
     forces_n    [B, S, 3] at the last sample
     position_m  [B, 3] at the last sample
     all         every trial, as it is stepped
-    busy        [periods, B] where the script of a trial, or an effect, asks for fine steps
+    busy        [periods, trials] where the script of a trial, or an effect, asks for fine steps
+    kinds       [B] each hand's trial, of those
     slid        [B] whether any part of a contact slips, be it while the object still holds
     tape        the truth at every step; a trial takes only some of its rows
+    columns     [B] each hand's column of the tape
     """
 
     def __init__(
@@ -117,7 +144,10 @@ class HandsAndObjects:
         spans: Spans,
         actuator: Actuator,
         habits: Habits,
+        lanes: int | None = None,
+        columns: IntArray | None = None,
     ) -> None:
+        """columns: each hand's of the tape, which has so many lanes; None: one a hand."""
         self.settings = settings
         self.spans = spans
         self.actuator = actuator
@@ -143,19 +173,68 @@ class HandsAndObjects:
             self.busy[:, k] = needs_fine_steps(trial, index[:, k], rate_hz, more)
         self.slid = np.zeros(batch, dtype=np.bool_)
 
-        # A trial may skip rows of the tape: those of fine steps that it does not take.
-        self.tape = StepTape(spans.periods * self.pieces, batch)
+        self.kinds = np.arange(batch)
 
-    def advance(self, period: int, target_n: FloatArray) -> None:
-        """One sample period of all trials; target_n [B]: of the drives."""
+        # A trial may skip rows of the tape: those of fine steps that it does not take.
+        self.columns = self.kinds if columns is None else columns
+        self.tape = StepTape(spans.periods * self.pieces, lanes or batch)
+        self.all.trials = self.columns
+
+    def keep(
+        self, which: IntArray, columns: IntArray, actuator: Actuator, period: int
+    ) -> None:
+        """Go on, from a sample period, with some of the hands, which may repeat.
+
+        columns: theirs of the tape. actuator: their drives.
+        """
+        # What a hand was before it became two is the past of both.
+        steps = period * self.pieces
+        new = columns != self.columns[which]
+        if new.any():
+            past = self.tape.rows[:steps, self.columns[which[new]]]
+            self.tape.rows[:steps, columns[new]] = past
+
+        self.actuator = actuator
+        self.columns = columns
+        self.all = self.all.some(which, columns)
+        self.script = self.script.some(which, self.all.body)
+        self.spans = self.spans.some(which)
+        self.kinds = self.kinds[which]
+        self.slid = self.slid[which]
+        self.forces_n = self.forces_n[which]
+        self.position_m = self.position_m[which]
+
+    def opens(self, period: int) -> BoolArray:
+        """[B] whether the wearer opens the hand at a sample, or has opened it for good."""
+        at = self.spans.begins + period
+        return self.script.opens(at / self.settings.rate_hz)
+
+    def wanted(self, period: int) -> Wanted:
+        """What the wearers want in a sample period."""
+        at = self.spans.begins + period
+        within = (np.arange(self.pieces)[:, None] + 1) / self.pieces
+        ends_s = (at + within) / self.settings.rate_hz
+        closures_m = self.script.wearers_closures(ends_s)
+        own_n = self.script.places_n(ends_s, closures_m)
+        return Wanted(ends_s, closures_m, own_n)
+
+    def advance(
+        self, period: int, target_n: FloatArray, wanted: Wanted | None = None
+    ) -> None:
+        """One sample period of all trials; target_n [B]: of the drives.
+
+        wanted: by the wearers in it; None: it is computed here.
+        """
+        wanted = self.wanted(period) if wanted is None else wanted
         at = self.spans.begins + period
         begun = at >= self.spans.moves
         moves = begun & (at < self.spans.ends)
 
         rate_hz = self.settings.rate_hz
-        target_n = self.actuator.obeyed_n(target_n, self.script.opens(at / rate_hz))
+        target_n = self.actuator.obeyed_n(target_n, self.opens(period))
         # An object that is merely held needs no fine steps: the core is stable at any step.
-        eventful = self.busy[period] | self.slid | self.actuator.moving(target_n)
+        busy = self.busy[period, self.kinds]
+        eventful = busy | self.slid | self.actuator.moving(target_n)
         fine = moves & eventful
         coarse = moves & ~fine
         if self.settings.effects != NO_EFFECTS:
@@ -166,12 +245,9 @@ class HandsAndObjects:
 
         # The drive moves in every piece, whether or not the physics takes it.
         pieces = self.pieces
-        within = (np.arange(pieces)[:, None] + 1) / pieces
-        ends_s = (at + within) / rate_hz
         dt_s = 1.0 / (rate_hz * pieces)
-        closures_m = self.script.wearers_closures(ends_s)
-        own_n = self.script.places_n(ends_s, closures_m)
-        for own_m, each_n in zip(closures_m, own_n, strict=True):
+        ends_s, closures_m = wanted.ends_s, wanted.closures_m
+        for own_m, each_n in zip(closures_m, wanted.own_n, strict=True):
             place_n = self.actuator.step(target_n, dt_s, each_n)
             self.script.driven(own_m, each_n, place_n)
 
@@ -197,7 +273,9 @@ class HandsAndObjects:
             return
 
         # All trials need no copies.
-        part = self.all if which.all() else self.all.some(trials, trials)
+        part = self.all
+        if not which.all():
+            part = self.all.some(trials, self.columns[trials])
         for k, given in enumerate(inputs):
             some = given if part is self.all else some_trials(given, trials, batch)
             at_s = times_s[k + 1, trials]
@@ -209,7 +287,7 @@ class HandsAndObjects:
         self.position_m[trials] = state.position_m.T
         # An object that slides takes fine steps in the next period too.
         last = row + len(inputs) - 1
-        self.slid[trials] = self.tape.rows["slips"][last, trials]
+        self.slid[trials] = self.tape.rows["slips"][last, self.columns[trials]]
         if part is not self.all:
             self.all.travel_m[:, trials] = part.travel_m
             for name, array in vars(self.all.state).items():
@@ -218,6 +296,7 @@ class HandsAndObjects:
     def motion(self, trial: int, *samples: FloatArray) -> TrialMotion:
         """What became of a trial, as an open loop gives it; samples: forces and positions [T, ..].
 
+        trial: its column of the tape.
         Without samples it is to be read off its steps alone.
         """
         samples = samples or (np.zeros((2, 1, 3)), np.zeros((2, 3)))

@@ -11,6 +11,7 @@ The very model file answers B hands at once, as on the hand: bias, graph, decisi
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy, deepcopy
 from dataclasses import replace
 from typing import Any
 
@@ -24,15 +25,18 @@ from holdfast.core.contract import (
     FloatArray,
     IntArray,
 )
+from holdfast.edge_runtime.batch import ManyHands
 from holdfast.edge_runtime.engine import OpenedModel
+from holdfast.edge_runtime.graph import StepGraph
 from holdfast.edge_runtime.grip import GripSense
+from holdfast.edge_runtime.grip_control import forces_of
 from holdfast.edge_runtime.preparation import Tare
 from holdfast.simulation.effect import Plan, PlanRequest, Rows
-from holdfast.simulation.objects import sensed_of
+from holdfast.simulation.objects import read_of, sensed_of
 from holdfast.simulation.protocol import Trials
 from holdfast.simulation.scene import Scene
 
-OUTPUTS = ("p_situation", "situation", "unknown")
+OUTPUTS = ("p_situation", "situation", "unknown", "usable_sensors")
 """Outputs of the graph that a controller needs."""
 
 
@@ -40,23 +44,36 @@ class PlanBatch:
     """The plans of one effect for B trials, ready to be read a sample at a time."""
 
     def __init__(self, plans: Sequence[Plan]) -> None:
-        self._fixed: Plan = {}
         self._moving: Plan = {}
+        self._single: dict[str, list[Any]] = {}
         for name in plans[0]:
             # A plan with one row is the same at every sample and needs no place for each.
             arrays = [plan[name] for plan in plans]
             if max(map(len, arrays)) > 1:
                 self._moving[name] = _stacked(arrays)
             else:
-                # Kept in their layout in memory, which decides in which order numpy sums.
-                self._fixed[name] = np.concatenate(arrays)
+                self._single[name] = arrays
+        self._choose(np.arange(len(plans)))
+
+    def _choose(self, of: IntArray) -> None:
+        """Each hand's trial among those that the plans were made for."""
+        self._of = of
+        self._fixed: Plan = {}
+        for name, arrays in self._single.items():
+            # Kept in their layout in memory, which decides in which order numpy sums.
+            self._fixed[name] = np.concatenate([arrays[k] for k in of])
+
+    def some(self, which: IntArray) -> PlanBatch:
+        """The plans of some of the trials, which may repeat."""
+        part = copy(self)
+        part._choose(self._of[which])
+        return part
 
     def at(self, rows: IntArray) -> Plan:
         """Plan of B rows: sample rows[b] of trial b."""
         plan = dict(self._fixed)
-        trials = np.arange(len(rows))
         for name, array in self._moving.items():
-            plan[name] = array[rows, trials]
+            plan[name] = array[rows, self._of]
         return plan
 
 
@@ -116,7 +133,15 @@ class LoopSensors:
                 self._before[name] = now
             now = replace(now, unit=effect.gives_unit or now.unit)
 
-        return self.scene.in_unit(now)
+        return read_of(self.scene.file.hand, self.scene.in_unit(now))
+
+    def some(self, which: IntArray) -> LoopSensors:
+        """The sensors of some of the hands, which may repeat, with all that they have felt."""
+        part = copy(self)
+        part._plans = {name: plans.some(which) for name, plans in self._plans.items()}
+        part._before = {name: _rows(of, which) for name, of in self._before.items()}
+        part._readings = [_rows(of, which) for of in self._readings]
+        return part
 
     def _between(self, now: Rows, rows: IntArray) -> tuple[Rows, IntArray]:
         """The readings of the sample before, taken late or early, and that sample's number.
@@ -152,6 +177,11 @@ class LoopSensors:
         return replace(middle, values=values), rows
 
 
+def _rows(of: Rows, which: IntArray) -> Rows:
+    """Some rows, which may repeat."""
+    return replace(of, values=of.values[which], valid=of.valid[which])
+
+
 Between = Callable[[LoopSensors, Trials, IntArray], Any]
 """Puts something with a `read` between sensors and model: (sensors, trials, samples of each)."""
 
@@ -161,9 +191,30 @@ class HandModels:
 
     def __init__(self, model: OpenedModel, hands: int) -> None:
         card = model.card
-        self._stepper = model.stepper(OUTPUTS, hands)
+        self._model = model
+        self._stepper: Any = model.stepper(OUTPUTS, hands)
+        self._fill = card.filler()
+        self._thumb = card.thumb
         self._tares = [Tare(card.preparation, card.n_channels) for _ in range(hands)]
         self._learned: tuple[FloatArray, FloatArray] | None = None
+
+    @property
+    def can_branch(self) -> bool:
+        """Whether the state of a hand can be copied: a compiled library keeps its own."""
+        return isinstance(self._stepper, StepGraph)
+
+    def some(self, which: IntArray) -> HandModels:
+        """The models of some of the hands, which may repeat, with all that they have seen."""
+        part = copy(self)
+        part._stepper = self._model.stepper(OUTPUTS, len(which))
+        part._stepper.take(self._stepper, which)
+        if self._learned is not None:
+            sign, bias = self._learned
+            part._learned = sign[which], bias[which]
+        else:
+            # Until all biases are known every hand learns its own.
+            part._tares = [deepcopy(self._tares[k]) for k in which]
+        return part
 
     def answer(
         self,
@@ -176,6 +227,8 @@ class HandModels:
 
         values [B, C] in the model's unit, valid [B, S]; opening, overridden [B]: by the wearers.
         """
+        # what stands between sensors and model may have put something there
+        values = self._fill(values)
         if self._learned is not None:
             sign, bias = self._learned
             values = values * sign - bias
@@ -189,19 +242,15 @@ class HandModels:
         p_situation = answers["p_situation"]
         known = ~answers["unknown"]
 
-        by_sensor = values.reshape(len(values), -1, 3)
-        forces = np.where(valid[..., None], by_sensor, 0.0)
-
-        # A sensor can read below zero by its noise, but a finger cannot pull.
-        normal_n = np.maximum(forces[..., 2], 0.0)
-        shear_n = np.sqrt(forces[..., 0] ** 2 + forces[..., 1] ** 2)
-
-        # Thumb and fingers press with equal force, so half of the sum is the grip of a side.
+        hands = ManyHands(len(values))
+        grip_n, load_n = forces_of(hands, [*values.T], [*valid.T], self._thumb)
+        degraded = known & (answers["usable_sensors"] < valid.shape[1])
+        p_safe = p_situation[:, SAFE_SLIP].astype(np.float64)
         return GripSense(
-            grip_n=0.5 * normal_n.sum(axis=1),
-            load_n=shear_n.sum(axis=1),
+            grip_n=grip_n,
+            load_n=load_n,
             p_risky=p_situation[:, RISKY_SLIP].astype(np.float64),
-            p_safe=p_situation[:, SAFE_SLIP].astype(np.float64),
+            p_safe=np.where(degraded, 0.0, p_safe),
             known=known,
             empty=known & (answers["situation"] == NOTHING),
             opening=opening,

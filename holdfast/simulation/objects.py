@@ -19,15 +19,20 @@ there is no palm, and a finger does not bend between its contacts.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from holdfast.core.contract import FloatArray
-from holdfast.core.hand_card import FINGERS_AT_MM, HandCard, HandContact
+from holdfast.core.hand_card import (
+    FINGERS_AT_MM,
+    HandCard,
+    HandContact,
+    fill_unmeasured,
+)
 from holdfast.core.trial_layout import MASSES_G
-from holdfast.simulation.effect import Parameter
+from holdfast.simulation.effect import Parameter, Reported
 
 THUMB_MM, FINGER_MM = 48.0, 22.0
 """Widths along the object's axis, contacts of a hand without a card spread evenly over each."""
@@ -141,6 +146,15 @@ def sensed_of(hand: HandCard, forces_n: FloatArray) -> FloatArray:
     if hand.n_sensors == hand.n_contacts:
         return forces_n
     return forces_n[..., hand.sensed, :]
+
+
+def read_of(hand: HandCard, rows: Reported) -> Reported:
+    """Rows [n, S, 3] with 0.0 on the axes that the hand does not measure; after all effects."""
+    if not hand.unmeasured_names:
+        return rows
+    flat = rows.values.reshape(len(rows.values), -1)
+    values = fill_unmeasured(flat, hand).reshape(rows.values.shape)
+    return replace(rows, values=values)
 
 
 HELD = {

@@ -26,7 +26,7 @@ from holdfast.simulation.effect import (
     step_settings,
     stream,
 )
-from holdfast.simulation.objects import HOLD, NO_OBJECT, sensed_of
+from holdfast.simulation.objects import HOLD, NO_OBJECT, read_of, sensed_of
 from holdfast.simulation.protocol import PlannedTrial, Trials, TrialsRow, draw_trial
 from holdfast.simulation.scene_file import SceneFile
 from holdfast.simulation.script_times import grid_of
@@ -238,7 +238,7 @@ class Scene:
             rng = self.rng(name, trial)
             signal = effect.sense(signal, drawn[name], rng)
 
-        return self.in_unit(signal), drawn
+        return read_of(trial.hand, self.in_unit(signal)), drawn
 
     def in_unit(self, rows: Reported) -> Reported:
         """Rows in the scene's unit."""

@@ -274,6 +274,14 @@ def _row(
 
 def _require_effects_fit(scene: SceneFile) -> None:
     """Raise ValueError for effects without what they need, or with too long a step or rate."""
+    hand = scene.hand
+    if hand.unmeasured_names and scene.unit != "N":
+        # a field is read, and calibrated, on all three axes
+        allowed = (
+            f'"N", because hand.card leaves out {", ".join(hand.unmeasured_names)}'
+        )
+        raise _refused("record.unit", scene.unit, allowed)
+
     units = {"N"}
     for name, values in scene.effects.items():
         effect = effect_named(name)
@@ -288,6 +296,12 @@ def _require_effects_fit(scene: SceneFile) -> None:
         if max(numbers, default=0) > scene.hand.n_sensors:
             allowed = f"sensors from 1 to {scene.hand.n_sensors}"
             raise _refused(f"{key}.sensors", numbers, allowed)
+        # low and high go together, each with a number for every channel
+        for name in effect.by_channel if set(effect.by_channel) & set(values) else ():
+            given = values.get(name, [])
+            if len(given) != len(hand.measured):
+                allowed = f"a list of {len(hand.measured)} numbers, one a channel"
+                raise _refused(f"{key}.{name}", given, allowed)
         if effect.only_unit not in (None, scene.unit):
             allowed = f'only with record.unit = "{effect.only_unit}"'
             raise _refused(key, "in the scene", allowed)

@@ -7,11 +7,12 @@ elsewhere; a trial's steps depend on the trial alone.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from copy import copy
+from typing import Any, Self
 
 import numpy as np
 
-from holdfast.core.contract import FloatArray
+from holdfast.core.contract import FloatArray, IntArray
 from holdfast.simulation.actions import EVERYDAY
 from holdfast.simulation.body import (
     UPWARDS,
@@ -157,6 +158,22 @@ class Script:
             from holdfast.simulation.actions.everyday_forces import Everyday
 
             self.more = Everyday(self)
+
+    def some(self, which: IntArray, body: Body) -> Self:
+        """The script of some of its trials, which may repeat; body: theirs."""
+        part = copy(self)
+        part.trials = [self.trials[k] for k in which]
+        part.body = body
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray):
+                setattr(part, name, np.take(value, which, axis=-1))
+
+        part._drawn = {}
+        for key, values in self._drawn.items():
+            part._drawn[key] = values[which]
+        if self.more is not None:
+            part.more = self.more.some(which, part)
+        return part
 
     def drawn(self, name: str, default: float = 0.0) -> FloatArray:
         """[B] a drawn parameter; the default for actions that do not have it."""

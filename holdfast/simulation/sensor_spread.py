@@ -13,6 +13,8 @@ them for every recording. Their ranges are wider than any one sensor's. For exam
     rate_n_s = 0.02
     [effects.white_noise]                # needs record.unit = "N"
     rms_n = { uniform = [0, 0.04] }
+    low_n = [0.003, 0.003, 0.02]         # further noise of each channel by itself: its rms is
+    high_n = [0.01, 0.01, 0.04]          # log-uniform between these, one number a channel
 
 The first three act on the force before the magnet, the last two on the force that is read. They
 need no magnet: an ideal sensor of force can have each of them.
@@ -124,6 +126,23 @@ def drift_plan(request: PlanRequest) -> Plan:
     return {"added": rates * request.t_s[:, None, None] + after * steps}
 
 
+def noise_plan(request: PlanRequest) -> Plan:
+    """Normal noise on every axis of every sample, N.
+
+    Its root mean square is rms_n: that of our own chips is 10 to 19 mN (`hall_noise`), of uSkin
+    3 mN (human_slip_uskin, empty hand), and a model should not depend on either. Channels whose
+    noise differs, as that of a transducer's normal force and load, have low_n and high_n besides.
+    """
+    rms_n = request["rms_n"]
+    noise = request.noise()
+    if "low_n" in request.drawn:
+        shape = (1, request.sensors, 3)
+        low, high = np.log([request["low_n"], request["high_n"]]).reshape(2, *shape)
+        share = request.rng.uniform(size=shape)
+        rms_n = np.hypot(rms_n, np.exp(low + share * (high - low)))
+    return {"added": rms_n * noise}
+
+
 EFFECTS = {
     "shear_gain": Effect(
         shear_gain,
@@ -177,12 +196,16 @@ EFFECTS = {
             "rms_n": Parameter(
                 {"uniform": [0, 0.04]}, "N", 0, 10, "root mean square of every axis"
             ),
+            "low_n": Parameter(
+                None, "N", 1e-6, 10, "least of each channel's own", many=True
+            ),
+            "high_n": Parameter(
+                None, "N", 1e-6, 10, "most of each channel's own", many=True
+            ),
         },
-        # Normal noise of the drawn root mean square on every axis of every sample, N: that of our
-        # own chips is 10 to 19 mN (`hall_noise`), of uSkin 3 mN (human_slip_uskin, empty hand), and
-        # a model should not depend on either.
-        lambda request: {"added": request["rms_n"] * request.noise()},
+        noise_plan,
         in_scene_unit=True,
         only_unit="N",
+        by_channel=("low_n", "high_n"),
     ),
 }

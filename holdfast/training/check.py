@@ -18,6 +18,7 @@ import numpy as np
 from holdfast.core.contract import NOTHING, SITUATIONS, UNITS, Json
 from holdfast.core.errors import ColumnError, DataError, NotANumber, count_of
 from holdfast.core.trial_layout import (
+    HAND_FILE,
     META,
     TACTILE,
     has_logs,
@@ -42,8 +43,10 @@ from holdfast.training.datasets.trials import (
     by_kind,
     doubts_of,
     sides_unknown,
+    silent_axes,
 )
 from holdfast.training.judging import strictest_hold_out
+from holdfast.training.lifts import NOISES
 from holdfast.training.metrics import in_words
 from holdfast.training.plan import TrainingPlan
 from holdfast.training.recording import DataSet, counts_in_words, lost_spans
@@ -101,7 +104,7 @@ class FolderReport:
     layout: None where no reader recognises the folder. held_out_by: what training holds out.
     groups: how many of these there are. channels: three a sensor. rate_hz, unit, channels: of the
     whole set. windows: those that `train` learns from, by class or situation. not_held_out: why not
-    by something stricter, a line each.
+    by something stricter, a line each. not_measured: channels, by the hand card.
     """
 
     folder: str
@@ -115,6 +118,7 @@ class FolderReport:
     windows: dict[str, int] = field(default_factory=dict)
     missing: list[Missing] = field(default_factory=list)
     not_held_out: list[str] = field(default_factory=list)
+    not_measured: list[str] = field(default_factory=list)
 
     @property
     def levels(self) -> set[str]:
@@ -217,7 +221,11 @@ def _examine_set(
     data = thesis.of_trials(trials, thesis.SetMeta(), rate_hz, "balanced", seed=0)
     _describe(report, data)
     (report.windows,) = [rows.class_counts() for rows in data.tasks.values()]
-    return sides_unknown(with_hand(data, root), root)
+    data = with_hand(data, root)
+    if data.hand and data.hand.unmeasured_names:
+        report.not_measured = list(data.hand.unmeasured_names)
+    yield from sides_unknown(data, root)
+    yield from silent_axes(data, root)
 
 
 def _describe(report: FolderReport, data: DataSet) -> None:
@@ -315,6 +323,14 @@ def _advice(
             step = "nothing: they are lost samples, and the answer is unknown over them"
             yield _advise(recording.trial_id, what, step)
 
+    by_noise = [one.contact_on for one in trials if one.contact_on is not None]
+    if by_noise:
+        low, high = (f"{limit:.3g}" for limit in (min(by_noise), max(by_noise)))
+        span = low if low == high else f"{low} to {high}"
+        what = f"contact in {in_words(len(by_noise), 'trial')} of lifts is what exceeds {span} "
+        what += f"{report.unit}: {NOISES:g} times the noise of the first rest"
+        yield _advise(root, what, f"where that is wrong, write {PHASES}")
+
     if all_read:
         yield from _missing_situations(report.windows, root, in_n=report.unit == "N")
     scripted = [one for one in trials if one.labels_by.startswith(thesis.BY_SCRIPT)]
@@ -398,9 +414,11 @@ def _summary(report: FolderReport, held_out_by: str) -> list[str]:
         people |= {cell.person} - {None}
     of = f" of {in_words(len(people), 'person')}" if people else ""
     form = FORMATS.get(report.layout or "", "a public set")
+    silent = ", ".join(report.not_measured)
     return [
         f"{report.folder}: {in_words(trials, 'trial')}{of}, {seconds / 60.0:.1f} min, "
         f"{report.channels} channels in {report.unit} at {report.rate_hz:g} Hz; {form}",
+        *([f"not measured, by {HAND_FILE}: {silent}"] if silent else []),
         f"held out by {held_out_by}: {in_words(report.groups, held_out_by)}",
         *report.not_held_out,
     ]

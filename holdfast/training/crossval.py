@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from sklearn.linear_model import LogisticRegression
@@ -31,10 +31,10 @@ from holdfast.export.heads import (
     riskier_argmax,
     situation_votes,
 )
-from holdfast.export.learner import Learner, reference_votes, votes_of_trees
+from holdfast.export.learner import Forest, Learner, reference_votes, votes_of_trees
 from holdfast.export.network import VOTES
 from holdfast.export.spec import StepSpec
-from holdfast.training.plan import TrainingPlan
+from holdfast.training.plan import TASK_HEADS, ForestPlan, TrainingPlan, class_weights
 from holdfast.training.progress import Part, Say, ignored
 from holdfast.training.recording import (
     DataSet,
@@ -106,6 +106,25 @@ def spec_for(data: DataSet, groups: tuple[str, ...]) -> StepSpec:
         hand=data.hand,
         force_decides=force_decides,
     )
+
+
+def features_of_each_hand(
+    data: DataSet, groups: tuple[str, ...], part: Part = ignored
+) -> dict[str, FloatRows]:
+    """As `features_of`, of a set that may join several hands, each by its own step."""
+    if not data.parts:
+        return features_of(data, spec_for(data, groups), part)
+    # One row of features is of one window, whatever the task calls its labels.
+    found = []
+    for of_hand in data.parts:
+        features = features_of(of_hand, spec_for(of_hand, groups), part)
+        found.append({TASK_HEADS[task]: rows for task, rows in features.items()})
+    return {
+        task: np.concatenate(
+            [rows[TASK_HEADS[task]] for rows in found if TASK_HEADS[task] in rows]
+        )
+        for task in data.tasks
+    }
 
 
 def features_of(
@@ -293,12 +312,13 @@ def fit_learner(
 
     given = data.tasks[task]
     chosen, label = features[rows], given.label[rows]
+    counts_as = window_counts(plan, label, data.set_of(task)[rows])
 
     forest, votes = None, VOTES
     if plan.learner != "network":
         # a tree reads by column: the same forest, sooner
         by_column = np.asfortranarray(chosen)
-        forest = plan.forest_for(task).build(seed).fit(by_column, label)
+        forest = fit_forest(plan.forest_for(task), by_column, label, counts_as, seed)
         # a network gets as many votes as the trees have in all, so that both count the same
         votes = votes_of_trees(len(forest.estimators_))
     if plan.learner == "forest":
@@ -308,13 +328,57 @@ def fit_learner(
     from holdfast.training.network_fit import fit_network
 
     how, n_classes = plan.network_for(task), len(given.classes)
-    return Learner(forest, fit_network(how, chosen, label, n_classes, seed, votes))
+    network = fit_network(how, chosen, label, n_classes, seed, votes, counts_as)
+    return Learner(forest, network)
 
 
-def fit_calibration(shares: FloatArray, label: IntArray) -> Calibration:
+def window_counts(
+    plan: TrainingPlan, label: IntArray, set_names: StringArray
+) -> FloatArray | None:
+    """[N] how many windows each window counts as; None where every window counts as one.
+
+    All windows of a set that the plan gives a share count as much as this share of the windows that
+    the other sets have of their class.
+    """
+    shared = np.isin(set_names, list(plan.set_shares))
+    if not shared.any():
+        return None
+    counts_as = np.ones(len(label))
+    others = np.bincount(label[~shared], minlength=label.max() + 1)
+    for name, share in plan.set_shares.items():
+        ours = set_names == name
+        counts = np.maximum(np.bincount(label[ours], minlength=len(others)), 1)
+        # A class that only this set has counts by its windows.
+        by_class = np.where(others > 0, share * others / counts, 1.0)
+        counts_as[ours] = by_class[label[ours]]
+    return counts_as
+
+
+def fit_forest(
+    plan: ForestPlan,
+    by_column: FloatRows,
+    label: IntArray,
+    counts_as: FloatArray | None,
+    seed: int,
+) -> Forest:
+    """The forest of a plan on windows [N, F]. counts_as: of `window_counts`."""
+    if counts_as is None:
+        return plan.build(seed).fit(by_column, label)
+    weight = counts_as
+    if plan.class_weight == "balanced":
+        # scikit-learn's own balance counts windows, not what they count as
+        weight = counts_as * class_weights(label, counts_as)[label]
+    unweighted = replace(plan, class_weight=None)
+    return unweighted.build(seed).fit(by_column, label, sample_weight=weight)
+
+
+def fit_calibration(
+    shares: FloatArray, label: IntArray, counts_as: FloatArray | None = None
+) -> Calibration:
     """Multinomial logistic map from held-out vote shares [M, K] to probabilities.
 
-    A class without a single window keeps a probability of (all but) zero.
+    counts_as: of `window_counts`. A class without a single window keeps a probability of (all but)
+    zero.
     """
     k = shares.shape[1]
 
@@ -329,7 +393,8 @@ def fit_calibration(shares: FloatArray, label: IntArray) -> Calibration:
         return Calibration(weights, bias)
 
     # One map for all classes together, so that the probabilities of a window add up to 1.
-    model = LogisticRegression(C=CALIBRATION_C, max_iter=1000).fit(shares, label)
+    model = LogisticRegression(C=CALIBRATION_C, max_iter=1000)
+    model.fit(shares, label, sample_weight=counts_as)
     if len(present) == 2:
         # Of two classes scikit-learn fits the second's logit alone.
         weights[:, present[1]] = model.coef_[0]
@@ -340,14 +405,16 @@ def fit_calibration(shares: FloatArray, label: IntArray) -> Calibration:
     return Calibration(weights, bias)
 
 
-def with_even_classes(calibration: Calibration, label: IntArray) -> Calibration:
+def with_even_classes(
+    calibration: Calibration, label: IntArray, counts_as: FloatArray | None = None
+) -> Calibration:
     """The same map where every class that occurs is as likely as the others.
 
     How many windows a class has is a choice of the set's makers: by Bayes' rule, dividing all odds
     by those of the counts takes that choice out again.
     """
-    counts = np.bincount(label, minlength=len(calibration.bias))
-    even = len(label) / np.maximum(counts, 1) / np.count_nonzero(counts)
+    counts = np.bincount(label, counts_as, minlength=len(calibration.bias))
+    even = counts.sum() / np.maximum(counts, 1) / np.count_nonzero(counts)
     shift = np.where(counts > 0, np.log(even), 0.0)
     return Calibration(calibration.weights, calibration.bias + shift)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import platform
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,7 +20,7 @@ from holdfast.core.contract import (
     averaged_by,
     not_learned_of,
 )
-from holdfast.core.errors import RateError
+from holdfast.core.errors import RateError, UsageError
 from holdfast.core.writing import require_free, require_writable
 from holdfast.export.artifact import INDEX, Artifact, write_artifact
 from holdfast.export.heads import Head
@@ -28,14 +28,16 @@ from holdfast.training.crossval import (
     FloatRows,
     HeldOut,
     cross_validate,
-    features_of,
+    features_of_each_hand,
     fit_calibration,
     fit_learner,
     main_task,
     spec_for,
+    window_counts,
     with_even_classes,
 )
-from holdfast.training.datasets import find, join, load
+from holdfast.training.datasets import find, load
+from holdfast.training.datasets.joining import join, of_several_hands
 from holdfast.training.datasets.trials import sides_unknown, warn_of
 from holdfast.training.fixture import write_fixture
 from holdfast.training.judging import (
@@ -46,7 +48,14 @@ from holdfast.training.judging import (
     strictest_hold_out,
 )
 from holdfast.training.metrics import PLURAL, HeadFigures
-from holdfast.training.plan import PLANS, TASK_HEADS, LearnerKind, TrainingPlan, at_rate
+from holdfast.training.plan import (
+    PLANS,
+    POOLED_GROUPS,
+    TASK_HEADS,
+    LearnerKind,
+    TrainingPlan,
+    at_rate,
+)
 from holdfast.training.progress import Part, Say, Stages, ignored
 from holdfast.training.recording import (
     DataSet,
@@ -55,6 +64,7 @@ from holdfast.training.recording import (
     cannot_tell,
     counts_in_words,
     learnable,
+    regrouped,
 )
 from holdfast.training.windows import Choice
 
@@ -82,16 +92,16 @@ class TrainingRequest:
     """What `train_on_sets` is asked for.
 
     data: sets by name or folder; none for the generated fixture. replace: an artifact in `out` may
-    be replaced. hold_out, windows: as `datasets.load` takes them; hold_out: None for the
-    strictest that the data allow. rate_hz: to learn at, None for that of the data. features, size,
-    learner: of the plan. seed: of every random choice, so that the same request gives the same
-    model. judge: compute the learning curve too.
+    be replaced. windows: as `datasets.load` takes them. hold_out: what is held out, by name of a
+    set, "" for all others; the strictest that the data allow where nothing is given. rate_hz: to
+    learn at, None for that of the data. features, size, learner: of the plan. seed: of every random
+    choice, so that the same request gives the same model. judge: compute the learning curve too.
     """
 
     data: tuple[str, ...]
     out: Path
     replace: bool = False
-    hold_out: HoldOut | None = None
+    hold_out: Mapping[str, HoldOut] = field(default_factory=dict)
     rate_hz: float | None = None
     windows: Choice = "balanced"
     features: str = "fixed"
@@ -138,21 +148,19 @@ def train_on_sets(
 
     else:
         # The generated set is open by its making, so a run without data does not load this.
-        from holdfast.core.locked import require_open
+        from holdfast.core.locked import require_open, require_open_people
 
         for name in names:
             require_open(find(name), "a model")
 
-    sets = []
+    sets: list[DataSet] = []
     for name in names:
         progress(f"reading {name}")
-        data = load(
-            name,
-            seed=request.seed,
-            windows=request.windows,
-            hold_out=request.hold_out,
-            rate_hz=request.rate_hz,
-        )
+        # A set that can be had at the rate of the first is averaged down to it.
+        rate_hz = request.rate_hz or (sets[0].rate_hz if sets else None)
+        data = load(name, seed=request.seed, windows=request.windows, rate_hz=rate_hz)
+        if request.data:
+            require_open_people(data.name, data.people(), "a model")
         if request.rate_hz and averaged_by(data.rate_hz, request.rate_hz) != 1:
             raise RateError(
                 f"{data.rate_hz:.4g} Hz is no whole multiple of --rate {request.rate_hz:g}",
@@ -163,11 +171,14 @@ def train_on_sets(
         describe(f"{data.name}: {data.kind}; {count}\n{_counts(data)}")
         sets.append(data)
 
+    _require_known(request.hold_out, sets)
     plan = PLANS[request.features](request.size, request.learner)
     plan = at_rate(plan, sets[0].rate_hz)
     not_held_out: list[str] = []
     chosen = [_held_out(data, plan.folds, request, not_held_out) for data in sets]
-    joined = learnable(join(chosen))
+    # Pooled features are the same numbers for any hand.
+    joined = join(chosen, several_hands=plan.groups == POOLED_GROUPS)
+    joined = learnable(joined)
     warn_of_scarcity(joined)
 
     trained = train(
@@ -182,14 +193,26 @@ def train_on_sets(
     return joined, replace(trained, not_held_out=not_held_out)
 
 
+def _require_known(hold_out: Mapping[str, HoldOut], sets: Sequence[DataSet]) -> None:
+    """Raise UsageError for a hold-out of a set that is not among these."""
+    names = [data.name for data in sets]
+    for name in hold_out:
+        if name and name not in names:
+            raise UsageError(
+                f"--hold-out {name}=..: no such set",
+                next_step=f"name one of {', '.join(names)}",
+            )
+
+
 def _held_out(
     data: DataSet, folds: int, request: TrainingRequest, reasons: list[str]
 ) -> DataSet:
     """The set with what is held out. reasons: receives why it is nothing stricter."""
-    if request.hold_out is None:
+    by = request.hold_out.get(data.name, request.hold_out.get(""))
+    if by is None:
         choice = strictest_hold_out(data, folds, request.seed)
     else:
-        choice = as_grouped(data, folds, request.seed)
+        choice = as_grouped(regrouped(data, by), folds, request.seed)
 
     several = len(request.data) > 1
     for line in choice.lines():
@@ -274,25 +297,8 @@ def train(
     # A fold holds out at least one group, so there are at most as many folds as groups.
     plan = replace(plan, folds=min(plan.folds, max(2, len(data.groups()))))
 
-    spec = spec_for(data, plan.groups)
-    spec.warn_of_lost_bands()
-    if plan.copies:
-        warn_of(sides_unknown(data, Path(data.name)))
-
-        # only a plan of pooled features has copies
-        from holdfast.training.nuisances import with_copies
-
-        data = with_copies(data, plan.copies, seed)
-
-    say(f"features of {len(data.recordings)} recordings")
-    features = features_of(data, spec, part)
-
-    # The figures come from these votes. The final learners have seen every window, so they have
-    # none.
-    held_out = cross_validate(data, features, plan, seed=seed, say=say)
-    say("final learners on all recordings")
-    figures = held_out_figures(data, held_out, seed)
-    artifact = final_artifact(data, features, held_out, figures, plan, seed)
+    data, features = with_features(data, plan, seed, say, part)
+    held_out, figures, artifact = fitted(data, features, plan, seed, say)
     write_artifact(out, artifact)
     curve = []
     if judge:
@@ -300,6 +306,52 @@ def train(
     return Trained(
         figures, held_out, curve, not_learned_of({"training": artifact.training})
     )
+
+
+def with_features(
+    data: DataSet,
+    plan: TrainingPlan,
+    seed: int,
+    say: Say = ignored,
+    part: Part = ignored,
+) -> tuple[DataSet, dict[str, FloatRows]]:
+    """The set with the plan's copies, and the features [M, F] of each task's windows."""
+    spec_for(data, plan.groups).warn_of_lost_bands()
+    if plan.copies:
+        data = _with_copies(data, plan.copies, seed)
+
+    say(f"features of {len(data.recordings)} recordings")
+    return data, features_of_each_hand(data, plan.groups, part)
+
+
+def fitted(
+    data: DataSet,
+    features: dict[str, FloatRows],
+    plan: TrainingPlan,
+    seed: int,
+    say: Say = ignored,
+) -> tuple[HeldOut, HeadFigures, Artifact]:
+    """Held-out votes and figures, and learners of all windows. features: of `with_features`."""
+    # The figures come from these votes. The final learners have seen every window, so they have
+    # none.
+    held_out = cross_validate(data, features, plan, seed=seed, say=say)
+    say("final learners on all recordings")
+    figures = held_out_figures(data, held_out, seed)
+    artifact = final_artifact(data, features, held_out, figures, plan, seed)
+    return held_out, figures, artifact
+
+
+def _with_copies(data: DataSet, copies: int, seed: int) -> DataSet:
+    """The set with disturbed copies of its recordings, those of each hand as that hand feels."""
+    # only a plan of pooled features has copies
+    from holdfast.training.nuisances import with_copies
+
+    for of_hand in data.parts or (data,):
+        warn_of(sides_unknown(of_hand, Path(of_hand.name)))
+    if not data.parts:
+        return with_copies(data, copies, seed)
+    parts = [with_copies(of_hand, copies, seed) for of_hand in data.parts]
+    return replace(of_several_hands(parts), origins=data.origins)
 
 
 def final_artifact(
@@ -321,9 +373,11 @@ def final_artifact(
 
         # Votes on windows that a learner was trained on are too sure of themselves, so held-out
         # ones count.
-        calibration = fit_calibration(held_out.shares(task), windows.label)
+        label = windows.label
+        counts_as = window_counts(plan, label, data.set_of(task))
+        calibration = fit_calibration(held_out.shares(task), label, counts_as)
         if plan.even_classes:
-            calibration = with_even_classes(calibration, windows.label)
+            calibration = with_even_classes(calibration, label, counts_as)
         head = Head(TASK_HEADS[task], windows.classes, learner, calibration)
         heads.append(head)
 
@@ -354,8 +408,11 @@ def _origin(
 
     windows = {task: rows.class_counts() for task, rows in data.tasks.items()}
     not_learned = cannot_tell(data, by_force=spec.contact is not None)
+    # A set of one hand alone says all of this already.
+    sets = [asdict(origin) for origin in data.origins]
     return {
         "data": data.name,
+        **({"sets": sets} if sets else {}),
         "kind": data.kind,
         "redistributable": data.redistributable,
         "caveat": data.caveat,

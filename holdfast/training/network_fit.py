@@ -30,7 +30,7 @@ from holdfast.export.network import (
     Network,
     hidden_values,
 )
-from holdfast.training.plan import NetworkPlan
+from holdfast.training.plan import NetworkPlan, class_weights
 
 KNEE_FLOOR = 1e-3
 """Smallest knee, in the features' unit: a feature that hardly moves is not blown up."""
@@ -88,14 +88,22 @@ class Members:
 
 
 def fit_members(
-    plan: NetworkPlan, rows: FloatRows, label: IntArray, seed: int
+    plan: NetworkPlan,
+    rows: FloatRows,
+    label: IntArray,
+    seed: int,
+    counts_as: FloatArray | None = None,
 ) -> Members:
-    """Train on rows [N, F] with labels [N]; the seed makes it the same every time."""
+    """Train on rows [N, F] with labels [N]; the seed makes it the same every time.
+
+    counts_as [N]: how many rows each counts as, None for one.
+    """
     squash = _Squash.of(rows, plan.knee)
     standardised = squash.standardised(rows)
     networks = []
     for number in range(plan.members):
-        networks.append(_fit_member(plan, standardised, label, seed + number))
+        member = _fit_member(plan, standardised, label, counts_as, seed + number)
+        networks.append(member)
     return Members(squash, tuple(networks), np.unique(label))
 
 
@@ -106,14 +114,19 @@ def fit_network(
     n_classes: int,
     seed: int,
     votes_in_all: int = VOTES,
+    counts_as: FloatArray | None = None,
 ) -> Network:
-    """Train on rows [N, F] with labels [N], and make whole numbers of it."""
-    members = fit_members(plan, rows, label, seed)
+    """Train as `fit_members` does, and make whole numbers of it."""
+    members = fit_members(plan, rows, label, seed, counts_as)
     return in_whole_numbers(members, rows, n_classes, votes_in_all)
 
 
 def _fit_member(
-    plan: NetworkPlan, rows: FloatRows, label: IntArray, seed: int
+    plan: NetworkPlan,
+    rows: FloatRows,
+    label: IntArray,
+    counts_as: FloatArray | None,
+    seed: int,
 ) -> MLPClassifier:
     """One network by scikit-learn, on standardised rows [N, F]; the seed starts its weights."""
     member = MLPClassifier(
@@ -125,15 +138,15 @@ def _fit_member(
         random_state=seed,
     )
 
-    counts = np.bincount(label)
     # balance 1: each class weighs the same in all; 0: each window does.
-    even = len(label) / np.maximum(counts, 1) / len(counts)
-    weight = even**plan.balance
+    weight = (class_weights(label, counts_as) ** plan.balance)[label]
+    if counts_as is not None:
+        weight = weight * counts_as
 
     with interruptible():
         # It stops after the plan's epochs on purpose.
         warnings.simplefilter("ignore", ConvergenceWarning)
-        return member.fit(rows, label, sample_weight=weight[label])
+        return member.fit(rows, label, sample_weight=weight)
 
 
 @contextmanager

@@ -24,6 +24,7 @@ from holdfast.core.contract import (
     BoolArray,
     FloatArray,
 )
+from holdfast.core.hand_card import HandCard, fill_unmeasured
 from holdfast.export.pooled import side_matrix
 from holdfast.training.crossval import spec_for
 from holdfast.training.plan import POOLED_GROUPS
@@ -79,7 +80,7 @@ def with_copies(data: DataSet, copies: int, seed: int) -> DataSet:
         made = []
         for index, recording in enumerate(data.recordings):
             rng = np.random.default_rng([seed, number, index])
-            made.append(disturbed(recording, thumb, rng))
+            made.append(disturbed(recording, thumb, rng, data.hand))
 
         first = len(recordings)
         for copy in made:
@@ -132,8 +133,16 @@ def _rows_after(copy: Copy) -> Iterator[int]:
         yield from range(at + soon, at + later, every)
 
 
-def disturbed(recording: Recording, thumb: BoolArray, rng: np.random.Generator) -> Copy:
-    """A copy as another hand would have felt it. thumb [S]: sensors on the thumb's side."""
+def disturbed(
+    recording: Recording,
+    thumb: BoolArray,
+    rng: np.random.Generator,
+    hand: HandCard | None = None,
+) -> Copy:
+    """A copy as another hand would have felt it. thumb [S]: sensors on the thumb's side.
+
+    hand: an axis that it does not measure stays 0.0.
+    """
     shape = (len(recording.samples), recording.n_sensors, 3)
     values = recording.samples.reshape(shape)
     floor = NORMAL_FLOOR[recording.unit]
@@ -152,7 +161,8 @@ def disturbed(recording: Recording, thumb: BoolArray, rng: np.random.Generator) 
         step = COARSE_STEP * floor
         values = np.rint(values / step) * step
 
-    samples = values.reshape(recording.samples.shape)
+    # last: what strikes a hand does not make it measure more
+    samples = fill_unmeasured(values.reshape(recording.samples.shape), hand)
     return Copy(replace(recording, samples=samples, valid=valid), tuple(jumps))
 
 

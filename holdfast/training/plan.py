@@ -6,12 +6,14 @@ tried).
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
 from typing import Literal
 
+import numpy as np
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 
-from holdfast.core.contract import Json
+from holdfast.core.contract import FloatArray, IntArray, Json
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.export.learner import Forest
 
@@ -123,6 +125,19 @@ HAND_NETWORK = NetworkPlan(hidden=(64,), balance=1.0)
 POOLED_NETWORK = NetworkPlan(hidden=(96,), members=2, balance=1.0)
 """For pooled features, which are half as many."""
 POOLED_DEPTH = 14
+SET_SHARES = {"grip_lift_ati": 0.3}
+"""Of pooled features: real lifts, in which nothing falls. More of them makes the model deaf to
+slips (docs/decisions.md)."""
+
+
+def class_weights(label: IntArray, counts_as: FloatArray | None = None) -> FloatArray:
+    """[K] the weight of each class with which all weigh the same. label [N]: of 0 .. K - 1.
+
+    counts_as [N]: how many windows each counts as; None for one.
+    """
+    counts = np.bincount(label, counts_as)
+    whole: float = len(label) if counts_as is None else counts_as.sum()
+    return whole / np.maximum(counts, 1) / len(counts)
 
 
 @dataclass(frozen=True)
@@ -135,6 +150,8 @@ class TrainingPlan:
     copies: disturbed copies of each recording that are trained on as well (nuisances.py).
     even_classes: probabilities are those of classes that are all as likely, as the learner weighs
     them; otherwise as likely as they have windows.
+    set_shares: by name of a set, of several that are joined: its windows of a class count in all as
+    much as this share of those of the other sets.
     """
 
     groups: tuple[str, ...] = CLOCK_FREE_GROUPS
@@ -151,6 +168,7 @@ class TrainingPlan:
     prediction_network: NetworkPlan = PREDICTION_NETWORK
     copies: int = 0
     even_classes: bool = False
+    set_shares: Mapping[str, float] = field(default_factory=dict)
 
     def network_for(self, task: str) -> NetworkPlan:
         """The network of a task."""
@@ -166,7 +184,7 @@ class TrainingPlan:
         # The card of a forest is as it was before there was anything else.
         if self.learner == "forest":
             del fields["learner"], fields["network"], fields["prediction_network"]
-        for name in ("copies", "even_classes"):
+        for name in ("copies", "even_classes", "set_shares"):
             if not fields[name]:
                 del fields[name]
         return fields
@@ -210,6 +228,7 @@ def pooled_plan(size: str, learner: LearnerKind = "committee") -> TrainingPlan:
         decision=replace(plan.decision, **ANY_HAND),
         copies=1,
         even_classes=True,
+        set_shares=SET_SHARES,
         folds=3,
     )
 

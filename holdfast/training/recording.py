@@ -46,6 +46,8 @@ class Recording:
     valid: [T, C/3]. rate_hz: from the time stamps where there are any.
     object_name, action: None where the set has no such notion. phases: what happens when, in rows;
     those in no phase have no label. events: grips that fail. person: None where none is named.
+    left_out: [first, stop) rows that no figure counts, because a sensor was broken there.
+    set_name: the set it is of, where sets were joined.
     """
 
     trial_id: str
@@ -59,11 +61,24 @@ class Recording:
     phases: tuple[Phase, ...] = ()
     events: tuple[RiskyEvent, ...] = ()
     person: str | None = None
+    left_out: tuple[tuple[int, int], ...] = ()
+    set_name: str = ""
 
     @property
     def n_sensors(self) -> int:
         """Number of 3-axis sensors."""
         return self.samples.shape[1] // 3
+
+    def counted(self, n_rows: int) -> BoolArray:
+        """[n_rows] which rows figures count; evaluation keeps recordings without samples."""
+        counted = np.ones(n_rows, dtype=np.bool_)
+        for first, stop in self.left_out:
+            counted[first:stop] = False
+        return counted
+
+    def counted_s(self, n_rows: int) -> float:
+        """Seconds that figures count."""
+        return int(self.counted(n_rows).sum()) / self.rate_hz
 
 
 def finite_sensors(raw: FloatArray) -> BoolArray:
@@ -151,6 +166,45 @@ def counts_in_words(counts: Mapping[str, int]) -> str:
 
 
 @dataclass(frozen=True)
+class SetOrigin:
+    """What a model's card says of one of several sets that it learned from.
+
+    hand: name of its card, "" where it has none. people: of its recordings, sorted. licence,
+    source: of a public set.
+    """
+
+    name: str
+    kind: str
+    hand: str
+    sensors: int
+    rate_hz: float
+    recordings: int
+    minutes: float
+    people: tuple[str, ...]
+    redistributable: bool
+    licence: str
+    source: str
+
+    @classmethod
+    def of(cls, data: DataSet) -> SetOrigin:
+        """That of a set."""
+        seconds = sum(one.counted_s(len(one.samples)) for one in data.recordings)
+        return cls(
+            name=data.name,
+            kind=data.kind,
+            hand=data.hand.name if data.hand else "",
+            sensors=data.n_sensors,
+            rate_hz=data.rate_hz,
+            recordings=len(data.recordings),
+            minutes=seconds / 60.0,
+            people=tuple(data.people()),
+            redistributable=data.redistributable,
+            licence=data.licence,
+            source=data.source,
+        )
+
+
+@dataclass(frozen=True)
 class DataSet:
     """Recordings and the tasks that can be learned from them.
 
@@ -162,6 +216,9 @@ class DataSet:
     group_kind: what a group is: person, object, trial or block.
     hand: its hand card, None where the set has none.
     forces_verified: thresholds in N mean what they say; False where the calibration is unknown.
+    licence, source: of a public set, for the card of a model. origins: of a set that joins several.
+    parts: where it joins several hands, the sets that are alike together; their recordings and
+    windows are its own, in this order.
     """
 
     name: str
@@ -177,6 +234,10 @@ class DataSet:
     group_kind: str = "trial"
     hand: HandCard | None = None
     forces_verified: bool = True
+    licence: str = ""
+    source: str = ""
+    origins: tuple[SetOrigin, ...] = ()
+    parts: tuple[DataSet, ...] = ()
 
     @property
     def n_sensors(self) -> int:
@@ -186,6 +247,10 @@ class DataSet:
     def groups(self) -> list[str]:
         """The distinct groups (people, blocks), sorted."""
         return sorted({recording.group for recording in self.recordings})
+
+    def people(self) -> list[str]:
+        """The people who are named, sorted."""
+        return sorted({one.person for one in self.recordings if one.person})
 
     def with_situations(self) -> DataSet:
         """The same set with a task "situations", made from the eight classes where it has none."""
@@ -198,11 +263,17 @@ class DataSet:
         tasks = dict(self.tasks)
         if "classes" in tasks:
             tasks["situations"] = tasks.pop("classes").of_situations()
-        return replace(self, tasks=tasks)
+        parts = tuple(part.without_weight() for part in self.parts)
+        return replace(self, tasks=tasks, parts=parts)
 
     def group_of(self, task: str) -> StringArray:
         """[M] group of every window of a task."""
         names = np.array([recording.group for recording in self.recordings])
+        return names[self.tasks[task].trial]
+
+    def set_of(self, task: str) -> StringArray:
+        """[M] name of the set that every window of a task is of; "" where none were joined."""
+        names = np.array([recording.set_name for recording in self.recordings])
         return names[self.tasks[task].trial]
 
     def of_groups(self, names: Collection[str]) -> DataSet:
@@ -210,7 +281,8 @@ class DataSet:
         index = [k for k, one in enumerate(self.recordings) if one.group in names]
         kept = [self.recordings[k] for k in index]
         tasks = {task: rows.of_trials(index) for task, rows in self.tasks.items()}
-        return replace(self, recordings=kept, tasks=tasks)
+        parts = tuple(part.of_groups(names) for part in self.parts)
+        return replace(self, recordings=kept, tasks=tasks, parts=parts)
 
 
 WEIGHT = "weight"

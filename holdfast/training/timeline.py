@@ -1,7 +1,8 @@
 """The phases of a trial: from its truth file, else from the script it followed.
 
 A `daily` (many grasps in a row) follows no script: it needs its truth. So does an everyday action.
-A `hold` (disturbed, but kept) and a `slip` do without: see `of_whole_trial`.
+A `hold` (disturbed, but kept) and a `slip` do without: see `of_whole_trial`; so does a `lift`, or
+many of them one after the other (lifts.py).
 
 The script (s): nothing, grasp, hold until 7, the action from 7. A put-down, and the hand-over of
 the full bottle, act in [7, 10) and release from 10. Then nothing. Where "action_at_s" gives another
@@ -58,6 +59,7 @@ ACTION_KEY = "action_at_s"
 OF_WHOLE_TRIAL = {
     "hold": "its folder",
     "slip": "its folder, at the largest change",
+    "lift": "its folder, by contact",
 }
 """What the labels of LABELLED_ACTIONS come from without a truth."""
 

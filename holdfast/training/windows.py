@@ -92,7 +92,9 @@ class TimedTrial:
 
     timed: each sample of a phase is of its situation, which a script does not promise. mass: of the
     object, None where it is not known here. labels_by: what gives the phases. averaged: how many
-    samples of its file one of the recording is the mean of.
+    samples of its file one of the recording is the mean of. denied: columns with numbers that the
+    hand card says are not measured. contact_on: the reading above which a lift's hand touches
+    something, where it was taken from the noise.
     """
 
     recording: Recording
@@ -101,6 +103,8 @@ class TimedTrial:
     mass: Mass | None = None
     labels_by: str = ""
     averaged: int = 1
+    denied: tuple[str, ...] = ()
+    contact_on: float | None = None
 
     @property
     def has_object(self) -> bool:

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from benchmarks.paired import paired_change
 from holdfast.core.contract import FloatArray, IntArray, Json
 from holdfast.simulation.effect import Rows
 from holdfast.simulation.loop_sensing import LoopSensors, PlanBatch
 from holdfast.simulation.protocol import PlannedTrial
 from studies.distortions.law import Law, Memory, PlanRequest
-from studies.distortions.statistics import paired_change
 from studies.distortions.table import Distortion, by_name
 from studies.distortions.trials import law_stream
 from studies.shared_control.closed_loop import LoopRequest, LoopRuns, LoopSet
@@ -26,6 +26,9 @@ KEYS = (
     "saved_share_ci",
     "saved_of_drops",
     "saved_untightened",
+    "held_after_opening",
+    "before_force_n_p95",
+    "before_delay_ms_p95",
     "handovers",
     "blocked",
     "blocked_share",

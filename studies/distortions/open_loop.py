@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.paired import paired_change
 from holdfast.core.contract import NOTHING, BoolArray, Json
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.engine import ModelChoice
@@ -18,6 +19,7 @@ from holdfast.evaluation.alarms import (
 )
 from holdfast.evaluation.formats import share
 from holdfast.evaluation.model_outputs import (
+    OUTPUTS,
     ModelOutputs,
     everywhere,
     read_outputs,
@@ -26,11 +28,10 @@ from holdfast.evaluation.model_outputs import (
 from holdfast.evaluation.trials import voluntary_actions
 from holdfast.simulation.closed_loop import model_of
 from holdfast.training.metrics import Interval
-from studies.distortions.statistics import mean_interval, paired_change
+from studies.distortions.statistics import mean_interval
 from studies.distortions.table import by_name
 from studies.distortions.trials import NOTHING_ACTION, felt_set, recording_of
 
-OUTPUTS = ("situation", "votes", "unknown", "detectors", "p_situation")
 COLUMNS = ("found", "called")
 """Yes-or-no outcomes of single events and actions, which compare pair by pair."""
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.edge_runtime.decision import DecisionRules
-from holdfast.edge_runtime.monitor import Model
+from holdfast.edge_runtime.model import LABEL, Model
 from holdfast.evaluation.model_outputs import (
     at_windows,
     everywhere,
@@ -68,7 +68,7 @@ def stream_one_fold(
     model = Model(path)
     held = split["situations"][1]
     part = data.of_groups(set(data.group_of("situations")[held].tolist()))
-    outputs = ["situation", "unknown", *heads_with_task(model, part)]
+    outputs = ["unknown", *LABEL, *heads_with_task(model, part)]
     computed = everywhere(steps_with(model, outputs), part.recordings)
     windows = window_figures(model, part, computed, seed=seed)
     answers = at_windows(part, "situations", "situation", computed)

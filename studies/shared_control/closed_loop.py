@@ -1,8 +1,9 @@
 """Grip controllers on scenes in a closed loop: what is run, and how often.
 
-A set is run once in a hand that does nothing. Where that hand drops the object, an oracle tries one
-closure of the drive after the other, until one keeps it; then every controller has its turn. What
-they are worth is in benchmarks/loop_figures.py.
+A set is run once in a hand that does nothing, and together with it by every controller: a trial is
+one hand for all of them until their commands differ. Where the bare hand drops the object, an
+oracle tries several closures of the drive; the gentlest that keeps it counts. What they are worth
+is in benchmarks/loop_figures.py.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from benchmarks.loop_baselines import CLOSURES, oracle, vibration
 from benchmarks.loop_figures import LoopFigures, ThreeRuns, loop_figures
 from holdfast.core.contract import Json
 from holdfast.core.errors import UsageError
+from holdfast.core.locked import locked_sets
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.edge_runtime.monitor import require_fit
@@ -29,7 +31,7 @@ from holdfast.simulation.closed_loop import (
     batches,
     managed,
     model_of,
-    run_batch,
+    run_together,
 )
 from holdfast.simulation.drive import Drive, Opening
 from holdfast.simulation.loop_people import Habits, LoopOutcome
@@ -43,6 +45,8 @@ VIBRATION = "vibration"
 CHOICES = (*CONTROLLERS, VIBRATION, ORACLE)
 BARE = "none"
 """The controller of the bare hand, which never adds to the wearer's command."""
+BEFORE_ORACLES = 0.9
+"""About the share of a study's work that is done before the oracles begin."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +69,9 @@ class LoopSet:
 class LoopRequest:
     """One controller with a setting (None: its default) on a set, with a drive.
 
-    The setting of an oracle is how far it closes, one of CLOSURES. rules: names and values of
-    AnswerRules that differ from those that come with the model.
+    The setting of an oracle is how far it closes, one of CLOSURES; knows_after_s: by so much later
+    than load onset it knows. rules: names and values of AnswerRules that differ from those that
+    come with the model.
     """
 
     name: str
@@ -77,6 +82,7 @@ class LoopRequest:
     rules: tuple[tuple[str, object], ...] = ()
     habits: Habits = field(default_factory=Habits)
     between: Between | None = None
+    knows_after_s: float = 0.0
 
 
 @lru_cache(maxsize=16)
@@ -121,17 +127,33 @@ def require_runnable(model: OpenedModel, card_name: str) -> None:
     )
 
 
+def _require_seen(card_name: str, seed: int) -> None:
+    """Raise UsageError for a style that no choice may see, at a seed that is not locked."""
+    sha256 = read_scene_file(card_name).sha256
+    sets = locked_sets()
+    for style in sets.styles:
+        same = style.sha256 == sha256 or style.scene == Path(card_name).stem
+        if same and sets.lock_of_seed(seed) is None:
+            raise UsageError(
+                f"{style.scene} is a style that no choice may see, and seed {seed} is not locked",
+                next_step="choose on other scenes; this one runs in reports, at a locked seed",
+            )
+
+
 def run_part(
     model: ModelChoice,
     of: LoopSet,
-    request: LoopRequest,
-    batch: list[int],
+    wanted: Sequence[tuple[LoopRequest, list[int]]],
     onset_s: Mapping[int, float],
-) -> dict[int, LoopOutcome]:
-    """Outcomes of some trials of a set, by their places in it."""
+) -> list[dict[int, LoopOutcome]]:
+    """Outcomes of some trials of a set for each request, by their places in it.
+
+    Requests that run together differ in their controllers only. onset_s: for oracles.
+    """
     # Made again in every process and kept there: a scene is small to name and large to send.
     scene, trials = scene_of(of)
 
+    request = wanted[0][0]
     drive = Drive(lag_ms=request.lag_ms)
     settings = LoopSettings(
         drive, request.opening, request.habits, request.delay_samples
@@ -139,9 +161,16 @@ def run_part(
     settings = replace(settings, between=request.between)
     # A controller has a state, so every batch gets controllers of its own.
     opened = model_of(model)
-    rules = AnswerRules.of(opened.card.decision, **dict(request.rules))
-    make = _maker(scene, request, onset_s, rules)
-    return run_batch(scene, trials, batch, opened, make, settings)
+    makes = []
+    for one, batch in wanted:
+        rules = AnswerRules.of(opened.card.decision, **dict(one.rules))
+        makes.append((batch, _maker(scene, one, onset_s, rules)))
+    return run_together(scene, trials, makes, opened, settings)
+
+
+def _surroundings(request: LoopRequest) -> LoopRequest:
+    """The request without what is of its controller alone: those with the same run together."""
+    return replace(request, name=BARE, setting=None, rules=(), knows_after_s=0.0)
 
 
 def _maker(
@@ -154,7 +183,7 @@ def _maker(
         # The oracle tightens at each true onset, up to the force that the drive can give.
         closure = CLOSURES[0] if request.setting is None else request.setting
         ceiling_n = Drive().ceiling_n
-        return oracle(dict(onset_s), ceiling_n, closure)
+        return oracle(dict(onset_s), ceiling_n, closure, request.knows_after_s)
 
     # No controller: the wearer feels a vibration and reacts to it.
     if request.name == VIBRATION:
@@ -189,68 +218,71 @@ class LoopRuns:
     def run(self, wanted: Sequence[Run]) -> None:
         """Run all of them, with the bare hands and oracles that their figures need."""
         # All figures are differences from the bare hand, or shares of what the oracle keeps.
-        bare = [_bare(of) for of, _ in wanted]
-        best = list(dict.fromkeys(_best(of, request) for of, request in wanted))
-        others = [run for run in wanted if run[1].name != ORACLE]
-
-        total = len({*bare, *best, *others})
-        share_bare = len(set(bare)) / total
-        # The oracle acts at the load onset of the bare hand, so that is run first.
-        self._run(bare, 0.0, share_bare)
-        # Few trials are left for each closure, so all of them count as little work.
-        for closure in CLOSURES:
-            self._try(best, closure, share_bare)
-        self._run(others, share_bare, 1.0)
-
-    def _run(self, wanted: Sequence[Run], from_share: float, to_share: float) -> None:
-        """Run whole sets, each once, in the order in which they were asked for."""
-        left = {}
-        for run in dict.fromkeys(wanted):
-            # Bare hands are shared by all requests on a set.
-            if run not in self._outcomes:
+        runs: dict[Run, None] = {}
+        for of, request in wanted:
+            needed = (_bare(of), _best(of, request), _held(of, request))
+            runs |= dict.fromkeys(needed)
+        # What several requests share is run once.
+        left = [run for run in runs if run not in self._outcomes]
+        oracles = [run for run in left if run[1].name == ORACLE]
+        whole = {}
+        for run in left:
+            if run[1].name != ORACLE:
                 self._outcomes[run] = {}
-                left[run] = list(range(len(scene_of(run[0])[1])))
-        self._run_places(left, from_share, to_share)
+                whole[run] = list(range(len(scene_of(run[0])[1])))
 
-    def _try(self, best: Sequence[Run], closure: float, share: float) -> None:
-        """Run one closure of each oracle, for the drops that no closure before has prevented."""
+        # The oracle acts at the load onset of the bare hand, so that is run first.
+        self._run_places(whole, 0.0, BEFORE_ORACLES)
+        self._try(oracles, BEFORE_ORACLES)
+
+    def _try(self, oracles: Sequence[Run], share: float) -> None:
+        """Run all closures of oracles; the gentlest that prevents a drop is what they know."""
         places = {}
-        for of, request in best:
+        for of, request in oracles:
             bare = self._outcomes[_bare(of)]
             # A hand that knows what will come does nothing where the bare hand keeps the object.
-            known = self._outcomes.setdefault((of, request), dict(bare))
-            lost = [k for k in sorted(bare) if _lost(bare[k], known[k])]
-            if lost:
+            lost = [k for k in sorted(bare) if ThreeRuns(*[bare[k]] * 3).drop]
+            self._outcomes[of, request] = dict(bare)
+            for closure in CLOSURES if lost else ():
                 places[of, replace(request, setting=closure)] = lost
 
-        for run in places:
-            self._outcomes[run] = {}
-        self._run_places(places, share, share)
-        for of, request in places:
+        # They are one hand up to where the gentlest stops closing, so all together cost little
+        # more than one.
+        self._outcomes |= {run: {} for run in places}
+        self._run_places(places, share, 1.0)
+        for (of, request), lost in places.items():
             tried = self._outcomes.pop((of, request))
-            self._outcomes[of, replace(request, setting=None)] |= tried
+            known = self._outcomes[of, replace(request, setting=None)]
+            first = request.setting == CLOSURES[0]
+            known |= {k: tried[k] for k in lost if first or known[k].dropped}
 
     def _run_places(
         self, places: Mapping[Run, list[int]], from_share: float, to_share: float
     ) -> None:
-        """Run some trials of sets, by their places in them."""
+        """Run some trials of sets, by their places in them: the same for all that run together."""
+        together: dict[Run, list[Run]] = {}
+        for of, request in places:
+            together.setdefault((of, _surroundings(request)), []).append((of, request))
         jobs = []
         runs = []
-        for run, some in places.items():
-            of, request = run
+        for (of, _), alike in together.items():
             # Only the oracle knows the onsets, which the other controllers have to detect.
-            onset_s = self._onset_s(of, request)
-            # Batches are the unit of work: a process simulates many trials at a time.
+            onset_s = self._onset_s(*alike[0])
+            # Batches are the unit of work: a process simulates many trials at a time, each with
+            # all of its controllers.
             _, trials = scene_of(of)
-            for batch in batches([trials[k] for k in some]):
+            some = places[alike[0]]
+            for batch in batches([trials[k] for k in some], len(alike)):
                 at = [some[k] for k in batch]
-                runs.append(run)
-                jobs.append(partial(run_part, self.model, of, request, at, onset_s))
+                wanted = [(request, at) for _, request in alike]
+                runs.append(alike)
+                jobs.append(partial(run_part, self.model, of, wanted, onset_s))
 
         results = self.workers.run(jobs)
-        for number, (run, outcomes) in enumerate(zip(runs, results, strict=True), 1):
+        for number, (alike, found) in enumerate(zip(runs, results, strict=True), 1):
             # Batches of one run come one after another and are put together here.
-            self._outcomes[run] |= outcomes
+            for run, outcomes in zip(alike, found, strict=True):
+                self._outcomes[run] |= outcomes
             self.done(from_share + (to_share - from_share) * number / len(runs))
 
     def _onset_s(self, of: LoopSet, request: LoopRequest) -> dict[int, float]:
@@ -264,9 +296,7 @@ class LoopRuns:
         """Every trial of a set in its three hands, in the order of the set."""
         bare = self._outcomes[_bare(of)]
         best = self._outcomes[_best(of, request)]
-        held = best
-        if request.name != ORACLE:
-            held = self._outcomes[of, request]
+        held = self._outcomes[_held(of, request)]
         # Batches hold trials of similar length, so outcomes are not in the order of the set.
         places = sorted(held)
         return [ThreeRuns(bare[k], best[k], held[k]) for k in places]
@@ -274,11 +304,6 @@ class LoopRuns:
     def figures(self, of: LoopSet, request: LoopRequest) -> LoopFigures:
         """Figures of a request on a set."""
         return loop_figures(self.runs(of, request))
-
-
-def _lost(bare: LoopOutcome, best: LoopOutcome) -> bool:
-    """Whether a drop of the bare hand is none that a closure has prevented so far."""
-    return ThreeRuns(bare, best, best).drop and best.dropped
 
 
 def _bare(of: LoopSet) -> Run:
@@ -290,6 +315,15 @@ def _best(of: LoopSet, request: LoopRequest) -> Run:
     """The run of a set by the oracle, with the drive of a request."""
     # The same lag: the oracle shall show what this drive could do, not what a faster one could.
     return of, LoopRequest(ORACLE, lag_ms=request.lag_ms)
+
+
+def _held(of: LoopSet, request: LoopRequest) -> Run:
+    """The run of a set by the controller of a request."""
+    if request.name != ORACLE:
+        return of, request
+    # An oracle differs from the best one only in when it knows.
+    best = _best(of, request)[1]
+    return of, replace(best, knows_after_s=request.knows_after_s)
 
 
 FiguresByCard = dict[str, dict[str, LoopFigures]]
@@ -327,6 +361,7 @@ class LoopComparison:
         model = model_of(self.model)
         for card in self.cards:
             require_runnable(model, card)
+            _require_seen(card, self.seed)
 
     def run(
         self, workers: Workers, done: Callable[[float], None]

@@ -9,12 +9,11 @@ from holdfast.cli.command import (
     add_json_option,
     path_argument,
     positive,
-    require_results_writable,
+    require_outputs,
     show_found,
 )
 from holdfast.cli.options import chosen_model, chosen_workers
 from holdfast.core.errors import UsageError
-from holdfast.core.writing import require_writable
 from holdfast.training.progress import Stages
 from studies.shared_control.closed_loop import LoopComparison
 from studies.shared_control.loop_report import write_loop_report
@@ -59,9 +58,7 @@ def require_scenes(args: argparse.Namespace) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run, print a line a controller, write the figures."""
-    require_results_writable(args)
-    if args.report is not None:
-        require_writable(args.report.parent)
+    require_outputs(args)
     lag_ms = LAG_MS if args.lag_ms is None else args.lag_ms
     comparison = LoopComparison(
         model=chosen_model(args),
@@ -98,7 +95,14 @@ def _in_words(name: str, figures: LoopFigures) -> str:
     saved = f"{figures.saved} of {figures.preventable} preventable drops saved"
     of_all = figures.saved_of_drops
     saved += f" ({of_all.count} of all {of_all.of})"
-    blocked = f"{figures.blocked} of {figures.handovers} hand-overs blocked"
+    fresh = figures.saved_untightened
+    saved += f", {fresh.count} of {fresh.of} without an earlier tightening"
+    after = figures.held_after_opening
+    blocked = f"{after.count} of {after.of} held after the wearer's opening"
+    if figures.before_force_n_p95 is not None:
+        before = f"{figures.before_force_n_p95:.1f} N and {figures.before_delay_ms_p95:.0f} ms"
+        blocked += f", before it {before} more for a receiver (95 %)"
+    blocked += f"; {figures.blocked} of {figures.handovers} hand-overs blocked"
     grip = f"grip {figures.grip_excess:.2f} N s above need a trial"
     return f"  {name:<13}{saved}, {blocked}, {grip}"
 

@@ -1,4 +1,4 @@
-"""The front figure: drops saved against what it costs, each choice of settings a point."""
+"""The figures: drops saved against what it costs, and against when a hand knows of the load."""
 
 from __future__ import annotations
 
@@ -52,6 +52,31 @@ def picture(figures: Json) -> str:
         others = [point["choice"] for point in points if not _is_named(point)]
         names = ", ".join(f"{k}: {name}" for k, name in enumerate(others, 1))
         force.set_title(names, fontsize=9, loc="left")
+        return svg(drawn)
+
+
+def knowing(figures: Json) -> str:
+    """The SVG: a panel for each set, what an oracle saves that knows later; ours as a line."""
+    rows = [row for row in figures["rows"] if row["part"] == "knowing"]
+    names = list(dict.fromkeys(row["set"] for row in rows))
+    with drawing(8.0, 3.6, font_size=11) as drawn:
+        panels = drawn.subplots(1, len(names), sharey=True, squeeze=False)[0]
+        for axes, name in zip(panels, names, strict=True):
+            of_set = [row for row in rows if row["set"] == name]
+            ours = [row for row in of_set if row["knows_after_ms"] is None]
+            late = [row for row in of_set if row["knows_after_ms"] is not None]
+            after_ms = [row["knows_after_ms"] for row in late]
+            axes.plot(after_ms, [row["saved"] for row in late], "o-", color=QUIET)
+            for row in ours:
+                axes.axhline(row["saved"], color=OURS)
+                axes.annotate(
+                    "ours", (0.0, row["saved"]), (4, 4), textcoords="offset points"
+                )
+            preventable = max(row["preventable"] for row in of_set)
+            axes.set_title(f"{name}: {preventable} preventable drops", loc="left")
+            axes.set_xlabel("knows after load onset, ms")
+            axes.set_ylim(bottom=0.0)
+        panels[0].set_ylabel("drops saved")
         return svg(drawn)
 
 

@@ -8,7 +8,13 @@ from pathlib import Path
 from holdfast.edge_runtime.grip import Holdfast
 from holdfast.simulation.drive import Opening
 from holdfast.simulation.loop_people import Habits
-from studies.shared_control.closed_loop import ORACLE, VIBRATION, LoopRequest, LoopSet
+from studies.shared_control.closed_loop import (
+    ORACLE,
+    VIBRATION,
+    LoopRequest,
+    LoopSet,
+    Run,
+)
 from studies.shared_control.published import CONTROLLERS
 
 CARDS = Path(__file__).parent / "cards"
@@ -21,6 +27,12 @@ UNSEEN = ("p1", "p2", "quick", "slow")
 STYLES = ("author", *UNSEEN)
 OURS = "holdfast"
 OUR_REQUEST = LoopRequest(OURS, Holdfast.SETTING)
+LATE_S = 0.02
+"""No hand knows at load onset: about what sensors and model need at the least."""
+LATE = f"oracle after {1e3 * LATE_S:g} ms"
+KNOWING_S = (0.0, 0.007, 0.013, 0.027, 0.04)
+"""In the part `knowing` an oracle knows so long after load onset: 0, 1, 2, 4 and 6 samples."""
+KNOWING_SETS = ("author", "tugs")
 FRONT_SETS = ("author", "tugs", "everyday", "wide")
 """On these the settings are chosen; what becomes of their objects is counted together."""
 FRONT: dict[str, dict[str, object]] = {
@@ -51,7 +63,7 @@ MISTAKES_S = (0.05, 0.15, 0.3)
 CANNOT_TELL = "a hand that cannot tell"
 """It grips for the larger of the target and its wearer's grip, also when the wearer opens it."""
 PARTS = (
-    *("table", "front", "lag", *OPENS_AFTER_S),
+    *("table", "knowing", "front", "lag", *OPENS_AFTER_S),
     *("intent", "cannot tell", "mistake", "tremor"),
 )
 """Parts of the study; each row belongs to one."""
@@ -66,6 +78,11 @@ class Row:
     label: str
     one: LoopSet
     request: LoopRequest
+
+    @property
+    def run(self) -> Run:
+        """What is run for it."""
+        return self.one, self.request
 
     def with_opening(self, opening: Opening) -> Row:
         """The row in hands in which this decides when the wearer opens."""
@@ -99,6 +116,14 @@ def rows(trials: int, seed: int = SEED) -> list[Row]:
         for which in every if name in STYLES else (OURS, ORACLE):
             request = OUR_REQUEST if which == OURS else LoopRequest(which)
             made.append(Row("table", name, which, one, request))
+        late = LoopRequest(ORACLE, knows_after_s=LATE_S)
+        made.append(Row("table", name, LATE, one, late))
+    for name in KNOWING_SETS:
+        made.append(Row("knowing", name, OURS, by_name[name], OUR_REQUEST))
+        for after_s in KNOWING_S:
+            label = f"oracle after {1e3 * after_s:g} ms"
+            late = LoopRequest(ORACLE, knows_after_s=after_s)
+            made.append(Row("knowing", name, label, by_name[name], late))
     for name in FRONT_SETS:
         for label, rules in FRONT.items():
             request = replace(OUR_REQUEST, rules=tuple(rules.items()))

@@ -9,7 +9,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from holdfast.cli.command import path_argument, whole
+from benchmarks.paired import paired_change
+from holdfast.cli.command import path_argument, show, whole
 from holdfast.cli.options import add_job_options, chosen_model, chosen_workers
 from holdfast.core.contract import Json
 from holdfast.core.errors import UsageError
@@ -20,9 +21,9 @@ from holdfast.simulation.closed_loop import model_of
 from holdfast.simulation.drive import OPENINGS
 from holdfast.training.progress import Stages
 from studies.shared_control import comparison
-from studies.shared_control.closed_loop import LoopRuns
-from studies.shared_control.picture import picture
-from studies.shared_control.plan import PARTS, SEED, Row, rows
+from studies.shared_control.closed_loop import ORACLE, LoopRequest, LoopRuns, Run
+from studies.shared_control.picture import knowing, picture
+from studies.shared_control.plan import LATE_S, OURS, PARTS, SEED, UNSEEN, Row, rows
 from tools.doc_tables import fill, tables_of
 from tools.harness import add_engine_options, for_any_page, measured_now, write_figures
 
@@ -41,6 +42,8 @@ ROW_KEYS = (
 )
 """What a row measures: two runs have it once."""
 FIGURE = Path("docs/shared-control.svg")
+KNOWING = "knowing.svg"
+"""Of the part `knowing`, beside the JSON."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -82,6 +85,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--controllers", nargs="+", metavar="NAME", help="of the tables' first column"
     )
     option(
+        "--before",
+        type=path_argument,
+        metavar="JSON",
+        help="loop.json of the code before, on the same trials: for aims that bound a change",
+    )
+    option(
         "--keep",
         action="store_true",
         help="keep the rows of the earlier run in --out that this one does not measure",
@@ -101,13 +110,14 @@ def run(args: argparse.Namespace) -> int:
     require_writable(args.out)
     seed = SEED if args.seed is None else args.seed
     trials = args.trials or TRIALS
-    wanted = _chosen(rows(trials, seed), args)
+    before = _before(args.before, seed, trials) if args.before else {}
+    wanted = _chosen(_open_rows(trials, seed, args), args)
     if args.opening != "wearer":
         wanted = [row.with_opening(args.opening) for row in wanted]
     progress = Stages()
     progress(f"{len(wanted)} rows in a closed loop (simulated)")
     runs = LoopRuns(chosen_model(args), chosen_workers(args), progress.part)
-    runs.run([(row.one, row.request) for row in wanted])
+    runs.run([run for row in wanted for run in (row.run, *_late(row))])
     figures = {
         "kind": "simulated",
         "model": model_of(chosen_model(args)).card.model_id,
@@ -117,14 +127,18 @@ def run(args: argparse.Namespace) -> int:
         **measured_now(),
         "trials": trials,
         "rows": [_row(row, runs) for row in wanted],
+        **before,
     }
     if args.keep and (args.out / "loop.json").is_file():
         figures = merged(read_json(args.out / "loop.json"), figures)
     path = write_figures(args.out / "loop.json", figures)
     if args.page:
         fill(PAGE, tables_of(PAGE, {"loop": figures}))
-    if any(row.part == "front" for row in wanted):
+    # not without --page: a run with other --parts, trials or seed must change no page
+    if args.page and any(row.part == "front" for row in wanted):
         write_whole(FIGURE, for_any_page(picture(figures)) + "\n")
+    if any(row.part == "knowing" for row in wanted):
+        write_whole(args.out / KNOWING, for_any_page(knowing(figures)) + "\n")
     sys.stdout.write(f"{path}\n")
     return 0
 
@@ -155,11 +169,39 @@ def merged(earlier: Json, figures: Json) -> Json:
 
 def _locked_on(seed: int) -> str | None:
     """The day since which the seed is locked, None for one that choices may see."""
-    sets = locked_sets()
-    for locked in sets.seeds:
-        if locked.first <= seed <= locked.last:
-            return str(sets.locked_on)
-    return None
+    locked = locked_sets().lock_of_seed(seed)
+    return str(locked.locked_on) if locked is not None else None
+
+
+def _before(path: Path, seed: int, trials: int) -> Json:
+    """Our rows of an earlier version. Raises UsageError where its trials are other ones."""
+    earlier = read_json(path)
+    if (earlier["seed"], earlier["trials"]) != (seed, trials):
+        raise UsageError(
+            f"{path.name} has seed {earlier['seed']} and {earlier['trials']} trials a set, "
+            f"this run {seed} and {trials}",
+            next_step="run the code before on the same trials",
+        )
+    rows = [row for row in earlier["rows"] if row["controller"] == OURS]
+    return {"before": [row for row in rows if row["part"] == "table"]}
+
+
+def _open_rows(trials: int, seed: int, args: argparse.Namespace) -> list[Row]:
+    """The rows of the study; without the styles that no choice may see, unless the seed is locked.
+
+    Raises UsageError where --sets names one of them.
+    """
+    wanted = rows(trials, seed)
+    if locked_sets().lock_of_seed(seed) is not None:
+        return wanted
+    named = [name for name in args.sets or () if name in UNSEEN]
+    if named:
+        raise UsageError(
+            f"{named[0]} is a style that no choice may see, and seed {seed} is not locked",
+            next_step="choose on other sets; such a style runs in reports, at a locked seed",
+        )
+    show(f"{', '.join(UNSEEN)} are left out: no choice may see them (seed {seed})")
+    return [row for row in wanted if row.set_name not in UNSEEN]
 
 
 def _chosen(wanted: list[Row], args: argparse.Namespace) -> list[Row]:
@@ -189,6 +231,50 @@ def _row(row: Row, runs: LoopRuns) -> Json:
         "lag_ms": request.lag_ms,
         "opening": request.opening,
         "delay_samples": request.delay_samples,
+        "knows_after_ms": _knows_after_ms(request),
         "tremor_m_s2": row.one.tremor_m_s2,
         **runs.figures(row.one, request).to_json(),
+        **_beside_late(row, runs),
     }
+
+
+def _knows_after_ms(request: LoopRequest) -> float | None:
+    """How long after load onset an oracle knows; None for a hand that has to feel it."""
+    return 1e3 * request.knows_after_s if request.name == ORACLE else None
+
+
+def _beside_late(row: Row, runs: LoopRuns) -> Json:
+    """Saved of the preventable drops, less what an oracle saves that knows LATE_S after load onset.
+
+    Paired, drop by drop, with a 95 % interval; only in the part that has this oracle.
+    """
+    if not _late(row):
+        return {}
+    saved: list[dict[str, bool]] = []
+    fresh: dict[str, bool] = {}
+    for run in (row.run, *_late(row)):
+        drops = [one for one in runs.runs(*run) if one.preventable]
+        kept = {str(one.bare.trial.number): not one.held.dropped for one in drops}
+        saved.append(kept)
+        if run == row.run:
+            # what an earlier tightening saved is no merit of the answer
+            numbers = [
+                str(d.bare.trial.number) for d in drops if not d.tightened_before
+            ]
+            fresh = {number: kept[number] for number in numbers}
+    change, interval = paired_change(*saved)
+    change_fresh, interval_fresh = paired_change(fresh, saved[1])
+    return {
+        "saved_beside_late": change,
+        "saved_beside_late_ci": interval,
+        "fresh_beside_late": change_fresh,
+        "fresh_beside_late_ci": interval_fresh,
+    }
+
+
+def _late(row: Row) -> list[Run]:
+    """What a row of the table is measured against: an oracle that knows LATE_S after load onset."""
+    if row.part != "table":
+        return []
+    late = LoopRequest(ORACLE, lag_ms=row.request.lag_ms, knows_after_s=LATE_S)
+    return [(row.one, late)]

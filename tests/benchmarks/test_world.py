@@ -128,6 +128,7 @@ def test_only_a_supported_object_is_held_too_weakly(trials: list[WorldTrial]) ->
 def record_of(kind: str, k: int, **changes: Any) -> Json:
     """A trial's record, as record.py writes it."""
     run = {"lost_s": None, "onset_s": 0.1, "slip_mm": 1.0, "peak_n": 4.0, "grip_n": 5.0}
+    run |= {"peak_before_n": 3.0, "held_on_s": 0.0}
     counted = {
         "earlier": False,
         "called": False,
@@ -156,6 +157,7 @@ def record_of(kind: str, k: int, **changes: Any) -> Json:
         "trial": trial,
         "bare": run | changes.get("bare", {}),
         "oracle": changes.get("oracle"),
+        "oracle_late": changes.get("late"),
         "answered": run | counted | changes.get("answered", {}),
     }
 
@@ -183,6 +185,45 @@ def test_saved_counts_of_all_drops_of_the_preventable_and_without_earlier() -> N
     assert row["new_drops"] == 1
     # Clopper and Pearson, two of three
     assert row["saved_share_ci"] == pytest.approx((0.0943, 0.9916), abs=1e-4)
+
+
+def test_saved_stands_beside_a_hand_that_knows_20_ms_after_load_onset() -> None:
+    lost = {"lost_s": 0.2}
+    oracle = {"bare": lost, "oracle": "2"}
+    records = [
+        record_of("pull-fast", 0, **oracle, late="2"),
+        record_of("pull-fast", 1, **oracle, late="3", answered=lost),
+        record_of("pull-fast", 2, **oracle, late="3", answered=lost),
+        record_of("pull-fast", 3, **oracle),
+        record_of("pull-fast", 4, **oracle, answered={"earlier": True}),
+    ]
+    row = row_of(table_of(records), "pull-fast")
+    assert (row["saved"], row["late_saves"], row["late_saves_of"]) == (3, 3, 5)
+    assert row["beside_late"]["change"] == 0.0
+    assert row["fresh_beside_late"]["change"] == pytest.approx(-0.25)
+    low, high = row["beside_late"]["change_ci"]
+    assert low < 0.0 < high
+
+
+def test_what_the_rule_promises_stands_apart_from_comfort() -> None:
+    bare = {"lost_s": 0.8}
+    held_on = {"lost_s": 0.9, "held_on_s": 0.16, "peak_before_n": 5.0, "peak_n": 9.0}
+    early = {"bare": {"lost_s": 0.3}, "answered": {"lost_s": 0.9}}
+    records = [
+        record_of("hand-over", 0, bare=bare, answered=held_on),
+        record_of(
+            "hand-over", 1, bare=bare, answered={"lost_s": 0.9, "held_on_s": 0.15}
+        ),
+        record_of("hand-over", 2, **early),
+    ]
+    rows = {row["opens"]: row for row in table_of(records)["hand_overs"]}
+    row = rows["opens, no signal"]
+    assert (row["held_after"], row["held_after_of"]) == (1, 3)
+    assert row["before_n"]["p50"] == 0.0
+    assert row["before_n"]["p95"] == pytest.approx(1.8)
+    # it opens after 0.5 s: till then only the third receiver waits longer, by 0.2 s
+    assert row["before_ms"]["p50"] == 0.0
+    assert row["before_ms"]["p95"] == pytest.approx(180.0)
 
 
 def test_of_the_oracles_commands_those_below_a_cap_keep_the_fewer_the_lower_it_is() -> (

@@ -253,15 +253,24 @@ def test_a_reversed_magnet_is_found_and_named() -> None:
     assert " in Z4;" in warned[0]
 
 
+def test_what_no_unloaded_sensor_reads_is_no_good_bias() -> None:
+    _, warned = bias_of(np.full((30, 3), [0.0, 600.0, 0.0]), "N")
+    assert warned[0].startswith("reads more than 500 N at rest: Y1;")
+
+
 def test_counts_have_no_usual_noise() -> None:
     with pytest.raises(UnitError, match="take the bias in N or in uT"):
         bias_of(resting(), "count")
 
 
 def test_a_bias_comes_back_bit_for_bit(tmp_path: Path) -> None:
-    values, spread = np.array(AWKWARD), np.array([1.0 / 3.0, 0.0, 2.0])
-    bias = Bias(values, spread, 30, "N", np.array([True]))
+    # the largest that is read, of which no digit may be lost
+    values = np.array([*AWKWARD[:2], np.nextafter(500.0, 0.0)])
+    spread = np.array([1.0 / 3.0, 0.0, 2.0])
+    known = {"date": "2026-05-01", "calibration": "0123456789abcdef"}
+    bias = Bias(values, spread, 30, "N", np.array([True]), **known)
     back = read_bias(write_bias(tmp_path / "b.json", bias))
+    assert (back.date, back.calibration) == tuple(known.values())
     assert back.values.tobytes() == values.tobytes()
     assert back.spread.tobytes() == spread.tobytes()
     assert (back.n, back.unit, back.reversed.tolist()) == (30, "N", [True])
@@ -273,6 +282,10 @@ def test_a_bias_comes_back_bit_for_bit(tmp_path: Path) -> None:
         ({"unit": "g"}, "unit = 'g'; next: allowed: N or uT or count"),
         ({"values": [1.0, 2.0, 3.0]}, "3 values, 18 in spread, and 6 in reversed"),
         ({"kind": "calibration"}, "kind = 'calibration'"),
+        ({"values": [4e5] * 18}, "beyond 300000 uT"),
+        ({"spread": [4e5] * 18}, "beyond 300000 uT"),
+        ({"spread": [-1.0] * 18}, "spread below 0"),
+        ({"n": 0}, "n = 0"),
     ],
 )
 def test_a_broken_bias_is_refused(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from itertools import chain, repeat
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import MagicMock, call
@@ -36,7 +37,7 @@ from holdfast.drivers.camera.recording import (
 )
 
 STAMPS_S = np.arange(1, 4) / FPS
-FRAMES = np.zeros((3, 8, 8), dtype=np.uint8)
+FRAMES = np.zeros((3, 24, 24), dtype=np.uint8)
 NO_FRAMES: dict[str, tuple[Any, Any, type[HoldfastError]]] = {
     "other lengths": (STAMPS_S[:2], FRAMES, EmptyRecording),
     "odd": (STAMPS_S, FRAMES[:, 1:], EmptyRecording),
@@ -45,6 +46,10 @@ NO_FRAMES: dict[str, tuple[Any, Any, type[HoldfastError]]] = {
     "no frames": (STAMPS_S[:0], FRAMES[:0], EmptyRecording),
     "backwards": (STAMPS_S[::-1], FRAMES, TimeError),
     "no time": (np.array([0.1, np.nan, 0.3]), FRAMES, TimeError),
+    # a picture of two pixels ended the interpreter in depthai
+    "two pixels": (STAMPS_S, FRAMES[:, :2, :2], EmptyRecording),
+    "a stamp of a million years": (STAMPS_S + 3e13, FRAMES, TimeError),
+    "stamps in ms": (1e3 * STAMPS_S, FRAMES, TimeError),
 }
 
 
@@ -53,6 +58,19 @@ def test_frames_that_cannot_be_used_are_refused_by_name(tmp_path, how):
     stamps_s, frames, error = NO_FRAMES[how]
     path = write_frames(tmp_path / "some.frames.npz", stamps_s, frames)
     with pytest.raises(error, match=r"some\.frames\.npz"):
+        read_frames(path)
+
+
+@pytest.mark.parametrize(
+    "number",
+    [{"fps": np.inf}, {"fps": np.nan}, {"exposure_ms": np.inf}, {"tag_mm": 1e9}],
+)
+def test_a_lens_that_cannot_be_is_refused_by_name(
+    tmp_path: Path, number: dict[str, float]
+) -> None:
+    path = write_frames(tmp_path / "some.frames.npz", STAMPS_S, FRAMES, **number)
+    (name,) = number
+    with pytest.raises(EmptyRecording, match=rf"some\.frames\.npz: {name} = "):
         read_frames(path)
 
 
@@ -77,6 +95,7 @@ def test_a_file_that_holds_no_frames_is_refused_by_name(tmp_path, content):
         ("HEAD0,0.2,,,,,,,,,\n1,0.1,,,,,,,,,\n", TimeError),
         ("HEAD0,0.2,,,,,,,,,\n1,0.2,,,,,,,,,\n", TimeError),
         ("HEAD0,nan,,,,,,,,,\n", TimeError),
+        ("HEAD0,1e300,,,,,,,,,\n", TimeError),
         ("HEAD0,0.1,0\n", NotANumber),
     ],
 )
@@ -114,7 +133,7 @@ def test_onset_counts_from_the_first_tactile_sample_and_leaves_other_events_alon
         assert main(["watch", "--onset", str(tmp_path), "--action", "pass"]) == 0
     first, mine = map(json.loads, (tmp_path / "events.jsonl").read_text().splitlines())
     assert first == json.loads(other)
-    assert mine["t0_s"] == pytest.approx(0.55, abs=0.003)
+    assert mine["t0_s"] == pytest.approx(0.55, abs=0.006)
     assert (mine["label"], mine["provenance"], mine["by"]) == (
         "safe_slip",
         "camera",
@@ -126,7 +145,7 @@ def test_without_tactile_samples_onset_counts_from_the_first_frame(tmp_path, cap
     hand_made(tmp_path, at_s=5000.0, slides_at_s=0.8)
     assert main(["watch", "--onset", str(tmp_path), "--action", "pull"]) == 0
     assert json.loads((tmp_path / "events.jsonl").read_text())["t0_s"] == pytest.approx(
-        0.8, abs=0.003
+        0.8, abs=0.006
     )
 
 
@@ -209,7 +228,7 @@ def test_an_oak_that_falls_off_the_bus_ends_its_graph_and_is_given_back():
 
 
 def test_frames_from_disk_are_numbered_in_order_and_are_whole_as_they_were(tmp_path):
-    images = np.arange(24, dtype=np.uint8).reshape(3, 2, 4)
+    images = np.arange(3 * 24 * 26, dtype=np.uint8).reshape(3, 24, 26)
     path = write_frames(tmp_path / "a.frames.npz", np.arange(3) / 4, images, fps=4.0)
     name, lens, stored = read_frames(path)
     assert (name, lens) == (path.name, Lens(4.0, 2.0, 10.0, "trial"))

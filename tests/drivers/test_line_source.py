@@ -2,28 +2,39 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
+import math
 import os
-import pty
+import re
+import select
 import socket
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from grip_bench import TtyReceiver
 from hazard_marks import STALE_LINES
 from hypothesis import given
 from hypothesis import strategies as st
 from live_bench import go
 
 from holdfast.core.contract import Prediction, channel_names
-from holdfast.core.errors import DeviceLost, DeviceNotFound, RateError, UsageError
-from holdfast.core.hand_lines import LONGEST_LINE
+from holdfast.core.errors import AccessDenied, DeviceNotFound, RateError, UsageError
+from holdfast.core.hand_lines import LONGEST_LINE, SECOND_NS
 from holdfast.core.source import Source, SourceReading
 from holdfast.drivers.arrivals import LOST, SKIPPED
-from holdfast.drivers.line_feeds import DatagramFeed, LineSplitter, StreamFeed
+from holdfast.drivers.line_feeds import (
+    DatagramFeed,
+    LineSplitter,
+    SerialFeed,
+    StreamFeed,
+    close_port,
+    open_port,
+)
 from holdfast.drivers.lines import LineSource, SampleReader
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.model import Model
@@ -59,7 +70,9 @@ class ScriptedFeed(StreamFeed):
         ),
         ends: int = 10**9,
         rubbish: bytes = b"",
+        bytes_per_s: float | None = None,
     ) -> None:
+        self.bytes_per_s, self._lines = bytes_per_s, LineSplitter()
         self.clock, self.line, self.ends = clock, line, ends
         self.rubbish = rubbish
         self.late_ns = late_ns
@@ -160,6 +173,21 @@ def test_a_stuck_sender_is_unknown(model: Model) -> None:
     }
 
 
+def test_a_finger_that_sends_nan_is_lost_alone(model: Model) -> None:
+    """The sender writes its lines with json.dumps."""
+    clock = VirtualClock()
+    source, _, said = opened(
+        clock, line=lambda k: text_of(k, **({"Z4": math.nan} if k >= 200 else {}))
+    )
+    answers = answered(model, clock, source, 400)
+    assert {one.state for one in answers[150:]} == {"nothing"}
+    degraded = [one.degraded for one in answers]
+    assert degraded[:200] == [False] * 200
+    assert set(degraded[200:]) == {True}
+    source.close()
+    assert said == ["script: 6 sensors in N at 150 Hz, stamps of arrival"]
+
+
 @STALE_LINES.mark
 def test_what_waited_while_nothing_was_read_is_dropped() -> None:
     """As between two trials: a sender that died meanwhile must not leave one fresh sample."""
@@ -226,6 +254,69 @@ def test_a_source_without_samples_says_so(
 ) -> None:
     with pytest.raises(error, match=says):
         opened(VirtualClock(), None, **script)
+
+
+def slow(k: int) -> int:
+    """A line that came at a seventh of a second."""
+    return k * (SECOND_NS // 7 - PERIOD_NS)
+
+
+TICK_NS = 10_000_000
+
+
+@pytest.mark.parametrize(
+    ("script", "says"),
+    [
+        # a clock of the sender that ticks every 10 ms, one that stands, broken and cut lines
+        (
+            {"line": lambda k: text_of(k, t_ns=k * PERIOD_NS // TICK_NS * TICK_NS)},
+            r"35 of 106 lines were skipped: 35 stamped like the line before",
+        ),
+        (
+            {"line": lambda k: text_of(k, t_ns=5)},
+            r"\d+ of \d+ lines were skipped: \d+ stamped like the line before",
+        ),
+        (
+            {"line": lambda k: text_of(k) if k % 7 else text_of(k)[:99]},
+            r"\d+ of \d+ lines were skipped: \d+ not understood",
+        ),
+        (
+            {"late_ns": slow, "bytes_per_s": 4000.0},
+            r"the port is full: at 40000 baud it carries 7\.\d* lines of 5\d\d bytes",
+        ),
+    ],
+)
+def test_a_rate_that_losses_made_is_not_called_a_model_for_another_rate(
+    model: Model, script: Any, says: str
+) -> None:
+    clock = VirtualClock()
+    source, _, said = opened(clock, None, **script)
+    assert re.search(says, said[-1])
+    with pytest.raises(RateError, match=says) as error:
+        answered(model, clock, source, 10)
+    assert "correct the sender" in str(error.value)
+    assert "another rate" not in str(error.value)
+
+
+def test_a_rate_without_losses_is_another_one(model: Model) -> None:
+    clock = VirtualClock()
+    # one broken line in forty
+    source, _, _ = opened(
+        clock,
+        None,
+        late_ns=lambda k: k * PERIOD_NS,
+        line=lambda k: text_of(k) if k % 40 else b"broken",
+    )
+    with pytest.raises(RateError, match="a model made for another rate"):
+        answered(model, clock, source, 10)
+
+
+def test_bytes_without_an_end_of_line_are_no_silent_sender() -> None:
+    clock = VirtualClock()
+    feed = ScriptedFeed(clock, late_ns=lambda k: 10**12)
+    feed._lines.split(b"\xf8\x80" * 50)
+    with pytest.raises(DeviceNotFound, match=r"100 bytes came, and no end.*baud="):
+        LineSource(feed, SampleReader(), clock, print)
 
 
 # -- bytes
@@ -424,24 +515,84 @@ def test_the_end_of_standard_input_is_the_end_and_closes_nothing(
     assert os.fstat(reads)
 
 
-def test_a_serial_port_is_read_until_it_is_unplugged(
-    stack: ExitStack,
+@pytest.fixture
+def board() -> Iterator[TtyReceiver]:
+    """The other end of a port."""
+    with closing(TtyReceiver()) as one:
+        yield one
+
+
+def test_a_serial_port_that_goes_is_reported_and_opened_again_when_it_comes_back(
+    stack: ExitStack, tmp_path: Path, board: TtyReceiver
 ) -> None:
-    board, port = pty.openpty()
-    name = os.ttyname(port)
-    stack.callback(os.close, port)
+    first, name, said = TtyReceiver(), tmp_path / "ttyHAND", list[str]()
+    name.symlink_to(first.path)
+    boards = [first]
 
     def send(text: bytes) -> None:
         # a carriage return and a Ctrl-C come as they are
-        os.write(board, text.replace(b"\n", b"\r\n"))
+        if boards:
+            boards[0].write(text.replace(b"\n", b"\r"))
 
     url = f"serial://{name}?rate_hz=150&baud=230400"
-    source = open_live(url, clock=Sender(send), report=print)
+    source = open_live(url, clock=Sender(send), report=said.append)
     stack.callback(source.close)
     assert read(source).valid.all()
-    os.close(board)
-    with pytest.raises(DeviceLost, match=rf"serial://{name}: lost .*unplugged"):
-        list(iter(source.read, None))
+    boards.clear()
+    first.close()
+    name.unlink()
+    while len(said) < 3:
+        read(source)
+    assert read(source).why == (LOST,) * 6
+    name.symlink_to(board.path)
+    boards.append(board)
+    while not read(source).valid.all():
+        pass
+    lost, back = said[2:]
+    assert lost.startswith(f"serial://{name}: lost (")
+    assert lost.endswith("likely cause: it was unplugged")
+    assert back == f"serial://{name}: back"
+
+
+def test_another_reader_that_takes_what_came_is_no_end(
+    board: TtyReceiver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+    feed = SerialFeed(board.path, 115200, said.append)
+    waits = select.select
+
+    def looks(*what: Any) -> Any:
+        """What is there is gone before the feed reads it."""
+        ready = waits(*what)
+        if ready[0]:
+            os.read(board.other, 4096)
+        return ready
+
+    with monkeypatch.context() as patched:
+        patched.setattr(select, "select", looks)
+        board.write(b"one")
+        assert feed.pull(10.0) == []
+    board.write(b"two")
+    assert (feed.pull(10.0), said) == ([b"two"], [])
+    feed.close()
+
+
+def test_a_port_is_for_one_program_which_reads_it_once_and_may_write_to_it(
+    board: TtyReceiver,
+) -> None:
+    feed = SerialFeed(board.path, 115200, print)
+    writer = open_port(board.path)
+    with pytest.raises(UsageError, match="read already"):
+        SerialFeed(board.path, 115200, print)
+    os.write(writer.fd, b"hold\n")
+    assert board.raw() == b"hold"
+    for port in (writer, feed):
+        with pytest.raises(BlockingIOError):
+            fcntl.flock(board.other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        close_port(port) if port is writer else feed.close()
+    fcntl.flock(board.other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    with pytest.raises(AccessDenied, match="another program has opened it"):
+        open_port(board.path)
 
 
 def test_datagrams_are_cut_into_lines_that_hold_something(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any
 from unittest.mock import MagicMock
 
+import msgspec
 import numpy as np
 import pylsl
 import pytest
@@ -25,6 +26,7 @@ from holdfast.core.errors import (
     RateError,
     UnitError,
 )
+from holdfast.core.hand_card import read_hand_card
 from holdfast.drivers import lsl
 from holdfast.drivers.arrivals import SKIPPED
 from holdfast.drivers.lsl import (
@@ -35,6 +37,7 @@ from holdfast.drivers.lsl import (
     LslSource,
     StreamFacts,
     decision_row,
+    order_of,
 )
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor, Model
@@ -58,7 +61,9 @@ class ScriptedInlet(LslInlet):
         gone: range = range(0),
         ends: int = 10**9,
         rows: Callable[[int], np.ndarray] | None = None,
+        tick: int = 1,
     ) -> None:
+        self.tick = tick
         self.facts = facts
         self.clock = clock
         self.gone = gone
@@ -80,7 +85,8 @@ class ScriptedInlet(LslInlet):
         came = []
         while self.next < self.ends and self._sent_ns(self.next) <= self.clock.now_ns():
             if self.next not in self.gone:
-                stamp_s = BEHIND_S + 1e-9 * self._sent_ns(self.next)
+                stamped = self.next // self.tick * self.tick
+                stamp_s = BEHIND_S + 1e-9 * self._sent_ns(stamped)
                 came.append((stamp_s, self.rows(self.next).tolist()))
             self.next += 1
         return came
@@ -116,6 +122,17 @@ def test_every_sample_is_read_once_and_its_stamp_is_on_our_clock():
     assert (source.unit, source.n_channels, source.rate_hz) == ("N", 18, RATE_HZ)
 
 
+def test_equal_stamps_of_a_sender_are_named():
+    source, _, said = opened(VirtualClock(), tick=2)
+    readings = [source.read() for _ in range(50)]
+    source.close()
+    assert readings[2].t_ns == readings[3].t_ns
+    assert said == [
+        "lsl://hand: a sample is stamped like the one before",
+        "lsl://hand: 25 skipped in all",
+    ]
+
+
 def test_a_reader_that_falls_behind_drops_all_but_the_newest_and_says_so():
     clock = VirtualClock()
     source, _, _ = opened(clock)
@@ -126,6 +143,25 @@ def test_a_reader_that_falls_behind_drops_all_but_the_newest_and_says_so():
     assert newest.valid.all()
     assert clock.now_ns() - newest.t_ns <= 1.5e9 * PERIOD_S
     assert after.t_ns > newest.t_ns
+
+
+def test_a_stream_may_leave_out_what_its_hand_does_not_measure():
+    usual = read_hand_card("six-fingertips")
+    yz = tuple(msgspec.structs.replace(one, measures="yz") for one in usual.contacts)
+    hand = replace(usual, contacts=yz)
+    left = [name for name in LABELS if not name.startswith("X")]
+    whole = np.arange(1.0, 19.0)
+    expected = np.where(hand.measured, whole, 0.0)
+    for labels, row in ((LABELS, whole), (left, expected[hand.measured])):
+        facts = StreamFacts("hand", False, RATE_HZ, tuple(labels), ("N",) * len(labels))
+        inlet = ScriptedInlet(VirtualClock(), facts, rows=lambda k, row=row: row)
+        source = LslSource(inlet, inlet.clock, print, hand=hand)
+        reading = source.read()
+        assert reading.values.tolist() == expected.tolist()
+        assert reading.valid.all()
+        assert (source.n_channels, source.hand) == (18, hand)
+    with pytest.raises(ChannelError, match="12 channels, not 18 of the hand card"):
+        order_of(left, "lsl://hand", usual)
 
 
 def test_a_value_that_is_no_number_makes_its_finger_invalid_and_labels_give_the_order():

@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from holdfast.core.column_map import ColumnMap
+from holdfast.core.column_map import ColumnMap, SensorColumns, TimeColumn
 from holdfast.core.errors import ColumnError
 from holdfast.core.hand_lines import NOT_RISING, NOT_UNDERSTOOD, LineRefused
 from holdfast.core.schema import checked, toml_of
 from holdfast.core.source import SourceReading
-from holdfast.drivers.lines import SampleReader, map_of_names
+from holdfast.drivers.lines import SAME_STAMP, SampleReader, map_of_names
 
 NAMES = ("X1", "Y1", "Z1", "X2", "Y2", "Z2")
 MS = 1_000_000
@@ -65,7 +65,7 @@ def test_rows_are_read_by_their_header(header: str, row: str) -> None:
     assert reader.take(b"", 0) is None
     sample = taken(reader, row.encode())
     assert sample.values.tolist() == [1.0, -2.5, 3.0]
-    assert refused(reader, row.encode()) == NOT_RISING
+    assert refused(reader, row.encode()) == SAME_STAMP
 
 
 def test_a_header_that_comes_again_may_have_another_order() -> None:
@@ -83,7 +83,30 @@ def test_a_column_map_names_turns_and_scales() -> None:
     assert refused(reader, b'{"imu":{"ms":1499},"f":[1,2,3]}') == NOT_RISING
 
 
-@pytest.mark.parametrize("cell", ["", "nan", "inf", "-inf", "1e999"])
+@pytest.mark.parametrize(
+    "word",
+    ["NaN", "Infinity", "-Infinity", "nan", " nan ", "-inf", "-nan(ind)", "1e999"],
+)
+def test_a_value_in_json_that_is_no_finite_number_is_its_sensors_loss(
+    word: str,
+) -> None:
+    """As json.dumps, ROS and printf write them."""
+    text = f'{{"f":[1,2,3,4,{word},6],"other":{word}}}'
+    names = [f"f.{k}" for k in range(6)]
+    first = SensorColumns(names[0], names[1], names[2])
+    sensors = [first, SensorColumns(names[3], names[4], names[5])]
+    time = TimeColumn(arrival=True)
+    reader = SampleReader(ColumnMap(unit="N", time=time, sensors=tuple(sensors)))
+    assert taken(reader, text.encode()).valid.tolist() == [True, False]
+
+
+@pytest.mark.parametrize("word", ['"nan"', "null", "1".ljust(5000, "0")])
+def test_a_text_null_or_a_number_without_end_is_its_sensors_loss_too(word: str) -> None:
+    text = line().replace(b'"Y2": 1.0', f'"Y2": {word}'.encode())
+    assert taken(SampleReader(), text).valid.tolist() == [True, False]
+
+
+@pytest.mark.parametrize("cell", ["", "nan", "inf", "-inf", "1e999", "-nan(ind)"])
 def test_a_cell_that_is_no_finite_number_makes_its_sensor_invalid(cell: str) -> None:
     reader = SampleReader()
     reader.take(",".join(NAMES).encode(), 0)
@@ -98,7 +121,9 @@ def test_a_cell_that_is_no_finite_number_makes_its_sensor_invalid(cell: str) -> 
         b"1",
         b"{}",
         b"[" * 2000,
-        b'{"X1":NaN,"Y1":1,"Z1":1}',
+        b'{"t_s":NaN,"X1":1,"Y1":1,"Z1":1}',
+        b'{"sequence":NaN,"X1":1,"Y1":1,"Z1":1}',
+        b'{"X1":nan nan,"Y1":1,"Z1":1}',
         b'{"X1":"a","Y1":1,"Z1":1}',
         b'{"X1":1,"Y1":1}',
         b'{"X1":1,"Y1":1,"Z1":1,"X3":1,"Y3":1,"Z3":1}',
@@ -133,7 +158,8 @@ def test_columns_of_which_none_is_a_sensor_say_what_to_do() -> None:
 def test_time_and_sequence_must_rise_until_the_sender_was_silent_for_300_ms() -> None:
     reader = SampleReader()
     taken(reader, line(t_ms=1000, sequence=7))
-    for numbers in ({"t_ms": 1000}, {"t_ms": 999}, {"sequence": 7}, {"sequence": 0}):
+    assert refused(reader, line(t_ms=1000, sequence=8)) == SAME_STAMP
+    for numbers in ({"t_ms": 999}, {"sequence": 7}, {"sequence": 0}):
         assert refused(reader, line(**({"t_ms": 1001, "sequence": 8} | numbers))) == (
             NOT_RISING
         )
@@ -180,7 +206,9 @@ def test_there_may_be_12_sensors_and_as_many_as_have_all_their_columns() -> None
         return [f"{axis}{k}" for k in range(1, n_sensors + 1) for axis in "XYZ"]
 
     assert len(map_of_names(names(12), "N").channels) == 36
-    for wrong in (names(13), names(2)[:5], names(2)[3:], ["X0", "Y0", "Z0"]):
+    with pytest.raises(ColumnError, match="13 sensors, and 12 are the most"):
+        map_of_names(names(13), "N")
+    for wrong in (names(2)[:5], names(2)[3:], ["X0", "Y0", "Z0"]):
         with pytest.raises(ColumnError, match="no columns X1"):
             map_of_names(wrong, "N")
 
@@ -195,8 +223,10 @@ def test_a_column_of_time_has_the_unit_of_its_name(name: str, unit: str) -> None
     assert map_of_names(NAMES, "N").time.arrival
 
 
-@pytest.mark.parametrize("flag", [0, "0", "false", False, 0.0])
-def test_a_flag_that_is_zero_or_false_makes_a_sensor_invalid(flag: Any) -> None:
+@pytest.mark.parametrize("flag", [0, "0", "false", False, 0.0, None, math.nan, ""])
+def test_a_flag_that_is_zero_false_or_not_there_makes_a_sensor_invalid(
+    flag: Any,
+) -> None:
     assert taken(SampleReader(), line(valid1=1, valid2=flag)).valid.tolist() == [
         True,
         False,

@@ -20,6 +20,7 @@ from holdfast.edge_runtime.decision import (
     decide,
     period_us,
 )
+from holdfast.edge_runtime.grip import AnswerRules
 
 LABELS = (UNKNOWN, NOTHING, GRASP, SAFE_SLIP, RISKY_SLIP)
 RULES = DecisionRules()
@@ -184,3 +185,19 @@ def test_a_rule_outside_its_limits_is_refused(name: str) -> None:
 def test_a_full_answer_is_above_the_least_one() -> None:
     with pytest.raises(ValueError, match="full answer"):
         DecisionRules(answer_permille=850)
+
+
+def test_what_the_grip_goes_by_stands_in_a_card_only_where_it_differs() -> None:
+    usual = DecisionRules()
+    assert not {"follow_floor_permille", "safe_follow_mn"} & set(usual.to_json())
+    rules = replace(
+        usual,
+        follow_floor_permille=130,
+        follow_above_permille=1400,
+        safe_follow_mn=2500,
+    )
+    card = rules.to_json()
+    assert DecisionRules(**card) == rules
+    answer = AnswerRules.of(rules)
+    assert (answer.floor, answer.above, answer.safe_follow_n) == (0.13, 1.4, 2.5)
+    assert AnswerRules.of(usual) == AnswerRules()

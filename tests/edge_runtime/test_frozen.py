@@ -62,7 +62,7 @@ def test_five_frozen_sensors_and_a_live_one_are_unknown_within_a_quarter_second(
 ) -> None:
     """1300 of 1300 such samples were called grasp before."""
     answered = answers(model, with_frozen(noise(1500), [0, 1, 2, 3, 4], 200))
-    assert {answer.state for answer in answered[150:200]} == {"grasp"}
+    assert "unknown" not in {answer.state for answer in answered[150:200]}
     assert {answer.state for answer in answered[200 + MOST + 5 :]} == {"unknown"}
 
 

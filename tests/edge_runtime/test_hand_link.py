@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import signal
+import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from grip_bench import TtyReceiver, UnixReceiver, command, opened, send, sender, until
-from hazard_marks import NO_GRIP_COMMAND, RUN_DIES, WIRE_FAILS
+from hazard_marks import NO_GRIP_COMMAND, OLD_COMMAND, RUN_DIES, WIRE_FAILS
 
 from holdfast.core.errors import DeviceNotFound, UsageError
 from holdfast.edge_runtime.supervisor import to_line
@@ -62,6 +63,8 @@ def test_a_run_that_ends_by_an_error_says_so_in_its_last_hold(receiver):
 def test_a_stalled_reader_never_delays_a_command_and_gets_hold_when_it_reads(receiver):
     messages: list[str] = []
     with opened(receiver.url, messages.append) as link:
+        # a port of this test says at once that it is a pseudo-terminal
+        messages.clear()
         k, slowest_s = 0, 0.0
         while not messages:
             k += 1
@@ -86,6 +89,7 @@ def test_a_stalled_reader_never_delays_a_command_and_gets_hold_when_it_reads(rec
 def test_a_stalled_reader_keeps_no_run_from_ending(receiver):
     messages: list[str] = []
     with opened(receiver.url, messages.append) as link:
+        messages.clear()
         while not messages:
             link(to_line(command(1)), 1)
             time.sleep(0.001)
@@ -102,6 +106,7 @@ def test_an_unplugged_port_comes_back_under_its_name_and_begins_with_hold(
     first = TtyReceiver()
     name.symlink_to(first.path)
     with opened(f"serial://{name}", messages.append) as link:
+        messages.clear()
         send(link, 1)
         assert first.next()["sequence"] == 1
         first.close()
@@ -145,6 +150,14 @@ def test_a_slow_port_gets_the_newest_command_and_queues_none(tty, monkeypatch):
         assert link.dropped == 2
 
 
+@OLD_COMMAND.mark
+def test_a_port_that_does_not_say_what_waits_in_it_is_told(tty):
+    messages: list[str] = []
+    with opened(tty.url, messages.append):
+        pass
+    assert [one for one in messages if "lines can arrive late" in one]
+
+
 @pytest.mark.parametrize(
     "url",
     [
@@ -165,6 +178,55 @@ def test_an_address_that_cannot_be_is_a_usage_error(url):
         pass
 
 
+def stale_socket(path: Path) -> None:
+    """As a program that was killed leaves it."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as one:
+        one.bind(str(path))
+
+
+def stream_socket(path: Path) -> None:
+    """Of a program that expects connections; its file is enough."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as one:
+        one.bind(str(path))
+        one.listen()
+
+
+IN_THE_WAY: dict[str, tuple[Callable[[Path], object], str]] = {
+    "nothing": (lambda path: None, "No such file or directory"),
+    "a socket without a program": (stale_socket, "Connection refused"),
+    "a loop of links": (lambda path: path.symlink_to(path), "symbolic links"),
+    "a socket of streams": (stream_socket, "refused"),
+}
+
+
+@WIRE_FAILS.mark
+@pytest.mark.parametrize("what", IN_THE_WAY)
+def test_what_stands_in_the_way_of_a_command_is_told_and_that_none_left(what, tmp_path):
+    make, says = IN_THE_WAY[what]
+    path, messages = tmp_path / "hand" / "grip", list[str]()
+    path.parent.mkdir()
+    make(path)
+    with opened(f"unix://{path}", messages.append) as link:
+        send(link, 1)
+        assert says in messages[0]
+        assert link.carried_none
+
+
+IMPOSSIBLE: dict[str, tuple[Callable[[Path], object], str]] = {
+    "a file": (lambda path: path.write_text(""), "is no socket"),
+    "a folder": (lambda path: path.mkdir(), "is no socket"),
+    "x" * 120: (lambda path: None, "longer than 107 bytes"),
+}
+
+
+@pytest.mark.parametrize("name", IMPOSSIBLE)
+def test_a_path_at_which_no_receiver_can_come_is_refused(name, tmp_path):
+    make, says = IMPOSSIBLE[name]
+    make(tmp_path / name)
+    with pytest.raises(UsageError, match=says), opened(f"unix://{tmp_path / name}"):
+        pass
+
+
 @pytest.mark.parametrize("path", ["/dev/null", "/dev/no-such-port", "/etc/hostname"])
 def test_what_is_not_a_serial_port_is_a_device_error(path):
     with pytest.raises(DeviceNotFound, match="serial"), opened(f"serial://{path}"):
@@ -176,7 +238,7 @@ def test_a_receiver_that_is_not_there_yet_or_starts_again_is_found(tmp_path):
     messages, path = list[str](), str(tmp_path / "grip")
     with opened(f"unix://{path}", messages.append) as link:
         send(link, 1)
-        assert "not connected" in messages[0]
+        assert "No such file or directory" in messages[0]
         first = UnixReceiver(path)
         assert first.until("link was lost")["sequence"] == 1
         until(lambda: link.works)

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from live_bench import Steady, go
 from numbered_lines import numbered_sender
 
+import holdfast
 from holdfast.core import source as clock_module
 from holdfast.core.contract import Sample
 from holdfast.core.errors import TimeError
@@ -27,9 +28,11 @@ from holdfast.core.trial_file import read_trial
 from holdfast.drivers.replay import PacedReplay, Replay
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor
+from holdfast.live import hand_files
 from holdfast.live.outputs import LineOutput
 from holdfast.live.run import answer
 from holdfast.live.wearer import wearer_monitor
+from holdfast.sessions.calibrate import RATE_HZ, read_rows
 
 AREA = "Time and schedule"
 PERIOD_NS = round(1e9 / 150)
@@ -137,6 +140,37 @@ def test_answers_that_take_longer_than_a_period_lose_samples_counted_and_never_l
     # every period is one or the other
     assert summary.samples + summary.overruns == pytest.approx(2.5 * 200, abs=2)
     assert max(late_ns) < PERIOD_NS
+
+
+def test_a_program_that_pauses_with_an_open_hand_gets_no_burst_of_late_samples(
+    model, monkeypatch
+):
+    clock = VirtualClock()
+    monkeypatch.setattr(hand_files, "RunClock", lambda: clock)
+    monitor = GripMonitor(model, clock.now_ns)
+    with holdfast.open_hand("virtual://ft232h") as hand:
+        samples, answers = [], []
+        for sample in hand.samples(monitor, seconds=4):
+            if sample.sequence == 300:
+                clock.spend(500_000_000)
+            samples.append(sample)
+            answers.append(monitor.feed(sample))
+    steps_ns = np.diff([one.t_ns for one in samples])
+    # the turn of now may have begun a little earlier
+    assert steps_ns.min() > 0.5 * PERIOD_NS
+    numbers = [one.sequence for one in samples]
+    assert numbers == [*range(301), *range(375, 600)]
+    # the pause is one sample that was late and a history that begins anew, and no other rate
+    assert {one.why for one in answers} == {"", "late", "settling"}
+
+
+def test_a_reading_that_takes_long_shifts_no_row_of_a_bias():
+    clock = VirtualClock()
+    source = Steady(clock, 1000, {20: 0.5})
+    rows = read_rows(source, clock, 2.0)
+    steps_ns = np.diff(source.times)
+    assert steps_ns.min() > 0.9 * 1e9 / RATE_HZ
+    assert len(rows) == 2.0 * RATE_HZ - round(0.5 * RATE_HZ) + 1
 
 
 @pytest.mark.hard_case(

@@ -149,6 +149,12 @@ REFUSED = {
         TimeError,
         "line 4: time stands still",
     ),
+    "a clock ticks too seldom": (
+        HEADER,
+        rows([0, 0, 0.02, 0.02, 0.04, 0.04]),
+        TimeError,
+        "time stands still, as in 3 lines; likely cause: its clock ticks too seldom",
+    ),
     "time has a gap of days": (
         HEADER,
         rows([0, 0.02, 0.04, 2e5, 2e5 + 0.02]),

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import os
 import socket
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from unittest.mock import Mock
 
 import pytest
+from grip_bench import TtyReceiver, until
 from hazard_marks import BROKEN_LINE, OTHER_SENDER, SILENT_SENDER
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -30,7 +31,8 @@ from holdfast.edge_runtime.wearer import (
     intent_row,
     read_intent,
 )
-from holdfast.live.wearer import LineWords, wearer_monitor
+from holdfast.live.running import RunClock
+from holdfast.live.wearer import wearer_monitor
 
 PERIOD_NS = 6_666_667
 
@@ -139,7 +141,10 @@ def test_a_word_comes_as_an_object_or_bare_and_an_opening_lasts_until_it_expires
     tmp_path: Path,
 ) -> None:
     with listening(tmp_path) as run, numbered_sender(run.path) as wearer:
-        for line in ({"wants": "open"}, b"open", b"open\nstop\nopen\n"):
+        lines = [{"wants": "open"}, b"open", b"open\nstop\nopen\n"]
+        # what else stands in a line is not asked for
+        lines += [{"wants": "open", "emg": math.nan}, b' {"emg":-inf,"wants":"open"}\r']
+        for line in lines:
             wearer.send(line)
             assert run.ask() == Command(opening=True, link="live")
         wearer.send({"wants": "stop"})
@@ -271,12 +276,29 @@ def test_a_recorded_stream_comes_again_in_its_time(tmp_path: Path) -> None:
     assert [wants for _, wants in said[3:]] == ["unknown"]
 
 
-def test_a_port_that_is_unplugged_is_reported_once_and_gives_nothing_more():
-    feed = Mock(pull=Mock(side_effect=DeviceLost("the port is gone")))
-    messages: list[str] = []
-    words = LineWords(feed, lambda: 0, messages.append)
-    assert [words() for _ in range(3)] == [[], [], []]
-    assert len(messages) == 1
+def test_a_port_that_goes_is_unknown_until_it_comes_back(tmp_path):
+    first, name, messages = TtyReceiver(), tmp_path / "ttyEMG", list[str]()
+    name.symlink_to(first.path)
+    with (
+        closing(TtyReceiver()) as second,
+        wearer_monitor(f"serial://{name}", RunClock(), messages.append) as monitor,
+    ):
+        monitor.look()
+        first.write(b"open")
+        until(lambda: monitor.command().opening)
+        first.close()
+        name.unlink()
+        until(lambda: monitor.command().link == "expired")
+        name.symlink_to(second.path)
+        until(lambda: monitor.look() or messages[-1].endswith("back"))
+        second.write(b"close")
+        until(lambda: monitor.command().link == "live")
+    assert [one.rpartition(": ")[2] for one in messages] == [
+        "it was unplugged",
+        "the stream is silent; what the wearer wants is unknown",
+        "back",
+        "the stream is back",
+    ]
 
 
 # -- the lab streaming layer

@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import json
+from datetime import date
+from pathlib import Path
+
 import numpy as np
+from command_line import fails
+from hazard_marks import RESTART
 from live_bench import TINY
+from made_prediction import prediction
 
 from holdfast.core.contract import NORMAL_AXIS, Sample
 from holdfast.core.hand_card import sensor_names
@@ -17,11 +24,16 @@ LONG = round(PULLS_S * CARD.rate_hz) + 1
 
 
 def watched(
-    normal_n: float, samples: int, valid: bool = True
+    normal_n: float,
+    samples: int,
+    valid: bool = True,
+    measured: str = "",
+    loaded: bool | None = None,
 ) -> tuple[ZeroWatch, list[str]]:
     """Five samples at zero, then one sensor at a force along its normal."""
     lines: list[str] = []
-    watch = ZeroWatch(CARD, lines.append)
+    watch = ZeroWatch(CARD, lines.append, measured)
+    answer = prediction(started_loaded=loaded)
     for k in range(5 + samples):
         values = np.zeros(CARD.n_channels)
         usable = np.ones(CARD.n_channels // 3, dtype=np.bool_)
@@ -29,7 +41,7 @@ def watched(
             values[3 + NORMAL_AXIS] = normal_n
             usable[1] = valid
         reading = SourceReading(k, values, usable)
-        watch.write(None, Sample(k, values, usable, k), reading)
+        watch.write(answer, Sample(k, values, usable, k), reading)
     return watch, lines
 
 
@@ -51,6 +63,50 @@ def test_thousands_of_newtons_are_taken_for_millinewtons() -> None:
     _, lines = watched(4000.0, 10 * LONG)
     assert lines[2].startswith("warning: 4000 N along a normal")
     assert "are these mN?" in lines[2]
+
+
+def test_a_hand_that_was_never_empty_is_said_once_with_the_zero_that_may_be_stale() -> (
+    None
+):
+    _, lines = watched(5.0, 10 * LONG, measured="b.json (2026-05-01)", loaded=True)
+    (line,) = lines
+    assert line.startswith("warning: the hand was not empty since the start")
+    assert "the zero of b.json (2026-05-01) is stale" in line
+    assert watched(5.0, 10 * LONG, measured="b.json", loaded=False)[1] == []
+
+
+def test_a_measured_zero_below_which_a_fingertip_is_pulled_is_warned_of() -> None:
+    below = -1.01 * PULLS_FLOORS * CARD.normal_floor
+    (line,) = watched(below, 10 * LONG, measured="b.json (2026-05-01)")[1]
+    assert "the zero of b.json (2026-05-01) is not its zero any more" in line
+
+
+@RESTART.mark
+def test_a_stale_bias_is_said_in_the_terminal_and_an_absurd_or_foreign_one_refused(
+    run, tmp_path: Path
+) -> None:
+    stored = tmp_path / "b.json"
+    hand = ["--source", "virtual://ft232h"]
+    code, out, err = run("bias", *hand, "--seconds", "0.4", "--out", stored)
+    assert code == 0, out + err
+    good = json.loads(stored.read_text())
+    assert good["date"] == date.today().isoformat()
+    assert good["calibration"] == ""
+    answers = [*hand, "--bias", stored, "--seconds", "1", "--to", "none"]
+    assert "warning" not in run("run", TINY, *answers)[2]
+
+    values = [*good["values"][:-1], good["values"][-1] - 3.0]
+    stored.write_text(json.dumps(good | {"values": values}))
+    code, _, err = run("run", TINY, *answers)
+    assert code == 0
+    assert err.count("warning") == 1
+    assert f"N. If it holds nothing, the zero of {stored} ({good['date']})" in (err)
+    for change, says in (
+        ({"values": [1e9] * 18}, "beyond 500 N"),
+        ({"calibration": "0123456789abcdef"}, "calibration 0123456789abcdef, and this"),
+    ):
+        stored.write_text(json.dumps(good | change))
+        fails(run, 3, "DataError", "run", TINY, *answers, says=says)
 
 
 def test_a_sensor_that_never_answers_is_named_once_and_in_the_summary() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ import numpy.typing as npt
 import onnx
 import pytest
 from adapted_model import base_of, file_of
-from c_form import SANITISED, CForm, c_form
+from c_form import SANITISED, CForm, c_form, run
 from c_rows import hard_features, hard_streams
 from made_once import made_once
 from small_model import artifact, graph_of, spec, with_networks
@@ -134,6 +135,19 @@ def test_the_golden_sequence_is_replayed_without_a_difference(form, name, compil
     rows = len(made.graph.golden["settled"])
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout == f"golden: {rows} rows, 0 labels differ\n"
+
+
+def test_rules_at_the_ends_of_their_type_overflow_nothing(form):
+    program = form(MODELS[0]).program("gcc", *SANITISED)
+    ends = (-(2**31), -1, 0, 1, 2**31 - 1)
+    rows = [
+        [end] * 6 + [fresh, situation, 1000, period_us, wish]
+        for end, period_us, wish in product(ends, ends, (0, 1, 2))
+        for fresh, situation in ((1, 3), (0, 0), (0, 3), (0, -1))
+    ]
+    # a decision is four int32 and three bytes; the sanitizer ends the program at an overflow
+    found = run(program, "decide", np.array(rows, dtype="i4"), np.dtype("V20"))
+    assert len(found) == len(rows)
 
 
 def exact_features(made: CForm) -> int:

@@ -27,8 +27,14 @@ from holdfast.export.exporting import model_card, seal
 
 RATE_HZ = 50.0
 """Of the small model."""
-ANSWER = DecisionRules(answer_permille=600, full_answer_permille=800)
-"""Its answer begins earlier than usual: that comes with the model."""
+ANSWER = DecisionRules(
+    answer_permille=600,
+    full_answer_permille=800,
+    follow_floor_permille=130,
+    follow_above_permille=1250,
+    safe_follow_mn=2500,
+)
+"""Its answers begin earlier than usual: that comes with the model."""
 DECISION = np.dtype(
     [
         (name, "i4")

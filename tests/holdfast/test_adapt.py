@@ -80,7 +80,7 @@ def _refused(run: Run, folder: Path) -> None:
     fails(run, 3, "TooLittleToAdapt", *one_sided)
     made = folder / "build/adapt/p01.onnx"
     undo = ("adapt", made, "--undo", "--out", made)
-    fails(run, 5, "OutputError", *undo, says="exists already")
+    fails(run, 5, "OutputError", *undo, says="is an input")
     again = ("adapt", made, *words[2:], *slips)
     fails(run, 2, "UsageError", *again, says="is adapted already")
     undo = ("adapt", RELEASED, "--undo", "--out", folder / "b.onnx")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import json
+import shutil
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -161,6 +162,59 @@ def test_the_example_answers_a_recording_as_the_live_path_does(
         for one in map(json.loads, done.stdout.splitlines())
     }
     require_same(got, model, trial)
+
+
+def times_of(n: int, rate_hz: float, back_at: int | None = None) -> list[float]:
+    """Times at a rate; from sample `back_at` on 1 s earlier."""
+    return [k / rate_hz - (back_at is not None and k >= back_at) for k in range(n)]
+
+
+NOT_FOR_IT = {
+    "50 Hz": (times_of(200, 50.0), "rate"),
+    "75 Hz": (times_of(200, 75.0), "rate"),
+    "300 Hz": (times_of(200, 300.0), "rate"),
+    "time that runs back": (times_of(400, 150.0, back_at=300), "does not rise"),
+    "time that is nan": ([*times_of(100, 150.0), float("nan")], "does not rise"),
+}
+
+
+@pytest.mark.parametrize("what", NOT_FOR_IT)
+def test_the_example_refuses_another_rate_and_a_time_that_runs_back(model: Path, what):
+    times, says = NOT_FOR_IT[what]
+    lines = [f"{t:.6f}," + ",".join(["0.01"] * 18) for t in times]
+    text = "\n".join(["Time", *lines, ""])
+    done = subprocess.run(
+        [model.parent / "live"], input=text, capture_output=True, text=True
+    )
+    assert done.returncode == 2
+    assert says in done.stderr
+    states = {json.loads(line)["state"] for line in done.stdout.splitlines()}
+    assert states <= {"unknown"} or says != "rate"
+
+
+NOT_RUN_IN_NODE = """
+const { runTrial } = require(process.argv[1]);
+const memory = new WebAssembly.Memory({ initial: 1 });
+const refused = () => { throw new Error("the hand was asked"); };
+const hand = { memory, channels: () => 3, samples: () => 0, valids: () => 64, begin: refused };
+hand.rate_hz = () => 150;
+const times = JSON.parse(process.argv[2]);
+const rows = times.map(() => [0, 0, 0]);
+try { runTrial(hand, { times, rows, valid: times.map(() => [1]) }, null); }
+catch (error) { console.log(error.message); }
+"""
+
+
+@pytest.mark.parametrize("what", [one for one in NOT_FOR_IT if "nan" not in one])
+def test_the_trial_page_refuses_another_rate_and_a_time_that_runs_back(what):
+    if shutil.which("node") is None:
+        pytest.skip("no node for examples/browser/trial.js")
+    times, says = NOT_FOR_IT[what]
+    script = str(EXAMPLES / "browser/trial.js")
+    words = ["node", "-e", NOT_RUN_IN_NODE, script, json.dumps(times)]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    wanted = "samples a second" if says == "rate" else says
+    assert wanted in done.stdout
 
 
 @pytest.fixture(scope="module")

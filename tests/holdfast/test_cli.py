@@ -3,6 +3,7 @@ half-written."""
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import pickle
@@ -24,8 +25,8 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 from small_model import Trap
 
-from holdfast.cli.command import Parser
-from holdfast.cli.main import START, functions_of
+from holdfast.cli.command import Parser, finish
+from holdfast.cli.main import START, VERBS, functions_of, main
 from holdfast.core.errors import ArtifactError, OutputError
 from holdfast.export.artifact import read_artifact, write_artifact
 from holdfast.training.fixture import write_fixture
@@ -445,3 +446,91 @@ def test_windows_at_which_the_hand_would_say_unknown_count_as_misses(
 
 def test_an_empty_path_is_a_usage_error_and_not_the_folder_we_are_in(run: Run) -> None:
     fails(run, 2, "UsageError", "train", "--out", "", says="the path is empty")
+
+
+# -- names that are no UTF-8, and a locale that cannot show a name
+
+NAMES = {
+    "check": "NAME",
+    "convert": "NAME --to mcap --out NAME/out",
+    "import": "NAME --out NAME/out --yes",
+    "evaluate": "NAME/m.onnx --data NAME",
+    "train": "--data NAME/none --out NAME/out",
+    "export": "NAME --out NAME/m.onnx",
+    "simulate": "NAME/card.toml --out NAME/out",
+    "doctor": "NAME/m.onnx",
+    "scan": "i2c://NAME",
+    "bias": "--source NAME/none --out NAME/bias.json",
+    "calibrate": "NAME/loads.csv --out NAME/hand.json",
+    "bench": "latency NAME/m.onnx --out NAME/out",
+    "board": "NAME",
+    "study": "NAME/study.toml --list",
+    "adapt": "NAME/m.onnx --undo --out NAME/base.onnx",
+    "watch": "--onset NAME",
+    "run": "NAME/m.onnx --source virtual://ft232h",
+    "replay": "NAME/m.onnx NAME/trial.csv",
+    "record": "--source NAME/none --person p01 --object cup --action pull --out NAME/out --at-once",
+}
+
+
+@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("name", [b"caf\xe9", "café".encode(), b"\xff\xfe\x1b[2J"])
+def test_a_name_that_a_locale_cannot_show_gives_one_line_in_every_verb(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, verb: str, name: bytes
+) -> None:
+    folder = tmp_path / os.fsdecode(name)
+    folder.mkdir()
+    for file in ("m.onnx", "loads.csv", "card.toml", "study.toml", "trial.csv"):
+        (folder / file).write_bytes(b"of no use \xff")
+    words = [word.replace("NAME", str(folder)) for word in NAMES[verb].split()]
+    # as where LC_ALL=C, without the coercion to UTF-8
+    shown = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    told = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    with monkeypatch.context() as patched, open(os.devnull) as nothing:
+        patched.setattr(sys, "stdin", nothing)
+        patched.setattr(sys, "stdout", shown)
+        patched.setattr(sys, "stderr", told)
+        code = main([verb, *words])
+    texts = []
+    for stream in (shown, told):
+        stream.seek(0)
+        texts.append(stream.read())
+    errors = [line for line in texts[1].splitlines() if "error: " in line]
+    # these two tell what is wrong on stdout
+    assert (code > 0, len(errors)) == (True, verb not in ("check", "doctor")), texts
+    assert "Traceback" not in texts[1]
+    assert "another place to write" not in texts[1]
+
+
+@pytest.mark.parametrize(
+    ("error", "kind", "step"),
+    [
+        (
+            PermissionError(13, "Permission denied", "a.csv"),
+            "DataError",
+            "check the path",
+        ),
+        (
+            IsADirectoryError(21, "Is a directory", b"a.csv"),
+            "DataError",
+            "check the path",
+        ),
+        (OSError(36, "File name too long", "a.csv"), "DataError", "check the path"),
+        (
+            OSError(28, "No space left on device", "a.csv"),
+            "OutputError",
+            "another place",
+        ),
+        (OSError(5, "Input/output error"), "OutputError", "another place"),
+    ],
+)
+def test_an_error_of_reading_gives_no_advice_on_writing(
+    capsys: pytest.CaptureFixture[str], error: OSError, kind: str, step: str
+) -> None:
+    def fails_to_read(argv: object) -> int:
+        raise error
+
+    assert finish(fails_to_read, []) == {"DataError": 3, "OutputError": 5}[kind]
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"error: {kind}: ")
+    assert step in line

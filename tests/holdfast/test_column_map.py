@@ -9,6 +9,7 @@ import pytest
 
 from holdfast.core.column_map import ColumnMap, flat_fields, read_column_map
 from holdfast.core.errors import CardError, ColumnError, NotANumber
+from holdfast.core.hand_card import HANDS
 from holdfast.core.schema import checked, toml_of
 
 MAP = """\
@@ -63,6 +64,49 @@ def test_a_table_becomes_the_same_as_its_rows() -> None:
     assert columns.stamps_ns(table, 4).tolist() == stamps
 
 
+def two_axes(tmp_path: Path, card: str = "yz", text: str = MAP) -> ColumnMap:
+    """The map without a column for x of its first sensor, and the card of its hand."""
+    read = (HANDS / "two-pad-gripper.toml").read_text("utf-8")
+    read = read.replace("[[sensors]]\n", f'[[sensors]]\nmeasures = "{card}"\n', 1)
+    (tmp_path / "hand.toml").write_text(read, "utf-8")
+    return of('hand = "hand.toml"\n' + text.replace('x = "a.x"\n', ""))
+
+
+def test_an_axis_without_a_column_is_zero_where_the_hand_card_denies_it_too(
+    tmp_path: Path,
+) -> None:
+    columns = two_axes(tmp_path)
+    hand = columns.hand_card(tmp_path)
+    assert hand is not None
+    assert columns.unmeasured_names == hand.unmeasured_names == ("X1",)
+    assert columns.channels == ("a.y", "a.z", "b.x", "b.y", "b.z")
+    values = columns.values_of(ROW)
+    np.testing.assert_allclose(values, [0, 2, -3, np.nan, np.nan, 0.0015])
+    table = {name: np.arange(4.0) + k for k, name in enumerate(columns.columns)}
+    assert columns.values_of(table)[:, 0].tolist() == [0.0] * 4
+    assert columns.values_of(table)[1].tolist() == [
+        0,
+        0.002,
+        -0.003,
+        0.004,
+        0.005,
+        0.006,
+    ]
+
+
+def test_a_map_and_a_card_that_differ_in_what_is_measured_are_refused(
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(CardError, match="no columns for X1, and the hand card"):
+        two_axes(tmp_path, "xyz").hand_card(tmp_path)
+    with pytest.raises(CardError, match="columns for Y1, which the hand card"):
+        two_axes(tmp_path, "xz").hand_card(tmp_path)
+    with pytest.raises(CardError, match="no columns for X1, and no hand card"):
+        of(MAP.replace('x = "a.x"\n', "")).hand_card(tmp_path)
+    with pytest.raises(CardError, match="a field needs all three axes"):
+        two_axes(tmp_path, text=MAP.replace('"mN"', '"uT"')).hand_card(tmp_path)
+
+
 @pytest.mark.parametrize("stamp", [1_700_000_000_123_456_789, "1700000000123456789"])
 def test_a_stamp_in_nanoseconds_keeps_its_digits(stamp: int | str) -> None:
     columns = of(MAP.replace('"ms"', '"ns"'))
@@ -99,7 +143,7 @@ def test_a_file_has_no_times_of_arrival_and_a_sender_does() -> None:
         ('unit = "mN"', 'unit = "kg"', "unit = 'kg'; next: allowed: N or mN or gf"),
         ('unit = "ms"', 'unit = "min"', "time.unit = 'min'"),
         ('z = "-a.z"', "z = 3", r"sensors\[0\].z = 3"),
-        ('z = "-a.z"', "", r"sensors\[0\].z is missing"),
+        ('z = "-a.z"', "", r"sensors\[0\]: z is missing"),
         ('z = "b.z"', 'z = "a.z"', "'a.z' stands twice"),
         ('z = "b.z"', 'z = "b.z"\nw = "q"', r"sensors\[1\].w is not known"),
         ('column = "millis"', "arrival = true", "a unit without its column"),

@@ -17,6 +17,7 @@ from foreign_logs import axes, made, write_sheet, write_text
 from holdfast.cli.main import main
 from holdfast.core.errors import LibraryMissing
 from holdfast.interop.logs import find_logs
+from holdfast.training.datasets import load
 
 SENSORS = "".join(
     f'[[sensors]]\nx = "s{k}_x"\ny = "s{k}_y"\nz = "s{k}_z"\n' for k in range(1, 6)
@@ -61,6 +62,36 @@ def test_a_map_says_all_and_nothing_is_asked(run: Run, tmp_path: Path) -> None:
     )
     assert meta["imported"]["p01/cup/slip/trial_2.csv"] == "a_slip_2"
     assert (tmp_path / "set/hand.toml").read_text().count("[[sensors]]") == 5
+
+
+def test_an_axis_that_no_column_has_stays_out_of_the_set(
+    run: Run, tmp_path: Path
+) -> None:
+    sides = ["thumb", "thumb", "opposing", "opposing", "opposing"]
+    sensors = [
+        f'[[sensors]]\nname = "s{k}"\nside = "{side}"\nalong_mm = {k}\n'
+        for k, side in enumerate(sides)
+    ]
+    card = "".join(sensors).replace("along_mm", 'measures = "yz"\nalong_mm', 1)
+    (tmp_path / "hand.toml").write_text(card)
+    code, out = by_map(run, tmp_path, 'x = "s1_x"\n', "")
+    assert code != 0
+    assert "no columns for X1, and no hand card says they are not measured" in out
+    code, out = by_map(
+        run, tmp_path, f'unit = "N"\n\n{MAP_TIME}x = "s1_x"\n', f"{HAND}{MAP_TIME}"
+    )
+    assert code == 0, out
+    header = (tmp_path / "set/p01/object/slip/trial_1.csv").read_text().split("\n")[0]
+    assert header.startswith("Time,Y1,Z1,X2,Y2,Z2")
+    data = load(tmp_path / "set", windows="none")
+    assert data.hand is not None
+    assert data.hand.unmeasured_names == ("X1",)
+    assert not data.recordings[0].samples[:, 0].any()
+    assert data.recordings[0].valid.all()
+
+
+HAND = 'unit = "N"\nhand = "hand.toml"\n\n'
+MAP_TIME = '[time]\ncolumn = "millis"\nunit = "ms"\n\n[[sensors]]\n'
 
 
 @pytest.mark.parametrize(

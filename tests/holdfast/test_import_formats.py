@@ -241,6 +241,12 @@ def mcap_that_was_cut_off(path: Path, one: Made) -> np.ndarray:
     return one.values
 
 
+def mcap_with_nan_in_its_json(path: Path, one: Made) -> np.ndarray:
+    one.values[40, 6:9] = np.nan
+    mcap_of_json(path, one)
+    return one.values
+
+
 def lerobot_without_names(path: Path, one: Made) -> np.ndarray:
     lerobot_of_a_robot(path, one)
     feature = {"observation.tactile": {"dtype": "float32", "names": None}}
@@ -262,6 +268,7 @@ CORNERS: dict[str, Callable[[Path, Made], np.ndarray]] = {
     "xdf with a clock reset": xdf_with_a_clock_reset,
     "bag whose topics begin late": bag_whose_topics_begin_late,
     "mcap that was cut off": mcap_that_was_cut_off,
+    "mcap with nan in its json": mcap_with_nan_in_its_json,
     "lerobot without names": lerobot_without_names,
     "the same log in two formats": the_same_log_in_two_formats,
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -71,6 +72,15 @@ def test_the_sender_in_c_is_answered_until_its_end(c_sender: str) -> None:
     assert all(one["state"] in ("unknown", "nothing") for one in answers)
 
 
+def test_the_sender_in_c_ends_a_line_with_its_row(c_sender: str) -> None:
+    """A line end that came with the next row made every sample a period late."""
+    with subprocess.Popen([c_sender], stdout=subprocess.PIPE) as sender:
+        assert sender.stdout is not None
+        came = [os.read(sender.stdout.fileno(), 1 << 16) for _ in range(4)]
+        sender.kill()
+    assert all(one.endswith(b"\n") for one in came)
+
+
 def test_the_sender_in_python_is_answered(tmp_path: Path) -> None:
     sender = [sys.executable, str(EXAMPLES / "line_sender.py")]
     answers, said = answers_of(sender, "-", "--seconds", "1")
@@ -87,7 +97,7 @@ def test_the_node_of_ros_2_prints_lines_that_are_samples() -> None:
     assert sample is not None
     assert sample.valid.tolist() == [True, False, False]
     assert sample.values[:3].tolist() == [0.1, 0.2, 3.0]
-    with pytest.raises(LineRefused, match="not rising"):
+    with pytest.raises(LineRefused, match="stamped like the line before"):
         reader.take(line(1, 5 * MS, newest).encode(), 0)
 
 

@@ -51,6 +51,19 @@ def test_a_browser_gets_the_whole_picture_and_then_every_sample_once():
     assert frame["sample"]["answer"]["state"] == "risky_slip"
 
 
+@STALE_PAGE.mark
+def test_a_target_that_does_not_leave_is_not_drawn():
+    away = sample(1)
+    away["sample"]["grip"]["leaves"] = False
+    with served() as page, page.begin("/events") as answer:
+        next_event(answer)
+        page.frame(sample(0), away)
+        _, frame = next_event(answer)
+    rows = [dict(zip(ROW_FIELDS, row, strict=True)) for row in frame["rows"]]
+    assert [row["target"] for row in rows] == [9.4, None]
+    assert frame["sample"]["grip"]["leaves"] is False
+
+
 def test_a_lost_finger_is_named_and_counts_for_no_force_and_an_unknown_state_has_no_p_risky():
     nan = float("nan")
     lost = sample(0, "unknown", x=[nan] * 3 + [0.0, 0.0, 1.0] * 5, v=[0, 1, 1, 1, 1, 1])

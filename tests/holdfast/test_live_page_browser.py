@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 from hazard_marks import STALE_PAGE
 from headless_browser import Tab, browser, needs_chromium
 from page_bench import Served, sample, served
+
+from holdfast.core.hand_card import read_hand_card
+from holdfast.live.page.process import DIED
+from holdfast.live.page.run_page import drawn_hand
 
 pytestmark = needs_chromium
 STATE, DETAIL = (
@@ -65,6 +71,34 @@ def test_a_phone_and_a_desk_show_state_forces_and_faults_in_words(tab, width, da
     assert "1.67 N" in numbers
 
 
+def test_an_axis_that_the_hand_does_not_measure_is_a_dash_and_no_zero(tab):
+    usual = read_hand_card("six-fingertips")
+    yz = [msgspec.structs.replace(one, measures="yz") for one in usual.contacts[:1]]
+    hand = replace(usual, contacts=(*yz, *usual.contacts[1:]))
+    with served(hand=drawn_hand(hand, 6)) as page:
+        page.frame(*map(sample, range(10)))
+        opened(tab, page)
+        page.frame(sample(10))
+        tab.wait_until(f"{STATE} === 'grasp'")
+        sensors = text_of(tab, "sensors")
+        assert tab.problems == []
+    assert sensors.count("0.10 N, x \u2013") == 1
+    assert sensors.count("0.10 N") == 6
+
+
+@STALE_PAGE.mark
+def test_a_command_that_does_not_leave_is_told_where_the_target_stands(tab):
+    with served(grip=True) as page:
+        opened(tab, page)
+        page.frame(sample(0))
+        tab.wait_until("document.body.innerText.includes('9.40 N (tighten')")
+        away = sample(1)
+        away["sample"]["grip"]["leaves"] = False
+        page.frame(away)
+        tab.wait_until("document.body.innerText.includes('NO COMMAND LEAVES')")
+        assert "9.40 N" not in text_of(tab, "numbers")
+
+
 @STALE_PAGE.mark
 def test_a_page_that_hears_nothing_never_shows_an_old_state(tab):
     with served() as page:
@@ -82,20 +116,45 @@ def test_a_page_that_hears_nothing_never_shows_an_old_state(tab):
     tab.wait_until(f"{STATE} === 'the test has ended'")
 
 
-def test_a_risky_slip_of_one_sample_is_a_red_alarm_for_two_seconds(tab):
+def test_a_risky_slip_is_red_while_it_lasts_and_then_a_line_beside_the_state(tab):
     red = "getComputedStyle(document.getElementById('now')).backgroundColor"
+    echo = "document.getElementById('echo').textContent"
     with served() as page:
         opened(tab, page)
+        # a frame is shown by its riskiest sample
         page.frame(sample(0), sample(1, "risky_slip"), sample(2))
         tab.wait_until(f"{STATE} === 'risky slip'")
-        page.frame(sample(60))
-        tab.wait_until(f"{DETAIL}.textContent.startsWith('0.4 s ago, now grasp')")
-        assert tab.value(STATE) == "risky slip"
         assert tab.value(red) == "rgb(179, 38, 30)"
+        assert tab.value(echo) == ""
+        # a screen reader is spoken to once a second, and does not miss it
+        tab.value(
+            "{ const now = performance.now(); performance.now = () => now + 1e3 }"
+        )
+        page.frame(sample(60, "nothing"))
+        tab.wait_until(f"{STATE} === 'nothing'")
+        assert tab.value(red) != "rgb(179, 38, 30)"
+        assert tab.value(echo) == "risky slip 0.4 s ago"
+        assert text_of(tab, "spoken") == "risky slip"
         page.frame(sample(450))
         tab.wait_until(f"{STATE} === 'grasp'")
-        assert "risky slip 3.0 s ago" in tab.value(f"{DETAIL}.textContent")
-        assert tab.value(red) != "rgb(179, 38, 30)"
+        assert tab.value(echo) == "risky slip 3.0 s ago"
+        page.frame(sample(760))
+        tab.wait_until(f"{echo} === ''")
+
+
+@STALE_PAGE.mark
+@pytest.mark.parametrize("end", [DIED, "the run failed", "the run has ended"])
+def test_what_was_said_before_the_end_stands_under_the_messages_alone(tab, end):
+    with served() as page:
+        opened(tab, page)
+        page.frame({"said": "the hand may close now"}, sample(0, "risky_slip"))
+        tab.wait_until(f"{STATE} === 'risky slip'")
+        page.frame({"end": end})
+        tab.wait_until(f"{STATE} === '{end}'")
+        now = text_of(tab, "now")
+        assert text_of(tab, "said").splitlines() == [end, "the hand may close now"]
+    assert "may close" not in now
+    assert "slip" not in now.lower().replace(end, "")
 
 
 def test_a_pause_keeps_the_picture_and_the_numbers_go_on(tab):

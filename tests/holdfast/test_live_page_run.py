@@ -7,12 +7,13 @@ import re
 import signal
 import socket
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from http.client import HTTPConnection
 from typing import Any
 
 import numpy as np
 import pytest
+from grip_bench import until
 from hazard_marks import PAGE_DELAYS, STALE_PAGE
 from live_bench import ROOT, RUN, Steady
 from made_prediction import prediction
@@ -24,6 +25,8 @@ from holdfast.core.source import SourceReading
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor
 from holdfast.edge_runtime.wearer import Intent, IntentMonitor
+from holdfast.live.grip import controller_for, open_grip
+from holdfast.live.page.process import DIED
 from holdfast.live.page.run_page import PageLink, RunPage, open_page
 from holdfast.live.run import answer
 
@@ -117,6 +120,24 @@ def test_the_page_gets_every_sample_its_answer_and_what_was_lost(model, ends):
     assert "grip" not in samples[0]
 
 
+def test_the_page_learns_with_each_command_whether_it_leaves(model, ends, tmp_path):
+    ours, theirs = ends
+    clock = VirtualClock()
+    control = controller_for("holdfast", model.card, print)
+    url = f"unix://{tmp_path / 'nothing-here'}"
+    grip = open_grip(url, control, 150.0, "", clock, print)
+    page = RunPage(PageLink(ours, print), model.card, grip)
+    monitor = GripMonitor(model, None)
+    for k in range(2):
+        sample = Sample(k * 6_666_667, np.full(18, 0.1 * k), VALID, k)
+        said = monitor.feed(sample)
+        grip.write(said, sample)
+        page.write(said, sample, READING)
+        until(lambda: not grip.leaves)
+    grip.close()
+    assert received(theirs)[-1]["sample"]["grip"]["leaves"] is False
+
+
 def test_the_page_gets_the_wearers_own_command(model, ends):
     ours, theirs = ends
     page = RunPage(PageLink(ours, print), model.card)
@@ -176,18 +197,34 @@ def test_a_page_whose_process_does_not_start_is_an_error(monkeypatch):
         open_page("0", ABOUT, print)
 
 
+def close_stdin(run: subprocess.Popen[str]) -> None:
+    assert run.stdin is not None
+    run.stdin.close()
+
+
 @STALE_PAGE.mark
-def test_a_run_that_is_killed_ends_its_page():
-    command = [*RUN, "--to", "web:0"]
-    with subprocess.Popen(command, cwd=ROOT, text=True, stderr=subprocess.PIPE) as run:
+@pytest.mark.parametrize(
+    ("source", "end", "shown"),
+    [
+        ("virtual://ft232h", subprocess.Popen.kill, DIED),
+        # its error stands on the terminal, which a person with the page may not see
+        ("-", close_stdin, "the run failed: stdin: it ended before a sample came"),
+    ],
+)
+def test_a_run_that_is_killed_or_fails_ends_its_page_with_the_reason(
+    source: str, end: Callable[[subprocess.Popen[str]], None], shown: str
+) -> None:
+    command = [*RUN[:-1], source, "--to", "web:0"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, cwd=ROOT, text=True, stdin=pipe, stderr=pipe) as run:
         assert run.stderr is not None
         page = page_in(next(line for line in run.stderr if "live page" in line))
         events = HTTPConnection("127.0.0.1", page[0], timeout=300)
         events.request("GET", page[1] + "/events")
         answer = events.getresponse()
         next_event(answer)
-        run.kill()
+        end(run)
         while not (last := next_event(answer)[1])["ended"]:
             pass
         events.close()
-    assert last["ended"] == "the program that ran the loop died"
+    assert last["ended"].startswith(shown)

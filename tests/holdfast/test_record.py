@@ -23,6 +23,7 @@ from recorder_bench import (
 )
 
 from holdfast.core.errors import ChannelError, EmptyRecording, TimeError
+from holdfast.core.hand_card import HANDS
 from holdfast.core.trial_file import read_trial
 from holdfast.drivers.replay import open_replay
 from holdfast.drivers.virtual.faults import VirtualClock
@@ -86,6 +87,20 @@ def test_the_hand_card_lies_beside_the_recordings_and_that_of_another_hand_is_re
     with pytest.raises(ChannelError, match="recordings with another card"):
         one_pull(out, "--hand", changed)
     assert (out / "hand.toml").read_text("utf-8") == hand.text
+
+
+def test_nothing_is_written_for_an_axis_that_the_hand_does_not_measure(tmp_path):
+    usual = (HANDS / "six-fingertips.toml").read_text("utf-8")
+    yz = tmp_path / "yz.toml"
+    yz.write_text(usual.replace("[[sensors]]", '[[sensors]]\nmeasures = "yz"'), "utf-8")
+    one_pull(tmp_path / "out", "--hand", yz)
+    columns = columns_of(tmp_path / "out/p01/soft-ball/pull/trial_1")
+    assert set(columns["X1"]) == {"nan"}
+    assert "nan" not in columns["Y1"]
+    assert meta_of(tmp_path / "out/p01/soft-ball/pull/trial_1")["state"] == "kept"
+    (trial,) = load(tmp_path / "out", windows="none").recordings
+    assert not trial.samples[:, 0::3].any()
+    assert trial.valid.all()
 
 
 def test_nothing_that_is_written_names_a_place_of_the_machine(people, card, tmp_path):

@@ -39,7 +39,7 @@ RISKY: dict[str, Any] = {"state": "risky_slip", "act": True}
 def show(cues: CueOutput, samples: int, **changes: Any) -> None:
     for k in range(samples):
         cues.write(prediction(k, t_decided_ns=k * PERIOD_NS, **changes))
-        until(lambda: cues._link.idle or not cues._link.works)
+        until(lambda: cues.link.idle or not cues.link.works)
 
 
 def test_cues_are_lines_of_their_pattern_on_either_wire():

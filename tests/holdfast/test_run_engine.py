@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
 import shutil
 import subprocess
@@ -21,7 +22,7 @@ from small_model import for_the_hand, graph_of, sealed_bytes
 
 import holdfast
 from holdfast.core.contract import Prediction
-from holdfast.core.errors import GoldenMismatch
+from holdfast.core.errors import GoldenMismatch, ModelError
 from holdfast.core.schema import LIBRARY
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.c_engine import CompiledModel
@@ -132,6 +133,54 @@ def test_a_library_of_another_user_is_taken_only_by_its_name(model, tmp_path):
     os.chown(tmp_path / "small-c" / LIBRARY, 4242, -1)
     assert "belongs to another user" in holdfast.load(mine).engine
     assert "compiled C" in holdfast.load(mine, engine="c").engine
+
+
+@pytest.fixture
+def copied(model: Path, tmp_path: Path) -> Path:
+    """The model with its library, in a folder of its own."""
+    shutil.copytree(model.parent / "small-c", tmp_path / "small-c")
+    return Path(shutil.copy(model, tmp_path / model.name))
+
+
+BROKEN = {
+    "nothing": "{}",
+    "a list": "[]",
+    "null": "null",
+    "text": '"digest"',
+    "brackets": "[" * 100_000,
+    "a number for a digest": '{"digest": 1}',
+    "no outputs": '{"digest": "DIGEST"}',
+    "numbers for tables": '{"digest": "DIGEST", "golden": 1, "outputs": 1, "card": 1}',
+    "other tables": '{"digest": "DIGEST", "golden": {"a": 1}, "outputs": [1], "card": []}',
+    "other types": '{"digest": "DIGEST", "golden": {}, "card": {}, "outputs": '
+    '[{"name": "a", "dtype": "zz", "shape": 1}]}',
+    "not UTF-8": "\udcff",
+}
+"""What stands in model.json."""
+
+
+@pytest.mark.parametrize("what", BROKEN)
+def test_a_broken_card_of_a_library_is_told_and_onnxruntime_answers(copied, what):
+    about = copied.parent / "small-c" / "model.json"
+    digest = json.loads(about.read_bytes())["digest"]
+    text = BROKEN[what].replace("DIGEST", digest)
+    about.write_bytes(text.encode("utf-8", "surrogateescape"))
+    opened = holdfast.load(copied)
+    assert "until then onnxruntime computes the step" in opened.engine
+    with pytest.raises(ModelError):
+        CompiledModel(copied)
+
+
+def test_a_library_in_the_working_folder_is_not_loaded_by_itself(
+    copied, tmp_path, monkeypatch
+):
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    alone = shutil.copy(copied, elsewhere / copied.name)
+    monkeypatch.chdir(tmp_path)
+    assert (tmp_path / "small-c" / LIBRARY).is_file()
+    assert holdfast.load(alone).engine == ""
+    assert "compiled C" in holdfast.load(copied.name).engine
 
 
 def test_a_library_that_does_not_fit_is_one_clear_error(

@@ -103,6 +103,16 @@ def test_a_full_disk_and_a_stalled_reader_stop_no_command_and_the_last_one_holds
     assert sequences == sorted(set(sequences))
 
 
+@NO_GRIP_COMMAND.mark
+def test_a_run_of_which_no_command_left_ends_with_5_and_says_so(tmp_path):
+    url = f"unix://{tmp_path / 'grip'}"
+    command = [*RUN, "--grip", url, "--seconds", "0.5", "--to", "none"]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert run.returncode == 5
+    assert run.stderr.endswith(f"lost: grip {url} (not one line left)\n")
+    assert "No such file or directory" in run.stderr
+
+
 def test_a_command_comes_at_every_sample_and_the_last_one_follows_it(model, receiver):
     with to_link(receiver.url, model) as grip:
         n = run_on(grip, model, REST, 1.0, each=receiver.keep)

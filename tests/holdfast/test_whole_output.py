@@ -19,6 +19,8 @@ from grip_bench import until
 from hazard_marks import HALF_FINISHED, OVERWRITTEN, READABLE_BY_OTHERS
 from recorder_bench import one_pull
 
+from holdfast.cli.command import Parser
+from holdfast.cli.main import VERBS, functions_of
 from holdfast.core.errors import OutputError
 from holdfast.core.writing import whole_folder, write_whole
 from holdfast.export.exporting import require_replaceable
@@ -26,6 +28,13 @@ from holdfast.training.fixture import write_fixture
 
 if TYPE_CHECKING:
     from conftest import Built
+
+
+def options_of(verb: str) -> set[str]:
+    parser = Parser()
+    functions_of(verb)[0](parser)
+    return set(parser._option_string_actions)
+
 
 ROOT = Path(__file__).resolve().parents[2]
 SetUmask = Callable[[int], None]
@@ -216,3 +225,132 @@ def test_an_export_never_replaces_a_part_of_its_artifact(
         says="part of the artifact",
     )
     assert bytes_of(artifact) == before
+
+
+# -- one rule for every file that a verb writes
+
+
+JSON_VERBS = [verb for verb in VERBS if "--json" in options_of(verb)]
+NEEDED: dict[str, str] = {
+    "record": "--source sim://p1 --out new --person p01 --object cup --action pull",
+    "check": "trials",
+    "import": "trials --out new",
+    "evaluate": "m.onnx --data trials",
+    "simulate": "thesis --out new",
+    "bias": "--source virtual://ft232h --out new.json",
+    "calibrate": "loads.csv --out new.json",
+    "bench": "latency",
+    "adapt": "m.onnx --undo --out new.onnx",
+    "watch": "--onset trials",
+    "convert": "trials --to mcap --out new",
+}
+"""Verb -> what it needs to begin; the others need nothing."""
+
+
+@pytest.fixture
+def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working folder with a model, its card, loads and an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("m.onnx", "m.json", "loads.csv", "kept.json"):
+        (tmp_path / name).write_text(name)
+    (tmp_path / "trials").mkdir()
+    return tmp_path
+
+
+@OVERWRITTEN.mark
+@pytest.mark.parametrize("verb", JSON_VERBS)
+@pytest.mark.parametrize(
+    ("result", "says"),
+    [
+        ("kept.json", "exists already"),
+        ("trials", "is a folder"),
+        ("/dev/null", "no regular file"),
+        ("loads.csv/found.json", "cannot write"),
+    ],
+)
+def test_no_verb_replaces_a_file_or_begins_where_its_result_cannot_be_written(
+    run: Run, desk: Path, verb: str, result: str, says: str
+) -> None:
+    before = bytes_of(desk)
+    words = NEEDED.get(verb, "").split()
+    fails(run, 5, "OutputError", verb, *words, "--json", result, says=says)
+    assert bytes_of(desk) == before
+    assert Path("/dev/null").is_char_device()
+
+
+@OVERWRITTEN.mark
+@pytest.mark.parametrize(
+    "words",
+    [
+        "calibrate loads.csv --out loads.csv",
+        "calibrate loads.csv --out ./trials/../loads.csv",
+        "calibrate loads.csv --out link.csv",
+        "calibrate loads.csv --out new.json --json loads.csv",
+        "calibrate loads.csv --out new.json --json new.json",
+        "calibrate loads.csv --out new.json/a.json --json new.json",
+        "evaluate m.onnx --data trials --report m.onnx",
+        "evaluate m.onnx --data trials --report m.json",
+        "evaluate m.onnx --data trials --report r.html --json r.html",
+        "bias --source loads.csv --out loads.csv",
+        "bias --source sim://loads.csv?seed=1 --out loads.csv",
+        "doctor m.onnx --json m.onnx",
+        "adapt m.onnx --undo --out link.onnx",
+        "adapt m.onnx --undo --out new.onnx --json new.json",
+        "export m.onnx --rule evidence_ms=300 --out m.onnx",
+        "export m.onnx --rule evidence_ms=300 --out new.onnx --json new.json",
+        "train --data trials --out new --json new/holdfast.json",
+        "simulate thesis --trials 1 --out new --json new/meta.json",
+        "convert trials --to mcap --out new --json new/meta.json",
+    ],
+)
+def test_an_input_and_another_output_are_never_replaced_not_even_with_force(
+    run: Run, desk: Path, words: str
+) -> None:
+    for name in ("m.onnx", "loads.csv"):
+        (desk / f"link.{name.partition('.')[2]}").symlink_to(name)
+    before = bytes_of(desk)
+    says = "next: name another file"
+    fails(run, 5, "OutputError", *words.split(), "--force", says=says)
+    assert bytes_of(desk) == before
+
+
+@OVERWRITTEN.mark
+@pytest.mark.parametrize(
+    "words",
+    [
+        "calibrate loads.csv --out kept.json",
+        "bias --source virtual://ft232h --out kept.json",
+        "adapt m.onnx --undo --out kept.onnx",
+        "export m.onnx --rule evidence_ms=300 --out kept.onnx",
+        "evaluate m.onnx --data trials --report kept.json",
+        "train --data trials --out build",
+        "bench latency --out build",
+    ],
+)
+def test_a_file_beside_the_one_that_is_named_is_not_replaced_without_force(
+    run: Run, desk: Path, words: str
+) -> None:
+    for name in ("build/holdfast.onnx", "build/latency.json"):
+        write_whole(desk / name, "kept")
+    before = bytes_of(desk)
+    fails(run, 5, "OutputError", *words.split(), says="exists already")
+    assert bytes_of(desk) == before
+
+
+@OVERWRITTEN.mark
+@pytest.mark.parametrize(
+    "words",
+    [
+        "run --source nowhere.csv --to new.jsonl --to new.csv",
+        "run --source virtual://ft232h --to new.jsonl --to new.jsonl",
+        "run --source virtual://ft232h --bias m.json --to new.jsonl --to new.csv",
+        "record --source virtual://ft232h?fault=nack:2@0%2B99 --out new --person p01 "
+        "--object cup --action pull --at-once --seconds 2",
+    ],
+)
+def test_a_verb_that_is_refused_leaves_nothing_behind(
+    run: Run, desk: Path, words: str
+) -> None:
+    before = sorted(desk.iterdir())
+    assert run(*words.split())[0] > 1
+    assert sorted(desk.iterdir()) == before

@@ -34,3 +34,16 @@ def test_every_page_and_every_notebook_is_in_the_site() -> None:
         "source/CHANGELOG.md",
         "source/CONTRIBUTING.md",
     }
+
+
+LOST_SENSOR = (
+    "A lost, stale, saturated or non-finite sensor makes the answer `degraded`, which is never a "
+    "safe slip, or `unknown`, on which the hand holds its grip."
+)
+
+
+@pytest.mark.parametrize(
+    "page", ["README.md", "docs/how-it-works.md", "docs/safety.md"]
+)
+def test_every_page_says_the_same_of_a_lost_sensor(page: str) -> None:
+    assert LOST_SENSOR in (ROOT / page).read_text("utf-8")

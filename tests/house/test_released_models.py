@@ -1,4 +1,4 @@
-"""The files in models/: small enough for a board, made from scenes, and as their cards say."""
+"""The files in models: small enough for a board, from scenes and lifts, and as their cards say."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from holdfast.core.locked import require_open_people
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.evaluation.alarms import requests_at
 from holdfast.evaluation.model_outputs import run_model
@@ -42,9 +43,15 @@ def test_a_released_file_is_the_one_its_card_describes(path):
     assert len(data) <= MOST_BYTES
     inside = Model(path).card.raw
     assert content["spec"] == inside["spec"]
-    assert content["training"]["data"] == "thesis + broad + wide + everyday"
-    assert content["training"]["kind"] == "simulated"
-    assert content["training"]["redistributable"]
+    training = content["training"]
+    scenes = [one["name"] for one in training["sets"] if one["kind"] == "simulated"]
+    assert scenes[:4] == ["thesis", "broad", "wide", "everyday"]
+    (lifts,) = [one for one in training["sets"] if one["people"]]
+    assert lifts["name"] == "grip_lift_ati"
+    assert lifts["licence"] == "Apache-2.0"
+    # a person that is kept back for a last look was not learned from
+    require_open_people(lifts["name"], lifts["people"], "a model")
+    assert training["redistributable"]
 
 
 @pytest.fixture(scope="module")

@@ -92,6 +92,8 @@ def test_the_wheel_puts_one_name_into_site_packages(wheel: Path) -> None:
     packages = {name.split("/")[1] for name in names if name.startswith("holdfast/")}
     assert set(SHIPPED) <= packages
     assert "holdfast/models/holdfast-150hz.onnx" in names
+    # the files learned from recordings by others, whose licence asks for it
+    assert "holdfast/models/NOTICE" in names
 
 
 @pytest.mark.skipif(not (ROOT / ".git").exists(), reason="needs the repository")

@@ -13,7 +13,12 @@ import pytest
 from small_model import artifact, card_of, graph_of, spec
 
 from holdfast.core.errors import CardError, ChannelError, DataNotFound
-from holdfast.core.hand_card import HandCard, read_hand_card
+from holdfast.core.hand_card import (
+    HandCard,
+    fill_unmeasured,
+    hand_from_json,
+    read_hand_card,
+)
 from holdfast.edge_runtime.model_file import read_card
 from holdfast.evaluation.model_outputs import require_model_fits
 from holdfast.export.exporting import model_card, seal
@@ -21,7 +26,8 @@ from holdfast.simulation.folder import write_set
 from holdfast.simulation.objects import hand_of_counts, load_factors
 from holdfast.simulation.scene import Scene, SimulatedTrial
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.training.datasets import join, load
+from holdfast.training.datasets import load
+from holdfast.training.datasets.joining import join
 
 ROWS = """
 [record]
@@ -49,6 +55,11 @@ along_mm = 0
 """
 BARE = '[[sensors]]\nname = "c"\nside = "opposing"\nalong_mm = 9\nsensed = false\n'
 HELD_S = 0.9
+
+
+def bare_contact(k: int) -> str:
+    """One of many, each with a name and a place of its own."""
+    return BARE.replace('"c"', f'"c{k}"').replace("along_mm = 9", f"along_mm = {k + 9}")
 
 
 def card(tmp_path: Path, text: str) -> HandCard:
@@ -132,6 +143,9 @@ def test_a_contact_without_a_sensor_presses_and_has_no_channels(tmp_path: Path) 
         (('side = "thumb"', 'side = "opposing"'), ["one side", "either side"]),
         (("along_mm = 0", "along_mm = 0\nsensed = false"), ["1 sensors", "2 to 12"]),
         (("along_mm = 0", "along_mm = 0\nheight = 1"), ["height", "across_mm"]),
+        (("along_mm = 0", 'along_mm = 0\nmeasures = "z"'), ["measures", "xz or yz"]),
+        (("along_mm = 0", 'along_mm = 0\nmeasures = "xy"'), ["measures", "xz or yz"]),
+        (("along_mm = 0", 'along_mm = 0\nmeasures = ""'), ["measures", "xz or yz"]),
     ],
 )
 def test_a_card_that_is_no_hand_is_refused(
@@ -142,6 +156,59 @@ def test_a_card_that_is_no_hand_is_refused(
         card(tmp_path, text)
     for word in named:
         assert word in str(error.value)
+
+
+YZ_XZ = TWO.replace("along_mm = 0", 'along_mm = 0\nmeasures = "yz"', 1).replace(
+    'opposing"\nalong_mm = 0', 'opposing"\nalong_mm = 0\nmeasures = "xz"'
+)
+NOISE = "[effects.hysteresis]\n[effects.white_noise]\nrms_n = 0.05\n"
+
+
+def test_a_card_says_which_axes_are_measured_and_one_that_does_not_stays_as_it_was(
+    tmp_path: Path,
+) -> None:
+    hand = card(tmp_path, YZ_XZ)
+    assert hand.measured.tolist() == [False, True, True, True, False, True]
+    assert hand.unmeasured_names == ("X1", "Y2")
+    stored = hand.to_json()
+    assert [one["measures"] for one in stored["contacts"]] == ["yz", "xz"]
+    assert hand_from_json(stored).contacts == hand.contacts
+
+    usual = read_hand_card("six-fingertips")
+    assert usual.measured.all()
+    assert not any("measures" in one for one in usual.to_json()["contacts"])
+    text = BARE.replace("along_mm = 9", 'along_mm = 9\nmeasures = "yz"')
+    with pytest.raises(CardError, match="'c' has no sensor"):
+        card(tmp_path, TWO + text)
+
+
+def test_zero_stands_in_place_of_an_axis_that_is_not_measured(tmp_path: Path) -> None:
+    values = np.array([[np.nan, 2.0, 3.0, 4.0, -5.0, 6.0]])
+    filled = fill_unmeasured(values, card(tmp_path, YZ_XZ))
+    assert filled.tolist() == [[0.0, 2.0, 3.0, 4.0, 0.0, 6.0]]
+    for hand in (card(tmp_path, TWO), None):
+        assert fill_unmeasured(values, hand) is values
+
+
+def test_a_scene_records_zero_on_such_an_axis_after_all_noise_and_all_else_as_before(
+    tmp_path: Path,
+) -> None:
+    made = {}
+    for name, text in (("whole", TWO), ("part", YZ_XZ)):
+        (tmp_path / f"{name}.toml").write_text(text, encoding="utf-8")
+        made[name] = simulated(tmp_path, ROWS + hand_line(f"{name}.toml") + NOISE)
+    measured = card(tmp_path, YZ_XZ).measured.reshape(2, 3)
+    for part, whole in zip(made["part"], made["whole"], strict=True):
+        assert whole.signal.values[:, ~measured].all()
+        expected = np.where(measured, whole.signal.values, 0.0)
+        assert part.signal.values.tobytes() == expected.tobytes()
+
+
+def test_a_scene_in_field_units_needs_all_three_axes(tmp_path: Path) -> None:
+    (tmp_path / "part.toml").write_text(YZ_XZ, encoding="utf-8")
+    text = ROWS.replace("60\n", '60\nunit = "uT"\n', 1) + "[effects.dipole]\n"
+    with pytest.raises(CardError, match=r"record.unit.*leaves out X1, Y2"):
+        scene(tmp_path, text + hand_line("part.toml"))
 
 
 def test_an_effect_on_a_sensor_that_the_hand_lacks_is_refused(tmp_path: Path) -> None:
@@ -265,11 +332,11 @@ SEALED = {"holdfast.sha256": "0" * 64}
 
 
 def test_a_hand_has_at_most_12_sensors_and_32_contacts(tmp_path: Path) -> None:
-    bare = "".join(BARE.replace('"c"', f'"c{k}"') for k in range(31))
+    bare = "".join(bare_contact(k) for k in range(31))
     with pytest.raises(CardError, match="33 of them"):
         card(tmp_path, TWO + bare)
     with pytest.raises(CardError, match="sensors"):
         card(tmp_path, TWO + bare.replace("sensed = false\n", ""))
     more = bare.replace("sensed = false\n", "", 10)
-    made = card(tmp_path, TWO + more.removesuffix(BARE.replace('"c"', '"c30"')))
+    made = card(tmp_path, TWO + more.removesuffix(bare_contact(30)))
     assert (made.n_sensors, made.n_contacts) == (12, 32)

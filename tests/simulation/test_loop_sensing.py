@@ -3,8 +3,10 @@ bit."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -12,6 +14,7 @@ from hypothesis import strategies as st
 from loop_bench import card_text, row, scene_of
 
 from holdfast.core.contract import FloatArray
+from holdfast.core.hand_card import read_hand_card
 from holdfast.simulation.effect import all_effects
 from holdfast.simulation.loop_sensing import LoopSensors
 from holdfast.simulation.scene import Scene
@@ -109,6 +112,20 @@ def test_an_effect_row_by_row_is_the_effect_of_the_whole_trial(
         before, unit = [ON_PADS[0]] if name != ON_PADS[0] else [], "uT"
     scene = scene_with([*before, name], tmp_path, unit=unit)
     require_same(scene, 1)
+
+
+def test_an_axis_that_the_hand_does_not_measure_is_zero_in_the_loop_too(
+    tmp_path: Path,
+) -> None:
+    whole = scene_with(["white_noise"], tmp_path)
+    sensors = read_hand_card("six-fingertips").contacts
+    yz = tuple(msgspec.structs.replace(one, measures="yz") for one in sensors)
+    hand = replace(whole.file.hand, contacts=yz)
+    scene = Scene(replace(whole.file, hand=hand), 0)
+    require_same(scene, 1)
+    now = LoopSensors(scene, scene.trials(), COUNTS).read(COUNTS - 1, touched(1)[0])
+    assert not now.values[..., 0].any()
+    assert now.values[..., 1:].all()
 
 
 @settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.paired import paired_change
 from holdfast.core.contract import FloatArray
 from holdfast.core.hand_card import Side
 from holdfast.simulation.loop_sensing import LoopSensors
@@ -29,7 +30,6 @@ from studies.distortions.fingers import DeadFingers, FewerFingers
 from studies.distortions.geometry import AxesTurned, HandTurned, Tilted
 from studies.distortions.law import Law, PlanRequest, distorted
 from studies.distortions.quiet_hand import QuietHand
-from studies.distortions.statistics import paired_change
 from studies.distortions.table import DISTORTIONS, TRIALS, by_name
 from studies.distortions.trials import FeltSet, FeltTrial, readings_of
 

@@ -168,6 +168,42 @@ def test_a_hand_over_is_blocked_by_force_by_delay_or_by_an_override() -> None:
     assert handed(overrode_s=4.0).blocked
 
 
+def opening(trial: PlannedTrial, until_s: float, **more: Any) -> dict[str, Any]:
+    """The hand grips until so long after its wearer opens it, on an object that stays."""
+    opens = round(Times.of(trial).open * RATE_HZ)
+    grip_n = np.full(opens + 60, 8.0, dtype=np.float32)
+    grip_n[opens + round(until_s * RATE_HZ) :] = 0.4
+    return {"grip_n": grip_n, "lost_s": Times.of(trial).open + 0.55, **more}
+
+
+def test_a_hand_holds_on_where_it_grips_015_s_longer_than_the_bare_hand_that_opens() -> (
+    None
+):
+    trial = trial_of("pass")
+    bare = opening(trial, 0.1)
+    assert not three(trial, bare, bare, opening(trial, 0.24)).held_after
+    assert three(trial, bare, bare, opening(trial, 0.26)).held_after
+    # what has left the hand is not held
+    gone = opening(trial, 0.5, lost_s=Times.of(trial).open + 0.2)
+    assert not three(trial, bare, bare, gone).held_after
+    made = figures(*(three(trial, bare, bare, opening(trial, s)) for s in (0.2, 0.5)))
+    assert (made.held_after_opening.count, made.held_after_opening.of) == (1, 2)
+    # neither is measured where the trial ends before its wearer opens the hand
+    assert figures(three(trial)).held_after_opening.of == 0
+
+
+def test_force_and_waiting_before_the_opening_stand_apart_from_those_after_it() -> None:
+    trial = trial_of("pass")
+    early = {"lost_s": Times.of(trial).open - 0.3, "peak_before_n": 2.0}
+    held = later(trial, 0.4) | {"peak_n": 30.0, "peak_before_n": 2.5}
+    made = figures(three(trial, early, early, held))
+    assert made.before_force_n_p95 == pytest.approx(0.5)
+    assert made.before_delay_ms_p95 == pytest.approx(300.0)
+    assert made.extra_delay_ms_p95 == pytest.approx(900.0)
+    after = figures(three(trial, held=later(trial, 0.4)))
+    assert (after.before_force_n_p95, after.before_delay_ms_p95) == (0.0, 0.0)
+
+
 def test_extra_delays_are_in_ms_and_one_that_never_ends_is_huge_and_finite() -> None:
     trial = trial_of("pass")
     late = [three(trial, held=later(trial, extra_s)) for extra_s in (0.0, 0.1, 0.2)]

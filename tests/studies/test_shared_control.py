@@ -9,9 +9,10 @@ import pytest
 from holdfast.core.errors import UsageError
 from studies.shared_control.closed_loop import scene_of
 from studies.shared_control.picture import front
+from studies.shared_control.plan import LATE as LATE_ORACLE
 from studies.shared_control.plan import OURS, PARTS, SEED, rows
-from studies.shared_control.program import _chosen, merged
-from studies.shared_control.targets import TARGETS, target_rows
+from studies.shared_control.program import _chosen, _open_rows, merged
+from studies.shared_control.targets import LATE, TARGETS, target_rows
 
 
 def row(part: str, name: str, controller: str, **figures: Any) -> dict[str, Any]:
@@ -24,7 +25,8 @@ def row(part: str, name: str, controller: str, **figures: Any) -> dict[str, Any]
         "delay_samples": 0,
         "tremor_m_s2": 0.0,
         "over_need_n_by_action": {"fall": 1.0, "carry": None},
-        "pick_ups_called": {"share": 0.1, "share_ci": [0.0, 1.0]},
+        "saved_untightened": {"share": 0.8, "share_ci": [0.0, 1.0]},
+        "held_after_opening": {"share": 0.0, "share_ci": [0.0, 1.0]},
     }
     for target in TARGETS:
         whole |= {target.key: target.bound, f"{target.key}_ci": [0.0, 1.0]}
@@ -36,36 +38,50 @@ def reached(*rows_of: dict[str, Any]) -> dict[str, str]:
 
 
 def test_a_target_is_reached_at_its_bound_and_not_beyond() -> None:
-    at = {"saved_share": 0.90, "blocked_share": 0.03, "disturbed_share": 0.03}
-    at |= {"extra_force_n_p95": 3.0, "extra_delay_ms_p95": 60.0}
-    assert set(reached(row("table", "author", OURS, **at)).values()) == {"yes"}
-    at |= {"blocked_share": 0.031, "saved_share": 0.89}
-    over = {"over_need_n_by_action": {"fall": 10.1}}
-    beyond = row("table", "author", OURS, **at, **over)
-    assert [t for t, r in reached(beyond).items() if r == "no"] == [
-        "drops saved, author's style",
-        "hand-overs blocked, author's style",
-        "grip over need, median of the worst kind of event",
+    held = {"count": 0, "of": 9, "share": 0.0, "share_ci": [0.0, 0.3]}
+    at = {"saved_beside_late": 0.0, "held_after_opening": held}
+    found = reached(row("table", "author", OURS, **at))
+    assert found["held after its wearer's opening"] == "yes"
+    assert set(found.values()) == {"yes"}
+    beyond = row(
+        "table",
+        "author",
+        OURS,
+        saved_beside_late=-0.01,
+        held_after_opening=held | {"share": 0.11},
+    )
+    missed = [target for target, yes in reached(beyond).items() if yes == "no"]
+    assert missed == [LATE.words, "held after its wearer's opening"]
+
+
+def test_an_aim_on_a_change_is_told_set_by_set_beside_the_same_trials_only() -> None:
+    words = "receiver's force before the opening, 95 %"
+    now = row("table", "author", OURS, before_force_n_p95=4.0)
+    worse = row("table", "wide", OURS, before_force_n_p95=4.1)
+    then = [
+        row("table", name, OURS, before_force_n_p95=3.0) for name in ("author", "p1")
     ]
+    assert words not in reached(now, worse)
+
+    def found(*rows_of: dict[str, Any]) -> dict[str, str]:
+        told = target_rows(
+            rows_of, [*then, row("table", "wide", OURS, before_force_n_p95=3.0)]
+        )
+        return {one["target"]: one["reached"] for one in told}
+
+    assert found(now)[words] == "yes"
+    assert found(now, worse)[words] == "no"
 
 
-def test_a_hand_whose_board_is_never_told_has_targets_of_its_own() -> None:
-    never = row("intent", "quick", "never", extra_force_n_p95=3.9)
-    told = row("table", "quick", OURS, extra_force_n_p95=3.1, blocked_share=0.05)
-    words = "receiver's extra force, 95 %, worst style"
-    found = reached(never, told)
-    assert found[words] == "no"
-    assert found[f"{words}, no signal reaches the board"] == "yes"
+def test_every_aim_says_why() -> None:
+    assert all(target.why for target in TARGETS)
 
 
-def test_only_a_hand_that_trembles_enough_counts_for_its_tightenings() -> None:
-    def trembling(tremor_m_s2: float) -> dict[str, Any]:
-        more = {"tremor_m_s2": tremor_m_s2, "tightenings_per_min": 3.1}
-        return row("tremor", "author", OURS, **more)
-
-    words = "tightenings a minute, trembling with 1 m/s2 and more, worst"
-    assert words not in reached(trembling(0.3))
-    assert reached(trembling(0.3), trembling(1.0))[words] == "no"
+def test_a_row_of_an_earlier_version_has_no_figure_that_was_not_measured_then() -> None:
+    earlier = row("table", "author", OURS)
+    del earlier["held_after_opening"], earlier["saved_beside_late"]
+    assert "held after its wearer's opening" not in reached(earlier)
+    assert LATE.words not in reached(earlier)
 
 
 def test_a_point_of_the_front_counts_its_sets_together_and_the_worst_force() -> None:
@@ -85,6 +101,34 @@ def test_rows_are_chosen_by_part_set_and_controller() -> None:
 
     (one,) = _chosen(rows(100), Options())  # type: ignore[arg-type]
     assert (one.part, one.set_name, one.label) == ("table", "p1", OURS)
+
+
+def test_styles_that_no_choice_may_see_run_at_locked_seeds_only(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    class Options:
+        sets = None
+
+    class Named:
+        sets = ("tugs", "slow")
+
+    every = {one.set_name for one in _open_rows(10, 7101, Options())}  # type: ignore[arg-type]
+    seen = {one.set_name for one in _open_rows(10, 100, Options())}  # type: ignore[arg-type]
+    assert every - seen == {"p1", "p2", "quick", "slow"}
+    assert "left out" in capsys.readouterr().out
+    with pytest.raises(UsageError, match="slow is a style that no choice may see"):
+        _open_rows(10, 100, Named())  # type: ignore[arg-type]
+
+
+def test_the_oracle_that_knows_later_is_in_every_set_and_in_a_part_of_its_own() -> None:
+    table = [one for one in rows(10) if one.label == LATE_ORACLE]
+    assert {one.set_name for one in table} == {one.set_name for one in rows(10)}
+    assert {one.request.knows_after_s for one in table} == {0.02}
+    late = [one for one in rows(10) if one.part == "knowing" and one.label != OURS]
+    known = [(one.set_name, round(1e3 * one.request.knows_after_s)) for one in late]
+    delays = [0, 7, 13, 27, 40]
+    assert known == [(name, ms) for name in ("author", "tugs") for ms in delays]
+    assert {one.request.delay_samples for one in late} == {0}
 
 
 def test_a_run_in_parts_keeps_the_rows_that_it_does_not_measure_again() -> None:

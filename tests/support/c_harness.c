@@ -2,6 +2,8 @@
    step: double sample[C], uint8 valid[S], uint8 fresh -> float features[F], holdfast_out, state
    answer: float features[F] -> holdfast_out
    decide: int32 rules[6], fresh, situation, permille, period_us, wish -> holdfast_decision
+   hand: double sample[C], uint8 valid[S], uint8 fresh -> int32 label, double grip_n, load_n, p_risky,
+         p_safe, uint8 known, empty, act
    grip: double options[9], uint8 fresh; then double sense[4], uint8 flags[4] -> holdfast_command */
 #include "holdfast.h"
 
@@ -73,10 +75,40 @@ static int grip(void) {
     return 0;
 }
 
+static int hand(void) {
+    double sample[HOLDFAST_CHANNELS];
+    uint8_t valid[HOLDFAST_SENSORS], fresh;
+    holdfast_state state;
+    holdfast_decision decision;
+    holdfast_out out;
+    memset(&out, 0, sizeof out);
+    while (take(sample, sizeof sample) && take(valid, sizeof valid) && take(&fresh, 1)) {
+        holdfast_sense sense;
+        double felt[4];
+        uint8_t flags[3];
+        int32_t label;
+        if (fresh) {
+            holdfast_init(&state);
+            memset(&decision, 0, sizeof decision);
+        }
+        if (holdfast_step_valid(&state, sample, valid, &out) != HOLDFAST_OK) return 1;
+        holdfast_decide(&decision, &out, HOLDFAST_NO_WISH);
+        sense = holdfast_sense_of(&out, &decision, sample, valid, HOLDFAST_NO_WISH);
+        label = holdfast_situation(&out);
+        felt[0] = sense.grip_n, felt[1] = sense.load_n, felt[2] = sense.p_risky, felt[3] = sense.p_safe;
+        flags[0] = sense.known, flags[1] = sense.empty, flags[2] = decision.act;
+        give(&label, sizeof label);
+        give(felt, sizeof felt);
+        give(flags, sizeof flags);
+    }
+    return 0;
+}
+
 int main(int argc, char **argv) {
     const char *mode = argc > 1 ? argv[1] : "";
     if (!strcmp(mode, "step")) return step();
     if (!strcmp(mode, "answer")) return answer();
     if (!strcmp(mode, "decide")) return decide();
+    if (!strcmp(mode, "hand")) return hand();
     return strcmp(mode, "grip") ? 2 : grip();
 }

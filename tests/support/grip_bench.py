@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from holdfast.core.contract import GripCommand
+from holdfast.core.source import MonotonicClock
 from holdfast.edge_runtime.supervisor import last_line, to_line
 from holdfast.live.hand_link import HandLink, open_hand_link
 
@@ -92,7 +93,7 @@ class TtyReceiver(Receiver):
         self.handle, other = os.openpty()
         self.path = os.ttyname(other)
         self.url = f"serial://{self.path}"
-        self._other, self._text = other, b""
+        self.other, self._text = other, b""
 
     def raw(self) -> bytes:
         while b"\n" not in self._text:
@@ -102,11 +103,15 @@ class TtyReceiver(Receiver):
         line, _, self._text = self._text.partition(b"\n")
         return line or self.raw()
 
+    def write(self, line: bytes) -> None:
+        """Send a line to a program that has opened the port at `path`."""
+        os.write(self.handle, line + b"\n")
+
     def close(self) -> None:
-        for handle in (self.handle, self._other):
+        for handle in (self.handle, self.other):
             if handle >= 0:
                 os.close(handle)
-        self.handle = self._other = -1
+        self.handle = self.other = -1
 
 
 def until(holds: Callable[[], object]) -> None:
@@ -118,12 +123,15 @@ def until(holds: Callable[[], object]) -> None:
 
 
 def command(sequence: int, mode: Any = "tighten") -> GripCommand:
-    return GripCommand(sequence, 1000 * sequence, mode, 9.4, 400.0, 0.5, "risky slip")
+    """A command of now."""
+    now_ns = MonotonicClock().now_ns()
+    return GripCommand(sequence, now_ns, mode, 9.4, 400.0, 0.5, "risky slip")
 
 
 @contextmanager
 def opened(url: str, report: Callable[[str], object] = print) -> Iterator[HandLink]:
-    link = open_hand_link(url, "grip", last_line, report, time.monotonic_ns)
+    now_ns = MonotonicClock().now_ns
+    link = open_hand_link(url, "grip", last_line, report, now_ns)
     reason = "failed"
     try:
         yield link
@@ -143,7 +151,7 @@ SENDS_THEN_WAITS = """
 import sys
 sys.path.insert(0, "tests/support")
 from grip_bench import opened, send
-with opened(sys.argv[1]) as link:
+with opened(sys.argv[1], lambda text: None) as link:
     send(link, 40, 41, 42)
     print("sent", flush=True)
     sys.stdin.read()

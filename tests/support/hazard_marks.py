@@ -51,7 +51,7 @@ READABLE_BY_OTHERS = Hazard(
 OVERWRITTEN = Hazard(
     RECORDINGS,
     "A command overwrites an earlier result",
-    "It refuses without `--force`",
+    "It refuses without `--force`, and never replaces its own input or another output",
     "Backups",
 )
 HALF_FINISHED = Hazard(
@@ -133,10 +133,9 @@ DEAD_LOG = Hazard(
 )
 RESTART = Hazard(
     LIVE,
-    "The program restarts while the hand holds something",
-    "Forces above the stored unloaded bias are reported as `started_loaded`, and "
-    "`nothing` is not answered until the hand"
-    " has been empty",
+    "The program restarts while the hand holds something, or with a bias that is stale",
+    "Forces above the stored unloaded bias are reported as `started_loaded`, once in words with "
+    "the bias and its date, and `nothing` is not answered until the hand has been empty",
     "The hand's own controller keeps its grip while no answer comes",
 )
 DEAD_HAND = Hazard(
@@ -175,7 +174,8 @@ WRONG_RATE = Hazard(
 LOST_SENSOR = Hazard(
     LIVE,
     "A sensor is lost, stale, saturated or not finite",
-    "The state is `unknown` unless the model declares that the others are enough; it is never safe",
+    "The state is `unknown`; where the model declares that the others are enough, it is `degraded` "
+    "and never a safe slip",
     "The hand holds its grip on `unknown`",
 )
 SILENT_CUES = Hazard(
@@ -279,6 +279,15 @@ NO_GRIP_COMMAND = Hazard(
     "Every command says that it expires after 300 ms; the virtual hand then holds its grip",
     "The hand's own controller holds where no command comes for 300 ms",
 )
+OLD_COMMAND = Hazard(
+    LIVE,
+    "An old grip command moves the hand: its receiver was stopped, or the wire is too slow",
+    "Every command has its time: the example receivers skip what is older than 300 ms, over a "
+    "serial port what comes later than the fastest line by 200 ms, and drop what waited while they "
+    "did not look",
+    "The same in a receiver of one's own; over a wire, a delay that every line has from the first "
+    "on, or that stands for minutes, is not seen",
+)
 WIRE_FAILS = Hazard(
     LIVE,
     "The wire to the hand fails, or its reader stalls",
@@ -325,4 +334,12 @@ CROWDED_PAGE = Hazard(
     "A thread answers each request, and a connection that sends or takes nothing for 5 s ends",
     "A program on the same machine, or with the token, that opens connections without end: the "
     "page stops, the run goes on",
+)
+DEAF_TERMINAL = Hazard(
+    STUDIES,
+    "A key does something that the operator did not mean, or does nothing: after Ctrl-Z, an arrow "
+    "key, pasted text, a key before the question",
+    "Keys work again after `fg`; a key of several bytes is read whole; pasted text is no key; what "
+    "was typed before a question is dropped, but for stop and the adverse event",
+    "In a terminal without bracketed paste a text that is pasted in a trial is keys",
 )

@@ -41,7 +41,8 @@ def sample(k: int, state: str = "grasp", **more: Any) -> dict[str, Any]:
         "degraded": False,
     }
     forces = [0.1 + 1e-9 * k, 0.0, 2.0 / 3.0] * 6
-    grip = {"mu_hat": None, "margin": None, "needed_n": None}
+    grip = {"mode": "tighten", "target_n": 9.4, "reason": "risky slip", "leaves": True}
+    grip |= {"mu_hat": None, "margin": None, "needed_n": None}
     message = {"t_ns": 5_000_000_000 + k * PERIOD_NS, "x": forces, "v": [1] * 6}
     message |= {"why": [""] * 6, "lost": 0, "unsent": 0, "answer": answer, "grip": grip}
     return {"sample": message | more}

@@ -19,7 +19,8 @@ from holdfast.core.errors import (
     UnitError,
 )
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.training.datasets import join, load
+from holdfast.training.datasets import load
+from holdfast.training.datasets.joining import join
 from holdfast.training.recording import DataSet
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from datetime import date
 from pathlib import Path
 
 import pytest
@@ -36,6 +37,19 @@ def test_a_locked_seed_is_locked_for_every_scene(tmp_path: Path, seed: int) -> N
 @pytest.mark.parametrize("seed", [0, 100, 199, 6999, 9000])
 def test_other_seeds_are_open(tmp_path: Path, seed: int) -> None:
     assert lock_of(a_set(tmp_path / "set", seed=seed)) == ""
+
+
+@pytest.mark.parametrize(
+    ("seed", "day"), [(7001, 23), (7101, 28), (7102, 28), (8001, 23), (8102, 28)]
+)
+def test_a_locked_seed_tells_since_when(tmp_path: Path, seed: int, day: int) -> None:
+    """Of two entries that have it, the later one is about it."""
+    locked = locked_sets().lock_of_seed(seed)
+    assert locked is not None
+    assert locked.locked_on == date(2026, 11, day)
+    told = lock_of(a_set(tmp_path / "set", seed=seed))
+    assert f"since 2026-11-{day}" in told
+    assert locked.about in told
 
 
 def test_a_style_is_locked_at_every_seed_by_name_and_content(tmp_path: Path) -> None:

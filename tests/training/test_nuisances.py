@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import msgspec
 import numpy as np
 import pytest
 
 from holdfast.core.contract import CLASSES, GRASP
+from holdfast.core.hand_card import read_hand_card
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training import nuisances
 from holdfast.training.nuisances import disturbed, with_copies
@@ -98,6 +102,23 @@ def test_without_any_nuisance_a_copy_is_the_recording(
     made = disturbed(recording, THUMB, np.random.default_rng(5))
     np.testing.assert_allclose(made.recording.samples, recording.samples, atol=1e-15)
     assert made.jumps == ()
+
+
+def test_nothing_is_put_on_an_axis_that_the_hand_does_not_measure(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(nuisances, "CHANCE", dict.fromkeys(nuisances.CHANCE, 1.0))
+    usual = read_hand_card("six-fingertips")
+    yz = tuple(msgspec.structs.replace(one, measures="yz") for one in usual.contacts)
+    data = replace(a_set(), hand=replace(usual, contacts=yz))
+    for seed in range(4):
+        made = with_copies(data, 1, seed).recordings[2:]
+        whole = with_copies(a_set(), 1, seed).recordings[2:]
+        for one, other in zip(made, whole, strict=True):
+            assert not one.samples[:, 0::3].any()
+            # all else is struck as it was
+            assert np.array_equal(one.samples[:, 1::3], other.samples[:, 1::3])
+            assert np.array_equal(one.samples[:, 2::3], other.samples[:, 2::3])
 
 
 def test_fewer_sensors_leave_one_on_each_side(monkeypatch: pytest.MonkeyPatch) -> None:

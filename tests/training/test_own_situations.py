@@ -22,8 +22,9 @@ from holdfast.cli.main import main
 from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP, channel_names
 from holdfast.core.trial_layout import truth_path
 from holdfast.drivers.lsl import DECISION, decision_row
-from holdfast.training.datasets import join, load
+from holdfast.training.datasets import load
 from holdfast.training.datasets.eflesh_slip import SIX_MAGNETOMETERS
+from holdfast.training.datasets.joining import join
 from holdfast.training.datasets.public_files import channels_of
 from holdfast.training.recording import cannot_tell, learnable
 

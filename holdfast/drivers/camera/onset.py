@@ -2,8 +2,8 @@
 
 The result is a time on which no tactile sample had an influence. There are three times:
 
-    start  where a quadratic, fitted to the first frames that moved, leaves the level of rest
-           (with its standard deviation)
+    start  where a line, a parabola or a cubic through the first frames that moved leaves the level
+           of rest (with its standard deviation, which counts how far they differ)
     seen   the first of three frames in a row beyond max(5 sigma, 0.15 px). It is late by
            sqrt(2 threshold / acceleration), 20 to 100 ms; lead times would look too long with it
     gross  a fixed distance in mm, larger than what soft pads give without any slip
@@ -145,12 +145,19 @@ def _require_one_size(
 
 LONGEST_STEP = 2.5
 """Seen frames that are further apart than this many periods have a gap between them."""
-FIT_FRAMES = 4
+EXPONENTS = (1.0, 1.5, 2.0, 2.5, 3.0)
+"""A motion begins as a power of time: 1 at constant speed, 2 at constant acceleration, 3 where the
+acceleration grows. Which one it is, the first frames do not tell for sure."""
+FIT_FRAMES = 3
 FIT_THRESHOLDS = 20.0
-"""The fit covers the rest, this many moving frames, and later ones up to this many thresholds away.
-
-Further on, the acceleration is no longer that of the start."""
-STEPS = 4000
+"""The fit covers the rest, this many moving frames, and later ones up to this many thresholds away,
+as long as one of the motions fits them: a pad that has given way ends the motion of the start."""
+DIFFERS = 0.1
+"""A motion differs from a power of time by this share of its distance."""
+WITHIN, BEYOND = 2.0, 4.0
+"""A frame within so many sigmas is at rest as far as is seen. No start counts with which the last
+such frame would have been beyond so many."""
+STEPS = 600
 """Points of the grid on which the start is searched."""
 
 
@@ -303,21 +310,52 @@ def _slip(track: _Track, departure: Departure, gross_mm: float) -> Slip:
 def fitted_start(
     t_s: FloatArray, along_mm: FloatArray, first: int, moved: Motion
 ) -> tuple[float, float]:
-    """Start of c + k (t - start)^2, 0 before it, by least squares, and its standard deviation, s.
+    """Start of c + k (t - start)^p, 0 before it, and its standard deviation, s.
 
-    first: the first frame beyond the threshold. The fit covers the rest before it and the first
-    frames after it. The start is searched on a grid, because the model has a corner there. Its
-    standard deviation is half of the span of starts whose squared residual is larger than the
-    least by at most the squared noise (the larger of residual and noise at rest).
+    first: the first frame beyond the threshold. Starts on a grid and EXPONENTS are compared by
+    their likelihood, in a fit of c and k to the rest and to the first moving frames. The start is
+    the mean over all: where a line and a parabola fit alike, its standard deviation is large. All
+    is done twice, with all frames that one of the motions fits, and with half of the moving ones.
     """
     begin, stop = _frames_to_fit(t_s, along_mm, first, moved.threshold_mm)
-    starts_s = np.linspace(t_s[begin], t_s[first], STEPS)
-    misfit = _misfit(t_s[begin:stop], along_mm[begin:stop], starts_s)
-    best = int(np.argmin(misfit))
-    # three parameters were fitted: level, acceleration and start
-    variance = max(moved.sigma_mm**2, misfit[best] / max(stop - begin - 3, 1))
-    likely_s = starts_s[misfit <= misfit[best] + variance]
-    return float(starts_s[best]), 0.5 * float(likely_s[-1] - likely_s[0])
+    t, d = t_s[begin:stop], along_mm[begin:stop]
+    # the noise of a tag that moves is larger than that of one at rest
+    sigma_mm = moved.threshold_mm / SIGMAS
+    distance = np.abs(d)
+    distance[: first - begin] = 0.0
+    weights = 1.0 / (1.0 + (DIFFERS * distance / sigma_mm) ** 2)
+    starts_s = np.linspace(t[0], t_s[first], STEPS)
+    after_s = np.maximum(t - starts_s[:, None], 0.0)
+
+    # [P, G, N]: for each exponent, start and number of frames
+    fits = [_fits(after_s**power, d, weights) for power in EXPONENTS]
+    misfit = np.array([one for one, _ in fits]) / sigma_mm**2
+    slope = np.array([one for _, one in fits])
+    frames = np.arange(1, len(t) + 1)
+    fit = misfit.min(axis=(0, 1)) <= frames + 3.0 * np.sqrt(2.0 * frames)
+    still = first - begin
+    fit[: still + FIT_FRAMES] = True
+    # the first number of frames that no motion fits, or all of them
+    most = int(np.argmin(fit)) or len(t)
+
+    near = np.flatnonzero(np.abs(d[:still]) <= WITHIN * sigma_mm)
+    last = int(near[-1]) if near.size else 0
+    # [P, G]: how far each motion would have come at the last frame at rest, for a slope of 1
+    came = np.array([after_s[:, last] ** power for power in EXPONENTS])
+    share = np.zeros(STEPS)
+    # half of the moving frames may say something else: the motion changed meanwhile
+    for used in {most, min(most, still + max(FIT_FRAMES, (most - still) // 2))}:
+        # a start after that frame is always possible
+        is_possible = slope[..., used - 1] * came <= BEYOND * sigma_mm
+        here = np.where(is_possible, misfit[..., used - 1], np.inf)
+        least = float(here.min())
+        # c, k and the start were fitted
+        excess = (here - least) / max(1.0, least / max(used - 3, 1))
+        likely = np.exp(-0.5 * excess).sum(axis=0)
+        share += likely / likely.sum()
+    share /= share.sum()
+    start_s = float(share @ starts_s)
+    return start_s, float(np.sqrt(share @ (starts_s - start_s) ** 2))
 
 
 def _frames_to_fit(
@@ -333,14 +371,19 @@ def _frames_to_fit(
     return begin, stop
 
 
-def _misfit(t: FloatArray, d: FloatArray, starts: FloatArray) -> FloatArray:
-    """[G] squared residual of the best line in (t - start)^2, for every start."""
-    x = np.maximum(t - starts[:, None], 0.0) ** 2
-    x -= x.mean(axis=1, keepdims=True)
-    y = d - d.mean()
-    slope = x @ y
-    square = (x * x).sum(axis=1)
+def _fits(
+    x: FloatArray, y: FloatArray, weights: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """[G, N] weighted squared residual, and slope, of the best line in x [G, N].
+
+    Column n is of the frames up to n. Sums of the past give all of them at once.
+    """
+    total = np.cumsum(weights)
+    of_x, of_y = np.cumsum(weights * x, axis=1), np.cumsum(weights * y)
+    square = np.cumsum(weights * x * x, axis=1) - of_x**2 / total
+    both = np.cumsum(weights * x * y, axis=1) - of_x * of_y / total
     # a motion back towards the rest explains nothing
-    explained = np.maximum(slope, 0.0) ** 2
-    misfit: FloatArray = y @ y - explained / np.maximum(square, 1e-300)
-    return misfit
+    slope = np.maximum(both, 0.0) / np.maximum(square, 1e-300)
+    rest = np.cumsum(weights * y * y) - of_y**2 / total
+    misfit: FloatArray = rest - slope * np.maximum(both, 0.0)
+    return misfit, slope

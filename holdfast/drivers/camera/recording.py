@@ -42,7 +42,14 @@ ABOUT = "camera.json"
 CORNERS = ["x1", "y1", "x2", "y2", "x3", "y3", "x4", "y4"]
 COLUMNS = ["sequence", "t_s", "tag", *CORNERS]
 Corners = list[float]
-Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)]
+LATEST_S = 4e9
+"""Of a stamp: 126 years."""
+OTHER_UNIT = 10.0
+"""Lost frames make steps longer than a period, and ms or us make them much longer."""
+LEAST_PX = 24
+"""Of a picture's side: the smallest tag that is found, with its margin. A few pixels end the
+interpreter in depthai."""
 
 
 class Lens(msgspec.Struct, frozen=True):
@@ -52,7 +59,7 @@ class Lens(msgspec.Struct, frozen=True):
     """
 
     # depthai takes whole frames a second
-    fps: Annotated[float, msgspec.Meta(gt=0.5)]
+    fps: Annotated[float, msgspec.Meta(gt=0.5, le=1000.0)]
     exposure_ms: Positive
     tag_mm: Positive
     clock: Literal["monotonic", "trial"]
@@ -185,8 +192,17 @@ def _tracks(table: FloatArray, path: Path) -> Tracks:
 
 
 def require_forward(ends_s: npt.NDArray[np.float64], where: Path) -> None:
-    """Raise TimeError where a stamp is not later than the one before."""
-    if not (np.isfinite(ends_s).all() and (np.diff(ends_s) > 0.0).all()):
+    """Raise TimeError where a stamp is not later than the one before, or is no time."""
+    # nan fails the comparison
+    is_time = np.abs(ends_s) < LATEST_S
+    if not is_time.all():
+        raise TimeError(
+            f"a stamp of {ends_s[~is_time][0]:g} s, which no clock has",
+            where=where,
+            cause="a camera driver with wrong stamps, or times in another unit than s",
+            next_step="record again, or write the times in s",
+        )
+    if not (np.diff(ends_s) > 0.0).all():
         raise TimeError(
             "a frame is not later than the frame before",
             where=where,
@@ -209,8 +225,8 @@ class Frame(NamedTuple):
 def read_frames(path: Path) -> tuple[str, Lens, Iterator[Frame]]:
     """The name, lens and frames of an .npz file.
 
-    The file holds `frames` [K, H, W] uint8, H and W even, `time_s` [K] ends of exposure, fps,
-    exposure_ms and tag_mm. Raises DataNotFound, EmptyRecording, TimeError.
+    The file holds `frames` [K, H, W] uint8, H and W even and from LEAST_PX on, `time_s` [K] ends of
+    exposure, fps, exposure_ms and tag_mm. Raises DataNotFound, EmptyRecording, TimeError.
     """
     numbers: dict[str, Any] = {"clock": "trial"}
     try:
@@ -230,14 +246,31 @@ def read_frames(path: Path) -> tuple[str, Lens, Iterator[Frame]]:
 
     lens = checked(numbers, Lens, path, EmptyRecording)
     is_grey = images.ndim == 3 and images.dtype == np.uint8 and images.size
-    is_odd = any(size % 2 for size in images.shape[1:3])
+    is_odd = any(size % 2 or size < LEAST_PX for size in images.shape[1:3])
     if not is_grey or is_odd or ends_s.shape != images.shape[:1]:
         raise EmptyRecording(
             f"frames are {images.dtype} {images.shape} and stamps {ends_s.shape}",
             where=path,
-            cause="the pictures are not grey, or a size is odd, which no lossless video has",
-            next_step="store frames as uint8 [K, H, W], H and W even, and time_s as [K]",
+            cause="the pictures are not grey, too small for a tag, or of an odd size, which no "
+            "lossless video has",
+            next_step=f"store frames as uint8 [K, H, W], H and W even and from {LEAST_PX} on, and "
+            "time_s as [K]",
         )
     require_forward(ends_s, path)
+    _require_rate(ends_s, lens.fps, path)
     stamped = zip(range(len(images)), ends_s.tolist(), images, strict=True)
     return path.name, lens, map(Frame._make, stamped)
+
+
+def _require_rate(ends_s: FloatArray, fps: float, path: Path) -> None:
+    """Raise TimeError where stamps are so far from their rate that they have another unit."""
+    if len(ends_s) < 2:
+        return
+    step_s = float(np.median(np.diff(ends_s)))
+    if not 1.0 / OTHER_UNIT < step_s * fps < OTHER_UNIT:
+        raise TimeError(
+            f"frames come every {step_s:g} s, and fps is {fps:g}",
+            where=path,
+            cause="times in another unit than s, or the fps of another camera",
+            next_step="write time_s in s, and the fps that they have",
+        )

@@ -69,14 +69,14 @@ KINDS = {**OF_A_SENSOR, **OF_THE_BUS, **OF_THE_BRIDGE}
 AT_ONCE = ("por", "sleep", "stuck")
 """These faults happen once, at their time; the others last."""
 FORM = re.compile(
-    r"(?P<kind>[a-z]+)(:(?P<sensor>[1-6]))?@(?P<at>\d+(\.\d+)?)(\+(?P<lasts>\d+(\.\d+)?))?"
+    r"(?P<kind>[a-z]+)(:(?P<sensor>[1-9]\d?))?@(?P<at>\d+(\.\d+)?)(\+(?P<lasts>\d+(\.\d+)?))?"
 )
 DEFAULT_LASTS_S = 0.1
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault; sensor 1 .. 6, None for bus or bridge; times in s since the hand was made."""
+    """One fault; sensor 1 .. n, None for bus or bridge; times in s since the hand was made."""
 
     kind: str
     at_s: float
@@ -100,7 +100,7 @@ def read_fault(text: str) -> Fault:
     kind = found["kind"]
     if (kind in OF_A_SENSOR) != (found["sensor"] is not None):
         raise UsageError(
-            f"{text!r}: a sensor, 1 .. 6, belongs to {', '.join(OF_A_SENSOR)} alone",
+            f"{text!r}: a sensor, 1 .. n, belongs to {', '.join(OF_A_SENSOR)} alone",
             next_step=f"such as {kind}:3@1+0.2 or {kind}@1+0.2",
         )
     lasts_s = float(found["lasts"]) if found["lasts"] else DEFAULT_LASTS_S

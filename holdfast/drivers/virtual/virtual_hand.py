@@ -294,6 +294,12 @@ class VirtualHand:
         faults: Sequence[Fault] = (),
     ) -> None:
         require_wired(places)
+        for fault in faults:
+            if fault.sensor is not None and fault.sensor > len(places):
+                raise UsageError(
+                    f"a fault of sensor {fault.sensor}, and the hand has {len(places)}",
+                    next_step=f"{fault.kind}:{len(places)}@{fault.at_s:g}",
+                )
         self.clock = clock
         self.faults = Faults(clock, faults)
         self.generation = 0

@@ -23,14 +23,23 @@ from holdfast.export.c.literals import number
 RULES = AnswerRules()
 REALS = {
     "HF_SAFE_P": RULES.safe_p,
-    "HF_FLOOR": RULES.floor,
     "HF_MEAN_S": LoadFollower.MEAN_S,
     "HF_TIMES_APART": LoadFollower.TIMES,
-    "HF_ABOVE": LoadFollower.ABOVE,
+    "HF_LEARNS_S": LoadFollower.LEARNS_S,
+    "HF_QUICK_S": LoadFollower.QUICK_S,
+    "HF_LOAD_S": LoadFollower.LOAD_S,
+    "HF_LONG_S": LoadFollower.LONG_S,
+    "HF_LOAD_RISES": LoadFollower.RISES,
     "HF_LEAST_GRIP_N": LoadFollower.LEAST_N,
     "HF_FADES_S": SlipAnswer.FADES_S,
     "HF_BRAKE_S": SlipAnswer.BRAKE_S,
     "HF_OWN_S": WearersGrip.TIME_S,
+    "HF_BACK_S": WearersGrip.BACK_S,
+    "HF_LEAST_OURS_N": WearersGrip.APART_N,
+    "HF_RISES_SHARE": WearersGrip.RISES_SHARE,
+    "HF_STILL_S": WearersGrip.STILL_S,
+    "HF_CLOSES_S": WearersGrip.CLOSES_S,
+    "HF_MOST_S": WearersGrip.MOST_S,
     "HF_FIRM_N": friction.FIRM_N,
     "HF_STEADY": friction.STEADY,
     "HF_SURE_P": friction.SURE_P,
@@ -55,18 +64,37 @@ RULE_ORDER = (
 
 
 def constants(card: ModelCard) -> str:
-    """`#define` lines for the controller and what it needs; three of them depend on the model."""
+    """`#define` lines for the controller and what it needs; those of the answer are the model's."""
     answer = AnswerRules.of(card.decision)
-    # a rise in N says nothing about forces in another unit
-    rise_n = answer.rise_n if card.unit == "N" else math.inf
-    reals = {"HF_FROM_P": answer.from_p, "HF_FULL_P": answer.full_p, **REALS}
-    reals["HF_RISE_N"] = rise_n
-    reals["HF_FOLLOW_N"] = answer.follow_n if card.unit == "N" else math.inf
+    reals = {
+        "HF_FROM_P": answer.from_p,
+        "HF_FULL_P": answer.full_p,
+        "HF_FLOOR": answer.floor,
+        "HF_ABOVE": answer.above,
+        **REALS,
+    }
+    rises_n = {
+        "HF_APART_N": WearersGrip.APART_N,
+        "HF_RISES_N": WearersGrip.RISES_N,
+        "HF_RISE_N": answer.rise_n,
+        "HF_FOLLOW_N": answer.follow_n,
+        "HF_SAFE_FOLLOW_N": answer.safe_follow_n,
+    }
+    for name, rise_n in rises_n.items():
+        # a rise in N says nothing about forces in another unit
+        reals[name] = rise_n if card.unit == "N" or not rise_n else math.inf
     lines = []
     for name, value in reals.items():
         lines.append(f"#define {name} {number(value, 'double')}\n")
     lines.append(f"#define HF_RATIOS {friction.SAMPLES}\n")
+    lines.append(f"#define HF_KNOWS_SIDES {int(card.thumb is not None)}\n")
     return "".join(lines)
+
+
+def thumb_of(card: ModelCard) -> str:
+    """1 for each sensor on the thumb's side, as an initialiser; zeros where no side is known."""
+    sides = card.thumb or (False,) * (card.n_channels // 3)
+    return ", ".join(str(int(side)) for side in sides)
 
 
 def rules_of(card: ModelCard) -> str:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from holdfast.core.errors import CompilerFailed
-from holdfast.core.schema import LIBRARY, c_folders
+from holdfast.core.schema import LIBRARY, c_folder
 from holdfast.core.writing import (
     require_free,
     require_writable,
@@ -122,9 +122,9 @@ def compiled_library(files: Mapping[str, str]) -> tuple[bytes, str]:
 
 
 def folder_for(model: Path) -> Path:
-    """Where the C form of a model goes by default: the first place of a search that takes it."""
-    beside, here = c_folders(model)
-    return beside if os.access(beside.parent, os.W_OK) else here
+    """Where the C form of a model goes by default: beside it, or here where that takes none."""
+    beside = c_folder(model)
+    return beside if os.access(beside.parent, os.W_OK) else Path(beside.name)
 
 
 def find_compiler() -> str | None:

@@ -14,8 +14,9 @@ from holdfast.edge_runtime.c_engine import ABOUT as ABOUT_MODEL
 from holdfast.edge_runtime.decision import period_us
 from holdfast.edge_runtime.grip_control import SAMPLES
 from holdfast.edge_runtime.model import AMPLITUDE, golden_length, golden_to_json
+from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.export.c.compiled import StepCode
-from holdfast.export.c.constants import constants, options_of, rules_of
+from holdfast.export.c.constants import constants, options_of, rules_of, thumb_of
 from holdfast.export.c.graph import Graph
 from holdfast.export.c.literals import (
     OUT_TYPES,
@@ -104,6 +105,7 @@ def _words(graph: Graph, compiled: StepCode) -> dict[str, object]:
         "RATE": f"{card.rate_hz:g}",
         "RATE_HZ": number(card.rate_hz, "double"),
         "PERIOD_US": period_us(card.rate_hz),
+        "UNMEASURED": _unmeasured(card),
         "UNIT": card.unit,
         "UNIT_IS_N": int(card.unit == "N"),
         "LIMIT": f"{card.range_limit:g} {card.unit}",
@@ -118,12 +120,23 @@ def _words(graph: Graph, compiled: StepCode) -> dict[str, object]:
         "OUTPUTS": _struct(graph),
         "RULES": rules_of(card),
         "OPTIONS": options_of(card),
+        "THUMB": thumb_of(card),
         "RATIOS": SAMPLES - 1,
         "BIAS_ROWS": preparation.bias_rows,
         "BIAS_MEDIAN": int(is_median),
         "TURNED_AXES": turned_axes if preparation.flip_negative_normal else 0,
         "TURN_BEYOND": number(preparation.flip_beyond, "double"),
     }
+
+
+def _unmeasured(card: ModelCard) -> str:
+    """A line of the header on the numbers that the hand does not measure; empty for most hands."""
+    names = card.hand.unmeasured_names if card.hand else ()
+    return (
+        f"   Not measured by this hand, so write 0.0: {', '.join(names)}.\n"
+        if names
+        else ""
+    )
 
 
 def _struct(graph: Graph) -> str:

@@ -3,7 +3,7 @@
 import { build, show as showHand } from "./hand.js";
 import { draw, inWords, legend } from "./plot.js";
 
-const SILENT_S = 0.5, LOST_MS = 1500, SPEAK_MS = 1000, RETRY_MS = 2000, ALARM_S = 2, RISK_ECHO_S = 5, MOST_SAID = 40;
+const SILENT_S = 0.5, LOST_MS = 1500, SPEAK_MS = 1000, RETRY_MS = 2000, SPOKEN_S = 2, RISK_ECHO_S = 5, MOST_SAID = 40;
 const SENSORS = {
   nack: "does not answer", missing: "does not answer, it is looked for", mux: "its multiplexer did not switch", stale: "has stopped measuring",
   garbage: "sends no measurement", crc: "its checksum is wrong", reset: "has lost its power", diagnosis: "reports a fault of its own",
@@ -33,7 +33,7 @@ function connect() {
 }
 
 function begin(whole) {
-  Object.assign(page, { rows: [], sample: null, riskyAt: null });
+  Object.assign(page, { rows: [], sample: null, riskyAt: null, ended: "" });
   at("said").replaceChildren();
   take(whole, true);
 }
@@ -53,6 +53,7 @@ function take(frame, isWhole = false) {
   if (frame.restarts) Object.assign(page, { rows: [], riskyAt: null });
   page.rows.push(...fresh);
   for (const line of frame.said ?? []) say(line);
+  if (frame.ended && !page.ended) say(frame.ended);
   Object.assign(page, { sample: frame.sample, ended: frame.ended, silent: frame.silent_s });
   const newest = page.rows.at(-1);
   while (page.rows.length && page.rows[0].t_s < newest.t_s - page.about.shown_s) page.rows.shift();
@@ -69,7 +70,8 @@ const riskiest = (rows) => rows.reduce((most, row) => (RANKS.indexOf(row.state) 
 
 /** What is wrong with the connection or the loop, as [headline, detail]; null where nothing is. */
 function trouble() {
-  if (page.ended) return [page.ended, at("said").firstChild?.textContent ?? "what is shown below is its last picture"];
+  // the last message is no reason: it was said before, and may ask for something that is over
+  if (page.ended) return [page.ended, "what is shown below is its last picture"];
   const silentMs = performance.now() - page.heardMs;
   if (!page.heardMs || silentMs > LOST_MS) return ["no connection", "no data comes from the program: the state is not known"];
   if (page.silent === null) return ["waiting", at("said").firstChild?.textContent ?? "no sample has come yet"];
@@ -80,34 +82,29 @@ function trouble() {
 function showState(newest) {
   const wrong = trouble();
   document.body.classList.toggle("gone", wrong !== null);
+  at("echo").textContent = "";
   if (wrong) { headline("unknown", ...wrong); return; }
   if (!page.sample) return;
   const state = newest ?? page.sample.answer.state;
   const agoS = page.riskyAt === null ? Infinity : page.sample.t_s - page.riskyAt;
-  // a slip lasts a few samples: its alarm stays until a person has seen it
-  if (agoS < ALARM_S) showAlarm(state, agoS);
-  else headline(state, inWords(state), details(page.sample.answer, state).join("; "));
+  // a slip lasts a few samples: it stays beside the state until a person has seen it
+  if (state !== "risky_slip" && agoS < RISK_ECHO_S) at("echo").textContent = `risky slip ${number(agoS, 1)} s ago`;
+  headline(state, inWords(state), details(page.sample.answer, state).join("; "), agoS < SPOKEN_S ? "risky slip" : inWords(state));
   const p = state === "unknown" ? null : page.rows.at(-1).p_risky;
   at("risk-bar").value = p ?? 0;
   at("risk-value").textContent = number(p);
 }
 
-function showAlarm(state, agoS) {
-  const now = state === "risky_slip" ? "now" : `${number(agoS, 1)} s ago, now ${inWords(state)}`;
-  headline("risky_slip", "risky slip", [now, ...details(page.sample.answer, state)].join("; "));
-}
-
-const names = () => page.about.hand.filter((one) => one.sensed).map((one) => one.name);
+const sensors = () => page.about.hand.filter((one) => one.sensed);
+const names = () => sensors().map((one) => one.name);
 
 function details(answer, state) {
-  const since = page.riskyAt === null ? null : page.sample.t_s - page.riskyAt;
   const lost = names().filter((_, k) => !page.sample.v[k]);
   return [
     state === "unknown" && (REASONS[answer.why] ?? answer.why),
     lost.length > 0 && (lost.length === page.sample.v.length ? "no sensor is read" : `lost: ${lost.join(", ")}`),
     answer.act && "the hand is asked to act",
     answer.weight && state !== "unknown" && `${answer.weight} object`,
-    since !== null && since >= ALARM_S && since < RISK_ECHO_S && `risky slip ${number(since, 1)} s ago`,
     answer.degraded && "some sensors are missing",
     answer.opening && "the wearer opens the hand: no target counts",
     answer.overridden && "the user overrides",
@@ -116,13 +113,14 @@ function details(answer, state) {
   ].filter(Boolean);
 }
 
-function headline(state, text, detail) {
+/** spoken: what a screen reader says, which must not miss a short slip. */
+function headline(state, text, detail, spoken = text) {
   at("now").dataset.state = state;
   at("state").textContent = text;
   at("detail").textContent = detail;
   const now = performance.now();
-  if (at("spoken").textContent !== text && now - page.spokenMs > SPEAK_MS) {
-    at("spoken").textContent = text;
+  if (at("spoken").textContent !== spoken && now - page.spokenMs > SPEAK_MS) {
+    at("spoken").textContent = spoken;
     page.spokenMs = now;
   }
 }
@@ -167,7 +165,10 @@ function showSensors({ forces, v, why }) {
     const along = x === null || y === null ? null : Math.hypot(x, y);
     row.className = v[k] ? "" : "lost";
     row.cells[1].textContent = v[k] ? `${number(z, places)} ${unit}` : "–";
-    row.cells[2].textContent = v[k] ? `${number(along, places)} ${unit}` : "–";
+    // an axis that the sensor does not measure is a dash, and no zero
+    const unmeasured = ["x", "y"].filter((axis) => !sensors()[k].measures.includes(axis));
+    const dashes = unmeasured.map((axis) => `, ${axis} –`).join("");
+    row.cells[2].textContent = v[k] ? `${number(along, places)} ${unit}${dashes}` : "–";
     row.cells[3].textContent = v[k] ? "good" : SENSORS[why[k]] ?? (why[k] || "no new reading, or its bias is not known");
   });
 }
@@ -176,6 +177,12 @@ function showSensors({ forces, v, why }) {
 function wearer({ wants, link }) {
   if (link !== "live") return link === "none" ? "unknown: nothing has come yet" : "unknown: its sender is silent";
   return wants;
+}
+
+/** The newest command, or that none reaches the hand. */
+function target(grip, force) {
+  if (!grip.leaves) return "NO COMMAND LEAVES: the hand holds its grip";
+  return `${grip.target_n === null ? "none" : force(grip.target_n)} (${grip.mode}: ${grip.reason})`;
 }
 
 /** So many samples span one period fewer. */
@@ -188,7 +195,7 @@ function showNumbers() {
   const force = (value) => (value === null || value === undefined ? "–" : `${number(value, placesOf(about.unit))} ${about.unit}`);
   const figures = { "grip of either side": force(last?.grip), "load along the skin": force(last?.load) };
   const { grip, answer } = sample;
-  figures["target"] = about.grip ? `${grip.target_n === null ? "none" : force(grip.target_n)} (${grip.mode}: ${grip.reason})` : "no controller runs (--grip)";
+  figures["target"] = about.grip ? target(grip, force) : "no controller runs (--grip)";
   if (about.grip) figures["friction margin"] = grip.margin === null ? "not known before a slip" : `${number(grip.margin)} (friction ${number(grip.mu_hat)})`;
   figures["latency"] = `${number(1e-3 * answer.latency_us)} ms`;
   figures["request"] = answer.act ? "act" : answer.arm ? "arm" : "none";

@@ -28,7 +28,13 @@ from urllib.parse import urlsplit
 
 from holdfast.core.contract import RISKY_SLIP, SITUATIONS, Json, Prediction, Sample
 from holdfast.core.errors import OutputError, UsageError
-from holdfast.core.hand_card import SIDES, HandCard, hand_or_usual, sensor_names
+from holdfast.core.hand_card import (
+    ALL_AXES,
+    SIDES,
+    HandCard,
+    hand_or_usual,
+    sensor_names,
+)
 from holdfast.core.source import SourceReading
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.wearer import IntentMonitor
@@ -249,7 +255,8 @@ class RunPage:
         if SITUATIONS[RISKY_SLIP] in self.card.not_learned:
             message["answer"]["p_risky"] = None
         if self.grip is not None and self.grip.newest is not None:
-            message["grip"] = self.grip.newest._asdict()
+            command = self.grip.newest._asdict()
+            message["grip"] = command | {"leaves": self.grip.leaves}
         if self.intent is not None:
             wants = self.intent.newest.wants
             message["intent"] = {"wants": wants, "link": self.intent.link}
@@ -281,6 +288,7 @@ def drawn_hand(card: HandCard | None, n_sensors: int) -> list[Json]:
                 "y_mm": one.along_mm,
                 "pad": one.pad,
                 "sensed": one.sensed,
+                "measures": one.measures,
             }
             for one in hand.contacts
         ]
@@ -288,9 +296,8 @@ def drawn_hand(card: HandCard | None, n_sensors: int) -> list[Json]:
     contacts: list[Json] = []
     for k, name in enumerate(sensor_names(None, n_sensors)):
         place = {"x_mm": APART_MM * (k % A_ROW), "y_mm": -APART_MM * (k // A_ROW)}
-        contacts.append(
-            {"name": name, "side": None, **place, "pad": "", "sensed": True}
-        )
+        sensed = {"pad": "", "sensed": True, "measures": ALL_AXES}
+        contacts.append({"name": name, "side": None, **place, **sensed})
     return contacts
 
 

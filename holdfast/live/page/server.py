@@ -190,7 +190,9 @@ class LiveStream:
         answer = sample["answer"]
         # a probability of an unknown state would look like an answer
         p_risky = None if answer["state"] == "unknown" else answer["p_risky"]
-        target = sample.get("grip", {}).get("target_n")
+        # a target that does not leave is none of the hand's
+        grip = sample.get("grip", {"leaves": False})
+        target = grip["target_n"] if grip["leaves"] else None
         # in the order of ROW_FIELDS: a name in each row would make frames larger
         return [
             self._since_start(sample["t_ns"]),

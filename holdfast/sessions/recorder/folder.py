@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +17,7 @@ from holdfast.core.errors import (
     ChannelError,
     DataNotFound,
     EmptyRecording,
+    HoldfastError,
     OutputError,
     UnitError,
     count_of,
@@ -67,7 +69,13 @@ def opened(root: Path, unit: str, kind: str) -> Iterator[None]:
             name = root.resolve().name
             meta = {"recorder": FORMAT, "name": name, "kind": kind, "unit": unit}
             write_meta(root, meta)
-        yield
+        try:
+            yield
+        except HoldfastError:
+            # A run that is refused leaves no new folder; one with a trial in it stays.
+            if not there and {path.name for path in root.iterdir()} == {LOCK, META}:
+                shutil.rmtree(root)
+            raise
 
 
 def _root_of(place: Path) -> Path | None:

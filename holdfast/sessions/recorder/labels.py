@@ -19,6 +19,7 @@ import numpy as np
 
 from holdfast.core.contract import NORMAL_AXIS, NORMAL_FLOOR, SITUATIONS, Json
 from holdfast.core.errors import LabelError
+from holdfast.core.hand_card import hand_card_near
 from holdfast.core.source import Source
 from holdfast.core.trial_file import Trial, read_trial
 from holdfast.core.trial_layout import (
@@ -103,7 +104,8 @@ def read_meta(folder: Path) -> Json:
 
 def truth_in(folder: Path) -> TrialTruth:
     """The phases and marks of a trial's folder, from its samples and events. Raises a DataError."""
-    trial = read_trial(folder / TACTILE)
+    path = folder / TACTILE
+    trial = read_trial(path, hand_card_near(path))
     meta = read_meta(folder)
     events = read_events(folder / EVENTS)
     phases = []

@@ -13,12 +13,13 @@ from typing import Any
 
 from holdfast.core.contract import Json
 from holdfast.core.errors import LabelError, UsageError
-from holdfast.core.hand_card import read_hand_card
+from holdfast.core.hand_card import HandCard, read_hand_card
 from holdfast.core.schema import json_of, text_of
 from holdfast.core.source import Source
 from holdfast.core.trial_layout import checked_name, mass_g
 from holdfast.drivers.calibration import fields_of, read_calibration
 from holdfast.drivers.hand import Hand
+from holdfast.drivers.replay import hand_of
 from holdfast.edge_runtime.wearer import IntentMonitor
 from holdfast.live.hand_files import force_of
 from holdfast.live.running import first_in_line
@@ -74,9 +75,10 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
     """
     clock = context.clock
     report = context.display.report
-    card = None if options.hand is None else read_hand_card(options.hand)
+    named = None if options.hand is None else read_hand_card(options.hand)
     report(f"opening {options.source}")
     source = open_source(options, context)
+    card = named or _partial_hand(source)
     # The folder is locked for the whole run: a second recorder would mix trial numbers.
     folder = opened(options.out, source.unit, kind_of(options.source))
     monitor: AbstractContextManager[IntentMonitor | None] = nullcontext()
@@ -123,8 +125,15 @@ def record_plan(options: RecordOptions, plan: Plan, context: RunContext) -> int:
             mass_g=plan.mass_g,
             intent=intent,
             truth=scene_truth_of(options.source, source),
+            hand=card,
         )
         return session.run(plan.tasks)
+
+
+def _partial_hand(source: Source) -> HandCard | None:
+    """The hand card of a source that does not measure all axes, which a set must have beside it."""
+    hand = hand_of(source)
+    return hand if hand is not None and hand.unmeasured_names else None
 
 
 def open_source(options: RecordOptions, context: RunContext) -> Source:

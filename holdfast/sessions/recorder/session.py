@@ -17,7 +17,8 @@ from pathlib import Path
 
 from holdfast.core.contract import FloatArray, Json
 from holdfast.core.errors import EmptyRecording, TimeError
-from holdfast.core.source import SelfPaced, Source
+from holdfast.core.hand_card import HandCard
+from holdfast.core.source import Source, Turns
 from holdfast.core.trial_layout import META
 from holdfast.core.writing import write_whole
 from holdfast.drivers.replay import PacedReplay
@@ -33,7 +34,14 @@ from holdfast.sessions.recorder.folder import (
 )
 from holdfast.sessions.recorder.labels import MARKS, TruthEvents, read_meta
 from holdfast.sessions.recorder.plan import NOTHING, RecordOptions, Task
-from holdfast.sessions.recorder.terminal import HELP_READY, HELP_TRIAL, RunContext
+from holdfast.sessions.recorder.terminal import (
+    HELP_READY,
+    HELP_TRIAL,
+    KEYS,
+    TEXT,
+    TEXT_IS_NO_KEY,
+    RunContext,
+)
 from holdfast.sessions.recorder.trial import Quality, TrialRecorder
 
 READY_WAIT_S = 0.1
@@ -53,6 +61,7 @@ class Session:
 
     about: content of every trial's meta.json. mass_g: of objects, as the protocol gives it. intent:
     the wearer's command, recorded beside the samples. truth: events of a scene between two times.
+    hand: its card, where one is known.
     """
 
     options: RecordOptions
@@ -64,6 +73,7 @@ class Session:
     mass_g: dict[str, float] = field(default_factory=dict)
     intent: IntentMonitor | None = None
     truth: TruthEvents | None = None
+    hand: HandCard | None = None
     kept: int = 0
     _last: tuple[Path, Task] | None = None
 
@@ -84,6 +94,8 @@ class Session:
         at_once = self.options.at_once
         while left and not self.stopped():
             task = task_in_words(left[0])
+            # A key before the question belongs to what was on the screen then.
+            self.keys.drop()
             help_ready = "" if at_once else f"; {HELP_READY}"
             self.report(f"next: {task} ({len(left)} left){help_ready}")
             key = "begin" if at_once else self._wait_for_key()
@@ -116,7 +128,10 @@ class Session:
                 self.report(f"{NO_KEY}; --at-once begins trials without a key")
             if self.keys.closed or self.stopped():
                 return "stop"
-            key = self.keys.pressed(READY_WAIT_S)
+            letter = self.keys.choice(KEYS, READY_WAIT_S)
+            key = KEYS.get(letter, "")
+            if letter == TEXT:
+                self.report(TEXT_IS_NO_KEY)
         return key
 
     def _discard_last(self, left: list[Task]) -> None:
@@ -154,6 +169,7 @@ class Session:
         try:
             self.camera.start(folder)
             trial = self._open(folder, task)
+            self.keys.drop()
             self.report(f"recording {folder.relative_to(out)}; {HELP_TRIAL}")
             outcome = self._samples(trial)
             self._end(trial, task, outcome)
@@ -184,25 +200,25 @@ class Session:
         after_ns = self.context.host_ns() - self.clock.now_ns()
 
         return TrialRecorder(
-            folder, self.source.n_channels, about, quality, after_ns, self.intent
+            folder,
+            self.source.n_channels,
+            about,
+            quality,
+            after_ns,
+            self.intent,
+            self.hand,
         )
 
     def _samples(self, trial: TrialRecorder) -> str:
         """Record until a key, a signal, the time or the source ends the trial."""
         stamps = Stamps(self.period_ns)
-        start_ns = self.clock.now_ns()
-        # Then its reads wait for the next sample, and no turn passes unread.
-        is_paced = isinstance(self.source, SelfPaced)
-
+        turns = Turns(self.source, self.clock, self.period_ns)
         seconds = self.options.seconds
         longest_ns = float("inf") if seconds is None else round(1e9 * seconds)
-        turn = 0
         while not self.stopped():
-            # From the start, not from the last sample: a late one delays no other.
-            if not is_paced:
-                self.clock.wait_until(start_ns + round(turn * self.period_ns))
+            turns.wait()
             now_ns = self.clock.now_ns()
-            if now_ns - start_ns >= longest_ns:
+            if now_ns - turns.start_ns >= longest_ns:
                 return TIME_OVER
             measured = self.source.read()
             if measured is None:
@@ -221,20 +237,14 @@ class Session:
             if trouble:
                 trial.quality.lost += 1
             else:
-                trial.write(t_ns, turn, measured)
+                trial.write(t_ns, turns.number, measured)
             # After the sample: a command is never what a sample waits for.
             trial.write_intent()
             self.context.display.show(trial, measured, now_ns)
             ends = self._take_key(trial)
             if ends:
                 return ends
-            turn += 1
-            # Turns whose time has passed are lost samples, and none is read late for them.
-            spent_ns = self.clock.now_ns() - start_ns
-            due = int(spent_ns / self.period_ns)
-            if due > turn and not is_paced:
-                trial.quality.lost += due - turn
-                turn = due
+            trial.quality.lost += turns.end()
 
         return SIGNAL
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from holdfast.core.contract import FloatArray, IntArray, Json, channel_names
 from holdfast.core.errors import DataError, HoldfastError
+from holdfast.core.hand_card import HandCard, leave_empty
 from holdfast.core.source import SourceReading
 from holdfast.core.tactile_file import TactileFile
 from holdfast.core.trial_layout import EVENTS, TACTILE, intent_path
@@ -147,7 +148,10 @@ class ClosedTrial:
 
 
 class TrialRecorder:
-    """Writes one trial's folder; about: content of meta.json besides state and quality."""
+    """Writes one trial's folder; about: content of meta.json besides state and quality.
+
+    hand: its card; nan is written for what it does not measure.
+    """
 
     def __init__(
         self,
@@ -157,7 +161,9 @@ class TrialRecorder:
         quality: Quality,
         host_after_ns: int,
         intent: IntentMonitor | None = None,
+        hand: HandCard | None = None,
     ) -> None:
+        self._hand = hand
         self.folder = folder
         self.about = about
         self.quality = quality
@@ -189,9 +195,8 @@ class TrialRecorder:
         """Write one sample. Raises OutputError."""
         # A camera stamps its frames with the host's clock; so both can be joined later.
         host_ns = t_ns + self._host_after_ns
-        self.t_s = self._file.write(
-            t_ns, host_ns, sequence, measured.values, measured.valid
-        )
+        values = leave_empty(measured.values, self._hand)
+        self.t_s = self._file.write(t_ns, host_ns, sequence, values, measured.valid)
         self.quality.take(t_ns, measured)
 
     def write_intent(self) -> None:

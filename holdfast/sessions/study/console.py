@@ -5,7 +5,13 @@ from __future__ import annotations
 from enum import StrEnum
 
 from holdfast.core.errors import visible
-from holdfast.sessions.recorder.terminal import ESCAPE, RunContext
+from holdfast.sessions.recorder.terminal import (
+    ESCAPE,
+    TEXT,
+    TEXT_IS_NO_KEY,
+    RunContext,
+    pasted,
+)
 
 
 class Key(StrEnum):
@@ -63,9 +69,11 @@ class Console:
             if spent_s >= drawn_s + REDRAW_S:
                 drawn_s = spent_s
                 self._draw(countdown(left_s - spent_s))
-            letter = self.keys.letter(WAIT_S)
+            letter = self.keys.choice(KEYS, WAIT_S)
             if letter in KEYS:
                 return KEYS[letter]
+            if letter == TEXT:
+                self.report(TEXT_IS_NO_KEY)
             # Without keys the study would wait for ever.
             if self.keys.closed:
                 self.report(NO_KEY)
@@ -75,37 +83,49 @@ class Console:
     def text(self, prompt: str) -> str | None:
         """A line that is shown as it is typed: "" where it is empty or Escape drops it.
 
-        None where no key can be pressed any more.
+        Pasted lines become one. None where no key can be pressed any more.
         """
+        # Also the letters of URGENT: in a text they are letters.
+        self.keys.forgotten()
         self.report(prompt)
         typed = b""
         drawn = None
+        key = b""
         while not self._stopped():
             if typed != drawn:
                 # The end of a long text: that is where the next letter appears.
                 self._draw(f"> {visible(typed.decode('utf-8', 'replace'))[-60:]}")
                 drawn = typed
             # With a time limit, so that a signal ends the question too.
-            byte = self.keys.byte(WAIT_S)
-            if byte and byte in ENTER:
+            key = key or self.keys.key(WAIT_S)
+            if key and key in ENTER:
+                # A line end that more follows at once was pasted.
+                key = self.keys.following()
+                if key:
+                    typed += b" "
+                    continue
                 line = typed.decode("utf-8", "replace").strip()
                 self.report(f"> {line}")
                 return line
-            if byte == ESCAPE:
-                while self.keys.byte():
-                    pass
+            if key == ESCAPE:
                 return ""
-            if byte and byte in ERASE:
-                # A letter of several bytes goes as a whole.
-                typed = typed.decode("utf-8", "ignore")[:-1].encode()
-            elif byte >= b" ":
-                # Control characters would move the cursor of the reader.
-                typed += byte
-            elif self.keys.closed:
+            if not key and self.keys.closed:
                 self.report(NO_KEY)
                 return None
+            typed = _typed(typed, key)
+            key = b""
 
         return None
+
+
+def _typed(text: bytes, key: bytes) -> bytes:
+    """What a key makes of a text: a letter is added; arrows and control characters do nothing."""
+    if key and key in ERASE:
+        # A letter of several bytes goes as a whole.
+        return text.decode("utf-8", "ignore")[:-1].encode()
+    # Control characters would move the cursor of the reader.
+    is_letter = len(key) == 1 and key >= b" "
+    return text + (key if is_letter else pasted(key))
 
 
 def countdown(left_s: float) -> str:

@@ -24,9 +24,9 @@ from typing import Any
 
 import msgspec
 
-from holdfast.core.errors import LabelError, OutputError, UsageError
+from holdfast.core.errors import LabelError, OutputError, UsageError, count_of
 from holdfast.core.schema import checked
-from holdfast.core.tactile_file import repair_lines
+from holdfast.core.tactile_file import TORN, repair_lines
 from holdfast.core.trial_layout import read_events
 from holdfast.sessions.recorder.folder import alone, is_json_object, written
 
@@ -202,6 +202,22 @@ def read_journal(path: Path) -> list[Entry]:
     for number, line in enumerate(read_events(path), 1):
         entries.append(checked(line, Entry, f"{path}: line {number}", LabelError))
     return entries
+
+
+def torn_lines(home: Path) -> int:
+    """How many lines of a person's journal a kill has torn: those moved aside, and the last one."""
+    path = home / JOURNAL
+    last = path.read_bytes().rpartition(b"\n")[2]
+    is_torn = bool(last.strip(b"\0")) and not is_json_object(last)
+    return is_torn + len(list(home.glob(f"{JOURNAL}{TORN}*")))
+
+
+def torn_in_words(count: int) -> str:
+    """What is reported of torn lines."""
+    return (
+        f"warning: {count_of(count, 'torn line')} of the journal left out: "
+        "each may be a note or an adverse event"
+    )
 
 
 def opened_journal(home: Path, now_ns: Callable[[], int]) -> Journal:

@@ -20,6 +20,8 @@ from holdfast.sessions.study.journal import (
     Progress,
     progress_of,
     read_journal,
+    torn_in_words,
+    torn_lines,
 )
 from holdfast.sessions.study.protocol import StudyProtocol
 
@@ -70,7 +72,10 @@ class TrialCounts:
 
 @dataclass(frozen=True)
 class StudyOutcome:
-    """All of one person. rehearsal: the source was simulated. began, ended: UTC."""
+    """All of one person.
+
+    rehearsal: the source was simulated. began, ended: UTC. torn_lines: of the journal, not in here.
+    """
 
     person: str
     title: str
@@ -83,6 +88,7 @@ class StudyOutcome:
     adverse: list[Remark]
     notes: list[Remark]
     trials: list[TrialCounts]
+    torn_lines: int
 
     @property
     def kept(self) -> int:
@@ -125,6 +131,7 @@ def outcome_of(root: Path, person: str, protocol: StudyProtocol) -> StudyOutcome
         adverse=_remarks(protocol, entries, Event.ADVERSE),
         notes=_remarks(protocol, entries, Event.NOTE),
         trials=_trials(protocol, home),
+        torn_lines=torn_lines(home),
     )
 
 
@@ -206,4 +213,7 @@ def summary_lines(outcome: StudyOutcome, page: Path) -> list[str]:
     """The outcome as lines for the operator."""
     trials = f"{outcome.kept} of {count_of(outcome.planned, 'trial')} kept"
     adverse = count_of(len(outcome.adverse), "adverse event")
-    return [f"{outcome.person}: {trials}, {adverse}", f"report: {page}"]
+    lines = [f"{outcome.person}: {trials}, {adverse}", f"report: {page}"]
+    if outcome.torn_lines:
+        lines.insert(1, torn_in_words(outcome.torn_lines))
+    return lines

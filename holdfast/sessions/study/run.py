@@ -30,6 +30,8 @@ from holdfast.sessions.study.journal import (
     opened_journal,
     read_journal,
     require_not_withdrawn,
+    torn_in_words,
+    torn_lines,
     withdraw,
 )
 from holdfast.sessions.study.protocol import StudyPart, StudyProtocol
@@ -132,6 +134,8 @@ def run_parts(
         # Before the first part: a trial that a kill left is recorded again, and must not count.
         trials.repair()
         console = Console(context)
+        if torn_lines(home):
+            console.report(torn_in_words(torn_lines(home)))
         _open(home, protocol, console, journal, kind_of(options.source) == "simulated")
         return Runner(protocol, journal, console, trials).run()
 
@@ -207,6 +211,8 @@ class Runner:
     # -- one part
 
     def _begin(self, part: StudyPart) -> None:
+        # Keys that were typed early must not skip what is to be said now.
+        self.console.keys.drop()
         number = self.journal.part
         # How many trials were kept before, so that a part that is resumed still asks for its own.
         kept = self.trials.kept(part.task) if part.task else 0
@@ -258,6 +264,7 @@ class Runner:
                 ending = self._trial(part.task)
             else:
                 ending = self._move(Event.DONE, 1)
+            self.console.keys.drop()
 
         return ending
 

@@ -6,12 +6,13 @@ size of gravity, and turning its direction (body.Changes).
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from holdfast.core.contract import FloatArray
+from holdfast.core.contract import FloatArray, IntArray
 from holdfast.simulation.actions import EVERYDAY
 from holdfast.simulation.body import Changes, Floor, Pull, bearer
 from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial, each, least_grip_n
@@ -72,6 +73,16 @@ class Everyday:
         # What is left of a relaxing grip, and how hard a dropped weight hits.
         self.relaxed = np.array([relaxed(trial) for trial in script.trials])
         self.hit_n = np.array([hit_n(trial) for trial in script.trials])
+
+    def some(self, which: IntArray, script: Any) -> Everyday:
+        """Those of some of its trials, which may repeat; script: theirs."""
+        part = copy(self)
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray):
+                setattr(part, name, np.take(value, which, axis=-1))
+        part.body = script.body
+        part.drawn = script.drawn
+        return part
 
     def _done(
         self, t_s: FloatArray, name: str, after_s: FloatArray | float = 0.0

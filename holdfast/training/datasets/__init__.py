@@ -1,28 +1,18 @@
 """Data sets by name or folder: `load` finds the folder, recognises its format and reads it.
 
 A format is recognised by the files in the folder, whatever the folder is called. Only the reader of
-that format is imported. `join` makes one set of several.
+that format is imported. joining.py makes one set of several.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from holdfast.core.contract import RATE_TOLERANCE
-from holdfast.core.errors import (
-    ChannelError,
-    DataError,
-    DataNotFound,
-    LabelError,
-    RateError,
-    UnitError,
-    command,
-)
+from holdfast.core.errors import ChannelError, DataNotFound, command
 from holdfast.core.hand_card import read_hand_card
 from holdfast.core.trial_layout import (
     HAND_FILE,
@@ -33,17 +23,13 @@ from holdfast.core.trial_layout import (
     read_json,
 )
 from holdfast.training.datasets.trials import has_thesis_layout, require_offered
-from holdfast.training.recording import (
-    DataSet,
-    HoldOut,
-    LabelledRows,
-    Recording,
-    regrouped,
-)
+from holdfast.training.recording import DataSet, HoldOut, regrouped
 from holdfast.training.windows import Choice
 
-PUBLIC_SETS = ("human_slip_uskin", "eflesh_slip")
+PUBLIC_SETS = ("human_slip_uskin", "eflesh_slip", "grip_lift_ati")
 """Sets that `load` finds by name in the data folder."""
+AT_ANY_RATE = ("grip_lift_ati",)
+"""Public sets that are averaged down to a rate, and windowed like the trials of users."""
 LAYOUTS = ("recorded", "thesis")
 """Layouts of folders that users fill with trials of their own."""
 USUAL_CHANNELS = 18
@@ -96,9 +82,14 @@ def load(
     else:
         from holdfast.training.datasets.public_files import copied_whole
 
-        # A public set brings its own windows, and has a usual number of channels.
         with copied_whole(root):
-            data = reader.load(root, channels=channels or USUAL_CHANNELS)
+            if layout in AT_ANY_RATE:
+                data = reader.load(
+                    root, channels=channels, rate_hz=rate_hz, windows=windows, seed=seed
+                )
+            else:
+                # It brings its own windows and rate, and has a usual number of channels.
+                data = reader.load(root, channels=channels or USUAL_CHANNELS)
     return data if hold_out is None else regrouped(data, hold_out)
 
 
@@ -142,9 +133,11 @@ def find(name_or_path: str | Path) -> Path:
     if path.is_dir():
         return path
     if is_public:
+        source = getattr(reader_of(str(name_or_path)), "SOURCE", "")
         raise DataNotFound(
             f"data set {name_or_path} not found",
             where=public,
+            cause=f"it is not part of Holdfast: {source}" if source else "",
             next_step=f"set {FOLDER_VARIABLE} to the folder that holds {name_or_path}/",
         )
     next_step = f"give a folder, or one of {', '.join(PUBLIC_SETS)}"
@@ -164,6 +157,8 @@ def layout_of(root: Path) -> str | None:
         return "human_slip_uskin"
     if (root / "eflesh_slip.npz").is_file():
         return "eflesh_slip"
+    if (root / "lifts.csv").is_file():
+        return "grip_lift_ati"
     if any(
         "recorder" in read_json(path.with_name(META)) for path in root.rglob(TACTILE)
     ):
@@ -174,88 +169,3 @@ def layout_of(root: Path) -> str | None:
 def reader_of(layout: str) -> Any:
     """The module that reads a layout: `load`, and for one of LAYOUTS also `readers`."""
     return import_module(f"holdfast.training.datasets.{layout}")
-
-
-def join(sets: Sequence[DataSet]) -> DataSet:
-    """One set of several, each with the windows it has, at the rate of the first.
-
-    Trials and groups get their set's name before theirs, so that people of two sets stay two
-    groups. Redistributable only if all are. Where a set has no weights, none is learned. Raises
-    RateError, UnitError, ChannelError, LabelError or DataError.
-    """
-    # Sets that differ in the weight alone have the situations in common.
-    if any("situations" in data.tasks for data in sets):
-        sets = [data.without_weight() for data in sets]
-    first, *others = sets
-    for other in others:
-        _require_alike(other, first)
-    # A set without a card fits any hand, so those with one are compared with each other.
-    with_card = [data for data in sets if data.hand is not None]
-    for other in with_card[1:]:
-        _require_alike(other, with_card[0])
-
-    # The same trials twice would be on both sides of a split, as two groups.
-    names = [data.name for data in sets]
-    if len(set(names)) < len(names):
-        raise DataError(
-            f"the same set twice ({', '.join(names)})", next_step="give every set once"
-        )
-    if not others:
-        return first
-
-    recordings: list[Recording] = []
-    parts: dict[str, list[LabelledRows]] = {task: [] for task in first.tasks}
-    for data in sets:
-        # Trials are numbered on where those of the sets before end.
-        for task, rows in data.tasks.items():
-            parts[task].append(replace(rows, trial=rows.trial + len(recordings)))
-        for recording in data.recordings:
-            trial_id = f"{data.name}/{recording.trial_id}"
-            group = f"{data.name}/{recording.group}"
-            recordings.append(replace(recording, trial_id=trial_id, group=group))
-    return replace(
-        first,
-        name=" + ".join(names),
-        recordings=recordings,
-        tasks={task: LabelledRows.concatenated(rows) for task, rows in parts.items()},
-        kind=_each_once(" + ", sets, "kind"),
-        redistributable=all(data.redistributable for data in sets),
-        caveat=_each_once(" ", sets, "caveat"),
-        notes={},
-        group_kind=_each_once(" and by ", sets, "group_kind"),
-        hand=with_card[0].hand if with_card else None,
-        forces_verified=all(data.forces_verified for data in sets),
-    )
-
-
-def _require_alike(other: DataSet, first: DataSet) -> None:
-    """Check that one model fits both sets.
-
-    Raises RateError, UnitError, ChannelError, LabelError or DataError.
-    """
-    # A rate that is near enough counts as the same, and a set without a card fits any hand.
-    is_near = abs(other.rate_hz / first.rate_hz - 1.0) <= RATE_TOLERANCE
-    rate_hz = first.rate_hz if is_near else other.rate_hz
-    ours, theirs = other.hand or first.hand, first.hand or other.hand
-    sides = ours and ours.sensor_sides
-    must_agree: list[tuple[type[DataError], str, object, object]] = [
-        (RateError, "rate in Hz", rate_hz, first.rate_hz),
-        (UnitError, "unit", other.unit, first.unit),
-        (ChannelError, "sensors", other.n_sensors, first.n_sensors),
-        (ChannelError, "sides", sides, theirs and theirs.sensor_sides),
-        (LabelError, "tasks", sorted(other.tasks), sorted(first.tasks)),
-        (DataError, "preparation", other.preparation, first.preparation),
-    ]
-    for error, name, one, reference in must_agree:
-        if one != reference:
-            raise error(
-                f"{other.name} differs in {name}: {one}, not {reference}",
-                where=other.name,
-                cause=f"recorded with other settings than {first.name}",
-                next_step="use sets that were recorded alike, or one of them alone",
-            )
-
-
-def _each_once(separator: str, sets: Sequence[DataSet], name: str) -> str:
-    """The texts of this name, each of them once, in order of the sets."""
-    return separator.join(dict.fromkeys(getattr(data, name) for data in sets))

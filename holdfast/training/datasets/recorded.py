@@ -15,6 +15,7 @@ from pathlib import Path
 
 from holdfast.core.contract import Json
 from holdfast.core.errors import DataNotFound, LabelError, UnitError
+from holdfast.core.hand_card import HandCard
 from holdfast.core.schema import checked
 from holdfast.core.trial_layout import (
     DISCARDED,
@@ -30,8 +31,11 @@ from holdfast.training.datasets.trials import (
     Fault,
     TrialPlace,
     TrialReader,
+    hand_beside,
     refuse,
 )
+from holdfast.training.lifts import LIFT
+from holdfast.training.timeline import OF_WHOLE_TRIAL
 from holdfast.training.windows import TimedTrial
 
 KEPT = "kept"
@@ -58,7 +62,7 @@ def about(root: Path) -> thesis.SetMeta:
 def readers(
     root: Path, fault: Fault = refuse, rate_hz: float | None = None
 ) -> list[TrialReader]:
-    """The kept trials of a folder, to be read one by one; fault: receives nothing.
+    """The kept trials of a folder, to be read one by one; fault: of the hand card alone.
 
     Raises DataNotFound without any, and UnitError for several units.
     """
@@ -78,7 +82,8 @@ def readers(
             where=root,
             next_step="keep them in two folders",
         )
-    return [_reader(path, meta, root, rate_hz) for path, meta in kept.items()]
+    hand = hand_beside(root, fault)
+    return [_reader(path, meta, root, rate_hz, hand) for path, meta in kept.items()]
 
 
 def _kept(root: Path) -> dict[Path, Json]:
@@ -107,7 +112,9 @@ def _kind(meta: Json) -> str:
     return "simulated" if virtual else "recorded"
 
 
-def _reader(path: Path, meta: Json, root: Path, rate_hz: float | None) -> TrialReader:
+def _reader(
+    path: Path, meta: Json, root: Path, rate_hz: float | None, hand: HandCard | None
+) -> TrialReader:
     """The reader of a trial: its person and action are those of meta.json, not of the folder."""
     person = str(meta.get("person"))
     action = str(meta.get("action"))
@@ -115,11 +122,15 @@ def _reader(path: Path, meta: Json, root: Path, rate_hz: float | None) -> TrialR
         place = TrialPlace(path, person=person)
     else:
         place = TrialPlace(path, path.parent.parent.parent, action, person)
-    return TrialReader(place, partial(_timed, place, meta, root, rate_hz))
+    return TrialReader(place, partial(_timed, place, meta, root, rate_hz, hand))
 
 
 def _timed(
-    place: TrialPlace, meta: Json, root: Path, rate_hz: float | None
+    place: TrialPlace,
+    meta: Json,
+    root: Path,
+    rate_hz: float | None,
+    hand: HandCard | None,
 ) -> TimedTrial:
     """A kept trial, read and labelled by its truth. Raises LabelError without one."""
     folder = place.path.parent
@@ -134,7 +145,7 @@ def _timed(
     recorded = (meta.get("quality") or {}).get("samples")
     unit = {"unit": meta.get("unit")}
     about = checked(unit, thesis.SetMeta, place.path.with_name(META), UnitError)
-    timed = thesis.timed(place, root, about, recorded, rate_hz)
+    timed = thesis.timed(place, root, about, recorded, rate_hz, hand)
     # The object is the one in meta.json; the folder may be called otherwise.
     name = object_name(str(meta.get("object"))) if place.object_folder else None
     trial_id = folder.name if folder == root else folder.relative_to(root).as_posix()
@@ -143,4 +154,5 @@ def _timed(
     )
     # A pressed key is late by a reaction; a scene and a camera know the moment.
     exact = not EXACT.isdisjoint(timed.labels_by.split(", "))
+    exact |= timed.labels_by == OF_WHOLE_TRIAL[LIFT]
     return replace(timed, recording=recording, timed=exact)

@@ -35,6 +35,7 @@ from holdfast.core.contract import (
     averaged_in_words,
 )
 from holdfast.core.errors import ChannelError, LabelError, RateError, count_of
+from holdfast.core.hand_card import HandCard
 from holdfast.core.schema import checked
 from holdfast.core.trial_file import LONGEST_S, Trial, implausible_rate, read_trial
 from holdfast.core.trial_layout import (
@@ -52,6 +53,7 @@ from holdfast.training.datasets.trials import (
     TrialPlace,
     TrialReader,
     doubts_of,
+    hand_beside,
     places,
     refuse,
     require_history,
@@ -59,6 +61,7 @@ from holdfast.training.datasets.trials import (
     require_whole,
     warn_of,
 )
+from holdfast.training.lifts import LIFT, contact_rule, lift_phases
 from holdfast.training.recording import (
     DataSet,
     LabelledRows,
@@ -142,8 +145,11 @@ def readers(
     set's meta.json.
     """
     meta = about(root)
+    hand = hand_beside(root, fault)
     return [
-        TrialReader(place, partial(timed, place, root, meta, rate_hz=rate_hz))
+        TrialReader(
+            place, partial(timed, place, root, meta, rate_hz=rate_hz, hand=hand)
+        )
         for place in places(root, fault)
     ]
 
@@ -251,12 +257,13 @@ def timed(
     meta: SetMeta,
     recorded: int | None = None,
     rate_hz: float | None = None,
+    hand: HandCard | None = None,
 ) -> TimedTrial:
     """Read and prepare a trial. Its phases are those of its truth, else of the script.
 
-    recorded: how many samples the recorder counted, None where that is not known.
+    recorded: how many samples the recorder counted, None where that is not known. hand: of the set.
     """
-    trial, folder = read_trial(place.path), place.object_folder
+    trial, folder = read_trial(place.path, hand), place.object_folder
 
     truth = read_truth(truth_path(trial.path))
     require_whole(trial, truth.end_s, recorded)
@@ -286,7 +293,10 @@ def timed(
     if truth.phases is not None:
         events = truth.events()
     mass = mass_of(folder, meta.masses_g) if folder else None
+    by_contact = folder is not None and is_by_contact(truth, action)
     labels_by = truth.labels_by(meta.action_at_s, action) if folder else OPEN_HAND
+    if by_contact:
+        labels_by = OF_WHOLE_TRIAL[LIFT]
     return TimedTrial(
         replace(
             recording,
@@ -298,6 +308,8 @@ def timed(
         mass=mass,
         averaged=averaged,
         labels_by=labels_by,
+        denied=trial.denied,
+        contact_on=_contact_on(recording) if by_contact else None,
     )
 
 
@@ -312,9 +324,30 @@ def _phases(
     name = recording.object_name
     if name is None or action is None:
         return (Phase(0, len(trial.t_s), NOTHING),)
+    if is_by_contact(truth, action):
+        values, rate_hz = recording.samples, trial.rate_hz
+        where = trial.path
+        return lift_phases(values, recording.valid, rate_hz, recording.unit, where)
     if truth.phases is not None:
         return truth.phases_on(trial.t_s, truth_path(trial.path))
     return scripted(trial, recording.samples, action, name, starts_s)
+
+
+def is_by_contact(truth: Truth, action: str | None) -> bool:
+    """Whether the phases of a trial are found by contact: of lifts that nothing else labels.
+
+    The recorder's rule takes many lifts for one, from the first contact to the end of the last.
+    """
+    by_rule = {phase.provenance for phase in truth.phases or []} <= {"rule"}
+    return action == LIFT and (truth.phases is None or (bool(truth.phases) and by_rule))
+
+
+def _contact_on(recording: Recording) -> float | None:
+    """The reading above which a lift's hand touches something; None in N, where all have one."""
+    if recording.unit == "N":
+        return None
+    values, valid = recording.samples, recording.valid
+    return contact_rule(values, valid, recording.rate_hz, recording.unit).on
 
 
 def _lost_or_not(event: RiskyEvent, whole: BoolArray, t_s: FloatArray) -> RiskyEvent:

@@ -26,6 +26,7 @@ from holdfast.core.contract import (
     RISKY_SLIP,
     BoolArray,
     FloatArray,
+    channel_names,
 )
 from holdfast.core.errors import (
     ChannelError,
@@ -35,7 +36,7 @@ from holdfast.core.errors import (
     UnitError,
     count_of,
 )
-from holdfast.core.hand_card import hand_or_usual
+from holdfast.core.hand_card import HandCard, hand_or_usual, read_hand_card
 from holdfast.core.trial_file import Trial
 from holdfast.core.trial_layout import (
     HAND_FILE,
@@ -80,6 +81,16 @@ Fault = Callable[[DataError], None]
 def refuse(error: DataError) -> NoReturn:
     """The first fault ends the reading."""
     raise error
+
+
+def hand_beside(root: Path, fault: Fault = refuse) -> HandCard | None:
+    """The hand card in the folder of a set, None without one. fault: of a card that is wrong."""
+    path = root / HAND_FILE
+    try:
+        return read_hand_card(path) if path.is_file() else None
+    except DataError as error:
+        fault(error)
+        return None
 
 
 def require_offered(root: Path, channels: int, offered: Iterable[int]) -> None:
@@ -300,6 +311,11 @@ def doubts_of(
     """The doubts about trials of one set. most_n: the largest grip of the hand, where given."""
     yield from _turned(trials)
     for trial in trials:
+        for name in trial.denied:
+            what = f"column {name} has numbers, and {HAND_FILE} says that it is not measured: "
+            what += "0.0 is read in its place"
+            step = f"correct measures in {HAND_FILE}, or leave the column out"
+            yield Missing("doubt", trial.recording.trial_id, what, step)
         yield from _far_labels(trial)
         recording = trial.recording
         side_n = _of_a_side(recording)
@@ -324,6 +340,22 @@ def sides_unknown(data: DataSet, root: Path) -> Iterator[Missing]:
         what += "to be on the side of the fingers"
         step = "write which are on the thumb's side (docs/scenes.md, hands)"
         yield Missing("doubt", str(root / HAND_FILE), what, step)
+
+
+def silent_axes(data: DataSet, root: Path) -> Iterator[Missing]:
+    """A doubt for each axis that stays 0.0 throughout, of a sensor that the card says has it."""
+    if data.hand is None:
+        return
+    moves = np.zeros(3 * data.n_sensors, dtype=np.bool_)
+    for recording in data.recordings:
+        moves |= (np.nan_to_num(recording.samples) != 0.0).any(axis=0)
+    # of a sensor that nothing touched all three axes are silent
+    touched = np.repeat(moves.reshape(-1, 3).any(axis=1), 3)
+    silent = data.hand.measured & touched & ~moves
+    for name in np.array(channel_names(data.n_sensors))[silent].tolist():
+        what = f"column {name} stays 0.0 throughout, and {HAND_FILE} says that it is measured"
+        step = f'write measures = "yz" (or "xz") for its sensor in {HAND_FILE}'
+        yield Missing("doubt", str(root), what, step)
 
 
 def warn_of(doubts: Iterable[Missing]) -> None:

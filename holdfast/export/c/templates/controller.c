@@ -2,12 +2,25 @@
 
 #define HF_PERIOD_S (1.0 / HOLDFAST_RATE_HZ)
 
-/* The grip that the wearer set; it stands still while a target is given. */
+/* The grip that the wearer set. One that a target may have made says nothing about it. */
 static void hf_step_own_grip(holdfast_grip *own, const holdfast_sense *sense) {
     const double share = 1.0 / (1.0 + HF_OWN_S * HOLDFAST_RATE_HZ);
-    if (own->given_n <= 0.0 && sense->known) {
-        own->own_n = sense->empty ? 0.0 : own->own_n + share * (sense->grip_n - own->own_n);
-    }
+    const double back = 1.0 / (1.0 + HF_BACK_S * HOLDFAST_RATE_HZ);
+    const double rise_n = sense->grip_n - own->own_n;
+    const int rises = rise_n > HF_RISES_N + HF_RISES_SHARE * own->own_n;
+    int is_ours;
+    own->ours_n = hf_high(own->given_n, own->ours_n + back * (own->given_n - own->ours_n));
+    is_ours = own->ours_n > HF_LEAST_OURS_N && sense->grip_n < own->ours_n + HF_APART_N;
+    if (!sense->known) return;
+    own->still_s = rises && !is_ours ? 0.0 : hf_low(own->still_s + HF_PERIOD_S, HF_MOST_S);
+    own->held_s = hf_low(own->held_s + HF_PERIOD_S, HF_MOST_S);
+    if (!is_ours) own->own_n = own->own_n + share * rise_n;
+    if (sense->empty) own->own_n = own->ours_n = own->still_s = own->held_s = 0.0;
+}
+
+/* Whether the wearer's hand still closes on its object. */
+static int hf_closes(const holdfast_grip *own) {
+    return own->still_s < HF_STILL_S && own->held_s < HF_CLOSES_S;
 }
 
 /* 0 to 1. */
@@ -46,14 +59,20 @@ static double hf_answer_slip(holdfast_grip *own, const holdfast_sense *sense, in
     return wanted_n;
 }
 
-/* Mean and deviation of the share of friction in use, while no target was given. */
-static void hf_learn_use(holdfast_grip *own, const holdfast_sense *sense, double used) {
-    const double share = 1.0 / (1.0 + HF_MEAN_S * HOLDFAST_RATE_HZ);
+/* Mean and deviation of the share of friction in use; makes: the wearer still makes the hold. */
+static void hf_learn_use(holdfast_grip *own, const holdfast_sense *sense, double used, int makes) {
+    const double share = 1.0 / (1.0 + (makes ? HF_QUICK_S : HF_MEAN_S) * HOLDFAST_RATE_HZ);
+    const double quick = 1.0 / (1.0 + HF_LOAD_S * HOLDFAST_RATE_HZ);
+    const double slow = 1.0 / (1.0 + HF_LONG_S * HOLDFAST_RATE_HZ);
     const double apart = hf_high(used - own->mean_used, own->mean_used - used);
     if (!sense->known) return;
     if (sense->empty) {
-        own->mean_used = own->apart_used = 0.0;
-    } else if (own->given_n <= 0.0) {
+        own->mean_used = own->apart_used = own->load_n = own->long_n = 0.0;
+        return;
+    }
+    own->load_n = own->load_n + quick * (sense->load_n - own->load_n);
+    own->long_n = own->long_n + slow * (sense->load_n - own->long_n);
+    if (makes || (own->given_n <= 0.0 && !(own->load_n > HF_LOAD_RISES * own->long_n))) {
         own->mean_used = own->mean_used + share * (used - own->mean_used);
         own->apart_used = own->apart_used + share * (apart - own->apart_used);
     }
@@ -64,10 +83,12 @@ static double hf_follow_load(holdfast_grip *own, const holdfast_sense *sense) {
     const double used = sense->load_n / (2.0 * hf_high(sense->grip_n, HF_LEAST_GRIP_N));
     const double usual = own->mean_used + HF_TIMES_APART * own->apart_used;
     const double reference = hf_high(usual, HF_FLOOR);
-    const int rises = sense->known && !sense->empty && used > HF_ABOVE * reference &&
-                      sense->p_safe < HF_SAFE_P;
-    hf_learn_use(own, sense, used);
-    return rises ? sense->load_n / (2.0 * reference) : 0.0;
+    const double most_n = sense->p_safe >= HF_SAFE_P ? HF_SAFE_FOLLOW_N : HF_FOLLOW_N;
+    const int makes = hf_closes(own) || own->held_s < HF_LEARNS_S;
+    const double allowed = HF_ABOVE * reference;
+    const int rises = sense->known && !sense->empty && !makes && used > allowed;
+    hf_learn_use(own, sense, used, makes);
+    return rises && most_n > 0.0 ? hf_low(sense->load_n / (2.0 * allowed), own->own_n + most_n) : 0.0;
 }
 
 /* The wanted grip, N a side; 0 for none. */
@@ -75,7 +96,12 @@ static double hf_step_controller(holdfast_grip *own, const holdfast_sense *sense
     double wanted_n, asked_n;
     hf_step_own_grip(own, sense);
     wanted_n = hf_answer_slip(own, sense, fresh);
-    asked_n = hf_low(hf_follow_load(own, sense), own->own_n + HF_FOLLOW_N);
+    asked_n = hf_follow_load(own, sense);
     if (asked_n > 0.0) *fresh = 1;
+    /* while the hand closes no sensor tells the wearer's grip from ours */
+    if (hf_closes(own)) {
+        *fresh = 0;
+        return 0.0;
+    }
     return hf_low(hf_high(wanted_n, asked_n), own->own_n + own->options.most_over_n);
 }

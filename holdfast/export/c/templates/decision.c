@@ -1,6 +1,20 @@
 /* ---- the decision (holdfast/edge_runtime/decision.py) ---- */
 
+/* Whether a sensor is lost; the answer comes from the others. */
+#define HF_DEGRADED(out) (!(out)->unknown && (out)->usable_sensors < HOLDFAST_SENSORS)
+
 static int32_t hf_least(int32_t a, int32_t b) { return a < b ? a : b; }
+
+/* The rules within their bounds, so that no sum and no product of them is beyond its type. */
+static holdfast_rules hf_bounded(const holdfast_rules *rules) {
+    holdfast_rules own = *rules;
+    own.arm_samples = hf_within(own.arm_samples, HOLDFAST_MOST_SAMPLES);
+    own.act_samples = hf_within(own.act_samples, HOLDFAST_MOST_SAMPLES);
+    own.release_samples = hf_within(own.release_samples, HOLDFAST_MOST_SAMPLES);
+    own.override_ms = hf_within(own.override_ms, HOLDFAST_MOST_MS);
+    own.evidence_ms = hf_within(own.evidence_ms, HOLDFAST_MOST_MS);
+    return own;
+}
 
 static int32_t hf_time_left(int32_t left_us, int32_t period_us) {
     return left_us > period_us ? left_us - period_us : 0;
@@ -64,6 +78,9 @@ const holdfast_rules holdfast_own_rules = {@RULES@};
 
 void holdfast_decide_label(const holdfast_rules *rules, holdfast_decision *decision, int situation,
                            int risky_permille, int32_t period_us, holdfast_wish wish) {
+    const holdfast_rules bounded = hf_bounded(rules);
+    rules = &bounded;
+    period_us = hf_within(period_us, INT32_MAX);
     if (wish & HOLDFAST_OVERRIDE) {
         hf_begin_override(rules, decision);
     } else if (decision->override_us > 0) {
@@ -88,8 +105,14 @@ int holdfast_risky_permille(const holdfast_out *out) {
     return all > 0 ? (int)(1000 * risky / all) : 0;
 }
 
+int holdfast_situation(const holdfast_out *out) {
+    if (out->unknown) return HOLDFAST_UNKNOWN;
+    if (!HF_DEGRADED(out) || out->situation != HOLDFAST_SAFE_SLIP) return (int)out->situation;
+    return out->p_situation[HOLDFAST_RISKY_SLIP] >= out->p_situation[HOLDFAST_GRASP] ? HOLDFAST_RISKY_SLIP
+                                                                                   : HOLDFAST_GRASP;
+}
+
 void holdfast_decide(holdfast_decision *decision, const holdfast_out *out, holdfast_wish wish) {
-    const int label = out->unknown ? HOLDFAST_UNKNOWN : (int)out->situation;
-    holdfast_decide_label(&holdfast_own_rules, decision, label, holdfast_risky_permille(out),
+    holdfast_decide_label(&holdfast_own_rules, decision, holdfast_situation(out), holdfast_risky_permille(out),
                           HOLDFAST_PERIOD_US, wish);
 }

@@ -21,19 +21,41 @@ int holdfast_grip_init(holdfast_grip *grip, const holdfast_grip_options *options
     return possible ? 0 : -1;
 }
 
+/* Whether a sensor presses from the thumb's side. */
+static const uint8_t hf_thumb[HOLDFAST_SENSORS] = {@THUMB@};
+
+/* What a finger of the opposing side, and one of the thumb's, counts: the valid ones of a side stand
+   in for the others, and a side without any has the force of the other one. */
+static void hf_weigh(const uint8_t *valid, double *weights) {
+    double all[2] = {0.0, 0.0}, read[2] = {0.0, 0.0};
+    weights[0] = weights[1] = 1.0;
+    for (int k = 0; k < HOLDFAST_SENSORS; ++k) {
+        all[hf_thumb[k]] += 1.0;
+        read[hf_thumb[k]] += !valid || valid[k] ? 1.0 : 0.0;
+    }
+    for (int side = 0; side < 2 && HF_KNOWS_SIDES; ++side) {
+        const double sides = 2.0 / (read[0] > 0.0 && read[1] > 0.0 ? 2.0 : 1.0);
+        weights[side] = sides * all[side] / (read[side] > 1.0 ? read[side] : 1.0);
+    }
+}
+
 holdfast_sense holdfast_sense_of(const holdfast_out *out, const holdfast_decision *decision,
                                  const double *sample, const uint8_t *valid, holdfast_wish wish) {
     holdfast_sense sense = {0.0, 0.0, 0.0, 0.0, 0, 0, 0, 0};
+    double weights[2];
+    hf_weigh(valid, weights);
     for (int k = 0; k < HOLDFAST_SENSORS; ++k) {
         const double x = sample[3 * k], y = sample[3 * k + 1], z = sample[3 * k + 2];
+        const double weight = weights[hf_thumb[k]];
         if ((!valid || valid[k]) && fabs(x) + fabs(y) + fabs(z) < HF_LARGEST) {
-            sense.grip_n += z > 0.0 ? z : 0.0;
-            sense.load_n += sqrt(x * x + y * y);
+            sense.grip_n += z > 0.0 ? weight * z : 0.0;
+            sense.load_n += weight * sqrt(x * x + y * y);
         }
     }
     sense.grip_n *= 0.5;
     sense.p_risky = (double)out->p_situation[HOLDFAST_RISKY_SLIP];
-    sense.p_safe = (double)out->p_situation[HOLDFAST_SAFE_SLIP];
+    /* a lost finger must not calm */
+    sense.p_safe = HF_DEGRADED(out) ? 0.0 : (double)out->p_situation[HOLDFAST_SAFE_SLIP];
     sense.known = !out->unknown;
     sense.empty = !out->unknown && out->situation == HOLDFAST_NOTHING;
     sense.opening = (wish & HOLDFAST_OPENING) != 0;

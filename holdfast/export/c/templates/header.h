@@ -16,7 +16,7 @@
    Sample: @CHANNELS@ numbers, x y z of sensor 1, then of sensor 2, and so on; z presses on the
    fingertip. In @UNIT@, without bias: subtract what the unloaded hand reads, as HOLDFAST_BIAS_ROWS
    and the numbers behind it say; 0 rows: its samples have no bias.
-   A sensor with a number that is not finite, or of magnitude @LIMIT@ or more, counts as lost at
+@UNMEASURED@   A sensor with a number that is not finite, or of magnitude @LIMIT@ or more, counts as lost at
    this sample: write NaN for a finger that did not answer. A sample that never came is a step with
    NaN in every number. Call holdfast_init again after a gap of more than @GAP_MS@ ms without steps.
 
@@ -123,7 +123,10 @@ enum {
     HOLDFAST_ENDED_OVERRIDDEN = 4
 };
 
-/* Numbers of samples in a row, thousandths of the votes, and ms. */
+/* Numbers of samples in a row, thousandths of the votes, and ms, from 0 to these bounds; a number
+   beyond counts as the bound. */
+#define HOLDFAST_MOST_SAMPLES 1000000
+#define HOLDFAST_MOST_MS 2000000
 typedef struct {
     int32_t arm_samples, act_samples, release_samples, min_risky_permille, override_ms, evidence_ms;
 } holdfast_rules;
@@ -136,6 +139,10 @@ typedef struct {
     int32_t risky_run, nothing_run, override_us, evidence_us;
     uint8_t arm, act, ended;
 } holdfast_decision;
+
+/* The label that a hand goes by: the situation, or HOLDFAST_UNKNOWN. While a sensor is lost no slip is
+   called safe: it is then a risky slip or a grasp, whichever is more probable. */
+int holdfast_situation(const holdfast_out *out);
 
 /* After each holdfast_step, with the model's own rules. */
 void holdfast_decide(holdfast_decision *decision, const holdfast_out *out, holdfast_wish wish);
@@ -190,7 +197,7 @@ typedef struct {
 /* The memory of controller, friction margin and supervisor; its content is private. */
 typedef struct {
     holdfast_grip_options options;
-    double own_n, quiet_s, last_evidence, mean_used, apart_used;
+    double own_n, ours_n, still_s, held_s, quiet_s, last_evidence, mean_used, apart_used, load_n, long_n;
     double given_n, risen_s, since_s;
     double last_ratios[@RATIOS@], slid, quiet_ratio, held_ratio;
     double mu_hat, needed_n, holds_n, margin;
@@ -200,7 +207,8 @@ typedef struct {
    taken. 0 else. */
 int holdfast_grip_init(holdfast_grip *grip, const holdfast_grip_options *options);
 
-/* After holdfast_decide: what was sensed, from the sample's forces (lost sensors count as no force). */
+/* After holdfast_decide: what was sensed, from the sample's forces. The other fingers of its side stand
+   in for a lost one, where the model's hand is known. */
 holdfast_sense holdfast_sense_of(const holdfast_out *out, const holdfast_decision *decision,
                                  const double *sample, const uint8_t *valid, holdfast_wish wish);
 void holdfast_grip_step(holdfast_grip *grip, const holdfast_sense *sense, holdfast_command *command);
