@@ -35,6 +35,10 @@ ANSWERS = {
     "person": ("NAME", "who holds, or which names in the paths are people"),
     "object": ("NAME", "what is held, in the same way"),
     "unit": ("UNIT", "of the readings: N, mN, lbf, uT, .."),
+    "fingers": (
+        "WORDS",
+        "words of the files of one trial, a file for each finger, in their order",
+    ),
     "sensors": (
         "COLUMNS",
         "x, y, z of each sensor in turn, such as 'ch*' or 'left_f*'",

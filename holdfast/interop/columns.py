@@ -173,22 +173,22 @@ def usual_step(values: FloatArray) -> float:
 
 
 def unit_of(
-    names: Sequence[str], values: FloatArray, effects: FloatArray
+    names: Sequence[str], values: FloatArray, effects: FloatArray, head: str = ""
 ) -> Evidence[str] | str:
     """The unit of channels [T, C] by their names, such as `x [mN]`; else what is not clear of it.
 
     By the size of a press, where no unit is written and a press of people fits one unit only.
-    effects [2, C]: of a touch.
+    effects [2, C]: of a touch. head: the word for it in the head of the log.
     """
-    written = {_unit_behind(name) for name in names}
+    written = {_unit_behind(name) or head for name in names}
     known = {_unit_in([word], SIGNAL_UNITS) for word in written}
     if known != {None} or (len(written) == 1 and written != {""}):
         unit = known.pop() if len(known) == 1 else None
         words = ", ".join(sorted(written))
         return (
-            Evidence(unit, f"{words} in the names")
+            Evidence(unit, f"{words} in names or head")
             if unit
-            else f"the names say {words}"
+            else f"the log says {words}"
         )
 
     rest = np.abs(effects[0]).reshape(-1, 3)

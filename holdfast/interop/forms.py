@@ -153,10 +153,8 @@ class Form:
             most = f"a touch moves {AXES[axis]} most, the names say z"
             ask("--normal", f"{most}: which axis is normal? x, y, z")
 
-        of_log = first.log.about.get("unit")
         unit = best(
             Evidence(answers.unit, "as given") if answers.unit else None,
-            Evidence(str(of_log), "as the log says") if of_log in UNIT_OF else None,
             first.unit if isinstance(first.unit, Evidence) else None,
         )
         if unit is None:

@@ -51,6 +51,11 @@ RATE = re.compile(
 """What a line above the names says of the rate, in Hz; of Vicon, the line below a block's name."""
 PERIOD = re.compile(r"(?im)^delta_x\s+(\d*[.,]?\d+(?:e-?\d+)?)")
 """What LabVIEW says of the time between two rows, in s."""
+HEAD_UNIT = re.compile(
+    r"(?im)^\W*(?:(?:force|data|signal|y)s?[ _])?units?(?:[ _]label)?[ \t]*[:=,;\t]"
+    r"[\W_]*([^\W\d_]+)"
+)
+"""What a line above the names says of the unit of the readings."""
 GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}([,.' ]\d{3})+")
 """A whole number with a sign between its thousands; its fraction may follow."""
 GAP = r"[\s,;]+"
@@ -108,7 +113,7 @@ class TableLayout:
     """names: of the columns. first_row: index of the first line of numbers.
 
     numeric: the columns that hold numbers in the first lines. comment: what begins a comment.
-    rate_hz: as the lines above the names say; None where they say nothing.
+    rate_hz, unit: as the lines above the names say; None and "" where they say nothing.
     """
 
     form: Form
@@ -117,6 +122,7 @@ class TableLayout:
     numeric: tuple[str, ...]
     comment: str = ""
     rate_hz: float | None = None
+    unit: str = ""
 
 
 def layout_of(lines: Sequence[str]) -> TableLayout:
@@ -169,12 +175,22 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
     if not _begins(lines[first:], comment or "\n"):
         comment = ""
     form = replace(form, is_odd=is_odd)
-    rates = {*map(max, RATE.findall("\n".join(lines[:first])))}
-    for period in PERIOD.findall("\n".join(lines[:first])):
+    head = "\n".join(lines[:first])
+    rates = {*map(max, RATE.findall(head))}
+    for period in PERIOD.findall(head):
         period_s = float(period.replace(",", "."))
         rates |= {1.0 / period_s} if period_s else set()
     rate_hz = float(rates.pop()) if len(rates) == 1 else None
-    return TableLayout(form, tuple(names), first, tuple(numeric), comment, rate_hz)
+    unit = HEAD_UNIT.search(head)
+    return TableLayout(
+        form,
+        tuple(names),
+        first,
+        tuple(numeric),
+        comment,
+        rate_hz,
+        unit[1] if unit else "",
+    )
 
 
 def _begins(lines: Sequence[str], comment: str) -> bool:

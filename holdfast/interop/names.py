@@ -48,7 +48,7 @@ def names_of_paths(paths: Sequence[str], answers: Answers) -> PathNames:
         return found
     words = [*zip(*(one[1::2] for one in split), strict=True)]
     seen = [[*dict.fromkeys(one)] for one in words]
-    kinds = [_kind(one, answers) for one in seen]
+    kinds = [kind_of(one, answers) for one in seen]
     fields: dict[str, int] = {}
     for key in NAMES:
         places = [k for k, kind in enumerate(kinds) if kind == key]
@@ -84,7 +84,7 @@ def names_of_paths(paths: Sequence[str], answers: Answers) -> PathNames:
     return found
 
 
-def _kind(words: Sequence[str], answers: Answers) -> str:
+def kind_of(words: Sequence[str], answers: Answers) -> str:
     """What words at one place of paths are: a key of NAMES, trial, unclear, or "" for nothing."""
     for key in NAMES:
         if {*words} <= {*getattr(answers, key).split(",")}:

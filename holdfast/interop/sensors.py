@@ -57,6 +57,8 @@ TOUCHED = 0.2
 FIRST_ROWS = 10
 MORE, ONE_WAY = 1.5, 0.9
 """How much more than the others an axis moves that presses, and in which share of the contact."""
+SUM = 0.002
+"""A resultant is the sum of the others but for rounding, of its largest reading."""
 CLEARLY = 3.0
 """How much larger a change is that contradicts the names."""
 
@@ -178,6 +180,14 @@ def presses(values: FloatArray) -> bool:
     others = np.delete(sizes, axis, axis=1).max(axis=1)
     is_one_way = np.nanmean(normal >= 0, axis=0) > ONE_WAY
     return bool((sizes[:, axis] > MORE * others).all() and is_one_way.all())
+
+
+def sums_of_others(values: FloatArray) -> list[int]:
+    """Which sensors of three and more are the sum of the others; values [T, 3 S]."""
+    sensors = np.nan_to_num(values).reshape(len(values), -1, 3)
+    rest = np.abs(sensors.sum(axis=1, keepdims=True) - 2 * sensors).max(axis=(0, 2))
+    is_sum = rest < SUM * np.abs(sensors).max(axis=(0, 2))
+    return np.flatnonzero(is_sum).tolist() if len(is_sum) > 2 else []
 
 
 def touch(values: FloatArray) -> tuple[FloatArray, np.ndarray]:

@@ -72,7 +72,7 @@ def begin_of(path: Path) -> tuple[TableLayout, str, bool]:
 def read_log(path: Path, name: str) -> ForeignLog:
     """A file of text as a log of one table. Raises a DataError."""
     layout, encoding, is_cut = begin_of(path)
-    about = {"rate_hz": layout.rate_hz}
+    about = {"rate_hz": layout.rate_hz, "unit": layout.unit}
     with path.open(encoding=encoding, errors="replace") as file:
         lines = _lines_of(file, layout)
         file.seek(0)

@@ -121,7 +121,9 @@ class TrialImport:
             done = 0
             for rows in self._cuts(log, whole, plan):
                 n_used = self._write(log, rows, plan, events)
-                used.update({path: n_used} if path else {})
+                # a trial in which nothing falls has no event
+                has_events = bool(events["start"].notna().any())
+                used.update({path: n_used} if path and has_events else {})
                 done += len(rows)
                 part((number + done / len(whole)) / len(files))
         part(1.0)
@@ -179,6 +181,7 @@ class TrialImport:
         n_lost = len(rows) - len(timed)
         if n_lost:
             self._note(log, f"{count_of(n_lost, 'row')} without a time left out")
+        timed = self._of_readings(log, timed, plan)
         stamps = plan.stamps_ns(timed, len(timed), log.path)
         timed = timed.set_axis(unwrapped(stamps, plan.time.unit_ns))
         first = values_of(log, timed[:JUDGED_ROWS], plan)
@@ -196,6 +199,24 @@ class TrialImport:
                 self._note(log, text)
         self.rows += len(timed)
         return timed
+
+    def _of_readings(
+        self, log: ForeignLog, rows: pd.DataFrame, plan: ImportMap
+    ) -> pd.DataFrame:
+        """Without the rows of another topic: no reading, between the times of the others."""
+        has_any = rows[[*plan.channels]].notna().any(axis=1).to_numpy()
+        name = plan.time.column
+        if has_any.all() or not has_any.any() or not name:
+            return rows
+        times = rows[name].to_numpy(np.float64)
+        longest = 1.5 * usual_step(times[has_any])
+        gaps = (np.diff(one) > longest for one in (times, times[has_any]))
+        if len({int(one.sum()) for one in gaps}) > 1:
+            # all sensors were lost
+            return rows
+        n_others = count_of(int((~has_any).sum()), "row")
+        self._note(log, f"{n_others} of no sensor left out")
+        return rows[has_any]
 
     def _cuts(
         self, log: ForeignLog, rows: pd.DataFrame, plan: ImportMap

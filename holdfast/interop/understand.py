@@ -24,8 +24,15 @@ from holdfast.interop.forms import Form
 from holdfast.interop.joining import table_of
 from holdfast.interop.labels import is_mark
 from holdfast.interop.logs import SCALARS, LogPlace, find_logs, read_log
-from holdfast.interop.map import NUMBERED, ImportMap
-from holdfast.interop.sensors import FINGER, find_sensors, finger_order, touch
+from holdfast.interop.map import ImportMap
+from holdfast.interop.names import kind_of
+from holdfast.interop.sensors import (
+    FINGER,
+    find_sensors,
+    finger_order,
+    sums_of_others,
+    touch,
+)
 from holdfast.interop.streams import (
     Columns,
     ForeignLog,
@@ -43,8 +50,12 @@ KEPT_ROWS = 1000
 """Of readings, once it is known what a touch does to them."""
 FEWEST_ROWS = 100
 """Of a log without a time: shorter ones are tables of something else."""
-CLOCK_S, DATE_S = 60.0, 1e8
-"""A clock that stands later than this was not begun with the trial; a still later one is a date."""
+CLOCK_S = 60.0
+"""A clock that stands later than this was not begun with the trial."""
+FILE_OF_A_SENSOR = re.compile(
+    rf"(?i){FINGER.pattern}|^(finger|left|right|(sensor|pad|taxel|tip|jaw|ch|f|s)[-_ ]?\d)"
+)
+"""A word of a path that names a finger, numbers a sensor, or is a side."""
 OVERLAP = 0.7
 """Of the spans of files that belong to one trial."""
 NO_SHEAR = (
@@ -86,7 +97,7 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
             found.ask("--sensors", f"{what}; or a map names them (docs/your-data.md)")
         return found
 
-    fingers = _fingers(samples)
+    fingers = _fingers(samples, answers, found)
     if fingers:
         each = f"the files {listed(fingers)} of each trial"
         found.add("joined", f"{each}, on the slowest clock")
@@ -152,8 +163,12 @@ def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample 
             where=log.path,
             next_step="write a row for each time, with all sensors",
         )
+    whole_of = [] if answers.sensors else sums_of_others(values)
+    if whole_of:
+        shown = listed([found[k].z for k in whole_of])
+        return f"the sensor of {shown} is the sum of the others"
     effects, touched = touch(values)
-    unit = unit_of(names, values, effects)
+    unit = unit_of(names, values, effects, log.about.get("unit") or "")
     marks = [name for name, column in columns.items() if is_mark(name, column)]
     if time and time.value.column in marks:
         marks.remove(time.value.column)
@@ -173,39 +188,35 @@ def _short(columns: Columns, readings: Sequence[str]) -> Columns:
 # -- files of one trial
 
 
-def _fingers(samples: Sequence[Sample]) -> list[str]:
+def _fingers(
+    samples: Sequence[Sample], answers: Answers, found: Understood
+) -> list[str]:
     """The words by which the files of one trial differ, a file for each finger; [] for none.
 
     Such files have one sensor each, are named alike but for one word, and run at the same time.
-    The word names a finger; or the clock is that of the day, so that overlap is no accident.
+    The word names a finger; else it is asked where it may be one.
     """
     names = [re.split(r"[/_ .]+|-(?=[A-Za-z])", one.log.name) for one in samples]
-    if any(len(one.names) > 3 for one in samples) or len({*map(len, names)}) > 1:
-        return []
+    is_apart = any(len(one.names) > 3 for one in samples) or len({*map(len, names)}) > 1
+    if answers.fingers or is_apart:
+        return [*filter(None, answers.fingers.split(","))]
     firsts = pd.Series([np.nanmin(one.stamps_s) for one in samples])
     lasts = pd.Series([np.nanmax(one.stamps_s) for one in samples])
     for k, words in enumerate(map(dict.fromkeys, zip(*names, strict=True))):
-        # trials that begin at 0 each seem to run at the same time
-        is_number = all(map(NUMBERED.fullmatch, words))
-        is_clock = firsts.min() > (DATE_S if is_number else CLOCK_S)
         trials = np.array([" ".join([*one[:k], *one[k + 1 :]]) for one in names])
         begins, ends = firsts.groupby(trials), lasts.groupby(trials)
         both = ends.min() - begins.max()
         overlap = both > OVERLAP * (ends.max() - begins.min())
-        is_whole = (ends.size() == len(words)).all() and overlap.all()
-        may_join = is_clock or all(
-            FINGER.search(word) or _is_pad(word) for word in words
-        )
-        if len(words) > 1 and may_join and is_whole:
+        if len(words) < 2 or (ends.size() != len(words)).any() or not overlap.all():
+            continue
+        if all(map(FILE_OF_A_SENSOR.search, words)):
             return sorted(words, key=lambda word: (finger_order(word), counted(word)))
-
+        # trials that begin at 0 each seem to run at the same time
+        if firsts.min() > CLOCK_S or kind_of([*words], answers) == "unclear":
+            each = ",".join(words)
+            found.ask(
+                "--fingers",
+                f"are {each} fingers of one trial? nothing says it: --fingers {each}, "
+                f"or --object {each} for trials",
+            )
     return []
-
-
-def _is_pad(word: str) -> bool:
-    """Whether a word of a path numbers a sensor, or is a side."""
-    return bool(
-        re.match(
-            r"(?i)finger|(sensor|pad|taxel|tip|jaw|ch|f|s)[-_ ]?\d|left|right", word
-        )
-    )

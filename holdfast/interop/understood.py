@@ -25,8 +25,8 @@ class Answers:
     """What the command line says. action: a word for all trials, and `word=action`, by commas.
 
     person, object: a name, or several of those in the paths. normal: x, y or z. rate: in Hz.
-    sensors: patterns of the columns of readings. unwrap: of 16 bits. Raises UsageError for an
-    unknown unit.
+    sensors: patterns of the columns of readings. fingers: words of the files of a trial.
+    unwrap: of 16 bits. Raises UsageError for an unknown unit.
     """
 
     action: str = ""
@@ -34,6 +34,7 @@ class Answers:
     object: str = ""
     unit: str = ""
     sensors: str = ""
+    fingers: str = ""
     rate: float | None = None
     normal: str = ""
     unwrap: bool = False

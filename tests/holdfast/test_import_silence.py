@@ -244,7 +244,7 @@ def test_pounds_are_newtons(run: Run, tmp_path: Path) -> None:
 def test_a_unit_that_nobody_knows_is_asked(run: Run, tmp_path: Path, form: str) -> None:
     names = ["t", *map(form.format, TWO)]
     write_log(tmp_path / "logs/a.csv", two_sensors(), names=names)
-    assert "what unit have the readings (the names say" in imported(
+    assert "what unit have the readings (the log says" in imported(
         run, tmp_path, *SLIP, code=2
     )
 
