@@ -64,12 +64,17 @@ CLEARLY = 3.0
 
 
 def find_sensors(
-    columns: Columns, longest: Columns, marks: Collection[str], chosen: str = ""
+    columns: Columns,
+    longest: Columns,
+    marks: Collection[str],
+    chosen: str = "",
+    fingers: Sequence[str] = (),
 ) -> Evidence[list[SensorColumns]] | str:
     """The sensors of a log in the order in which people count; else what is not clear, "" for all.
 
     By the names of all its columns, else by what those of its longest stream hold. marks: the
     columns that may hold labels. chosen: patterns of names, as given, with a comma between them.
+    fingers: the words of the files that were joined, as given.
     """
     names = []
     for name, column in columns.items():
@@ -80,7 +85,7 @@ def find_sensors(
 
     groups = _by_axes(names)
     if groups:
-        return _of_one_kind(groups, is_given=bool(chosen))
+        return _of_one_kind(groups, fingers, is_given=bool(chosen))
     if not chosen:
         readings = [
             one for one in names if one in longest and not rise_of(longest[one])[0]
@@ -109,10 +114,14 @@ def _by_axes(names: Sequence[str]) -> dict[str, dict[str, str]]:
 
 
 def _of_one_kind(
-    groups: dict[str, dict[str, str]], *, is_given: bool
+    groups: dict[str, dict[str, str]], fingers: Sequence[str], *, is_given: bool
 ) -> Evidence[list[SensorColumns]] | str:
     """The sensors of groups that are of one quantity; asked where several may be readings."""
-    kind_of = {key: PLACE.sub("#", key).lower() for key in groups}
+    given = {f"{word}.": at for at, word in enumerate(fingers)}
+    kind_of = {}
+    for key in groups:
+        word = next(filter(key.startswith, given), "")
+        kind_of[key] = PLACE.sub("#", key.removeprefix(word)).lower()
     kinds = [*dict.fromkeys(kind_of.values())]
     forces = [kind for kind in kinds if FORCE.search(kind)]
     readings = forces if len(forces) == 1 else [*filter(READING.search, kinds)]
@@ -120,7 +129,11 @@ def _of_one_kind(
     keys = [key for key in groups if kind_of[key] in chosen]
     # by the order of a hand; other words as they stand, numbers as people count
     keys.sort(
-        key=lambda key: (finger_order(key), kinds.index(kind_of[key]), counted(key))
+        key=lambda key: (
+            given.get(f"{key.partition('.')[0]}.", finger_order(key)),
+            kinds.index(kind_of[key]),
+            counted(key),
+        )
     )
     hands = {bool(found[1]) for found in map(HAND.search, keys) if found}
     if len(hands) > 1 and any(map(FINGER.search, keys)) and not is_given:

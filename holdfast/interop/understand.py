@@ -79,11 +79,8 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
         found.kept.clear()
         found.kept[place.name] = log = read_log(place)
         sample = _sample([place], log, answers)
-        samples += [sample] if isinstance(sample, Sample) else []
+        samples += _or_asked(sample, log, found)
         tables += [] if isinstance(sample, Sample) else [log]
-        if isinstance(sample, str) and sample:
-            text = f"{sample} of {log.name}: which are x, y and z of each sensor? {NO_SHEAR}"
-            found.ask("--sensors", text)
         part(number / len(places))
     if len(places) > 1:
         found.kept.clear()
@@ -106,13 +103,12 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
     by_name = {one.log.name: one for one in samples}
     samples = []
     for name, group in files.items():
-        joined = by_name.get(name)
+        joined: Sample | str | None = by_name.get(name)
         if joined is None or len(group) > 1:
             found.kept.clear()
             log = read_joined(group, fingers, name)
-            sample = _sample(group, log, answers)
-            joined = sample if isinstance(sample, Sample) else None
-        samples += [joined] if joined else []
+            joined = _sample(group, log, answers)
+        samples += _or_asked(joined, log, found)
 
     forms: dict[object, list[Sample]] = {}
     for one in samples:
@@ -136,13 +132,24 @@ def of_map(source: Path, plan: ImportMap) -> Understood:
     return found
 
 
+def _or_asked(sample: Sample | str, log: ForeignLog, found: Understood) -> list[Sample]:
+    """A log with its sensors, or none where they are asked."""
+    if isinstance(sample, Sample):
+        return [sample]
+    if sample:
+        text = f"{sample} of {log.name}: which are x, y and z of each sensor?"
+        found.ask("--sensors", f"{text} {NO_SHEAR}")
+    return []
+
+
 def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample | str:
     """A log with its time and its sensors; what is not clear of a table without readings."""
     whole, longest = merged(log), first_stream(log)
     if longest.rows < 2:
         return ""
     marks = [name for name, column in whole.items() if is_mark(name, column)]
-    sensors = find_sensors(whole, longest.columns, marks, answers.sensors)
+    fingers = [*filter(None, answers.fingers.split(","))]
+    sensors = find_sensors(whole, longest.columns, marks, answers.sensors, fingers)
     found = sensors.value if isinstance(sensors, Evidence) else []
     names = tuple(name for sensor in found for name in sensor.axes)
     columns = table_of(log, names)
@@ -163,10 +170,12 @@ def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample 
             where=log.path,
             next_step="write a row for each time, with all sensors",
         )
-    whole_of = [] if answers.sensors else sums_of_others(values)
-    if whole_of:
-        shown = listed([found[k].z for k in whole_of])
-        return f"the sensor of {shown} is the sum of the others"
+    # fingers are no sum, and what is given is not judged
+    is_judged = len(files) == 1 and not (answers.sensors or FINGER.search(names[0]))
+    sums = sums_of_others(values) if is_judged else []
+    if sums:
+        shown = listed([found[k].z for k in sums])
+        return f"columns {listed([*names], most=9)} ({shown} is the sum of the others)"
     effects, touched = touch(values)
     unit = unit_of(names, values, effects, log.about.get("unit") or "")
     marks = [name for name, column in columns.items() if is_mark(name, column)]

@@ -136,6 +136,19 @@ def test_a_row_for_each_sensor_at_its_own_time_is_refused(
     assert "no row has all sensors" in imported(run, tmp_path, *SLIP, code=3)
 
 
+def test_rows_of_another_topic_alone_are_no_samples(run: Run, tmp_path: Path) -> None:
+    one = two_sensors()
+    path = write_log(
+        tmp_path / "logs/a.csv", one, names=["t", *TWO, "volt"], texts=[""] * 500
+    )
+    head, *lines = path.read_text().splitlines()
+    for k in range(450, 0, -50):
+        lines.insert(k, f"{one.t_s[k - 1] + 0.004:.3f},,,,,,,12.{k}")
+    path.write_text("\n".join([head, *lines]) + "\n")
+    assert "9 rows of no sensor left out" in imported(run, tmp_path, *SLIP)
+    np.testing.assert_allclose(raw(tmp_path), one.values)
+
+
 def test_rows_twice_are_rows_once(run: Run, tmp_path: Path) -> None:
     one = two_sensors()
     twice = np.repeat(np.column_stack([one.t_s, one.values]), 2, axis=0)
@@ -249,6 +262,27 @@ def test_a_unit_that_nobody_knows_is_asked(run: Run, tmp_path: Path, form: str) 
     )
 
 
+@pytest.mark.parametrize(
+    ("head", "says"),
+    [
+        ("# Force unit: lbf\n", "lbf, lbf in names or head"),
+        (
+            "Y_Unit_Label\tVolts\tVolts\n",
+            "what unit have the readings (the log says Volts)",
+        ),
+        ("# Time units: ms\n", "N, checked: by size"),
+    ],
+)
+def test_a_unit_in_the_head_is_that_of_the_readings_or_asked(
+    run: Run, tmp_path: Path, head: str, says: str
+) -> None:
+    one = two_sensors()
+    path = write_log(tmp_path / "logs/a.csv", one, names=["t", *TWO])
+    path.write_text(head + path.read_text())
+    code = 2 if "what" in says else 0
+    assert says in imported(run, tmp_path, *SLIP, code=code)
+
+
 @pytest.mark.parametrize("form", ["{:,.1f}", "{:,.0f}"])
 def test_thousands_have_a_sign_between_them(
     run: Run, tmp_path: Path, form: str
@@ -303,6 +337,20 @@ def test_kinds_of_which_none_is_a_force_are_asked_and_chosen(
     np.testing.assert_allclose(raw(tmp_path), one.values)
 
 
+def test_a_sensor_that_is_the_sum_of_the_others_is_asked(
+    run: Run, tmp_path: Path
+) -> None:
+    one = two_sensors()
+    whole = one.values[:, :3] + one.values[:, 3:]
+    names = ["t", *TWO, "P2_FX", "P2_FY", "P2_FZ"]
+    values = np.hstack([one.values, whole])
+    write_log(tmp_path / "logs/a.csv", one, values, names)
+    asked = imported(run, tmp_path, *SLIP, code=2)
+    assert "P2_FZ is the sum of the others" in asked
+    imported(run, tmp_path, *SLIP, "--sensors", "P0_*,P1_*")
+    np.testing.assert_allclose(raw(tmp_path), one.values)
+
+
 @pytest.mark.parametrize("n_columns", [6, 15])
 def test_columns_without_axes_that_all_press_are_asked(
     run: Run, tmp_path: Path, n_columns: int
@@ -346,6 +394,23 @@ def test_fingers_stand_in_the_order_of_a_hand_whatever_their_order_in_a_file(
     np.testing.assert_allclose(pressed, 3.0 * np.arange(1, 6), rtol=0.05)
     card = (tmp_path / "set/hand.toml").read_text()
     assert card.count('"thumb"') == 1
+
+
+def test_files_of_one_sensor_that_run_at_the_same_time_are_asked(
+    run: Run, tmp_path: Path
+) -> None:
+    words = {"gamma": 3.0, "alpha": 1.0, "beta": 2.5}
+    one = made(1, sensors=1)
+    for word, size in words.items():
+        path = tmp_path / f"logs/cup_slip/{word}.csv"
+        write_log(path, one, size * one.values, ["t", "fx", "fy", "fz"])
+    asked = imported(run, tmp_path, code=2)
+    assert "are alpha,beta,gamma fingers of one trial? nothing says it" in asked
+    imported(run, tmp_path, "--fingers", ",".join(words))
+    pressed = np.median(raw(tmp_path, "cup/slip/trial_1")[150:250, 2::3], axis=0)
+    np.testing.assert_allclose(pressed, [9.0, 3.0, 7.5], rtol=0.05)
+    out = imported(run, tmp_path, "--object", ",".join(words), out="trials")
+    assert "3 trials: 3 slip" in out
 
 
 def test_two_hands_are_asked(run: Run, tmp_path: Path) -> None:
@@ -520,6 +585,16 @@ def test_an_object_beside_a_log_names_its_trial_and_when_it_fell(
     truth = (tmp_path / "set/anna/mug/slip/trial_1.truth.json").read_text()
     slips = [p for p in json.loads(truth)["phases"] if p["label"] == "risky_slip"]
     assert [slip["t0_s"] for slip in slips] == [3.0]
+
+
+def test_an_object_without_a_time_of_the_drop_is_a_trial_in_which_nothing_falls(
+    run: Run, tmp_path: Path
+) -> None:
+    for k, at_s in ((1, 3.0), (2, None)):
+        write_log(tmp_path / f"logs/rec_{k}.csv", made(k))
+        facts = {"subject": f"p{k}", "success": at_s is None, "drop_time_s": at_s}
+        (tmp_path / f"logs/rec_{k}.json").write_text(json.dumps(facts))
+    assert "2 trials: 1 slip, 1 hold" in imported(run, tmp_path)
 
 
 @pytest.mark.parametrize(
