@@ -78,9 +78,14 @@ class Form:
     is_odd: bool = False
     thousands: str = ""
 
+    @property
+    def mark(self) -> str:
+        """What stands between the cells of a plain line."""
+        return " " if self.separator == SPACES else self.separator
+
     def cells(self, line: str) -> Cells:
         """The cells of a line."""
-        mark = " " if self.separator == SPACES else self.separator
+        mark = self.mark
         line = ARRIVAL.sub(rf"\1\2{mark}", line)
         line = VECTOR.sub(lambda found: mark.join(re.split(GAP, found[1])), line)
         line = PAIR.sub("", line) if self.has_names else line

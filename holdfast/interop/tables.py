@@ -10,10 +10,7 @@ import codecs
 import csv
 import io
 import re
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -74,69 +71,71 @@ def read_log(path: Path, name: str) -> ForeignLog:
     layout, encoding, is_cut = begin_of(path)
     about = {"rate_hz": layout.rate_hz, "unit": layout.unit}
     with path.open(encoding=encoding, errors="replace") as file:
-        lines = _lines_of(file, layout)
-        file.seek(0)
-        if lines.is_plain and layout.comment != "//":
-            # lines of more cells than the others need the slow way, too
-            with suppress(pd.errors.ParserError, pd.errors.ParserWarning):
-                cells = _parsed(file, layout, layout.first_row, lines.count)
-                # a line that was cut off has no last cell
-                n_torn = int(is_cut and str(cells[layout.names[-1]][-1]) in ("nan", ""))
-                cells = {key: cell[: len(cell) - n_torn] for key, cell in cells.items()}
-                stream = _numeric(cells, layout, n_torn, lines.notes)
-                return ForeignLog(path, name, (stream,), about)
-            file.seek(0)
-        stream = read_table(islice(file, lines.stop), layout, lines.notes)
-        return ForeignLog(path, name, (stream,), about)
+        return ForeignLog(path, name, (read_table(file, layout, is_cut),), about)
 
 
-@dataclass
-class _Lines:
-    """The lines of a table. stop: before which a second block ends the first; None for none.
+def read_table(
+    lines: Iterable[str], layout: TableLayout, is_cut: bool = False
+) -> Stream:
+    """The table in lines of text; is_cut: the last one may be. Raises EmptyRecording.
 
-    is_plain: whether pandas can read them all: it fills short ones up, and their cells would stand
-    in other columns. count: from the first row on.
+    Its rows go through a file, because the cells of a long log as texts would fill the memory.
     """
+    with TemporaryFile("w+", encoding="utf-8", newline="") as plain:
+        n_rows, n_torn, notes = _made_plain(lines, plain, layout)
+        plain.seek(0)
+        cells = _parsed(plain, layout, n_rows)
+    last = [str(cell) in ("nan", "") for cell in cells[layout.names[-1]][-2:]]
+    if is_cut and last == [False, True]:
+        # a line that was cut off has no last cell
+        n_torn += 1
+        cells = {key: column[:-1] for key, column in cells.items()}
+    return _numeric(cells, layout, n_torn, notes)
 
-    count: int = 0
-    stop: int | None = None
-    is_plain: bool = True
-    notes: Sequence[str] = ()
 
+def _made_plain(
+    lines: Iterable[str], plain: IO[str], layout: TableLayout
+) -> tuple[int, int, list[str]]:
+    """Write the rows of a table as pandas reads them: (how many, lines left out, notes).
 
-def _lines_of(file: IO[str], layout: TableLayout) -> _Lines:
-    """What stands between the rows of a table and behind them.
-
-    A block ends with an empty line, where what follows is no row of it.
+    What stands between the rows is left out, and lines of another number of cells. The table ends
+    with an empty line, where what follows is no row of it.
     """
-    form, found = layout.form, _Lines()
-    mark = None if form.separator == SPACES else form.separator
+    form = layout.form
+    writer = csv.writer(plain, delimiter=form.mark)
+    n_marks = len(layout.names) - 1
     others: list[str] = []
-    most, n_short, was_empty, is_short = 0, 0, False, False
-    for number, whole in enumerate(islice(file, layout.first_row, None), 1):
-        found.count = number
-        n_marks = len(whole.split()) if mark is None else whole.count(mark)
-        most = most or n_marks
-        if n_marks >= most and not was_empty and whole[0] in "0123456789-+.":
-            is_short = False
+    notes: list[str] = []
+    n_rows, n_torn, was_empty = 0, 0, False
+    for line in islice(lines, layout.first_row, None):
+        is_whole = (
+            len(line.split()) == n_marks + 1
+            if form.separator == SPACES
+            else line.count(form.mark) == n_marks
+        )
+        if is_whole and not (form.is_odd or was_empty or line[0] in COMMENTS):
+            plain.write(line)
+            n_rows += 1
             continue
-        line = whole.strip(" \t\r\n\0")
-        is_short = n_marks < most and bool(line)
-        n_short += is_short
-        if was_empty and line and (n_marks != most or not form.share(form.cells(line))):
-            found.stop = layout.first_row + number - 1
-            found.notes = [f"a second block that begins with {line!r:.40} left out"]
+        text = line.strip(" \t\r\n\0")
+        cells = form.cells(line) if text else []
+        is_row = len(cells) == len(layout.names)
+        if was_empty and text and not (is_row and form.share(cells)):
+            notes = [f"a second block that begins with {text!r:.40} left out"]
             break
-        if line.startswith(COMMENTS) or (n_marks != most and line[:1].isalpha()):
-            others.append(line[:40])
-        was_empty = not line
-    else:
-        text = f"{count_of(len(others), 'line')} between the rows left out, such as "
-        found.notes = [f"{text}{one!r}" for one in others[:1]]
-    # the last line may be cut off
-    is_odd = form.is_odd or others or found.stop
-    found.is_plain = not is_odd and n_short <= is_short
-    return found
+        was_empty = not text
+        if text.startswith(COMMENTS) or (text[:1].isalpha() and not is_row):
+            others.append(text[:40])
+        elif is_row:
+            writer.writerow(cells)
+            n_rows += 1
+        elif text:
+            n_torn += 1
+
+    if others:
+        count = count_of(len(others), "line")
+        notes.append(f"{count} between the rows left out, such as {others[0]!r}")
+    return n_rows, n_torn, notes
 
 
 def encoding_of(head: bytes) -> str:
@@ -152,33 +151,6 @@ def encoding_of(head: bytes) -> str:
         return "cp1252"
 
     return "utf-8-sig"
-
-
-def read_table(
-    lines: Iterable[str], layout: TableLayout, notes: Sequence[str] = ()
-) -> Stream:
-    """A table whose lines are made plain one by one. Raises EmptyRecording.
-
-    Lines of another number of cells are left out. The plain ones go through a file, because the
-    cells of a long log as texts would fill the memory.
-    """
-    mark = " " if layout.form.separator == SPACES else layout.form.separator
-    n_torn = 0
-    with TemporaryFile("w+", encoding="utf-8", newline="") as file:
-        plain = csv.writer(file, delimiter=mark)
-        n_rows = 0
-        for line in islice(lines, layout.first_row, None):
-            if not line.strip() or (layout.comment and line.startswith(layout.comment)):
-                continue
-            cells = layout.form.cells(line)
-            if len(cells) == len(layout.names):
-                plain.writerow(cells)
-                n_rows += 1
-            else:
-                n_torn += 1
-
-        file.seek(0)
-        return _numeric(_parsed(file, layout, 0, n_rows), layout, n_torn, notes)
 
 
 def streams_of(
@@ -204,7 +176,7 @@ def streams_of(
     return tuple(streams)
 
 
-def _parsed(file: IO[str], layout: TableLayout, first_row: int, most: int) -> Columns:
+def _parsed(file: IO[str], layout: TableLayout, most: int) -> Columns:
     """The cells of each column as pandas reads them; most: rows.
 
     A long file read at once takes three times the memory of its table, and joined pieces twice: so
@@ -212,32 +184,28 @@ def _parsed(file: IO[str], layout: TableLayout, first_row: int, most: int) -> Co
     """
     columns: Columns = {}
     rows = 0
-    with warnings.catch_warnings():
-        # rows of more cells than names: pandas warns, and would drop them
-        warnings.simplefilter("error", pd.errors.ParserWarning)
-        chunks = pd.read_csv(
-            file,
-            sep=layout.form.separator,
-            decimal=layout.form.decimal,
-            header=None,
-            names=list(layout.names),
-            index_col=False,
-            skiprows=first_row,
-            chunksize=CHUNK_ROWS,
-            comment=layout.comment if len(layout.comment) == 1 else None,
-            skipinitialspace=True,
-            keep_default_na=False,
-            na_values={name: list(MISSING) for name in layout.numeric},
-        )
-        for chunk in chunks:
-            for name, series in chunk.items():
-                cells = series.to_numpy()
-                column = columns.get(name, np.empty(most, cells.dtype))
-                # whole numbers may go on as others, or as texts
-                kind = np.result_type(column, cells)
-                columns[name] = column = column.astype(kind, copy=False)
-                column[rows : rows + len(cells)] = cells
-            rows += len(chunk)
+    chunks = pd.read_csv(
+        file,
+        sep=layout.form.separator,
+        decimal=layout.form.decimal,
+        header=None,
+        names=list(layout.names),
+        index_col=False,
+        chunksize=CHUNK_ROWS,
+        comment=layout.comment if len(layout.comment) == 1 else None,
+        skipinitialspace=True,
+        keep_default_na=False,
+        na_values={name: list(MISSING) for name in layout.numeric},
+    )
+    for chunk in chunks:
+        for name, series in chunk.items():
+            cells = series.to_numpy()
+            column = columns.get(name, np.empty(most, cells.dtype))
+            # whole numbers may go on as others, or as texts
+            kind = np.result_type(column, cells)
+            columns[name] = column = column.astype(kind, copy=False)
+            column[rows : rows + len(cells)] = cells
+        rows += len(chunk)
 
     return {name: column[:rows] for name, column in columns.items()}
 
