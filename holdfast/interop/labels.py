@@ -149,7 +149,7 @@ def labels_of(
     marked = every != usual
     hold = not labels.get(usual) and bool(0 < marked.sum() <= 2 * _begins(marked).sum())
     off = [kind for kind in kinds if kind.lower() in OFF]
-    if "slip" in name.lower() and len(kinds) <= 2 and (off or kinds == ["1"]):
+    if "slip" in name.lower() and len({*kinds, ""}) <= 3 and (off or kinds == ["1"]):
         mark = next((kind for kind in kinds if kind not in off), "1")
         no = "".join(off) or "0"
         on, no = (no, mark) if NEGATION.search(name) else (mark, no)

@@ -29,7 +29,7 @@ _FINGER = "|".join(rf"((?<![a-z])(?:finger)?(?:{one})(?![a-z]))" for one in FING
 _HAND = r"(?<![a-z])(?:(left|lh|l)|(right|rh|r))(?![a-z])"
 FINGER, HAND = (re.compile(rf"(?i){one}") for one in (_FINGER, _HAND))
 THUMB = re.compile("(?i)(?<![a-z])(thumb|th)(?![a-z])")
-PLACE = re.compile(rf"(?i){_FINGER}|{_HAND}|\d+")
+PLACE = re.compile(rf"(?i){_FINGER}|{_HAND}|(?:(?<![a-z])finger[-_ ]?)?\d+")
 """What tells sensors of one quantity apart."""
 NO_SENSOR = {
     "torque", "moment", "translation", "rotation", "quaternion", "orientation", "covariance",

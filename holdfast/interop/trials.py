@@ -232,6 +232,10 @@ class TrialImport:
         column = plan.trials.column
         longest_s = max(LONG_GAP_S, 1e-9 * LONG_GAP_STEPS * step)
         if column:
+            cells = rows[column].where(rows[column] != "")
+            before, behind = cells.ffill(limit=FEWEST_ROWS), cells.bfill()
+            # a lost cell within a trial ends none
+            rows[column] = before.where(before == behind, cells).fillna("")
             ends |= (rows[column] != rows[column].shift()).to_numpy()[1:]
         elif (steps > longest_s).any():
             _, touched = touch(values_of(log, rows, plan))

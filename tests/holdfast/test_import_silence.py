@@ -190,6 +190,18 @@ def test_an_empty_cell_of_a_column_of_numbers_never_stops_an_import(
     np.testing.assert_allclose(raw(tmp_path), one.values)
 
 
+def test_an_empty_cell_ends_no_trial_and_is_no_label(run: Run, tmp_path: Path) -> None:
+    one = two_sensors()
+    slips = one.words("0", "0", "1")
+    texts = [f"{k // 250},{slip}" for k, slip in enumerate(slips)]
+    texts[120] = ",0"
+    texts[130] = "0,"
+    names = ["t", *TWO, "trial", "slip"]
+    write_log(tmp_path / "logs/a.csv", one, names=names, texts=texts)
+    assert "2 trials: 1 hold, 1 slip" in imported(run, tmp_path)
+    assert len(raw(tmp_path, "object/hold/trial_1")) == 250
+
+
 def test_lines_between_rows_and_a_second_block_are_named(
     run: Run, tmp_path: Path
 ) -> None:
@@ -411,6 +423,17 @@ def test_files_of_one_sensor_that_run_at_the_same_time_are_asked(
     np.testing.assert_allclose(pressed, [9.0, 3.0, 7.5], rtol=0.05)
     out = imported(run, tmp_path, "--object", ",".join(words), out="trials")
     assert "3 trials: 3 slip" in out
+
+
+def test_numbered_fingers_and_a_thumb_are_one_hand(run: Run, tmp_path: Path) -> None:
+    words = ("finger1", "finger2", "thumb")
+    one = made(1, sensors=3)
+    names = ["t", *(f"{word}_f{a}" for word in words for a in "xyz")]
+    write_log(tmp_path / "logs/cup_slip_1.csv", one, names=names)
+    out = imported(run, tmp_path)
+    assert "sensors    3, by the axes in their names: thumb_fx" in out
+    values = raw(tmp_path, "cup/slip/trial_1")
+    np.testing.assert_allclose(values, np.roll(one.values, 3, axis=1))
 
 
 def test_two_hands_are_asked(run: Run, tmp_path: Path) -> None:
