@@ -204,9 +204,14 @@ class TrialImport:
         self, log: ForeignLog, rows: pd.DataFrame, plan: ImportMap
     ) -> pd.DataFrame:
         """Without the rows of another topic: no reading, between the times of the others."""
-        has_any = rows[[*plan.channels]].notna().any(axis=1).to_numpy()
+        has_any = np.zeros(len(rows), dtype=np.bool_)
+        for channel in plan.channels:
+            # one by one: a long log is large
+            has_any |= rows[channel].notna().to_numpy()
+            if has_any.all():
+                return rows
         name = plan.time.column
-        if has_any.all() or not has_any.any() or not name:
+        if not has_any.any() or not name:
             return rows
         times = rows[name].to_numpy(np.float64)
         longest = 1.5 * usual_step(times[has_any])
@@ -233,9 +238,10 @@ class TrialImport:
         longest_s = max(LONG_GAP_S, 1e-9 * LONG_GAP_STEPS * step)
         if column:
             cells = rows[column].where(rows[column] != "")
-            before, behind = cells.ffill(limit=FEWEST_ROWS), cells.bfill()
-            # a lost cell within a trial ends none
-            rows[column] = before.where(before == behind, cells).fillna("")
+            if cells.isna().any():
+                # a lost cell within a trial ends none
+                before, behind = cells.ffill(limit=FEWEST_ROWS), cells.bfill()
+                rows[column] = before.where(before == behind, cells).fillna("")
             ends |= (rows[column] != rows[column].shift()).to_numpy()[1:]
         elif (steps > longest_s).any():
             _, touched = touch(values_of(log, rows, plan))
