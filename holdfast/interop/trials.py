@@ -289,6 +289,9 @@ class TrialImport:
         is_untimed = action in TIMED and not is_scripted
         is_untimed |= action in UNSCRIPTED and action not in LABELLED_ACTIONS
         situation = SITUATION_OF_ACTION.get(action, "")
+        if action in TIMED and is_scripted and not kinds:
+            check = "checked: that lies within the contact"
+            self._note(log, f"{action}: by the script at {at_s:g} s, {check}")
         if is_untimed and not kinds and situation:
             taken = {"risky_slip": "slip", "grasp": "hold"}.get(situation, "")
             text = f"taken as {taken}" if taken else "only the empty hand is labelled"

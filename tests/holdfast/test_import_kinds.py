@@ -837,6 +837,14 @@ def test_an_action_without_its_times_is_one_that_check_takes(
     assert {phase.situation for phase in recording.phases} == {0}
 
 
+def test_times_by_the_script_are_named(run: Run, tmp_path: Path) -> None:
+    one = made(1, lasts_s=10.0)
+    one.values[400:900, 2::3] += 3.0
+    write_log(tmp_path / "logs/a.csv", one)
+    out = imported(run, tmp_path, "--action", "put-down")
+    assert "put-down: by the script at 7 s, checked: that lies within the contact" in out
+
+
 def test_words_that_may_be_people_are_asked_for_where_they_would_be_held_out(
     run: Run, tmp_path: Path
 ) -> None:
