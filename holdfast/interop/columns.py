@@ -89,12 +89,14 @@ def find_time(
     """
     found: list[Evidence[TimeColumn] | None] = []
     counter = ""
-    for name, column in columns.items():
+    for at, (name, column) in enumerate(columns.items()):
         step, alike, counts = rise_of(column)
+        # another quantity may rise evenly, too
+        is_free = not at or name.startswith("column")
         if counts and not unit_of_time(name):
             counter = counter or name
         elif step:
-            found.append(_clock(name, column, step, alike))
+            found.append(_clock(name, column, step, alike, is_free))
     if LOG_TIME in columns:
         found.insert(0, Evidence(TimeColumn(LOG_TIME, "ns"), "stamps of the log"))
     for hz, why in ((given_hz, "as given"), (head_hz, "by the head of the log")):
@@ -106,9 +108,12 @@ def find_time(
 
 
 def _clock(
-    name: str, column: Column, step: float, alike: float
+    name: str, column: Column, step: float, alike: float, is_free: bool
 ) -> Evidence[TimeColumn] | None:
-    """A column that rises by a step as a clock; None where it is none, or its unit not clear."""
+    """A column that rises by a step as a clock; None where it is none, or its unit not clear.
+
+    is_free: the first one, or one without a name.
+    """
     is_date = column.dtype.kind == "i" and column.max() > CLOCK_NS
     unit_named = unit_of_time(name)
     is_named = bool(unit_named or words_of(name) & TIME_WORDS)
@@ -116,7 +121,8 @@ def _clock(
     kinds = len(np.unique(column))
     is_few = kinds < FEWEST_STAMPS and not (is_date and is_named)
     # an unnamed one has a value for each row
-    is_few |= not is_named and not is_date and kinds < 0.9 * len(column)
+    is_other = not (is_named or is_date)
+    is_few |= is_other and (kinds < 0.9 * len(column) or not is_free)
     if is_few or alike < (ALIKE_NAMED if is_named else ALIKE):
         return None
     units = [unit_named] if unit_named else ["ns"] if is_date else [*NS_OF]

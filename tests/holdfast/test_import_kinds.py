@@ -842,7 +842,9 @@ def test_times_by_the_script_are_named(run: Run, tmp_path: Path) -> None:
     one.values[400:900, 2::3] += 3.0
     write_log(tmp_path / "logs/a.csv", one)
     out = imported(run, tmp_path, "--action", "put-down")
-    assert "put-down: by the script at 7 s, checked: that lies within the contact" in out
+    assert (
+        "put-down: by the script at 7 s, checked: that lies within the contact" in out
+    )
 
 
 def test_words_that_may_be_people_are_asked_for_where_they_would_be_held_out(

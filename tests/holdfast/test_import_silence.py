@@ -90,6 +90,7 @@ def test_pairs_are_alike_but_for_one_word() -> None:
         ("trial", np.arange(600) // 200, 200 / 150),
         ("battery", np.arange(600) // 100, 4.0),
         ("packet", np.arange(600) % 256, 4.0),
+        ("temperature", 20.0 + 0.01 * np.arange(600), 4.0),
     ],
 )
 def test_the_rate_that_is_given_wins_over_any_column(
