@@ -157,6 +157,11 @@ def channel_names(n_sensors: int) -> tuple[str, ...]:
     return tuple(f"{axis.upper()}{k}" for k in range(1, n_sensors + 1) for axis in AXES)
 
 
+def valid_names(n_sensors: int) -> tuple[str, ...]:
+    """Names of the columns that say whether a sensor is valid, in order: valid1 .. validn."""
+    return tuple(f"valid{k}" for k in range(1, n_sensors + 1))
+
+
 @dataclass(frozen=True)
 class Sample:
     """One reading of all sensors.

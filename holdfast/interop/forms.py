@@ -17,8 +17,10 @@ import numpy as np
 from msgspec.structs import replace as changed
 
 from holdfast.core.column_map import SensorColumns
-from holdfast.core.contract import AXES, NORMAL_AXIS, UNIT_OF
+from holdfast.core.contract import AXES, NORMAL_AXIS, UNIT_OF, valid_names
 from holdfast.core.errors import listed
+from holdfast.core.hand_card import too_many
+from holdfast.data.datasets.trials import action_of
 from holdfast.interop.columns import words_of
 from holdfast.interop.evidence import Evidence, best
 from holdfast.interop.labels import (
@@ -36,7 +38,6 @@ from holdfast.interop.sensors import normal_axis, oriented
 from holdfast.interop.streams import ForeignLog, first_stream, merged, text_cells
 from holdfast.interop.tables import pd
 from holdfast.interop.understood import Answers, Sample, Understood
-from holdfast.training.datasets.trials import action_of
 
 NAMED = {
     "person": {"person", "subject", "participant", "user"},
@@ -82,6 +83,9 @@ class Form:
         add("time", time or "not known")
         spelled = f"{', '.join(names[:3])} to {', '.join(names[-3:])}"
         add("sensors", f"{len(names) // 3}, {first.sensors}: {spelled}")
+        wrong = too_many(len(names) // 3)
+        if wrong:
+            add("note", f"{wrong}: take those out of the map that do not matter")
         long = first_stream(first.log).long
         if long:
             add("layout", f"a row for each {' and '.join(long)}: made columns")
@@ -105,6 +109,7 @@ class Form:
             labels.rules.column if labels else "",
         }
         used |= {trials.column, trials.person, trials.object, trials.action}
+        used.update(valid_names(len(names) // 3))
         unused = [name for name in merged(first.log) if name not in used]
         if unused:
             add("not used", listed(unused, most=12))

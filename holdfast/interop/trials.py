@@ -14,9 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contract import UNIT_OF, FloatArray
+from holdfast.core.column_map import MINUS
+from holdfast.core.contract import UNIT_OF, BoolArray, FloatArray, valid_names
 from holdfast.core.errors import EmptyRecording, LabelError, TimeError, count_of, listed
-from holdfast.core.trial_file import Trial, implausible_rate
+from holdfast.core.progress import Part, ignored
+from holdfast.core.trial_file import Trial, implausible_rate, says_no
 from holdfast.core.trial_layout import (
     LABELLED_ACTIONS,
     SITUATION_OF_ACTION,
@@ -24,6 +26,10 @@ from holdfast.core.trial_layout import (
     truth_path,
 )
 from holdfast.core.writing import write_whole
+from holdfast.data.datasets.thesis import prepared
+from holdfast.data.datasets.trials import EMPTY_HAND
+from holdfast.data.lifts import LIFT, lift_phases
+from holdfast.data.timeline import ACTION_S, contact
 from holdfast.interop.columns import (
     JUDGED_ROWS,
     JUMP,
@@ -45,6 +51,7 @@ from holdfast.interop.sensors import touch
 from holdfast.interop.streams import (
     FEWEST_ROWS,
     GAP_STEPS,
+    Column,
     ForeignLog,
     Stream,
     evened,
@@ -56,11 +63,6 @@ from holdfast.interop.streams import (
 from holdfast.interop.tables import pd
 from holdfast.interop.understood import Files, Understood
 from holdfast.interop.writing import truth_of, write_csv
-from holdfast.training.datasets.thesis import prepared
-from holdfast.training.datasets.trials import EMPTY_HAND
-from holdfast.training.lifts import LIFT, lift_phases
-from holdfast.training.progress import Part, ignored
-from holdfast.training.timeline import ACTION_S, contact
 
 JUMP_S, BACK_S = 60.0, 0.5
 """A clock that jumps on by so much, or back, begins a new trial."""
@@ -175,6 +177,13 @@ class TrialImport:
             further |= {plan.events.column} & columns.keys()
         # the columns themselves, because a long log is large
         rows = pd.DataFrame({name: columns[name] for name in plan.columns}, copy=False)
+        flags = valid_names(len(plan.sensors))
+        for sensor, flag in zip(plan.sensors, flags, strict=True):
+            # what a log says is not valid is no reading
+            lost = _says_no(columns[flag]) if flag in columns else np.zeros(1)
+            for name in filter(None, sensor.axes) if lost.any() else ():
+                name = name.removeprefix(MINUS)
+                rows[name] = np.where(lost, np.nan, rows[name])
         for name in further:
             rows[name] = np.array(text_cells(columns[name]), dtype=object)
         timed = rows.dropna(subset=[*filter(None, [plan.time.column])])
@@ -397,6 +406,14 @@ def lose_zeros(values: FloatArray) -> int:
             sensor[is_zero] = np.nan
             n_lost += int(is_zero.sum())
     return n_lost
+
+
+def _says_no(cells: Column) -> BoolArray:
+    """[T] where a column valid1, valid2, .. says that its sensor is not valid."""
+    if cells.dtype == object:
+        return np.array([says_no(cell) for cell in cells])
+    # among numbers a word, such as False, was read as nan
+    return ~(np.abs(cells.astype(np.float64)) > 0.0)
 
 
 # -- files of one trial

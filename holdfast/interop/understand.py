@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.core.errors import ColumnError, listed
+from holdfast.core.progress import Part, ignored
 from holdfast.interop.columns import channels, find_time, unit_of, without_jumps
 from holdfast.interop.evidence import Evidence
 from holdfast.interop.forms import Form
@@ -44,7 +45,6 @@ from holdfast.interop.streams import (
 from holdfast.interop.tables import pd
 from holdfast.interop.trials import files_of, read_joined
 from holdfast.interop.understood import Answers, Sample, Understood
-from holdfast.training.progress import Part, ignored
 
 KEPT_ROWS = 1000
 """Of readings, once it is known what a touch does to them."""

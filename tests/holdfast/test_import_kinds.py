@@ -638,7 +638,7 @@ def test_a_press_raises_every_normal_whatever_the_polarity(
     counts = np.round(rests + 300.0 * polarity * one.values)
     write_log(tmp_path / "logs/a.csv", one, counts)
     imported(run, tmp_path, *SLIP, "--unit", "count")
-    from holdfast.training.datasets import load
+    from holdfast.data.datasets import load
 
     (recording,) = load(tmp_path / "set", windows="none").recordings
     pressed = recording.samples[150:250, 2::3].mean(axis=0)
@@ -664,6 +664,37 @@ def test_missing_cells_are_counted_and_gaps_become_lost_samples(
         *range(199, 219),
     ]
     assert len(trial.t_s) == len(one.t_s)
+
+
+@pytest.mark.parametrize(
+    ("yes", "no"), [("1", "0"), ("1", "0.0"), ("1", "False"), ("true", "false")]
+)
+def test_readings_that_a_log_says_are_not_valid_are_missing(
+    run: Run, tmp_path: Path, yes: str, no: str
+) -> None:
+    one = made(1)
+    path = write_log(tmp_path / "logs/a.csv", one)
+    head, *lines = path.read_text().splitlines()
+    flags = ["valid1", "valid2", "valid3", "valid4", "valid5"]
+    rows = [",".join([head, *flags])]
+    for k, line in enumerate(lines):
+        lost = 40 <= k < 45
+        rows.append(",".join([line, yes, no if lost else yes, yes, yes, yes]))
+    path.write_text("\n".join(rows))
+    out = imported(run, tmp_path, *SLIP)
+    assert "missing    samples of s2_x: 5, s2_y: 5, s2_z: 5" in out
+    assert "not used" not in out
+    trial = read_trial(tmp_path / "set/object/slip/trial_1.csv")
+    assert np.argwhere(np.isnan(trial.raw[:, 4])).ravel().tolist() == [*range(40, 45)]
+    assert np.isfinite(trial.raw[:, [2, 8, 14]]).all()
+
+
+def test_more_sensors_than_a_hand_has_are_said(run: Run, tmp_path: Path) -> None:
+    one = made(1)
+    rows = np.column_stack([one.t_s, one.values, one.values, one.values[:, :9]])
+    names = ["t", *(f"{axis}{k}" for k in range(1, 14) for axis in "XYZ")]
+    write_text(tmp_path / "logs/a.csv", names, rows)
+    assert "13 sensors, and 12 are the most of a hand" in imported(run, tmp_path, *SLIP)
 
 
 def test_a_sensor_that_sends_late_is_a_sensor(run: Run, tmp_path: Path) -> None:
@@ -831,7 +862,7 @@ def test_an_action_without_its_times_is_one_that_check_takes(
     assert "its times are not known" in out
     code, out, err = run("check", tmp_path / "set")
     assert code == 0, out + err
-    from holdfast.training.datasets import load
+    from holdfast.data.datasets import load
 
     (recording,) = load(tmp_path / "set", windows="none").recordings
     assert {phase.situation for phase in recording.phases} == {0}
