@@ -202,9 +202,9 @@ class TrialImport:
             self._note(log, f"each value stands in {n_rows} rows: one of them is kept")
             changes = (np.diff(first, axis=0) != 0).any(axis=1)
             timed = timed[int(changes.argmax() + 1) % n_rows :: n_rows]
-        for sensor, n_more in enumerate(rows_a_value, 1):
+        for number, n_more in enumerate(rows_a_value, 1):
             if n_more > n_rows:
-                text = f"sensor {sensor} sends a value for {n_more} rows: it is slower"
+                text = f"sensor {number} sends a value for {n_more} rows: it is slower"
                 self._note(log, text)
         self.rows += len(timed)
         return timed
