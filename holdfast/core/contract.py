@@ -40,10 +40,14 @@ NOTHING, GRASP, SAFE_SLIP, RISKY_SLIP = range(4)
 Unit = Literal["N", "uT", "count"]
 UNITS: tuple[Unit, ...] = ("N", "uT", "count")
 STANDARD_GRAVITY_M_S2 = 9.80665
+POUND_KG = 0.45359237
 UNIT_OF: dict[str, tuple[Unit, float]] = {
     "N": ("N", 1.0),
     "mN": ("N", 1e-3),
     "gf": ("N", 1e-3 * STANDARD_GRAVITY_M_S2),
+    "kgf": ("N", STANDARD_GRAVITY_M_S2),
+    "lbf": ("N", POUND_KG * STANDARD_GRAVITY_M_S2),
+    "ozf": ("N", POUND_KG / 16 * STANDARD_GRAVITY_M_S2),
     "uT": ("uT", 1.0),
     "mT": ("uT", 1e3),
     "G": ("uT", 100.0),

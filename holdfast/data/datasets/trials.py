@@ -64,6 +64,8 @@ MOST_N = 200.0
 """No hand presses harder, N of either side."""
 AFTER_S = 0.5
 """Labels may reach so far beyond the last row."""
+OPEN_HAND_N = 1.0
+"""A hand that holds nothing presses with less a side."""
 FAR_S = 1.0
 """A label may begin so far from any change of load."""
 PRESSED_FLOORS, PRESSED_S = 2.0, 0.1
@@ -317,6 +319,12 @@ def doubts_of(
         yield from _far_labels(trial)
         recording = trial.recording
         side_n = _of_a_side(recording)
+        is_open = {phase.situation for phase in recording.phases} == {NOTHING}
+        is_open &= recording.action in (None, EMPTY_HAND)
+        if is_open and recording.unit == "N" and side_n > OPEN_HAND_N:
+            what = f"an open hand that presses with {side_n:.3g} N a side"
+            step = "name what happens in it, or correct its unit"
+            yield Missing("doubt", recording.trial_id, what, step)
         if most_n is not None and recording.unit == "N" and side_n > most_n:
             what = (
                 f"presses with {side_n:.4g} N a side, more than ceiling_n = {most_n:g}"
