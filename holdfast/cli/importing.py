@@ -24,8 +24,8 @@ from holdfast.core.errors import DataError, LibraryMissing, UsageError, command
 from holdfast.core.writing import require_new, whole_folder, write_whole
 
 if TYPE_CHECKING:
+    from holdfast.core.progress import Part
     from holdfast.interop.understood import Understood
-    from holdfast.training.progress import Part
 
 ANSWERS = {
     "action": (
@@ -72,7 +72,7 @@ def add_import_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_import(args: argparse.Namespace) -> int:
     """Say what was understood, ask what is left, then write all trials, or none."""
-    from holdfast.training.progress import Stages
+    from holdfast.core.progress import Stages
 
     require_new(args.out)
     require_outputs(args, folder=args.out)
@@ -158,7 +158,7 @@ def _refuse(
 
 def _picture(args: argparse.Namespace) -> list[str]:
     """Draw the first trial, where matplotlib is there and a trial can be read; in words."""
-    from holdfast.training.datasets.thesis import readers
+    from holdfast.data.datasets.thesis import readers
 
     try:
         from holdfast.evaluation.pictures import trial

@@ -23,6 +23,7 @@ from holdfast.core.contract import AXES, NORMAL_AXIS, UNIT_OF, valid_names
 from holdfast.core.errors import listed
 from holdfast.core.hand_card import too_many
 from holdfast.core.trial_layout import named_mass
+from holdfast.data.datasets.trials import action_of
 from holdfast.interop.columns import normal_axis, oriented, words_of
 from holdfast.interop.labels import (
     FoundLabels,
@@ -44,7 +45,6 @@ from holdfast.interop.map import (
 from holdfast.interop.streams import ForeignLog, first_stream, merged, text_cells
 from holdfast.interop.tables import pd
 from holdfast.interop.understood import Answers, Sample, Understood, situation_of
-from holdfast.training.datasets.trials import action_of
 
 NAMED = {
     "person": {"person", "subject", "participant", "user"},

@@ -21,12 +21,12 @@ from holdfast.core.column_map import NS_OF
 from holdfast.core.contract import FloatArray, IntArray
 from holdfast.core.errors import LabelError, listed
 from holdfast.core.trial_layout import LABELLED_ACTIONS, UNSCRIPTED
+from holdfast.data.datasets.trials import action_of
 from holdfast.interop.columns import unit_of_time, words_of
 from holdfast.interop.logs import LogPlace, read_log
 from holdfast.interop.map import EventRules, ImportMap
 from holdfast.interop.streams import Column, Columns, is_text, text_cells
 from holdfast.interop.tables import pd
-from holdfast.training.datasets.trials import action_of
 
 ROW = "row"
 ROW_WORDS = {"row", "rows", "index", "frame", "sample"}

@@ -42,7 +42,7 @@ from holdfast.core.contract import SITUATIONS
 from holdfast.core.errors import LabelError, UsageError
 from holdfast.core.schema import read
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
-from holdfast.training.datasets.trials import FOLDERS, action_of
+from holdfast.data.datasets.trials import FOLDERS, action_of
 
 NAMES = ("person", "object", "action")
 """What a trial is called by."""

@@ -17,6 +17,7 @@ import numpy as np
 from holdfast.core.column_map import MINUS
 from holdfast.core.contract import BoolArray, FloatArray, valid_names
 from holdfast.core.errors import EmptyRecording, LabelError, TimeError, count_of, listed
+from holdfast.core.progress import Part, ignored
 from holdfast.core.trial_file import Trial, implausible_rate, says_no
 from holdfast.core.trial_layout import (
     LABELLED_ACTIONS,
@@ -25,6 +26,10 @@ from holdfast.core.trial_layout import (
     truth_path,
 )
 from holdfast.core.writing import write_whole
+from holdfast.data.datasets.thesis import prepared
+from holdfast.data.datasets.trials import EMPTY_HAND
+from holdfast.data.lifts import LIFT, lift_phases
+from holdfast.data.timeline import ACTION_S, contact
 from holdfast.interop.columns import find_time, touch, usual_step
 from holdfast.interop.labels import clock_of, marks_of, read_events
 from holdfast.interop.logs import LogPlace, read_log, table_of
@@ -43,11 +48,6 @@ from holdfast.interop.streams import (
 from holdfast.interop.tables import pd
 from holdfast.interop.understood import Files, Understood
 from holdfast.interop.writing import truth_of, write_csv
-from holdfast.training.datasets.thesis import prepared
-from holdfast.training.datasets.trials import EMPTY_HAND
-from holdfast.training.lifts import LIFT, lift_phases
-from holdfast.training.progress import Part, ignored
-from holdfast.training.timeline import ACTION_S, contact
 
 JUMP_S, BACK_S = 60.0, 0.5
 """A clock that jumps on by so much, or back, begins a new trial."""

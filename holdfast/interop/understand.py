@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.core.errors import listed
+from holdfast.core.progress import Part, ignored
 from holdfast.interop.columns import channels, find_sensors, find_time, touch, unit_of
 from holdfast.interop.forms import Form
 from holdfast.interop.labels import is_mark
@@ -34,7 +35,6 @@ from holdfast.interop.streams import (
 from holdfast.interop.tables import pd
 from holdfast.interop.trials import files_of, read_joined
 from holdfast.interop.understood import Answers, Sample, Understood
-from holdfast.training.progress import Part, ignored
 
 FINGERS = ("thumb", "index", "middle", "ring", "little", "pinky", "palm", "finger")
 KEPT_ROWS = 1000

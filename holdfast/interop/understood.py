@@ -10,11 +10,11 @@ from holdfast.core.column_map import SensorColumns, TimeColumn
 from holdfast.core.contract import UNIT_OF, BoolArray, FloatArray
 from holdfast.core.errors import UsageError
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
+from holdfast.data.datasets.trials import action_of
 from holdfast.interop.columns import usual_step
 from holdfast.interop.logs import LogPlace
 from holdfast.interop.map import ImportMap
 from holdfast.interop.streams import LOG_TIME, Columns, ForeignLog
-from holdfast.training.datasets.trials import action_of
 
 Files = dict[str, list[LogPlace]]
 """Name of a log -> its file, or a file for each finger."""

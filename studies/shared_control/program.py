@@ -15,11 +15,11 @@ from holdfast.cli.options import add_job_options, chosen_model, chosen_workers
 from holdfast.core.contract import Json
 from holdfast.core.errors import UsageError
 from holdfast.core.locked import locked_sets
+from holdfast.core.progress import Stages
 from holdfast.core.trial_layout import read_json
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.simulation.closed_loop import model_of
 from holdfast.simulation.drive import OPENINGS
-from holdfast.training.progress import Stages
 from studies.shared_control import comparison
 from studies.shared_control.closed_loop import ORACLE, LoopRequest, LoopRuns, Run
 from studies.shared_control.closing import closing_figures

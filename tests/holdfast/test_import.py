@@ -16,8 +16,8 @@ from foreign_logs import axes, made, write_sheet, write_text
 
 from holdfast.cli.main import main
 from holdfast.core.errors import LibraryMissing
+from holdfast.data.datasets import load
 from holdfast.interop.logs import find_logs
-from holdfast.training.datasets import load
 
 SENSORS = "".join(
     f'[[sensors]]\nx = "s{k}_x"\ny = "s{k}_y"\nz = "s{k}_z"\n' for k in range(1, 6)

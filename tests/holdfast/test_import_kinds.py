@@ -628,7 +628,7 @@ def test_a_press_raises_every_normal_whatever_the_polarity(
     # whole numbers that rest above 0 can be nothing else
     unit = () if rest == "counts above 0" else ("--unit", "count")
     imported(run, tmp_path, *SLIP, *unit)
-    from holdfast.training.datasets import load
+    from holdfast.data.datasets import load
 
     (recording,) = load(tmp_path / "set", windows="none").recordings
     pressed = recording.samples[150:250, 2::3].mean(axis=0)
@@ -848,7 +848,7 @@ def test_an_action_without_its_times_is_one_that_check_takes(
     assert "its times are not known" in out
     code, out, err = run("check", tmp_path / "set")
     assert code == 0, out + err
-    from holdfast.training.datasets import load
+    from holdfast.data.datasets import load
 
     (recording,) = load(tmp_path / "set", windows="none").recordings
     assert {phase.situation for phase in recording.phases} == {0}
