@@ -14,8 +14,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 
-from holdfast.core.contract import FloatArray, Json
+from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.grip import AnswerRules, GripSense
 from holdfast.simulation.closed_loop import ClosedLoop, LoopTruth, Managed, managed
@@ -72,9 +73,9 @@ class Closes:
     given_n: FloatArray
 
     @property
-    def within(self) -> FloatArray:
+    def within(self) -> BoolArray:
         """[T, B] the samples that count."""
-        counts: FloatArray = (self.since_s >= 0.0) & (self.since_s <= AFTER_S)
+        counts: BoolArray = (self.since_s >= 0.0) & (self.since_s <= AFTER_S)
         return counts
 
     def over(self, wearers_n: FloatArray) -> FloatArray:
@@ -88,7 +89,7 @@ class _Watched:
     """A controller whose wearer's grip is written down; slips: when a slip is certain."""
 
     def __init__(
-        self, inner: Managed, slips: Callable[[FloatArray], FloatArray]
+        self, inner: Managed, slips: Callable[[FloatArray], BoolArray]
     ) -> None:
         self._inner = inner
         self._slips = slips
@@ -100,10 +101,8 @@ class _Watched:
         certain = self._slips(now.t_s)
         p_risky = np.where(certain, 1.0, sense.p_risky)
         p_safe = np.where(certain, 0.0, sense.p_safe)
-        felt = [sense.grip_n, sense.load_n, p_risky, p_safe, sense.known]
-        target_n = self._inner.step(
-            GripSense(*felt, sense.empty, sense.opening, sense.overridden), now
-        )
+        felt = structs.replace(sense, p_risky=p_risky, p_safe=p_safe)
+        target_n = self._inner.step(felt, now)
         known_n = self._inner.grip.controller.wearers_n
         self.rows.append([now.t_s, sense.grip_n, known_n + 0.0 * now.t_s, target_n])
         return target_n
@@ -128,9 +127,9 @@ def closes(
     from_s = close_s + np.array([rng.uniform() for rng in rngs]) * (ends_s - close_s)
     made: list[_Watched] = []
 
-    def slips(t_s: FloatArray) -> FloatArray:
-        now: FloatArray = (t_s >= from_s) & (t_s < from_s + CERTAIN_S)
-        return now & certain
+    def slips(t_s: FloatArray) -> BoolArray:
+        now: BoolArray = (t_s >= from_s) & (t_s < from_s + CERTAIN_S)
+        return now if certain else np.zeros_like(now)
 
     def make(some: Trials, rate_hz: float) -> _Watched:
         inner = managed(scene, rules=rules)(some, rate_hz)
@@ -162,30 +161,35 @@ def closing_figures(seed: int, draws: int, model: OpenedModel) -> Json:
         bare = closes(scene, trials, model, detects=False, follows=False)
         held = closes(scene, trials, model)
         forced = closes(scene, trials, model, certain=True, most_over_n=MOST_OVER_N)
-        rises_n = held.over(held.known_n)
-        # where nothing is given the wearer's grip is what is read; its end is what stays
-        last = forced.within[::-1].argmax(axis=0)
-        column = np.arange(len(trials))
-        known_n = forced.known_n[::-1][last, column]
-        away_n = np.abs(known_n - _smooth_end(bare, last))
+        given = (held.within & (held.given_n > 0.0)).any(axis=0)
         rows.append(
             {
                 "scene": name,
                 "draws": draws,
-                "with_target": int((held.over(0.0 * held.known_n) > 0.0).sum()),
-                "rises_n": _in_figures(rises_n),
-                "over_reading_n": _in_figures(held.over(bare.read_n)),
-                "over_true_n": _in_figures(held.over(held.own_n)),
-                "known_away_n": _in_figures(away_n),
+                "with_target": int(given.sum()),
+                "target_over_known_n": _in_figures(held.over(held.known_n)),
+                "target_over_true_n": _in_figures(held.over(held.own_n)),
+                "known_away_n": _in_figures(away_n(forced, bare)),
+                "beyond_bound_n": _in_figures(
+                    (forced.over(bare.known_n) - MOST_OVER_N).clip(0.0)
+                ),
             }
         )
     return {"kind": "simulated", "seed": seed, "after_s": AFTER_S, "rows": rows}
 
 
-def _smooth_end(bare: Closes, last: FloatArray) -> FloatArray:
-    """[B] the wearer's grip as a hand without targets knows it at the end."""
-    end_n: FloatArray = bare.known_n[::-1][last, np.arange(bare.known_n.shape[1])]
-    return end_n
+def away_n(forced: Closes, bare: Closes) -> FloatArray:
+    """[B] the known grip at the last sample without a target, less that of a hand without any.
+
+    A reading may drift while a target stands, so what is known then is of that sample.
+    """
+    free = forced.within & (forced.given_n <= 0.0)
+    last = len(free) - 1 - free[::-1].argmax(axis=0)
+    column = np.arange(free.shape[1])
+    away_n: FloatArray = np.abs(
+        forced.known_n[last, column] - bare.known_n[last, column]
+    )
+    return away_n
 
 
 def _in_figures(found_n: FloatArray) -> Json:
