@@ -123,7 +123,7 @@ def test_every_folder_with_code_has_a_place_in_the_table():
 
 def test_the_import_test_sees_every_way_to_import():
     source = """
-import holdfast.data.recording as t
+import holdfast.training.fitting as t
 def late():
     from holdfast.export import graph
     import importlib
