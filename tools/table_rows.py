@@ -9,16 +9,16 @@ from typing import Any
 from benchmarks.cost.point import README_POINTS
 from holdfast.core.contract import NORMAL_FLOOR, Json
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
+from holdfast.data.metrics import ABSENT, over
 from holdfast.evaluation.formats import DEPLOYED, markdown
-from holdfast.export.features import GROUPS, feature_count, feature_graph
-from holdfast.export.history import LAGS_S
-from holdfast.export.spec import StepSpec
 from holdfast.simulation import SCENES, shipped_scenes
 from holdfast.simulation.actions import ACTION_MODULES, COMMON, parameters_of
 from holdfast.simulation.effect import all_effects
 from holdfast.simulation.magnet import HEIGHT, dipole_ut, linear_map, loads_n, place_m
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.training.metrics import ABSENT, over
+from holdfast.step.features import GROUPS, feature_count, feature_graph
+from holdfast.step.history import LAGS_S
+from holdfast.step.spec import StepSpec
 from studies.row_names import shown
 from studies.shared_control.picture import front as loop_front
 from studies.shared_control.plan import OURS as OUR_CONTROLLER

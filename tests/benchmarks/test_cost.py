@@ -31,12 +31,12 @@ from benchmarks.cost.surface import cost
 from holdfast.core.contract import BoolArray, FloatArray
 from holdfast.core.errors import UsageError
 from holdfast.core.trial_file import read_trial
+from holdfast.data.recording import DataSet
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.evaluation.jobs import Workers
-from holdfast.export.features import feature_count
-from holdfast.export.spec import StepSpec
 from holdfast.simulation.scene_file import SceneFile, read_scene_file
-from holdfast.training.recording import DataSet
+from holdfast.step.features import feature_count
+from holdfast.step.spec import StepSpec
 
 SMALL = {"train": ("thesis", 10, 0), "choose": ("daily", 2, 1), "ask": ("daily", 4, 2)}
 CHOSEN = (Point(), Point(debounce=2), Point(look_back_s=0.05), Point(groups=POOLED))

@@ -16,8 +16,8 @@ import pytest
 from holdfast.cli.main import main
 from holdfast.edge_runtime.model_file import CARD_KEY
 from holdfast.edge_runtime.monitor import Model
-from holdfast.export.artifact import read_artifact
 from holdfast.export.exporting import seal
+from holdfast.step.artifact import read_artifact
 
 if TYPE_CHECKING:
     from conftest import Built

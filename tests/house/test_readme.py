@@ -15,7 +15,7 @@ from examples.demo import demo, demo_trials
 ROOT = Path(__file__).resolve().parents[2]
 
 
-@pytest.mark.filterwarnings("ignore::holdfast.export.spec.BandsLeftOut")
+@pytest.mark.filterwarnings("ignore::holdfast.step.spec.BandsLeftOut")
 def test_the_readme_shows_the_real_output_of_the_demo(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

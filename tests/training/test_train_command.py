@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from command_line import Run
 
-from holdfast.training.datasets import load
-from holdfast.training.fixture import write_fixture
+from holdfast.data.datasets import load
+from holdfast.data.fixture import write_fixture
 from holdfast.training.plan import SLOW_PERMILLE, at_rate, hand_plan, pooled_plan
 
 SIGNALLED = """
