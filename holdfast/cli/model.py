@@ -194,7 +194,9 @@ def run_train(args: argparse.Namespace) -> int:
         hand = command("run", model, "--source", "usb://ft232h")
         lines.append(f"next: {command('doctor', model)}; with a hand: {hand}")
     else:
-        lines.append("next: record more slips: this model finds none (F1 of risky slip is 0)")
+        lines.append(
+            "next: record more slips: this model finds none (F1 of risky slip is 0)"
+        )
 
     found = {
         "artifact": args.out,

@@ -391,7 +391,9 @@ def report_lines(report: FolderReport) -> list[str]:
 
     verdict = "ready for holdfast train and holdfast evaluate"
     if "doubt" in report.levels:
-        verdict += "; look at each DOUBTFUL line first: if it is right, the figures are wrong"
+        verdict += (
+            "; look at each DOUBTFUL line first: if it is right, the figures are wrong"
+        )
     if not report.readable:
         verdict = "not ready: correct each ERROR, then run holdfast check again"
     elif not report.trainable:
