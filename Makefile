@@ -43,7 +43,7 @@ demo: .venv/.demo-stamp  ## simulate, train, export, watch trials go by that the
 test: setup  ## run the tests
 	$(BIN)/python -m pytest $(ACROSS) $(ARGS)
 
-loop: setup  ## what holding on costs: grip controllers in a closed loop, into build/loop and docs/shared-control.md
+loop: setup  ## what holding on costs: grip controllers in a closed loop, into build/loop and docs/shared-control-figures.md
 	$(BIN)/python -m studies loop --page $(ARGS)
 
 real: setup  ## train, export and evaluate on the public recordings, into build/real
@@ -63,8 +63,8 @@ soak: setup  ## the long tests: a million steps, an hour of falls in real time, 
 	$(BIN)/python -m pytest -m soak $(ARGS)
 	.ci/busy
 
-docs: setup  ## rewrite the tables and pictures of README and docs from build and the code; prose stays
-	$(BIN)/python -m tools.doc_tables
+docs: setup  ## rewrite figures, tables and pictures of README and docs from docs/measured and the code; KEEP=1: first take those in build
+	$(BIN)/python -m tools.doc_tables $(if $(KEEP),--keep)
 	$(BIN)/python -m tools.doc_pictures
 
 docs-site: .venv-docs/.stamp .venv-browser/.stamp  ## the documents as a site that opens from a folder, into build/docs-site; fails on a broken link

@@ -57,9 +57,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure, write WHAT.json, print the tables."""
+    from holdfast.core.progress import Stages
     from holdfast.core.writing import require_writable
     from holdfast.evaluation.formats import table_lines, write_measured
-    from holdfast.training.progress import Stages
 
     require_writable(args.out)
     require_outputs(args)

@@ -20,9 +20,9 @@ import numpy as np
 from benchmarks.loop_baselines import may_slip, needed_grip_n
 from holdfast.core.contract import BoolArray, FloatArray, Json
 from holdfast.core.trial_layout import HELD_ACTIONS, SITUATION_OF_ACTION
+from holdfast.data.metrics import Interval
 from holdfast.evaluation.formats import share
 from holdfast.simulation.loop_people import LoopOutcome
-from holdfast.training.metrics import Interval
 
 BLOCKED_N = 5.0
 BLOCKED_S = 0.3

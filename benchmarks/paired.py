@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.stats import binomtest
 
-from holdfast.training.metrics import Interval
+from holdfast.data.metrics import Interval
 
 EACH = 0.975
 """Two intervals of this level hold together with 95 % (Bonferroni)."""

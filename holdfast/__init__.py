@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from holdfast.core.errors import ModelError as ModelError
     from holdfast.core.errors import UsageError as UsageError
     from holdfast.core.trial_file import read_trial as read_trial
+    from holdfast.data.datasets import load as load_set
     from holdfast.edge_runtime.monitor import GripMonitor
     from holdfast.edge_runtime.recording import Answers as Answers
     from holdfast.live.hand_files import OpenHand
@@ -55,6 +56,7 @@ __all__ = [
     "UsageError",
     "errors",
     "load",
+    "load_set",
     "open_hand",
     "read_trial",
 ]
@@ -101,6 +103,8 @@ def open_hand(
 def __getattr__(name: str) -> Any:
     if name == "errors":
         return import_module("holdfast.core.errors")
+    if name == "load_set":
+        return import_module("holdfast.data.datasets").load
     if name not in _HOMES:
         raise AttributeError(f"module 'holdfast' has no attribute {name!r}")
     return getattr(import_module(f"holdfast.{_HOMES[name]}"), name)

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from holdfast.cli.options import add_job_options, chosen_workers
 from holdfast.core.contract import Json
+from holdfast.core.progress import Stages
 from holdfast.core.writing import require_writable
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.jobs import Workers
@@ -23,7 +24,6 @@ from holdfast.simulation import SCENES
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.training.progress import Stages
 from studies.shared_control.closed_loop import LoopRuns, LoopSet
 from studies.shared_control.plan import CARDS, OUR_REQUEST, SEED, UNSEEN, sets
 from tools.harness import measured_now, write_figures

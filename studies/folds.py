@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from holdfast.training.recording import Fold
+from holdfast.data.recording import Fold
 
 
 def leaky_folds(n_rows: int, n_folds: int, *, seed: int = 0) -> list[Fold]:

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from holdfast.training.datasets import find
-from holdfast.training.datasets.grip_lift_ati import NAME as LIFTS
+from holdfast.data.datasets import find
+from holdfast.data.datasets.grip_lift_ati import NAME as LIFTS
 from studies.people.two_pads import two_pad_name, write_two_pad_scene
 from tools.harness import SimulatedSet, simulate_sets
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from holdfast.cli.command import path_argument, positive
 from holdfast.cli.main import main as holdfast
-from holdfast.training.datasets.grip_lift_ati import NAME as LIFTS
+from holdfast.data.datasets.grip_lift_ati import NAME as LIFTS
 from studies.model_sets import training_sets
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from holdfast.data.metrics import Interval, over
 from holdfast.evaluation.style import write_page
-from holdfast.training.metrics import Interval, over
 from studies.row_names import row_class, shown
 
 TEMPLATES = Path(__file__).with_name("templates")

@@ -14,11 +14,11 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from holdfast.cli.command import path_argument
+from holdfast.data.datasets import load
 from holdfast.edge_runtime.graph import Outputs
 from holdfast.edge_runtime.model import Model
 from holdfast.evaluation.model_outputs import everywhere, steps_with
-from holdfast.export.heads import situation_votes
-from holdfast.training.datasets import load
+from holdfast.step.heads import situation_votes
 from studies.default_model import MODEL
 from tools.harness import SimulatedSet, measured_now, simulate_sets, write_figures
 

@@ -22,10 +22,10 @@ from hypothesis import settings
 from made_once import made_once
 
 from holdfast.core.errors import DataNotFound
-from holdfast.training.datasets import find, load
+from holdfast.data.datasets import find, load
 
 if TYPE_CHECKING:
-    from holdfast.training.recording import DataSet
+    from holdfast.data.recording import DataSet
 
 
 pytest_plugins = [
@@ -85,7 +85,7 @@ class Built:
 @pytest.fixture(scope="session")
 def fixture_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The generated set, three trials a cell, at 50 Hz. Read only: many tests share it."""
-    from holdfast.training.fixture import write_fixture
+    from holdfast.data.fixture import write_fixture
 
     return made_once(
         tmp_path_factory,
@@ -129,7 +129,7 @@ def four_situations(
 def _build(data: DataSet, out: Path) -> None:
     """Train and export by the real pipeline, with forests of a few trees."""
     from holdfast.export.exporting import export_artifact
-    from holdfast.export.spec import BandsLeftOut
+    from holdfast.step.spec import BandsLeftOut
     from holdfast.training.fitting import train
     from holdfast.training.plan import ForestPlan, TrainingPlan
 

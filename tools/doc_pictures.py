@@ -17,14 +17,17 @@ from holdfast.core.writing import write_whole
 from holdfast.edge_runtime.model import Model
 from studies.doc_pictures.step import picture as step_picture
 from studies.doc_pictures.timing import PICTURES as TIMING
+from studies.shared_control.picture import picture as front_picture
+from tools.doc_tables import EVALUATED
 from tools.harness import for_any_page
 
 MODEL = Path("models/holdfast-150hz.onnx")
+FRONT = "docs/measured/loop-front-2026-11-28.json"
 COST = "docs/measured/cost.json"
 LATENCY = "docs/measured/latency-150hz.json"
 SLOWER = Path("docs/measured/latency-50hz.json")
-EVALUATED = "build/evaluate/figures.json"
 MEASURED: dict[str, tuple[str, Callable[[Json], str]]] = {
+    "shared-control.svg": (FRONT, lambda loop: for_any_page(front_picture(loop))),
     "what-accuracy-costs.svg": (
         COST,
         lambda cost: for_any_page(figure(cost["rows"])),

@@ -9,19 +9,18 @@ from typing import Any
 from benchmarks.cost.point import README_POINTS
 from holdfast.core.contract import NORMAL_FLOOR, Json
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
+from holdfast.data.metrics import ABSENT, over
 from holdfast.evaluation.formats import DEPLOYED, markdown
-from holdfast.export.features import GROUPS, feature_count, feature_graph
-from holdfast.export.history import LAGS_S
-from holdfast.export.spec import StepSpec
 from holdfast.simulation import SCENES, shipped_scenes
 from holdfast.simulation.actions import ACTION_MODULES, COMMON, parameters_of
 from holdfast.simulation.effect import all_effects
 from holdfast.simulation.magnet import HEIGHT, dipole_ut, linear_map, loads_n, place_m
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.training.metrics import ABSENT, over
+from holdfast.step.features import GROUPS, feature_count, feature_graph
+from holdfast.step.history import LAGS_S
+from holdfast.step.spec import StepSpec
 from studies.row_names import shown
 from studies.shared_control.picture import front as loop_front
-from studies.shared_control.plan import CANNOT_TELL, UNSEEN
 from studies.shared_control.plan import OURS as OUR_CONTROLLER
 from studies.shared_control.targets import target_rows as loop_targets
 from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS
@@ -81,6 +80,13 @@ def with_interval(value: float | None, interval: Sequence[float] | None) -> str 
     if interval is None:
         return f"{value:.3g}"
     return f"{value:.3g} ({interval[0]:.2f} to {interval[1]:.2f})"
+
+
+def of_hundred(share: float | None, interval: Sequence[float] | None) -> str | None:
+    """A share in words of a hundred, with its 95 % interval: 99 (96 to 100)."""
+    if share is None or interval is None:
+        return None
+    return f"{100 * share:.0f} ({100 * interval[0]:.0f} to {100 * interval[1]:.0f})"
 
 
 def exact(value: float, interval: Sequence[float]) -> str:
@@ -187,33 +193,14 @@ def _quoted(names: Iterable[str]) -> str:
     return ", ".join(f"`{name}`" for name in names)
 
 
-def worst_of_unseen(rows: Rows) -> list[Json]:
-    """For each controller the unseen style on which it saves the least."""
-    worst: dict[str, Json] = {}
-    for row in rows:
-        if row["part"] != "table" or row["set"] not in UNSEEN:
-            continue
-        held = worst.setdefault(row["controller"], row)
-        if (row["saved_share"] or 0) < (held["saved_share"] or 0):
-            worst[row["controller"]] = row
-    return [
-        {**row, "controller": f"{name} ({row['set']})"} for name, row in worst.items()
-    ]
-
-
 def readme_points(cost: Json) -> list[Json]:
-    """The README's rows, and whether people or scenes were evaluated."""
+    """The README's rows."""
     points = {(row["of"], row["what"]): row for row in cost["rows"]}
-    rows = []
-    for one in README_POINTS:
-        data = "people, real" if one.of == "human" else "scenes, simulated"
-        rows.append({**points[one.of, one.what], "set": data})
-    return rows
+    return [points[one.of, one.what] for one in README_POINTS]
 
 
 FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "averaged_over": over,
-    "cannot_tell": CANNOT_TELL,
     "calibration_error_n": calibration_error_n,
     "deployed": DEPLOYED,
     "action_rows": action_rows,
@@ -226,6 +213,7 @@ FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "loop_front": loop_front,
     "loop_targets": loop_targets,
     "number": number,
+    "of_hundred": of_hundred,
     "our_controller": OUR_CONTROLLER,
     "percent": percent,
     "published_learners": LEARNERS,
@@ -235,6 +223,5 @@ FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "shown": shown,
     "table": table,
     "with_interval": with_interval,
-    "worst_of_unseen": worst_of_unseen,
 }
 """Every name that a template may use besides the figures."""

@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from holdfast.core.contract import BoolArray, Json
+from holdfast.data.recording import DataSet, Recording
 from holdfast.evaluation.alarms import EventMatch, event_scores
 from holdfast.evaluation.formats import share
-from holdfast.training.recording import DataSet, Recording
 
 SEED = 0
 """Of the angles, and of which sensor dies."""

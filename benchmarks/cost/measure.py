@@ -13,6 +13,7 @@ from benchmarks.cost.hands import HANDS, UNCHANGED, hand_figures, on_hand
 from benchmarks.cost.point import ON_HANDS, Point
 from benchmarks.cost.recordings import read
 from holdfast.core.contract import RISKY_SLIP, FloatArray, IntArray, Json
+from holdfast.data.recording import DataSet, Recording, assign_groups
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.evaluation.alarms import (
     Answers,
@@ -24,12 +25,12 @@ from holdfast.evaluation.alarms import (
 )
 from holdfast.evaluation.model_outputs import every_row
 from holdfast.export.exporting import whole_graph
-from holdfast.export.features import SCALED_LAGS, SPANS_S, feature_count
-from holdfast.export.heads import Head, riskier_argmax, situation_votes
-from holdfast.export.history import LAGS_S
-from holdfast.export.learner import Learner, reference_votes
-from holdfast.export.pooled import side_matrix
-from holdfast.export.spec import StepSpec
+from holdfast.step.features import SCALED_LAGS, SPANS_S, feature_count
+from holdfast.step.heads import Head, riskier_argmax, situation_votes
+from holdfast.step.history import LAGS_S
+from holdfast.step.learner import Learner, reference_votes
+from holdfast.step.pooled import side_matrix
+from holdfast.step.spec import StepSpec
 from holdfast.training.crossval import (
     FloatRows,
     HeldOut,
@@ -41,7 +42,6 @@ from holdfast.training.crossval import (
     uncalibrated,
 )
 from holdfast.training.judging import held_out_figures
-from holdfast.training.recording import DataSet, Recording, assign_groups
 
 FOLDS = 3
 MOST_FALSE_PER_MIN = 1.0

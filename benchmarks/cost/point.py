@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from holdfast.data.recording import DataSet
 from holdfast.edge_runtime.decision import DecisionRules
-from holdfast.export.spec import HISTORY_S, StepSpec
+from holdfast.step.spec import HISTORY_S, StepSpec
 from holdfast.training.crossval import spec_for
 from holdfast.training.plan import (
     CLOCK_FREE_GROUPS,
@@ -17,7 +18,6 @@ from holdfast.training.plan import (
     TrainingPlan,
     hand_plan,
 )
-from holdfast.training.recording import DataSet
 
 PEOPLES_TREES = 20
 PEOPLES_FOREST = replace(TrainingPlan().situation, n_estimators=PEOPLES_TREES)
@@ -142,6 +142,5 @@ README_POINTS = (
     Point(debounce=2),
     Point(),
     SHIPPED,
-    Point(rate_hz=50.0),
 )
 """What the README shows of them."""

@@ -11,12 +11,12 @@ from pathlib import Path
 from benchmarks.cost.point import Point
 from holdfast.core.errors import UsageError
 from holdfast.core.writing import write_whole
+from holdfast.data.datasets import load
+from holdfast.data.recording import DataSet
+from holdfast.data.windows import Choice
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.training.datasets import load
-from holdfast.training.recording import DataSet
-from holdfast.training.windows import Choice
 
 Parts = Mapping[str, tuple[str, int, int]]
 """Part -> scene, grasps, seed."""

@@ -19,10 +19,9 @@ from pathlib import Path
 
 import pandas as pd
 
-from holdfast import evaluation
+from holdfast import evaluation, load_set
 from holdfast.cli.main import main
 from holdfast.edge_runtime.monitor import Model
-from holdfast.training.datasets import load
 
 os.chdir(tempfile.mkdtemp())
 Path("lab/logs").mkdir(parents=True)
@@ -116,7 +115,7 @@ main(["evaluate", model, "--data", "unseen", "--report", "evaluate.html"])
 # A line a sample: the truth beside the answer.
 
 # %%
-data = load(Path("unseen"), windows="natural")
+data = load_set(Path("unseen"), windows="natural")
 answers = evaluation.to_frame(evaluation.run_model(Model(model), data))
 pd.crosstab(answers["truth"], answers["state"])
 

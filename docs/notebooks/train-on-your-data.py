@@ -18,11 +18,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from holdfast import evaluation
+from holdfast import evaluation, load_set
 from holdfast.cli.main import main
 from holdfast.edge_runtime.monitor import Model
 from holdfast.export.exporting import export_artifact
-from holdfast.training.datasets import load
 from holdfast.training.fitting import train
 from holdfast.training.plan import TWO_SAMPLES, ForestPlan, TrainingPlan
 
@@ -40,7 +39,7 @@ for name, seed in (("mine", 1), ("unseen", 2)):
 # same answers as scikit-learn.
 
 # %%
-data = load(work / "mine")
+data = load_set(work / "mine")
 plan = TrainingPlan(
     situation=ForestPlan(n_estimators=20, min_samples_leaf=4, max_depth=12),
     decision=TWO_SAMPLES,
@@ -57,7 +56,7 @@ print(f"{path.name}: {path.stat().st_size / 1e3:.0f} kB")
 
 # %%
 model = Model(path)
-unseen = load(work / "unseen", windows="natural")
+unseen = load_set(work / "unseen", windows="natural")
 answers = evaluation.to_frame(evaluation.run_model(model, unseen))
 pd.crosstab(answers["truth"], answers["state"])
 

@@ -4,15 +4,23 @@
 const SITUATIONS = ["unknown", "nothing", "grasp", "safe slip", "risky slip"];
 const MODES = ["idle", "hold", "tighten", "relax", "yield"];
 
+/** A cell as a number: a word for a flag counts, an empty one is none. */
+function numberOf(cell) {
+  const word = cell.trim().toLowerCase();
+  return word === "" ? NaN : word === "true" ? 1 : word === "false" ? 0 : Number(word);
+}
+
 /** A CSV with Time, then x y z of every sensor, and maybe valid1, valid2 ..
  *  -> {times: s, rows: numbers, valid: 0 or 1 of every sensor}. Throws an Error that says why. */
 function readTrial(text, channels) {
   const lines = text.split(/\r?\n/).filter((line) => line && !line.startsWith("#"));
-  const flags = (lines[0] ?? "").split(",").indexOf("valid1");
-  const numbers = (line) => line.split(",").map((cell) => (cell.trim() === "" ? NaN : Number(cell)));
+  const names = (lines[0] ?? "").split(",").map((name) => name.trim());
+  const flags = names.indexOf("valid1");
+  const numbers = (line) => line.split(",").map(numberOf);
   const all = lines.map(numbers).filter((row) => Number.isFinite(row[0]));
   if (all.length < 2) throw new Error("no samples: a line needs Time and x, y, z of every sensor");
   const sensors = channels / 3;
+  if (names.includes(`X${sensors + 1}`)) throw new Error(`the trial has more sensors than the model's ${sensors}`);
   const needed = flags < 0 ? 1 + channels : flags + sensors;
   const short = all.find((row) => row.length < needed);
   if (short) throw new Error(`a line has ${short.length} numbers; this model needs Time and ${channels} more`);

@@ -3,11 +3,12 @@
      cc -std=c99 -O2 -ffp-contract=off -Ibuild/c -o live examples/c/live.c build/c/holdfast.c -lm
      tail -f -n +1 trial_1/tactile.csv | ./live
    In: Time in s, x y z of every sensor; then, where the recorder wrote the line, a validity flag for
-   each sensor at the end. The first lines must be of the unloaded hand. A lost finger is nan.
-   Until RATE_ROWS lines have shown the model's rate, the state is unknown; another rate, or a time
-   that does not rise, ends it with 2. */
+   each sensor at the end: 0 or False, 1 or True. The first lines must be of the unloaded hand. A lost
+   finger is nan. Until RATE_ROWS lines have shown the model's rate, the state is unknown; another
+   rate, a time that does not rise, or lines of more sensors than the model has, end it with 2. */
 #include "holdfast.h"
 
+#include <ctype.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -21,16 +22,42 @@ enum { C = HOLDFAST_CHANNELS, S = HOLDFAST_SENSORS, CELLS = 1 + C + 8 + S };
 static const char *const STATES[] = {"unknown", "nothing", "grasp", "safe_slip", "risky_slip"};
 static const char *const MODES[] = {"idle", "hold", "tighten", "relax", "yield"};
 
-/* The numbers of a line; returns how many there are: 0 for a header. */
+/* A number, or the word false or true as 0 or 1; *end: behind it, at `text` where there is neither. */
+static double read_cell(const char *text, char **end) {
+    static const char *const WORDS[] = {"false", "true"};
+    const double number = strtod(text, end);
+    if (*end != text) return number;
+    while (*text == ' ') ++text;
+    for (int word = 0; word < 2; ++word) {
+        const char *left = WORDS[word], *at = text;
+        for (; *left && tolower((unsigned char)*at) == *left; ++at) ++left;
+        if (*left) continue;
+        *end = (char *)at;
+        return word;
+    }
+    return NAN;
+}
+
+/* The numbers of a line; returns how many there are: 0 for a header, CELLS + 1 for too many. */
 static int read_cells(const char *line, double *cells) {
     int n = 0;
-    for (char *end; n < CELLS; line = end + 1) {
-        cells[n] = strtod(line, &end);
+    for (char *end; n <= CELLS; line = end + 1) {
+        const double cell = read_cell(line, &end);
         if (end == line) break;
+        if (n < CELLS) cells[n] = cell;
         ++n;
         if (*end != ',') break;
     }
     return n;
+}
+
+/* Whether a line is of this model's sensors: nothing behind their axes, or a flag of each at its end. */
+static int fits(const double *cells, int n) {
+    int flags = 0;
+    for (int k = n - S; n >= 1 + C + S && n <= CELLS && k < n; ++k) flags += cells[k] == 0.0 || cells[k] == 1.0;
+    if (n == 1 + C || flags == S) return 1;
+    fprintf(stderr, "a line of %d numbers; this model has %d sensors: Time, %d axes, a flag of each sensor or none\n", n, S, C);
+    return 0;
 }
 
 /* Removes the bias of the first rows, in place; returns 0 until it is known. */
@@ -87,6 +114,7 @@ int main(void) {
         holdfast_sense sense;
         const int n = read_cells(line, cells);
         if (n < 1 + C) continue;
+        if (!fits(cells, n)) return 2;
         const int known = prepare(sample);
         for (int k = 0; k < S; ++k) valid[k] = known && (n == 1 + C || cells[n - S + k] != 0.0);
         /* samples that never came are steps without a sensor; a longer gap is no different */

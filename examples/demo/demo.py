@@ -36,9 +36,9 @@ def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
     from examples.demo.demo_grip import close_the_loop, section
     from examples.demo.demo_stream import stream
     from examples.demo.demo_watch import LEGEND, show, watch
+    from holdfast.data.datasets import load
     from holdfast.edge_runtime.monitor import Model
     from holdfast.export.exporting import export_artifact
-    from holdfast.training.datasets import load
     from holdfast.training.fitting import train, versions
     from holdfast.training.plan import TrainingPlan
     from studies.real.pictures import confusion

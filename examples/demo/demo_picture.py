@@ -36,7 +36,7 @@ BEFORE_S, AFTER_S = 0.2, 0.6
 """What is shown, from the beginning of the action."""
 SLOWER = 10
 PAUSE_S = 3.0
-"""The end is shown for so long before it begins again."""
+"""The end is shown for so long before it begins again; the picture begins with it."""
 FRAME_S = 0.02
 """Of the trial, from one place of the object to the next; between them it moves evenly."""
 PLOT_PX, TOP_PX, BOTTOM_PX = 250, 330, 440
@@ -149,6 +149,7 @@ def picture(model: OpenedModel, across: int = 3) -> str:
         plot=PLOT_PX,
         zero=f"{PLOT_PX * BEFORE_S / shown_s:.1f}",
         cycle_s=f"{cycle_s:g}",
+        begin_s=f"{SLOWER * shown_s:g}",
         played=round(100 * SLOWER * shown_s / cycle_s, 1),
         after_ms=f"{1e3 * AFTER_S:.0f}",
         high_n=f"{HIGH_N:.0f}",

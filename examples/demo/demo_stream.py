@@ -19,12 +19,12 @@ from holdfast.core.contract import (
 )
 from holdfast.core.hand_card import read_hand_card, sensor_names
 from holdfast.core.trial_layout import HAND_FILE, read_json, truth_path
+from holdfast.data.critical_points import CriticalPoint, offline_critical_points
+from holdfast.data.recording import Recording
+from holdfast.data.timeline import Phase, read_truth
 from holdfast.evaluation.formats import spaced
 from holdfast.evaluation.pictures import draw_unknown, spans
 from holdfast.evaluation.style import INK, NOTE, QUIET, SITUATION_COLOURS, labelled, svg
-from holdfast.training.critical_points import CriticalPoint, offline_critical_points
-from holdfast.training.recording import Recording
-from holdfast.training.timeline import Phase, read_truth
 
 FINGER_COLOURS = ("#000000", "#999933", "#0072b2", "#e69f00", "#cc79a7", "#882255")
 FINGER_LINES = ("-", "--", "-", "--", "-", "--")

@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from examples.demo.demo_stream import StreamPicture, picture_of
 from holdfast.core.contract import RISKY_SLIP, SAFE_SLIP, SITUATIONS, Prediction, Sample
+from holdfast.data.recording import Recording
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.monitor import GripMonitor, Model
-from holdfast.training.recording import Recording
 
 LETTERS = ".gsR"
 """nothing, grasp, safe slip, risky slip; unknown is a question mark."""

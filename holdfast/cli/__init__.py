@@ -1,1 +1,4 @@
-"""The command line: parsers and calls."""
+"""For: the command line: parsers and calls, no logic.
+May import: all other rooms.
+Begin with: main.py, the list of verbs.
+"""

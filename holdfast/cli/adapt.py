@@ -86,7 +86,7 @@ def _undo(args: argparse.Namespace) -> int:
 
 
 def _adapt(args: argparse.Namespace) -> int:
-    from holdfast.training.progress import Stages
+    from holdfast.core.progress import Stages
 
     begin = Stages()
     begin("loading the libraries and the model")

@@ -47,9 +47,9 @@ def run_check(args: argparse.Namespace) -> int:
     if args.repair:
         return _repair(args)
     from holdfast.cli.options import read_settings, settings_file
+    from holdfast.core.progress import Stages
+    from holdfast.data.datasets import find
     from holdfast.training.check import examine, report_lines
-    from holdfast.training.datasets import find
-    from holdfast.training.progress import Stages
 
     begin = Stages()
     begin(f"reading {args.folder}")
@@ -86,7 +86,7 @@ def _repair(args: argparse.Namespace) -> int:
 
 
 def _write_example(folder: Path) -> int:
-    from holdfast.training.fixture import LOGGER, TRIALS, write_example
+    from holdfast.data.fixture import LOGGER, TRIALS, write_example
 
     write_example(folder)
     show(

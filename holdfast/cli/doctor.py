@@ -34,7 +34,7 @@ def add_doctor_arguments(parser: argparse.ArgumentParser) -> None:
         "model",
         nargs="?",
         metavar="MODEL",
-        help="check this model file on this machine, about 5 s (default: the machine)",
+        help="check this model file on this machine, in seconds (default: the machine)",
     )
     parser.add_argument(
         "--completion",

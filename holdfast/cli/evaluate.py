@@ -59,9 +59,9 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_evaluate(args: argparse.Namespace) -> int:
     """Evaluate, print the figures in words, write them as JSON and as a report."""
+    from holdfast.core.progress import Stages
     from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
     from holdfast.evaluation.report import evaluation_lines, write_event_report
-    from holdfast.training.progress import Stages
 
     request = EvaluationRequest(
         tuple(args.data),

@@ -24,8 +24,8 @@ from holdfast.core.errors import DataError, LibraryMissing, UsageError, command
 from holdfast.core.writing import require_new, whole_folder, write_whole
 
 if TYPE_CHECKING:
+    from holdfast.core.progress import Part
     from holdfast.interop.understood import Understood
-    from holdfast.training.progress import Part
 
 ANSWERS = {
     "action": (
@@ -34,7 +34,15 @@ ANSWERS = {
     ),
     "person": ("NAME", "who holds, or which names in the paths are people"),
     "object": ("NAME", "what is held, in the same way"),
-    "unit": ("UNIT", "of the readings: N, mN, uT, .."),
+    "unit": ("UNIT", "of the readings: N, mN, lbf, uT, .."),
+    "fingers": (
+        "WORDS",
+        "words of the files of one trial, a file for each finger, in their order",
+    ),
+    "sensors": (
+        "COLUMNS",
+        "x, y, z of each sensor in turn, such as 'ch*' or 'left_f*'",
+    ),
 }
 """Option that answers a question -> what it takes, and its help."""
 PICTURE = "first-trial.svg"
@@ -66,13 +74,14 @@ def add_import_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="HZ",
         help="rows a second, where no column says it",
     )
+    option("--unwrap", action="store_true", help="take out jumps of readings by 2^16")
     option("--normal", default="", choices=("x", "y", "z"), help="the axis of a press")
     add_json_option(parser)
 
 
 def run_import(args: argparse.Namespace) -> int:
     """Say what was understood, ask what is left, then write all trials, or none."""
-    from holdfast.training.progress import Stages
+    from holdfast.core.progress import Stages
 
     require_new(args.out)
     require_outputs(args, folder=args.out)
@@ -97,8 +106,9 @@ def run_import(args: argparse.Namespace) -> int:
                 _refuse(args, found, "no trial is written yet", "--yes")
 
     checked = examine(args.out)
-    first, *_, verdict = report_lines(checked)
-    shown = [*found.lines, "", *_picture(args), first, verdict]
+    first, *between, verdict = report_lines(checked)
+    doubts = [line for line in between if line.startswith("DOUBTFUL")]
+    shown = [*found.lines, "", *_picture(args), first, *doubts, verdict]
     is_ready = checked.levels <= {"advice"}
     next_words = ("train", "--data") if is_ready else ("check",)
     shown.append(f"next: {command(*next_words, args.out)}")
@@ -117,7 +127,9 @@ def _understood(args: argparse.Namespace, part: Part) -> Understood:
     if args.map is not None:
         return of_map(args.source, read_import_map(args.map))
     while True:
-        given = {key: getattr(args, key) for key in (*ANSWERS, "rate", "normal")}
+        given = {
+            key: getattr(args, key) for key in (*ANSWERS, "rate", "normal", "unwrap")
+        }
         found = understand(args.source, Answers(**given), part)
         if not found.questions:
             return found
@@ -158,7 +170,7 @@ def _refuse(
 
 def _picture(args: argparse.Namespace) -> list[str]:
     """Draw the first trial, where matplotlib is there and a trial can be read; in words."""
-    from holdfast.training.datasets.thesis import readers
+    from holdfast.data.datasets.thesis import readers
 
     try:
         from holdfast.evaluation.pictures import trial

@@ -36,9 +36,9 @@ from holdfast.core.schema import model_path
 
 if TYPE_CHECKING:
     from holdfast.core.hand_card import HandCard
+    from holdfast.data.recording import HoldOut
     from holdfast.export.verify import HeadVerification
     from holdfast.training.fitting import TrainingRequest
-    from holdfast.training.recording import HoldOut
 
 # As holdfast.training has them; repeated here so that --help need not import it.
 WINDOWS = ("balanced", "dense", "thesis", "natural")
@@ -149,14 +149,14 @@ def run_train(args: argparse.Namespace) -> int:
     """Train; prints the windows and the held-out figures, and the stages on stderr."""
     from holdfast.core.contract import CANNOT_TELL, not_learned_in_words
     from holdfast.core.errors import command
-    from holdfast.training.metrics import situation_lines, with_interval
-    from holdfast.training.progress import Stages, ignored
+    from holdfast.core.progress import Stages, ignored
+    from holdfast.data.metrics import situation_lines, with_interval
 
     progress = Stages()
     progress("loading the libraries")
     # Imported within the stage: loading the libraries takes seconds, and is shown.
-    from holdfast.export.artifact import INDEX
     from holdfast.export.exporting import MODEL_NAME, export_artifact
+    from holdfast.step.artifact import INDEX
     from holdfast.training.fitting import train_on_sets
 
     model = args.out / MODEL_NAME
@@ -189,7 +189,14 @@ def run_train(args: argparse.Namespace) -> int:
     lines += trained.not_held_out
     lines += not_learned_in_words(not_learned)
     lines += [data.caveat, _written(model, exported.bytes)]
-    lines.append(f"next: {command('run', model)}")
+    # where no fold could be judged, F1 is None
+    if figures.situations.f1.get("risky_slip") != 0.0:
+        hand = command("run", model, "--source", "usb://ft232h")
+        lines.append(f"next: {command('doctor', model)}; with a hand: {hand}")
+    else:
+        lines.append(
+            "next: record more slips: this model finds none (F1 of risky slip is 0)"
+        )
 
     found = {
         "artifact": args.out,

@@ -46,10 +46,10 @@ def run_simulate(args: argparse.Namespace) -> int:
     An interrupted run leaves no folder.
     """
     from holdfast.core.locked import lock_of
+    from holdfast.core.progress import Stages
     from holdfast.simulation.folder import write_set
     from holdfast.simulation.scene import Scene
     from holdfast.simulation.scene_file import read_scene_file
-    from holdfast.training.progress import Stages
 
     # A set is made of one card and one seed; files of two sets must not mix.
     require_new(args.out)

@@ -1,1 +1,4 @@
-"""The domain and its files: contract, errors, units, trial files. It imports no other package."""
+"""For: what all rooms share: the contract, errors, units, trial files, hand cards.
+May import: no other room.
+Begin with: contract.py, two screens that explain the whole domain.
+"""

@@ -40,10 +40,14 @@ NOTHING, GRASP, SAFE_SLIP, RISKY_SLIP = range(4)
 Unit = Literal["N", "uT", "count"]
 UNITS: tuple[Unit, ...] = ("N", "uT", "count")
 STANDARD_GRAVITY_M_S2 = 9.80665
+POUND_KG = 0.45359237
 UNIT_OF: dict[str, tuple[Unit, float]] = {
     "N": ("N", 1.0),
     "mN": ("N", 1e-3),
     "gf": ("N", 1e-3 * STANDARD_GRAVITY_M_S2),
+    "kgf": ("N", STANDARD_GRAVITY_M_S2),
+    "lbf": ("N", POUND_KG * STANDARD_GRAVITY_M_S2),
+    "ozf": ("N", POUND_KG / 16 * STANDARD_GRAVITY_M_S2),
     "uT": ("uT", 1.0),
     "mT": ("uT", 1e3),
     "G": ("uT", 100.0),
@@ -151,6 +155,11 @@ def class_id(situation: int, *, heavy: bool) -> int:
 def channel_names(n_sensors: int) -> tuple[str, ...]:
     """Channel names in order: X1, Y1, Z1 .. Xn, Yn, Zn."""
     return tuple(f"{axis.upper()}{k}" for k in range(1, n_sensors + 1) for axis in AXES)
+
+
+def valid_names(n_sensors: int) -> tuple[str, ...]:
+    """Names of the columns that say whether a sensor is valid, in order: valid1 .. validn."""
+    return tuple(f"valid{k}" for k in range(1, n_sensors + 1))
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,15 @@ MOST_CONTACTS = 32
 """With those that have no sensor."""
 LEVELS = 4
 """A file lies at most so many folders below its set: <person>/<object>/<action>/trial_1/."""
+
+
+def too_many(n_sensors: int) -> str:
+    """What to say of more sensors than a hand can have, "" for fewer."""
+    if n_sensors <= MOST_SENSORS:
+        return ""
+    return f"{n_sensors} sensors, and {MOST_SENSORS} are the most of a hand"
+
+
 FARTHEST_MM = 100.0
 """Of a place from the middle of the hand."""
 Name = Annotated[str, Meta(max_length=80)]

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
 
-from holdfast.core.contract import BoolArray, FloatArray, channel_names
+from holdfast.core.contract import BoolArray, FloatArray, channel_names, valid_names
 from holdfast.core.errors import EmptyRecording, OutputError
 from holdfast.core.trial_file import TIME_COLUMN, check_columns, table_of
 from holdfast.core.writing import write_whole
@@ -194,9 +194,8 @@ class TactileFile:
 
 def header_line(n_sensors: int) -> str:
     """The first line of a file with this many sensors, without its newline."""
-    valid = [f"valid{k}" for k in range(1, n_sensors + 1)]
-    columns = [TIME_COLUMN, *channel_names(n_sensors), "host_ns", "sequence", *valid]
-    return ",".join(columns)
+    columns = [TIME_COLUMN, *channel_names(n_sensors), "host_ns", "sequence"]
+    return ",".join([*columns, *valid_names(n_sensors)])
 
 
 class _Sync:

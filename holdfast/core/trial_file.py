@@ -28,6 +28,7 @@ from holdfast.core.contract import (
     Unit,
     channel_names,
     is_rate,
+    valid_names,
 )
 from holdfast.core.errors import (
     ChannelError,
@@ -182,9 +183,9 @@ def read_trial(path: str | Path, hand: HandCard | None = None) -> Trial:
     raw, denied = _channels(table, header, n_sensors, hand)
     valid = np.ones((len(table), n_sensors), dtype=np.bool_)
     # a sensor without such a column is valid
-    for k in range(n_sensors):
-        if f"valid{k + 1}" in header:
-            valid[:, k] = table[:, header.index(f"valid{k + 1}")] != 0.0
+    for k, name in enumerate(valid_names(n_sensors)):
+        if name in header:
+            valid[:, k] = table[:, header.index(name)] != 0.0
     zero, unit = prepared_by(dict(zip(header, table[0], strict=True)))
     trial = Trial(path, t_s, raw, valid, zero=zero, unit=unit, denied=denied)
     # the counter of the recorder knows exactly what was lost; time alone only guesses
@@ -304,8 +305,7 @@ def check_columns(header: list[str], path: Path, absent: Collection[str] = ()) -
     optional = set(absent).difference(header)
     expected = [time]
     expected += [one for one in channel_names(n_sensors) if one not in optional]
-    known = {*expected, *RECORDER_COLUMNS}
-    known.update(f"valid{k}" for k in range(1, n_sensors + 1))
+    known = {*expected, *RECORDER_COLUMNS, *valid_names(n_sensors)}
     missing = [name for name in expected if name not in header]
     unknown = [name for name in header if name not in known]
     if missing:

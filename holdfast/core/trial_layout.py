@@ -94,7 +94,7 @@ UNSCRIPTED = (*OTHER_ACTIONS, "daily")
 LABELLED_ACTIONS = ("hold", "slip", "lift")
 """Actions that need no truth: whether the object slipped is all that is known of a trial.
 
-Of lifts, one after the other, the forces tell when the hand holds something (training/lifts.py).
+Of lifts, one after the other, the forces tell when the hand holds something (data/lifts.py).
 """
 HELD_ACTIONS = _actions_of("grasp")
 """Actions in which the object should stay in the hand."""

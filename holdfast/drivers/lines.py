@@ -42,7 +42,7 @@ from holdfast.core.errors import (
     RateError,
     listed,
 )
-from holdfast.core.hand_card import MOST_SENSORS, HandCard
+from holdfast.core.hand_card import MOST_SENSORS, HandCard, too_many
 from holdfast.core.hand_lines import (
     LONGEST_LINE,
     NOT_RISING,
@@ -84,10 +84,9 @@ def map_of_names(
     numbers = [int(found[1]) for found in map(CHANNEL.fullmatch, names) if found]
     n_sensors = max(numbers, default=0)
     channels = channel_names(min(n_sensors, MOST_SENSORS + 1))
-    if n_sensors > MOST_SENSORS:
+    if too_many(n_sensors):
         raise ColumnError(
-            f"{n_sensors} sensors, and {MOST_SENSORS} are the most of a hand",
-            next_step=f"send those that matter, or {NAME_A_MAP}",
+            too_many(n_sensors), next_step=f"send those that matter, or {NAME_A_MAP}"
         )
     absent = hand.unmeasured_names if hand else ()
     needed = set(channels).difference(absent)

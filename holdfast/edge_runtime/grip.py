@@ -73,32 +73,40 @@ def possible(batch: Batch, sense: GripSense) -> GripSense:
 class WearersGrip:
     """The grip that the wearer set, N a side; 0 while nothing is held.
 
-    A grip that a target may have made says nothing about it: what is given counts, and what was
-    given for as long as a drive takes to come back from it. A grip that is larger than that by
-    APART_N is the wearer's, whatever is given.
+    A grip under a target says nothing about it: what is given counts, and what was given for as
+    long as a drive takes to come back from it. A larger grip than that does not either, up to
+    OURS_TIMES of it: a sensor may read twice what is there, and a drive coasts on. While the hand
+    closes nothing is wanted, so the grip is known where the first target is given.
 
     closes: the hand still closes on its object. It does from the contact on until the grip has not
     risen for STILL_S, and again where it rises within CLOSES_S of the contact. held_s: time since
-    the contact, up to MOST_S.
+    the contact, up to MOST_S. A grip that grows by AGAIN_SHARE of itself and AGAIN_N at once makes
+    another hold, as if the contact began, unless a slip is likely (SLIP_P): fingers that rest on an
+    object before they lift it, or after they have set it down, are not known to be empty.
     """
 
     TIME_S = 0.1
     """Time constant of the low-pass over the measured grip."""
     BACK_S = 0.2
     """Time constant at which what was given fades."""
-    APART_N = 0.5
+    OURS_N = 0.5
+    """What is given counts as none below it, N a side."""
+    OURS_TIMES = 2.5
     RISES_N, RISES_SHARE = 0.1, 0.03
     """A grip rises where it is further above its low-pass than this, N, and this share of it."""
     STILL_S = 0.05
     CLOSES_S = 1.0
+    AGAIN_N, AGAIN_SHARE = 0.5, 0.5
+    SLIP_P = 0.5
     MOST_S = 10.0
     """Times are bounded, so that they do not grow for days."""
 
     def __init__(self, batch: Batch, rate_hz: float, in_newtons: bool = True) -> None:
         self._batch = batch
-        # in another unit no grip is known to be larger than a target, or to rise
-        self._apart_n = self.APART_N if in_newtons else math.inf
+        # in another unit no grip is known to rise, or to be more than a target makes
+        self._in_newtons = in_newtons
         self._rises_n = self.RISES_N if in_newtons else math.inf
+        self._again_n = self.AGAIN_N if in_newtons else math.inf
         self._period_s = 1.0 / rate_hz
         # the share of a new value in a first-order low-pass
         self._share = 1.0 / (1.0 + self.TIME_S * rate_hz)
@@ -114,12 +122,16 @@ class WearersGrip:
         batch = self._batch
         faded_n = self._ours_n + self._back * (given_n - self._ours_n)
         self._ours_n = batch.most(given_n, faded_n)
-        is_ours = self._ours_n > self.APART_N
-        is_ours = is_ours & (sense.grip_n < self._ours_n + self._apart_n)
+        is_ours = self._ours_n > self.OURS_N
+        if self._in_newtons:
+            made_n = self.OURS_TIMES * self._ours_n + self.OURS_N
+            is_ours = is_ours & (sense.grip_n < made_n)
         measures = sense.known & batch.no(is_ours)
 
         rise_n = sense.grip_n - self.grip_n
         rises = rise_n > self._rises_n + self.RISES_SHARE * self.grip_n
+        again = rise_n > self._again_n + self.AGAIN_SHARE * self.grip_n
+        again = again & (sense.p_risky < self.SLIP_P)
         smooth_n = self.grip_n + self._share * rise_n
         self.grip_n = batch.choose(measures, smooth_n, self.grip_n)
 
@@ -127,7 +139,8 @@ class WearersGrip:
         still_s = batch.choose(measures & rises, 0.0, later_s)
         self._still_s = batch.choose(sense.known, still_s, self._still_s)
         later_s = batch.least(self.held_s + self._period_s, self.MOST_S)
-        self.held_s = batch.choose(sense.known, later_s, self.held_s)
+        held_s = batch.choose(measures & again, 0.0, later_s)
+        self.held_s = batch.choose(sense.known, held_s, self.held_s)
         self._let_go(sense.known & sense.empty)
         early = self.held_s < self.CLOSES_S
         self.closes = (self._still_s < self.STILL_S) & early
@@ -311,10 +324,11 @@ class LoadFollower:
     LEARNS_S and until the hand has closed, quickly (QUICK_S), whatever is given, and nothing is
     followed: a pick-up is no slip. Afterwards slowly (MEAN_S), while no target is given and the
     load does not rise. From `above` times the reference on the grip should be so large that no more
-    than that is in use: T / (2 above reference).
+    than that is in use: T / (2 above reference), but at most MOST_N and MOST_TIMES the wearer's
+    grip over it. So a wearer who closes a touching hand soon grips by more than a target made.
     """
 
-    LEARNS_S = 0.8
+    LEARNS_S = 0.6
     QUICK_S = 0.15
     MEAN_S = 1.0
     TIMES = 2.0
@@ -324,10 +338,13 @@ class LoadFollower:
     RISES = 1.2
     LEAST_N = 0.5
     """Below it the ratio of two noisy numbers means little, N a side."""
+    MOST_N, MOST_TIMES = 1.0, 2.0
 
     def __init__(self, batch: Batch, rate_hz: float, rules: AnswerRules) -> None:
         self._batch = batch
         self._rules = rules
+        # in another unit no rise is known to be large
+        self._most_n = self.MOST_N if rules.in_newtons else math.inf
         self._slow = 1.0 / (1.0 + self.MEAN_S * rate_hz)
         self._quick = 1.0 / (1.0 + self.QUICK_S * rate_hz)
         self._short = 1.0 / (1.0 + self.LOAD_S * rate_hz)
@@ -351,6 +368,7 @@ class LoadFollower:
         # another person who takes the object raises the load as well
         taken = sense.p_safe >= self._rules.safe_p
         most_n = batch.choose(taken, self._rules.safe_follow_n, self._rules.follow_n)
+        most_n = batch.least(most_n, self._most_n + self.MOST_TIMES * wearer.grip_n)
         asked_n = batch.least(sense.load_n / (2.0 * allowed), wearer.grip_n + most_n)
 
         self._pass_load(sense, holds)

@@ -1,4 +1,7 @@
-"""A model file on whole streams: events, baselines, states."""
+"""For: a model file on whole recordings: events, baselines, states, reports.
+May import: training and below.
+Begin with: evaluate.py, from a file and sets to figures.
+"""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

@@ -17,11 +17,11 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import NOTHING, RISKY_SLIP, BoolArray, FloatArray
+from holdfast.data.metrics import Interval, draw_groups, interval_of
+from holdfast.data.recording import Recording
+from holdfast.data.timeline import RiskyEvent
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules, period_us
 from holdfast.evaluation.formats import Spread, spread
-from holdfast.training.metrics import Interval, draw_groups, interval_of
-from holdfast.training.recording import Recording
-from holdfast.training.timeline import RiskyEvent
 
 IntArray = npt.NDArray[np.int64]
 COLLAR_S = 0.020

@@ -16,13 +16,13 @@ import numpy as np
 from onnx import TensorProto
 
 from holdfast.core.contract import NORMAL_AXIS, BoolArray, FloatArray
+from holdfast.data.recording import Recording
 from holdfast.edge_runtime.graph import BATCH, open_session, steps_of
 from holdfast.evaluation.model_outputs import everywhere
-from holdfast.export.builder import GraphBuilder
-from holdfast.export.detectors import add_bank, noise_gain
-from holdfast.export.guard import USABLE, add_guard
-from holdfast.export.spec import NOISE_RMS, StepSpec
-from holdfast.training.recording import Recording
+from holdfast.step.builder import GraphBuilder
+from holdfast.step.detectors import add_bank, noise_gain
+from holdfast.step.guard import USABLE, add_guard
+from holdfast.step.spec import NOISE_RMS, StepSpec
 
 OUTPUTS = ("loudest", "now", "usable")
 NARROW = 2048

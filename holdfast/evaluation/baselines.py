@@ -29,6 +29,8 @@ from holdfast.core.contract import (
     FloatArray,
     Json,
 )
+from holdfast.core.progress import Part, ignored
+from holdfast.data.recording import DataSet, Recording
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
 from holdfast.edge_runtime.graph import open_session, steps_of
 from holdfast.edge_runtime.model_file import ModelCard
@@ -51,11 +53,11 @@ from holdfast.evaluation.formats import (
     SHEAR_RATE,
 )
 from holdfast.evaluation.model_outputs import ModelOutputs, everywhere, risky_permille
-from holdfast.export.builder import GraphBuilder
-from holdfast.export.detectors import detector_names
-from holdfast.export.features import add_features_alone
-from holdfast.export.heads import Head, add_heads
-from holdfast.export.spec import StepSpec
+from holdfast.step.builder import GraphBuilder
+from holdfast.step.detectors import detector_names
+from holdfast.step.features import add_features_alone
+from holdfast.step.heads import Head, add_heads
+from holdfast.step.spec import StepSpec
 from holdfast.training.crossval import (
     features_of,
     fit_learner,
@@ -64,8 +66,6 @@ from holdfast.training.crossval import (
     uncalibrated,
 )
 from holdfast.training.plan import RAW_BASELINE
-from holdfast.training.progress import Part, ignored
-from holdfast.training.recording import DataSet, Recording
 
 Requests = Callable[[float], list[BoolArray]]
 """Setting -> [T] a recording, whether an act is requested."""

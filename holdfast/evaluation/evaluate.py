@@ -8,7 +8,10 @@ from functools import partial
 
 from holdfast.core.errors import SetLocked, UsageError, count_of
 from holdfast.core.locked import require_open, require_open_people
+from holdfast.core.progress import Part, Say, ignored
 from holdfast.core.trial_layout import read_json
+from holdfast.data.datasets import find, load
+from holdfast.data.recording import DataSet, Recording
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.graph import Outputs
 from holdfast.edge_runtime.model_file import ModelCard
@@ -34,10 +37,7 @@ from holdfast.evaluation.model_outputs import (
     window_figures,
 )
 from holdfast.evaluation.scored_set import Evaluation, ScoredSet, all_sets, score_set
-from holdfast.export.spec import StepSpec
-from holdfast.training.datasets import find, load
-from holdfast.training.progress import Part, Say, ignored
-from holdfast.training.recording import DataSet, Recording
+from holdfast.step.spec import StepSpec
 
 
 @dataclass(frozen=True)

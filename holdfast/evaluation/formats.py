@@ -20,7 +20,7 @@ from scipy.stats import binomtest
 
 from holdfast.core.contract import BoolArray, Json
 from holdfast.core.writing import write_whole
-from holdfast.training.metrics import ABSENT, Interval, Share
+from holdfast.data.metrics import ABSENT, Interval, Share
 
 # Figures that every table uses: a spread of times, a share with its interval, McNemar's test.
 #

@@ -14,6 +14,8 @@ import numpy as np
 
 from holdfast.core.contract import BoolArray
 from holdfast.core.trial_layout import VOLUNTARY_ACTIONS
+from holdfast.data.datasets.trials import by_kind
+from holdfast.data.metrics import Interval, Share
 from holdfast.evaluation.alarms import (
     WIDE_COLLAR_S,
     AlarmRates,
@@ -24,8 +26,6 @@ from holdfast.evaluation.alarms import (
 )
 from holdfast.evaluation.formats import share
 from holdfast.evaluation.trials import DISTURBANCES, LabelledTrial, voluntary_actions
-from holdfast.training.datasets.trials import by_kind
-from holdfast.training.metrics import Interval, Share
 
 
 @dataclass(frozen=True)

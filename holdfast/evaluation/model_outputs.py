@@ -11,20 +11,20 @@ import numpy.typing as npt
 
 from holdfast.core.contract import RISKY_SLIP, SITUATIONS, Json
 from holdfast.core.errors import ChannelError
+from holdfast.core.progress import Part, ignored
+from holdfast.data.metrics import HeadFigures, report
+from holdfast.data.recording import DataSet, Recording
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.engine import OpenedModel
 from holdfast.edge_runtime.graph import Outputs, Steps
 from holdfast.edge_runtime.model import LABEL, situations_of
 from holdfast.edge_runtime.monitor import require_fit
 from holdfast.evaluation.alarms import Answers
-from holdfast.export.heads import riskier_argmax
-from holdfast.export.network import IntArray
+from holdfast.step.heads import riskier_argmax
+from holdfast.step.network import IntArray
 from holdfast.training.crossval import pick_rows, stepped
 from holdfast.training.fitting import fingerprint
-from holdfast.training.metrics import HeadFigures, report
 from holdfast.training.plan import TASK_HEADS
-from holdfast.training.progress import Part, ignored
-from holdfast.training.recording import DataSet, Recording
 
 OUTPUTS = ("votes", "unknown", *LABEL)
 NO_CLASS = -1

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 
 from holdfast.core.contract import NORMAL_AXIS, SAFE_SLIP, BoolArray
+from holdfast.data.recording import Recording, runs_of
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.evaluation.scored_set import Times
 from holdfast.evaluation.states import CalibrationBin
@@ -23,7 +24,6 @@ from holdfast.evaluation.style import (
     svg,
 )
 from holdfast.evaluation.trials import AnsweredTrial
-from holdfast.training.recording import Recording, runs_of
 
 SET_COLOURS = (
     "#d55e00",

@@ -14,6 +14,14 @@ import numpy as np
 
 from holdfast.core.contract import RISKY_SLIP, SITUATIONS, not_learned_in_words
 from holdfast.core.errors import count_of
+from holdfast.data.metrics import (
+    PLURAL,
+    HeadFigures,
+    in_words,
+    situation_lines,
+    with_interval,
+)
+from holdfast.data.recording import DataSet
 from holdfast.evaluation import pictures as draw
 from holdfast.evaluation.formats import (
     DEPLOYED,
@@ -27,18 +35,10 @@ from holdfast.evaluation.model_outputs import WindowFigures
 from holdfast.evaluation.scored_set import Evaluation
 from holdfast.evaluation.style import labelled, svg, write_page
 from holdfast.evaluation.trials import AnsweredTrial, LabelledTrial, central_trial
-from holdfast.export.spec import window_samples
+from holdfast.step.spec import window_samples
 from holdfast.training.crossval import main_task
 from holdfast.training.fitting import Trained
 from holdfast.training.judging import CurvePoint
-from holdfast.training.metrics import (
-    PLURAL,
-    HeadFigures,
-    in_words,
-    situation_lines,
-    with_interval,
-)
-from holdfast.training.recording import DataSet
 
 # An evaluation as lines for people, with the caveats that belong to its figures.
 

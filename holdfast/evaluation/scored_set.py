@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from holdfast.core.contract import BoolArray, Json
+from holdfast.core.progress import Part, ignored
 from holdfast.core.trial_layout import read_json
+from holdfast.data.recording import DataSet
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.evaluation.alarms import EventTimes, event_times, requests_at
 from holdfast.evaluation.baselines import Baseline, Thresholds
@@ -30,8 +32,6 @@ from holdfast.evaluation.trials import (
     drawn_trials,
     labelled_trials,
 )
-from holdfast.training.progress import Part, ignored
-from holdfast.training.recording import DataSet
 
 MADE_FROM = ("title", "card_sha256", "seed", "effects")
 """Keys of a set's meta.json that its figures repeat."""

@@ -14,12 +14,12 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.contract import CLASSES, RISKY_SLIP, SITUATIONS, BoolArray
+from holdfast.data.metrics import Share, SituationFigures, situation_scores
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.evaluation.alarms import EventMatch, event_scores, match_alarms
 from holdfast.evaluation.formats import Spread, share
 from holdfast.evaluation.model_outputs import ModelOutputs
 from holdfast.evaluation.trials import voluntary_actions, without_samples
-from holdfast.training.metrics import Share, SituationFigures, situation_scores
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -25,8 +25,8 @@ from markupsafe import Markup
 from holdfast.core.contract import SITUATIONS, not_learned_in_words
 from holdfast.core.errors import count_of
 from holdfast.core.writing import write_whole
+from holdfast.data.metrics import over
 from holdfast.evaluation import formats
-from holdfast.training.metrics import over
 
 # HTML from templates: the one place that knows jinja2. The templates are in templates/.
 #

@@ -31,8 +31,8 @@ from holdfast.core.trial_layout import (
     read_json,
     truth_path,
 )
-from holdfast.training.recording import Recording
-from holdfast.training.timeline import Phase
+from holdfast.data.recording import Recording
+from holdfast.data.timeline import Phase
 
 DISTURBANCES = {"dFn": "grip_change", "dFt": "load_n", "dq": "motor_mm"}
 """Disturbance of a hold (grip, load, motor) -> the drawn parameter that is not 0 in it."""

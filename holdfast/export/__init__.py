@@ -1,14 +1,17 @@
-"""Everything ONNX: an artifact folder becomes one verified, sealed file. The route:
+"""For: what becomes of an artifact folder: one verified, sealed file, and its C form.
+May import: step, edge_runtime, core.
+Begin with: exporting.py, features and learner joined to one graph, and sealed.
 
-features.py    from samples to features, as nodes of the step graph
-learner.py     the forest by skl2onnx, its leaves as whole votes (network.py: a network's)
-exporting.py   both joined to one graph with labels and probabilities (heads.py), and sealed
-verify.py      in between: that graph against the reference (structure.py: every number)
-
-changed.py writes a changed copy of such a file, c/ its C form. Nothing here imports training.
+verify.py in between: that graph against the reference (structure.py: every number). changed.py
+writes a changed copy of such a file, c/ its C form. Nothing here imports training. export.py
+is `holdfast export` as a script.
 """
 
-if __name__ == "export":  # imported by the link at the top of a checkout
-    from holdfast.core.links import link
+from holdfast.core.links import link, moved
 
+if __name__ == "export":  # imported by the link at the top of a checkout
     link(__name__)
+else:
+    of_graph = ["builder", "detectors", "features", "guard", "history", "spec"]
+    of_learner = ["artifact", "heads", "learner", "network", "pooled", "pooled_graph"]
+    moved(__name__, "step", of_graph + of_learner)

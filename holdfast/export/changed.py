@@ -31,12 +31,7 @@ from holdfast.edge_runtime.decision import LIMITS, DecisionRules
 from holdfast.edge_runtime.graph import Outputs, open_session, run_recording
 from holdfast.edge_runtime.model import golden_input
 from holdfast.edge_runtime.model_file import CARD_KEY, GOLDEN_KEY, SEAL_KEY
-from holdfast.export.builder import GraphBuilder
 from holdfast.export.exporting import metadata_of, seal, sealed_with, spec_for_hand
-from holdfast.export.features import add_step
-from holdfast.export.heads import Correction, FloatRows
-from holdfast.export.network import LOGIT_STEPS
-from holdfast.export.spec import StepSpec
 from holdfast.export.structure import edge_rows, hard_rows_of, require
 from holdfast.export.verify import (
     AdaptedVerification,
@@ -46,6 +41,11 @@ from holdfast.export.verify import (
     require_single_rows_equal,
     run_rows,
 )
+from holdfast.step.builder import GraphBuilder
+from holdfast.step.features import add_step
+from holdfast.step.heads import Correction, FloatRows
+from holdfast.step.network import LOGIT_STEPS
+from holdfast.step.spec import StepSpec
 
 FEATURES, VOTES = "features", "votes"
 NEW = "new_"

@@ -28,14 +28,14 @@ from holdfast.edge_runtime.model_file import (
     GOLDEN_KEY,
     SEAL_KEY,
 )
-from holdfast.export.artifact import INDEX, ROWS, Artifact, read_artifact
-from holdfast.export.builder import GraphBuilder
-from holdfast.export.detectors import detector_names
-from holdfast.export.features import add_step
-from holdfast.export.heads import Head, add_heads
-from holdfast.export.learner import vote_bits, votes_in_all
-from holdfast.export.spec import NOISE_RMS, POOLED, RANGE_LIMIT, StepSpec
 from holdfast.export.verify import ExportReport, verify
+from holdfast.step.artifact import INDEX, ROWS, Artifact, read_artifact
+from holdfast.step.builder import GraphBuilder
+from holdfast.step.detectors import detector_names
+from holdfast.step.features import add_step
+from holdfast.step.heads import Head, add_heads
+from holdfast.step.learner import vote_bits, votes_in_all
+from holdfast.step.spec import NOISE_RMS, POOLED, RANGE_LIMIT, StepSpec
 
 if TYPE_CHECKING:
     from holdfast.core.hand_card import HandCard

@@ -15,9 +15,9 @@ import onnx
 from onnx import helper
 
 from holdfast.core.errors import VerificationFailed
-from holdfast.export.heads import Correction, FloatRows, Head, learned_name
-from holdfast.export.learner import Forest, Learner, leaf_votes
-from holdfast.export.network import Inputs
+from holdfast.step.heads import Correction, FloatRows, Head, learned_name
+from holdfast.step.learner import Forest, Learner, leaf_votes
+from holdfast.step.network import Inputs
 
 THRESHOLD_ROWS, THRESHOLD_SHARE = 20_000, 0.9
 """Rows on thresholds of the trees, and the share of features that are moved there."""

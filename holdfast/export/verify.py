@@ -28,8 +28,9 @@ from holdfast.edge_runtime.graph import (
 )
 from holdfast.edge_runtime.model import golden_input
 from holdfast.edge_runtime.model_file import EMPTY
-from holdfast.export.guard import reference_contact, reference_flags
-from holdfast.export.heads import (
+from holdfast.export.structure import hard_rows, require, require_same_numbers
+from holdfast.step.guard import reference_contact, reference_flags
+from holdfast.step.heads import (
     MAIN_HEAD,
     ByForce,
     FloatRows,
@@ -38,10 +39,9 @@ from holdfast.export.heads import (
     reference_outputs,
     riskier_argmax,
 )
-from holdfast.export.learner import Forest, reference_votes
-from holdfast.export.network import IntArray
-from holdfast.export.spec import ContactRule, StepSpec
-from holdfast.export.structure import hard_rows, require, require_same_numbers
+from holdfast.step.learner import Forest, reference_votes
+from holdfast.step.network import IntArray
+from holdfast.step.spec import ContactRule, StepSpec
 
 SINGLE_ROWS = 2_000
 """Rows of each head that are computed alone: one call a row is slow."""

@@ -1,22 +1,21 @@
-"""What columns hold: the time and its unit, sensors and their axes, the unit of the readings.
+"""What columns hold: words of their names, the time, the unit of the readings.
 
-What a column holds is looked at before what it is called. A time rises in nearly even steps that
-make the rate of a hand. Sensors are the columns whose names differ in an axis alone; without such
-names three columns each, in their order.
+A time is what a heading calls so, or what rises in steps that are alike; a column of few values, a
+counter or a flag is none. A unit is what the names say, or what a press of people would be in.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
-from holdfast.core.column_map import NS_OF, SensorColumns, TimeColumn
-from holdfast.core.contract import AXES, NORMAL_AXIS, NORMAL_FLOOR, UNIT_OF, FloatArray
-from holdfast.core.trial_file import FASTEST_HZ, SLOWEST_HZ, TimeUnit
-from holdfast.interop.streams import LOG_TIME, Column, Columns, counted, is_text
+from holdfast.core.column_map import NS_OF, TimeColumn
+from holdfast.core.contract import NORMAL_AXIS, FloatArray
+from holdfast.core.trial_file import FASTEST_HZ, SLOWEST_HZ
+from holdfast.interop.evidence import Evidence, best
+from holdfast.interop.streams import LOG_TIME, Column, Columns, is_text
 
 TIME_WORDS = {
     "time", "timestamp", "stamp", "t", "clock", "elapsed", "when", "date", "datetime"
@@ -27,13 +26,24 @@ TIME_UNITS = {
     "us": "[uµμ]s|usec|micros|microseconds?",
     "ns": "ns|nsec|nanos|nanoseconds?",
 }
+JUMP = 2.0**16
+"""Of a reading of 16 bits that goes over its end."""
+JUDGED_ROWS = 50_000
 FEWEST_STAMPS = 20
+"""A column with fewer values is no clock."""
 FASTEST_UNNAMED_HZ = 2000.0
 """Where no name says the unit: 4 rows a second in s are 4000 in ms."""
+CLOCK_NS = 10**10
+"""Dates and times of day are whole numbers of ns, and larger."""
+ALIKE, ALIKE_NAMED = 0.9, 0.6
+"""So large a share of a clock's steps are alike."""
 SIGNAL_UNITS = {
     "N": "N|(?i:newtons?)",
     "mN": "(?i:mn|millinewtons?)",
     "gf": "g|(?i:gf|grams?)",
+    "kgf": "(?i:kgf?|kp|kilograms?)",
+    "lbf": "(?i:lbf?|lbs|pounds?)",
+    "ozf": "(?i:ozf?|ounces?)",
     "uT": "(?i:[uµμ]t|microteslas?)",
     "mT": "(?i:mt|milliteslas?)",
     "G": "G|(?i:gs|gauss)",
@@ -41,36 +51,11 @@ SIGNAL_UNITS = {
     "count": "(?i:counts?|raw|adc|lsb|digits)",
 }
 """Unit -> its words; G is gauss and g is gram."""
-NO_SENSOR = {
-    "torque", "translation", "rotation", "quaternion", "orientation", "covariance", "gyro", "pose",
-    "position", "pos", "angular", "velocity", "vel", "acc", "accel", "acceleration", "imu", "joint",
-    "marker", "transform", "action", "state",
-}  # fmt: skip
-"""Words of three axes that are no reading of a fingertip."""
-BESIDE_FORCE = set("mtag")
-"""Letters before an axis beside a force: of moments, torques, an accelerometer, a gyro."""
-TOUCH = re.compile(
-    r"(?i)tactile|force|touch|taxel|finger|pressure|hall|sensor|\bft(?![a-z])"
-)
+NO_UNIT = "(?i)|f|force|sensor|finger|tip|pad|taxel|values?|filt(ered)?|cal(ibrated)?|axis|mag|data"
+"""Words behind an axis that are no unit."""
 FIELD = re.compile(r"(?i)(?<![a-z])(b[xyz](?![a-z])|mag)")
-FORCE = re.compile(r"(?i)force|(?<![a-z])f[xyz](?![a-z])")
-NORMAL = re.compile(r"(?i)(?<![a-z])[fb]?z(?![a-z])|normal|fsr|pressure|load.?cell")
-SHEAR = "(shear|tangential|lateral)([_ .]?force)?[_ .]?"
-AXIS_WORDS = (
-    (re.compile(r"(?i)normal([_ .]?force)?"), " z "),
-    (re.compile(rf"(?i){SHEAR}[2yb](?![0-9])"), " y "),
-    (re.compile(rf"(?i){SHEAR}[1xa]?(?![0-9])"), " x "),
-)
-"""Words for axes."""
-TOUCHED = 0.2
-"""A hand touches something while its readings are so far from rest, of their 95 % quantile."""
-SIGNED = 0.05
-"""Of the largest change: what goes so far below 0 has a sign."""
-FIRST_ROWS = 10
-CLEARLY = 3.0
-"""How much larger a change is that contradicts the names."""
-PRESS_N = (0.2, 20.0)
-"""Changes of readings in N: a grip of so little in grams holds nothing."""
+PRESS_N = (0.2, 60.0)
+"""A press of people, N."""
 TARED = 0.25
 """Of a change: readings that rest nearer to 0 were tared."""
 PRELOAD_N, PRELOAD_RANGE_N = 25.0, 7.0
@@ -80,11 +65,7 @@ PRELOAD_N, PRELOAD_RANGE_N = 25.0, 7.0
 def words_of(name: str) -> set[str]:
     """Lower-case words, also the parts of `thumbX`: thumb and x."""
     parted = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
-    return {word.lower() for word in _words(f"{name} {parted}")}
-
-
-def _words(text: str) -> list[str]:
-    return re.findall(r"[^\W\d_]+", text)
+    return {word.lower() for word in re.findall(r"[^\W\d_]+", f"{name} {parted}")}
 
 
 def _unit_in(words: Collection[str], units: Mapping[str, str]) -> str | None:
@@ -99,32 +80,62 @@ def _unit_in(words: Collection[str], units: Mapping[str, str]) -> str | None:
 # -- time
 
 
-def find_time(columns: Columns, rate_hz: float | None = None) -> TimeColumn | None:
-    """The time of a table; None where nothing runs like one and no rate is given."""
-    if LOG_TIME in columns:
-        return TimeColumn(LOG_TIME, "ns")
-    found: list[tuple[bool, float, str, TimeUnit | None]] = []
-    for name, column in columns.items():
-        step, even, is_counter = rise_of(column)
-        named = unit_of_time(name)
-        is_named = bool(named or words_of(name) & TIME_WORDS)
-        # counts of trials and the like rise too, but rarely; a few rows may do so by chance
-        is_rare = 0.0 < even < 0.6 and len(set(column)) < len(column) / 50
-        if not step or ((is_rare or len(column) < FEWEST_STAMPS) and not is_named):
-            continue
-        if is_counter and not named:
-            found += [(True, 1.0, name, None)] if rate_hz else []
-            continue
-        fastest = FASTEST_HZ if named else FASTEST_UNNAMED_HZ
-        for unit in (named,) if named else NS_OF:
-            if SLOWEST_HZ <= 1e9 / (step * NS_OF[unit]) <= fastest:
-                found.append((not is_named, -even, name, unit))  # type: ignore[arg-type]
-                break
+def find_time(
+    columns: Columns, given_hz: float | None = None, head_hz: float | None = None
+) -> Evidence[TimeColumn] | None:
+    """The time of a table; None where it must be asked.
 
-    if found:
-        _, _, name, best = min(found, key=lambda one: one[:3])
-        return TimeColumn(name, best, None if best else rate_hz)
-    return TimeColumn("", None, rate_hz) if rate_hz else None
+    given_hz: of the command line, which wins over all columns. head_hz: as the lines above say.
+    """
+    found: list[Evidence[TimeColumn] | None] = []
+    counter = ""
+    for at, (name, column) in enumerate(columns.items()):
+        step, alike, counts = rise_of(column)
+        # another quantity may rise evenly, too
+        is_free = not at or name.startswith("column")
+        if counts and not unit_of_time(name):
+            counter = counter or name
+        elif step:
+            found.append(_clock(name, column, step, alike, is_free))
+    if LOG_TIME in columns:
+        found.insert(0, Evidence(TimeColumn(LOG_TIME, "ns"), "stamps of the log"))
+    for hz, why in ((given_hz, "as given"), (head_hz, "by the head of the log")):
+        if hz:
+            text = f"{counter} counts samples" if counter else "rows are counted"
+            rows = Evidence(TimeColumn(counter, None, hz), f"{text}, {hz:g} Hz, {why}")
+            found.insert(0 if why == "as given" else len(found), rows)
+    return best(*found)
+
+
+def _clock(
+    name: str, column: Column, step: float, alike: float, is_free: bool
+) -> Evidence[TimeColumn] | None:
+    """A column that rises by a step as a clock; None where it is none, or its unit not clear.
+
+    is_free: the first one, or one without a name.
+    """
+    is_date = column.dtype.kind == "i" and column.max() > CLOCK_NS
+    unit_named = unit_of_time(name)
+    is_named = bool(unit_named or words_of(name) & TIME_WORDS)
+    column = column[:JUDGED_ROWS]
+    kinds = len(np.unique(column))
+    is_few = kinds < FEWEST_STAMPS and not (is_date and is_named)
+    # an unnamed one has a value for each row
+    is_other = not (is_named or is_date)
+    is_few |= is_other and (kinds < 0.9 * len(column) or not is_free)
+    if is_few or alike < (ALIKE_NAMED if is_named else ALIKE):
+        return None
+    units = [unit_named] if unit_named else ["ns"] if is_date else [*NS_OF]
+    fastest = FASTEST_HZ if unit_named else FASTEST_UNNAMED_HZ
+    for unit in units:
+        hz = 1e9 / (step * NS_OF[unit])
+        if SLOWEST_HZ <= hz <= fastest:
+            why = f"{name}, {hz:.4g} Hz, in {unit}"
+            is_certain = is_named and (unit_named or is_date)
+            check = "" if is_certain else "rises in steps that are alike"
+            return Evidence(TimeColumn(name, unit), why, check)  # type: ignore[arg-type]
+
+    return None
 
 
 def rise_of(column: Column) -> tuple[float, float, bool]:
@@ -132,14 +143,18 @@ def rise_of(column: Column) -> tuple[float, float, bool]:
 
     The step is 0.0 for a column that does not rise.
     """
-    first = np.zeros(2) if is_text(column) else column[:50_000].astype(np.float64)
+    first = np.zeros(2) if is_text(column) else column[:JUDGED_ROWS].astype(np.float64)
     values = first[np.isfinite(first)]
     steps = np.diff(values)
     if len(values) < 0.9 * len(first) or not steps.any() or np.mean(steps < 0) > 0.05:
         return 0.0, 0.0, False
     step = max(0.0, usual_step(values))
-    even = np.mean(np.abs(steps - step) <= 0.6 * step)
-    return step, float(even), bool(np.mean(steps == 1.0) > 0.9)
+    # of stamps that arrive in bursts, or have whole seconds, sums of steps are alike
+    n_equal = len(values) // len(np.unique(values))
+    lag = min(max(50, 3 * n_equal), len(values) // 2)
+    sums = (values[lag:] - values[:-lag]) / lag
+    alike = max(np.mean(np.abs(one - step) <= 0.6 * step) for one in (steps, sums))
+    return step, float(alike), bool(np.mean(steps == 1.0) > 0.9)
 
 
 def unit_of_time(name: str) -> str | None:
@@ -160,218 +175,59 @@ def usual_step(values: FloatArray) -> float:
     return step
 
 
-# -- sensors
-
-
-def find_sensors(
-    columns: Columns, longest: Columns, marks: Collection[str]
-) -> tuple[list[SensorColumns], str]:
-    """(the sensors of a log, why), in the order in which people count; none for another table.
-
-    By the names of all its columns, else by the count of those of its longest stream. marks: the
-    columns that may hold labels.
-    """
-    names = []
-    for name, column in columns.items():
-        is_free = name != LOG_TIME and name not in marks
-        # an IMU beside the fingers has axes too
-        if is_free and not is_text(column) and not words_of(name) & NO_SENSOR:
-            names.append(name)
-
-    sensors = _by_axes(names)
-    if sensors:
-        return sensors, "by the axes in their names"
-    names = [name for name in names if name in longest]
-    rest = _by_count([one for one in names if not rise_of(longest[one])[0]], longest)
-    if not rest:
-        return [], ""
-    values = channels(longest, rest)
-    order = _order(values)
-    if order is None:
-        return [], ""
-    is_plain = (np.diff(order.ravel()) == 1).all()
-    by = "three columns each" if is_plain else "by the touch"
-    found = [SensorColumns(*(rest[k] for k in row)) for row in order.tolist()]
-    return found, f"no axes in the names: x, y, z {by}, {rest[0]} to {rest[-1]}"
-
-
-def _by_axes(names: Sequence[str]) -> list[SensorColumns]:
-    """The sensors whose three names differ in one letter alone: x, y or z, in any place."""
-    groups: dict[str, dict[str, str]] = {}
-    for name in names:
-        text = name
-        for word, axis in AXIS_WORDS:
-            text = word.sub(axis, text)
-        for at in re.finditer("(?i)[xyz]", text):
-            key = f"{text[: at.start()]}*{text[at.end() :]}"
-            groups.setdefault(key, {}).setdefault(at[0].lower(), name)
-
-    letters = {}
-    for key, group in groups.items():
-        if len(group) == len(AXES):
-            before = re.search(r"(?<![a-z])[a-z]?(?=\*)", key.lower())
-            letters[key] = before[0] if before else ""
-    # a force and its moments, such as Fx .. Mz, or readings and an IMU
-    if {*letters.values()} - BESIDE_FORCE <= {"", "f"}:
-        forces = {key: letter for key, letter in letters.items() if letter in ("", "f")}
-        letters = forces or letters
-    texts = [re.sub(r"\d+", "#", key) for key in letters]
-
-    def place(key: str) -> tuple[Any, ...]:
-        """As people count, 2 before 10; a thumb first, other words as they stand."""
-        is_thumb = "thumb" in words_of(key)
-        return not is_thumb, texts.index(re.sub(r"\d+", "#", key)), counted(key)
-
-    keys = sorted(letters, key=place)
-    return [SensorColumns(**groups[key]) for key in keys]  # type: ignore[arg-type]
-
-
-def _by_count(names: Sequence[str], columns: Columns) -> Sequence[str]:
-    """The columns of readings, 3 n of them: the longest series, all, or those that change.
-
-    A series are columns that differ in a number; series of one length are readings together, and
-    those of touch come first.
-    """
-    texts = [re.sub(r"\d+", "#", name) for name in names]
-    kinds = [(bool(TOUCH.search(text)), texts.count(text)) for text in texts]
-    best = max(kinds, key=lambda kind: (kind[0], kinds.count(kind)), default=(False, 0))
-    longest = [name for name, kind in zip(names, kinds, strict=True) if kind == best]
-    # of thumb1, thumb2, thumb3, index1, .. the number is an axis
-    if best[1] != len(AXES):
-        longest.sort(key=lambda name: [*map(int, re.findall(r"\d+", name))])
-    moving = [name for name in longest if len(np.unique(np.diff(columns[name]))) > 1]
-    # sensors of the normal alone have no shear
-    if all(map(NORMAL.search, longest)):
-        return []
-    return next((one for one in (longest, moving) if len(one) % len(AXES) == 0), [])
-
-
-def _order(values: FloatArray) -> np.ndarray | None:
-    """[S, 3] places of x, y and z of columns without names [T, 3 S]: sensor by sensor.
-
-    Or axis by axis, where a touch moves one of three columns only then. None where it moves all
-    alike and none goes below 0: they are normals alone.
-    """
-    by_sensor = np.arange(values.shape[1]).reshape(-1, 3)
-    by_axis = by_sensor.reshape(3, -1).T
-    change = touch(values)[0][1]
-    shares = [normal_axis(change[order])[1] for order in (by_sensor, by_axis)]
-    if max(shares) < 0.5 and np.nanmin(values) > -SIGNED * change.max():
-        return None
-    return by_axis if shares[1] > max(0.8, shares[0] + 0.2) else by_sensor
-
-
-# -- what a touch does
-
-
-def touch(values: FloatArray) -> tuple[FloatArray, np.ndarray]:
-    """What a hand that begins open reads while it touches something; values [T, C].
-
-    ([2, C] the readings at rest, and their usual change while something is touched; [T] the rows in
-    which something is).
-    """
-    rest = _middle(values[:FIRST_ROWS])
-    load = np.zeros(len(values))
-    for channel, at_rest in zip(values.T, rest, strict=True):
-        load += np.abs(np.nan_to_num(channel - at_rest))
-    rows = load > TOUCHED * max(np.quantile(load, 0.95), 1e-300)
-    where = np.flatnonzero(rows)
-    pressed = _middle(values[where[:: max(1, len(where) // 5000)]])
-    return np.stack([rest, pressed - rest]), rows
-
-
-def _middle(values: FloatArray) -> FloatArray:
-    """[C] medians over the rows with a value; 0 without one."""
-    middles: FloatArray = np.ma.median(np.ma.masked_invalid(values), axis=0).filled(0.0)
-    return middles
-
-
-def normal_axis(changes: FloatArray) -> tuple[int, float]:
-    """(the axis that a touch moves most, and clearly in how large a share of the sensors).
-
-    changes [S, 3]: what a touch changes.
-    """
-    change = np.abs(changes)
-    change = change[change.sum(axis=1) > TOUCHED * change.sum(axis=1).max()]
-    clearly = np.sort(change, axis=1)[:, 1:2] * CLEARLY
-    shares = (change > clearly).sum(axis=0) / max(1, len(change))
-    return int(shares.argmax()), float(shares.max())
-
-
-def oriented(
-    sensors: Sequence[SensorColumns],
-    effects: FloatArray,
-    unit: str,
-    axis: int,
-    *,
-    returns: bool,
-) -> list[SensorColumns]:
-    """The sensors with signs and zeros such that a press raises their prepared normal.
-
-    Preparation turns a sensor round whose normal rests below 0. Where all must be turned, the log
-    has its z the other way; where some must be, their magnets are upside down. effects: of a touch.
-    axis: the normal one in them. returns: whether the readings end near their rest.
-    """
-    ours, size = UNIT_OF[unit]
-    rest, pressed = size * effects[:, axis::3]
-    is_far = np.abs(rest) > NORMAL_FLOOR[ours]
-    is_turned_later = is_far & (rest < 0.0)
-    touched = np.abs(pressed) > TOUCHED * np.abs(pressed).max()
-    wrong = touched & (np.where(is_turned_later, -pressed, pressed) < 0.0)
-    # a press raises a field whatever its sign; counts above 0 hide the sign
-    is_hidden = ours == "count" and bool((rest >= 0).all()) and returns
-    wrong &= (np.abs(rest) < np.abs(pressed)) | is_hidden
-    turned = list(sensors)
-    for k in np.flatnonzero(wrong).tolist():
-        axes = list(sensors[k].axes)
-        first = NORMAL_AXIS if wrong.all() else 0
-        if not is_turned_later[k]:
-            axes[first:] = [f"-{name}" for name in axes[first:]]
-        zero = [float(f"{2.0 * rest[k] / size:.4g}")] if is_far[k] else []
-        turned[k] = SensorColumns(*axes, *zero)  # type: ignore[arg-type]
-
-    return turned
-
-
 # -- units
 
 
 def unit_of(
-    names: Sequence[str], values: FloatArray, at_rest: FloatArray
-) -> tuple[str, str]:
-    """(unit, why) of channels [T, C] by their names, such as `thumb_x [mN]`, else by their sizes.
+    names: Sequence[str], values: FloatArray, effects: FloatArray, head: str = ""
+) -> Evidence[str] | str:
+    """The unit of channels [T, C] by their names, such as `x [mN]`; else what is not clear of it.
 
-    The unit is "" where several are as likely.
+    By the size of a press, where no unit is written and a press of people fits one unit only.
+    effects [2, C]: of a touch. head: the word for it in the head of the log.
     """
-    units = set()
-    for name in names:
-        # in brackets, or behind the axis
-        behind = re.split(r"(?i)[xyz](?![a-z])|[\[(]", name)[-1]
-        units.add(_unit_in(_words(behind), SIGNAL_UNITS))
-    named = units.pop()
-    if named and not units:
-        return named, "by the names"
+    written = {_unit_behind(name) or head for name in names}
+    known = {_unit_in([word], SIGNAL_UNITS) for word in written}
+    if known != {None} or (len(written) == 1 and written != {""}):
+        unit = known.pop() if len(known) == 1 else None
+        words = ", ".join(sorted(written))
+        return (
+            Evidence(unit, f"{words} in names or head")
+            if unit
+            else f"the log says {words}"
+        )
 
-    rest = np.abs(at_rest).reshape(-1, 3)
+    rest = np.abs(effects[0]).reshape(-1, 3)
     normal, shear = rest[:, NORMAL_AXIS], rest[:, :NORMAL_AXIS]
     middle = float(np.median(normal))
-    change = float(np.nanquantile(np.abs(values[::7] - at_rest), 0.99))
+    change = float(np.nanquantile(np.abs(values[::7] - effects[0]), 0.99))
     sizes = f"at rest {middle:.3g}, changes of {change:.3g}"
-    is_whole = all((np.nan_to_num(one) % 1 == 0).all() for one in values.T)
-    if FIELD.search(names[0]):
-        return ("uT" if middle >= 1500.0 else ""), f"a field, {sizes}"
-    if is_whole and np.nanmin(values) >= 0 and middle > change:
-        return "count", f"by size: {sizes}, whole numbers above 0"
-    # the thesis' fingertips rest under a load on the normal alone
-    is_loaded = np.abs(normal - PRELOAD_N) < PRELOAD_RANGE_N
-    is_loaded &= shear.max(axis=1) < 0.2 * normal
-    is_force = (
-        FORCE.search(names[0]) or middle < TARED * change or is_loaded.mean() >= 0.5
-    )
-    is_press = PRESS_N[0] < change < PRESS_N[1] and not is_whole
-    return ("N" if is_force and is_press else ""), f"by size: {sizes}"
+    is_whole = (np.nan_to_num(values[::7]) % 1 == 0).all()
+    for unit, size in (("N", 1.0), ("mN", 1e3)):
+        # the thesis' fingertips rest under a load on the normal alone
+        is_loaded = np.abs(normal / size - PRELOAD_N) < PRELOAD_RANGE_N
+        is_loaded &= shear.max(axis=1) < 0.2 * normal
+        is_at_rest = middle < TARED * change or is_loaded.mean() >= 0.5
+        is_press = PRESS_N[0] < change / size < PRESS_N[1]
+        if is_at_rest and is_press and not is_whole and not FIELD.search(names[0]):
+            bounds = f"a press lies between {PRESS_N[0]:g} and {PRESS_N[1]:g} N"
+            return Evidence(unit, f"by size, {sizes}", bounds)
+    return f"{'whole numbers, ' if is_whole else ''}{sizes}"
+
+
+def _unit_behind(name: str) -> str:
+    """The last word in brackets, else the last one behind the axis of a name; "" for none."""
+    _, *behind = re.split(r"(?i)[xyz](?![a-z])", name)
+    behind = re.findall(r"[\[(](.+?)[\])]", name) or behind
+    words = re.findall(r"[^\W\d_]+", "".join(behind[-1:]))
+    return "" if not words or re.fullmatch(NO_UNIT, words[-1]) else words[-1]
 
 
 def channels(columns: Mapping[str, Column], names: Sequence[str]) -> FloatArray:
     """[T, C] columns as numbers."""
     return np.stack([np.asarray(columns[name], float) for name in names], axis=1)
+
+
+def without_jumps(values: FloatArray, size: float = 1.0) -> FloatArray:
+    """Readings [T, C] of 16 bits that went over their end, on one line; size: of a bit."""
+    return np.unwrap(values, period=JUMP * size, axis=0)

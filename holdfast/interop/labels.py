@@ -1,9 +1,9 @@
 """What marks situations: words, columns of labels, tables of events.
 
-Two values in a column mark the slip; English words name situations in any column; other words are
-known by when they stand: while the hand is empty, and for most of a touch. A label that stands only
-in the row where something begins holds until the next one. Whatever marks it, the events of a trial
-are one table: `start` and `end`, and the `label` that lasts from one to the other.
+A label means what its words say, or what the command line says; a column that is called slip marks
+the slip by its two values. All other labels are asked. A label that stands only in the row where
+something begins holds until the next one. Whatever marks it, the events of a trial are one table:
+`start` and `end`, and the `label` that lasts from one to the other.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
@@ -20,44 +21,48 @@ from msgspec.structs import replace as changed
 from holdfast.core.column_map import NS_OF
 from holdfast.core.contract import FloatArray, IntArray
 from holdfast.core.errors import LabelError, listed
-from holdfast.core.trial_layout import LABELLED_ACTIONS, UNSCRIPTED
-from holdfast.interop.columns import unit_of_time, words_of
-from holdfast.interop.logs import LogPlace, read_log
+from holdfast.data.datasets.trials import action_of
+from holdfast.interop.columns import TIME_WORDS, unit_of_time, words_of
+from holdfast.interop.logs import LogPlace, paired, read_log
 from holdfast.interop.map import EventRules, ImportMap
 from holdfast.interop.streams import Column, Columns, is_text, text_cells
 from holdfast.interop.tables import pd
-from holdfast.training.datasets.trials import action_of
 
 ROW = "row"
 ROW_WORDS = {"row", "rows", "index", "frame", "sample"}
 LABEL_WORDS = {
     "label", "labels", "event", "events", "phase", "state", "situation", "marker", "markers",
-    "annotation", "class", "slip", "slipping", "status", "trigger", "contact", "what",
+    "annotation", "class", "slip", "slipping", "status", "trigger", "what", "type",
 }  # fmt: skip
 TRIAL_WORDS = {"trial", "file", "log", "run", "recording", "episode", "name"}
 START_WORDS = {"start", "begin", "from", "onset", "t0", "time", "at"}
 LENGTH_WORDS = {"duration", "length"}
 END_WORDS = {"end", "stop", "to", "until", "offset", "finish", "t1"} | LENGTH_WORDS
+OUTCOMES = {
+    r"no slip|noslip|non slip|not slip|stable|still|static|steady|held": "grasp",
+    r"safe|release|pass|hand ?over|put down|place": "safe_slip",
+    r"risky|slip|slid|slide|sliding|drop|fall|fallen|fell|fail|failure|lost|tug|pull|torn": (
+        "risky_slip"
+    ),
+}
+"""Words that also name a whole trial."""
 SITUATION_WORDS = {
     r"unlabel|unknown|none|ignore": "",
     r"nothing|no contact|open|empty|idle|rest|free|no touch": "nothing",
-    r"no slip|noslip|non slip|not slip|stable|still|static|steady": "grasp",
-    r"safe|release|hand ?over|put down|place": "safe_slip",
-    r"risky|slip|slid|drop|fall|fell|fail|lost|tug|pull|torn": "risky_slip",
-    r"grasp|hold|held|grip|contact|lift|carry|touch|success": "grasp",
+    **OUTCOMES,
+    r"grasp|hold|grip|contact|lift|carry|touch|success": "grasp",
 }
-"""Beginnings of words in labels -> what they mean; the first that fits counts."""
+"""Words in labels -> what they mean; the first that fits counts."""
+ENDINGS = "(?:s|es|d|[a-z]?ed|[a-z]?ing)?"
+"""Of a word in another form: slips, slipped, slipping."""
 ENDS = {"end", "stop", "finish", "off", "offset"}
 OFF = {"", "0", "no", "false", "off", "n", "f", ".", "-", "none", "nein", "non"}
 """What stands where a mark is not."""
+NEGATION = re.compile("(?i)(?<![a-z])(no|not|non|un)[-_ ]?slip|slip[-_ ]?free")
+"""In the name of a column whose 0 marks the slip."""
 MOST_CODE = 1000
 """Numbers that mark a situation are smaller; those of a clock are not."""
-ACTION_OF_SITUATION = {
-    "grasp": "hold",
-    "risky_slip": "slip",
-    "safe_slip": "pass",
-    "nothing": "nothing",
-}
+ACTION_OF_SITUATION = {"grasp": "hold", "risky_slip": "slip", "safe_slip": "pass"}
 MOST_LABELS = 40
 EVENT = {"start": np.nan, "end": np.nan, "label": "", "trial": ""}
 """The columns of a table of events, and what stands in a column that a table has not."""
@@ -71,21 +76,25 @@ def situation_of_word(label: str) -> str | None:
     if len(words) > 1 and ENDS & {words[0], words[-1]}:
         return ""
     for beginnings, situation in SITUATION_WORDS.items():
-        if re.search(rf"\b({beginnings})", " ".join(words)):
+        if re.search(rf"\b({beginnings}){ENDINGS}\b", " ".join(words)):
             return situation
 
     return None
 
 
-def action_of_word(word: str, *, has_events: bool = False) -> str | None:
-    """The action that a word means; None where it says nothing.
+def action_of_word(word: str) -> str | None:
+    """The action that a whole word of a path or a column means; None where it says nothing."""
+    plain = re.sub(r"[^a-z]+", " ", word.lower()).strip()
+    for words, situation in OUTCOMES.items():
+        if re.fullmatch(f"({words}){ENDINGS}", plain):
+            return action_of(word) or ACTION_OF_SITUATION[situation]
+    return action_of(word)
 
-    has_events: else an action that needs its phases is only a slip or a hold.
-    """
-    known = action_of(word)
-    if known and (has_events or known not in UNSCRIPTED or known in LABELLED_ACTIONS):
-        return known
-    return ACTION_OF_SITUATION.get(situation_of_word(word) or "")
+
+def action_of_sentence(text: str) -> str | None:
+    """The action of a word, or of a sentence that begins with an action of ours."""
+    first = text.split()[:2]
+    return action_of_word(text) or action_of("-".join(first)) or action_of(first[0])
 
 
 # -- what a column of labels means
@@ -93,20 +102,18 @@ def action_of_word(word: str, *, has_events: bool = False) -> str | None:
 
 @dataclass(frozen=True)
 class FoundLabels:
-    """Rules, and the labels whose situation nothing says.
-
-    is_contact: whether only a touch is marked, by no word, so that a slip would not be.
-    """
+    """Rules, and the labels whose situation must be asked."""
 
     rules: EventRules
     unknown: Sequence[str] = ()
-    is_contact: bool = False
 
     @property
     def text(self) -> str:
-        """What the labels of a column mean."""
+        """What the labels mean."""
         labels = self.rules.labels.items()
-        shown = [f"{label} = {meaning or 'none'}" for label, meaning in labels]
+        shown = [
+            f"{label or 'each'} = {meaning or 'none'}" for label, meaning in labels
+        ]
         holds = "; each holds to the next, or to the end of the contact"
         return listed(shown, most=8) + (holds if self.rules.hold else "")
 
@@ -125,48 +132,44 @@ def is_mark(name: str, column: Column) -> bool:
 
 
 def labels_of(
-    name: str, cells: np.ndarray, touched: np.ndarray, known: Mapping[str, str]
+    name: str, cells: Sequence[str], known: Mapping[str, str]
 ) -> FoundLabels | None:
     """What a column of labels means; None for one that marks nothing.
 
-    cells, touched [T]: of all logs, one after the other; touched: whether the hand touches
-    something. known: label -> situation, as given; else a label means what its words say, else what
-    it is by when it stands.
+    cells: of all logs, one after the other. known: label -> situation, as given; else a label means
+    what its words say. Of two values of a column that is called slip, one marks it.
     """
-    kinds = [*dict.fromkeys(cells.tolist())]
+    kinds = [*dict.fromkeys(cells)]
     if len(kinds) > MOST_LABELS:
         return None
-    words = _by_words(kinds, known)
+    labels = _by_words(kinds, known)
     # a label in a row or two lasts on; the value of most rows says that nothing begins there
-    usual = _usual(cells)
-    on = cells != usual
-    hold = not words.get(usual) and bool(0 < on.sum() <= 2 * _begins(on).sum())
-    content = _by_content(held(np.where(on, cells, "")) if hold else cells, touched)
-    is_two = len(kinds) <= 2 and not all(map(words.get, kinds))
-    if is_two and (not content or "slip" in name.lower()):
-        content = _of_two(name, cells, kinds, touched)
-    labels = content | words
-    labels.pop(usual if hold else "", None)
-    if not any(labels.values()):
+    every = np.array(cells, dtype=object)
+    usual = _usual(every)
+    marked = every != usual
+    hold = not labels.get(usual) and bool(0 < marked.sum() <= 2 * _begins(marked).sum())
+    off = [kind for kind in kinds if kind.lower() in OFF]
+    if "slip" in name.lower() and len({*kinds, ""}) <= 3 and (off or kinds == ["1"]):
+        mark = next((kind for kind in kinds if kind not in off), "1")
+        no = "".join(off) or "0"
+        on, no = (no, mark) if NEGATION.search(name) else (mark, no)
+        labels = {no: "", on: "risky_slip"}
+    # what says no says that nothing happens
+    labels = {kind: "" for kind in off if kind} | labels
+    if hold and not labels.get(usual):
+        labels.pop(usual, None)
+        kinds.remove(usual)
+    unknown = [kind for kind in kinds if kind not in ("", *labels)]
+    if not any(labels.values()) and not (unknown and words_of(name) & LABEL_WORDS):
         return None
-    unknown = {*kinds} - {"", usual if hold else "", *labels}
-    if any(words.values()):
-        # words that say nothing are none of the situations
-        labels |= dict.fromkeys(sorted(unknown), "")
-        unknown = set()
     rules = EventRules(column=name, hold=hold, labels=labels)  # type: ignore[arg-type]
-    is_contact = not (words or unknown) and {*labels.values()} == {"nothing", "grasp"}
-    return FoundLabels(rules, sorted(unknown, key=kinds.index), is_contact)
+    return FoundLabels(rules, unknown)
 
 
 def _by_words(kinds: Iterable[str], known: Mapping[str, str]) -> dict[str, str]:
     """Label -> situation, "" for none, as given or by its words; none where they say nothing."""
-    meanings = {}
-    for kind in kinds:
-        meaning = known.get(kind, situation_of_word(kind))
-        if meaning is not None:
-            meanings[kind] = meaning
-    return meanings
+    meanings = {kind: known.get(kind, situation_of_word(kind)) for kind in kinds}
+    return {kind: meaning for kind, meaning in meanings.items() if meaning is not None}
 
 
 def _usual(cells: np.ndarray) -> str:
@@ -177,38 +180,6 @@ def _usual(cells: np.ndarray) -> str:
 def _begins(on: np.ndarray) -> np.ndarray:
     """[T] the first rows of runs in which something is on."""
     return on & ~np.append(False, on[:-1])
-
-
-def _of_two(
-    name: str, cells: np.ndarray, kinds: Sequence[str], touched: np.ndarray
-) -> dict[str, str]:
-    """Label -> situation of two values: the one that says no, or begins, and the one of a slip.
-
-    A mark without a name that says so begins within a touch, as a slip does.
-    """
-    off = next((kind for kind in kinds if kind.lower() in OFF), kinds[0])
-    on = next((kind for kind in kinds if kind != off), "1")
-    begins = _begins(cells == on)
-    is_named = bool(words_of(name) & LABEL_WORDS)
-    is_mark = begins.any() and (is_named or touched[begins].mean() > 0.9)
-    return {off: "", on: "risky_slip"} if is_mark or "slip" in name.lower() else {}
-
-
-def _by_content(cells: np.ndarray, touched: np.ndarray) -> dict[str, str]:
-    """Label -> situation by when it stands; none where that says nothing.
-
-    Those that stand while nothing is touched mean the empty hand, and the most frequent one of a
-    touch means the grasp. A slip cannot be seen so.
-    """
-    shares = (
-        pd.Series(touched).groupby(cells, sort=False).mean().drop("", errors="ignore")
-    )
-    empty = shares.index[shares < 0.3].tolist()
-    grasp = pd.Series(cells[touched]).value_counts().idxmax() if touched.any() else ""
-    is_clear = shares.index[:1].isin(empty).any() and shares.get(grasp, 0.0) > 0.5
-    if not is_clear or len(shares) > 8:
-        return {}
-    return {**dict.fromkeys(empty, "nothing"), grasp: "grasp"}
 
 
 # -- what a table of events means
@@ -227,31 +198,41 @@ def rules_of_table(
     names = [name for name in columns if name != trial]
     numbers = [name for name in names if not is_text(columns[name])]
     start = _named(numbers, START_WORDS | ROW_WORDS)
-    label = _named([name for name in names if name not in numbers], LABEL_WORDS)
-    if not start or set(columns[start]) <= {0, 1}:
+    # what an object says of its trial are few times and many other numbers
+    is_time = words_of(start) & (START_WORDS | ROW_WORDS | TIME_WORDS)
+    if (
+        not start
+        or set(columns[start]) == {0, 1}
+        or not (is_time or len(columns[start]) > 1)
+    ):
         return None
     ends = []
     for name in numbers:
         is_after = (columns[name] >= columns[start]).all() or words_of(name) & END_WORDS
         ends += [name] if is_after and name != start else []
-    kinds = [*filter(None, text_cells(columns[label]))] if label else []
-    about = situation_of_word(start) or situation_of_word(Path(file).stem) or ""
-    words = _by_words(kinds, known) if label else {"": about}
-    unknown = [kind for kind in dict.fromkeys(kinds) if kind not in words]
-    labels = words | dict.fromkeys(unknown, "")
-    is_known = any(words.values())
+    end = _named(ends, END_WORDS)
+    about = situation_of_word(start)
+    texts = [name for name in names if name not in numbers and not about]
+    label = _named(texts, LABEL_WORDS)
+    kinds = [*dict.fromkeys(filter(None, text_cells(columns[label])))] if label else []
+    labels = _by_words(kinds, known)
+    if not label:
+        labels = {"": about or situation_of_word(Path(file).stem) or ""}
+    unknown = [kind for kind in kinds if kind not in labels]
+    is_known = any(labels.values())
     # words that say nothing are labels where an end and a trial stand beside them
-    if len(labels) > MOST_LABELS or not (is_known or (unknown and ends and trial)):
+    if len(kinds) > MOST_LABELS or not (is_known or (unknown and ends and trial)):
         return None
     rules = EventRules(
         file=file,
         trial=trial,
         start=start,
-        end=_named(ends, END_WORDS),
+        end=end,
         label=label,
+        hold=not end,
         labels=labels,  # type: ignore[arg-type]
     )
-    return FoundLabels(rules, [] if is_known else unknown)
+    return FoundLabels(rules, unknown)
 
 
 def _are_trials(name: str, columns: Columns, keys: set[str]) -> bool:
@@ -274,7 +255,7 @@ def timed(rules: EventRules, columns: Columns, stamps_s: FloatArray) -> EventRul
     """
     if words_of(rules.start) & ROW_WORDS:
         return changed(rules, unit=ROW)
-    latest = np.nanmax(columns[rules.start].astype(np.float64))
+    latest = np.nanmax(columns[rules.start].astype(np.float64), initial=0.0)
     lasts_s = stamps_s[-1] - stamps_s[0]
     named = unit_of_time(rules.start)
     for unit in (named,) if named else NS_OF:
@@ -290,17 +271,34 @@ def timed(rules: EventRules, columns: Columns, stamps_s: FloatArray) -> EventRul
 # -- the events of a trial
 
 
-def read_events(source: Path, plan: ImportMap, log: Path) -> tuple[Path, pd.DataFrame]:
-    """(the file of a log's events, they, in the unit of the rules); none without such a file.
+def tables_of(
+    rules: EventRules | None, source: Path, files: Mapping[str, Sequence[LogPlace]]
+) -> dict[str, Path]:
+    """The name of a log -> the file of its events, where the rules name one for it."""
+    if rules is None or not rules.file:
+        return {}
+    root = source if source.is_dir() else source.parent
+    pattern = rules.file.replace("{name}", "*")
+    if "*" not in pattern:
+        return dict.fromkeys(files, root / pattern)
+    tables = {}
+    for path in sorted(root.rglob("*")):
+        if fnmatch(path.relative_to(root).as_posix(), pattern):
+            tables[path.relative_to(root).with_suffix("").as_posix()] = path
+    # a table that was taken for a log is none; that of a workbook may be its own
+    logs = [
+        name for name, (one, *_) in files.items() if one.path not in tables.values()
+    ]
+    pairs = paired(logs or [*files], [*tables])
+    return {log: tables[table] for log, table in pairs.items()}
 
-    The table has the columns of EVENT. Raises ColumnError or LabelError.
+
+def read_events(path: Path, plan: ImportMap) -> pd.DataFrame:
+    """The events of a table, in the unit of the rules, with the columns of EVENT.
+
+    A trial without an event has a row without a start. Raises ColumnError or LabelError.
     """
     rules = plan.events or EventRules(column="-")
-    of_log = "{name}" in rules.file
-    root = log.parent if of_log else source if source.is_dir() else source.parent
-    path = root / rules.file.replace("{name}", log.stem)
-    if not rules.file or (of_log and not path.is_file()):
-        return Path(), NO_EVENTS
     streams = read_log(LogPlace(path, path.stem, path.suffix.lower())).streams
     columns = max(streams, key=lambda one: rules.start in one.columns).columns
     names = {key: getattr(rules, key) for key in EVENT}
@@ -315,8 +313,7 @@ def read_events(source: Path, plan: ImportMap, log: Path) -> tuple[Path, pd.Data
         times["end"] += times["start"]
     # a point has no end
     times["end"] = times["end"].where(times["end"] != times["start"])
-    # a trial without an event has an empty row
-    events = events.assign(**times).dropna(subset="start")
+    events = events.assign(**times)
     wrong = events[events["end"] < events["start"]]
     if len(wrong):
         start, end, label, _ = wrong.iloc[0]
@@ -330,7 +327,7 @@ def read_events(source: Path, plan: ImportMap, log: Path) -> tuple[Path, pd.Data
     order = ["trial", "start", "end"]
     events = events.sort_values(order, ascending=[True, True, False])
     following = events.groupby("trial")["start"].shift(-1)
-    return path, events.fillna({"end": following}).fillna({"end": np.inf})
+    return events.fillna({"end": following}).fillna({"end": np.inf})
 
 
 def clock_of(rules: EventRules, stamps: IntArray) -> np.ndarray:

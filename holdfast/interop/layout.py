@@ -30,8 +30,10 @@ MISSING = (
 """What stands in a column of numbers where a sample is missing."""
 CLOCK = r"(?:\d{4}[-/.]\d\d?[-/.]\d\d?[T ])?\d{1,2}:\d\d:\d\d(?:[.,:]\d+)?"
 ARRIVAL = re.compile(
-    rf"^\s*\[?({CLOCK})\]?\s*(?:->|=>|>|\||:|-)?\s+(?![AP]M\b)(?=[-+\d.\[(A-Za-z])"
+    rf"^\s*(?:\[?({CLOCK})\]?\s*(?:->|=>|>|\||:|-)?\s+(?![AP]M\b)(?=[-+\d.\[(A-Za-z])"
+    r"|[EWIDV] \((\d+)\) [\w.-]+: *)"
 )
+"""A time before a line, of day or, of ESP-IDF, in ms."""
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE)
 STAMP = re.compile(
     rf"{CLOCK}\s*(?:Z|[AP]M|[+-]\d\d:?\d\d)?|\d\d?[./]\d\d?[./]\d{{4}}[T ]{CLOCK}|\d\d?:\d\d[.,]\d+"
@@ -44,8 +46,18 @@ NUMBER_HZ = r"(?<![\d.,])(\d+(?:\.\d+)?)"
 RATE = re.compile(
     r"(?im)(?:^\W*rate|\bfs|\b(?:sampl\w*|acqui\w*|scan|abtast)[-_ ]*(?:rate|freq\w*?))(?![a-z])"
     rf"(?:.*?(?={NUMBER_HZ}[\s,;]*hz)|[^\dk\n]*(?={NUMBER_HZ}\W*$))"
+    rf"|^\W*(?:devices|trajectories|model outputs)\W*\n(?={NUMBER_HZ}\W*$)"
 )
-"""What a line above the names says of the rate, in Hz."""
+"""What a line above the names says of the rate, in Hz; of Vicon, the line below a block's name."""
+PERIOD = re.compile(r"(?im)^delta_x\s+(\d*[.,]?\d+(?:e-?\d+)?)")
+"""What LabVIEW says of the time between two rows, in s."""
+HEAD_UNIT = re.compile(
+    r"(?im)^\W*(?:(?:force|data|signal|y)s?[ _])?units?(?:[ _]label)?[ \t]*[:=,;\t]"
+    r"[\W_]*([^\W\d_]+)"
+)
+"""What a line above the names says of the unit of the readings."""
+GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}([,.' ]\d{3})+")
+"""A whole number with a sign between its thousands; its fraction may follow."""
 GAP = r"[\s,;]+"
 """Between the numbers of a vector."""
 MOST_HEADING_ROWS = 3
@@ -57,18 +69,24 @@ Cells = list[str]
 class Form:
     """How lines become cells. is_odd: whether lines must be made plain before pandas reads them.
 
-    has_names: whether each cell of a line has its name before it.
+    has_names: whether each cell of a line has its name before it. thousands: the sign between them.
     """
 
     separator: str
     decimal: str
     has_names: bool = False
     is_odd: bool = False
+    thousands: str = ""
+
+    @property
+    def mark(self) -> str:
+        """What stands between the cells of a plain line."""
+        return " " if self.separator == SPACES else self.separator
 
     def cells(self, line: str) -> Cells:
         """The cells of a line."""
-        mark = " " if self.separator == SPACES else self.separator
-        line = ARRIVAL.sub(rf"\1{mark}", line)
+        mark = self.mark
+        line = ARRIVAL.sub(rf"\1\2{mark}", line)
         line = VECTOR.sub(lambda found: mark.join(re.split(GAP, found[1])), line)
         line = PAIR.sub("", line) if self.has_names else line
         if self.separator == SPACES:
@@ -78,7 +96,12 @@ class Form:
         except csv.Error:
             return []
 
-        return [cell.strip() for cell in cells]
+        cells = [cell.strip() for cell in cells]
+        if self.thousands:
+            whole = [cell.partition(self.decimal)[0] for cell in cells]
+            for k, found in enumerate(map(GROUPED.fullmatch, whole)):
+                cells[k] = cells[k].replace(self.thousands, "") if found else cells[k]
+        return cells
 
     def share(self, cells: Sequence[str]) -> float:
         """How many of the cells that hold something are numbers, dates or times of day."""
@@ -95,7 +118,7 @@ class TableLayout:
     """names: of the columns. first_row: index of the first line of numbers.
 
     numeric: the columns that hold numbers in the first lines. comment: what begins a comment.
-    rate_hz: as the lines above the names say; None where they say nothing.
+    rate_hz, unit: as the lines above the names say; None and "" where they say nothing.
     """
 
     form: Form
@@ -104,6 +127,7 @@ class TableLayout:
     numeric: tuple[str, ...]
     comment: str = ""
     rate_hz: float | None = None
+    unit: str = ""
 
 
 def layout_of(lines: Sequence[str]) -> TableLayout:
@@ -121,6 +145,8 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
     for separator in SEPARATORS:
         # a comma may be both, where cells stand in quotes
         forms += [Form(separator, sign, has_names) for sign in (".", ",")]
+        for sign, mark in ((".", ","), (".", "'"), (",", ".")):
+            forms.append(Form(separator, sign, has_names, thousands=mark))
     form = max(forms, key=lambda one: _fit(one, judged))
     share, wide = _fit(form, judged)
     rows = [form.cells(line) for line in data]
@@ -136,7 +162,7 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
 
     first = are_data.index(True)
     odd = (ARRIVAL.match(one) or VECTOR.search(one) for one in data[first:][:20])
-    is_odd = form.has_names or any(odd)
+    is_odd = form.has_names or bool(form.thousands) or any(odd)
     above = [line.lstrip(f" {comment}") for line in lines[:first]]
     names = _heading(above, data[first], form)
     if form.has_names:
@@ -154,9 +180,22 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
     if not _begins(lines[first:], comment or "\n"):
         comment = ""
     form = replace(form, is_odd=is_odd)
-    rates = {*map(max, RATE.findall("\n".join(lines[:first])))}
+    head = "\n".join(lines[:first])
+    rates = {*map(max, RATE.findall(head))}
+    for period in PERIOD.findall(head):
+        period_s = float(period.replace(",", "."))
+        rates |= {1.0 / period_s} if period_s else set()
     rate_hz = float(rates.pop()) if len(rates) == 1 else None
-    return TableLayout(form, tuple(names), first, tuple(numeric), comment, rate_hz)
+    unit = HEAD_UNIT.search(head)
+    return TableLayout(
+        form,
+        tuple(names),
+        first,
+        tuple(numeric),
+        comment,
+        rate_hz,
+        unit[1] if unit else "",
+    )
 
 
 def _begins(lines: Sequence[str], comment: str) -> bool:
@@ -172,6 +211,10 @@ def _fit(form: Form, lines: Sequence[str]) -> tuple[float, int]:
     wide = max(counts, key=lambda cells: (counts[cells], cells), default=0)
     cells = [cell for row in rows for cell in row if len(row) == wide]
     share = form.share(cells) * counts[wide] / max(1, len(rows)) if wide > 1 else 0.0
+    marked = [cell for cell in cells if "," in cell]
+    if form.decimal == "," and 0 < len(marked) < 0.9 * len(cells):
+        # a comma that stands only in numbers from 1000 on, before three digits, is no decimal sign
+        share *= 0.9 if all(map(GROUPED.fullmatch, marked)) else 1.0
     return round(share, 3), wide
 
 

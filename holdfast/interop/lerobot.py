@@ -20,14 +20,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from holdfast.core.contract import SITUATIONS, Json, channel_names
+from holdfast.core.contract import SITUATIONS, Json, channel_names, valid_names
 from holdfast.core.errors import NotANumber, needs_extra
 from holdfast.core.schema import json_of, read
 from holdfast.core.writing import write_whole
+from holdfast.data.datasets.thesis import common_rate
 from holdfast.interop.parquet import read_columns, write_columns, write_rows
 from holdfast.interop.payload import LABEL_OF, NO_LABEL, TrialPayload
 from holdfast.interop.streams import Columns, ForeignLog, Stream
-from holdfast.training.datasets.thesis import common_rate
 
 with needs_extra("lerobot"):
     import pandas as pd
@@ -139,7 +139,7 @@ def _info(
     recording = trials[0].recording
     names = {
         TACTILE: list(channel_names(recording.n_sensors)),
-        VALID: [f"valid{sensor + 1}" for sensor in range(recording.n_sensors)],
+        VALID: list(valid_names(recording.n_sensors)),
     }
     features: Json = {}
     for key, column in frames.items():

@@ -1,4 +1,4 @@
-"""Which files are logs, how each is read, and the columns of one log on one clock.
+"""Which files are logs, how each is read, and which table of events or of names is beside which.
 
 A bag of ROS 2 is a folder with metadata.yaml, a LeRobot set one with meta/info.json. Any other file
 that begins like a table is one, whatever it is called.
@@ -7,63 +7,65 @@ that begins like a table is one, whatever it is called.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.column_map import NS_OF
-from holdfast.core.contract import IntArray
-from holdfast.core.errors import (
-    ColumnError,
-    DataError,
-    DataNotFound,
-    EmptyRecording,
-    NotANumber,
-    listed,
-)
+from holdfast.core.errors import DataError, DataNotFound, EmptyRecording, NotANumber
 from holdfast.core.trial_layout import LOG_MARKS, LOG_SUFFIXES
-from holdfast.interop.columns import unit_of_time
-from holdfast.interop.streams import (
-    LOG_TIME,
-    Column,
-    Columns,
-    ForeignLog,
-    Stream,
-    counted,
-    is_text,
-)
-from holdfast.interop.tables import begin_of, pd
+from holdfast.interop.joining import made_wide, united, whole_stamps, without_repeats
+from holdfast.interop.streams import ForeignLog, Stream, counted, first_stream
+from holdfast.interop.tables import begin_of
 
 PROSE = (".txt", ".dat", ".log", "")
 """Endings that other files have too: such a file in a folder is a log if it is a table."""
 NO_LOGS = (
-    ".json", ".jsonl", ".toml", ".yaml", ".yml", ".md", ".html", ".svg", ".xml", ".ipynb", ".py",
+    ".jsonl", ".toml", ".yaml", ".yml", ".md", ".html", ".svg", ".xml", ".ipynb", ".py",
     ".m", ".c", ".h", ".cpp", ".ino",
 )  # fmt: skip
 """Texts that may look like tables."""
+SCALARS = ".json"
+"""What one object says of a trial: who held what, and when it fell."""
 MODULES = {
     ".xlsx": "workbook", ".xlsm": "workbook", ".parquet": "parquet", ".mcap": "mcap_file",
     ".xdf": "xdf", ".xdfz": "xdf", LOG_MARKS[0]: "ros2", LOG_MARKS[1]: "lerobot",
+    SCALARS: "scalars",
 }  # fmt: skip
 """Ending or marking file -> the module that alone imports its library; of others it is `tables`."""
 LABEL_COLUMNS = 3
 """Of a table of labels: when each begins, when it ends, and what it is."""
-KEY = re.compile(
-    r"(?i)(sensor|channel|chan|ch|finger(tip)?|side|jaw|taxel|pad|tip|axis|component|variable"
-    r"|signal|device|node|addr(ess)?|id)s?[-_ .]*(id|nr|no|name|number|index|idx)?"
-)
-"""A column that says which sensor or axis a row is of."""
-MOST_KEYS, FEWEST_TIMES = 100, 20
-MOST_LONG = 9
-"""Columns where sensors have rows of their own: time, sensor, x, y, z and a few others."""
-NEAR_STEPS = 0.6
-"""A value of another clock belongs to a row if it is so many steps away."""
-SHEET = "sheet"
-"""The column that names the sheet of a row, where several are one table."""
+POINTER = b"version https://git-lfs"
+"""How a file begins whose content was not fetched."""
+FOREIGN = {
+    "a MATLAB file: save its columns as CSV": (".mat",),
+    "HDF5: save its tables as CSV or Parquet": (".h5", ".hdf5", ".hdf"),
+    "numpy: save it by numpy.savetxt as CSV": (
+        ".npy",
+        ".npz",
+        ".pkl",
+        ".pickle",
+        ".pt",
+    ),
+    "a picture or a film": (
+        ".png",
+        ".jpg",
+        ".jpeg",
+        ".bmp",
+        ".tif",
+        ".tiff",
+        ".mp4",
+        ".avi",
+    ),
+    "packed: unpack it": (".zip", ".gz", ".7z", ".tar", ".rar"),
+    "a bag of ROS 1: rosbags-convert makes one of ROS 2": (".bag",),
+    "a recording of a camera system: export it as CSV": (".c3d", ".trc", ".tdms"),
+}
+"""What others write and nothing here reads -> endings."""
+WORD = r"[/_ .-]+"
+"""Between the words of a path."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,8 @@ def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
         if place.path != source and not wide:
             others.append(place.path.name)
             doubtful += [] if place.kind in (*PROSE, *NO_LOGS) else [place]
+        elif place.kind == SCALARS:
+            found[place.path.as_posix()] = place
         elif place.name in found and wide > LABEL_COLUMNS:
             others.append(f"{place.path.name} (as {found[place.name].path.name})")
         else:
@@ -99,14 +103,26 @@ def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
 
     # where there is nothing else, reading them says what is wrong
     places = [*found.values()] or doubtful
-    if not places:
+    if not places or {place.kind for place in places} == {SCALARS}:
+        seen = next((path for path in source.rglob("*") if path.is_file()), None)
+        what = "no log in this folder" if source.exists() else "no such file or folder"
         raise DataNotFound(
-            "no log in this folder" if source.exists() else "no such file or folder",
+            f"{what}; {seen.name} is {_what_it_is(seen)}" if seen else what,
             where=source,
             next_step=f"give a folder with files that end in {', '.join(LOG_SUFFIXES)}",
         )
 
     return places, others
+
+
+def _what_it_is(path: Path) -> str:
+    """What a file is that cannot be read as a log."""
+    with path.open("rb") as file:
+        if file.read(len(POINTER)) == POINTER:
+            return "a Git LFS pointer: git lfs pull fetches its content"
+    suffix = path.suffix.lower()
+    kinds = (what for what, endings in FOREIGN.items() if suffix in endings)
+    return next(kinds, "no table")
 
 
 def read_log(place: LogPlace) -> ForeignLog:
@@ -115,6 +131,9 @@ def read_log(place: LogPlace) -> ForeignLog:
     Raises LibraryMissing for its extra, or a DataError that names the file.
     """
     reader = import_module(f"holdfast.interop.{MODULES.get(place.kind, 'tables')}")
+    what = _what_it_is(place.path) if place.path.is_file() else "no table"
+    if what != "no table":
+        raise NotANumber(f"{place.path.name} is {what}", where=place.path)
     try:
         log: ForeignLog = reader.read_log(place.path, place.name)
     except DataError as error:
@@ -133,14 +152,14 @@ def read_log(place: LogPlace) -> ForeignLog:
         ) from None
 
     streams = []
-    for stream in log.streams:
-        streams += [_wide(_whole_stamps(stream), place.path)] if stream.rows else []
+    for stream in filter(lambda one: one.rows, log.streams):
+        streams.append(without_repeats(made_wide(whole_stamps(stream), place.path)))
     if not streams:
         raise EmptyRecording("no row of data", where=place.path)
     same: dict[tuple[str, ...], list[Stream]] = {}
     for stream in streams:
         same.setdefault(tuple(stream.columns), []).append(stream)
-    return replace(log, streams=tuple(map(_united, same.values())))
+    return replace(log, streams=tuple(map(united, same.values())))
 
 
 def _columns_of(place: LogPlace) -> float:
@@ -148,9 +167,12 @@ def _columns_of(place: LogPlace) -> float:
 
     What may be prose must have mostly numbers.
     """
-    if place.kind in MODULES or place.kind in NO_LOGS:
-        return np.inf if place.kind in MODULES else 0
+    is_other = place.kind in MODULES and place.kind != SCALARS
+    if is_other or place.kind in NO_LOGS:
+        return np.inf if is_other else 0
     try:
+        if place.kind == SCALARS:
+            return first_stream(read_log(place)).rows
         layout, *_ = begin_of(place.path)
     except DataError:
         return 0
@@ -174,174 +196,39 @@ def _kind_of(path: Path) -> str | None:
     """The ending of a file, "" for one that is not known; the mark of a folder; else None."""
     if path.is_file():
         suffix = path.suffix.lower()
-        return suffix if suffix in (*LOG_SUFFIXES, *NO_LOGS) else ""
+        return suffix if suffix in (*LOG_SUFFIXES, *NO_LOGS, SCALARS) else ""
     return next((mark for mark in LOG_MARKS if (path / mark).is_file()), None)
 
 
-# -- streams of one log
+# -- tables beside logs
 
 
-def _whole_stamps(stream: Stream) -> Stream:
-    """Stamps in two columns as one of ns: seconds or a clock, and what a second is parted into."""
-    columns = dict(stream.columns)
-    clocks = [name for name, column in columns.items() if _is_clock(column)]
-    for name, column in stream.columns.items():
-        seconds = re.sub("(?i)n(ano)?(?=se?cs?$|seconds$)", "", name)
-        part_ns = NS_OF.get(unit_of_time(name) or "", 0)
-        if seconds != name and seconds in columns:
-            columns[name] = column + 10**9 * columns.pop(seconds)
-        elif part_ns and len(clocks) == 1 and column.dtype.kind == "i":
-            is_part = (column >= 0) & (part_ns * column < 10**9)
-            if is_part.all():
-                columns[clocks[0]] = columns[clocks[0]] + part_ns * columns.pop(name)
+def paired(logs: Sequence[str], tables: Sequence[str]) -> dict[str, str]:
+    """The name of a log -> that of the table beside it; what is not clear is left out.
 
-    return replace(stream, columns=columns)
-
-
-def _is_clock(column: Column) -> bool:
-    """Whether a column holds times of day or dates, in ns, without a part of a second."""
-    is_ns = column.dtype.kind == "i" and len(column) and column.max() > 10**10
-    return bool(is_ns) and len(np.unique(column)) > 1 and not (column % 10**9).any()
-
-
-def _wide(stream: Stream, path: Path) -> Stream:
-    """A table with a row for each sensor or axis at each time as one with a column for each.
-
-    Which a row is of stands in a column with such a name, or in one that differs from row to row.
-    Raises ColumnError where it is not clear which rows belong together.
+    Names of a pair differ in one word of the table, the same in all pairs: trial_1_motion and
+    trial_1_events, data/x and labels/x, t1 and t1; or a table is alone with a log in a folder.
     """
-    if stream.t_ns is not None or len(stream.columns) > MOST_LONG:
-        return stream
-    table = pd.DataFrame(stream.columns, copy=False)
-    kinds = table.nunique()
-    keys, turning = [], []
-    for name in table.columns[(kinds > 1) & (kinds <= MOST_KEYS)]:
-        keys += [name] if KEY.fullmatch(name) else []
-        # what stands in every other row may be a mark
-        is_turning = np.mean(table[name] != table[name].shift()) > 0.5
-        turning += [[name]] if is_turning and kinds[name] > 2 else []
-    for of_row in [keys] if keys else turning:
-        words = table[of_row].astype(str).agg("_".join, axis=1)
-        values = table.drop(columns=of_row)
-        times = _times_of(values, *pd.factorize(words))
-        if times is not None:
-            columns = _pivoted(values, times, words)
-            return replace(stream, columns=columns, long=tuple(of_row))
-    if keys and len(table) > MOST_KEYS:
-        raise ColumnError(
-            f"a row for each {listed(keys)}? which rows are of one time is not clear",
-            where=path,
-            next_step="write the same time into them, or leave that column out",
-        )
-    return stream
+    pairs: dict[str, dict[str, str]] = {}
+    for table in tables:
+        near: dict[str, list[str]] = {}
+        for log in logs:
+            word = other_word(log, table)
+            if word is not None:
+                near.setdefault(word, []).append(log)
+        for word, of_word in near.items():
+            if len(of_word) == 1:
+                pairs.setdefault(word, {})[of_word[0]] = table
+    return max(pairs.values(), key=len, default={})
 
 
-def _times_of(
-    table: pd.DataFrame, codes: IntArray, kinds: Sequence[str]
-) -> IntArray | None:
-    """[T] which time a row is of, counted; None where rows are not of one sensor each.
-
-    By a column with a value for each time, else by the order of the sensors. codes [T]: which of
-    these a row is of.
-    """
-    in_order = np.cumsum(np.diff(codes, prepend=len(codes)) <= 0)
-    for cells in (*map(table.get, table), in_order):
-        rows, times = pd.factorize(cells)
-        is_once = not pd.MultiIndex.from_arrays([rows, codes]).has_duplicates
-        if is_once and FEWEST_TIMES < len(times) < 1.25 * len(rows) / len(kinds):
-            return rows
-    return None
-
-
-def _pivoted(table: pd.DataFrame, times: IntArray, words: pd.Series) -> Columns:
-    """The columns of each sensor; those that are the same for all, run on or hold texts, once."""
-    numbers = table.select_dtypes("number")
-    steps = numbers.diff()
-    runs_on = (steps < 0).sum() <= 0.1 * (steps > 0).sum()
-    is_same = numbers.groupby(times).nunique().max() == 1
-    of_each = numbers.columns[~(runs_on | is_same)]
-    wide = table[of_each].set_index([times, words]).unstack()
-    once = table.drop(columns=of_each).groupby(times).first()
-    columns = {name: cells.to_numpy() for name, cells in once.items()}
-    for word in words.unique():
-        for name in of_each:
-            columns[f"{word}_{name}"] = wide[name, word].to_numpy()
-    return columns
-
-
-def _united(same: list[Stream]) -> Stream:
-    """Streams of the same columns as one.
-
-    One that began anew goes on; of one that was recorded twice the longer is used; sheets get a
-    column with their names.
-    """
-    same.sort(key=lambda one: 0 if one.t_ns is None else int(one.t_ns[0]))
-    longest = max(same, key=lambda one: one.rows)
-    stamps = [one.t_ns for one in same if one.t_ns is not None]
-    if any(later[0] <= before[-1] for before, later in pairwise(stamps)):
-        note = f"{longest.name or 'a stream'} is there twice: the longer one is used"
-        return replace(longest, notes=(*longest.notes, note))
-    if len(same) == 1:
-        return longest
-    tables = [pd.DataFrame(one.columns).assign(**{SHEET: one.name}) for one in same]
-    whole = pd.concat(tables, ignore_index=True)
-    if stamps:
-        whole = whole.drop(columns=SHEET)
-    columns = {str(name): column.to_numpy() for name, column in whole.items()}
-    t_ns = np.concatenate(stamps) if stamps else None
-    return replace(longest, columns=columns, t_ns=t_ns)
-
-
-def table_of(log: ForeignLog, names: Collection[str]) -> Columns:
-    """All columns of the streams that have one of these names, on one clock, with the labels.
-
-    A name that no stream has is left out. The clock is that of the slowest of several streams; what
-    was not sent about a row is nan there. Labels of a stream of their own hold until the next one.
-    """
-    used = [one for one in log.streams if one.columns.keys() & set(names)]
-    if not used:
-        return {}
-    columns = dict(used[0].columns)
-    stamps = [one.t_ns for one in used if one.t_ns is not None]
-    if len(stamps) < len(used):
-        return columns
-    # of equally slow streams that which lost the least
-    slowest = max(map(step_ns, stamps))
-    t_ns = max(stamps, key=lambda one: (step_ns(one) > 0.9 * slowest, len(one)))
-    columns[LOG_TIME] = t_ns = t_ns if len(used) == 1 else np.unique(t_ns)
-    for stream in log.streams:
-        if stream not in used:
-            columns = _at(stream, t_ns) | columns
-        elif len(used) > 1:
-            columns |= _at(stream, t_ns, NEAR_STEPS * slowest)
-
-    return columns
-
-
-def step_ns(stamps: IntArray) -> float:
-    """The usual step of stamps [T], 0 of one alone."""
-    steps = np.diff(np.unique(stamps))
-    return float(np.median(steps)) if len(steps) else 0.0
-
-
-def _at(stream: Stream, t_ns: IntArray, reach_ns: float | None = None) -> Columns:
-    """The cells of a stream at stamps [T], "" and nan for none: the nearest ones within a reach.
-
-    Without a reach the last ones before, of texts and of whole numbers alone.
-    """
-    if stream.t_ns is None:
-        return {}
-    table = pd.DataFrame(stream.columns, index=stream.t_ns).sort_index(kind="stable")
-    table = table[~table.index.duplicated("last")]
-    if reach_ns is None:
-        rows = table.index.get_indexer(t_ns, "pad")
-    else:
-        rows = table.index.get_indexer(t_ns, "nearest", tolerance=max(1, int(reach_ns)))
-    columns: Columns = {}
-    for name, column in table.items():
-        cells = column.to_numpy()
-        none = "" if is_text(cells) else np.nan
-        if reach_ns is not None or none == "" or not (cells % 1 > 0).any():
-            columns[str(name)] = np.where(rows < 0, none, cells[rows])
-
-    return columns
+def other_word(log: str, table: str) -> str | None:
+    """The word of a table's name that its log has not; None where they differ in more."""
+    ours, theirs = re.split(WORD, log), re.split(WORD, table)
+    for _ in range(2):
+        while ours and theirs and ours[-1] == theirs[-1]:
+            ours, theirs = ours[:-1], theirs[:-1]
+        ours, theirs = ours[::-1], theirs[::-1]
+    word = "".join(theirs)
+    # a number would be that of another trial
+    return None if len(theirs) > 1 or re.search(r"\d", word) else word

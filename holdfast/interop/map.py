@@ -12,14 +12,17 @@ person = "p01"                   # meta.json kind and action_at_s
 [actions]                        # words of the logs -> actions
 "torn away" = "pull"
 
+unwrap = true                    # above all tables: readings of 16 bits went over their end
+
 [masses_g]
 mug = 198
 
 [events]                         # when it slips: a column of the log, or a table of events
 column = "state"
 hold = true                      # a label holds until the next one; an empty cell says nothing
-# instead of column: file = "events.xlsx" (or "{name}_events.csv"), its columns trial, start,
-# end and label, unit = "s" (or ms, us, ns, row) and zero = "log" (the trial's first row) or "clock"
+# instead of column: file = "events.xlsx" for all logs (or "*_events.csv": that beside each), its
+# columns trial, start, end and label, unit = "s" (or ms, us, ns, row) and zero = "log" (the trial's
+# first row) or "clock"
 
 [events.labels]                  # labels -> situations, "" for none; the label "" where there is
 "slipping" = "risky_slip"        # no column of labels
@@ -42,7 +45,7 @@ from holdfast.core.contract import SITUATIONS
 from holdfast.core.errors import LabelError, UsageError
 from holdfast.core.schema import read
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
-from holdfast.training.datasets.trials import FOLDERS, action_of
+from holdfast.data.datasets.trials import FOLDERS, action_of
 
 NAMES = ("person", "object", "action")
 """What a trial is called by."""
@@ -90,8 +93,13 @@ class TrialRules(Table, frozen=True):
         if not self.path:
             return {}
         pattern = re.escape(self.path).replace(r"\*", "[^/]*")
-        pattern = re.sub(r"\\{(\w+)\\}", r"(?P<\1>TOGETHER|[^/]+?)", pattern)
-        pattern = pattern.replace("TOGETHER", TOGETHER)
+        of_key = {"trial": NUMBERED.pattern.removeprefix("(?i)") + "[a-z]?"}
+        if "-" in self.path:
+            # soft-ball-slip is a soft-ball
+            of_key["action"] = f"{TOGETHER}|[^/_ .-]+"
+        for key in (*NAMES, "trial"):
+            form = of_key.get(key, f"{TOGETHER}|[^/]+?")
+            pattern = pattern.replace(rf"\{{{key}\}}", f"(?P<{key}>(?i:{form}))")
         match = re.fullmatch(pattern, name)
         if match is None:
             raise LabelError(
@@ -148,6 +156,7 @@ class ImportMap(ColumnMap, frozen=True):
     actions: dict[str, str] = msgspec.field(default_factory=dict)
     masses_g: dict[str, Mass] = msgspec.field(default_factory=dict)
     events: EventRules | None = None
+    unwrap: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()

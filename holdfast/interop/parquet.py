@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.core.contract import SITUATIONS, Json, channel_names
+from holdfast.core.contract import SITUATIONS, Json, channel_names, valid_names
 from holdfast.core.errors import needs_extra
 from holdfast.core.schema import json_of
 from holdfast.core.trial_file import TIME_COLUMN
@@ -43,8 +43,9 @@ def table_of(trial: TrialPayload) -> Any:
     for name, values in zip(channels, trial.values.T, strict=True):
         # Null says "no value" in every reader; nan is a float like any other.
         columns[name] = pa.array(values, from_pandas=True)
-    for sensor, valid in enumerate(trial.valid.T, 1):
-        columns[f"valid{sensor}"] = pa.array(valid)
+    flags = valid_names(trial.recording.n_sensors)
+    for name, valid in zip(flags, trial.valid.T, strict=True):
+        columns[name] = pa.array(valid)
 
     # Texts that repeat in every row are stored once, by a dictionary.
     codes = pa.array(trial.label, mask=trial.label == NO_LABEL)

@@ -26,10 +26,10 @@ from holdfast.core.errors import DataNotFound, listed
 from holdfast.core.hand_card import hand_card_near
 from holdfast.core.trial_file import read_trial
 from holdfast.core.trial_layout import META, TACTILE, read_json
-from holdfast.training.datasets import LAYOUTS, find, layout_of, reader_of
-from holdfast.training.datasets.thesis import preparation
-from holdfast.training.recording import Recording
-from holdfast.training.windows import TimedTrial
+from holdfast.data.datasets import LAYOUTS, find, layout_of, reader_of
+from holdfast.data.datasets.thesis import preparation
+from holdfast.data.recording import Recording
+from holdfast.data.windows import TimedTrial
 
 UNLABELLED = "unlabelled"
 """The name of a row without a label, in formats that store names."""

@@ -10,9 +10,7 @@ import codecs
 import csv
 import io
 import re
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -28,7 +26,14 @@ from holdfast.core.errors import (
     count_of,
     needs_extra,
 )
-from holdfast.interop.layout import MISSING, SPACES, STAMP, TableLayout, layout_of
+from holdfast.interop.layout import (
+    COMMENTS,
+    MISSING,
+    SPACES,
+    STAMP,
+    TableLayout,
+    layout_of,
+)
 from holdfast.interop.streams import Column, Columns, ForeignLog, Stream, is_text
 
 with needs_extra("train"):
@@ -64,20 +69,73 @@ def begin_of(path: Path) -> tuple[TableLayout, str, bool]:
 def read_log(path: Path, name: str) -> ForeignLog:
     """A file of text as a log of one table. Raises a DataError."""
     layout, encoding, is_cut = begin_of(path)
-    about = {"rate_hz": layout.rate_hz}
+    about = {"rate_hz": layout.rate_hz, "unit": layout.unit}
     with path.open(encoding=encoding, errors="replace") as file:
-        if layout.form.is_odd or layout.comment == "//":
-            return ForeignLog(path, name, (read_table(file, layout),), about)
-        # lines of more cells than the others need the slow way, too
-        with suppress(pd.errors.ParserError, pd.errors.ParserWarning):
-            cells = _parsed(file, layout, layout.first_row)
-            # a line that was cut off has no last cell
-            n_torn = int(is_cut and str(cells[layout.names[-1]][-1]) in ("nan", ""))
-            cells = {key: cell[: len(cell) - n_torn] for key, cell in cells.items()}
-            return ForeignLog(path, name, (_numeric(cells, layout, n_torn),), about)
+        return ForeignLog(path, name, (read_table(file, layout, is_cut),), about)
 
-        file.seek(0)
-        return ForeignLog(path, name, (read_table(file, layout),), about)
+
+def read_table(
+    lines: Iterable[str], layout: TableLayout, is_cut: bool = False
+) -> Stream:
+    """The table in lines of text; is_cut: the last one may be. Raises EmptyRecording.
+
+    Its rows go through a file, because the cells of a long log as texts would fill the memory.
+    """
+    with TemporaryFile("w+", encoding="utf-8", newline="") as plain:
+        n_rows, n_torn, notes = _made_plain(lines, plain, layout)
+        plain.seek(0)
+        cells = _parsed(plain, layout, n_rows)
+    last = [str(cell) in ("nan", "") for cell in cells[layout.names[-1]][-2:]]
+    if is_cut and last == [False, True]:
+        # a line that was cut off has no last cell
+        n_torn += 1
+        cells = {key: column[:-1] for key, column in cells.items()}
+    return _numeric(cells, layout, n_torn, notes)
+
+
+def _made_plain(
+    lines: Iterable[str], plain: IO[str], layout: TableLayout
+) -> tuple[int, int, list[str]]:
+    """Write the rows of a table as pandas reads them: (how many, lines left out, notes).
+
+    What stands between the rows is left out, and lines of another number of cells. The table ends
+    with an empty line, where what follows is no row of it.
+    """
+    form = layout.form
+    writer = csv.writer(plain, delimiter=form.mark)
+    n_marks = len(layout.names) - 1
+    others: list[str] = []
+    notes: list[str] = []
+    n_rows, n_torn, was_empty = 0, 0, False
+    for line in islice(lines, layout.first_row, None):
+        is_whole = (
+            len(line.split()) == n_marks + 1
+            if form.separator == SPACES
+            else line.count(form.mark) == n_marks
+        )
+        if is_whole and not (form.is_odd or was_empty or line[0] in COMMENTS):
+            plain.write(line)
+            n_rows += 1
+            continue
+        text = line.strip(" \t\r\n\0")
+        cells = form.cells(line) if text else []
+        is_row = len(cells) == len(layout.names)
+        if was_empty and text and not (is_row and form.share(cells)):
+            notes = [f"a second block that begins with {text!r:.40} left out"]
+            break
+        was_empty = not text
+        if text.startswith(COMMENTS) or (text[:1].isalpha() and not is_row):
+            others.append(text[:40])
+        elif is_row:
+            writer.writerow(cells)
+            n_rows += 1
+        elif text:
+            n_torn += 1
+
+    if others:
+        count = count_of(len(others), "line")
+        notes.append(f"{count} between the rows left out, such as {others[0]!r}")
+    return n_rows, n_torn, notes
 
 
 def encoding_of(head: bytes) -> str:
@@ -93,29 +151,6 @@ def encoding_of(head: bytes) -> str:
         return "cp1252"
 
     return "utf-8-sig"
-
-
-def read_table(lines: Iterable[str], layout: TableLayout) -> Stream:
-    """A table whose lines are made plain one by one. Raises EmptyRecording.
-
-    Lines of another number of cells are left out. The plain ones go through a file, because the
-    cells of a long log as texts would fill the memory.
-    """
-    mark = " " if layout.form.separator == SPACES else layout.form.separator
-    n_torn = 0
-    with TemporaryFile("w+", encoding="utf-8", newline="") as file:
-        plain = csv.writer(file, delimiter=mark)
-        for line in islice(lines, layout.first_row, None):
-            if not line.strip() or (layout.comment and line.startswith(layout.comment)):
-                continue
-            cells = layout.form.cells(line)
-            if len(cells) == len(layout.names):
-                plain.writerow(cells)
-            else:
-                n_torn += 1
-
-        file.seek(0)
-        return _numeric(_parsed(file, layout, 0), layout, n_torn)
 
 
 def streams_of(
@@ -141,53 +176,49 @@ def streams_of(
     return tuple(streams)
 
 
-def _parsed(file: IO[str], layout: TableLayout, first_row: int) -> Columns:
-    """The cells of each column as pandas reads them.
+def _parsed(file: IO[str], layout: TableLayout, most: int) -> Columns:
+    """The cells of each column as pandas reads them; most: rows.
 
     A long file read at once takes three times the memory of its table, and joined pieces twice: so
     each column gets its place first, which costs nothing while it is empty.
     """
-    most = sum(1 for _ in file)
-    file.seek(0)
     columns: Columns = {}
     rows = 0
-    with warnings.catch_warnings():
-        # rows of more cells than names: pandas warns, and would drop them
-        warnings.simplefilter("error", pd.errors.ParserWarning)
-        chunks = pd.read_csv(
-            file,
-            sep=layout.form.separator,
-            decimal=layout.form.decimal,
-            header=None,
-            names=list(layout.names),
-            index_col=False,
-            skiprows=first_row,
-            chunksize=CHUNK_ROWS,
-            comment=layout.comment if len(layout.comment) == 1 else None,
-            skipinitialspace=True,
-            keep_default_na=False,
-            na_values={name: list(MISSING) for name in layout.numeric},
-        )
-        for chunk in chunks:
-            for name, series in chunk.items():
-                cells = series.to_numpy()
-                column = columns.get(name, np.empty(most, cells.dtype))
-                # whole numbers may go on as others, or as texts
-                kind = np.result_type(column, cells)
-                columns[name] = column = column.astype(kind, copy=False)
-                column[rows : rows + len(cells)] = cells
-            rows += len(chunk)
+    chunks = pd.read_csv(
+        file,
+        sep=layout.form.separator,
+        decimal=layout.form.decimal,
+        header=None,
+        names=list(layout.names),
+        index_col=False,
+        chunksize=CHUNK_ROWS,
+        comment=layout.comment if len(layout.comment) == 1 else None,
+        skipinitialspace=True,
+        keep_default_na=False,
+        na_values={name: list(MISSING) for name in layout.numeric},
+    )
+    for chunk in chunks:
+        for name, series in chunk.items():
+            cells = series.to_numpy()
+            column = columns.get(name, np.empty(most, cells.dtype))
+            # whole numbers may go on as others, or as texts
+            kind = np.result_type(column, cells)
+            columns[name] = column = column.astype(kind, copy=False)
+            column[rows : rows + len(cells)] = cells
+        rows += len(chunk)
 
     return {name: column[:rows] for name, column in columns.items()}
 
 
-def _numeric(cells: Columns, layout: TableLayout, n_torn: int) -> Stream:
+def _numeric(
+    cells: Columns, layout: TableLayout, n_torn: int, known: Sequence[str] = ()
+) -> Stream:
     """The columns as numbers or texts; rows without a number are left out, and noted.
 
-    n_torn: lines that are left out already. Raises EmptyRecording.
+    n_torn: lines that are left out already. known: notes on others. Raises EmptyRecording.
     """
     columns: Columns = {}
-    notes = []
+    notes = [*known]
     if n_torn:
         notes.append(f"{count_of(n_torn, 'line')} of another number of cells left out")
     there = np.zeros(len(cells[layout.names[0]]), dtype=np.bool_)

@@ -14,43 +14,62 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.contract import FloatArray
+from holdfast.core.column_map import MINUS
+from holdfast.core.contract import UNIT_OF, BoolArray, FloatArray, valid_names
 from holdfast.core.errors import EmptyRecording, LabelError, TimeError, count_of, listed
-from holdfast.core.trial_file import Trial, implausible_rate
+from holdfast.core.progress import Part, ignored
+from holdfast.core.trial_file import Trial, implausible_rate, says_no
 from holdfast.core.trial_layout import (
     LABELLED_ACTIONS,
-    RISKY_ACTIONS,
+    SITUATION_OF_ACTION,
     UNSCRIPTED,
     truth_path,
 )
 from holdfast.core.writing import write_whole
-from holdfast.interop.columns import find_time, touch, usual_step
-from holdfast.interop.labels import clock_of, marks_of, read_events
-from holdfast.interop.logs import LogPlace, read_log, table_of
+from holdfast.data.datasets.thesis import prepared
+from holdfast.data.datasets.trials import EMPTY_HAND
+from holdfast.data.lifts import LIFT, lift_phases
+from holdfast.data.timeline import ACTION_S, contact
+from holdfast.interop.columns import (
+    JUDGED_ROWS,
+    JUMP,
+    find_time,
+    usual_step,
+    without_jumps,
+)
+from holdfast.interop.joining import table_of
+from holdfast.interop.labels import (
+    NO_EVENTS,
+    clock_of,
+    marks_of,
+    read_events,
+    tables_of,
+)
+from holdfast.interop.logs import SCALARS, LogPlace, paired, read_log
 from holdfast.interop.map import NAMES, ImportMap
+from holdfast.interop.sensors import touch
 from holdfast.interop.streams import (
     FEWEST_ROWS,
     GAP_STEPS,
+    Column,
     ForeignLog,
     Stream,
     evened,
     first_stream,
+    merged,
     text_cells,
     unwrapped,
 )
 from holdfast.interop.tables import pd
 from holdfast.interop.understood import Files, Understood
 from holdfast.interop.writing import truth_of, write_csv
-from holdfast.training.datasets.thesis import prepared
-from holdfast.training.datasets.trials import EMPTY_HAND
-from holdfast.training.lifts import LIFT, lift_phases
-from holdfast.training.progress import Part, ignored
-from holdfast.training.timeline import ACTION_S, contact
 
 JUMP_S, BACK_S = 60.0, 0.5
 """A clock that jumps on by so much, or back, begins a new trial."""
 LONG_GAP_S, LONG_GAP_STEPS = 0.5, 20.0
 """A gap with the open hand ends a trial from so many seconds and so many usual steps on."""
+MOST_ZEROS = 0.3
+"""Of a press: a sensor that reads 0 for longer touches nothing."""
 LARGEST = 1e10
 """What is as large is no reading: a count has 32 bits."""
 TIMED = ("pull", "fall", "pass", "put-down")
@@ -87,6 +106,7 @@ class TrialImport:
     ) -> None:
         """The logs of one map. part: receives the share that is read. Raises a DataError."""
         used: Counter[Path] = Counter()
+        tables = tables_of(plan.events, source, files)
         for number, (name, group) in enumerate(files.items()):
             log = self.kept.pop(name, None)
             log = log or read_joined(group, plan.trials.fingers, name)
@@ -95,19 +115,23 @@ class TrialImport:
             if not table_of(log, plan.channels):
                 self._note(log, "no readings in it")
                 continue
-            path, events = read_events(source, plan, group[0].path)
+            path = tables.get(name)
+            events = read_events(path, plan) if path else NO_EVENTS
             whole = self._rows(log, plan)
             # a long log is large
             log = replace(log, streams=())
             done = 0
             for rows in self._cuts(log, whole, plan):
-                used[path] += self._write(log, rows, plan, events)
+                n_used = self._write(log, rows, plan, events)
+                # a trial in which nothing falls has no event
+                has_events = bool(events["start"].notna().any())
+                used.update({path: n_used} if path and has_events else {})
                 done += len(rows)
                 part((number + done / len(whole)) / len(files))
         part(1.0)
 
         for path, n_used in used.items():
-            if path.name and not n_used:
+            if not n_used:
                 raise LabelError(
                     "no event of it lies in a log",
                     where=path,
@@ -153,15 +177,60 @@ class TrialImport:
             further |= {plan.events.column} & columns.keys()
         # the columns themselves, because a long log is large
         rows = pd.DataFrame({name: columns[name] for name in plan.columns}, copy=False)
+        flags = valid_names(len(plan.sensors))
+        for sensor, flag in zip(plan.sensors, flags, strict=True):
+            # what a log says is not valid is no reading
+            lost = _says_no(columns[flag]) if flag in columns else np.zeros(1)
+            for name in filter(None, sensor.axes) if lost.any() else ():
+                name = name.removeprefix(MINUS)
+                rows[name] = np.where(lost, np.nan, rows[name])
         for name in further:
             rows[name] = np.array(text_cells(columns[name]), dtype=object)
         timed = rows.dropna(subset=[*filter(None, [plan.time.column])])
         n_lost = len(rows) - len(timed)
         if n_lost:
             self._note(log, f"{count_of(n_lost, 'row')} without a time left out")
-        self.rows += len(timed)
+        timed = self._of_readings(log, timed, plan)
         stamps = plan.stamps_ns(timed, len(timed), log.path)
-        return timed.set_axis(unwrapped(stamps, plan.time.unit_ns))
+        timed = timed.set_axis(unwrapped(stamps, plan.time.unit_ns))
+        first = values_of(log, timed[:JUDGED_ROWS], plan)
+        rows_a_value = [
+            *map(stays_for, first.reshape(len(first), -1, 3).swapaxes(0, 1))
+        ]
+        n_rows = min(rows_a_value)
+        if n_rows > 1:
+            self._note(log, f"each value stands in {n_rows} rows: one of them is kept")
+            changes = (np.diff(first, axis=0) != 0).any(axis=1)
+            timed = timed[int(changes.argmax() + 1) % n_rows :: n_rows]
+        for number, n_more in enumerate(rows_a_value, 1):
+            if n_more > n_rows:
+                text = f"sensor {number} sends a value for {n_more} rows: it is slower"
+                self._note(log, text)
+        self.rows += len(timed)
+        return timed
+
+    def _of_readings(
+        self, log: ForeignLog, rows: pd.DataFrame, plan: ImportMap
+    ) -> pd.DataFrame:
+        """Without the rows of another topic: no reading, between the times of the others."""
+        has_any = np.zeros(len(rows), dtype=np.bool_)
+        for channel in plan.channels:
+            # one by one: a long log is large
+            has_any |= rows[channel].notna().to_numpy()
+            if has_any.all():
+                return rows
+        name = plan.time.column
+        if not has_any.any() or not name:
+            return rows
+        times = rows[name].to_numpy(np.float64)
+        longest = 1.5 * usual_step(times[has_any])
+        gaps = (np.diff(one) > longest for one in (times, times[has_any]))
+        if len({int(one.sum()) for one in gaps}) > 1:
+            # all sensors were lost
+            return rows
+        n_others = count_of(int((~has_any).sum()), "row")
+        self._note(log, f"{n_others} of no sensor left out")
+        return rows[has_any]
 
     def _cuts(
         self, log: ForeignLog, rows: pd.DataFrame, plan: ImportMap
@@ -177,6 +246,11 @@ class TrialImport:
         column = plan.trials.column
         longest_s = max(LONG_GAP_S, 1e-9 * LONG_GAP_STEPS * step)
         if column:
+            cells = rows[column].where(rows[column] != "")
+            if cells.isna().any():
+                # a lost cell within a trial ends none
+                before, behind = cells.ffill(limit=FEWEST_ROWS), cells.bfill()
+                rows[column] = before.where(before == behind, cells).fillna("")
             ends |= (rows[column] != rows[column].shift()).to_numpy()[1:]
         elif (steps > longest_s).any():
             _, touched = touch(values_of(log, rows, plan))
@@ -205,29 +279,39 @@ class TrialImport:
         labels = labels[-len(trial.t_s) :]
         recording = prepared(trial, plan.unit_of_values, "")
         first, stop = contact(trial.t_s, recording.samples)
-        if plan.events and plan.events.rest:
+        is_timed = len({*labels}) > 1
+        rules = plan.events if labels[0] is not None else None
+        if plan.events and not rules:
+            self._note(log, "no event is of it")
+        if rules and rules.rest:
             closed = labels[first:stop]
-            closed[closed == ""] = plan.events.rest
+            closed[closed == ""] = rules.rest
             # a mark without an end lasts to that of the contact
-            if plan.events.hold:
-                labels[stop:] = ""
-        kinds = {*labels} - {""}
+            labels[stop:] = "" if rules.hold else labels[stop:]
+        kinds = {*labels} - {"", None}
         fits = (action for needed, action in ACTION_OF_LABELS if needed <= kinds)
         action = names["action"] or next(fits, "")
+        # what is the same in every row says what the trial is, and not when
+        kinds = kinds if is_timed else set()
         at_s = plan.facts.action_at_s or ACTION_S
         is_scripted = trial.t_s[first] < at_s < trial.t_s[stop - 1]
-        if action in TIMED and not kinds and not is_scripted:
-            taken = "taken as slip"
-            if action in RISKY_ACTIONS:
-                action = "slip"
-            else:
-                taken, kinds = "only the empty hand is labelled", {"nothing"}
+        is_untimed = action in TIMED and not is_scripted
+        is_untimed |= action in UNSCRIPTED and action not in LABELLED_ACTIONS
+        situation = SITUATION_OF_ACTION.get(action, "")
+        if action in TIMED and is_scripted and not kinds:
+            check = "checked: that lies within the contact"
+            self._note(log, f"{action}: by the script at {at_s:g} s, {check}")
+        if is_untimed and not kinds and situation:
+            taken = {"risky_slip": "slip", "grasp": "hold"}.get(situation, "")
+            text = f"taken as {taken}" if taken else "only the empty hand is labelled"
+            self._note(log, f"{action}: its times are not known: {text}")
+            action = taken or action
+            if not taken:
+                kinds = {"nothing"}
                 labels[:] = "nothing"
                 labels[first:stop] = ""
-            self._note(log, f"its times are not known: {taken}")
 
-        needs_events = action in UNSCRIPTED and action not in LABELLED_ACTIONS
-        if not action or (needs_events and not kinds):
+        if not action or (action in UNSCRIPTED[-1:] and not kinds):
             raise LabelError(
                 f"nothing says what happens in {log.name}",
                 where=log.path,
@@ -256,6 +340,17 @@ class TrialImport:
         Raises NotANumber, TimeError.
         """
         values = values_of(log, rows, plan)
+        n_zeros = lose_zeros(values)
+        if n_zeros:
+            self._note(log, f"{count_of(n_zeros, 'zero')} of a sensor in a press: lost")
+        n_jumps = 0
+        for channel in values.T:
+            steps = np.abs(np.diff(channel)) / UNIT_OF[plan.unit][1]
+            n_jumps += int((np.abs(steps - JUMP) < 0.1 * JUMP).sum())
+        if n_jumps:
+            self._note(
+                log, f"{count_of(n_jumps, 'jump')} by 2^16: --unwrap takes them out"
+            )
         is_lost = np.isnan(values)
         n_lost = is_lost.sum(axis=0)[plan.measured]
         lost = zip(plan.channels, n_lost.tolist(), strict=True)
@@ -281,43 +376,98 @@ def values_of(log: ForeignLog, rows: pd.DataFrame, plan: ImportMap) -> FloatArra
     """[T, C] the readings in some rows of a log, in the unit of its trials; nan for none."""
     values = plan.values_of(rows, log.path)
     values[~(np.abs(values) < LARGEST)] = np.nan
+    if plan.unwrap:
+        values = without_jumps(values, UNIT_OF[plan.unit][1])
     return values
+
+
+def stays_for(values: FloatArray) -> int:
+    """In how many rows each value of a sensor [T, 3] stands; 1 for a new one in each."""
+    changes = np.flatnonzero((np.diff(values, axis=0) != 0).any(axis=1))
+    gaps = np.diff(changes)
+    n_rows = int(np.median(gaps)) if len(gaps) > FEWEST_ROWS else 1
+    return n_rows if n_rows > 1 and np.mean(gaps % n_rows == 0) > 0.9 else 1
+
+
+def lose_zeros(values: FloatArray) -> int:
+    """How many samples of a sensor are 0 in all axes while it presses; they become nan.
+
+    values [T, C]: changed. A sensor that is 0 elsewhere too is at rest.
+    """
+    n_lost = 0
+    for sensor in np.split(values, values.shape[1] // 3, axis=1):
+        is_zero = (sensor == 0).all(axis=1)
+        rows = touch(values)[1] if is_zero.any() else is_zero
+        if (
+            rows.any()
+            and 0 < is_zero[rows].mean() < MOST_ZEROS
+            and not is_zero[~rows].any()
+        ):
+            sensor[is_zero] = np.nan
+            n_lost += int(is_zero.sum())
+    return n_lost
+
+
+def _says_no(cells: Column) -> BoolArray:
+    """[T] where a column valid1, valid2, .. says that its sensor is not valid."""
+    if cells.dtype == object:
+        return np.array([says_no(cell) for cell in cells])
+    # among numbers a word, such as False, was read as nan
+    return ~(np.abs(cells.astype(np.float64)) > 0.0)
 
 
 # -- files of one trial
 
 
 def files_of(places: Sequence[LogPlace], fingers: Sequence[str]) -> Files:
-    """The files of each log: one, or one for each finger in the order of `fingers`."""
-    files: Files = {} if fingers else {place.name: [place] for place in places}
+    """The files of each log: one, or one for each finger in the order of `fingers`.
+
+    Behind them stands what an object beside them says of the trial.
+    """
+    facts = {one.name: one for one in places if one.kind == SCALARS}
+    logs = [one for one in places if one.kind != SCALARS]
+    files: Files = {}
+    for place in () if fingers else logs:
+        files.setdefault(place.name, [place])
     for word in fingers:
         # the whole word, and the signs around it
         token = re.compile(
             rf"[_\-. /]*(?<![^_\-. /]){re.escape(word)}(?![^_\-. /])[_\-. /]*"
         )
-        for place in places:
+        for place in logs:
             if token.search(place.name):
                 name = token.sub("_", place.name).strip("_") or "log"
                 files.setdefault(name, []).append(place)
+    for name, fact in paired([*files], [*facts]).items():
+        files[name].append(facts[fact])
     return files
 
 
 def read_joined(
     places: Sequence[LogPlace], fingers: Sequence[str], name: str
 ) -> ForeignLog:
-    """One log of one file, or of a file for each finger: then its columns are `finger.column`."""
-    if not fingers:
-        return read_log(places[0])
-    streams = []
-    for word, place in zip(fingers, places, strict=True):
-        columns = dict(first_stream(read_log(place)).columns)
+    """One log of one file, or of a file for each finger: then its columns are `finger.column`.
+
+    What an object beside it says of the trial is a column for each fact.
+    """
+    files = [place for place in places if place.kind != SCALARS]
+    log = read_log(files[0])
+    streams = [*log.streams]
+    for number, (word, place) in enumerate(zip(fingers, files, strict=bool(fingers))):
+        columns = dict(first_stream(read_log(place) if number else log).columns)
         found = find_time(columns)
-        if found is None:
+        if found is None or not found.value.column:
             raise TimeError("no column of time to join files by", where=place.path)
-        t_ns = columns.pop(found.column) * found.unit_ns
+        t_ns = columns.pop(found.value.column) * found.value.unit_ns
         named = {f"{word}.{key}": column for key, column in columns.items()}
-        streams.append(Stream(named, np.round(t_ns).astype(np.int64), word))
-    return ForeignLog(places[0].path, name, tuple(streams))
+        streams[number:] = [Stream(named, np.round(t_ns).astype(np.int64), word)]
+    for place in places[len(files) :]:
+        facts = merged(read_log(place))
+        longest = max(streams, key=lambda one: one.rows)
+        columns = {key: np.repeat(fact, longest.rows) for key, fact in facts.items()}
+        at = streams.index(longest)
+        streams[at] = replace(longest, columns=columns | longest.columns)
+    return replace(log, name=name, streams=tuple(streams))
 
 
 # -- names and labels of a trial
@@ -363,19 +513,23 @@ def safe_name(text: str) -> str:
 def labels_of_rows(
     log: ForeignLog, rows: pd.DataFrame, plan: ImportMap, events: pd.DataFrame
 ) -> tuple[np.ndarray, int]:
-    """([T] the situation of each row of a trial, "" for none; how many events begin in it).
+    """([T] the situation of each row of a trial, "" for none, None where
+    no label is of this trial; how many events begin in it).
 
     events: of this and other trials, what lies within another one behind it. Raises LabelError.
     """
     labels = np.full(len(rows), None, dtype=object)
     rules, n_used = plan.events, 0
+    of_column = {*map(str.casefold, rows.get(plan.trials.column, ()))}
+    is_ours = events["trial"].str.casefold().isin({"", *log.keys, *of_column})
     if rules and rules.column in rows:
         labels = marks_of(rows[rules.column].to_numpy(object), rules)
-    elif rules:
-        of_column = map(str.casefold, rows.get(plan.trials.column, ()))
-        is_ours = events["trial"].str.casefold().isin({"", *log.keys, *of_column})
+    elif not rules or not is_ours.any():
+        # nothing says what happens when
+        return labels, 0
+    else:
         clock = clock_of(rules, rows.index.to_numpy())
-        for event in events[is_ours].itertuples():
+        for event in events[is_ours].dropna(subset="start").itertuples():
             first, stop = np.searchsorted(clock, [event.start, event.end])
             n_used += int(clock[0] <= event.start <= clock[-1])
             labels[first:stop] = event.label

@@ -1,7 +1,7 @@
-"""What the logs of a folder are: a map for each form of log, a short table, and one question.
+"""What the logs of a folder are: a map for each form of log, a short table, one list of questions.
 
-Everything is taken from what columns hold, then from names. What nothing in the logs says, and no
-answer on the command line, is asked.
+Everything is taken from names and from what columns hold, as evidence. What no evidence says, and
+no answer on the command line, is asked.
 
 Steps: find the logs; read each once and keep its first readings; join the files of one trial; sort
 the logs by their columns; make a map for each such form (forms.py). trials.py then reads the logs a
@@ -17,12 +17,23 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.core.errors import listed
-from holdfast.interop.columns import channels, find_sensors, find_time, touch, unit_of
+from holdfast.core.errors import ColumnError, listed
+from holdfast.core.progress import Part, ignored
+from holdfast.interop.columns import channels, find_time, unit_of, without_jumps
+from holdfast.interop.evidence import Evidence
 from holdfast.interop.forms import Form
+from holdfast.interop.joining import table_of
 from holdfast.interop.labels import is_mark
-from holdfast.interop.logs import LogPlace, find_logs, read_log, table_of
-from holdfast.interop.map import NUMBERED, ImportMap
+from holdfast.interop.logs import SCALARS, LogPlace, find_logs, read_log
+from holdfast.interop.map import ImportMap
+from holdfast.interop.names import kind_of
+from holdfast.interop.sensors import (
+    FINGER,
+    find_sensors,
+    finger_order,
+    sums_of_others,
+    touch,
+)
 from holdfast.interop.streams import (
     Columns,
     ForeignLog,
@@ -34,22 +45,23 @@ from holdfast.interop.streams import (
 from holdfast.interop.tables import pd
 from holdfast.interop.trials import files_of, read_joined
 from holdfast.interop.understood import Answers, Sample, Understood
-from holdfast.training.progress import Part, ignored
 
-FINGERS = ("thumb", "index", "middle", "ring", "little", "pinky", "palm", "finger")
 KEPT_ROWS = 1000
 """Of readings, once it is known what a touch does to them."""
 FEWEST_ROWS = 100
 """Of a log without a time: shorter ones are tables of something else."""
-FINGER_NAMES = re.compile("|".join(FINGERS), re.IGNORECASE)
-FINGER = re.compile(
-    rf"(?i){'|'.join(FINGERS)}|(sensor|pad|taxel|tip|jaw|ch|f|s)[-_ ]?\d|left|right"
+CLOCK_S = 60.0
+"""A clock that stands later than this was not begun with the trial."""
+FILE_OF_A_SENSOR = re.compile(
+    rf"(?i){FINGER.pattern}|^(finger|left|right|(sensor|pad|taxel|tip|jaw|ch|f|s)[-_ ]?\d)"
 )
-"""What the file of one finger is called by."""
-CLOCK_S, DATE_S = 60.0, 1e8
-"""A clock that stands later than this was not begun with the trial; a still later one is a date."""
+"""A word of a path that names a finger, numbers a sensor, or is a side."""
 OVERLAP = 0.7
 """Of the spans of files that belong to one trial."""
+NO_SHEAR = (
+    "the step needs shear: x, y and z of each sensor, or xz or yz where the hand card says so "
+    "(measures); of the normal alone nothing is trained"
+)
 
 
 def understand(source: Path, answers: Answers, part: Part = ignored) -> Understood:
@@ -67,8 +79,8 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
         found.kept.clear()
         found.kept[place.name] = log = read_log(place)
         sample = _sample([place], log, answers)
-        samples += [sample] if sample else []
-        tables += [] if sample else [log]
+        samples += _or_asked(sample, log, found)
+        tables += [] if isinstance(sample, Sample) else [log]
         part(number / len(places))
     if len(places) > 1:
         found.kept.clear()
@@ -78,23 +90,30 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
     if not samples:
         names = listed([*merged(tables[0])], most=24)
         what = f"which columns of {tables[0].name} are x, y and z of each sensor? ({names})"
-        found.ask("--map", f"{what}; a map names them (docs/your-data.md)")
+        if not found.questions:
+            found.ask("--sensors", f"{what}; or a map names them (docs/your-data.md)")
         return found
 
-    fingers = _fingers(samples)
+    fingers = _fingers(samples, answers, found)
     if fingers:
         each = f"the files {listed(fingers)} of each trial"
         found.add("joined", f"{each}, on the slowest clock")
-        files = files_of([one.files[0] for one in samples], fingers)
-        joined = []
-        for name, group in files.items():
+    facts = [place for place in places if place.kind == SCALARS]
+    files = files_of([*(one.files[0] for one in samples), *facts], fingers)
+    by_name = {one.log.name: one for one in samples}
+    samples = []
+    for name, group in files.items():
+        joined: Sample | str | None = by_name.get(name)
+        if joined is None or len(group) > 1:
+            found.kept.clear()
             log = read_joined(group, fingers, name)
-            joined.append(_sample(group, log, answers))
-        samples = [*filter(None, joined)]
+            joined = _sample(group, log, answers)
+        samples += _or_asked(joined, log, found)
 
     forms: dict[object, list[Sample]] = {}
-    for sample in samples:
-        forms.setdefault((sample.form, sample.time), []).append(sample)
+    for one in samples:
+        time = one.time.value if one.time else None
+        forms.setdefault((one.names, time), []).append(one)
     for of_form in forms.values():
         Form(found, source, of_form, tables, tuple(fingers), answers).understand()
     hands = {(plan.unit_of_values, len(plan.sensors)) for plan, _ in found.plans}
@@ -113,31 +132,58 @@ def of_map(source: Path, plan: ImportMap) -> Understood:
     return found
 
 
-def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample | None:
-    """A log with its time and its sensors; None for a table without readings."""
+def _or_asked(sample: Sample | str, log: ForeignLog, found: Understood) -> list[Sample]:
+    """A log with its sensors, or none where they are asked."""
+    if isinstance(sample, Sample):
+        return [sample]
+    if sample:
+        text = f"{sample} of {log.name}: which are x, y and z of each sensor?"
+        found.ask("--sensors", f"{text} {NO_SHEAR}")
+    return []
+
+
+def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample | str:
+    """A log with its time and its sensors; what is not clear of a table without readings."""
     whole, longest = merged(log), first_stream(log)
+    if longest.rows < 2:
+        return ""
     marks = [name for name, column in whole.items() if is_mark(name, column)]
-    sensors, why = find_sensors(whole, longest.columns, marks)
-    names = tuple(name for sensor in sensors for name in sensor.axes)
+    fingers = [*filter(None, answers.fingers.split(","))]
+    sensors = find_sensors(whole, longest.columns, marks, answers.sensors, fingers)
+    found = sensors.value if isinstance(sensors, Evidence) else []
+    names = tuple(name for sensor in found for name in sensor.axes)
     columns = table_of(log, names)
-    time = find_time(columns, answers.rate or log.about.get("rate_hz"))
-    if time is None or time.rate_hz:
-        has_texts = any(map(is_text, whole.values())) and not why.startswith("by")
+    time = find_time(columns or whole, answers.rate, log.about.get("rate_hz"))
+    if time is None or time.value.rate_hz:
+        is_unsure = isinstance(sensors, str) or sensors.check
+        has_texts = any(map(is_text, whole.values())) and is_unsure
         if has_texts or longest.rows < FEWEST_ROWS:
-            return None
-    if not names:
-        return None
+            return ""
+    if isinstance(sensors, str):
+        return sensors if longest.rows >= FEWEST_ROWS else ""
     values = channels(columns, names)
+    values = without_jumps(values) if answers.unwrap else values
+    there = np.isfinite(values)
+    if not there[:, there.any(axis=0)].all(axis=1).any():
+        raise ColumnError(
+            "no row has all sensors: each is of one topic or of one sensor",
+            where=log.path,
+            next_step="write a row for each time, with all sensors",
+        )
+    # fingers are no sum, and what is given is not judged
+    is_judged = len(files) == 1 and not (answers.sensors or FINGER.search(names[0]))
+    sums = sums_of_others(values) if is_judged else []
+    if sums:
+        shown = listed([found[k].z for k in sums])
+        return f"columns {listed([*names], most=9)} ({shown} is the sum of the others)"
     effects, touched = touch(values)
-    size = unit_of(names, values, effects[0])
+    unit = unit_of(names, values, effects, log.about.get("unit") or "")
     marks = [name for name, column in columns.items() if is_mark(name, column)]
-    if time and time.column in marks:
-        marks.remove(time.column)
+    if time and time.value.column in marks:
+        marks.remove(time.value.column)
     streams = [replace(one, columns=_short(one.columns, names)) for one in log.streams]
     log, columns = replace(log, streams=tuple(streams)), _short(columns, names)
-    return Sample(
-        files, log, columns, time, sensors, names, why, marks, effects, touched, size
-    )
+    return Sample(files, log, columns, time, sensors, marks, effects, touched, unit)
 
 
 def _short(columns: Columns, readings: Sequence[str]) -> Columns:
@@ -151,33 +197,35 @@ def _short(columns: Columns, readings: Sequence[str]) -> Columns:
 # -- files of one trial
 
 
-def _fingers(samples: Sequence[Sample]) -> list[str]:
+def _fingers(
+    samples: Sequence[Sample], answers: Answers, found: Understood
+) -> list[str]:
     """The words by which the files of one trial differ, a file for each finger; [] for none.
 
     Such files have one sensor each, are named alike but for one word, and run at the same time.
-    The word names a finger; or the clock is that of the day, so that overlap is no accident.
+    The word names a finger; else it is asked where it may be one.
     """
     names = [re.split(r"[/_ .]+|-(?=[A-Za-z])", one.log.name) for one in samples]
-    if any(len(one.sensors) > 1 for one in samples) or len({*map(len, names)}) > 1:
-        return []
+    is_apart = any(len(one.names) > 3 for one in samples) or len({*map(len, names)}) > 1
+    if answers.fingers or is_apart:
+        return [*filter(None, answers.fingers.split(","))]
     firsts = pd.Series([np.nanmin(one.stamps_s) for one in samples])
     lasts = pd.Series([np.nanmax(one.stamps_s) for one in samples])
     for k, words in enumerate(map(dict.fromkeys, zip(*names, strict=True))):
-        # trials that begin at 0 each seem to run at the same time
-        is_number = all(map(NUMBERED.fullmatch, words))
-        is_clock = firsts.min() > (DATE_S if is_number else CLOCK_S)
         trials = np.array([" ".join([*one[:k], *one[k + 1 :]]) for one in names])
         begins, ends = firsts.groupby(trials), lasts.groupby(trials)
         both = ends.min() - begins.max()
         overlap = both > OVERLAP * (ends.max() - begins.min())
-        is_whole = (ends.size() == len(words)).all() and overlap.all()
-        may_join = is_clock or all(map(FINGER.search, words))
-        if len(words) > 1 and may_join and is_whole:
-            return sorted(words, key=_finger_order)
-
+        if len(words) < 2 or (ends.size() != len(words)).any() or not overlap.all():
+            continue
+        if all(map(FILE_OF_A_SENSOR.search, words)):
+            return sorted(words, key=lambda word: (finger_order(word), counted(word)))
+        # trials that begin at 0 each seem to run at the same time
+        if firsts.min() > CLOCK_S or kind_of([*words], answers) == "unclear":
+            each = ",".join(words)
+            found.ask(
+                "--fingers",
+                f"are {each} fingers of one trial? nothing says it: --fingers {each}, "
+                f"or --object {each} for trials",
+            )
     return []
-
-
-def _finger_order(word: str) -> tuple[int, list[int | str]]:
-    found = FINGER_NAMES.search(word)
-    return FINGERS.index(found[0].lower()) if found else len(FINGERS), counted(word)

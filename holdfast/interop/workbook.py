@@ -33,7 +33,9 @@ def read_log(path: Path, name: str) -> ForeignLog:
         for sheet in book.worksheets:
             cells = pd.DataFrame(sheet.values, dtype=object).map(_plain)
             for number, block in enumerate(_blocks(cells)):
-                lines = block.to_csv(sep=";", header=False, index=False).splitlines()
+                lines = block.to_csv(sep=";", header=False, index=False).splitlines(
+                    True
+                )
                 # a block of notes is no table
                 with suppress(DataError):
                     table = read_table(lines, layout_of(lines[:HEAD_LINES]))

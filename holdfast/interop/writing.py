@@ -21,8 +21,8 @@ from holdfast.core.table import trial_csv
 from holdfast.core.trial_file import Trial
 from holdfast.core.trial_layout import HAND_FILE, MASSES_KEY, META
 from holdfast.core.writing import write_whole
-from holdfast.interop.columns import words_of
 from holdfast.interop.map import NAMES, ImportMap, map_text, toml_text
+from holdfast.interop.sensors import THUMB
 
 MAP_FILE = "import.toml"
 """The map, kept with what it made."""
@@ -94,7 +94,7 @@ def hand_card_text(plan: ImportMap, near: Path) -> str:
     if n_sensors == THESIS_SENSORS or not FEWEST_SENSORS <= n_sensors <= MOST_SENSORS:
         return ""
     # the thumb's side comes first in a card: by the names, else a third of the sensors
-    named = sum("thumb" in words_of(sensor.x) for sensor in plan.sensors)
+    named = sum(bool(THUMB.search(sensor.x)) for sensor in plan.sensors)
     n_thumb = named if 0 < named < n_sensors else max(1, n_sensors // 3)
     sensors: list[Json] = []
     for side, count in (("thumb", n_thumb), ("opposing", n_sensors - n_thumb)):

@@ -39,6 +39,7 @@ from holdfast.core.contract import (
     Unit,
     channel_names,
     not_learned_in_words,
+    valid_names,
 )
 from holdfast.core.errors import OutputError, UsageError
 from holdfast.core.hand_card import HandCard, leave_empty
@@ -296,8 +297,7 @@ class SampleFile:
     ) -> None:
         """zero: what was removed from the samples. hand: the model's."""
         sensors = n_channels // 3
-        valid = [f"valid{k}" for k in range(1, sensors + 1)]
-        names = [TIME_COLUMN, *channel_names(sensors), *valid]
+        names = [TIME_COLUMN, *channel_names(sensors), *valid_names(sensors)]
         self.path = path
         self.sink = file_sink(path, ",".join([*names, "sequence", f"prepared_{unit}"]))
         self.first_ns: int | None = None

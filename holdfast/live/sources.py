@@ -33,8 +33,8 @@ import msgspec
 import numpy as np
 
 from holdfast.core.contract import FloatArray, Unit
-from holdfast.core.errors import CardError, DataNotFound, UsageError
-from holdfast.core.hand_card import HandCard, read_hand_card
+from holdfast.core.errors import CardError, ColumnError, DataNotFound, UsageError
+from holdfast.core.hand_card import HandCard, read_hand_card, too_many
 from holdfast.core.schema import checked
 from holdfast.core.source import Source, SourceUrl
 from holdfast.drivers.bridges import open_bus as open_bridge
@@ -404,6 +404,9 @@ def _column_map(
         column_map = read_column_map(options.map)
     except FileNotFoundError:
         raise CardError("no such column map", where=options.map) from None
+    wrong = too_many(len(column_map.sensors))
+    if wrong:
+        raise ColumnError(wrong, where=options.map, next_step="map those that matter")
     # looked at here: a map that contradicts its hand card is refused before anything opens
     return column_map, column_map.hand_card(Path(options.map).parent)
 

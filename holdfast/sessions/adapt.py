@@ -16,6 +16,9 @@ import numpy as np
 from holdfast.core.contract import RISKY_SLIP, BoolArray
 from holdfast.core.errors import TooLittleToAdapt, UsageError, WorseThanBase, count_of
 from holdfast.core.locked import require_open
+from holdfast.core.progress import Stages
+from holdfast.data.datasets import find, load
+from holdfast.data.recording import DataSet
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.model_file import read_sealed, votes_in_all
@@ -23,7 +26,6 @@ from holdfast.evaluation.alarms import Answers, act_requests, match_alarms
 from holdfast.evaluation.trials import voluntary_actions
 from holdfast.export.changed import adapted, is_adapted, undone, verify_adapted
 from holdfast.export.exporting import write_model
-from holdfast.export.heads import Correction
 from holdfast.export.verify import AdaptedVerification
 from holdfast.sessions.adapt_evidence import (
     LabelWeights,
@@ -36,9 +38,7 @@ from holdfast.sessions.adapt_evidence import (
     moved,
     streams_of,
 )
-from holdfast.training.datasets import find, load
-from holdfast.training.progress import Stages
-from holdfast.training.recording import DataSet
+from holdfast.step.heads import Correction
 
 LEAST_HAND_OVERS = 8
 """As many as the adaptation protocol asks for."""

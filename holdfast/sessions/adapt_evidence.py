@@ -22,6 +22,8 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import LogisticRegression
 
 from holdfast.core.contract import GRASP, RISKY_SLIP, BoolArray, FloatArray
+from holdfast.core.progress import Part, ignored
+from holdfast.data.recording import DataSet, Recording
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.graph import Outputs
 from holdfast.edge_runtime.model import Model
@@ -33,14 +35,14 @@ from holdfast.evaluation.model_outputs import (
     steps_with,
 )
 from holdfast.evaluation.trials import voluntary_actions, without_samples
-from holdfast.export.heads import (
+from holdfast.step.heads import (
     Correction,
     FloatRows,
     riskier_argmax,
     situation_votes,
     weighted,
 )
-from holdfast.export.network import (
+from holdfast.step.network import (
     INPUT_MOST,
     LOGIT_STEPS,
     Float32Array,
@@ -50,8 +52,6 @@ from holdfast.export.network import (
     Network,
 )
 from holdfast.training.network_fit import whole_weights
-from holdfast.training.progress import Part, ignored
-from holdfast.training.recording import DataSet, Recording
 
 LEAST_PERMILLE = 250
 """Of the votes for risky slip. With four situations, the label needs at least a quarter."""

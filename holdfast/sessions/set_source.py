@@ -13,7 +13,7 @@ def read_set_trial(name: str, channels: int | None) -> Replay:
 
     Raises a DataError.
     """
-    from holdfast.training.datasets import load
+    from holdfast.data.datasets import load
 
     folder, _, chosen = name.rpartition("#")
     data = load(folder, channels=channels, windows="none")

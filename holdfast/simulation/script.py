@@ -290,16 +290,19 @@ class Script:
         there = np.where(self.holds, np.maximum(there, back), there)
 
         # Below critical damping, 2 sqrt(k m), as a human arm.
-        critical = np.sqrt(ARM_N_PER_M * self.body.mass_kg)
+        # A study may put something stiffer in the person's place, as a thing that is fixed.
+        stiffness = self.drawn("support_n_per_m", ARM_N_PER_M)
+        cap_n = self.drawn("support_cap_n", GIVER_CAP_N)
+        critical = np.sqrt(stiffness * self.body.mass_kg)
         damping = 2.0 * ARM_DAMPING * critical
 
         # The person holds the object where the hand takes it: the target does not move.
         still = np.zeros((len(t_s), *self.push.shape))
         return Pull(
-            stiffness_n_per_m=there * ARM_N_PER_M,
+            stiffness_n_per_m=there * stiffness,
             damping_n_s_per_m=there * damping,
             # Above zero, because forces are compared with it by division.
-            cap_n=there * GIVER_CAP_N + 1e-9,
+            cap_n=there * cap_n + 1e-9,
             weight_share=there,
             target_m=still,
             target_m_s=still,

@@ -1,12 +1,16 @@
-"""Recordings -> critical points -> balanced windows -> forest -> artifact.
+"""For: what learns: plan, folds, fitting, judging. `data` makes the windows that it fits.
+May import: data, step, edge_runtime, core.
+Begin with: fitting.py, from sets to an artifact; crossval.py answers for people it never saw.
 
-The centre is four files: datasets/thesis.py reads recordings, critical_points.py looks for the
-moments at which a grip changes, windows.py labels windows of the eight classes and balances them,
-crossval.py computes features, trains the forest and answers for people it never saw. fitting.py
-joins the four, and plan.py has what they choose by default.
+plan.py has what they choose by default. Nothing here imports export, which reads the artifact.
+train.py is `holdfast train` as a script.
 """
 
-if __name__ == "training":  # imported by the link at the top of a checkout
-    from holdfast.core.links import link
+from holdfast.core.links import link, moved
 
+if __name__ == "training":  # imported by the link at the top of a checkout
     link(__name__)
+else:
+    moved(__name__, "core", ["progress"])
+    for_data = ["critical_points", "datasets", "fixture", "lifts", "metrics"]
+    moved(__name__, "data", [*for_data, "recording", "timeline", "windows"])

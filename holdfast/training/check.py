@@ -28,7 +28,7 @@ from holdfast.core.trial_layout import (
     truth_path,
     weigh_it,
 )
-from holdfast.training.datasets import (
+from holdfast.data.datasets import (
     LAYOUTS,
     layout_of,
     load,
@@ -36,7 +36,7 @@ from holdfast.training.datasets import (
     thesis,
     with_hand,
 )
-from holdfast.training.datasets.trials import (
+from holdfast.data.datasets.trials import (
     FOLDERS,
     Missing,
     TrialReader,
@@ -45,12 +45,12 @@ from holdfast.training.datasets.trials import (
     sides_unknown,
     silent_axes,
 )
+from holdfast.data.lifts import NOISES
+from holdfast.data.metrics import in_words
+from holdfast.data.recording import DataSet, counts_in_words, lost_spans
+from holdfast.data.windows import TimedTrial
 from holdfast.training.judging import strictest_hold_out
-from holdfast.training.lifts import NOISES
-from holdfast.training.metrics import in_words
 from holdfast.training.plan import TrainingPlan
-from holdfast.training.recording import DataSet, counts_in_words, lost_spans
-from holdfast.training.windows import TimedTrial
 
 LAYOUT = "<person>/<object>/<action>/trial_1.csv"
 PHASES = '{"phases": [{"t0_s": 2.1, "t1_s": 6.4, "label": "grasp"}, ..]}'
@@ -391,7 +391,9 @@ def report_lines(report: FolderReport) -> list[str]:
 
     verdict = "ready for holdfast train and holdfast evaluate"
     if "doubt" in report.levels:
-        verdict += ", but their figures are wrong if what is DOUBTFUL is"
+        verdict += (
+            "; look at each DOUBTFUL line first: if it is right, the figures are wrong"
+        )
     if not report.readable:
         verdict = "not ready: correct each ERROR, then run holdfast check again"
     elif not report.trainable:

@@ -17,26 +17,8 @@ from sklearn.linear_model import LogisticRegression
 
 from holdfast.core.contract import FloatArray, IntArray
 from holdfast.core.errors import ClassMissing
-from holdfast.edge_runtime.graph import (
-    Outputs,
-    Steps,
-    open_session,
-    step_recordings,
-    steps_of,
-)
-from holdfast.export.features import features_alone
-from holdfast.export.heads import (
-    Calibration,
-    FloatRows,
-    riskier_argmax,
-    situation_votes,
-)
-from holdfast.export.learner import Forest, Learner, reference_votes, votes_of_trees
-from holdfast.export.network import VOTES
-from holdfast.export.spec import StepSpec
-from holdfast.training.plan import TASK_HEADS, ForestPlan, TrainingPlan, class_weights
-from holdfast.training.progress import Part, Say, ignored
-from holdfast.training.recording import (
+from holdfast.core.progress import Part, Say, ignored
+from holdfast.data.recording import (
     DataSet,
     Fold,
     Recording,
@@ -44,6 +26,19 @@ from holdfast.training.recording import (
     assign_groups,
     folds_of,
 )
+from holdfast.edge_runtime.graph import (
+    Outputs,
+    Steps,
+    open_session,
+    step_recordings,
+    steps_of,
+)
+from holdfast.step.features import features_alone
+from holdfast.step.heads import Calibration, FloatRows, riskier_argmax, situation_votes
+from holdfast.step.learner import Forest, Learner, reference_votes, votes_of_trees
+from holdfast.step.network import VOTES
+from holdfast.step.spec import StepSpec
+from holdfast.training.plan import TASK_HEADS, ForestPlan, TrainingPlan, class_weights
 
 THREADS = 2
 FEWEST, MOST = 16, 32

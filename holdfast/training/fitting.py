@@ -21,9 +21,25 @@ from holdfast.core.contract import (
     not_learned_of,
 )
 from holdfast.core.errors import RateError, UsageError
+from holdfast.core.progress import Part, Say, Stages, ignored
 from holdfast.core.writing import require_free, require_writable
-from holdfast.export.artifact import INDEX, Artifact, write_artifact
-from holdfast.export.heads import Head
+from holdfast.data.datasets import find, load
+from holdfast.data.datasets.joining import join, of_several_hands
+from holdfast.data.datasets.trials import sides_unknown, warn_of
+from holdfast.data.fixture import write_fixture
+from holdfast.data.metrics import PLURAL, HeadFigures
+from holdfast.data.recording import (
+    DataSet,
+    HoldOut,
+    Recording,
+    cannot_tell,
+    counts_in_words,
+    learnable,
+    regrouped,
+)
+from holdfast.data.windows import Choice
+from holdfast.step.artifact import INDEX, Artifact, write_artifact
+from holdfast.step.heads import Head
 from holdfast.training.crossval import (
     FloatRows,
     HeldOut,
@@ -36,10 +52,6 @@ from holdfast.training.crossval import (
     window_counts,
     with_even_classes,
 )
-from holdfast.training.datasets import find, load
-from holdfast.training.datasets.joining import join, of_several_hands
-from holdfast.training.datasets.trials import sides_unknown, warn_of
-from holdfast.training.fixture import write_fixture
 from holdfast.training.judging import (
     CurvePoint,
     as_grouped,
@@ -47,7 +59,6 @@ from holdfast.training.judging import (
     learning_curve,
     strictest_hold_out,
 )
-from holdfast.training.metrics import PLURAL, HeadFigures
 from holdfast.training.plan import (
     PLANS,
     POOLED_GROUPS,
@@ -56,20 +67,9 @@ from holdfast.training.plan import (
     TrainingPlan,
     at_rate,
 )
-from holdfast.training.progress import Part, Say, Stages, ignored
-from holdfast.training.recording import (
-    DataSet,
-    HoldOut,
-    Recording,
-    cannot_tell,
-    counts_in_words,
-    learnable,
-    regrouped,
-)
-from holdfast.training.windows import Choice
 
 if TYPE_CHECKING:
-    from holdfast.export.spec import StepSpec
+    from holdfast.step.spec import StepSpec
 
 VERSIONS_OF = ("numpy", "scipy", "scikit-learn", "skl2onnx", "onnx", "onnxruntime")
 FIXTURE = "fixture"
@@ -252,12 +252,11 @@ def warn_of_scarcity(data: DataSet) -> None:
             if 0 < count < FEWEST_WINDOWS:
                 few.append(f"{name} ({count})")
 
-    # The thesis' undersampled set is as small as its rarest class.
+    # The thesis' undersampled set (--windows thesis) is as small as its rarest class.
     if few:
         warnings.warn(
             f"{data.name}: fewer than {FEWEST_WINDOWS} windows of {', '.join(few)}; do not trust "
-            "the answers and figures of these; next: record or simulate more trials with them, or "
-            "leave out --windows thesis",
+            "the answers and figures of these; next: record or simulate more trials with them",
             FewWindows,
             stacklevel=2,
         )

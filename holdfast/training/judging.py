@@ -12,6 +12,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from holdfast.core.errors import TooFewGroups
+from holdfast.core.progress import Say, ignored
+from holdfast.data.metrics import HeadFigures, Interval, report
+from holdfast.data.recording import (
+    DataSet,
+    Fold,
+    HoldOut,
+    regrouped,
+    with_learned_weight,
+)
 from holdfast.training.crossval import (
     FloatRows,
     HeldOut,
@@ -19,16 +28,7 @@ from holdfast.training.crossval import (
     main_task,
     splits_of,
 )
-from holdfast.training.metrics import HeadFigures, Interval, report
 from holdfast.training.plan import TrainingPlan
-from holdfast.training.progress import Say, ignored
-from holdfast.training.recording import (
-    DataSet,
-    Fold,
-    HoldOut,
-    regrouped,
-    with_learned_weight,
-)
 
 STRICTEST_FIRST: tuple[HoldOut, ...] = ("person", "object", "trial")
 SHARES = (0.25, 0.5, 0.75)

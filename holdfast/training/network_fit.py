@@ -1,4 +1,4 @@
-"""A network trained by scikit-learn and turned into whole numbers (holdfast/export/network.py).
+"""A network trained by scikit-learn and turned into whole numbers (holdfast/step/network.py).
 
 Several networks that differ in their seed alone are evaluated together, and the mean of their
 logits counts: their first layers are one matrix, later ones a matrix of blocks.
@@ -17,8 +17,8 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.neural_network import MLPClassifier
 
 from holdfast.core.contract import FloatArray, IntArray
-from holdfast.export.heads import FloatRows
-from holdfast.export.network import (
+from holdfast.step.heads import FloatRows
+from holdfast.step.network import (
     EXACT_FLOAT32,
     HIDDEN_MOST,
     INPUT_MOST,

@@ -25,10 +25,10 @@ from holdfast.core.contract import (
     FloatArray,
 )
 from holdfast.core.hand_card import HandCard, fill_unmeasured
-from holdfast.export.pooled import side_matrix
+from holdfast.data.recording import DataSet, LabelledRows, Recording
+from holdfast.step.pooled import side_matrix
 from holdfast.training.crossval import spec_for
 from holdfast.training.plan import POOLED_GROUPS
-from holdfast.training.recording import DataSet, LabelledRows, Recording
 
 CHANCE = {
     "tilt": 0.4,

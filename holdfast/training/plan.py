@@ -15,7 +15,7 @@ from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 
 from holdfast.core.contract import FloatArray, IntArray, Json
 from holdfast.edge_runtime.decision import DecisionRules
-from holdfast.export.learner import Forest
+from holdfast.step.learner import Forest
 
 CLOCK_FREE_GROUPS = (
     "now",
@@ -102,13 +102,17 @@ HIGH_CONFIDENCE: dict[LearnerKind, DecisionRules] = {
 sample sooner. Networks are surer of themselves than forests (docs/decisions.md)."""
 ANY_HAND = {
     "min_risky_permille": 740,
-    "answer_permille": 600,
-    "full_answer_permille": 750,
+    "answer_permille": 650,
+    "full_answer_permille": 800,
     "evidence_ms": 300,
+    "follow_floor_permille": 130,
+    "follow_above_permille": 1250,
+    "safe_follow_mn": 500,
 }
-"""Of a committee on pooled features, which is trained on wider scenes: it is less sure that a slip
-begins, so the grip answers earlier, and a request asks for more. A request without evidence is over
-soon, so that a false one hides no slip after it (development seeds)."""
+"""Of a committee on pooled features, which is trained on wider scenes. A request without evidence
+is over soon, so that a false one hides no slip after it. The grip answers a slip where the model is
+sure, and follows a load from little over what is usual in a hold on; where another person may take
+the object by 0.5 N at most (development seeds)."""
 SLOW_HZ = 100.0
 SLOW_PERMILLE = 680
 """Below SLOW_HZ it asks for a little less: at 50 Hz a slip has a third of the samples that it has

@@ -9,6 +9,7 @@ import numpy as np
 
 from benchmarks.paired import paired_change
 from holdfast.core.contract import NOTHING, BoolArray, Json
+from holdfast.data.metrics import Interval
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.alarms import (
@@ -27,7 +28,6 @@ from holdfast.evaluation.model_outputs import (
 )
 from holdfast.evaluation.trials import voluntary_actions
 from holdfast.simulation.closed_loop import model_of
-from holdfast.training.metrics import Interval
 from studies.distortions.statistics import mean_interval
 from studies.distortions.table import by_name
 from studies.distortions.trials import NOTHING_ACTION, felt_set, recording_of

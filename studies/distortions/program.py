@@ -16,12 +16,12 @@ from typing import Any
 from holdfast.cli.command import path_argument
 from holdfast.cli.options import add_job_options, chosen_model, chosen_workers
 from holdfast.core.contract import Json
+from holdfast.core.progress import Stages
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.jobs import Workers
 from holdfast.simulation.closed_loop import model_of
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.training.progress import Stages
 from studies.distortions.closed_loop import (
     CONTROLLER,
     closed_figures,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import sem, t
 
-from holdfast.training.metrics import Interval
+from holdfast.data.metrics import Interval
 
 
 def mean_interval(values: Sequence[float]) -> Interval | None:

@@ -8,14 +8,14 @@ from functools import lru_cache
 import numpy as np
 
 from holdfast.core.contract import RISKY_SLIP, SITUATIONS, BoolArray, FloatArray
+from holdfast.data.recording import Recording
+from holdfast.data.timeline import Phase, RiskyEvent
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.simulation.effect import stream
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.simulation.truth import Truth
-from holdfast.training.recording import Recording
-from holdfast.training.timeline import Phase, RiskyEvent
 from studies.distortions.law import PlanRequest, distorted
 from studies.distortions.table import Distortion
 

@@ -22,10 +22,10 @@ import numpy as np
 
 from holdfast.core.contract import GRASP, RISKY_SLIP, FloatArray
 from holdfast.core.errors import RateError
+from holdfast.data.recording import Recording
+from holdfast.data.timeline import Phase, RiskyEvent
 from holdfast.simulation.scene import Scene, SimulatedTrial
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.training.recording import Recording
-from holdfast.training.timeline import Phase, RiskyEvent
 
 SLIPPING = ("pull", "fall")
 """Actions whose slips are taken."""

@@ -19,13 +19,13 @@ from holdfast.core.contract import (
     FloatArray,
     Json,
 )
+from holdfast.data.metrics import Interval, draw_groups
 from holdfast.edge_runtime.batch import ManyHands
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
 from holdfast.edge_runtime.grip import AnswerRules, GripSense, Holdfast
 from holdfast.edge_runtime.grip_control import GripLoop
 from holdfast.evaluation.alarms import DRAWS, match_alarms, ratio_interval, requests_at
 from holdfast.evaluation.model_outputs import ModelOutputs
-from holdfast.training.metrics import Interval, draw_groups
 
 BEGIN_S, END_S = 0.2, 0.15
 """The first and the last part of a contact; what lies between is the hold."""

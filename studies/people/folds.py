@@ -14,11 +14,16 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.core.locked import require_open_people
-from holdfast.export.artifact import Artifact, write_artifact
+from holdfast.core.progress import Stages
+from holdfast.data.datasets import load
+from holdfast.data.datasets.grip_lift_ati import NAME as LIFTS
+from holdfast.data.datasets.joining import join
+from holdfast.data.recording import DataSet, Fold, learnable
 from holdfast.export.exporting import export_artifact
-from holdfast.export.heads import Calibration, Head
-from holdfast.export.learner import Learner
-from holdfast.export.network import IntArray
+from holdfast.step.artifact import Artifact, write_artifact
+from holdfast.step.heads import Calibration, Head
+from holdfast.step.learner import Learner
+from holdfast.step.network import IntArray
 from holdfast.training.crossval import (
     FloatRows,
     HeldOut,
@@ -32,13 +37,8 @@ from holdfast.training.crossval import (
     window_counts,
     with_even_classes,
 )
-from holdfast.training.datasets import load
-from holdfast.training.datasets.grip_lift_ati import NAME as LIFTS
-from holdfast.training.datasets.joining import join
 from holdfast.training.fitting import with_features
 from holdfast.training.plan import TASK_HEADS, TrainingPlan
-from holdfast.training.progress import Stages
-from holdfast.training.recording import DataSet, Fold, learnable
 
 FOLDS = 5
 QUICK_PEOPLE = 2

@@ -15,17 +15,17 @@ from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.metrics import roc_auc_score
 
 from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP, FloatArray, IntArray
-from holdfast.export.pooled import FAMILIES, PooledFeature
-from holdfast.simulation.actions import EMPTY_HANDED
-from holdfast.training.crossval import features_at, spec_for
-from holdfast.training.plan import POOLED_GROUPS
-from holdfast.training.recording import (
+from holdfast.data.recording import (
     DataSet,
     Recording,
     StringArray,
     assign_groups,
     folds_of,
 )
+from holdfast.simulation.actions import EMPTY_HANDED
+from holdfast.step.pooled import FAMILIES, PooledFeature
+from holdfast.training.crossval import features_at, spec_for
+from holdfast.training.plan import POOLED_GROUPS
 
 SMOOTH_S = 0.05
 """Forces are means over this time before a rate is taken: a rate of the noise is below 1 N/s."""

@@ -17,16 +17,16 @@ from pathlib import Path
 from holdfast.cli.command import path_argument, positive
 from holdfast.core.contract import Json
 from holdfast.core.hand_card import read_hand_card
+from holdfast.core.progress import Stages
 from holdfast.core.writing import write_whole
+from holdfast.data.datasets.grip_lift_ati import CARD
+from holdfast.data.recording import DataSet
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.edge_runtime.model_file import read_sealed
 from holdfast.evaluation.formats import interval, number
 from holdfast.evaluation.model_outputs import run_model
 from holdfast.export.changed import changed
-from holdfast.training.datasets.grip_lift_ati import CARD
 from holdfast.training.plan import PLANS, at_rate
-from holdfast.training.progress import Stages
-from holdfast.training.recording import DataSet
 from studies.model_sets import training_sets
 from studies.people.figures import Lifts, lifts_of, parts_of, summary
 from studies.people.folds import fold_files, read_study, scenes_file

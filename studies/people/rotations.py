@@ -27,6 +27,9 @@ import numpy as np
 from holdfast.core.contract import GRASP, FloatArray, Json
 from holdfast.core.hand_card import read_hand_card
 from holdfast.core.writing import write_whole
+from holdfast.data.datasets import load
+from holdfast.data.metrics import draw_groups
+from holdfast.data.recording import DataSet, Recording, finite_sensors, runs_of
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.edge_runtime.model_file import read_sealed
 from holdfast.evaluation.alarms import (
@@ -38,9 +41,6 @@ from holdfast.evaluation.alarms import (
 )
 from holdfast.evaluation.model_outputs import ModelOutputs, run_model
 from holdfast.export.changed import changed
-from holdfast.training.datasets import load
-from holdfast.training.metrics import draw_groups
-from holdfast.training.recording import DataSet, Recording, finite_sensors, runs_of
 from studies.people.folds import QUICK_PEOPLE
 from studies.people.slips_found import matched
 

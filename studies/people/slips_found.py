@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.core.contract import Json
+from holdfast.data.recording import DataSet
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.evaluation.alarms import (
@@ -22,7 +23,6 @@ from holdfast.evaluation.alarms import (
     requests_at,
 )
 from holdfast.evaluation.model_outputs import ModelOutputs, run_model
-from holdfast.training.recording import DataSet
 from studies.people.deafness import SimulatedSlip, by_speed, simulated_slips, with_slips
 from studies.people.folds import FoldFile
 from studies.people.two_pads import write_two_pad_scene

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from holdfast.core.contract import FloatArray, IntArray
-from holdfast.training.datasets.human_slip_uskin import CONTACT_N, contact_force_n
-from holdfast.training.recording import DataSet, LabelledRows
+from holdfast.data.datasets.human_slip_uskin import CONTACT_N, contact_force_n
+from holdfast.data.recording import DataSet, LabelledRows
 
 
 def frames_since_contact(force_n: FloatArray, contact_n: float = CONTACT_N) -> IntArray:

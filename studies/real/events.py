@@ -13,12 +13,12 @@ from pathlib import Path
 from holdfast.core.errors import DataNotFound
 from holdfast.core.trial_layout import read_json
 from holdfast.core.writing import write_whole
+from holdfast.data.datasets import load
+from holdfast.data.recording import DataSet, assign_groups
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
 from holdfast.evaluation.report import write_event_report
-from holdfast.training.datasets import load
 from holdfast.training.plan import TrainingPlan
-from holdfast.training.recording import DataSet, assign_groups
 from studies.real.methods import HUMAN
 from studies.real.streamed_fold import FOLD
 

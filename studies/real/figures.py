@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 
 from holdfast.core.contract import Json
+from holdfast.data.metrics import HeadFigures, PredictionFigures
 from holdfast.evaluation.formats import Host
 from holdfast.evaluation.model_outputs import WindowFigures
 from holdfast.export.verify import ExportReport
-from holdfast.training.metrics import HeadFigures, PredictionFigures
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,13 @@ from typing import TypeVar
 
 import numpy as np
 
+from holdfast.core.progress import Say
+from holdfast.data.datasets import find, human_slip_uskin
+from holdfast.data.datasets.human_slip_uskin import MOST_LOADED_TAXELS, SPREAD_TAXELS
+from holdfast.data.metrics import HeadFigures
+from holdfast.data.recording import DataSet
 from holdfast.evaluation.jobs import Job, Workers
-from holdfast.export.pooled import FAMILIES
+from holdfast.step.pooled import FAMILIES
 from holdfast.training.crossval import (
     FloatRows,
     FoldAnswers,
@@ -21,16 +26,8 @@ from holdfast.training.crossval import (
     spec_for,
     splits_of,
 )
-from holdfast.training.datasets import find, human_slip_uskin
-from holdfast.training.datasets.human_slip_uskin import (
-    MOST_LOADED_TAXELS,
-    SPREAD_TAXELS,
-)
 from holdfast.training.judging import held_out_figures
-from holdfast.training.metrics import HeadFigures
 from holdfast.training.plan import ForestPlan, TrainingPlan
-from holdfast.training.progress import Say
-from holdfast.training.recording import DataSet
 from studies.real.clock import clock_features
 from studies.row_names import CLOCK, OURS_18, SPREAD_18
 

@@ -21,17 +21,17 @@ from sklearn.metrics import average_precision_score, f1_score, roc_auc_score
 
 from holdfast.cli.options import add_job_options, chosen_workers
 from holdfast.core.contract import FloatArray, Json
+from holdfast.core.progress import Stages
 from holdfast.core.writing import require_writable, write_whole
-from holdfast.export.heads import riskier_argmax
-from holdfast.export.learner import forest_votes, votes_of_trees
-from holdfast.export.network import IntArray, network_votes
+from holdfast.data.datasets.human_slip_uskin import MOST_LOADED_TAXELS
+from holdfast.data.metrics import report
+from holdfast.data.recording import DataSet, assign_groups, folds_of
+from holdfast.step.heads import riskier_argmax
+from holdfast.step.learner import forest_votes, votes_of_trees
+from holdfast.step.network import IntArray, network_votes
 from holdfast.training.crossval import FloatRows, splits_of
-from holdfast.training.datasets.human_slip_uskin import MOST_LOADED_TAXELS
-from holdfast.training.metrics import report
 from holdfast.training.network_fit import fit_network
 from holdfast.training.plan import TrainingPlan
-from holdfast.training.progress import Stages
-from holdfast.training.recording import DataSet, assign_groups, folds_of
 from studies.real.methods import COMMITTEE, POOLED, Method, done
 from tools.harness import measured_now, write_figures
 

@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from sklearn.metrics import confusion_matrix, precision_recall_curve, roc_curve
 
 from holdfast.core.contract import SITUATIONS
+from holdfast.data.metrics import ABSENT, HeadFigures, Interval, situation_scores
+from holdfast.data.recording import DataSet
 from holdfast.evaluation.style import GRID, INK, OURS, QUIET, WARNING, drawing, svg
 from holdfast.training.crossval import HeldOut
-from holdfast.training.metrics import ABSENT, HeadFigures, Interval, situation_scores
-from holdfast.training.recording import DataSet
 from studies.real.figures import prediction_of
 from studies.row_names import row_class, shown
 

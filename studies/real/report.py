@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from holdfast.core.contract import SITUATIONS
+from holdfast.data.recording import DataSet
 from holdfast.training.crossval import HeldOut
-from holdfast.training.recording import DataSet
 from studies.real import pictures
 from studies.real.figures import RealStudy, prediction_of
 from studies.report import write_report

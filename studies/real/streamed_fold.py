@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from holdfast.data.recording import DataSet
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.model import LABEL, Model
 from holdfast.evaluation.model_outputs import (
@@ -15,10 +16,10 @@ from holdfast.evaluation.model_outputs import (
     steps_with,
     window_figures,
 )
-from holdfast.export.artifact import Artifact, write_artifact
 from holdfast.export.exporting import export_artifact
-from holdfast.export.heads import Head
-from holdfast.export.network import IntArray
+from holdfast.step.artifact import Artifact, write_artifact
+from holdfast.step.heads import Head
+from holdfast.step.network import IntArray
 from holdfast.training.crossval import (
     FloatRows,
     HeldOut,
@@ -28,7 +29,6 @@ from holdfast.training.crossval import (
     splits_of,
 )
 from holdfast.training.plan import TASK_HEADS, TrainingPlan
-from holdfast.training.recording import DataSet
 from studies.real.figures import StreamedFold
 
 FOLD = 0

@@ -18,14 +18,17 @@ from typing import Any
 import numpy as np
 
 from holdfast.cli.options import add_job_options, chosen_workers
+from holdfast.core.progress import Say, Stages
 from holdfast.core.writing import require_writable
+from holdfast.data.metrics import HeadFigures, report
+from holdfast.data.recording import DataSet
 from holdfast.evaluation.formats import host, interval, number
 from holdfast.evaluation.jobs import Workers
-from holdfast.export.artifact import Artifact, write_artifact
 from holdfast.export.exporting import export_artifact
-from holdfast.export.heads import riskier_argmax
-from holdfast.export.learner import reference_votes
-from holdfast.export.network import IntArray
+from holdfast.step.artifact import Artifact, write_artifact
+from holdfast.step.heads import riskier_argmax
+from holdfast.step.learner import reference_votes
+from holdfast.step.network import IntArray
 from holdfast.training.crossval import (
     FloatRows,
     HeldOut,
@@ -34,10 +37,7 @@ from holdfast.training.crossval import (
     spec_for,
 )
 from holdfast.training.fitting import final_artifact, versions
-from holdfast.training.metrics import HeadFigures, report
 from holdfast.training.plan import RAW_BASELINE, TrainingPlan
-from holdfast.training.progress import Say, Stages
-from holdfast.training.recording import DataSet
 from studies.folds import leaky_folds
 from studies.real.figures import FinalModel, RealStudy, StreamedFold, prediction_of
 from studies.real.methods import METHODS, OURS, cross_validated, done

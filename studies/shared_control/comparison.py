@@ -14,7 +14,7 @@ from holdfast.cli.command import (
 )
 from holdfast.cli.options import chosen_model, chosen_workers
 from holdfast.core.errors import UsageError
-from holdfast.training.progress import Stages
+from holdfast.core.progress import Stages
 from studies.shared_control.closed_loop import LoopComparison
 from studies.shared_control.loop_report import write_loop_report
 

@@ -13,6 +13,8 @@ CHOSEN = "both"
 ALONE = ("detection alone", "following alone")
 FORCE_AIM_N = 3.0
 NEED_AIM_N = 10.0
+LINE_PX, LETTER_PX = 13.0, 6.5
+"""Height of a line and width of a letter of the names, in pixels of the drawing."""
 
 
 def front(rows: Sequence[Json]) -> list[Json]:
@@ -86,6 +88,7 @@ def _is_named(point: Json) -> bool:
 
 def _panel(axes: Axes, points: Sequence[Json], key: str, aim: float) -> None:
     number = 0
+    names: list[tuple[tuple[float, float], str]] = []
     for point in points:
         label = point["choice"]
         at = point[key], point["saved"] / max(1, point["preventable"])
@@ -95,6 +98,26 @@ def _panel(axes: Axes, points: Sequence[Json], key: str, aim: float) -> None:
         if not _is_named(point):
             number += 1
             label = str(number)
-        axes.annotate(label, at, (4, 4), textcoords="offset points", fontsize=8)
+        names.append((at, label))
     axes.axvline(aim, color=INK, linewidth=0.6, linestyle=":")
     axes.margins(0.15)
+    _annotate(axes, names)
+
+
+def _annotate(axes: Axes, names: Sequence[tuple[tuple[float, float], str]]) -> None:
+    """Names right above their points; a name that would cover the one before goes higher."""
+    # matplotlib scales late: without these the places are those of an empty drawing
+    axes.get_xlim(), axes.get_ylim()
+    taken: list[tuple[float, float, float]] = []
+    for (x, y), name in sorted(names):
+        left, up = (float(one) for one in axes.transData.transform((x, y)))
+        above = 4.0
+        while any(
+            left < end and abs(up + above - other) < LINE_PX and left > begin - LINE_PX
+            for begin, end, other in taken
+        ):
+            above += LINE_PX
+        taken.append((left, left + LETTER_PX * len(name), up + above))
+        # 72 points an inch, 100 pixels an inch
+        offset = 4, 0.72 * above
+        axes.annotate(name, (x, y), offset, textcoords="offset points", fontsize=8)

@@ -15,21 +15,24 @@ from holdfast.cli.options import add_job_options, chosen_model, chosen_workers
 from holdfast.core.contract import Json
 from holdfast.core.errors import UsageError
 from holdfast.core.locked import locked_sets
+from holdfast.core.progress import Stages
 from holdfast.core.trial_layout import read_json
 from holdfast.core.writing import require_writable, write_whole
 from holdfast.simulation.closed_loop import model_of
 from holdfast.simulation.drive import OPENINGS
-from holdfast.training.progress import Stages
 from studies.shared_control import comparison
 from studies.shared_control.closed_loop import ORACLE, LoopRequest, LoopRuns, Run
+from studies.shared_control.closing import closing_figures
 from studies.shared_control.picture import knowing, picture
 from studies.shared_control.plan import LATE_S, OURS, PARTS, SEED, UNSEEN, Row, rows
 from tools.doc_tables import fill, tables_of
 from tools.harness import add_engine_options, for_any_page, measured_now, write_figures
 
 TRIALS = 55
+OPEN_SEED = 100
+"""The first of those to choose by."""
 MODEL = Path("models/holdfast-150hz.onnx")
-PAGE = "docs/shared-control.md"
+PAGE = "docs/shared-control-figures.md"
 ROW_KEYS = (
     "part",
     "set",
@@ -91,6 +94,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="loop.json of the code before, on the same trials: for aims that bound a change",
     )
     option(
+        "--closing",
+        type=whole(1),
+        metavar="N",
+        help="only this, into closing.json: N draws of hands that only close",
+    )
+    option(
         "--keep",
         action="store_true",
         help="keep the rows of the earlier run in --out that this one does not measure",
@@ -108,6 +117,8 @@ def run(args: argparse.Namespace) -> int:
         return comparison.run(args)
     comparison.require_scenes(args)
     require_writable(args.out)
+    if args.closing:
+        return _closing(args)
     seed = SEED if args.seed is None else args.seed
     trials = args.trials or TRIALS
     before = _before(args.before, seed, trials) if args.before else {}
@@ -132,13 +143,29 @@ def run(args: argparse.Namespace) -> int:
     if args.keep and (args.out / "loop.json").is_file():
         figures = merged(read_json(args.out / "loop.json"), figures)
     path = write_figures(args.out / "loop.json", figures)
+    draw(args, {row.part for row in wanted}, figures)
+    sys.stdout.write(f"{path}\n")
+    return 0
+
+
+def draw(args: argparse.Namespace, parts: set[str], figures: Json) -> None:
+    """Fill the page, and draw the pictures of the parts that were run."""
     if args.page:
         fill(PAGE, tables_of(PAGE, {"loop": figures}))
     # not without --page: a run with other --parts, trials or seed must change no page
-    if args.page and any(row.part == "front" for row in wanted):
+    if args.page and "front" in parts:
         write_whole(FIGURE, for_any_page(picture(figures)) + "\n")
-    if any(row.part == "knowing" for row in wanted):
+    if "knowing" in parts:
         write_whole(args.out / KNOWING, for_any_page(knowing(figures)) + "\n")
+
+
+def _closing(args: argparse.Namespace) -> int:
+    """Hands that only close, at development seeds unless another one is given."""
+    model = model_of(chosen_model(args))
+    seed = OPEN_SEED if args.seed is None else args.seed
+    figures = closing_figures(seed, args.closing, model)
+    figures = {"model": model.card.model_id, **measured_now(), **figures}
+    path = write_figures(args.out / "closing.json", figures)
     sys.stdout.write(f"{path}\n")
     return 0
 

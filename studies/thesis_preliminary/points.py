@@ -9,7 +9,7 @@ the thesis'  first principal component over the sensors of x, of y and of z, eac
              s; the largest of any 0.5 s (chapter 3.1.1 and its listing, whose 15 and 10 samples are
              at 50 Hz). z standardised crosses zero, so it is a lottery: it finds changes of grip
              because the quotient has a pole there
-ours         training.critical_points.friction_rows, sensor by sensor, without a pole
+ours         data.critical_points.friction_rows, sensor by sensor, without a pole
 
 What a point is comes from the set's truth and never from the sensors: the riskiest situation within
 the 7 samples around it. Of those in a grasp, the ones up to 1.5 s after contact are "grasp"; later
@@ -33,8 +33,8 @@ from holdfast.core.contract import (
     BoolArray,
     FloatArray,
 )
-from holdfast.training.critical_points import EDGE_S, friction_rows
-from holdfast.training.recording import DataSet, Recording
+from holdfast.data.critical_points import EDGE_S, friction_rows
+from holdfast.data.recording import DataSet, Recording
 
 KINDS = ("grasp", "not slipping under disturbances", "safe slip", "slipping")
 HELD = 1

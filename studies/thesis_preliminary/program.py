@@ -13,11 +13,11 @@ from pathlib import Path
 
 from holdfast.cli.command import path_argument
 from holdfast.core.errors import DataNotFound
+from holdfast.core.progress import Say, Stages
 from holdfast.core.writing import require_writable
-from holdfast.training.datasets import load
+from holdfast.data.datasets import load
+from holdfast.data.recording import DataSet
 from holdfast.training.fitting import versions
-from holdfast.training.progress import Say, Stages
-from holdfast.training.recording import DataSet
 from studies.real.methods import HUMAN
 from studies.thesis_preliminary.cases import CASES
 from studies.thesis_preliminary.figures import PreliminaryStudy

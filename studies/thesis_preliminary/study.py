@@ -28,9 +28,9 @@ from sklearn.preprocessing import StandardScaler
 from threadpoolctl import threadpool_limits
 
 from holdfast.core.errors import ClassMissing
+from holdfast.core.progress import Say
+from holdfast.data.recording import DataSet, assign_groups, folds_of
 from holdfast.training.network_fit import interruptible
-from holdfast.training.progress import Say
-from holdfast.training.recording import DataSet, assign_groups, folds_of
 from studies.thesis_preliminary.cases import CASES, Case
 from studies.thesis_preliminary.figures import CaseFigures, Repeated, StudiedSet
 from studies.thesis_preliminary.points import (

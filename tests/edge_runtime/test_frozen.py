@@ -199,7 +199,7 @@ def test_no_sensor_of_a_real_set_is_called_frozen_also_at_twelve_bits(
     real_set: Callable[[str], Path], name: str, steps: tuple[float, ...]
 ) -> None:
     """A part of each set; steps in its unit: as it is, at 12 bits of the chip, and coarser."""
-    from holdfast.training.datasets import load
+    from holdfast.data.datasets import load
 
     recordings = load(real_set(name), windows="none").recordings
     for step in steps:

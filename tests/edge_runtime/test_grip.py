@@ -248,6 +248,23 @@ def test_a_pick_up_is_no_slip(rules: AnswerRules) -> None:
     assert controller.want(sense(grip_n=6.0, load_n=7.0), 0.0, 0.0) > 6.0
 
 
+def test_a_pick_up_by_fingers_that_rested_on_the_object_is_no_slip() -> None:
+    """Fingers lie on the object for two seconds, and the load is felt before the grip grows."""
+    loop = GripLoop(ONE_HAND, RATE_HZ, Holdfast(ONE_HAND, RATE_HZ, rules=SOON))
+    for _ in range(round(2 * RATE_HZ)):
+        assert loop.step(sense(grip_n=0.2, load_n=0.02)) == 0.0
+    for k in range(round(1.5 * RATE_HZ)):
+        made = min(1.0, k / (0.2 * RATE_HZ))
+        grip_n = 0.2 + 6.0 * max(0.0, made - 0.1)
+        target_n = loop.step(sense(grip_n=grip_n, load_n=4.0 * made))
+        assert target_n <= grip_n + 1.5
+    assert target_n == 0.0
+
+
+def test_a_load_is_followed_by_a_little_more_than_twice_the_wearers_grip() -> None:
+    assert followed([99.0], AnswerRules(floor=0.2)) == pytest.approx([3.0 + 1.0 + 6.0])
+
+
 def test_a_slow_load_is_followed_before_half_of_it_is_there() -> None:
     controller = after_a_hold(rules=SOON)
     loads_n = np.linspace(0.5, 4.0, round(1.2 * RATE_HZ))
@@ -259,11 +276,16 @@ def test_a_slow_load_is_followed_before_half_of_it_is_there() -> None:
 
 
 def closed(
-    grip_n: float, lasts_s: float, given_from_s: float, most_over_n: float
+    grip_n: float,
+    lasts_s: float,
+    given_from_s: float,
+    most_over_n: float,
+    gain: float = 1.0,
 ) -> tuple[float, float]:
     """(largest target, the wearer's grip as measured) where a hand closes with a slip certain.
 
-    The hand grips for the larger of the target and its wearer, behind a lag of 50 ms.
+    The hand grips for the larger of the target and its wearer, behind a lag of 50 ms. gain: read
+    over true.
     """
     rules = AnswerRules(most_over_n=most_over_n)
     loop = GripLoop(ONE_HAND, RATE_HZ, Holdfast(ONE_HAND, RATE_HZ, rules=rules))
@@ -277,7 +299,7 @@ def closed(
         slips = given_from_s <= t_s < given_from_s + 0.3
         loop.step(
             sense(
-                grip_n=max(own_n, held_n),
+                grip_n=gain * max(own_n, held_n),
                 p_risky=1.0 if slips else 0.0,
                 empty=own_n < 0.05,
             )
@@ -295,6 +317,15 @@ def test_a_slip_at_any_time_of_the_close_leaves_the_wearers_grip_known(
         largest_n, measured_n = closed(grip_n, lasts_s, given_from_s, 3.0)
         assert measured_n == pytest.approx(grip_n, abs=1.0)
         assert largest_n <= grip_n + 3.0 + 1.0
+
+
+@pytest.mark.parametrize("gain", [1.3, 2.4])
+def test_a_sensor_that_reads_too_much_makes_no_target_climb(gain: float) -> None:
+    """What it reads under a target was more than the target, and was taken for the wearer's."""
+    for given_from_s in np.arange(0.02, 1.2, 0.12):
+        largest_n, measured_n = closed(5.0, 0.5, given_from_s, 3.0, gain)
+        assert measured_n == pytest.approx(gain * 5.0, abs=1.0)
+        assert largest_n <= gain * 5.0 + 3.0 + 1.0
 
 
 def test_a_hand_that_only_closes_wants_nothing_however_its_load_is_read() -> None:
@@ -358,18 +389,18 @@ def test_holdfast_raises_to_what_friction_needs_only_where_it_has_answered() -> 
     [
         (
             AnswerRules(floor=0.2),
-            4351.530684,
-            "0 0 20 3.9752426 3.6100576 0 0 15.030134 3.6113857 0 0",
+            4351.562708,
+            "0 0 20 3.9752426 3.6100576 0 0 15.0312773 3.6113857 0 0",
         ),
         (
             AnswerRules(detects=False, floor=0.05, above=1.002),
-            875.198339,
+            875.178249,
             "0 0 0 0 0 0 0 5.2901719 4.592956 0 0",
         ),
         (
             AnswerRules(follows=False, rise_n=2.0),
-            4307.508739,
-            "0 0 20 3.9752426 3.6100576 0 0 15.030134 3.6113857 0 0",
+            4307.540764,
+            "0 0 20 3.9752426 3.6100576 0 0 15.0312773 3.6113857 0 0",
         ),
     ],
 )

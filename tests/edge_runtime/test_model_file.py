@@ -42,8 +42,8 @@ from holdfast.edge_runtime.model_file import (
     read_sealed,
 )
 from holdfast.edge_runtime.monitor import GripMonitor, Model
-from holdfast.export.artifact import read_artifact, write_artifact
 from holdfast.export.exporting import export_artifact, model_card, seal
+from holdfast.step.artifact import read_artifact, write_artifact
 from holdfast.training.fitting import VERSIONS_OF
 
 if TYPE_CHECKING:

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from holdfast.core.contract import GRASP, RISKY_SLIP, SAFE_SLIP
+from holdfast.data.recording import Recording
+from holdfast.data.timeline import Phase, RiskyEvent
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
 from holdfast.sessions.adapt import LEAST_RECALL, Evidence, HeldOutFigures
 from holdfast.sessions.adapt_evidence import (
@@ -18,8 +20,6 @@ from holdfast.sessions.adapt_evidence import (
     moved,
     stream_of,
 )
-from holdfast.training.recording import Recording
-from holdfast.training.timeline import Phase, RiskyEvent
 
 RATE_HZ, VOTES, LENGTH = 100.0, 4096, 60
 RULES = DecisionRules(act_samples=1, min_risky_permille=600)

@@ -21,6 +21,10 @@ from holdfast.core.contract import (
     Sample,
 )
 from holdfast.core.errors import UsageError
+from holdfast.data.datasets import load
+from holdfast.data.fixture import write_fixture
+from holdfast.data.recording import Recording
+from holdfast.data.timeline import Phase, RiskyEvent
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.edge_runtime.graph import open_session, steps_of
@@ -50,16 +54,12 @@ from holdfast.evaluation.states import LabelledSamples, changes_per_s
 from holdfast.evaluation.states import calibration as calibration_of
 from holdfast.evaluation.states import confusion as confusion_of
 from holdfast.evaluation.trials import LabelledTrial, VoluntaryAction, voluntary_actions
-from holdfast.export.detectors import detector_names
-from holdfast.export.features import feature_graph
-from holdfast.export.spec import BandsLeftOut, StepSpec
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.training.datasets import load
-from holdfast.training.fixture import write_fixture
-from holdfast.training.recording import Recording
-from holdfast.training.timeline import Phase, RiskyEvent
+from holdfast.step.detectors import detector_names
+from holdfast.step.features import feature_graph
+from holdfast.step.spec import BandsLeftOut, StepSpec
 
 if TYPE_CHECKING:
     from conftest import Built

@@ -12,6 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP
+from holdfast.data.recording import Recording
+from holdfast.data.timeline import RiskyEvent
 from holdfast.edge_runtime.decision import (
     UNKNOWN,
     DecisionRules,
@@ -31,8 +33,6 @@ from holdfast.evaluation.alarms import (
     requests_at,
 )
 from holdfast.evaluation.formats import Spread
-from holdfast.training.recording import Recording
-from holdfast.training.timeline import RiskyEvent
 
 RATE_HZ = 100.0
 EVENT = RiskyEvent(1.0, 1.05, 1.10)

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from holdfast.data.fixture import write_fixture
 from holdfast.edge_runtime.engine import ModelChoice
 from holdfast.evaluation.alarms import event_scores
 from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
 from holdfast.evaluation.formats import Spread
 from holdfast.evaluation.report import write_event_report
 from holdfast.evaluation.scored_set import Evaluation
-from holdfast.training.fixture import write_fixture
 
 if TYPE_CHECKING:
     from conftest import Built

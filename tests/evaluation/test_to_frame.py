@@ -11,8 +11,8 @@ import pytest
 
 from holdfast import evaluation
 from holdfast.core.contract import CLASSES, SITUATIONS
+from holdfast.data.datasets import load
 from holdfast.edge_runtime.monitor import Model
-from holdfast.training.datasets import load
 
 if TYPE_CHECKING:
     from conftest import Built

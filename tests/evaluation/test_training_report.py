@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from holdfast.core.contract import GRASP
+from holdfast.data.datasets import load
+from holdfast.data.fixture import write_fixture
+from holdfast.data.recording import DataSet
 from holdfast.evaluation.report import held_out_trial
-from holdfast.training.datasets import load
-from holdfast.training.fixture import write_fixture
 from holdfast.training.judging import strictest_hold_out
-from holdfast.training.recording import DataSet
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from holdfast.export.changed import (
     undone,
     verify_adapted,
 )
-from holdfast.export.features import feature_count
+from holdfast.step.features import feature_count
 
 
 def rows(n: int = 300) -> np.ndarray:

@@ -22,11 +22,11 @@ from holdfast.edge_runtime.graph import StepGraph, open_session
 from holdfast.edge_runtime.model_file import read_sealed
 from holdfast.export.c.graph import read_graph
 from holdfast.export.exporting import model_card, seal
-from holdfast.export.features import GROUPS
-from holdfast.export.pooled import FAMILIES
-from holdfast.export.spec import StepSpec
 from holdfast.export.structure import hard_rows
 from holdfast.export.verify import cut_learners
+from holdfast.step.features import GROUPS
+from holdfast.step.pooled import FAMILIES
+from holdfast.step.spec import StepSpec
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -197,7 +197,7 @@ def hard_answers(made: CForm, n: int) -> npt.NDArray[np.float32]:
 
 
 def everything_features(made: CForm) -> int:
-    from holdfast.export.features import feature_count
+    from holdfast.step.features import feature_count
 
     return feature_count(everything().spec)
 

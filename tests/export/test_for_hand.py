@@ -18,12 +18,12 @@ from holdfast.core.hand_card import read_hand_card
 from holdfast.edge_runtime.graph import open_session, run_recording
 from holdfast.edge_runtime.model_file import read_sealed
 from holdfast.edge_runtime.monitor import Model
-from holdfast.export.artifact import write_artifact
 from holdfast.export.changed import changed
 from holdfast.export.exporting import export_artifact
-from holdfast.export.pooled import FAMILIES
-from holdfast.export.spec import StepSpec
 from holdfast.live.model_checks import model_checks
+from holdfast.step.artifact import write_artifact
+from holdfast.step.pooled import FAMILIES
+from holdfast.step.spec import StepSpec
 
 HANDS = ("two-pad-gripper", "three-fingertips", "twelve-sensors", "pinch-pad")
 """The self-check that reads the wall clock, which a busy machine may fail."""

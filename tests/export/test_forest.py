@@ -21,11 +21,11 @@ from holdfast.core.contract import CLASSES, SITUATIONS
 from holdfast.core.errors import VerificationFailed
 from holdfast.edge_runtime.graph import open_session
 from holdfast.export.exporting import export_artifact, whole_graph
-from holdfast.export.heads import Calibration, Head, riskier_argmax, situation_votes
-from holdfast.export.learner import Forest, Learner, reference_votes, vote_bits
-from holdfast.export.spec import StepSpec
 from holdfast.export.structure import edge_rows, threshold_rows
 from holdfast.export.verify import cut_learners, verify
+from holdfast.step.heads import Calibration, Head, riskier_argmax, situation_votes
+from holdfast.step.learner import Forest, Learner, reference_votes, vote_bits
+from holdfast.step.spec import StepSpec
 
 if TYPE_CHECKING:
     from conftest import Built

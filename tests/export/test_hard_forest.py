@@ -26,11 +26,11 @@ from holdfast.core.errors import GoldenMismatch
 from holdfast.edge_runtime.graph import open_session
 from holdfast.edge_runtime.monitor import Model
 from holdfast.export.exporting import whole_graph
-from holdfast.export.heads import Calibration, Head, riskier_argmax, situation_votes
-from holdfast.export.learner import Forest, Learner, reference_votes
-from holdfast.export.spec import StepSpec
 from holdfast.export.structure import edge_rows, threshold_rows
 from holdfast.export.verify import CHUNK, cut_learners
+from holdfast.step.heads import Calibration, Head, riskier_argmax, situation_votes
+from holdfast.step.learner import Forest, Learner, reference_votes
+from holdfast.step.spec import StepSpec
 
 if TYPE_CHECKING:
     from conftest import Built

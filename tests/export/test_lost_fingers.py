@@ -18,6 +18,7 @@ from made_prediction import prediction
 from small_model import artifact, graph_of, spec
 
 from holdfast.core.contract import SITUATIONS, BoolArray, FloatArray, Sample
+from holdfast.data.recording import Recording
 from holdfast.edge_runtime.batch import ManyHands
 from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
 from holdfast.edge_runtime.grip_control import forces_of, sense_of
@@ -26,11 +27,10 @@ from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.evaluation.model_outputs import OUTPUTS, read_outputs, steps_with
 from holdfast.export.c.graph import read_graph
 from holdfast.export.exporting import model_card, seal
-from holdfast.export.pooled import FAMILIES
 from holdfast.simulation.loop_sensing import HandModels
+from holdfast.step.pooled import FAMILIES
 from holdfast.training.crossval import stepped
 from holdfast.training.plan import ForestPlan
-from holdfast.training.recording import Recording
 
 RATE_HZ = 50.0
 SENSORS = 6

@@ -15,10 +15,10 @@ from conftest import Built
 from long_steps import long_steps
 
 from holdfast.core.errors import UsageError
+from holdfast.data.datasets import load
+from holdfast.data.fixture import write_fixture
 from holdfast.edge_runtime.model import Model
 from holdfast.sessions.adapt import of_person
-from holdfast.training.datasets import load
-from holdfast.training.fixture import write_fixture
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/recording-and-study.md"

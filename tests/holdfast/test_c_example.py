@@ -90,7 +90,10 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def recording(path: Path) -> Path:
-    """A hand at rest, then pressed and shaken; one sensor turned round, some samples lost."""
+    """A hand at rest, then pressed and shaken; one sensor turned round, some samples lost.
+
+    Flags are written as people write them: 0, 0.0 and False.
+    """
     rng = np.random.default_rng(4)
     at = np.arange(ROWS)
     press = np.clip((at - 100) / 50.0, 0.0, 3.0)[:, None] * np.tile([0.3, 0.1, 1.0], 6)
@@ -108,8 +111,13 @@ def recording(path: Path) -> Path:
     ]
     table = np.column_stack([at / 150.0, values, 10 * at, at, valid])
     came = np.delete(table, [300, 301], axis=0)
-    form = ",".join(["%.6f"] + 18 * ["%.5f"] + 8 * ["%d"])
-    np.savetxt(path, came, form, header=",".join(names), comments="")
+    lines = [",".join(names)]
+    for row in came:
+        numbers = [f"{row[0]:.6f}", *(f"{value:.5f}" for value in row[1:19])]
+        flags = [f"{flag:g}" for flag in row[19:]]
+        flags[4], flags[6] = f"{row[23]:.1f}", str(row[25] != 0.0)
+        lines.append(",".join([*numbers, *flags]))
+    path.write_text("\n".join(lines) + "\n")
     return path
 
 
@@ -192,6 +200,16 @@ def test_the_example_refuses_another_rate_and_a_time_that_runs_back(model: Path,
     assert states <= {"unknown"} or says != "rate"
 
 
+@pytest.mark.parametrize("sensors", [7, 13])
+def test_the_example_refuses_a_hand_of_more_sensors(model: Path, sensors: int) -> None:
+    text = "".join(f"{k / 150:.6f}" + ",0.01" * 3 * sensors + "\n" for k in range(9))
+    done = subprocess.run(
+        [model.parent / "live"], input=text, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "numbers; this model has 6 sensors" in done.stderr
+
+
 NOT_RUN_IN_NODE = """
 const { runTrial } = require(process.argv[1]);
 const memory = new WebAssembly.Memory({ initial: 1 });
@@ -215,6 +233,32 @@ def test_the_trial_page_refuses_another_rate_and_a_time_that_runs_back(what):
     done = subprocess.run(words, capture_output=True, text=True, check=True)
     wanted = "samples a second" if says == "rate" else says
     assert wanted in done.stdout
+
+
+READ_IN_NODE = """
+const { readTrial } = require(process.argv[1]);
+try { console.log(JSON.stringify(readTrial(process.argv[2], 6).valid)); }
+catch (error) { console.log(error.message); }
+"""
+
+
+def test_the_trial_page_reads_flags_as_people_write_them_and_refuses_more_sensors():
+    if shutil.which("node") is None:
+        pytest.skip("no node for examples/browser/trial.js")
+
+    def read(*lines: str) -> str:
+        script = str(EXAMPLES / "browser/trial.js")
+        words = ["node", "-e", READ_IN_NODE, script, "\n".join(lines)]
+        return subprocess.run(words, capture_output=True, text=True).stdout.strip()
+
+    names = ",".join(["Time", *channel_names(2), "valid1", " valid2"])
+    flags = ["1,0", "1,0.0", "True,False", "1, false", "1,"]
+    lines = [f"{k / 150},0,0,1,0,0,1,{flag}" for k, flag in enumerate(flags)]
+    found = [[bool(flag) for flag in row] for row in json.loads(read(names, *lines))]
+    assert found == [[True, False]] * 5
+    more = ",".join(["Time", *channel_names(3)])
+    rows = [f"{k}" + ",1" * 9 for k in range(2)]
+    assert "more sensors than the model's 2" in read(more, *rows)
 
 
 @pytest.fixture(scope="module")

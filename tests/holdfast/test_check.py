@@ -17,9 +17,9 @@ from holdfast.core.errors import DataError, EmptyRecording
 from holdfast.core.hand_card import HANDS
 from holdfast.core.trial_file import read_trial
 from holdfast.core.trial_layout import intent_path, truth_path
+from holdfast.data.datasets import load
+from holdfast.data.datasets.trials import DoubtfulData
 from holdfast.edge_runtime.wearer import INTENT_HEADER
-from holdfast.training.datasets import load
-from holdfast.training.datasets.trials import DoubtfulData
 
 PULL, FALL = "soft-ball/pull/trial_1.csv", "hard-ball/fall/trial_1.csv"
 

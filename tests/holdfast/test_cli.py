@@ -28,8 +28,8 @@ from small_model import Trap
 from holdfast.cli.command import Parser, finish
 from holdfast.cli.main import START, VERBS, functions_of, main
 from holdfast.core.errors import ArtifactError, OutputError
-from holdfast.export.artifact import read_artifact, write_artifact
-from holdfast.training.fixture import write_fixture
+from holdfast.data.fixture import write_fixture
+from holdfast.step.artifact import read_artifact, write_artifact
 
 if TYPE_CHECKING:
     from conftest import Built

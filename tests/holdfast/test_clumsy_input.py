@@ -20,7 +20,7 @@ from holdfast.drivers.virtual.faults import VirtualClock, read_fault
 from holdfast.drivers.virtual.virtual_hand import VirtualHand
 from holdfast.edge_runtime.wearer import read_intent
 from holdfast.interop.map import toml_text
-from holdfast.live.sources import source_url
+from holdfast.live.sources import LinesOptions, _column_map, source_url
 
 SENSOR = """[[sensors]]
 name = "{name}"
@@ -69,6 +69,18 @@ def test_more_sensors_than_a_hand_has_are_refused_with_the_limit() -> None:
         map_of_names(names, "N")
     with pytest.raises(LineRefused, match="13 sensors, and 12 are the most"):
         reading_of(",".join(names).encode())
+
+
+def test_a_map_of_more_sensors_than_a_hand_has_is_refused_before_a_source_opens(
+    tmp_path: Path,
+) -> None:
+    sensors = "".join(
+        f'[[sensors]]\nx = "X{k}"\ny = "Y{k}"\nz = "Z{k}"\n' for k in range(1, 14)
+    )
+    path = tmp_path / "map.toml"
+    path.write_text(f'unit = "N"\n[time]\ncolumn = "Time"\n{sensors}')
+    with pytest.raises(ColumnError, match="13 sensors, and 12 are the most"):
+        _column_map(LinesOptions(map=str(path)))
 
 
 def test_the_wearers_words_may_have_the_line_ends_of_windows(tmp_path: Path) -> None:

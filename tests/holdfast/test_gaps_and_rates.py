@@ -17,11 +17,11 @@ from holdfast.core.errors import EmptyRecording
 from holdfast.core.source import SelfPaced, SourceReading
 from holdfast.core.trial_file import block_means
 from holdfast.core.trial_layout import truth_path
+from holdfast.data.datasets import load
+from holdfast.data.fixture import write_fixture
+from holdfast.data.recording import whole_history
 from holdfast.drivers.replay import AveragedSource
 from holdfast.evaluation.alarms import event_scores, match_alarms
-from holdfast.training.datasets import load
-from holdfast.training.fixture import write_fixture
-from holdfast.training.recording import whole_history
 
 if TYPE_CHECKING:
     from conftest import Built

@@ -16,8 +16,8 @@ from foreign_logs import axes, made, write_sheet, write_text
 
 from holdfast.cli.main import main
 from holdfast.core.errors import LibraryMissing
+from holdfast.data.datasets import load
 from holdfast.interop.logs import find_logs
-from holdfast.training.datasets import load
 
 SENSORS = "".join(
     f'[[sensors]]\nx = "s{k}_x"\ny = "s{k}_y"\nz = "s{k}_z"\n' for k in range(1, 6)
@@ -197,9 +197,11 @@ def test_what_lasts_shorter_lies_within_what_lasts_longer(
         [3, 3.5, "slip"],
     ]
     logs(tmp_path / "logs")
+    # a table for all would name its trials
+    (tmp_path / "logs/a_slip_2.csv").unlink()
     write_sheet(tmp_path / "logs/events.xlsx", rows, "Notes")
     imported(run, tmp_path)
-    (truth, _) = sorted((tmp_path / "set").rglob("*.truth.json"))
+    (truth,) = sorted((tmp_path / "set").rglob("*.truth.json"))
     phases = [
         (p["t0_s"], p["t1_s"], p["label"])
         for p in json.loads(truth.read_text())["phases"]

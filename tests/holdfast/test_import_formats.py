@@ -17,9 +17,9 @@ from rosbags.typesys import Stores, get_typestore
 from xdf_file import clock_offsets, markers, samples, stream_header, xdf_bytes
 
 from holdfast.core.trial_file import read_trial
+from holdfast.data.datasets import load
 from holdfast.interop.mcap_file import Writer as McapWriter
 from holdfast.interop.parquet import pa, pq
-from holdfast.training.datasets import load
 
 ONLY = "p0?/soft-ball/*"
 

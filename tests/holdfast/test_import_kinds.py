@@ -205,15 +205,6 @@ def a_row_for_each_value(path: Path, one: Made) -> None:
     write_text(path.with_suffix(".csv"), ["t", "value", "channel"], rows, texts=names)
 
 
-def sensors_in_turn(path: Path, one: Made) -> None:
-    """Each with a time of its own, sorted as text."""
-    order = [2, 10, 11, 1, 9]
-    times = 1e3 * np.repeat(one.t_s, 5) + np.tile(range(5), len(one.t_s))
-    readings = one.values.reshape(-1, 5, 3)[:, [1, 3, 4, 0, 2]].reshape(-1, 3)
-    rows = np.column_stack([times, np.tile(order, len(one.t_s)), readings])
-    write_text(path.with_suffix(".csv"), ["ms", "sensor_id", *"xyz"], rows)
-
-
 def lines_for_a_plotter(path: Path, one: Made) -> None:
     numbers = np.column_stack([1e3 * one.t_s, one.values]).tolist()
     names = ["t", *axes(5)]
@@ -236,7 +227,7 @@ READINGS = {
         a_file_for_each_finger, two_tables_on_a_sheet, names_and_millis_behind_a_stamp,
         moments_beside_forces, words_for_axes_that_nobody_knows, seconds_and_nanoseconds,
         a_table_of_words_beside, quoted_commas_over_noon_until_a_power_cut,
-        a_row_for_each_sensor, a_row_for_each_value, sensors_in_turn, lines_for_a_plotter,
+        a_row_for_each_sensor, a_row_for_each_value, lines_for_a_plotter,
         a_rate_above_the_names,
         a_clock_and_its_milliseconds,
     )
@@ -296,7 +287,7 @@ def moment(one: Made) -> list[str]:
 COLUMNS: dict[str, tuple[str, Callable[[Made], list[str]]]] = {
     "binary": ("slip", lambda one: one.words("0", "0", "1")),
     "yes and no": ("is_slipping", lambda one: one.words("no", "no", "yes")),
-    "a point and an S": ("event", lambda one: one.words(".", ".", "S")),
+    "a name that says no": ("no_slip", lambda one: one.words("1", "1", "0")),
     "words": ("phase", lambda one: one.words("open hand", "held", "SLIDING")),
     "camel case": ("state", lambda one: one.words("Idle", "GraspStable", "GrossSlip")),
     "sparse markers": (
@@ -307,21 +298,12 @@ COLUMNS: dict[str, tuple[str, Callable[[Made], list[str]]]] = {
         "contact,slip",
         lambda one: one.words("0,0", "1,0", "1,1"),
     ),
-    "true and false": ("label", lambda one: one.words("False", "False", "True")),
-    "a name of its own": ("flag", lambda one: one.words("nein", "nein", "ja")),
     "begins and ends": (
         "mark",
         lambda one: [
             {300: "slip_onset", 350: "slip_offset"}.get(k, "none") for k in range(500)
         ],
     ),
-    "validity beside it": (
-        "valid1,flag",
-        lambda one: [
-            f"{int(k != 200)},{word}" for k, word in enumerate(one.words("0", "0", "1"))
-        ],
-    ),
-    "one word that is known": ("x", lambda one: one.words("offen", "halten", "slip")),
 }
 
 
@@ -384,18 +366,43 @@ def test_a_mark_of_the_touch_alone_does_not_say_what_happens(
     assert "what happens in these trials?" in imported(run, tmp_path, code=2)
 
 
-@pytest.mark.parametrize("words", [("offen", "halten", "rutscht"), ("0", "1", "2")])
-def test_what_only_the_action_explains_is_asked_once(
-    run: Run, tmp_path: Path, words: tuple[str, str, str]
+ASKED: dict[str, tuple[str, tuple[str, str, str], str]] = {
+    "words of another language": (
+        "zustand", ("offen", "halten", "slip"), "offen=nothing,halten=hold",
+    ),
+    "numbers": ("phase", ("0", "1", "2"), "1=hold,2=slip"),
+    "a point and an S": ("event", (".", ".", "S"), "S=slip"),
+    "true and false": ("label", ("False", "False", "True"), "1=slip"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", ASKED)
+def test_what_no_word_explains_is_asked_once(
+    run: Run, tmp_path: Path, form: str
 ) -> None:
-    labelled(tmp_path, [made(1), made(2)], lambda one: one.words(*words), "zustand")
+    name, words, answer = ASKED[form]
+    labelled(tmp_path, [made(1), made(2)], lambda one: one.words(*words), name)
     asked = imported(run, tmp_path, code=2)
-    assert f"what is '{words[2]}' in column zustand?" in asked
-    for answer in ("slip", f"{words[2]}=slip"):
-        imported(run, tmp_path, "--action", answer, out=answer)
-        phases = phases_of(tmp_path / answer / "object/slip/trial_1.csv")
-        slips = [phase for phase in phases if "risky" in phase[2]]
-        assert slips == [(3.0, 3.5, "risky_slip")]
+    for pair in answer.split(","):
+        assert repr(pair.partition("=")[0]) in asked
+    # what happens in all says nothing about when
+    assert "what is " in imported(run, tmp_path, *SLIP, code=2)
+    imported(run, tmp_path, "--action", answer)
+    phases = phases_of(tmp_path / "set/object/slip/trial_1.csv")
+    slips = [phase for phase in phases if "risky" in phase[2]]
+    assert slips == [(3.0, 3.5, "risky_slip")]
+
+
+def test_a_column_that_nothing_calls_a_label_is_named_and_can_be_answered(
+    run: Run, tmp_path: Path
+) -> None:
+    labelled(tmp_path, [made(1)], lambda one: one.words("nein", "nein", "ja"), "flag")
+    asked = imported(run, tmp_path, code=2)
+    assert "not used   flag" in asked
+    assert "what happens in these trials?" in asked
+    imported(run, tmp_path, "--action", "ja=slip")
+    phases = phases_of(tmp_path / "set/object/slip/trial_1.csv")
+    assert (3.0, 3.5, "risky_slip") in phases
 
 
 SHEETS = {
@@ -439,7 +446,11 @@ def test_a_table_of_events_says_when_it_slips(
         before = here.read_text() if here.exists() else head
         body = "".join(lines).format(a=name, n=name[-1])
         here.write_text(before + body)
-    out = imported(run, tmp_path)
+    answer = ()
+    if "zork" in text:
+        assert "what is 'zork'" in imported(run, tmp_path, code=2)
+        answer = ("--action", "zork=")
+    out = imported(run, tmp_path, *answer)
     assert "2 trials: 2 slip" in out
     assert ("zork = none" in out) == ("zork" in text)
     (first, second) = sorted((tmp_path / "set").rglob("trial_?.csv"))
@@ -554,7 +565,8 @@ def test_normals_alone_are_no_sensors_of_three_axes(
     names = ["t", *(name.format(k=k) for k in range(6))]
     write_log(tmp_path / "logs/a.csv", one, normals, names)
     out = imported(run, tmp_path, *SLIP, code=2)
-    assert "which columns of a are x, y and z of each sensor?" in out
+    assert "of a: which are x, y and z of each sensor?" in out
+    assert "the step needs shear" in out
 
 
 def test_rows_of_sensors_that_no_time_joins_are_an_error(
@@ -565,7 +577,7 @@ def test_rows_of_sensors_that_no_time_joins_are_an_error(
     names = ["t", *"xyz", "sensor"]
     write_log(tmp_path / "logs/a.csv", one, names=names, texts=list(map(str, sensors)))
     out = imported(run, tmp_path, *SLIP, code=3)
-    assert "which rows are of one time is not clear" in out
+    assert "no row has all sensors" in out
 
 
 def test_names_again_within_a_file_are_one_note(run: Run, tmp_path: Path) -> None:
@@ -625,10 +637,8 @@ def test_a_press_raises_every_normal_whatever_the_polarity(
     rests, polarity = np.repeat(SIGNS[rest], 3), np.repeat(POLARITY, 3)
     counts = np.round(rests + 300.0 * polarity * one.values)
     write_log(tmp_path / "logs/a.csv", one, counts)
-    # whole numbers that rest above 0 can be nothing else
-    unit = () if rest == "counts above 0" else ("--unit", "count")
-    imported(run, tmp_path, *SLIP, *unit)
-    from holdfast.training.datasets import load
+    imported(run, tmp_path, *SLIP, "--unit", "count")
+    from holdfast.data.datasets import load
 
     (recording,) = load(tmp_path / "set", windows="none").recordings
     pressed = recording.samples[150:250, 2::3].mean(axis=0)
@@ -654,6 +664,37 @@ def test_missing_cells_are_counted_and_gaps_become_lost_samples(
         *range(199, 219),
     ]
     assert len(trial.t_s) == len(one.t_s)
+
+
+@pytest.mark.parametrize(
+    ("yes", "no"), [("1", "0"), ("1", "0.0"), ("1", "False"), ("true", "false")]
+)
+def test_readings_that_a_log_says_are_not_valid_are_missing(
+    run: Run, tmp_path: Path, yes: str, no: str
+) -> None:
+    one = made(1)
+    path = write_log(tmp_path / "logs/a.csv", one)
+    head, *lines = path.read_text().splitlines()
+    flags = ["valid1", "valid2", "valid3", "valid4", "valid5"]
+    rows = [",".join([head, *flags])]
+    for k, line in enumerate(lines):
+        lost = 40 <= k < 45
+        rows.append(",".join([line, yes, no if lost else yes, yes, yes, yes]))
+    path.write_text("\n".join(rows))
+    out = imported(run, tmp_path, *SLIP)
+    assert "missing    samples of s2_x: 5, s2_y: 5, s2_z: 5" in out
+    assert "not used" not in out
+    trial = read_trial(tmp_path / "set/object/slip/trial_1.csv")
+    assert np.argwhere(np.isnan(trial.raw[:, 4])).ravel().tolist() == [*range(40, 45)]
+    assert np.isfinite(trial.raw[:, [2, 8, 14]]).all()
+
+
+def test_more_sensors_than_a_hand_has_are_said(run: Run, tmp_path: Path) -> None:
+    one = made(1)
+    rows = np.column_stack([one.t_s, one.values, one.values, one.values[:, :9]])
+    names = ["t", *(f"{axis}{k}" for k in range(1, 14) for axis in "XYZ")]
+    write_text(tmp_path / "logs/a.csv", names, rows)
+    assert "13 sensors, and 12 are the most of a hand" in imported(run, tmp_path, *SLIP)
 
 
 def test_a_sensor_that_sends_late_is_a_sensor(run: Run, tmp_path: Path) -> None:
@@ -688,12 +729,16 @@ def test_trials_of_one_sensor_are_no_fingers(run: Run, tmp_path: Path) -> None:
     assert "3 trials: 3 slip" in out
 
 
-def test_a_dead_sensor_without_a_heading_is_a_sensor(run: Run, tmp_path: Path) -> None:
+def test_a_sensor_that_no_touch_moves_is_asked_for_where_no_name_shows_it(
+    run: Run, tmp_path: Path
+) -> None:
     one = made(1)
     one.values[:, 3:6] = 0.0
     write_text(tmp_path / "logs/a.csv", [], np.column_stack([one.t_s, one.values]))
-    out = imported(run, tmp_path, *SLIP)
-    assert "sensors    5, no axes in the names" in out
+    assert "--sensors" in imported(run, tmp_path, *SLIP, code=2)
+    given = ",".join(f"column{k}" for k in range(2, 17))
+    out = imported(run, tmp_path, *SLIP, "--sensors", given)
+    assert "sensors    5, as given" in out
 
 
 def test_sheets_of_the_same_columns_are_a_trial_each(run: Run, tmp_path: Path) -> None:
@@ -760,10 +805,10 @@ def test_two_hands_in_a_folder_are_not_one_set(run: Run, tmp_path: Path) -> None
 
 
 UNCLEAR = {
-    "mN": lambda one: 1e3 * one.values + 364.2,
+    "mN": lambda one: 1e3 * one.values + 1364.2,
     # of the size of newtons
     "mT": lambda one: one.values + np.tile([1.1, -2.3, 7.2], 5),
-    "gf": lambda one: 10.0 * one.values,
+    "gf": lambda one: 30.0 * one.values,
 }
 
 
@@ -787,7 +832,7 @@ def test_labels_that_begin_late_in_a_long_log_are_labels(
     one.values[:, 2] += 3.0 * (one.t_s % 10.0 >= 6.0)
     slips = (one.t_s >= 667.0) & (one.t_s < 668.0)
     texts = np.where(slips, "1", "0").tolist()
-    names = ["t", *"xyz", "event"]
+    names = ["t", *"xyz", "slip_event"]
     write_log(tmp_path / "logs/a.csv", one, names=names, texts=texts)
     imported(run, tmp_path)
     phases = phases_of(tmp_path / "set/object/slip/trial_1.csv")
@@ -817,10 +862,20 @@ def test_an_action_without_its_times_is_one_that_check_takes(
     assert "its times are not known" in out
     code, out, err = run("check", tmp_path / "set")
     assert code == 0, out + err
-    from holdfast.training.datasets import load
+    from holdfast.data.datasets import load
 
     (recording,) = load(tmp_path / "set", windows="none").recordings
     assert {phase.situation for phase in recording.phases} == {0}
+
+
+def test_times_by_the_script_are_named(run: Run, tmp_path: Path) -> None:
+    one = made(1, lasts_s=10.0)
+    one.values[400:900, 2::3] += 3.0
+    write_log(tmp_path / "logs/a.csv", one)
+    out = imported(run, tmp_path, "--action", "put-down")
+    assert (
+        "put-down: by the script at 7 s, checked: that lies within the contact" in out
+    )
 
 
 def test_words_that_may_be_people_are_asked_for_where_they_would_be_held_out(

@@ -16,8 +16,8 @@ import pytest
 from holdfast.cli.main import main
 from holdfast.edge_runtime.model_file import CARD_KEY
 from holdfast.edge_runtime.monitor import Model
-from holdfast.export.artifact import read_artifact
 from holdfast.export.exporting import seal
+from holdfast.step.artifact import read_artifact
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -70,8 +70,8 @@ def default_alone() -> tuple[list[str], set[str]]:
     "Forest and ONNX",
     "the board answers otherwise than the machine it was verified on",
     elsewhere="the tests ran on another machine only",
-    here="`holdfast doctor MODEL` runs the hard cases in short on the board, with the very "
-    "file that is deployed",
+    here="`holdfast doctor MODEL` replays the stored answers on the board, with the very file "
+    "that is deployed",
 )
 def test_the_default_model_holds_line_by_line(default_alone, record_property):
     lines, _ = default_alone

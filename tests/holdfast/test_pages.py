@@ -83,6 +83,14 @@ def test_getting_started_ends_with_figures(follow: Callable[..., str]) -> None:
     assert "macro F1 over four situations" in printed
 
 
+@pytest.mark.filterwarnings("ignore")
+def test_a_student_without_hardware_ends_with_a_judged_model(
+    follow: Callable[..., str],
+) -> None:
+    printed = follow("for-students.md")
+    assert "macro F1 over four situations" in printed
+
+
 def test_on_a_hand_finds_the_matrix_of_its_own_example_and_runs_a_recording(
     follow: Callable[..., str], capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -25,10 +25,10 @@ from recorder_bench import (
 from holdfast.core.errors import ChannelError, EmptyRecording, TimeError
 from holdfast.core.hand_card import HANDS
 from holdfast.core.trial_file import read_trial
+from holdfast.data.datasets import load
 from holdfast.drivers.replay import open_replay
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.live.sources import open_source
-from holdfast.training.datasets import load
 
 # -- what is written
 

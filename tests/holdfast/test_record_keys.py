@@ -32,8 +32,8 @@ from recorder_bench import (
 )
 
 from holdfast.core.trial_file import read_trial
+from holdfast.data.datasets import load
 from holdfast.sessions.recorder.plan import Task
-from holdfast.training.datasets import load
 
 
 def test_marks_become_phases_with_their_provenance(tmp_path, pressing):

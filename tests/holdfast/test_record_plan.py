@@ -19,10 +19,10 @@ from holdfast.core.errors import (
     UnitError,
     UsageError,
 )
+from holdfast.data.datasets import trials
 from holdfast.sessions.recorder.folder import opened
 from holdfast.sessions.recorder.plan import ACTIONS, Task, read_protocol, tasks_left
 from holdfast.simulation import actions as simulated
-from holdfast.training.datasets import trials
 
 
 @pytest.fixture

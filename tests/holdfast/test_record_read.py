@@ -12,7 +12,7 @@ from recorder_bench import TRIAL, meta_of
 from holdfast.cli.main import main
 from holdfast.core.contract import SITUATIONS
 from holdfast.core.errors import EmptyRecording, LabelError, TimeError
-from holdfast.training.datasets import load
+from holdfast.data.datasets import load
 
 # -- what training makes of it
 
@@ -37,7 +37,7 @@ def test_the_truth_of_a_scene_is_the_trial_s_and_only_kept_trials_are_read(
     assert len(again.recordings) == 6
 
 
-@pytest.mark.filterwarnings("ignore::holdfast.export.spec.BandsLeftOut")
+@pytest.mark.filterwarnings("ignore::holdfast.step.spec.BandsLeftOut")
 def test_what_was_recorded_trains_evaluates_and_replays_as_it_is(
     people, tmp_path, capsys
 ):

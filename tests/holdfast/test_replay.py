@@ -22,11 +22,11 @@ from holdfast.cli.main import main
 from holdfast.core.contract import CLASSES, SITUATIONS, Prediction, Sample
 from holdfast.core.errors import UnitError
 from holdfast.core.trial_file import read_trial
+from holdfast.data.datasets import thesis
 from holdfast.drivers.replay import PacedReplay, open_replay
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.live.outputs import to_json_line
-from holdfast.training.datasets import thesis
 
 if TYPE_CHECKING:
     from conftest import Built

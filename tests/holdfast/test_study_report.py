@@ -11,8 +11,8 @@ from command_line import Run
 from hazard_marks import ADVERSE_EVENT
 from study_bench import TRIALS, Study
 
+from holdfast.data.datasets import load
 from holdfast.sessions.study.run import write_participant_report
-from holdfast.training.datasets import load
 
 CARD = TRIALS
 TASKS = (("hard-ball", "fall"), ("soft-ball", "pass"), ("soft-ball", "pull"))

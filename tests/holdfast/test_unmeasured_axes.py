@@ -20,16 +20,16 @@ from holdfast.core.errors import ChannelError
 from holdfast.core.hand_card import HandCard, read_hand_card
 from holdfast.core.schema import json_of
 from holdfast.core.trial_file import read_trial
+from holdfast.data.datasets import load
+from holdfast.data.datasets.joining import join
+from holdfast.data.datasets.trials import DoubtfulData
 from holdfast.drivers.lines import SampleReader
 from holdfast.drivers.replay import PacedReplay, open_replay
 from holdfast.edge_runtime.model_file import card_of
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.evaluation.model_outputs import require_model_fits
-from holdfast.export.artifact import write_artifact
 from holdfast.export.changed import changed
 from holdfast.export.exporting import export_artifact
-from holdfast.export.pooled import FAMILIES
-from holdfast.export.spec import StepSpec
 from holdfast.live.hand_files import tare_of
 from holdfast.live.outputs import SampleFile
 from holdfast.live.page.run_page import drawn_hand
@@ -38,9 +38,9 @@ from holdfast.simulation.folder import write_set
 from holdfast.simulation.loop_sensing import HandModels
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.training.datasets import load
-from holdfast.training.datasets.joining import join
-from holdfast.training.datasets.trials import DoubtfulData
+from holdfast.step.artifact import write_artifact
+from holdfast.step.pooled import FAMILIES
+from holdfast.step.spec import StepSpec
 
 PADS = """
 name = "pads"

@@ -23,8 +23,8 @@ from holdfast.cli.command import Parser
 from holdfast.cli.main import VERBS, functions_of
 from holdfast.core.errors import OutputError
 from holdfast.core.writing import whole_folder, write_whole
+from holdfast.data.fixture import write_fixture
 from holdfast.export.exporting import require_replaceable
-from holdfast.training.fixture import write_fixture
 
 if TYPE_CHECKING:
     from conftest import Built

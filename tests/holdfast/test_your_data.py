@@ -13,8 +13,8 @@ import pytest
 from command_line import fails
 
 from holdfast.core.contract import SITUATIONS
-from holdfast.training.datasets.trials import FOLDERS
-from holdfast.training.fixture import write_example
+from holdfast.data.datasets.trials import FOLDERS
+from holdfast.data.fixture import write_example
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/your-data.md"

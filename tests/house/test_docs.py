@@ -36,6 +36,36 @@ def test_every_page_and_every_notebook_is_in_the_site() -> None:
     }
 
 
+PROSE = 38_000
+"""Words of README and pages, without the tables that are generated and without code."""
+GENERATED = re.compile(r"<!-- ([\w-]+):[^\n]*-->\n.*?<!-- /\1 -->", re.DOTALL)
+
+
+def words(page: Path) -> int:
+    """Words of a page, without generated tables and marks."""
+    text = GENERATED.sub("", page.read_text("utf-8"))
+    return len(re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL).split())
+
+
+def test_documents_stay_short_enough_to_be_read() -> None:
+    readme = ROOT / "README.md"
+    assert len(readme.read_text("utf-8").splitlines()) <= 100
+    assert len(PAGES) <= 26
+    assert sum(map(words, [readme, *PAGES])) <= PROSE
+    assert words(ROOT / "docs/decisions.md") <= 3_500
+    assert words(ROOT / "docs/shared-control.md") <= 1_500
+
+
+def test_an_error_is_found_by_the_text_that_the_software_prints() -> None:
+    page = (ROOT / "docs/cheat-sheet.md").read_text("utf-8").partition("## Errors")[2]
+    rows = re.findall(r"^\| (`.*?) \|", page, re.MULTILINE)
+    texts = [text for row in rows for text in re.findall(r"`([^`]+)`", row)]
+    assert len(texts) > 12
+    code = [path.read_text("utf-8") for path in (ROOT / "holdfast").rglob("*.py")]
+    said = re.sub(r'"\s*\n\s*f?"', "", "\n".join(code))
+    assert [text for text in texts if text not in said] == []
+
+
 LOST_SENSOR = (
     "A lost, stale, saturated or non-finite sensor makes the answer `degraded`, which is never a "
     "safe slip, or `unknown`, on which the hand holds its grip."

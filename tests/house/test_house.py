@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import subprocess
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from packages import (
+    ARROWS,
     HOUSE,
     MAY_IMPORT,
     ROOT,
@@ -20,6 +22,7 @@ from packages import (
     imports_by_file,
     imports_of,
     loaded_by,
+    reached,
 )
 
 if TYPE_CHECKING:
@@ -76,6 +79,32 @@ def test_a_room_imports_only_the_rooms_it_may(package):
     assert wrong_directions(package) == {}
 
 
+def test_an_arrow_of_the_drawing_leads_down_and_some_import_follows_it():
+    rooms = list(ARROWS)
+    for room, ends in ARROWS.items():
+        imported = set().union(*imports_by_file(room).values())
+        for end in ends:
+            assert rooms.index(end) > rooms.index(room), (room, end)
+            assert end in imported, f"no file of {room} imports {end}"
+            others = set(ends) - {end}
+            assert all(end not in reached(one) for one in others), (room, end)
+
+
+def test_every_room_says_what_it_is_for_what_it_may_import_and_where_to_begin():
+    for room in SHIPPED:
+        text = ast.get_docstring(
+            ast.parse((folder_of(room) / "__init__.py").read_text())
+        )
+        lines = str(text).splitlines()
+        heads = [line.split(":")[0] for line in lines[:3]]
+        assert heads == ["For", "May import", "Begin with"], room
+        begin = re.search(r"[\w/]+\.py", lines[2])
+        assert begin is not None, room
+        assert (folder_of(room) / begin[0]).is_file(), lines[2]
+        promised = set(re.findall(r"\w+", lines[1].split(":")[1])) & set(SHIPPED)
+        assert promised <= reached(room), room
+
+
 def test_a_library_that_only_an_extra_installs_is_imported_in_one_file():
     files = {
         file: names
@@ -94,7 +123,7 @@ def test_every_folder_with_code_has_a_place_in_the_table():
 
 def test_the_import_test_sees_every_way_to_import():
     source = """
-import holdfast.training.recording as t
+import holdfast.training.fitting as t
 def late():
     from holdfast.export import graph
     import importlib
@@ -246,7 +275,7 @@ def test_nothing_that_opens_a_model_leaves_telemetry_behind(
     for first in (
         "holdfast.edge_runtime.monitor",
         "holdfast.live.bench",
-        "holdfast.export.builder",
+        "holdfast.step.builder",
     ):
         model = repr(str(eight_classes.model))
         load = f"from holdfast.edge_runtime.monitor import Model; Model({model})"

@@ -104,16 +104,42 @@ def test_the_source_archive_has_its_tests(sdist: Path) -> None:
     assert " passed" in printed
 
 
+def test_the_old_name_of_a_module_that_moved_gives_the_module_and_a_warning() -> None:
+    program = """
+import warnings
+from importlib import import_module
+import holdfast
+
+def old(name):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        module = import_module(name)
+    (warning,) = (one for one in caught if one.category is DeprecationWarning)
+    return module, str(warning.message)
+
+datasets, said = old("holdfast.training.datasets")
+assert datasets.load is holdfast.load_set
+print(said)
+thesis, _ = old("holdfast.training.datasets.thesis")
+assert thesis is import_module("holdfast.data.datasets.thesis")
+assert old("holdfast.training.progress")[0] is import_module("holdfast.core.progress")
+assert old("holdfast.export.spec")[0] is import_module("holdfast.step.spec")
+assert datasets.__spec__.name == "holdfast.data.datasets"
+"""
+    said = "holdfast.training.datasets is now holdfast.data.datasets"
+    assert python(ROOT, "-c", program).startswith(said)
+
+
 @pytest.mark.skipif(
     not all((ROOT / name).is_symlink() for name in LINKS), reason="no links here"
 )
 def test_a_link_gives_the_modules_of_the_package(tmp_path: Path) -> None:
     program = """
-import edge_runtime.monitor, drivers, export.spec, training
-import holdfast.edge_runtime.monitor, holdfast.drivers.replay, holdfast.export.spec
+import edge_runtime.monitor, drivers, export.verify, training
+import holdfast.edge_runtime.monitor, holdfast.drivers.replay, holdfast.export.verify
 assert edge_runtime is holdfast.edge_runtime
 assert edge_runtime.monitor is holdfast.edge_runtime.monitor
-assert export.spec is holdfast.export.spec
+assert export.verify is holdfast.export.verify
 import drivers.replay
 assert drivers.replay.Replay is holdfast.drivers.replay.Replay
 assert edge_runtime.monitor.__spec__.name == "holdfast.edge_runtime.monitor"

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from holdfast.core.locked import require_open_people
+from holdfast.data.datasets import load
 from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.evaluation.alarms import requests_at
 from holdfast.evaluation.model_outputs import run_model
@@ -20,7 +21,6 @@ from holdfast.live.sources import open_source
 from holdfast.simulation.folder import write_recording
 from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.training.datasets import load
 
 PLACE = Path(__file__).resolve().parents[2] / "models"
 MODELS = sorted(PLACE.glob("*.onnx"))

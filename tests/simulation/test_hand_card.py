@@ -19,6 +19,8 @@ from holdfast.core.hand_card import (
     hand_from_json,
     read_hand_card,
 )
+from holdfast.data.datasets import load
+from holdfast.data.datasets.joining import join
 from holdfast.edge_runtime.model_file import read_card
 from holdfast.evaluation.model_outputs import require_model_fits
 from holdfast.export.exporting import model_card, seal
@@ -26,8 +28,6 @@ from holdfast.simulation.folder import write_set
 from holdfast.simulation.objects import hand_of_counts, load_factors
 from holdfast.simulation.scene import Scene, SimulatedTrial
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.training.datasets import load
-from holdfast.training.datasets.joining import join
 
 ROWS = """
 [record]

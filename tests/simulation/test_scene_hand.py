@@ -12,13 +12,13 @@ from long_steps import texture_in_any_step  # noqa: F401  a fixture
 
 from holdfast.core.hand_card import HandCard
 from holdfast.core.trial_file import read_trial
+from holdfast.data.datasets import load
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.objects import hand_of_counts
 from holdfast.simulation.protocol import PlannedTrial
 from holdfast.simulation.scene import Scene, SimulatedTrial
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.simulation.stepper import TrialMotion, motions
-from holdfast.training.datasets import load
 
 TWENTY = hand_of_counts(4, 4)
 DIGITS = np.repeat(np.arange(5), [2, 1, 1, 1, 1]), np.repeat(np.arange(5), 4)

@@ -15,12 +15,12 @@ from holdfast.cli.main import main
 from holdfast.core.contract import SITUATIONS
 from holdfast.core.errors import OutputError
 from holdfast.core.trial_file import read_trial
+from holdfast.data.datasets import load
+from holdfast.data.timeline import read_truth
 from holdfast.simulation.effect import EFFECT_MODULES, module_effects
 from holdfast.simulation.folder import write_set
 from holdfast.simulation.scene import Scene, SimulatedTrial
 from holdfast.simulation.scene_file import read_scene_file
-from holdfast.training.datasets import load
-from holdfast.training.timeline import read_truth
 
 CORE = """
 [record]

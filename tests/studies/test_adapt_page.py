@@ -28,7 +28,7 @@ def test_every_table_of_the_page_has_its_place(tmp_path: Path) -> None:
     for name in ("blocked", "disturbed", "saved"):
         row |= {f"{name}_share": 0.5, f"{name}_share_ci": (0.25, 0.75)}
     text = filled("docs/recording-and-study.md", {"adapt": {"rows": [row]}}, tmp_path)
-    assert "| p1 | as it is | 3 of 20: 0.5 (0.25 to 0.75) | 5.9, 264 |" in text
+    assert "| p1 | as it is | 3 of 20 | 5.9 | 264 | 0.50 | 6 of 8 |" in text
 
 
 @pytest.mark.parametrize("style", STYLES)

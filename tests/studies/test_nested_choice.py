@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from holdfast.core.contract import SITUATIONS as NAMES
+from holdfast.data.recording import DataSet, LabelledRows, Recording
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.crossval import features_of, spec_for, splits_of
 from holdfast.training.plan import ForestPlan, NetworkPlan, TrainingPlan
-from holdfast.training.recording import DataSet, LabelledRows, Recording
 from studies.real.nested_choice import (
     PREDICTION,
     SITUATIONS,

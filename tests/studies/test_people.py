@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP
+from holdfast.data.recording import Recording
+from holdfast.data.timeline import Phase
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.evaluation.model_outputs import ModelOutputs
-from holdfast.training.recording import Recording
-from holdfast.training.timeline import Phase
 from studies.people.figures import lifts_of, parts_of, summary
 
 RATE_HZ = 150.0

@@ -10,9 +10,9 @@ import pytest
 
 from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP
 from holdfast.core.errors import RateError
+from holdfast.data.recording import Recording
+from holdfast.data.timeline import Phase
 from holdfast.evaluation.alarms import match_alarms
-from holdfast.training.recording import Recording
-from holdfast.training.timeline import Phase
 from studies.people.deafness import SimulatedSlip, simulated_slips, with_slips
 from studies.people.two_pads import write_two_pad_scene
 

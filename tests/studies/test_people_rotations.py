@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
+from holdfast.data.recording import Recording
+from holdfast.data.timeline import Phase, RiskyEvent
 from holdfast.evaluation.alarms import EventMatch, match_alarms
-from holdfast.training.recording import Recording
-from holdfast.training.timeline import Phase, RiskyEvent
 from studies.people.rotations import compared, on_two_pads
 
 RATE_HZ = 60.0

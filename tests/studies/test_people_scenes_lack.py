@@ -9,9 +9,9 @@ import pytest
 
 from holdfast.core.contract import GRASP, NOTHING, RISKY_SLIP, FloatArray
 from holdfast.core.hand_card import read_hand_card
+from holdfast.data.recording import DataSet, Recording
+from holdfast.data.timeline import Phase
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.training.recording import DataSet, Recording
-from holdfast.training.timeline import Phase
 from studies.people.lifts_and_scenes import (
     ContactForces,
     contacts_of,

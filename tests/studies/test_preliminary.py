@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from holdfast.core.errors import ClassMissing
+from holdfast.data.recording import DataSet, Recording
+from holdfast.data.timeline import Phase, RiskyEvent
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.training.recording import DataSet, Recording
-from holdfast.training.timeline import Phase, RiskyEvent
 from studies.thesis_preliminary import program
 from studies.thesis_preliminary import study as learners
 from studies.thesis_preliminary.cases import CASES

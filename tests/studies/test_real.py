@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 from page_tables import filled
 
+from holdfast.data.datasets import human_slip_uskin, load
+from holdfast.data.recording import DataSet
 from holdfast.evaluation.formats import host
 from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.model_outputs import WindowFigures
@@ -27,11 +29,9 @@ from holdfast.training.crossval import (
     spec_for,
     splits_of,
 )
-from holdfast.training.datasets import human_slip_uskin, load
 from holdfast.training.fitting import versions
 from holdfast.training.judging import held_out_figures
 from holdfast.training.plan import ForestPlan, TrainingPlan
-from holdfast.training.recording import DataSet
 from studies.folds import leaky_folds
 from studies.real.clock import clock_features
 from studies.real.figures import FinalModel, RealStudy, StreamedFold
@@ -41,7 +41,7 @@ from studies.real.streamed_fold import stream_one_fold
 from studies.real.study import leaky
 from studies.row_names import CLOCK, OURS_18
 
-pytestmark = pytest.mark.filterwarnings("ignore::holdfast.export.spec.BandsLeftOut")
+pytestmark = pytest.mark.filterwarnings("ignore::holdfast.step.spec.BandsLeftOut")
 FEW = ForestPlan(kind="extra", n_estimators=8, min_samples_leaf=10)
 PLAN = TrainingPlan(situation=FEW, prediction=FEW, folds=3)
 Small = tuple[DataSet, dict[str, FloatRows], HeldOut]

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from holdfast.core.errors import UsageError
 from studies.shared_control.closed_loop import scene_of
+from studies.shared_control.closing import Closes, away_n
 from studies.shared_control.picture import front
 from studies.shared_control.plan import LATE as LATE_ORACLE
 from studies.shared_control.plan import OURS, PARTS, SEED, rows
-from studies.shared_control.program import _chosen, _open_rows, merged
+from studies.shared_control.program import _chosen, _open_rows, draw, merged
 from studies.shared_control.targets import LATE, TARGETS, target_rows
 
 
@@ -129,6 +134,29 @@ def test_the_oracle_that_knows_later_is_in_every_set_and_in_a_part_of_its_own() 
     delays = [0, 7, 13, 27, 40]
     assert known == [(name, ms) for name in ("author", "tugs") for ms in delays]
     assert {one.request.delay_samples for one in late} == {0}
+
+
+def test_a_run_in_parts_draws_no_picture_of_the_documents(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A picture of a few trials would stand on the page beside other figures."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "docs").mkdir()
+    draw(Namespace(page=False, out=tmp_path), {"front", "table"}, {"rows": []})
+    assert list((tmp_path / "docs").iterdir()) == []
+
+
+def test_a_target_of_a_hand_that_closes_counts_for_two_seconds_from_the_contact() -> (
+    None
+):
+    given_n = np.array([[9.0], [0.0], [5.0], [9.0]])
+    wearers_n = np.array([[1.0], [2.0], [3.0], [3.0]])
+    since_s = np.array([[-0.1], [0.1], [1.9], [2.1]])
+    one = Closes(since_s, wearers_n, wearers_n, wearers_n, given_n)
+    assert one.over(wearers_n).tolist() == [2.0]
+    bare = replace(one, known_n=wearers_n - 0.5, given_n=0.0 * given_n)
+    # what is known under a target is of the last sample without one
+    assert away_n(one, bare).tolist() == [0.5]
 
 
 def test_a_run_in_parts_keeps_the_rows_that_it_does_not_measure_again() -> None:

@@ -9,9 +9,9 @@ from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.model_file import votes_in_all
 from holdfast.export.changed import adapted
 from holdfast.export.exporting import model_card, seal
-from holdfast.export.features import feature_count
-from holdfast.export.heads import Correction
-from holdfast.export.network import Inputs, Layer, Network
+from holdfast.step.features import feature_count
+from holdfast.step.heads import Correction
+from holdfast.step.network import Inputs, Layer, Network
 
 RULES = DecisionRules(min_risky_permille=700)
 

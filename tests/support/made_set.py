@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from holdfast.data.recording import DataSet, LabelledRows, Recording
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.training.recording import DataSet, LabelledRows, Recording
 
 
 def made_set(n_people: int, tasks: dict[str, LabelledRows]) -> DataSet:

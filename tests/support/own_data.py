@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.core.trial_layout import META, truth_path
-from holdfast.training.fixture import write_fixture
+from holdfast.data.fixture import write_fixture
 
 
 def write_people_folders(root: Path) -> Path:

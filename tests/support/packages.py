@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
@@ -10,32 +11,36 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-_EDGE = {"core", "edge_runtime"}
-_TRAINING = {*_EDGE, "export", "training"}
-_EVALUATION = {*_TRAINING, "drivers", "simulation", "evaluation"}
-_ALL = {*_EVALUATION, "live", "interop", "sessions", "cli"}
-MAY_IMPORT: dict[str, set[str]] = {
-    "core": set(),
-    "edge_runtime": {"core"},
-    "drivers": _EDGE,
-    "simulation": _EDGE,
-    "export": _EDGE,
-    "training": _TRAINING,
-    "evaluation": _EVALUATION,
-    "live": {*_EDGE, "drivers", "simulation"},
-    "interop": {"core", "edge_runtime", "training"},
-    "sessions": _ALL - {"cli"},
-    "cli": _ALL,
-    "benchmarks": {*_ALL, "tools"},
-    "studies": {*_ALL, "tools", "benchmarks"},
-    # the picture of the demo is drawn from its trials
-    "tools": {*_ALL, "studies", "benchmarks", "examples"},
-}
-"""A package of ours, and the packages that it may import. CONTRIBUTING draws the same table."""
-SHIPPED = [
-    name for name in MAY_IMPORT if name not in ("tools", "studies", "benchmarks")
-]
+
+
+def arrows() -> dict[str, list[str]]:
+    """Room -> where its arrows lead, from the drawing in CONTRIBUTING.md, from the top down."""
+    guide = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    drawing = guide.split("```text\n")[1].split("```")[0]
+    found = {}
+    for line in drawing.splitlines():
+        words, _, ends = line.rpartition("->")
+        found[words.split()[0]] = re.findall(r"\w+", ends.replace("nothing", ""))
+    return found
+
+
+def reached(room: str) -> set[str]:
+    """Every room below a room."""
+    ends = ARROWS[room]
+    return set(ends).union(*map(reached, ends))
+
+
+ARROWS = arrows()
+SHIPPED = list(ARROWS)
 """The packages in holdfast/; the others are folders at the top, outside the wheel."""
+MAY_IMPORT: dict[str, set[str]] = {
+    **{room: reached(room) for room in SHIPPED},
+    "benchmarks": {*SHIPPED, "tools"},
+    "studies": {*SHIPPED, "tools", "benchmarks"},
+    # the picture of the demo is drawn from its trials
+    "tools": {*SHIPPED, "studies", "benchmarks", "examples"},
+}
+"""A package of ours, and the packages that it may import."""
 HOUSE = {*MAY_IMPORT, "tests", "models", "examples"}
 
 

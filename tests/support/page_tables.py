@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from holdfast.core.contract import Json
-from tools.doc_tables import fill, tables_of
+from tools.doc_tables import VALUE, figures_of, fill
 
 ROOT = Path(__file__).resolve().parents[2]
 BETWEEN = re.compile(r"(<!-- ([\w-]+):[^\n]*-->\n)(.*?)(<!-- /\2 -->)", re.DOTALL)
@@ -18,19 +18,23 @@ def filled(page: str, figures: Mapping[str, Json], folder: Path) -> str:
 
     Writing twice changes nothing, prose stays, and the columns are those of the page.
     """
-    tables = tables_of(page, figures)
+    tables, values = figures_of(page, figures)
     assert tables
     before = (ROOT / page).read_text("utf-8")
     copy = folder / Path(page).name
     copy.write_text(before, encoding="utf-8")
-    fill(copy, tables)
+    fill(copy, tables, values)
     once = copy.read_text("utf-8")
-    fill(copy, tables)
+    fill(copy, tables, values)
     assert copy.read_text("utf-8") == once
-    assert BETWEEN.sub(r"\1\4", once) == BETWEEN.sub(r"\1\4", before)
+    assert _prose(once) == _prose(before)
     assert set(tables) <= set(_heads(before))
     assert _heads(once) == _heads(before)
     return once
+
+
+def _prose(page: str) -> str:
+    return VALUE.sub(r"\1\4", BETWEEN.sub(r"\1\4", page))
 
 
 def _heads(page: str) -> dict[str, str]:

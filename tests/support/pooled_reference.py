@@ -1,4 +1,4 @@
-"""The pooled features (holdfast/export/pooled.py) again, in plain numpy over a whole stream.
+"""The pooled features (holdfast/step/pooled.py) again, in plain numpy over a whole stream.
 
 Samples before the first are zero, as the state of the graph is.
 """

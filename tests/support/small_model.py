@@ -20,12 +20,12 @@ from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.graph import open_session
 from holdfast.edge_runtime.model_file import CARD_KEY, SEAL_KEY
 from holdfast.edge_runtime.preparation import Preparation
-from holdfast.export.artifact import Artifact
 from holdfast.export.exporting import model_card, seal, whole_graph
-from holdfast.export.features import feature_count, feature_graph
-from holdfast.export.heads import Calibration, Head
-from holdfast.export.learner import Learner, votes_of_trees
-from holdfast.export.spec import BandsLeftOut, StepSpec
+from holdfast.step.artifact import Artifact
+from holdfast.step.features import feature_count, feature_graph
+from holdfast.step.heads import Calibration, Head
+from holdfast.step.learner import Learner, votes_of_trees
+from holdfast.step.spec import BandsLeftOut, StepSpec
 from holdfast.training.network_fit import fit_network
 from holdfast.training.plan import ForestPlan, NetworkPlan
 

@@ -13,23 +13,19 @@ from sklearn.ensemble import ExtraTreesClassifier
 
 from holdfast.core.contract import SITUATIONS, FloatArray
 from holdfast.core.errors import DataError, LabelError
+from holdfast.data.metrics import PredictionFigures, prediction_scores, situation_scores
+from holdfast.data.recording import DataSet, LabelledRows
 from holdfast.drivers.calibration import Calibration as FieldCalibration
 from holdfast.drivers.calibration import read_calibration, write_calibration
 from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.edge_runtime.graph import open_session
 from holdfast.export.exporting import whole_graph
-from holdfast.export.heads import Calibration, Head, reference_probability
-from holdfast.export.learner import Learner, reference_votes
-from holdfast.export.spec import StepSpec
 from holdfast.export.verify import cut_learners
+from holdfast.step.heads import Calibration, Head, reference_probability
+from holdfast.step.learner import Learner, reference_votes
+from holdfast.step.spec import StepSpec
 from holdfast.training.crossval import cross_validate, fit_calibration
-from holdfast.training.metrics import (
-    PredictionFigures,
-    prediction_scores,
-    situation_scores,
-)
 from holdfast.training.plan import ForestPlan, TrainingPlan
-from holdfast.training.recording import DataSet, LabelledRows
 
 NO_ROWS = np.zeros(0, dtype=np.int64)
 

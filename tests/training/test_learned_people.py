@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from conftest import Built
 
 
-@pytest.mark.filterwarnings("ignore::holdfast.export.spec.BandsLeftOut")
+@pytest.mark.filterwarnings("ignore::holdfast.step.spec.BandsLeftOut")
 @pytest.mark.filterwarnings("ignore::holdfast.training.fitting.FewWindows")
 @pytest.mark.filterwarnings("ignore::holdfast.training.fitting.FewGroups")
 def test_scenes_and_people_train_one_file_which_is_not_scored_on_these_people(

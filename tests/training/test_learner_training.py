@@ -10,11 +10,11 @@ import pytest
 from made_set import made_set, task_of
 
 from holdfast.core.contract import SITUATIONS
-from holdfast.export.network import network_votes
+from holdfast.data.recording import DataSet
+from holdfast.step.network import network_votes
 from holdfast.training.crossval import cross_validate, fit_learner
 from holdfast.training.network_fit import fit_members, in_whole_numbers
 from holdfast.training.plan import ForestPlan, NetworkPlan, TrainingPlan
-from holdfast.training.recording import DataSet
 
 SMALL = NetworkPlan(hidden=(8,), members=2, epochs=3, batch=16)
 PLAN = TrainingPlan(

@@ -10,11 +10,11 @@ import pytest
 
 from holdfast.core.errors import SetLocked
 from holdfast.core.locked import Style, lock_of, locked_sets
+from holdfast.core.progress import Stages, ignored
 from holdfast.evaluation.evaluate import EvaluationRequest, evaluate_events
 from holdfast.sessions.adapt import adapt_file
 from holdfast.simulation.scene_file import read_scene_file
 from holdfast.training.fitting import TrainingRequest, train_on_sets
-from holdfast.training.progress import Stages, ignored
 
 MODEL = Path("models/holdfast-150hz.onnx")
 SHARED_CONTROL = Path("studies/shared_control/cards")

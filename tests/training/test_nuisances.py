@@ -10,11 +10,11 @@ import pytest
 
 from holdfast.core.contract import CLASSES, GRASP
 from holdfast.core.hand_card import read_hand_card
+from holdfast.data.recording import DataSet, LabelledRows, Recording
+from holdfast.data.timeline import Phase
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training import nuisances
 from holdfast.training.nuisances import disturbed, with_copies
-from holdfast.training.recording import DataSet, LabelledRows, Recording
-from holdfast.training.timeline import Phase
 
 RATE_HZ = 150.0
 THUMB = np.array([True, True, False, False, False, False])

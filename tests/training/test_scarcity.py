@@ -9,8 +9,8 @@ import pytest
 from made_set import made_set, task_of
 
 from holdfast.core.contract import CLASSES
+from holdfast.data.recording import DataSet
 from holdfast.training.fitting import FEWEST_WINDOWS, FewWindows, warn_of_scarcity
-from holdfast.training.recording import DataSet
 
 
 def a_set(counts: dict[str, int], n_people: int) -> DataSet:

@@ -15,13 +15,13 @@ from holdfast.core.contract import CLASSES, GRASP, NOTHING, SITUATIONS
 from holdfast.core.errors import ChannelError, SetLocked, UsageError
 from holdfast.core.hand_card import read_hand_card
 from holdfast.core.locked import require_open_people
+from holdfast.core.progress import Stages, ignored
+from holdfast.data.datasets.joining import join
+from holdfast.data.recording import DataSet, LabelledRows, Recording
 from holdfast.edge_runtime.preparation import Preparation
 from holdfast.training.crossval import features_of_each_hand, fit_forest, window_counts
-from holdfast.training.datasets.joining import join
 from holdfast.training.fitting import TrainingRequest, train, train_on_sets
 from holdfast.training.plan import POOLED_GROUPS, ForestPlan, TrainingPlan, pooled_plan
-from holdfast.training.progress import Stages, ignored
-from holdfast.training.recording import DataSet, LabelledRows, Recording
 
 SMALL = replace(
     pooled_plan("tiny", "forest"),

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from small_model import spec
 
+from holdfast.data.recording import Recording
 from holdfast.edge_runtime.graph import open_session, run_recordings, steps_of
-from holdfast.export.features import feature_graph
+from holdfast.step.features import feature_graph
 from holdfast.training.crossval import stepped
-from holdfast.training.recording import Recording
 
 
 def recordings_of(lengths: list[int]) -> list[Recording]:

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from command_line import Run
 
-from holdfast.training.datasets import load
-from holdfast.training.fixture import write_fixture
+from holdfast.data.datasets import load
+from holdfast.data.fixture import write_fixture
 from holdfast.training.plan import SLOW_PERMILLE, at_rate, hand_plan, pooled_plan
 
 SIGNALLED = """
@@ -62,7 +62,10 @@ def test_train_without_flags_is_the_default_plan_on_balanced_windows(
     assert f"classes: {sum(dense.values()):,} windows (nothing_light " in out
     # it ends with the file that `export` writes elsewhere
     model, elsewhere = tmp_path / "out/holdfast.onnx", tmp_path / "elsewhere.onnx"
-    assert lines[-1] == f"next: holdfast run {model}"
+    assert lines[-1] == (
+        f"next: holdfast doctor {model}; "
+        f"with a hand: holdfast run {model} --source usb://ft232h"
+    )
     assert run("export", tmp_path / "out", "--out", elsewhere)[0] == 0
     assert model.read_bytes() == elsewhere.read_bytes()
 

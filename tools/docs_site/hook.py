@@ -39,10 +39,18 @@ EQUATION = re.compile(
     r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL
 )
 FIRST_SIGHT = re.compile(r'<img [^>]*src="([^"]*first-sight)\.svg"[^>]*>')
+PARAGRAPH = re.compile(r"<p>(.*?)</p>", re.DOTALL)
+PARAMETER = re.compile(
+    r"(?:^|(?<=[.;)] )|(?<=\.\n))([a-z]\w*(?: \[[^\]]*\])?(?:, [a-z]\w*(?: \[[^\]]*\])?)*): "
+)
 PHONE = "(max-width: 44.984375em)"
 MODEL = ROOT / "models/holdfast-150hz.onnx"
 TRY = """
 [**Try it here**: pull a bottle out of a hand, and see the call and the grip](try.html){ .try }
+"""
+TRY_HERE = """
+<iframe class="try" src="try.html" title="A simulated hand to pull at" loading="lazy">
+</iframe>
 """
 IN_NAV = ("CHANGELOG.md", "CONTRIBUTING.md")
 SHIM, FROM_ELSEWHERE = "iframe-worker.js", "https://unpkg.com/iframe-worker/shim"
@@ -86,6 +94,7 @@ def on_page_markdown(markdown: str, page: Page, files: Files, **_: Any) -> str:
     if page.file.src_uri == "index.md" and files.get_file_from_path("try.html"):
         # Before the first picture.
         markdown = markdown.replace("\n![", f"{TRY}\n![", 1)
+        markdown = markdown.replace("## Try it\n", f"## Try it\n{TRY_HERE}\n", 1)
     parts = FENCE.split(markdown)
     for place in range(0, len(parts), 2):
         linked = LINK.sub(
@@ -96,15 +105,16 @@ def on_page_markdown(markdown: str, page: Page, files: Files, **_: Any) -> str:
     return "".join(parts)
 
 
-def on_page_content(content: str, **_: Any) -> str:
-    """Equations as MathML, without a script; tables that scroll; a first picture for phones."""
+def on_page_content(content: str, page: Page, **_: Any) -> str:
+    """Equations as MathML, without a script; parameters as lists; a first picture for phones."""
     content = EQUATION.sub(_mathml, content)
     for_phone = (
         rf'<picture><source media="{PHONE}" srcset="\1-phone.svg">\g<0></picture>'
     )
     content = FIRST_SIGHT.sub(for_phone, content)
-    content = content.replace("<table>", '<div class="wide" tabindex="0"><table>')
-    return content.replace("</table>", "</table></div>")
+    if page.file.src_uri == "api.md":
+        content = PARAGRAPH.sub(_listed, content)
+    return content
 
 
 def on_post_page(output: str, page: Page, **_: Any) -> str:
@@ -114,10 +124,15 @@ def on_post_page(output: str, page: Page, **_: Any) -> str:
 
 
 def on_post_template(output_content: str, template_name: str, **_: Any) -> str:
-    """The same for the page of a wrong address."""
-    return _require_own(
-        output_content.replace(FROM_ELSEWHERE, f"/{SHIM}"), template_name
-    )
+    """The same for the page of a wrong address; its links work in a folder, too."""
+    own = output_content.replace(FROM_ELSEWHERE, SHIM)
+    if template_name == "404.html":
+        own = re.sub(r'((?:href|src)=")/(?!/)', r"\1", own)
+        # the way home of a site without an address
+        own = own.replace('href=""', 'href="index.html"').replace(
+            'href="."', 'href="index.html"'
+        )
+    return _require_own(own, template_name)
 
 
 def _require_own(output: str, name: str) -> str:
@@ -125,6 +140,22 @@ def _require_own(output: str, name: str) -> str:
     if loaded and name.endswith(".html"):
         raise PluginError(f"{name} loads {', '.join(loaded)}")
     return output
+
+
+def _listed(match: re.Match[str]) -> str:
+    """A paragraph `one: .. two: ..` of a docstring as a list, a parameter a line."""
+    starts = list(PARAMETER.finditer(match[1]))
+    if not starts or (len(starts) == 1 and starts[0].start() > 0):
+        return match[0]
+    text = match[1]
+    head = text[: starts[0].start()].strip()
+    ends = [one.start() for one in starts[1:]] + [len(text)]
+    items = [
+        f"<li><strong>{one[1]}</strong>: {text[one.end() : end].strip()}</li>"
+        for one, end in zip(starts, ends, strict=True)
+    ]
+    before = f"<p>{head}</p>" if head else ""
+    return f"{before}<ul>{''.join(items)}</ul>"
 
 
 def _mathml(match: re.Match[str]) -> str:

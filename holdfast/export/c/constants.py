@@ -35,10 +35,13 @@ REALS = {
     "HF_BRAKE_S": SlipAnswer.BRAKE_S,
     "HF_OWN_S": WearersGrip.TIME_S,
     "HF_BACK_S": WearersGrip.BACK_S,
-    "HF_LEAST_OURS_N": WearersGrip.APART_N,
+    "HF_OURS_N": WearersGrip.OURS_N,
     "HF_RISES_SHARE": WearersGrip.RISES_SHARE,
     "HF_STILL_S": WearersGrip.STILL_S,
     "HF_CLOSES_S": WearersGrip.CLOSES_S,
+    "HF_AGAIN_SHARE": WearersGrip.AGAIN_SHARE,
+    "HF_SLIP_P": WearersGrip.SLIP_P,
+    "HF_MOST_TIMES": LoadFollower.MOST_TIMES,
     "HF_MOST_S": WearersGrip.MOST_S,
     "HF_FIRM_N": friction.FIRM_N,
     "HF_STEADY": friction.STEADY,
@@ -74,11 +77,13 @@ def constants(card: ModelCard) -> str:
         **REALS,
     }
     rises_n = {
-        "HF_APART_N": WearersGrip.APART_N,
         "HF_RISES_N": WearersGrip.RISES_N,
+        "HF_AGAIN_N": WearersGrip.AGAIN_N,
+        "HF_OURS_TIMES": WearersGrip.OURS_TIMES,
         "HF_RISE_N": answer.rise_n,
         "HF_FOLLOW_N": answer.follow_n,
         "HF_SAFE_FOLLOW_N": answer.safe_follow_n,
+        "HF_MOST_FOLLOW_N": LoadFollower.MOST_N,
     }
     for name, rise_n in rises_n.items():
         # a rise in N says nothing about forces in another unit

@@ -2,18 +2,21 @@
 
 #define HF_PERIOD_S (1.0 / HOLDFAST_RATE_HZ)
 
-/* The grip that the wearer set. One that a target may have made says nothing about it. */
+/* The grip that the wearer set. One under a target says nothing about it. */
 static void hf_step_own_grip(holdfast_grip *own, const holdfast_sense *sense) {
     const double share = 1.0 / (1.0 + HF_OWN_S * HOLDFAST_RATE_HZ);
     const double back = 1.0 / (1.0 + HF_BACK_S * HOLDFAST_RATE_HZ);
     const double rise_n = sense->grip_n - own->own_n;
     const int rises = rise_n > HF_RISES_N + HF_RISES_SHARE * own->own_n;
+    const int again =
+        rise_n > HF_AGAIN_N + HF_AGAIN_SHARE * own->own_n && sense->p_risky < HF_SLIP_P;
     int is_ours;
     own->ours_n = hf_high(own->given_n, own->ours_n + back * (own->given_n - own->ours_n));
-    is_ours = own->ours_n > HF_LEAST_OURS_N && sense->grip_n < own->ours_n + HF_APART_N;
+    is_ours = own->ours_n > HF_OURS_N &&
+              sense->grip_n < HF_OURS_TIMES * own->ours_n + HF_OURS_N;
     if (!sense->known) return;
     own->still_s = rises && !is_ours ? 0.0 : hf_low(own->still_s + HF_PERIOD_S, HF_MOST_S);
-    own->held_s = hf_low(own->held_s + HF_PERIOD_S, HF_MOST_S);
+    own->held_s = again && !is_ours ? 0.0 : hf_low(own->held_s + HF_PERIOD_S, HF_MOST_S);
     if (!is_ours) own->own_n = own->own_n + share * rise_n;
     if (sense->empty) own->own_n = own->ours_n = own->still_s = own->held_s = 0.0;
 }
@@ -83,7 +86,8 @@ static double hf_follow_load(holdfast_grip *own, const holdfast_sense *sense) {
     const double used = sense->load_n / (2.0 * hf_high(sense->grip_n, HF_LEAST_GRIP_N));
     const double usual = own->mean_used + HF_TIMES_APART * own->apart_used;
     const double reference = hf_high(usual, HF_FLOOR);
-    const double most_n = sense->p_safe >= HF_SAFE_P ? HF_SAFE_FOLLOW_N : HF_FOLLOW_N;
+    const double within_n = sense->p_safe >= HF_SAFE_P ? HF_SAFE_FOLLOW_N : HF_FOLLOW_N;
+    const double most_n = hf_low(within_n, HF_MOST_FOLLOW_N + HF_MOST_TIMES * own->own_n);
     const int makes = hf_closes(own) || own->held_s < HF_LEARNS_S;
     const double allowed = HF_ABOVE * reference;
     const int rises = sense->known && !sense->empty && !makes && used > allowed;

@@ -1,0 +1,191 @@
+"""The streams of one log as one table: stamps in one column, a row for each time, one clock."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from holdfast.core.column_map import NS_OF
+from holdfast.core.contract import IntArray
+from holdfast.core.errors import ColumnError, count_of, listed
+from holdfast.interop.columns import CLOCK_NS, find_time, unit_of_time
+from holdfast.interop.streams import (
+    LOG_TIME,
+    Column,
+    Columns,
+    ForeignLog,
+    Stream,
+    is_text,
+)
+from holdfast.interop.tables import pd
+
+KEY = re.compile(
+    r"(?i)(sensor|channel|chan|ch|finger(tip)?|side|jaw|taxel|pad|tip|axis|component|variable"
+    r"|signal|device|node|addr(ess)?|id)s?[-_ .]*(id|nr|no|name|number|index|idx)?"
+)
+"""A column that says which sensor or axis a row is of."""
+MOST_KEYS = 100
+MOST_LONG = 9
+"""Columns where sensors have rows of their own: time, sensor, x, y, z and a few others."""
+NEAR_STEPS = 0.6
+"""A value of another clock belongs to a row if it is so many steps away."""
+SHEET = "sheet"
+"""The column that names the sheet of a row, where several are one table."""
+
+
+def whole_stamps(stream: Stream) -> Stream:
+    """Stamps in two columns as one of ns: seconds or a clock, and what a second is parted into."""
+    columns = dict(stream.columns)
+    clocks = [name for name, column in columns.items() if _is_clock(column)]
+    for name, column in stream.columns.items():
+        seconds = re.sub("(?i)n(ano)?(?=se?cs?$|seconds$)", "", name)
+        part_ns = NS_OF.get(unit_of_time(name) or "", 0)
+        if seconds != name and seconds in columns:
+            columns[name] = column + 10**9 * columns.pop(seconds)
+        elif part_ns and len(clocks) == 1 and column.dtype.kind == "i":
+            is_part = (column >= 0) & (part_ns * column < 10**9)
+            if is_part.all():
+                columns[clocks[0]] = columns[clocks[0]] + part_ns * columns.pop(name)
+
+    return replace(stream, columns=columns)
+
+
+def _is_clock(column: Column) -> bool:
+    """Whether a column holds times of day or dates, in ns, without a part of a second."""
+    is_ns = column.dtype.kind == "i" and len(column) and column.max() > CLOCK_NS
+    return bool(is_ns) and len(np.unique(column)) > 1 and not (column % 10**9).any()
+
+
+def made_wide(stream: Stream, path: Path) -> Stream:
+    """A table with a row for each sensor or axis at each time as one with a column for each.
+
+    Which a row is of stands in a column with such a name. Raises ColumnError where no time joins
+    the rows of different sensors.
+    """
+    kinds = {name: len(pd.unique(cells)) for name, cells in stream.columns.items()}
+    keys = [
+        name for name in kinds if KEY.fullmatch(name) and 1 < kinds[name] <= MOST_KEYS
+    ]
+    is_long = (
+        stream.t_ns is None and len(kinds) <= MOST_LONG and stream.rows > MOST_KEYS
+    )
+    if not keys or not is_long:
+        return stream
+    table = pd.DataFrame(stream.columns, copy=False)
+    words = table[keys].map(str).agg("_".join, axis=1)
+    table = table.drop(columns=keys)
+    time = find_time({name: stream.columns[name] for name in table})
+    at = time.value.column if time else ""
+    times = table.pop(at) if at else words
+    if pd.MultiIndex.from_arrays([times, words]).has_duplicates:
+        raise ColumnError(
+            f"a row for each {listed(keys)}? which rows are of one time is not clear",
+            where=path,
+            next_step="write the same time into them, or leave that column out",
+        )
+    numbers = table.select_dtypes("number").set_index([times, words]).unstack()
+    texts = table.select_dtypes(exclude="number").groupby(times).first()
+    columns = {at: numbers.index.to_numpy()}
+    columns |= {str(name): cells.to_numpy() for name, cells in texts.items()}
+    for (name, word), cells in numbers.items():
+        columns[f"{word}_{name}"] = cells.to_numpy()
+    return replace(stream, columns=columns, long=tuple(keys))
+
+
+def without_repeats(stream: Stream) -> Stream:
+    """A table without rows that stand twice: the same time, and all else the same."""
+    same = np.ones(max(0, stream.rows - 1), dtype=np.bool_)
+    for column in () if stream.t_ns is not None else stream.columns.values():
+        same &= column[1:] == column[:-1]
+        if not same.any():
+            return stream
+    time = find_time(stream.columns)
+    if not len(same) or time is None or not time.value.column:
+        return stream
+    keep = np.append(True, ~same)
+    columns = {name: column[keep] for name, column in stream.columns.items()}
+    note = f"{count_of(int(same.sum()), 'row')} left out that the one before repeats"
+    return replace(stream, columns=columns, notes=(*stream.notes, note))
+
+
+def united(same: list[Stream]) -> Stream:
+    """Streams of the same columns as one.
+
+    One that began anew goes on; of one that was recorded twice the longer is used; sheets get a
+    column with their names.
+    """
+    same.sort(key=lambda one: 0 if one.t_ns is None else int(one.t_ns[0]))
+    longest = max(same, key=lambda one: one.rows)
+    stamps = [one.t_ns for one in same if one.t_ns is not None]
+    if any(later[0] <= before[-1] for before, later in pairwise(stamps)):
+        note = f"{longest.name or 'a stream'} is there twice: the longer one is used"
+        return replace(longest, notes=(*longest.notes, note))
+    if len(same) == 1:
+        return longest
+    tables = [pd.DataFrame(one.columns).assign(**{SHEET: one.name}) for one in same]
+    whole = pd.concat(tables, ignore_index=True)
+    if stamps:
+        whole = whole.drop(columns=SHEET)
+    columns = {str(name): column.to_numpy() for name, column in whole.items()}
+    t_ns = np.concatenate(stamps) if stamps else None
+    return replace(longest, columns=columns, t_ns=t_ns)
+
+
+def table_of(log: ForeignLog, names: Collection[str]) -> Columns:
+    """All columns of the streams that have one of these names, on one clock, with the labels.
+
+    A name that no stream has is left out. The clock is that of the slowest of several streams; what
+    was not sent about a row is nan there. Labels of a stream of their own hold until the next one.
+    """
+    used = [one for one in log.streams if one.columns.keys() & set(names)]
+    if not used:
+        return {}
+    columns = dict(used[0].columns)
+    stamps = [one.t_ns for one in used if one.t_ns is not None]
+    if len(stamps) < len(used):
+        return columns
+    # of equally slow streams that which lost the least
+    slowest = max(map(step_ns, stamps))
+    t_ns = max(stamps, key=lambda one: (step_ns(one) > 0.9 * slowest, len(one)))
+    columns[LOG_TIME] = t_ns = t_ns if len(used) == 1 else np.unique(t_ns)
+    for stream in log.streams:
+        if stream not in used:
+            columns = _at(stream, t_ns) | columns
+        elif len(used) > 1:
+            columns |= _at(stream, t_ns, NEAR_STEPS * slowest)
+
+    return columns
+
+
+def step_ns(stamps: IntArray) -> float:
+    """The usual step of stamps [T], 0 of one alone."""
+    steps = np.diff(np.unique(stamps))
+    return float(np.median(steps)) if len(steps) else 0.0
+
+
+def _at(stream: Stream, t_ns: IntArray, reach_ns: float | None = None) -> Columns:
+    """The cells of a stream at stamps [T], "" and nan for none: the nearest ones within a reach.
+
+    Without a reach the last ones before, of texts and of whole numbers alone.
+    """
+    if stream.t_ns is None:
+        return {}
+    table = pd.DataFrame(stream.columns, index=stream.t_ns).sort_index(kind="stable")
+    table = table[~table.index.duplicated("last")]
+    if reach_ns is None:
+        rows = table.index.get_indexer(t_ns, "pad")
+    else:
+        rows = table.index.get_indexer(t_ns, "nearest", tolerance=max(1, int(reach_ns)))
+    columns: Columns = {}
+    for name, column in table.items():
+        cells = column.to_numpy()
+        none = "" if is_text(cells) else np.nan
+        if reach_ns is not None or none == "" or not (cells % 1 > 0).any():
+            columns[str(name)] = np.where(rows < 0, none, cells[rows])
+
+    return columns

@@ -1,0 +1,122 @@
+"""Who does what with which object, by the paths of logs, where all are built alike.
+
+A word of a path is an action, a person or a number only as a whole; words of objects are known. Of
+others is asked, where that changes what is held out together.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from holdfast.core.errors import listed
+from holdfast.core.trial_layout import named_mass
+from holdfast.interop.labels import action_of_word
+from holdfast.interop.map import NAMES, NUMBERED, PERSON, TOGETHER
+from holdfast.interop.understood import Answers
+
+OBJECT = re.compile(
+    "(?i)can|cup|.*(ball|block|book|bottle|bowl|box|cube|cylinder|egg|glass|mug|object|pen|sponge)"
+)
+"""Words of objects in paths; others may be people."""
+WORD = re.compile(rf"(?<![^/_ .-])({TOGETHER}(?=[/_ .-]|$)|[^/_ .-]+)")
+
+
+@dataclass
+class PathNames:
+    """path: the pattern of [trials], "" where it says nothing. names: key -> its words.
+
+    questions: what is not clear, with the option that answers it.
+    """
+
+    path: str = ""
+    names: dict[str, list[str]] = field(default_factory=dict)
+    questions: list[tuple[str, str]] = field(default_factory=list)
+
+
+def names_of_paths(paths: Sequence[str], answers: Answers) -> PathNames:
+    """What the paths of logs say of their trials.
+
+    >>> names_of_paths(["p3/ball/slip_1", "p4/ball/pass_2"], Answers()).path
+    '{person}/{object}/{action}_{trial}'
+    """
+    found = PathNames()
+    split = [_words(one) for one in paths]
+    marks = split[0][::2]
+    if any(one[::2] != marks for one in split):
+        return found
+    words = [*zip(*(one[1::2] for one in split), strict=True)]
+    seen = [[*dict.fromkeys(one)] for one in words]
+    kinds = [kind_of(one, answers) for one in seen]
+    fields: dict[str, int] = {}
+    for key in NAMES:
+        places = [k for k, kind in enumerate(kinds) if kind == key]
+        # a study's name may hold a word of an action too: that which differs counts
+        places = [k for k in places if len(seen[k]) > 1] or places
+        if places:
+            fields[key] = places[0]
+        meanings = {tuple(map(action_of_word, words[k])) for k in places}
+        if key == "action" and len(meanings) > 1:
+            both = listed([word for k in places for word in seen[k]])
+            found.questions.append(("--action", f"which of {both} happens?"))
+
+    unclear = [k for k, kind in enumerate(kinds) if kind == "unclear"]
+    # held out by trial, or by people with a trial each, is the same
+    several = [k for k in unclear if 1 < len(seen[k]) < len(paths)]
+    for k in several if "person" not in fields and not answers.person else ():
+        what = f"are {listed(seen[k], most=6)} people or objects? nothing says it"
+        one_of = ",".join(seen[k])
+        what += f": --person {one_of} or --object {one_of}"
+        found.questions.append(("--person", what))
+    if len(unclear) == 1 and fields.keys() & {"person", "action"}:
+        # what is left beside a person or an action is what was held
+        fields.setdefault("object", unclear[0])
+    if not fields:
+        return found
+    if kinds[-1] == "trial":
+        fields["trial"] = len(kinds) - 1
+    parts = [one[0] if len(one) == 1 else "*" for one in seen]
+    for key, k in sorted(fields.items(), key=lambda one: one[1]):
+        parts[k] = f"{{{key}}}"
+        found.names[key] = seen[k]
+    found.path = "".join(map("".join, zip(marks, [*parts, ""], strict=True)))
+    return found
+
+
+def kind_of(words: Sequence[str], answers: Answers) -> str:
+    """What words at one place of paths are: a key of NAMES, trial, unclear, or "" for nothing."""
+    for key in NAMES:
+        if {*words} <= {*getattr(answers, key).split(",")}:
+            return key
+    if all(answers.actions.get(word) or action_of_word(word) for word in words):
+        return "" if answers.whole_action else "action"
+    if all(map(PERSON.fullmatch, words)):
+        return "" if answers.person else "person"
+    if all(map(NUMBERED.fullmatch, words)):
+        return "trial"
+    if answers.object:
+        return ""
+    are_things = all(OBJECT.match(word) or named_mass(word) for word in words)
+    return "object" if are_things else "unclear"
+
+
+def _words(path: str) -> list[str]:
+    """The words of a path, with what stands before, between and behind them.
+
+    Words with a dash between them are one, unless one is a person, a number or an action.
+    """
+    first, *rest = WORD.split(path)
+    words = [first, *rest[:2]]
+    for word, mark in zip(rest[2::2], rest[3::2], strict=True):
+        if words[-1] == "-" and not (_is_name(words[-2]) or _is_name(word)):
+            words[-2:] = [f"{words[-2]}-{word}", mark]
+        else:
+            words += [word, mark]
+    return words
+
+
+def _is_name(word: str) -> bool:
+    """Whether a word is a person, a number or an action."""
+    is_other = PERSON.fullmatch(word) or NUMBERED.fullmatch(word)
+    return bool(is_other or action_of_word(word))

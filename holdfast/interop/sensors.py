@@ -1,0 +1,272 @@
+"""Which columns are the three axes of which sensor, and what a touch does to them.
+
+Sensors are certain where names differ in an axis alone and are of one quantity: a force, where
+other quantities stand beside it. Columns without axes are checked: every third one must press, on
+every sensor. What is neither is asked.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Sequence
+from fnmatch import fnmatchcase
+
+import numpy as np
+
+from holdfast.core.column_map import SensorColumns
+from holdfast.core.contract import AXES, NORMAL_AXIS, NORMAL_FLOOR, UNIT_OF, FloatArray
+from holdfast.core.errors import listed
+from holdfast.interop.columns import channels, rise_of, words_of
+from holdfast.interop.evidence import Evidence
+from holdfast.interop.streams import LOG_TIME, Columns, counted, is_text
+
+FINGERS = (
+    "thumb|th|one", "index|fore|pointer|ff|two", "middle|mf|three", "ring|rf|four",
+    "little|pinky|lf|five", "six", "seven", "eight", "nine", "ten", "palm",
+)  # fmt: skip
+"""Words of fingers, and of their numbers, in the order of a hand."""
+_FINGER = "|".join(rf"((?<![a-z])(?:finger)?(?:{one})(?![a-z]))" for one in FINGERS)
+_HAND = r"(?<![a-z])(?:(left|lh|l)|(right|rh|r))(?![a-z])"
+FINGER, HAND = (re.compile(rf"(?i){one}") for one in (_FINGER, _HAND))
+THUMB = re.compile("(?i)(?<![a-z])(thumb|th)(?![a-z])")
+PLACE = re.compile(rf"(?i){_FINGER}|{_HAND}|(?:(?<![a-z])finger[-_ ]?)?\d+")
+"""What tells sensors of one quantity apart."""
+NO_SENSOR = {
+    "torque", "moment", "translation", "rotation", "quaternion", "orientation", "covariance",
+    "gyro", "pose", "position", "pos", "angular", "velocity", "vel", "acc", "accel",
+    "acceleration", "imu", "joint", "marker", "transform", "action", "state", "displacement",
+    "disp", "deformation", "cop", "angle", "direction", "dir", "resultant", "total", "sum", "net",
+    "mean", "euler", "std",
+}  # fmt: skip
+"""Words of three axes that are no reading of a fingertip."""
+FORCE = re.compile(r"force|(?<![a-z])f[_ ]?\*|f\*$")
+"""A kind of column that is a force by its name; * is the axis."""
+READING = re.compile(r"(?<![a-z])[fbh]?[_ ]?\*|force|[fbh]\*")
+"""A kind of column that may be a reading: without a letter before its axis, or a force, a field."""
+SHEAR = "(shear|tangential|lateral)([_ .]?force)?[_ .]?"
+AXIS_WORDS = (
+    (re.compile(r"(?i)normal([_ .]?force)?"), " z "),
+    (re.compile(rf"(?i){SHEAR}[2yb](?![0-9])"), " y "),
+    (re.compile(rf"(?i){SHEAR}[1xa]?(?![0-9])"), " x "),
+)
+"""Words for axes."""
+FEWEST_UNNAMED = 9
+"""Of six columns and fewer, three that press may be chance."""
+TOUCHED = 0.2
+"""A hand touches something while its readings are so far from rest, of their 95 % quantile."""
+FIRST_ROWS = 10
+MORE, ONE_WAY = 1.5, 0.9
+"""How much more than the others an axis moves that presses, and in which share of the contact."""
+SUM = 0.002
+"""A resultant is the sum of the others but for rounding, of its largest reading."""
+CLEARLY = 3.0
+"""How much larger a change is that contradicts the names."""
+
+
+def find_sensors(
+    columns: Columns,
+    longest: Columns,
+    marks: Collection[str],
+    chosen: str = "",
+    fingers: Sequence[str] = (),
+) -> Evidence[list[SensorColumns]] | str:
+    """The sensors of a log in the order in which people count; else what is not clear, "" for all.
+
+    By the names of all its columns, else by what those of its longest stream hold. marks: the
+    columns that may hold labels. chosen: patterns of names, as given, with a comma between them.
+    fingers: the words of the files that were joined, as given.
+    """
+    names = []
+    for name, column in columns.items():
+        is_free = name != LOG_TIME and name not in marks and not is_text(column)
+        is_free &= not words_of(name) & NO_SENSOR
+        is_chosen = any(fnmatchcase(name, one) for one in chosen.split(","))
+        names += [name] if is_chosen or (is_free and not chosen) else []
+
+    groups = _by_axes(names)
+    if groups:
+        return _of_one_kind(groups, fingers, is_given=bool(chosen))
+    if not chosen:
+        readings = [
+            one for one in names if one in longest and not rise_of(longest[one])[0]
+        ]
+        return _by_touch(readings, longest)
+    if not names or len(names) % 3:
+        return f"--sensors {chosen} are {len(names)} columns, not three a sensor"
+    rows = zip(names[::3], names[1::3], names[2::3], strict=True)
+    return Evidence([SensorColumns(*row) for row in rows], "as given")
+
+
+# -- by names
+
+
+def _by_axes(names: Sequence[str]) -> dict[str, dict[str, str]]:
+    """Key -> axis -> name, of names that differ in one letter alone: x, y or z, in any place."""
+    groups: dict[str, dict[str, str]] = {}
+    for name in names:
+        text = name
+        for word, axis in AXIS_WORDS:
+            text = word.sub(axis, text)
+        for at in re.finditer("(?i)[xyz]", text):
+            key = f"{text[: at.start()]}*{text[at.end() :]}"
+            groups.setdefault(key, {}).setdefault(at[0].lower(), name)
+    return {key: group for key, group in groups.items() if len(group) == len(AXES)}
+
+
+def _of_one_kind(
+    groups: dict[str, dict[str, str]], fingers: Sequence[str], *, is_given: bool
+) -> Evidence[list[SensorColumns]] | str:
+    """The sensors of groups that are of one quantity; asked where several may be readings."""
+    given = {f"{word}.": at for at, word in enumerate(fingers)}
+    kind_of = {}
+    for key in groups:
+        word = next(filter(key.startswith, given), "")
+        kind_of[key] = PLACE.sub("#", key.removeprefix(word)).lower()
+    kinds = [*dict.fromkeys(kind_of.values())]
+    forces = [kind for kind in kinds if FORCE.search(kind)]
+    readings = forces if len(forces) == 1 else [*filter(READING.search, kinds)]
+    chosen = kinds if is_given else readings
+    keys = [key for key in groups if kind_of[key] in chosen]
+    # by the order of a hand; other words as they stand, numbers as people count
+    keys.sort(
+        key=lambda key: (
+            given.get(f"{key.partition('.')[0]}.", finger_order(key)),
+            kinds.index(kind_of[key]),
+            counted(key),
+        )
+    )
+    hands = {bool(found[1]) for found in map(HAND.search, keys) if found}
+    if len(hands) > 1 and any(map(FINGER.search, keys)) and not is_given:
+        return "left and right are two hands: which one?"
+    if len(chosen) != 1 and not is_given:
+        return f"columns {listed(kinds, most=6)}: which are the readings?"
+    sensors = [SensorColumns(**groups[key]) for key in keys]  # type: ignore[arg-type]
+    return Evidence(sensors, "as given" if is_given else "by the axes in their names")
+
+
+def finger_order(name: str) -> int:
+    """The place of a finger in the order of a hand; behind all others for other names."""
+    found = FINGER.search(name)
+    return found.lastindex or 0 if found else len(FINGERS) + 1
+
+
+# -- by what a touch does
+
+
+def _by_touch(
+    names: Sequence[str], columns: Columns
+) -> Evidence[list[SensorColumns]] | str:
+    """Columns without axes in their names as three a sensor, where a touch shows that.
+
+    All of them, or those that differ in a number. Sensor by sensor, or axis by axis.
+    """
+    series = {"": [*names]}
+    for name in sorted(names, key=counted):
+        series.setdefault(re.sub(r"\d+", "#", name), []).append(name)
+    found = set()
+    for one in series.values():
+        if len(one) < FEWEST_UNNAMED or len(one) % 3:
+            continue
+        for order in (one, [*np.reshape(one, (3, -1)).T.ravel()]):
+            found |= (
+                {tuple(map(str, order))} if presses(channels(columns, order)) else set()
+            )
+    if len(found) != 1:
+        most = max(series.values(), key=len)
+        return f"columns {listed(most)}" if len(most) > 2 else ""
+    (axes,) = found
+    rows = zip(axes[::3], axes[1::3], axes[2::3], strict=True)
+    sensors = [SensorColumns(*row) for row in rows]
+    check = "every third column presses, on every sensor"
+    return Evidence(sensors, f"no axes in the names, {axes[0]} to {axes[-1]}", check)
+
+
+def presses(values: FloatArray) -> bool:
+    """Whether the same axis of every sensor presses: moves most, and in one direction.
+
+    values [T, 3 S]: of the sensors in turn.
+    """
+    (rest, change), rows = touch(values)
+    sizes = np.abs(change).reshape(-1, 3)
+    axis = int(sizes[0].argmax())
+    normal = (values[rows] - rest)[:, axis::3] * np.sign(change[axis::3])
+    others = np.delete(sizes, axis, axis=1).max(axis=1)
+    is_one_way = np.nanmean(normal >= 0, axis=0) > ONE_WAY
+    return bool((sizes[:, axis] > MORE * others).all() and is_one_way.all())
+
+
+def sums_of_others(values: FloatArray) -> list[int]:
+    """Which sensors of three and more are the sum of the others; values [T, 3 S]."""
+    sensors = np.nan_to_num(values).reshape(len(values), -1, 3)
+    rest = np.abs(sensors.sum(axis=1, keepdims=True) - 2 * sensors).max(axis=(0, 2))
+    is_sum = rest < SUM * np.abs(sensors).max(axis=(0, 2))
+    return np.flatnonzero(is_sum).tolist() if len(is_sum) > 2 else []
+
+
+def touch(values: FloatArray) -> tuple[FloatArray, np.ndarray]:
+    """What a hand that begins open reads while it touches something; values [T, C].
+
+    ([2, C] the readings at rest, and their usual change while something is touched; [T] the rows in
+    which something is).
+    """
+    rest = _middle(values[:FIRST_ROWS])
+    load = np.zeros(len(values))
+    for channel, at_rest in zip(values.T, rest, strict=True):
+        load += np.abs(np.nan_to_num(channel - at_rest))
+    rows = load > TOUCHED * max(np.quantile(load, 0.95), 1e-300)
+    where = np.flatnonzero(rows)
+    pressed = _middle(values[where[:: max(1, len(where) // 5000)]])
+    return np.stack([rest, pressed - rest]), rows
+
+
+def _middle(values: FloatArray) -> FloatArray:
+    """[C] medians over the rows with a value; 0 without one."""
+    middles: FloatArray = np.ma.median(np.ma.masked_invalid(values), axis=0).filled(0.0)
+    return middles
+
+
+def normal_axis(changes: FloatArray) -> tuple[int, float]:
+    """(the axis that a touch moves most, and clearly in how large a share of the sensors).
+
+    changes [S, 3]: what a touch changes.
+    """
+    change = np.abs(changes)
+    change = change[change.sum(axis=1) > TOUCHED * change.sum(axis=1).max()]
+    clearly = np.sort(change, axis=1)[:, 1:2] * CLEARLY
+    shares = (change > clearly).sum(axis=0) / max(1, len(change))
+    return int(shares.argmax()), float(shares.max())
+
+
+def oriented(
+    sensors: Sequence[SensorColumns],
+    effects: FloatArray,
+    unit: str,
+    axis: int,
+    *,
+    returns: bool,
+) -> list[SensorColumns]:
+    """The sensors with signs and zeros such that a press raises their prepared normal.
+
+    Preparation turns a sensor round whose normal rests below 0. Where all must be turned, the log
+    has its z the other way; where some must be, their magnets are upside down. effects: of a touch.
+    axis: the normal one in them. returns: whether the readings end near their rest.
+    """
+    ours, size = UNIT_OF[unit]
+    rest, pressed = size * effects[:, axis::3]
+    is_far = np.abs(rest) > NORMAL_FLOOR[ours]
+    is_turned_later = is_far & (rest < 0.0)
+    touched = np.abs(pressed) > TOUCHED * np.abs(pressed).max()
+    wrong = touched & (np.where(is_turned_later, -pressed, pressed) < 0.0)
+    # a press raises a field whatever its sign; counts above 0 hide the sign
+    is_hidden = ours == "count" and bool((rest >= 0).all()) and returns
+    wrong &= (np.abs(rest) < np.abs(pressed)) | is_hidden
+    turned = list(sensors)
+    for k in np.flatnonzero(wrong).tolist():
+        axes = list(sensors[k].axes)
+        first = NORMAL_AXIS if wrong.all() else 0
+        if not is_turned_later[k]:
+            axes[first:] = [f"-{name}" for name in axes[first:]]
+        zero = [float(f"{2.0 * rest[k] / size:.4g}")] if is_far[k] else []
+        turned[k] = SensorColumns(*axes, *zero)  # type: ignore[arg-type]
+
+    return turned

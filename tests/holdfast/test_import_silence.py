@@ -1,0 +1,639 @@
+"""`holdfast import` is never wrong in silence: what no log says and no value shows is asked."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import Run, imported
+from foreign_logs import Made, axes, made, write_log, write_text
+
+from holdfast.core.trial_file import read_trial
+from holdfast.interop.labels import action_of_sentence, action_of_word
+from holdfast.interop.logs import paired
+
+SLIP = ("--action", "slip")
+TWO = [f"P{k}_F{a}" for k in (0, 1) for a in "XYZ"]
+
+
+def raw(tmp_path: Path, place: str = "object/slip/trial_1") -> np.ndarray:
+    return read_trial(tmp_path / f"set/{place}.csv").raw
+
+
+def press(values: np.ndarray) -> float:
+    """The usual normal reading of the first sensor in contact."""
+    return float(np.median(values[150:250, 2]))
+
+
+def two_sensors(seed: int = 1) -> Made:
+    return made(seed, sensors=2)
+
+
+# -- tables beside logs
+
+
+PLACES = {
+    "a word": ("trial_{k}_motion", "trial_{k}_events"),
+    "a folder": ("trial_{k}/force", "trial_{k}/events"),
+    "two folders": ("data/x{k}", "labels/x{k}"),
+    "other words": ("cup_{k}_3N", "cup_{k}_marks"),
+}
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_each_table_of_events_is_that_of_the_log_beside_it(
+    run: Run, tmp_path: Path, place: str
+) -> None:
+    log, table = PLACES[place]
+    for k, slip in ((1, "3.0,0.5,slip\n"), (2, ""), (3, "3.5,0.5,slip\n")):
+        write_log(tmp_path / f"logs/{log.format(k=k)}.csv", made(k))
+        path = tmp_path / f"logs/{table.format(k=k)}.csv"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f"onset,duration,trial_type\n1.0,3.0,grasp\n{slip}")
+    assert "3 trials: 2 slip, 1 hold" in imported(run, tmp_path)
+    truths = sorted((tmp_path / "set/").rglob("slip/*.truth.json"))
+    phases = [json.loads(truth.read_text())["phases"] for truth in truths]
+    begins = [p["t0_s"] for of in phases for p in of if p["label"] == "risky_slip"]
+    assert begins == [3.0, 3.5]
+
+
+def test_a_table_that_pairs_with_no_log_is_named_and_a_log_without_one_is_refused(
+    run: Run, tmp_path: Path
+) -> None:
+    for k in (1, 2):
+        write_log(tmp_path / f"logs/trial_{k}_motion.csv", made(k))
+        text = "start,end,label\n3.0,3.5,slip\n"
+        (tmp_path / f"logs/trial_{k + 1}_events.csv").write_text(text)
+    out = imported(run, tmp_path, code=3)
+    assert "nothing says what happens in trial_1_motion" in out
+    out = imported(run, tmp_path, *SLIP)
+    assert "not used   trial_3_events.csv (columns start, end, label)" in out
+
+
+def test_pairs_are_alike_but_for_one_word() -> None:
+    assert paired(["a_1", "a_2"], ["a_1_events", "a_2_events"]) == {
+        "a_1": "a_1_events",
+        "a_2": "a_2_events",
+    }
+    assert paired(["cup_1", "mug_1"], ["events"]) == {}
+    assert paired(["trial_1_motion"], ["trial_2_events"]) == {}
+
+
+# -- clocks
+
+
+@pytest.mark.parametrize(
+    ("name", "codes", "lasts_s"),
+    [
+        ("trial", np.arange(600) // 200, 200 / 150),
+        ("battery", np.arange(600) // 100, 4.0),
+        ("packet", np.arange(600) % 256, 4.0),
+        ("temperature", 20.0 + 0.01 * np.arange(600), 4.0),
+    ],
+)
+def test_the_rate_that_is_given_wins_over_any_column(
+    run: Run, tmp_path: Path, name: str, codes: np.ndarray, lasts_s: float
+) -> None:
+    one = made(1, lasts_s=6.0)
+    names = [*axes(5), name]
+    write_text(tmp_path / "logs/a.csv", names, np.column_stack([one.values, codes]))
+    assert "how many rows a second" in imported(run, tmp_path, *SLIP, code=2)
+    imported(run, tmp_path, *SLIP, "--rate", 150)
+    trial = read_trial(tmp_path / "set/object/slip/trial_1.csv")
+    assert trial.rate_hz == pytest.approx(150.0, rel=1e-3)
+    assert trial.t_s[-1] == pytest.approx(lasts_s - 1 / 150, abs=0.01)
+
+
+# -- rows
+
+
+def test_a_row_for_each_message_of_any_topic_is_refused(
+    run: Run, tmp_path: Path
+) -> None:
+    one = two_sensors()
+    lines = []
+    for t_s, row in zip(one.t_s.tolist(), one.values.tolist(), strict=True):
+        cells = [f"{value:.4f}" for value in row]
+        lines.append((t_s, ",".join([f"{t_s:.4f}", *cells[:3], "", "", ""])))
+        later = t_s + 0.003
+        lines.append((later, ",".join([f"{later:.4f}", "", "", "", *cells[3:]])))
+    hands = ("left", "right")
+    names = "t," + ",".join(f"/ft_{k}/force/{a}" for k in hands for a in "xyz")
+    (tmp_path / "logs").mkdir()
+    text = "\n".join([names, *(line for _, line in sorted(lines))])
+    (tmp_path / "logs/a.csv").write_text(text + "\n")
+    assert "no row has all sensors" in imported(run, tmp_path, *SLIP, code=3)
+
+
+def test_a_row_for_each_sensor_at_its_own_time_is_refused(
+    run: Run, tmp_path: Path
+) -> None:
+    one = made(1)
+    times = 1e3 * np.repeat(one.t_s, 5) + np.tile(range(5), len(one.t_s))
+    rows = np.column_stack([times, np.tile(range(5), 500), one.values.reshape(-1, 3)])
+    write_text(tmp_path / "logs/a.csv", ["ms", "sensor_id", *"xyz"], rows)
+    assert "no row has all sensors" in imported(run, tmp_path, *SLIP, code=3)
+
+
+def test_rows_of_another_topic_alone_are_no_samples(run: Run, tmp_path: Path) -> None:
+    one = two_sensors()
+    path = write_log(
+        tmp_path / "logs/a.csv", one, names=["t", *TWO, "volt"], texts=[""] * 500
+    )
+    head, *lines = path.read_text().splitlines()
+    for k in range(450, 0, -50):
+        lines.insert(k, f"{one.t_s[k - 1] + 0.004:.3f},,,,,,,12.{k}")
+    path.write_text("\n".join([head, *lines]) + "\n")
+    assert "9 rows of no sensor left out" in imported(run, tmp_path, *SLIP)
+    np.testing.assert_allclose(raw(tmp_path), one.values)
+
+
+def test_rows_twice_are_rows_once(run: Run, tmp_path: Path) -> None:
+    one = two_sensors()
+    twice = np.repeat(np.column_stack([one.t_s, one.values]), 2, axis=0)
+    write_text(tmp_path / "logs/a.csv", ["time", *TWO], twice)
+    assert "500 rows left out that the one before repeats" in imported(
+        run, tmp_path, *SLIP
+    )
+    np.testing.assert_allclose(raw(tmp_path), one.values)
+
+
+def test_of_values_that_stay_for_several_rows_one_is_kept(
+    run: Run, tmp_path: Path
+) -> None:
+    one = two_sensors()
+    t_s = np.arange(1500) / 300.0
+    rows = np.column_stack([t_s, np.repeat(one.values, 3, axis=0)])
+    write_text(tmp_path / "logs/a.csv", ["time", *TWO], rows)
+    assert "each value stands in 3 rows" in imported(run, tmp_path, *SLIP)
+    trial = read_trial(tmp_path / "set/object/slip/trial_1.csv")
+    assert trial.rate_hz == pytest.approx(100.0)
+
+
+def test_zeros_of_a_sensor_in_a_press_are_lost(run: Run, tmp_path: Path) -> None:
+    one = two_sensors()
+    one.values[200:220, 3:] = 0.0
+    write_log(tmp_path / "logs/a.csv", one, names=["t", *TWO])
+    assert "20 zeros of a sensor in a press: lost" in imported(run, tmp_path, *SLIP)
+    assert np.isnan(raw(tmp_path)[200:220, 3:]).all()
+
+
+def test_an_empty_cell_of_a_column_of_numbers_never_stops_an_import(
+    run: Run, tmp_path: Path
+) -> None:
+    one = two_sensors()
+    flags = [str(k) for k in np.random.default_rng(0).integers(0, 60, 500)]
+    flags[250] = ""
+    write_log(tmp_path / "logs/a.csv", one, names=["t", *TWO, "status"], texts=flags)
+    imported(run, tmp_path, *SLIP)
+    np.testing.assert_allclose(raw(tmp_path), one.values)
+
+
+def test_an_empty_cell_ends_no_trial_and_is_no_label(run: Run, tmp_path: Path) -> None:
+    one = two_sensors()
+    slips = one.words("0", "0", "1")
+    texts = [f"{k // 250},{slip}" for k, slip in enumerate(slips)]
+    texts[120] = ",0"
+    texts[130] = "0,"
+    names = ["t", *TWO, "trial", "slip"]
+    write_log(tmp_path / "logs/a.csv", one, names=names, texts=texts)
+    assert "2 trials: 1 hold, 1 slip" in imported(run, tmp_path)
+    assert len(raw(tmp_path, "object/hold/trial_1")) == 250
+
+
+def test_lines_between_rows_and_a_second_block_are_named(
+    run: Run, tmp_path: Path
+) -> None:
+    one = two_sensors()
+    path = write_log(tmp_path / "logs/a.csv", one, names=["t", *TWO])
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:301], "#T,3000,slip", *lines[301:]]))
+    out = imported(run, tmp_path, *SLIP)
+    assert "1 line between the rows left out, such as '#T,3000,slip'" in out
+    np.testing.assert_allclose(raw(tmp_path), one.values)
+    block = ["", "Trajectories", "100", "Frame,X,Y,Z", "1,2,3,4"]
+    path.write_text("\n".join([*lines, *block]))
+    out = imported(run, tmp_path, *SLIP, out="again")
+    assert "a second block that begins with 'Trajectories' left out" in out
+    again = read_trial(tmp_path / "again/object/slip/trial_1.csv").raw
+    np.testing.assert_allclose(again, one.values)
+
+
+HEADS = {
+    "vicon": "Devices\n1000\n",
+    "labview": "LabVIEW Measurement\t\nDelta_X\t0.001\n***End_of_Header***\n",
+}
+
+
+@pytest.mark.parametrize("head", HEADS)
+def test_the_head_of_another_tools_file_gives_the_rate(
+    run: Run, tmp_path: Path, head: str
+) -> None:
+    one = two_sensors()
+    write_text(tmp_path / "logs/a.csv", TWO, one.values, head=HEADS[head])
+    assert "1000 Hz, by the head of the log" in imported(run, tmp_path, *SLIP)
+
+
+def test_counts_that_went_over_their_end_are_named_and_unwrapped_on_request(
+    run: Run, tmp_path: Path
+) -> None:
+    one = two_sensors()
+    counts = np.round(100.0 * one.values)
+    counts[:, 2::3] = np.interp(one.t_s, [1.0, 2.0, 3.0, 4.0], [0, 45_000, 45_000, 0])[
+        :, None
+    ]
+    counts[:, 2::3] += np.round(100.0 * one.values[:, :2])
+    counts = np.round(counts)
+    over = (counts + 32_768) % 65_536 - 32_768
+    write_log(tmp_path / "logs/a.csv", one, over, ["t", *TWO])
+    words = (*SLIP, "--unit", "count")
+    assert "by 2^16: --unwrap takes them out" in imported(run, tmp_path, *words)
+    imported(run, tmp_path, *words, "--unwrap", out="again")
+    again = read_trial(tmp_path / "again/object/slip/trial_1.csv").raw
+    np.testing.assert_allclose(again, counts)
+
+
+# -- units
+
+
+def test_pounds_are_newtons(run: Run, tmp_path: Path) -> None:
+    one = two_sensors()
+    names = ["time(s)", *(f"{name}(lbf)" for name in TWO)]
+    write_log(tmp_path / "logs/a.csv", one, one.values / 4.4482216152605, names)
+    imported(run, tmp_path, *SLIP)
+    np.testing.assert_allclose(raw(tmp_path), one.values, atol=1e-6)
+
+
+@pytest.mark.parametrize("form", ["{} [V]", "{} (kPa)", "{}_psi"])
+def test_a_unit_that_nobody_knows_is_asked(run: Run, tmp_path: Path, form: str) -> None:
+    names = ["t", *map(form.format, TWO)]
+    write_log(tmp_path / "logs/a.csv", two_sensors(), names=names)
+    assert "what unit have the readings (the log says" in imported(
+        run, tmp_path, *SLIP, code=2
+    )
+
+
+@pytest.mark.parametrize(
+    ("head", "says"),
+    [
+        ("# Force unit: lbf\n", "lbf, lbf in names or head"),
+        (
+            "Y_Unit_Label\tVolts\tVolts\n",
+            "what unit have the readings (the log says Volts)",
+        ),
+        ("# Time units: ms\n", "N, checked: by size"),
+    ],
+)
+def test_a_unit_in_the_head_is_that_of_the_readings_or_asked(
+    run: Run, tmp_path: Path, head: str, says: str
+) -> None:
+    one = two_sensors()
+    path = write_log(tmp_path / "logs/a.csv", one, names=["t", *TWO])
+    path.write_text(head + path.read_text())
+    code = 2 if "what" in says else 0
+    assert says in imported(run, tmp_path, *SLIP, code=code)
+
+
+@pytest.mark.parametrize("form", ["{:,.1f}", "{:,.0f}"])
+def test_thousands_have_a_sign_between_them(
+    run: Run, tmp_path: Path, form: str
+) -> None:
+    one = two_sensors()
+    names = ["t", *(f"{name} [mN]" for name in TWO)]
+    lines = [";".join(names)]
+    for t_s, row in zip(one.t_s, 1e3 * one.values, strict=True):
+        lines.append(";".join([f"{t_s:.2f}", *map(form.format, row)]))
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs/a.csv").write_text("\n".join(lines))
+    imported(run, tmp_path, *SLIP)
+    assert press(raw(tmp_path)) == pytest.approx(3.0, rel=0.02)
+
+
+# -- quantities
+
+
+BESIDE = {
+    "displacement": ([name.replace("F", "D") for name in TWO], 0.3),
+    "torque": ([name.replace("F", "T") for name in TWO], 0.05),
+    "angles": (["angle_x", "angle_y", "angle_z"], 10.0),
+    "resultant": (["resultant_X", "resultant_Y", "resultant_Z"], 2.0),
+    "centre of pressure": (["CoP_x", "CoP_y", "CoP_z"], 0.1),
+    "field": (["Bx", "By", "Bz"], 9.0),
+}
+
+
+@pytest.mark.parametrize("beside", BESIDE)
+def test_quantities_beside_a_force_are_no_sensors(
+    run: Run, tmp_path: Path, beside: str
+) -> None:
+    one = two_sensors()
+    names, size = BESIDE[beside]
+    rows = np.column_stack([one.t_s, one.values, size * one.values[:, : len(names)]])
+    write_text(tmp_path / "logs/a.csv", ["t", *TWO, *names], rows)
+    out = imported(run, tmp_path, *SLIP)
+    assert "sensors    2, by the axes in their names" in out
+    assert f"not used   {names[0]}, {names[1]}" in out
+
+
+def test_kinds_of_which_none_is_a_force_are_asked_and_chosen(
+    run: Run, tmp_path: Path
+) -> None:
+    one = two_sensors()
+    rows = np.column_stack([one.t_s, one.values, 0.3 * one.values])
+    names = [f"pad{k}_{a}" for k in (1, 2) for a in "xyz"]
+    more = [f"pad{k}_stretch_{a}" for k in (1, 2) for a in "xyz"]
+    write_text(tmp_path / "logs/a.csv", ["t", *names, *more], rows)
+    assert "which are the readings?" in imported(run, tmp_path, *SLIP, code=2)
+    imported(run, tmp_path, *SLIP, "--sensors", "pad?_?")
+    np.testing.assert_allclose(raw(tmp_path), one.values)
+
+
+def test_a_sensor_that_is_the_sum_of_the_others_is_asked(
+    run: Run, tmp_path: Path
+) -> None:
+    one = two_sensors()
+    whole = one.values[:, :3] + one.values[:, 3:]
+    names = ["t", *TWO, "P2_FX", "P2_FY", "P2_FZ"]
+    values = np.hstack([one.values, whole])
+    write_log(tmp_path / "logs/a.csv", one, values, names)
+    asked = imported(run, tmp_path, *SLIP, code=2)
+    assert "P2_FZ is the sum of the others" in asked
+    imported(run, tmp_path, *SLIP, "--sensors", "P0_*,P1_*")
+    np.testing.assert_allclose(raw(tmp_path), one.values)
+
+
+@pytest.mark.parametrize("n_columns", [6, 15])
+def test_columns_without_axes_that_all_press_are_asked(
+    run: Run, tmp_path: Path, n_columns: int
+) -> None:
+    one = made(1, sensors=n_columns)
+    names = ["t", *(f"hall{k}" for k in range(n_columns))]
+    write_log(tmp_path / "logs/a.csv", one, one.values[:, 2::3], names)
+    asked = imported(run, tmp_path, *SLIP, code=2)
+    assert "which are x, y and z of each sensor?" in asked
+    assert "of the normal alone nothing is trained" in asked
+
+
+# -- fingers
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("fingerone", "fingertwo", "fingerthree", "fingerfour", "fingerfive"),
+        ("th", "ff", "mf", "rf", "lf"),
+        ("thumb", "index", "middle", "ring", "little"),
+    ],
+)
+@pytest.mark.parametrize("in_files", [True, False])
+def test_fingers_stand_in_the_order_of_a_hand_whatever_their_order_in_a_file(
+    run: Run, tmp_path: Path, words: tuple[str, ...], in_files: bool
+) -> None:
+    one = made(1, sensors=1)
+    # the last one first, and each finger presses harder than the one before
+    sizes = [*enumerate(words, 1)][::-1]
+    if in_files:
+        for size, word in sizes:
+            path = tmp_path / f"logs/cup_slip_1_{word}.csv"
+            write_log(path, one, size * one.values, ["t", "fx", "fy", "fz"])
+    else:
+        names = ["t", *(f"{word}_f{a}" for _, word in sizes for a in "xyz")]
+        values = np.hstack([size * one.values for size, _ in sizes])
+        write_log(tmp_path / "logs/cup_slip_1.csv", one, values, names)
+    imported(run, tmp_path)
+    pressed = np.median(raw(tmp_path, "cup/slip/trial_1")[150:250, 2::3], axis=0)
+    np.testing.assert_allclose(pressed, 3.0 * np.arange(1, 6), rtol=0.05)
+    card = (tmp_path / "set/hand.toml").read_text()
+    assert card.count('"thumb"') == 1
+
+
+def test_files_of_one_sensor_that_run_at_the_same_time_are_asked(
+    run: Run, tmp_path: Path
+) -> None:
+    words = {"gamma": 3.0, "alpha": 1.0, "beta": 2.5}
+    one = made(1, sensors=1)
+    for word, size in words.items():
+        path = tmp_path / f"logs/cup_slip/{word}.csv"
+        write_log(path, one, size * one.values, ["t", "fx", "fy", "fz"])
+    asked = imported(run, tmp_path, code=2)
+    assert "are alpha,beta,gamma fingers of one trial? nothing says it" in asked
+    imported(run, tmp_path, "--fingers", ",".join(words))
+    pressed = np.median(raw(tmp_path, "cup/slip/trial_1")[150:250, 2::3], axis=0)
+    np.testing.assert_allclose(pressed, [9.0, 3.0, 7.5], rtol=0.05)
+    out = imported(run, tmp_path, "--object", ",".join(words), out="trials")
+    assert "3 trials: 3 slip" in out
+
+
+def test_numbered_fingers_and_a_thumb_are_one_hand(run: Run, tmp_path: Path) -> None:
+    words = ("finger1", "finger2", "thumb")
+    one = made(1, sensors=3)
+    names = ["t", *(f"{word}_f{a}" for word in words for a in "xyz")]
+    write_log(tmp_path / "logs/cup_slip_1.csv", one, names=names)
+    out = imported(run, tmp_path)
+    assert "sensors    3, by the axes in their names: thumb_fx" in out
+    values = raw(tmp_path, "cup/slip/trial_1")
+    np.testing.assert_allclose(values, np.roll(one.values, 3, axis=1))
+
+
+def test_two_hands_are_asked(run: Run, tmp_path: Path) -> None:
+    hands = [
+        f"{hand}_{word}" for hand in ("left", "right") for word in ("thumb", "index")
+    ]
+    names = ["t", *(f"{hand}_{a}" for hand in hands for a in "xyz")]
+    write_log(tmp_path / "logs/a.csv", made(1, sensors=4), names=names)
+    assert "left and right are two hands" in imported(run, tmp_path, *SLIP, code=2)
+    imported(run, tmp_path, *SLIP, "--sensors", "left_*")
+    assert raw(tmp_path).shape[1] == 6
+
+
+# -- words
+
+
+@pytest.mark.parametrize(
+    ("word", "action"),
+    [
+        ("slip", "slip"), ("dropped", "slip"), ("no-slip", "hold"), ("hand-over", "pass"),
+        ("grasp", None), ("holder", None), ("empty", None), ("slippers", None), ("rest", None),
+    ],
+)  # fmt: skip
+def test_an_action_is_a_whole_word(word: str, action: str | None) -> None:
+    assert action_of_word(word) == action
+
+
+@pytest.mark.parametrize(
+    ("sentence", "action"),
+    [
+        ("pull soft-ball", "pull"), ("put down the cup", "put-down"),
+        ("pick up the empty bottle", None), ("grasp the holder", None),
+    ],
+)  # fmt: skip
+def test_a_sentence_is_read_where_an_action_is_its_first_word(
+    sentence: str, action: str | None
+) -> None:
+    assert action_of_sentence(sentence) == action
+
+
+def test_a_label_that_is_the_same_in_every_row_says_what_the_trial_is(
+    run: Run, tmp_path: Path
+) -> None:
+    for k, word in ((1, "slip"), (2, "no slip")):
+        one = made(k)
+        names = ["t", *axes(5), "label"]
+        write_log(tmp_path / f"logs/{k}.csv", one, names=names, texts=[word] * 500)
+    assert "2 trials: 1 slip, 1 hold" in imported(run, tmp_path)
+    assert not (tmp_path / "set/object/slip/trial_1.truth.json").exists()
+
+
+def test_a_column_of_two_values_that_is_a_reading_is_no_label(
+    run: Run, tmp_path: Path
+) -> None:
+    one = made(1)
+    names = ["t", *axes(5), "pressure_cell"]
+    write_log(tmp_path / "logs/a.csv", one, names=names, texts=one.words("0", "0", "1"))
+    assert "what happens in these trials?" in imported(run, tmp_path, code=2)
+
+
+def test_an_open_hand_that_presses_is_doubted(run: Run, tmp_path: Path) -> None:
+    for k, action in enumerate(("nothing", "slip"), 1):
+        write_log(tmp_path / f"logs/p1_{action}_1.csv", made(k))
+    doubt = "an open hand that presses with 7"
+    assert doubt in imported(run, tmp_path)
+    assert doubt in run("check", tmp_path / "set")[1]
+
+
+# -- further forms, as public threads show them
+
+
+def esp_idf_monitor(one: Made) -> str:
+    """Each line with a level, milliseconds and a tag before it (ESP-IDF)."""
+    lines = ["I (31) boot: ESP-IDF v5.1", "I (32) hand: ready"]
+    for t_s, row in zip(one.t_s, one.values.tolist(), strict=True):
+        cells = ",".join(f"{cell:.4f}" for cell in row)
+        lines.append(f"I ({1e3 * t_s + 340:.0f}) hand: {cells}")
+    return "\n".join(lines) + "\n"
+
+
+def rostopic_echo(one: Made) -> str:
+    """A comment sign before the names, stamps of 19 digits, texts beside (rostopic echo -p)."""
+    head = "%time,field.header.seq,field.header.stamp,field.header.frame_id"
+    lines = [",".join([head, *axes(5, "field.pads{k}.force.{axis}")])]
+    for k, row in enumerate(one.values.tolist()):
+        stamp = 1_700_000_000_000_000_000 + k * 10_000_000
+        cells = [stamp, k, stamp, "pads", *(f"{cell:.4f}" for cell in row)]
+        lines.append(",".join(map(str, cells)))
+    return "\n".join(lines) + "\n"
+
+
+def an_empty_line_after_each_row(one: Made) -> str:
+    """Line ends of Windows, written in text mode (CR CR LF)."""
+    rows = np.column_stack([one.t_s, one.values])
+    lines = [",".join(f"{cell:.4f}" for cell in row) for row in rows.tolist()]
+    return "\r\r\n".join([",".join(["t", *axes(5)]), *lines]) + "\r\r\n"
+
+
+def opensim_storage(one: Made) -> str:
+    """Keys and values, `endheader`, names, tabs (.mot and .sto of OpenSim)."""
+    rows = np.column_stack([one.t_s, one.values])
+    head = (
+        f"forces\nversion=1\nnRows={len(rows)}\nnColumns=16\ninDegrees=yes\nendheader"
+    )
+    names = "\t".join(["time", *axes(5, "{k}_ground_force_v{axis}")])
+    lines = ["\t".join(f"{cell:.4f}" for cell in row) for row in rows.tolist()]
+    return "\n".join([head, names, *lines]) + "\n"
+
+
+def lines_that_leave_a_dead_sensor_out(one: Made) -> str:
+    """No cell stands for a sensor that does not answer: all others move to the left."""
+    rows = np.column_stack([one.t_s, one.values])
+    lines = []
+    for k, row in enumerate(rows.tolist()):
+        cells = [f"{cell:.4f}" for cell in row]
+        lines.append(",".join(cells[:1] + cells[4:] if k in (200, 201) else cells))
+    return "\n".join([",".join(["t", *axes(5)]), *lines]) + "\n"
+
+
+def opensignals(one: Made) -> str:
+    """A counter of four bits, and JSON in a comment above it (OpenSignals)."""
+    facts = '{"00:07": {"sampling rate": 100, "column": ["nSeq", "CH1"]}}'
+    lines = ["# OpenSignals Text File Format", f"# {facts}", "# EndOfHeader"]
+    for k, row in enumerate(one.values.tolist()):
+        lines.append("\t".join([str(k % 16), *(f"{cell:.4f}" for cell in row)]))
+    return "\n".join(lines) + "\n"
+
+
+FURTHER = {
+    write.__name__: write
+    for write in (
+        esp_idf_monitor, rostopic_echo, an_empty_line_after_each_row, opensim_storage,
+        lines_that_leave_a_dead_sensor_out, opensignals,
+    )
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", FURTHER)
+def test_a_form_of_a_public_thread_is_right_or_asked(
+    run: Run, tmp_path: Path, form: str
+) -> None:
+    one = made(1)
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs/a.txt").write_bytes(FURTHER[form](one).encode())
+    words: tuple[object, ...] = SLIP
+    if form == "opensignals":
+        # a counter of four bits is no clock, and no reading
+        assert "--sensors" in imported(run, tmp_path, *SLIP, code=2)
+        columns = "column[2-9],column1[0-6]"
+        words = (*SLIP, "--rate", 100, "--sensors", columns)
+    imported(run, tmp_path, *words)
+    trial = read_trial(tmp_path / "set/object/slip/trial_1.csv")
+    assert trial.rate_hz == pytest.approx(100.0, rel=1e-3)
+    np.testing.assert_allclose(trial.raw[:200], one.values[:200], atol=1e-4)
+    np.testing.assert_allclose(trial.raw[-200:], one.values[-200:], atol=1e-4)
+    n_lost = 2 if form.startswith("lines_that") else 0
+    assert np.isnan(trial.raw).all(axis=1).sum() == n_lost
+    assert len(trial.raw) == 500
+
+
+# -- facts beside a log, and what is refused
+
+
+@pytest.mark.parametrize("place", ["cup_1.json", "facts.json"])
+def test_an_object_beside_a_log_names_its_trial_and_when_it_fell(
+    run: Run, tmp_path: Path, place: str
+) -> None:
+    write_log(tmp_path / "logs/cup_1.csv", made(1))
+    facts = {"subject": "anna", "object": "mug", "outcome": "drop", "drop_time_s": 3.0}
+    (tmp_path / "logs" / place).write_text(json.dumps(facts))
+    imported(run, tmp_path)
+    truth = (tmp_path / "set/anna/mug/slip/trial_1.truth.json").read_text()
+    slips = [p for p in json.loads(truth)["phases"] if p["label"] == "risky_slip"]
+    assert [slip["t0_s"] for slip in slips] == [3.0]
+
+
+def test_an_object_without_a_time_of_the_drop_is_a_trial_in_which_nothing_falls(
+    run: Run, tmp_path: Path
+) -> None:
+    for k, at_s in ((1, 3.0), (2, None)):
+        write_log(tmp_path / f"logs/rec_{k}.csv", made(k))
+        facts = {"subject": f"p{k}", "success": at_s is None, "drop_time_s": at_s}
+        (tmp_path / f"logs/rec_{k}.json").write_text(json.dumps(facts))
+    assert "2 trials: 1 slip, 1 hold" in imported(run, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "says"),
+    [
+        ("a.mat", b"MATLAB 5.0", "a.mat is a MATLAB file"),
+        ("a.h5", b"\x89HDF", "a.h5 is HDF5"),
+        ("a.npy", b"\x93NUMPY", "a.npy is numpy"),
+        ("a.png", b"\x89PNG", "a.png is a picture"),
+        ("a.csv", b"version https://git-lfs.github.com/spec/v1\n", "a Git LFS pointer"),
+    ],
+)
+def test_what_is_refused_names_a_file_that_was_seen(
+    run: Run, tmp_path: Path, name: str, data: bytes, says: str
+) -> None:
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs" / name).write_bytes(data)
+    assert says in imported(run, tmp_path, code=3)
