@@ -446,7 +446,7 @@ def test_a_table_of_events_says_when_it_slips(
         before = here.read_text() if here.exists() else head
         body = "".join(lines).format(a=name, n=name[-1])
         here.write_text(before + body)
-    answer = ()
+    answer: tuple[str, ...] = ()
     if "zork" in text:
         assert "what is 'zork'" in imported(run, tmp_path, code=2)
         answer = ("--action", "zork=")

@@ -66,7 +66,7 @@ GIVEN = (
     "first 50 ms of a hand-over",
     "within 0.1 s, mostly",
     # settings of the software, held by tests of their own
-    "for 0.8 s from the contact",
+    "quickly for 0.6 s",
     "slowly after 1 s",
     "for 300 ms",
     "300 ms less 100 ms",

@@ -120,7 +120,7 @@ def test_no_slip_is_answered_in_an_unknown_state_or_without_a_firm_grip(
 
 TARGETS_N = {
     "none": 0.0,
-    "pd-shear": 3767.421393,
+    "pd-shear": 3173.144040,
     "sliding-mode": 1345.986860,
     "smsp": 5245.770679,
     "ismsp": 34311.039732,

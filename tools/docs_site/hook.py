@@ -30,6 +30,7 @@ ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).parent
 LINK = re.compile(r"(\]\()(?!\w+:)([^)#\s]+)(?=[)#])")
 FENCE = re.compile(r"(^ *```.*?^ *```[^\n]*$)", re.DOTALL | re.MULTILINE)
+UNNAMED = re.compile(r"\A( *```)\n")
 LIST_AFTER_TEXT = re.compile(
     r"^((?![-*|#>\s]|\d+\. ).+\n)(?=(?:- |\d+\. ))", re.MULTILINE
 )
@@ -102,6 +103,9 @@ def on_page_markdown(markdown: str, page: Page, files: Files, **_: Any) -> str:
         )
         indented = INDENT.sub("    ", LIST_AFTER_PARAGRAPH.sub(r"\1\n", linked))
         parts[place] = LIST_AFTER_TEXT.sub(r"\1\n", indented)
+    for place in range(1, len(parts), 2):
+        # commands that need hardware or a person stand in blocks without a name
+        parts[place] = UNNAMED.sub(r"\1sh\n", parts[place])
     return "".join(parts)
 
 
