@@ -31,6 +31,7 @@ from studies.model_sets import training_sets
 from studies.people.figures import Lifts, lifts_of, parts_of, summary
 from studies.people.folds import fold_files, read_study, scenes_file
 from studies.people.lifts_and_scenes import force_rows, told_apart
+from studies.people.rotations import read_rotations, rotations_found
 from studies.people.slips_found import slips_for_lifts, slips_found
 from tools.harness import measured_now, write_figures
 
@@ -103,6 +104,10 @@ def run(args: argparse.Namespace) -> int:
     slips = slips_for_lifts(args.sets or args.out, args.rate)
     scenes = scenes_file(study, args.out, say)
     deafness = slips_found(files, scenes, study.streams, slips, args.seed)
+    say("rotations of an object that people pinch")
+    pinched = read_rotations(args.rate, quick=args.quick)
+    paths = [file.path for file in files]
+    rotations = rotations_found(paths, scenes, pinched, args.seed)
     say("lifts beside scenes")
     pads = [data for data in study.sets if data.hand and data.hand.name == CARD]
     lacking = force_rows(study.streams, pads[:-1])
@@ -117,6 +122,7 @@ def run(args: argparse.Namespace) -> int:
         "cpu_minutes": _cpu_minutes(),
         "rows": {name: summary(lifts, args.seed) for name, lifts in rows.items()},
         "slips_in_lifts": deafness,
+        "rotations_in_pinches": rotations,
         "forces": [asdict(row) for row in lacking],
         "told_apart": asdict(told_apart(study.streams, pads[:-1], args.seed)),
         "by_person": {

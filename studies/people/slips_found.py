@@ -13,6 +13,7 @@ import numpy as np
 
 from holdfast.core.contract import Json
 from holdfast.data.recording import DataSet
+from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
 from holdfast.evaluation.alarms import (
     EventMatch,
@@ -21,7 +22,7 @@ from holdfast.evaluation.alarms import (
     match_alarms,
     requests_at,
 )
-from holdfast.evaluation.model_outputs import run_model
+from holdfast.evaluation.model_outputs import ModelOutputs, run_model
 from studies.people.deafness import SimulatedSlip, by_speed, simulated_slips, with_slips
 from studies.people.folds import FoldFile
 from studies.people.two_pads import write_two_pad_scene
@@ -96,8 +97,14 @@ def _opened(path: Path) -> OpenedModel:
 
 def _matched(model: OpenedModel, data: DataSet, permille: int) -> list[EventMatch]:
     """The alarms of a file from a confidence on, matched with the events."""
-    outputs = run_model(model, data)
-    requests = requests_at(outputs, model.card.decision, permille)
+    return matched(run_model(model, data), model.card.decision, permille)
+
+
+def matched(
+    outputs: Sequence[ModelOutputs], rules: DecisionRules, permille: int
+) -> list[EventMatch]:
+    """The alarms of recordings as they were answered, matched with their events."""
+    requests = requests_at(outputs, rules, permille)
     return [
         match_alarms(one.recording, on)
         for one, on in zip(outputs, requests, strict=True)
