@@ -138,7 +138,7 @@ def test_a_compiler_without_the_runtime_of_its_sanitizers_skips_with_one_line(
     compiler.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
     assert require_compiler("cc-alone", "-O0") == "cc-alone"
-    with pytest.raises(pytest.skip.Exception, match="^cc-alone lacks the runtime of"):
+    with pytest.raises(pytest.skip.Exception, match="cc-alone lacks the runtime of"):
         require_compiler("cc-alone", "-O0", "-fsanitize=address")
 
 
