@@ -26,6 +26,7 @@ from holdfast.cli.options import (
     set_reader,
 )
 from holdfast.edge_runtime.engine import AUTO
+from holdfast.live.output_table import ABOUT
 
 
 def add_run_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,8 +38,7 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
         "--to",
         action="append",
         metavar="URL",
-        help="where answers go, as often as wanted: - (JSON lines on stdout, the default), "
-        "FILE.jsonl, FILE.csv (samples), view, web[:PORT], lsl://NAME, udp://HOST:PORT, none",
+        help=f"where answers go, as often as wanted: {ABOUT}",
     )
     option(
         "--grip",

@@ -365,7 +365,11 @@ class LslAnswers:
         self._not_learned = not_learned
 
     def write(
-        self, prediction: Prediction, sample: Sample, reading: object = None
+        self,
+        prediction: Prediction,
+        sample: Sample,
+        reading: object = None,
+        command: object = None,
     ) -> None:
         """Send both; threads of liblsl do it, so nothing waits."""
         stamp_s = 1e-9 * (sample.t_ns - self._offset_ns)

@@ -169,7 +169,11 @@ class CueOutput:
         self._newest_ns = -QUIET_NS
 
     def write(
-        self, prediction: Prediction, sample: object = None, reading: object = None
+        self,
+        prediction: Prediction,
+        sample: object = None,
+        reading: object = None,
+        command: object = None,
     ) -> None:
         """Send the cue of one sample, or a sign of life where none was due for long."""
         if not self.link.works:

@@ -102,17 +102,21 @@ class GripOutput:
             self.scene.began_ns = getattr(source, "began_ns", 0)
 
     def write(
-        self, prediction: Prediction, sample: Sample, reading: object = None
+        self,
+        prediction: Prediction,
+        sample: Sample,
+        reading: object = None,
+        command: object = None,
     ) -> None:
-        """Send the command of one sample."""
+        """Send the command of one sample; command: of the sample before."""
         # here and not in a thread: the command is as fresh as the answer it follows
-        command = self.controller.step(prediction, sample.values, sample.valid)
-        # for the page, which shows it with the same sample
-        self.newest = command
+        fresh = self.controller.step(prediction, sample.values, sample.valid)
+        # for the outputs after this one, which get it with the same sample
+        self.newest = fresh
         if self.link is not None:
-            self.link(to_line(command), command.sequence)
+            self.link(to_line(fresh), fresh.sequence)
         if self.scene is not None:
-            self.scene.obey(command, self.clock.now_ns())
+            self.scene.obey(fresh, self.clock.now_ns())
 
     def close(self, reason: str = STOPPED) -> None:
         """Send `hold` as the last command; report what became of a scene."""

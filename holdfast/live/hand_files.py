@@ -20,6 +20,7 @@ from holdfast.core.contract import (
     NORMAL_AXIS,
     BoolArray,
     FloatArray,
+    GripCommand,
     IntArray,
     Prediction,
     Sample,
@@ -64,7 +65,13 @@ class AnswerWatch:
             names = [self._names[k] for k in np.flatnonzero(~self._heard)]
             self.report(f"{', '.join(names)} {trouble}")
 
-    def write(self, prediction: object, sample: Sample, reading: SourceReading) -> None:
+    def write(
+        self,
+        prediction: object,
+        sample: Sample,
+        reading: SourceReading,
+        command: object = None,
+    ) -> None:
         """Look at one reading."""
         self._heard |= reading.valid
         self._left -= 1
@@ -104,7 +111,11 @@ class ZeroWatch:
             )
 
     def write(
-        self, prediction: Prediction, sample: Sample, reading: SourceReading
+        self,
+        prediction: Prediction,
+        sample: Sample,
+        reading: SourceReading,
+        command: GripCommand | None = None,
     ) -> None:
         """Look at one prepared sample and its answer."""
         if not self._taken and sample.valid.all():

@@ -1,13 +1,4 @@
-"""Where the answers of a run go: every destination is an Output.
-
-    -                  JSON lines on stdout
-    FILE.jsonl         JSON lines in a new file
-    udp://HOST:PORT    JSON lines as datagrams
-    FILE.csv           the prepared samples, for holdfast replay
-    view               a picture in the terminal (view.py)
-    web[:[HOST:]PORT]  the live page (page/)
-    lsl://NAME         values and decisions as two streams (extra `lsl`)
-    none               nothing, where only the grip is wanted
+"""Where the answers of a run go: every destination is an Output, of a kind in output_table.py.
 
 The loop passes each answer to all outputs in turn, also to the grip and the wearer's cues, and
 never waits for one.
@@ -19,6 +10,7 @@ on. The loop itself writes to a UDP port, because a socket never delays it.
 
 from __future__ import annotations
 
+import math
 import os
 import socket
 import time
@@ -26,7 +18,7 @@ from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Protocol
 from urllib.parse import urlsplit
 
 from msgspec.json import encode
@@ -34,6 +26,7 @@ from msgspec.json import encode
 from holdfast.core.contract import (
     RISKY_SLIP,
     SITUATIONS,
+    GripCommand,
     Prediction,
     Sample,
     Unit,
@@ -53,49 +46,19 @@ STOPPED, FAILED = "stopped", "failed"
 """Why an output is closed: the run came to its end, or an error ended it."""
 
 
-class OutputUrl(NamedTuple):
-    """Where answers go: one of KINDS, and the address or path behind it."""
-
-    kind: str
-    place: str
-
-
-KINDS = ("view", "-", "jsonl", "udp", "csv", "web", "lsl", "none")
-ALLOWED = (
-    "-, FILE.jsonl, FILE.csv, view, web[:PORT], lsl://NAME, udp://HOST:PORT or none"
-)
-WEB_PORT = "8000"
-
-
-def output_url(url: str) -> OutputUrl:
-    """The parts of a value of --to. Raises UsageError.
-
-    >>> output_url("udp://127.0.0.1:9000"), output_url("web"), output_url("run/a.csv")[0]
-    (OutputUrl(kind='udp', place='127.0.0.1:9000'), OutputUrl(kind='web', place='8000'), 'csv')
-    """
-    scheme, mark, place = url.partition("://")
-    if mark and scheme in ("udp", "lsl") and place:
-        return OutputUrl(scheme, place)
-    if url in ("-", "view", "none"):
-        return OutputUrl(url, "")
-    name, _, port = url.partition(":")
-    if name == "web":
-        return OutputUrl(name, port or WEB_PORT)
-    kind = Path(url).suffix.removeprefix(".")
-    if kind in ("jsonl", "csv") and not mark:
-        return OutputUrl(kind, url)
-    raise UsageError(f"--to {url[:80]!r} is no output", next_step=ALLOWED)
-
-
 class Output(Protocol):
     """Gets every answer of a run."""
 
     def write(
-        self, prediction: Prediction, sample: Sample, reading: SourceReading
+        self,
+        prediction: Prediction,
+        sample: Sample,
+        reading: SourceReading,
+        command: GripCommand | None,
     ) -> None:
         """Pass on one answer, the prepared sample that it is for, and the reading behind it.
 
-        Never waits.
+        command: what the grip was told at this sample, None without a grip. Never waits.
         """
         ...
 
@@ -116,12 +79,16 @@ def close_at_end(stack: ExitStack, output: Output) -> None:
 
 def emit_to(
     outputs: Sequence[Output],
+    newest_command: Callable[[], GripCommand | None] = lambda: None,
 ) -> Callable[[Prediction, Sample, SourceReading], None]:
-    """An emit that passes each answer to all outputs in turn."""
+    """An emit that passes each answer to all outputs in turn.
+
+    newest_command: of the grip, which is the first of the outputs where there is one.
+    """
 
     def emit(prediction: Prediction, sample: Sample, reading: SourceReading) -> None:
         for output in outputs:
-            output.write(prediction, sample, reading)
+            output.write(prediction, sample, reading, newest_command())
 
     return emit
 
@@ -217,6 +184,17 @@ def file_sink(path: Path, header: str | None = None) -> LineWriter:
     return LineWriter(handle, str(path), header)
 
 
+def seconds_text(t_ns: int) -> str:
+    """A time in s with all its digits; t_ns: 0 or more.
+
+    >>> seconds_text(1_500_000_000)
+    '1.500000000'
+    """
+    # whole numbers: as a float, a time of many hours would lose its nanoseconds
+    seconds, rest_ns = divmod(t_ns, 10**9)
+    return f"{seconds}.{rest_ns:09d}"
+
+
 @dataclass
 class LineOutput:
     """Predictions as JSON lines, to every sink that works; it reports the sinks that fail.
@@ -246,6 +224,7 @@ class LineOutput:
         prediction: Prediction,
         sample: Sample | None = None,
         reading: SourceReading | None = None,
+        command: GripCommand | None = None,
     ) -> None:
         """Pass the prediction to all working sinks, and look for failures."""
         line = to_json_line(prediction, self.not_learned)
@@ -309,6 +288,7 @@ class SampleFile:
         prediction: Prediction,
         sample: Sample,
         reading: SourceReading | None = None,
+        command: GripCommand | None = None,
     ) -> None:
         """One line, with the time in s since the first sample."""
         # a file that failed was reported already, and the run goes on without it
@@ -318,9 +298,7 @@ class SampleFile:
         if self.first_ns is None:
             self.first_ns = sample.t_ns
 
-        # whole numbers: as a float, a time of many hours would lose its nanoseconds
-        seconds, rest_ns = divmod(sample.t_ns - self.first_ns, 10**9)
-        cells = [f"{seconds}.{rest_ns:09d}"]
+        cells = [seconds_text(sample.t_ns - self.first_ns)]
         cells += map(repr, leave_empty(sample.values, self._hand).tolist())
         cells += ["1" if valid else "0" for valid in sample.valid]
         cells += [str(sample.sequence), self._zero]
@@ -328,4 +306,44 @@ class SampleFile:
 
     def close(self, reason: str = STOPPED) -> None:
         """Wait for the last lines."""
+        self.sink.close()
+
+
+class AnswerFile:
+    """A new CSV of answers, one row each, for a spreadsheet.
+
+    Columns: time_s since the first sample; state; p_risky, empty where it is not known; act, 0 or
+    1; target_n, N of either side, empty where no target is commanded. not_learned: what the model
+    cannot tell. Raises OutputError.
+    """
+
+    def __init__(self, path: Path, not_learned: Collection[str] = ()) -> None:
+        self.sink = file_sink(path, "time_s,state,p_risky,act,target_n")
+        self._tells_risky = RISKY not in not_learned
+        self._first_ns: int | None = None
+
+    def write(
+        self,
+        prediction: Prediction,
+        sample: Sample,
+        reading: SourceReading | None = None,
+        command: GripCommand | None = None,
+    ) -> None:
+        """One row."""
+        # a file that failed was reported already, and the run goes on without it
+        if self.sink.failure is not None:
+            return
+        if self._first_ns is None:
+            self._first_ns = sample.t_ns
+
+        time_s = seconds_text(sample.t_ns - self._first_ns)
+        known = self._tells_risky and math.isfinite(prediction.p_risky)
+        p_risky = repr(prediction.p_risky) if known else ""
+        act = str(int(prediction.act))
+        target_n = None if command is None else command.target_n
+        target = "" if target_n is None else repr(target_n)
+        self.sink(",".join([time_s, prediction.state, p_risky, act, target]))
+
+    def close(self, reason: str = STOPPED) -> None:
+        """Wait for the last rows."""
         self.sink.close()

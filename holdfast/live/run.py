@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import msgspec
 
-from holdfast.core.contract import Command, FloatArray
+from holdfast.core.contract import Command, FloatArray, GripCommand
 from holdfast.core.errors import HoldfastError, OutputError, UsageError, visible
 from holdfast.core.lines import Sink, stream_sink
 from holdfast.core.schema import DEFAULT_MODEL
@@ -35,18 +35,14 @@ from holdfast.live.hand_files import (
     tare_of,
 )
 from holdfast.live.loop import Emit, LiveRun, Summary, report_summary
+from holdfast.live.output_table import KINDS, STDOUT, OutputUrl, output_url
 from holdfast.live.outputs import (
-    KINDS,
     LineOutput,
     Output,
-    OutputUrl,
     SampleFile,
     about_model,
     close_at_end,
     emit_to,
-    file_sink,
-    output_url,
-    udp_sink,
 )
 from holdfast.live.running import (
     RunClock,
@@ -70,7 +66,6 @@ NO_SHEAR_GAIN = (
     "the shear gain of these sensors is not known, so the friction estimate takes 1; "
     "holdfast calibrate measures it from loads with shear"
 )
-STDOUT = "stdout"
 STDERR = "stderr"
 READER_GONE = (errno.EPIPE, errno.EIO, errno.EBADF)
 """Errors of a standard stream that its reader closed on purpose: `| head`, a closed terminal."""
@@ -109,7 +104,8 @@ class RunOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def outputs(self) -> list[OutputUrl]:
         """Where answers go, in the order of KINDS; JSON lines where nothing is named."""
         named = map(output_url, self.to or ("-",))
-        return sorted(named, key=lambda one: KINDS.index(one.kind))
+        order = list(KINDS)
+        return sorted(named, key=lambda one: order.index(one.kind))
 
     def choice(self) -> ModelChoice:
         """The model and its engine."""
@@ -143,7 +139,7 @@ def run(
         output_from_the_background(),
         closing(stream_sink(sys.stderr, STDERR)) as stderr,
     ):
-        live = _Run(options, model, clock, stderr)
+        live = OpenRun(options, model, clock, stderr)
         report_summary(live.until_stopped(seconds, read_set), stderr)
         code = live.stopped.exit_code
         for name, error in live.lines.failures.items():
@@ -160,7 +156,7 @@ def run(
 
 
 @dataclass
-class _Run:
+class OpenRun:
     """Everything that a run writes to, opened in order and closed within bounded time."""
 
     options: RunOptions
@@ -169,28 +165,28 @@ class _Run:
     stderr: Sink
 
     def __post_init__(self) -> None:
-        self._card = self.model.card
+        self.card = self.model.card
         # one output for all lines, so that each answer is written as text only once
-        self.lines = LineOutput([], self.report, [self.stderr], self._card.not_learned)
-        self._samples: SampleFile | None = None
-        self._view: View | None = None
-        self._page: RunPage | None = None
+        self.lines = LineOutput([], self.report, [self.stderr], self.card.not_learned)
+        self.samples: SampleFile | None = None
+        self.view: View | None = None
+        self.page: RunPage | None = None
         self._grip: GripOutput | None = None
         self._scene: LiveScene | None = None
-        self._answers = AnswerWatch(self._card, self.report)
-        self._new_files: list[Path] = []
+        self._answers = AnswerWatch(self.card, self.report)
+        self.new_files: list[Path] = []
         self.links: list[HandLink] = []
         self.stopped = StopRequest()
 
     def report(self, text: str) -> None:
         """A message: above the picture while it is drawn, else on stderr."""
         line = visible(text)
-        if self._view and self._view.drawing:
-            self._view.report(line)
+        if self.view and self.view.drawing:
+            self.view.report(line)
         else:
             self.stderr(line)
-        if self._page:
-            self._page.report(line)
+        if self.page:
+            self.page.report(line)
 
     def until_stopped(
         self, seconds: float | None, read_set: SetReader | None
@@ -214,7 +210,7 @@ class _Run:
                 field=self._scene,
                 read_set=read_set,
             )
-            source = at_rate(source, self._card.rate_hz, self.report)
+            source = at_rate(source, self.card.rate_hz, self.report)
 
             # after all threads and processes have started: they must not have this priority
             stack.enter_context(first_in_line(self.report))
@@ -227,13 +223,13 @@ class _Run:
                     self._grip.begin(source)
                 resting = self._begin(source, outputs)
                 # from here on its files hold answers
-                self._new_files.clear()
+                self.new_files.clear()
                 summary = answer(
                     source,
                     self.model,
                     clock,
                     # the hand and the wearer come first: their lines must not wait for the others
-                    emit_to([*moving, *outputs]),
+                    emit_to([*moving, *outputs], self._newest_command),
                     until(self.stopped, clock, seconds, self._scene),
                     resting=resting,
                     command=command,
@@ -248,13 +244,13 @@ class _Run:
         self, kind: object, error: BaseException | None, trace: object
     ) -> None:
         """What ended the run, for the page: on the terminal it is printed at the very end."""
-        if self._page and isinstance(error, HoldfastError):
-            self._page.why_ended = visible(str(error))
+        if self.page and isinstance(error, HoldfastError):
+            self.page.why_ended = visible(str(error))
 
     def _leave_nothing_behind(self, kind: type | None, *_: object) -> None:
         """Remove the new files of a run that was refused: they would stop the next one."""
         if kind is not None:
-            for path in self._new_files:
+            for path in self.new_files:
                 path.unlink(missing_ok=True)
 
     def _report_end(self, summary: Summary) -> None:
@@ -266,8 +262,8 @@ class _Run:
             why = "the source has ended"
         if why.endswith("ended"):
             self.report(f"{why}; samples: {summary.samples}")
-        if self._page:
-            self._page.why_ended = why
+        if self.page:
+            self.page.why_ended = why
         self._answers.close()
 
     def _begin(self, source: Source, outputs: list[Output]) -> FloatArray | None:
@@ -281,8 +277,8 @@ class _Run:
             measured = f"{options.bias} ({bias.date or 'without a date'})"
         elif zero == "measured":
             measured = "that recording"
-        if measured or (zero is None and self._card.preparation.bias_rows):
-            outputs.append(ZeroWatch(self._card, self.report, measured))
+        if measured or (zero is None and self.card.preparation.bias_rows):
+            outputs.append(ZeroWatch(self.card, self.report, measured))
         outputs.append(self._answers)
         return None if bias is None else bias.values
 
@@ -291,7 +287,7 @@ class _Run:
         outputs: list[Output] = [self.lines]
         close_at_end(stack, self.lines)
         for kind, place in self.options.outputs():
-            output = self._opened(kind, place)
+            output = KINDS[kind].opened(self, place)
             if output is not None:
                 close_at_end(stack, output)
                 outputs.append(output)
@@ -301,47 +297,18 @@ class _Run:
         close_at_end(stack, watchdog)
         return [*outputs, watchdog]
 
-    def _opened(self, kind: str, place: str) -> Output | None:
-        """One output of its own; None for lines, which one output writes, and for none."""
-        card = self._card
-        if kind == "-":
-            self.lines.sinks.append(stream_sink(sys.stdout, STDOUT))
-        elif kind == "jsonl":
-            self.lines.sinks.append(file_sink(Path(place)))
-            self._new_files.append(Path(place))
-        elif kind == "udp":
-            self.lines.sinks.append(udp_sink(place))
-        elif kind == "csv":
-            zero: Zero = "measured" if self.options.bias else "first samples"
-            self._samples = SampleFile(
-                Path(place), card.n_channels, card.unit, zero, card.hand
-            )
-            self.lines.kept.append(self._samples.sink)
-            self._new_files.append(Path(place))
-            return self._samples
-        elif kind == "view":
-            from holdfast.live.view import open_view
+    def keep(self, sink: Sink, path: Path) -> None:
+        """Watch and close the sink of a new file, which goes where the run is refused."""
+        self.lines.kept.append(sink)
+        self.new_files.append(path)
 
-            self._view = open_view(card)
-            return self._view
-        elif kind == "web":
-            from holdfast.live.page.run_page import open_run_page
+    @property
+    def zero(self) -> Zero:
+        """What is removed from the samples."""
+        return "measured" if self.options.bias else "first samples"
 
-            source, model = self.options.source, self.options.model
-            with_grip = bool(self.options.grip)
-            self._page = open_run_page(
-                place, source, model, card, self.report, with_grip=with_grip
-            )
-            return self._page
-        elif kind == "lsl":
-            from holdfast.drivers.lsl import LslAnswers
-
-            sensors = card.n_channels // 3
-            now_ns, gaps = self.clock.now_ns, card.not_learned
-            return LslAnswers(
-                place, sensors, card.unit, card.rate_hz, now_ns, gaps, card.hand
-            )
-        return None
+    def _newest_command(self) -> GripCommand | None:
+        return None if self._grip is None else self._grip.newest
 
     def _open_wearer(
         self, stack: ExitStack, outputs: list[Output]
@@ -354,13 +321,12 @@ class _Run:
         clock = self.clock
         opened = wearer_monitor(self.options.wearer, clock, self.report)
         wearer = stack.enter_context(opened)
-        for shown in (self._view, self._page):
+        for shown in (self.view, self.page):
             if shown is not None:
                 shown.intent = wearer
-        if self._samples is not None:
-            log = IntentLog(wearer, clock.now_ns, self._samples)
-            self.lines.kept.append(log.sink)
-            self._new_files.append(Path(log.sink.name))
+        if self.samples is not None:
+            log = IntentLog(wearer, clock.now_ns, self.samples)
+            self.keep(log.sink, Path(log.sink.name))
             # after the file of samples, whose first sample sets the time axis of both
             outputs.insert(-1, log)
         return wearer.command
@@ -375,8 +341,8 @@ class _Run:
             moving.append(self._grip)
             if self._grip.link is not None:
                 self.links.append(self._grip.link)
-        if self._page:
-            self._page.grip = self._grip
+        if self.page:
+            self.page.grip = self._grip
         if options.feedback:
             from holdfast.live.cues import SHIPPED, open_cues
 
@@ -391,7 +357,7 @@ class _Run:
     def _open_grip(self, url: str) -> GripOutput:
         from holdfast.live.grip import controller_for, open_grip
 
-        options, card = self.options, self._card
+        options, card = self.options, self.card
         # only the grip needs friction, and raw fields have no newtons to correct
         # read over true; None where it was never measured
         gain: float | None = 1.0

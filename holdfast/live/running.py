@@ -173,7 +173,11 @@ class ServiceWatchdog:
         self._last_ns = -SIGN_OF_LIFE_NS
 
     def write(
-        self, prediction: Prediction, sample: object = None, reading: object = None
+        self,
+        prediction: Prediction,
+        sample: object = None,
+        reading: object = None,
+        command: object = None,
     ) -> None:
         """An answer was given."""
         now_ns = prediction.t_decided_ns

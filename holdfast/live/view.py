@@ -16,7 +16,13 @@ from typing import TYPE_CHECKING, NamedTuple, TextIO
 
 import numpy as np
 
-from holdfast.core.contract import NORMAL_AXIS, SITUATIONS, Prediction, Sample
+from holdfast.core.contract import (
+    NORMAL_AXIS,
+    SITUATIONS,
+    GripCommand,
+    Prediction,
+    Sample,
+)
 from holdfast.core.hand_card import sensor_names
 from holdfast.core.lines import STREAM_LINES, STUCK_S, write_whole_line
 from holdfast.core.source import SourceReading
@@ -79,7 +85,11 @@ class View:
         self._thread = Thread(target=self._draw_until_done, name="view", daemon=True)
 
     def write(
-        self, prediction: Prediction, sample: Sample, reading: SourceReading
+        self,
+        prediction: Prediction,
+        sample: Sample,
+        reading: SourceReading,
+        command: GripCommand | None = None,
     ) -> None:
         """Set what the next picture shows."""
         intent = None if self.intent is None else self.intent.newest

@@ -333,6 +333,8 @@ def test_a_run_whose_stdout_is_closed_and_whose_disk_is_full_controls_on_and_say
         str(tmp_path / "out.jsonl"),
         "--to",
         str(tmp_path / "kept.csv"),
+        "--to",
+        f"answers:{tmp_path / 'table.csv'}",
     ]
     read, write = os.pipe()
     os.close(read)
@@ -343,13 +345,15 @@ def test_a_run_whose_stdout_is_closed_and_whose_disk_is_full_controls_on_and_say
         answered,
     ):
         os.close(write)
-        answered(150)
+        # a row of the table is short: 20 kB hold some 500
+        answered(900)
         process.send_signal(signal.SIGTERM)
         _, err = process.communicate(timeout=LONG_S)
     for name, why in (
         ("stdout", "Broken pipe"),
         (tmp_path / "out.jsonl", "File too large"),
         (tmp_path / "kept.csv", "File too large"),
+        (tmp_path / "table.csv", "File too large"),
     ):
         assert [
             why in line for line in err.splitlines() if line.startswith(f"{name}")
@@ -362,7 +366,8 @@ def test_a_run_whose_stdout_is_closed_and_whose_disk_is_full_controls_on_and_say
         json.loads(line)["state"]
         for line in (tmp_path / "out.jsonl").read_text().splitlines()
     )
-    assert (tmp_path / "kept.csv").read_text().endswith("\n")
+    for name in ("kept.csv", "table.csv"):
+        assert (tmp_path / name).read_text().endswith("\n")
     assert process.returncode == 5, "the files are not whole"
 
 

@@ -132,7 +132,7 @@ def test_the_page_learns_with_each_command_whether_it_leaves(model, ends, tmp_pa
         sample = Sample(k * 6_666_667, np.full(18, 0.1 * k), VALID, k)
         said = monitor.feed(sample)
         grip.write(said, sample)
-        page.write(said, sample, READING)
+        page.write(said, sample, READING, grip.newest)
         until(lambda: not grip.leaves)
     grip.close()
     assert received(theirs)[-1]["sample"]["grip"]["leaves"] is False

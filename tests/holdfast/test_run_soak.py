@@ -30,12 +30,12 @@ import numpy as np
 import pytest
 from hazard_marks import TROUBLE_EVERY_SECOND
 
-from holdfast.core.contract import Prediction
+from holdfast.core.contract import GripCommand, Prediction
 from holdfast.core.source import Source, SourceReading
 from holdfast.drivers.virtual.faults import KINDS, OF_A_SENSOR, VirtualClock
 from holdfast.drivers.virtual.virtual_hand import Track
 from holdfast.edge_runtime.model import Model
-from holdfast.live.grip import GripOutput, controller_for, open_grip
+from holdfast.live.grip import controller_for, open_grip
 from holdfast.live.loop import Summary
 from holdfast.live.outputs import LineOutput, Output, close_at_end, emit_to, file_sink
 from holdfast.live.run import answer
@@ -118,7 +118,6 @@ class Witness:
     with an unknown state.
     """
 
-    grip: GripOutput
     receiver: socket.socket
     arrived: list[int] = field(default_factory=list)
     sequences: list[int] = field(default_factory=list)
@@ -128,10 +127,13 @@ class Witness:
     _acted: bool = False
 
     def write(
-        self, prediction: Prediction, sample: object, reading: object = None
+        self,
+        prediction: Prediction,
+        sample: object,
+        reading: object,
+        command: GripCommand | None,
     ) -> None:
         """One answer: an unknown state ends no request and lets nothing go."""
-        command = self.grip.newest
         assert command is not None
         wearer = prediction.opening or prediction.overridden
         if prediction.state == "unknown":
@@ -180,7 +182,13 @@ class Trouble:
                 self._soak.done["fault"] += 1
         return "".join(words)
 
-    def write(self, prediction: object, sample: object, reading: object = None) -> None:
+    def write(
+        self,
+        prediction: object,
+        sample: object,
+        reading: object = None,
+        command: object = None,
+    ) -> None:
         """One sample: whether it is time for the next trouble."""
         passed_s = 1e-9 * (self._soak.clock.now_ns() - self._begin_ns)
         if passed_s >= self._life_s:
@@ -278,7 +286,7 @@ class Soak:
             rate_hz = self.model.card.rate_hz
             grip = open_grip(url, control, rate_hz, "", self.clock, lambda line: None)
             close_at_end(stack, grip)
-            witness = Witness(grip, wire)
+            witness = Witness(wire)
             # one seed: the emulated chips keep their noise, 3 MB, which is no memory of the run
             hand = open_live(
                 f"virtual://ft232h?seed=1{trouble.faults()}",
@@ -295,7 +303,7 @@ class Soak:
                 source,
                 self.model,
                 self.clock,
-                emit_to(outputs),
+                emit_to(outputs, lambda: grip.newest),
                 stopped,
                 command=wearer.command,
             )

@@ -26,7 +26,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from holdfast.core.contract import RISKY_SLIP, SITUATIONS, Json, Prediction, Sample
+from holdfast.core.contract import (
+    RISKY_SLIP,
+    SITUATIONS,
+    GripCommand,
+    Json,
+    Prediction,
+    Sample,
+)
 from holdfast.core.errors import OutputError, UsageError
 from holdfast.core.hand_card import (
     ALL_AXES,
@@ -235,7 +242,11 @@ class RunPage:
     _next: int = 0
 
     def write(
-        self, prediction: Prediction, sample: Sample, reading: SourceReading
+        self,
+        prediction: Prediction,
+        sample: Sample,
+        reading: SourceReading,
+        command: GripCommand | None = None,
     ) -> None:
         """Send one sample; nothing waits, and what finds no room is dropped."""
         # a gap in the numbers is what the loop did not read in time
@@ -254,9 +265,8 @@ class RunPage:
         # A probability of almost 0 would look like an answer.
         if SITUATIONS[RISKY_SLIP] in self.card.not_learned:
             message["answer"]["p_risky"] = None
-        if self.grip is not None and self.grip.newest is not None:
-            command = self.grip.newest._asdict()
-            message["grip"] = command | {"leaves": self.grip.leaves}
+        if self.grip is not None and command is not None:
+            message["grip"] = command._asdict() | {"leaves": self.grip.leaves}
         if self.intent is not None:
             wants = self.intent.newest.wants
             message["intent"] = {"wants": wants, "link": self.intent.link}
