@@ -31,8 +31,8 @@ from holdfast.cli.command import (
     show,
     show_found,
 )
-from holdfast.core.errors import UsageError, visible
-from holdfast.core.schema import model_path
+from holdfast.core.errors import UsageError, command, visible
+from holdfast.core.schema import c_folder, model_path
 
 if TYPE_CHECKING:
     from holdfast.core.hand_card import HandCard
@@ -148,7 +148,6 @@ def _held_out_by(text: str) -> tuple[str, HoldOut]:
 def run_train(args: argparse.Namespace) -> int:
     """Train; prints the windows and the held-out figures, and the stages on stderr."""
     from holdfast.core.contract import CANNOT_TELL, not_learned_in_words
-    from holdfast.core.errors import command
     from holdfast.core.progress import Stages, ignored
     from holdfast.data.metrics import situation_lines, with_interval
 
@@ -338,7 +337,15 @@ def run_export(args: argparse.Namespace) -> int:
 
 
 def _written(model: Path, n_bytes: int) -> str:
-    return f"model: {model} ({n_bytes / 1e6:.1f} MB)"
+    """Two lines: the file, and the command for its C form."""
+    words = ["export", model, "--to", "c", "--build"]
+    # it is of the file that was replaced: a run refuses it until it is made again
+    if c_folder(model).exists():
+        words.append("--force")
+    return (
+        f"model: {model} ({n_bytes / 1e6:.1f} MB)\n"
+        f"faster in C, where there is a compiler: {command(*words)}"
+    )
 
 
 def _hand(args: argparse.Namespace) -> HandCard | None:

@@ -66,7 +66,13 @@ def test_train_without_flags_is_the_default_plan_on_balanced_windows(
         f"next: holdfast doctor {model}; "
         f"with a hand: holdfast run {model} --source usb://ft232h"
     )
-    assert run("export", tmp_path / "out", "--out", elsewhere)[0] == 0
+    faster = "faster in C, where there is a compiler: holdfast export"
+    assert f"{faster} {model} --to c --build" in lines
+    (tmp_path / "elsewhere-c").mkdir()
+    code, out, _ = run("export", tmp_path / "out", "--out", elsewhere)
+    assert code == 0
+    # the C form beside it is that of an earlier file
+    assert out.splitlines()[-1] == f"{faster} {elsewhere} --to c --build --force"
     assert model.read_bytes() == elsewhere.read_bytes()
 
 
