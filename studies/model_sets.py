@@ -18,7 +18,7 @@ SCENES = (("thesis", None), ("broad", None), ("wide", 500), ("everyday", 200))
 """Scene and trials, None for all of the scene."""
 TWO_PAD_SCENES = (("thesis", 300), ("wide", 250), ("everyday", 120))
 SEED, TWO_PAD_SEED = 0, 1
-QUICK_TRIALS = 16
+QUICK_TRIALS = 8
 """Of each set, where only the way is tried."""
 
 

@@ -32,7 +32,7 @@ from holdfast.core.errors import (
     count_of,
 )
 from holdfast.core.source import Source, Turns
-from holdfast.drivers.calibration import Bias, Calibration, bias_of, turn
+from holdfast.drivers.calibration import MIN_BIAS_ROWS, Bias, Calibration, bias_of, turn
 
 RATE_HZ = 100.0
 """Of a hand, which has no fixed rate."""
@@ -57,7 +57,12 @@ class MeasuredBias:
 def measure_bias(
     source: Source, clock: Any, report: Callable[[str], None], seconds: float
 ) -> MeasuredBias:
-    """Read the hand for some seconds and judge what it reads; warnings go to `report`."""
+    """Read the hand for some seconds and judge what it reads; warnings go to `report`.
+
+    A slow source is read for as long as it needs for MIN_BIAS_ROWS rows.
+    """
+    # what is announced is what a person has to keep still for
+    seconds = max(seconds, MIN_BIAS_ROWS / _bias_rate_hz(source))
     report(f"measuring the bias: leave the hand open, touch nothing for {seconds:g} s")
     bias, warnings = bias_of(read_rows(source, clock, seconds), source.unit)
     for warning in warnings:
@@ -76,12 +81,15 @@ def require_good(measured: MeasuredBias, consequence: str) -> None:
 
 
 def read_rows(source: Source, clock: Any, seconds: float) -> FloatArray:
-    """[T, C] of a source at its rate or at RATE_HZ, nan where a sensor is not valid."""
-    # a stream sends at its own rate, and a hand is read as asked
-    rate_hz = source.rate_hz or RATE_HZ
+    """[T, C] of a source at its rate or at RATE_HZ, nan where a sensor is not valid.
+
+    It is read for some seconds, and on until there are MIN_BIAS_ROWS rows or the source ends.
+    """
+    rate_hz = _bias_rate_hz(source)
     turns = Turns(source, clock, 1e9 / rate_hz)
-    rows = []
-    while turns.number < round(seconds * rate_hz):
+    rows: list[FloatArray] = []
+    # a busy machine skips turns, and fewer rows are read than the seconds have turns
+    while turns.number < round(seconds * rate_hz) or len(rows) < MIN_BIAS_ROWS:
         turns.wait()
         measured = source.read()
         # a recording that is shorter than asked for is measured as far as it goes
@@ -93,6 +101,11 @@ def read_rows(source: Source, clock: Any, seconds: float) -> FloatArray:
         turns.end()
 
     return np.array(rows).reshape(-1, source.n_channels)
+
+
+def _bias_rate_hz(source: Source) -> float:
+    # a stream sends at its own rate, and a hand is read as asked
+    return source.rate_hz or RATE_HZ
 
 
 # -- loads beside fields

@@ -41,7 +41,8 @@ from holdfast.training.fitting import with_features
 from holdfast.training.plan import TASK_HEADS, TrainingPlan
 
 FOLDS = 5
-QUICK_PEOPLE = 2
+QUICK_PEOPLE, QUICK_RECORDINGS = 2, 8
+"""People, and recordings of each, where only the way is tried."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ def read_study(
 ) -> Study:
     """Read all sets, the lifts last, and compute the features of every window once.
 
-    quick: two people alone.
+    quick: two people alone, and eight recordings of each.
     """
     loaded = []
     for name in sets:
@@ -95,7 +96,7 @@ def read_study(
         data = load(name, rate_hz=rate_hz, windows="dense", seed=seed)
         require_open_people(data.name, data.people(), "a model")
         if data.name == LIFTS and quick:
-            data = data.of_groups(data.people()[:QUICK_PEOPLE])
+            data = few_recordings(data)
         loaded.append(data)
     streams = loaded[-1]
     joined = learnable(join(loaded, several_hands=True))
@@ -103,6 +104,17 @@ def read_study(
     plan = replace(plan, folds=folds)
     data, features = with_features(joined, plan, seed, say, say.part)
     return Study(data, features[main_task(data)], tuple(loaded), streams, plan, seed)
+
+
+def few_recordings(data: DataSet, most: int = QUICK_RECORDINGS) -> DataSet:
+    """Two people of a set, and at most so many recordings of each."""
+    index: list[int] = []
+    for person in data.people()[:QUICK_PEOPLE]:
+        theirs = [k for k, one in enumerate(data.recordings) if one.group == person]
+        index += theirs[:most]
+    kept = [data.recordings[k] for k in index]
+    tasks = {task: rows.of_trials(index) for task, rows in data.tasks.items()}
+    return replace(data, recordings=kept, tasks=tasks)
 
 
 def fold_files(study: Study, out: Path, say: Stages) -> list[FoldFile]:

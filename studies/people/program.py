@@ -27,12 +27,12 @@ from holdfast.evaluation.formats import interval, number
 from holdfast.evaluation.model_outputs import run_model
 from holdfast.export.changed import changed
 from holdfast.training.plan import PLANS, at_rate
-from studies.model_sets import training_sets
+from studies.model_sets import QUICK_TRIALS, training_sets
 from studies.people.figures import Lifts, lifts_of, parts_of, summary
 from studies.people.folds import fold_files, read_study, scenes_file
 from studies.people.lifts_and_scenes import force_rows, told_apart
 from studies.people.rotations import read_rotations, rotations_found
-from studies.people.slips_found import slips_for_lifts, slips_found
+from studies.people.slips_found import SLIP_TRIALS, slips_for_lifts, slips_found
 from tools.harness import measured_now, write_figures
 
 COLUMNS = {
@@ -101,7 +101,8 @@ def run(args: argparse.Namespace) -> int:
     rows["people left out"] = left_out
 
     say("slips put into real holds")
-    slips = slips_for_lifts(args.sets or args.out, args.rate)
+    trials = QUICK_TRIALS if args.quick else SLIP_TRIALS
+    slips = slips_for_lifts(args.sets or args.out, args.rate, trials)
     scenes = scenes_file(study, args.out, say)
     deafness = slips_found(files, scenes, study.streams, slips, args.seed)
     say("rotations of an object that people pinch")

@@ -41,7 +41,7 @@ from holdfast.evaluation.alarms import (
 )
 from holdfast.evaluation.model_outputs import ModelOutputs, run_model
 from holdfast.export.changed import changed
-from studies.people.folds import QUICK_PEOPLE
+from studies.people.folds import few_recordings
 from studies.people.slips_found import matched
 
 NAME = "human_slip_uskin"
@@ -56,10 +56,10 @@ MOST_FALSE_PER_MIN = (1.0, 5.0, 20.0)
 
 
 def read_rotations(rate_hz: float, *, quick: bool = False) -> DataSet:
-    """The set as two pads would feel it, at a rate. quick: two people alone."""
+    """The set as two pads would feel it, at a rate. quick: the few of `few_recordings`."""
     data = load(NAME, channels=CHANNELS)
     if quick:
-        data = data.of_groups(data.people()[:QUICK_PEOPLE])
+        data = few_recordings(data, 2)
     recordings = [on_two_pads(one, rate_hz) for one in data.recordings]
     hand = read_hand_card(CARD)
     return replace(data, recordings=recordings, tasks={}, rate_hz=rate_hz, hand=hand)

@@ -33,12 +33,17 @@ SLIP_TRIALS = 120
 """Of each scene; no set that a file learns from has this seed."""
 
 
-def slips_for_lifts(folder: Path, rate_hz: float) -> list[SimulatedSlip]:
-    """Slips of two-pad scenes at a rate, whose cards are written into a folder."""
+def slips_for_lifts(
+    folder: Path, rate_hz: float, trials: int = SLIP_TRIALS
+) -> list[SimulatedSlip]:
+    """Slips of two-pad scenes at a rate, whose cards are written into a folder.
+
+    trials: of each scene.
+    """
     slips: list[SimulatedSlip] = []
     for scene in SLIP_SCENES:
         card = write_two_pad_scene(scene, rate_hz, folder)
-        slips += simulated_slips(card, SLIP_SEED, SLIP_TRIALS)
+        slips += simulated_slips(card, SLIP_SEED, trials)
     return by_speed(slips)
 
 

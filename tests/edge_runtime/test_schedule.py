@@ -25,6 +25,7 @@ from holdfast.core.hand_lines import MOST_A_CALL
 from holdfast.core.lines import stream_sink
 from holdfast.core.source import MonotonicClock, SourceReading
 from holdfast.core.trial_file import read_trial
+from holdfast.drivers.calibration import MIN_BIAS_ROWS
 from holdfast.drivers.replay import PacedReplay, Replay
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime.monitor import GripMonitor
@@ -32,7 +33,7 @@ from holdfast.live import hand_files
 from holdfast.live.outputs import LineOutput
 from holdfast.live.run import answer
 from holdfast.live.wearer import wearer_monitor
-from holdfast.sessions.calibrate import RATE_HZ, read_rows
+from holdfast.sessions.calibrate import RATE_HZ, measure_bias, read_rows
 
 AREA = "Time and schedule"
 PERIOD_NS = round(1e9 / 150)
@@ -171,6 +172,22 @@ def test_a_reading_that_takes_long_shifts_no_row_of_a_bias():
     steps_ns = np.diff(source.times)
     assert steps_ns.min() > 0.9 * 1e9 / RATE_HZ
     assert len(rows) == 2.0 * RATE_HZ - round(0.5 * RATE_HZ) + 1
+
+
+@pytest.mark.parametrize("pause_s", [0.25, 1.9])
+def test_a_bias_on_a_starved_machine_is_read_on_until_it_has_the_rows_it_needs(pause_s):
+    clock = VirtualClock()
+    rows = read_rows(Steady(clock, 1000, {5: pause_s}), clock, 0.3)
+    assert len(rows) == MIN_BIAS_ROWS
+
+
+def test_the_bias_of_a_slow_stream_takes_as_long_as_its_rows_and_says_so():
+    clock, said = VirtualClock(), []
+    source = Steady(clock, 1000)
+    source.rate_hz = 10.0
+    measured = measure_bias(source, clock, said.append, 2.0)
+    assert measured.bias.n == MIN_BIAS_ROWS
+    assert said[0].endswith("touch nothing for 3 s")
 
 
 @pytest.mark.hard_case(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 from collections.abc import Callable
 from itertools import product
@@ -13,7 +14,7 @@ import numpy.typing as npt
 import onnx
 import pytest
 from adapted_model import base_of, file_of
-from c_form import SANITISED, CForm, c_form, run
+from c_form import SANITISED, CForm, c_form, require_compiler, run
 from c_rows import hard_features, hard_streams
 from made_once import made_once
 from small_model import artifact, graph_of, spec, with_networks
@@ -125,6 +126,20 @@ def require_same(made: CForm, answers: Answers, out: Any) -> None:
     assert not any(differ.values()), differ
     for name in set(names) - set(differ):
         assert np.allclose(out[name], answers[name], rtol=1e-6, atol=1e-6), name
+
+
+def test_a_compiler_without_the_runtime_of_its_sanitizers_skips_with_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    compiler = tmp_path / "cc-alone"
+    compiler.write_text(
+        '#!/bin/sh\ncase "$*" in *-fsanitize=*) exit 1;; esac\nexec gcc "$@"\n'
+    )
+    compiler.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    assert require_compiler("cc-alone", "-O0") == "cc-alone"
+    with pytest.raises(pytest.skip.Exception, match="cc-alone lacks the runtime of"):
+        require_compiler("cc-alone", "-O0", "-fsanitize=address")
 
 
 @pytest.mark.parametrize(("name", "compiler"), KINDS)

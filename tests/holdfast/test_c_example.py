@@ -76,7 +76,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     export_c(folder / "small.onnx", folder / "c")
     words = [
-        require_compiler(),
+        require_compiler("gcc", *SANITISED),
         *STRICT,
         *SANITISED,
         "-I",

@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from c_form import SANITIZERS
+from c_form import SANITIZERS, require_compiler
 from grip_bench import ROOT, TtyReceiver, command, opened, send
 from hazard_marks import (
     BROKEN_LINE,
@@ -58,6 +58,7 @@ def compiled(source: Path, made: Path) -> list[str]:
     compiler = shutil.which("cc")
     if compiler is None:
         pytest.skip("no C compiler (cc) for examples/grip_receiver.c")
+    require_compiler(compiler, *SANITIZERS)
     command = [compiler, *STRICT, *SANITIZERS, "-I", str(EXAMPLES), "-o", str(made)]
     subprocess.run([*command, str(source), "-lm"], check=True, cwd=ROOT)
     return [str(made)]

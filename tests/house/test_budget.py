@@ -66,3 +66,14 @@ def test_a_sample_goes_from_the_bus_to_the_grip_through_the_files_of_the_guide(
     assert done.returncode == 0, done.stderr
     entered = done.stdout.split()
     assert [one for one in route if str(ROOT / one) not in entered] == []
+
+
+def test_what_the_guide_says_to_touch_for_an_addition_is_there() -> None:
+    guide = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    section = guide.partition("**To add ..**")[2].partition("- **Small**")[0]
+    kinds = re.findall(r"^- an? \*\*(.+)\*\*:", section, re.MULTILINE)
+    wanted = "chip bridge output effect feature set verb grip_rule"
+    assert " ".join(kind.replace(" ", "_") for kind in kinds) == wanted
+    paths = re.findall(r"`([\w./-]+(?:\.\w+|/))`", section)
+    assert len(paths) > 20
+    assert [path for path in paths if not (ROOT / path).exists()] == []

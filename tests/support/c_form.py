@@ -7,7 +7,9 @@ import resource
 import shutil
 import subprocess
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -31,14 +33,33 @@ NUMPY_TYPES = {"double": "f8", "float": "f4", "int32_t": "i4", "uint8_t": "u1"}
 Array = npt.NDArray[Any]
 
 
-def require_compiler(name: str = "gcc") -> str:
-    """A compiler that is installed. Without gcc a test skips, or fails where nothing may skip."""
+def require_compiler(name: str = "gcc", *flags: str) -> str:
+    """A compiler that is installed, with the runtime of the sanitizers that flags ask for.
+
+    Without one a test skips; where nothing may skip it fails for gcc.
+    """
+    sanitizers = tuple(flag for flag in flags if flag.startswith("-fsanitize="))
+    line = ""
     if shutil.which(name) is None:
         line = f"no {name}: apt-get install {name}"
+    elif sanitizers and not _makes_a_program(name, *sanitizers):
+        line = f"{name} lacks the runtime of its sanitizers ({' '.join(sanitizers)})"
+    if line:
         if name == "gcc" and os.environ.get("HOLDFAST_REQUIRE_DATA") == "1":
             pytest.fail(line, pytrace=False)
         pytest.skip(line)
     return name
+
+
+@cache
+def _makes_a_program(compiler: str, *flags: str) -> bool:
+    """Whether an empty program compiles and links with these flags, tried once a process."""
+    with TemporaryDirectory() as folder:
+        command = [compiler, *flags, "-x", "c", "-", "-o", f"{folder}/empty"]
+        source = b"int main(void) { return 0; }"
+        return (
+            subprocess.run(command, input=source, capture_output=True).returncode == 0
+        )
 
 
 @dataclass(frozen=True)
@@ -51,7 +72,7 @@ class CForm:
 
     def program(self, compiler: str, *flags: str, main: str = str(HARNESS)) -> Path:
         """A program with this main: the harness, or a file of the C form; compiled once."""
-        require_compiler(compiler)
+        require_compiler(compiler, *flags)
         kind = "".join((compiler, *flags))
         built, path = (
             self.folder / f"{kind}.o",
