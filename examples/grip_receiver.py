@@ -185,7 +185,7 @@ def opened(path):
     """A serial port that passes bytes as they are."""
     port = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     special = termios.tcgetattr(port)[6]
-    special[termios.VMIN] = 1  # so that no bytes and no port are told apart
+    special[termios.VMIN] = 1  # an empty read then means that the port is gone
     raw = [0, 0, termios.CS8 | termios.CREAD | termios.CLOCAL, 0, BAUD, BAUD, special]
     termios.tcsetattr(port, termios.TCSANOW, raw)
     return port

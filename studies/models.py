@@ -1,7 +1,7 @@
 """`python -m studies models`: make a shipped file anew, from scenes and the lifts of ten people.
 
-With `--scenes` it learns from scenes alone and has another name, so that nobody takes it for the
-shipped one.
+With `--scenes` it learns from scenes alone and has another name, so that it is not mistaken for
+the shipped one.
 """
 
 from __future__ import annotations

@@ -44,7 +44,7 @@ class OutputKind(NamedTuple):
     opened: Callable[[OpenRun, str], Output | None]
 
 
-# -- how a kind is told from what was typed
+# -- which kind a typed output is
 
 
 def _word(word: str) -> Callable[[str], str | None]:

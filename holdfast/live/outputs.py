@@ -58,7 +58,7 @@ class Output(Protocol):
     ) -> None:
         """Pass on one answer, the prepared sample that it is for, and the reading behind it.
 
-        command: what the grip was told at this sample, None without a grip. Never waits.
+        command: the grip command of this sample, None without a grip. Never waits.
         """
         ...
 

@@ -1,7 +1,7 @@
 """What a model does in plain lifts, in which nothing falls: alarms, and what the grip would add.
 
-All is of two pads and in open loop: the recorded hand did not feel what it was told. An alarm in a
-lift is counted as false, because nobody marked a slip and nothing fell.
+All is of two pads and in open loop: the recorded hand did not get the targets. An alarm in a
+lift is counted as false, because no slip was marked and nothing fell.
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ def grip_of(samples: FloatArray) -> FloatArray:
 def targets_of(
     outputs: Sequence[ModelOutputs], rules: AnswerRules, *, with_model: bool = True
 ) -> list[FloatArray]:
-    """[T] a recording, what the grip would be told, N a side; 0 where nothing.
+    """[T] a recording, the target of the grip, N a side; 0 for none.
 
     with_model: False for all probabilities 0, so that the forces alone decide.
     """

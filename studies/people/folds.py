@@ -13,12 +13,16 @@ from pathlib import Path
 
 import numpy as np
 
+from holdfast.core.hand_card import read_hand_card
 from holdfast.core.locked import require_open_people
 from holdfast.core.progress import Stages
+from holdfast.core.writing import write_whole
 from holdfast.data.datasets import load
 from holdfast.data.datasets.grip_lift_ati import NAME as LIFTS
 from holdfast.data.datasets.joining import join
 from holdfast.data.recording import DataSet, Fold, learnable
+from holdfast.edge_runtime.model_file import read_sealed
+from holdfast.export.changed import changed
 from holdfast.export.exporting import export_artifact
 from holdfast.step.artifact import Artifact, write_artifact
 from holdfast.step.heads import Calibration, Head
@@ -136,6 +140,12 @@ def fold_files(study: Study, out: Path, say: Stages) -> list[FoldFile]:
         path = _file(study, learner, calibration, split[task], out / f"fold-{number}")
         files.append(FoldFile(path, _people_without(study, train)))
     return files
+
+
+def for_hand(model: Path, hand: str, folder: Path) -> Path:
+    """The same learner for another hand, by the name of its card, in a folder."""
+    data = changed(read_sealed(model), read_hand_card(hand), {}, model)
+    return write_whole(folder / f"{model.stem}-{hand}.onnx", data)
 
 
 def scenes_file(study: Study, out: Path, say: Stages) -> Path:

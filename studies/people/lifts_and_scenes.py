@@ -97,7 +97,8 @@ class ForceRow:
 
 @dataclass(frozen=True)
 class ToldApart:
-    """How well lifts and scenes are told apart by a window of the quiet hold, people left out.
+    """How well a learner distinguishes lifts from scenes by a window of the quiet hold, people left
+    out.
 
     auc: 0.5 where they are alike. strongest: (feature, importance), the first ones.
     """
@@ -139,7 +140,7 @@ def told_apart(lifts: DataSet, scenes: Sequence[DataSet], seed: int = 0) -> Told
     for data in (lifts, *scenes):
         found, of_windows = _quiet_features(data)
         features.append(found)
-        # a person of a scene is nobody of the lifts, and trials of two scenes are two trials
+        # names of two sets may be equal: a set's name makes its people and trials its own
         groups.append(np.char.add(f"{data.name}/", of_windows))
         of_lifts.append(np.full(len(found), data is lifts))
 

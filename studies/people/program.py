@@ -16,20 +16,16 @@ from pathlib import Path
 
 from holdfast.cli.command import path_argument, positive
 from holdfast.core.contract import Json
-from holdfast.core.hand_card import read_hand_card
 from holdfast.core.progress import Stages
-from holdfast.core.writing import write_whole
 from holdfast.data.datasets.grip_lift_ati import CARD
 from holdfast.data.recording import DataSet
 from holdfast.edge_runtime.engine import ModelChoice
-from holdfast.edge_runtime.model_file import read_sealed
 from holdfast.evaluation.formats import interval, number
 from holdfast.evaluation.model_outputs import run_model
-from holdfast.export.changed import changed
 from holdfast.training.plan import PLANS, at_rate
 from studies.model_sets import QUICK_TRIALS, training_sets
 from studies.people.figures import Lifts, lifts_of, parts_of, summary
-from studies.people.folds import fold_files, read_study, scenes_file
+from studies.people.folds import fold_files, for_hand, read_study, scenes_file
 from studies.people.lifts_and_scenes import force_rows, told_apart
 from studies.people.rotations import read_rotations, rotations_found
 from studies.people.slips_found import SLIP_TRIALS, slips_for_lifts, slips_found
@@ -92,7 +88,9 @@ def run(args: argparse.Namespace) -> int:
     rows: dict[str, Lifts] = {}
     if args.older:
         say(f"answers of {args.older}")
-        rows["older file"] = _answered(_for_pads(args.older, args.out), study.streams)
+        rows["older file"] = _answered(
+            for_hand(args.older, CARD, args.out), study.streams
+        )
     files = fold_files(study, args.out, say)
     left_out = Lifts((), ())
     for file in files:
@@ -138,12 +136,6 @@ def run(args: argparse.Namespace) -> int:
     path = write_figures(args.out / "people.json", figures)
     print("\n".join([*_lines(figures), str(path)]))
     return 0
-
-
-def _for_pads(model: Path, out: Path) -> Path:
-    """The same learner for two pads."""
-    data = changed(read_sealed(model), read_hand_card(CARD), {}, model)
-    return write_whole(out / "older-two-pads.onnx", data)
 
 
 def _answered(model: Path, streams: DataSet) -> Lifts:

@@ -26,12 +26,10 @@ import numpy as np
 
 from holdfast.core.contract import GRASP, FloatArray, Json
 from holdfast.core.hand_card import read_hand_card
-from holdfast.core.writing import write_whole
 from holdfast.data.datasets import load
 from holdfast.data.metrics import draw_groups
 from holdfast.data.recording import DataSet, Recording, finite_sensors, runs_of
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
-from holdfast.edge_runtime.model_file import read_sealed
 from holdfast.evaluation.alarms import (
     DRAWS,
     EventMatch,
@@ -40,8 +38,7 @@ from holdfast.evaluation.alarms import (
     ratio_interval,
 )
 from holdfast.evaluation.model_outputs import ModelOutputs, run_model
-from holdfast.export.changed import changed
-from studies.people.folds import few_recordings
+from studies.people.folds import few_recordings, for_hand
 from studies.people.slips_found import matched
 
 NAME = "human_slip_uskin"
@@ -163,6 +160,4 @@ def compared(
 
 def _for_two_pads(path: Path) -> OpenedModel:
     """The same learner for the hand of the set; the file stands beside the one that is read."""
-    data = changed(read_sealed(path), read_hand_card(CARD), {}, path)
-    written = write_whole(path.with_name(f"{path.stem}-{CARD}.onnx"), data)
-    return ModelChoice(str(written)).open()
+    return ModelChoice(str(for_hand(path, CARD, path.parent))).open()

@@ -74,10 +74,7 @@ def slips_found(
     rules = model.card.decision
     alone = choose_confidence(quiet, rules, false / minutes)
     scenes_alone = _matched(model, slipping, alone)
-    alarms = sum(
-        len(match_alarms(one.recording, on).false_s)
-        for one, on in zip(quiet, requests_at(quiet, rules, alone), strict=True)
-    )
+    alarms = sum(len(match.false_s) for match in matched(quiet, rules, alone))
     return {
         "slips": len(slips),
         "with_lifts_false_a_minute": false / minutes,

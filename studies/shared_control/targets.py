@@ -135,7 +135,7 @@ def target_rows(
 ) -> list[dict[str, str]]:
     """The targets whose sets were run, each with what was measured and whether it is reached.
 
-    before: rows of BEFORE on the same trials; without them no change is told.
+    before: rows of BEFORE on the same trials; without them no change is reported.
     """
     now = [_with_more(row) for row in rows]
     then = [_with_more(row) for row in before]
@@ -173,7 +173,7 @@ def _with_more(row: Row) -> Row:
     """A row with the figures that stand deeper in it."""
     kinds = [n for n in row["over_need_n_by_action"].values() if n is not None]
     more: Row = {"over_need_n": max(kinds, default=None)}
-    # A figure that rows of an earlier version do not have is not told.
+    # A figure that rows of an earlier version do not have is left out.
     for name, key in (
         ("fresh", "saved_untightened"),
         ("held_after", "held_after_opening"),

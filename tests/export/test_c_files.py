@@ -61,7 +61,7 @@ def test_the_command_compiles_beside_the_model(run: Run, model: Path):
     assert code == 0
     assert names(model.parent / "small-c") == sorted([*SOURCES, LIBRARY])
     assert "0 labels differ" in out
-    # equal bits are promised to nobody whose processor does not fuse
+    # equal bits need a processor that fuses products and sums
     assert "numbers may differ from Python's in the last bits" in out
     assert "fuses products and sums where the processor can (FMA)" in out
 

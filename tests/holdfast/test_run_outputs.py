@@ -104,10 +104,10 @@ def test_a_run_writes_each_answer_as_one_row_with_the_target_of_its_command(
 
 
 def test_a_cell_without_a_value_is_empty(tmp_path: Path) -> None:
-    told, mute = tmp_path / "told.csv", tmp_path / "mute.csv"
+    known, unknown = tmp_path / "known.csv", tmp_path / "unknown.csv"
     tighten = GripCommand(7, 0, "tighten", 12.5, 100.0, 0.0, "risk")
     hold = tighten._replace(mode="hold", target_n=None)
-    for path, gaps in ((told, ()), (mute, (SITUATIONS[RISKY_SLIP],))):
+    for path, gaps in ((known, ()), (unknown, (SITUATIONS[RISKY_SLIP],))):
         file = AnswerFile(path, gaps)
         for k, command in enumerate((tighten, hold, None)):
             p_risky = (0.75, 0.25, math.nan)[k]
@@ -115,13 +115,13 @@ def test_a_cell_without_a_value_is_empty(tmp_path: Path) -> None:
             sample = Sample(5 * 10**9 + k, np.zeros(18), np.ones(6, dtype=np.bool_), k)
             file.write(answer, sample, None, command)
         file.close()
-    assert rows_of(told) == [
+    assert rows_of(known) == [
         HEADER,
         ["0.000000000", "grasp", "0.75", "1", "12.5"],
         ["0.000000001", "grasp", "0.25", "0", ""],
         ["0.000000002", "grasp", "", "0", ""],
     ]
-    assert [row[2] for row in rows_of(mute)[1:]] == [""] * 3
+    assert [row[2] for row in rows_of(unknown)[1:]] == [""] * 3
 
 
 def test_samples_have_a_name_of_their_own_and_a_csv_goes_on_being_samples(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -54,6 +55,19 @@ def test_documents_stay_short_enough_to_be_read() -> None:
     assert sum(map(words, [readme, *PAGES])) <= PROSE
     assert words(ROOT / "docs/decisions.md") <= 3_500
     assert words(ROOT / "docs/shared-control.md") <= 1_500
+
+
+def test_the_page_lists_each_rule_of_a_card_with_the_shipped_value() -> None:
+    page = (ROOT / "docs/how-it-works.md").read_text("utf-8")
+    page = page.partition("## Decision")[2].partition("## Grip and")[0]
+    listed: dict[str, int] = {}
+    for names, values in re.findall(
+        r"^\| (`\w+`[^|]*) \| ([\d, ]+) \|", page, re.MULTILINE
+    ):
+        pairs = zip(re.findall(r"`(\w+)`", names), values.split(","), strict=True)
+        listed |= {name: int(value) for name, value in pairs}
+    card = json.loads((ROOT / "models/holdfast-150hz.json").read_text("utf-8"))
+    assert listed == card["decision"]
 
 
 def test_an_error_is_found_by_the_text_that_the_software_prints() -> None:

@@ -47,7 +47,7 @@ ABOUT = SetMeta(
     kind="real, recorded by others: people lift an object with two fingertips",
     name=NAME,
     redistributable=True,
-    caveat="Nobody marked a slip and nothing fell: small slips may hide in these lifts. Two "
+    caveat="No slip was marked and nothing fell: small slips may hide in these lifts. Two "
     "sensors, without a force along the third axis; both loads together are 0.88 of the weight.",
 )
 LICENCE = "Apache-2.0"
