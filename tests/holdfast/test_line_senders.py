@@ -83,7 +83,7 @@ def test_the_sender_in_c_ends_a_line_with_its_row(c_sender: str) -> None:
 
 def test_the_sender_in_python_is_answered(tmp_path: Path) -> None:
     sender = [sys.executable, str(EXAMPLES / "line_sender.py")]
-    answers, said = answers_of(sender, "-", "--seconds", "1")
+    answers, said = answers_of(sender, "stdin://?rate_hz=150", "--seconds", "1")
     assert "stdin: 6 sensors in N" in said
     assert answers
 
