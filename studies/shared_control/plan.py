@@ -41,8 +41,8 @@ FRONT: dict[str, dict[str, object]] = {
     "following alone": {"detects": False},
     "floor 0.15": {"floor": 0.15},
     "floor 0.3": {"floor": 0.3},
-    "followed by 8 N": {"follow_n": 8.0},
-    "followed by 25 N": {"follow_n": 25.0},
+    "followed by 3 N": {"follow_n": 3.0},
+    "followed by 15 N": {"follow_n": 15.0},
     "slips raise 3 N": {"rise_n": 3.0},
     "slips raise 12 N": {"rise_n": 12.0},
 }
