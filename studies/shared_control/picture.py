@@ -13,7 +13,7 @@ CHOSEN = "both"
 ALONE = ("detection alone", "following alone")
 FORCE_AIM_N = 3.0
 NEED_AIM_N = 10.0
-LINE_PX, LETTER_PX = 13.0, 6.5
+LINE_PX, LETTER_PX = 7.0, 6.5
 """Height of a line and width of a letter of the names, in pixels of the drawing."""
 
 
@@ -105,19 +105,16 @@ def _panel(axes: Axes, points: Sequence[Json], key: str, aim: float) -> None:
 
 
 def _annotate(axes: Axes, names: Sequence[tuple[tuple[float, float], str]]) -> None:
-    """Names right above their points; a name that would cover the one before goes higher."""
+    """Names to the right of their points; one that would cover another goes further right."""
     # matplotlib scales late: without these the places are those of an empty drawing
     axes.get_xlim(), axes.get_ylim()
-    taken: list[tuple[float, float, float]] = []
+    taken: list[tuple[float, float]] = []
     for (x, y), name in sorted(names):
-        left, up = (float(one) for one in axes.transData.transform((x, y)))
-        above = 4.0
-        while any(
-            left < end and abs(up + above - other) < LINE_PX and left > begin - LINE_PX
-            for begin, end, other in taken
-        ):
-            above += LINE_PX
-        taken.append((left, left + LETTER_PX * len(name), up + above))
+        at, up = (float(one) for one in axes.transData.transform((x, y)))
+        begin = at + 8.0
+        beside = [end for other, end in taken if abs(up - other) < LINE_PX]
+        begin = max([begin, *(end + LETTER_PX for end in beside if end > at)])
+        taken.append((up, begin + LETTER_PX * len(name)))
         # 72 points an inch, 100 pixels an inch
-        offset = 4, 0.72 * above
+        offset = 0.72 * (begin - at), -3.0
         axes.annotate(name, (x, y), offset, textcoords="offset points", fontsize=8)
