@@ -24,7 +24,7 @@ from holdfast.interop.evidence import Evidence
 from holdfast.interop.forms import Form
 from holdfast.interop.joining import table_of
 from holdfast.interop.labels import is_mark
-from holdfast.interop.logs import SCALARS, LogPlace, find_logs, read_log
+from holdfast.interop.logs import SCALARS, WORD, LogPlace, find_logs, read_log
 from holdfast.interop.map import ImportMap
 from holdfast.interop.names import kind_of
 from holdfast.interop.sensors import (
@@ -56,8 +56,6 @@ FILE_OF_A_SENSOR = re.compile(
     rf"(?i){FINGER.pattern}|^(finger|left|right|(sensor|pad|taxel|tip|jaw|ch|f|s)[-_ ]?\d)"
 )
 """A word of a path that names a finger, numbers a sensor, or is a side."""
-OVERLAP = 0.7
-"""Of the spans of files that belong to one trial."""
 NO_SHEAR = (
     "the step needs shear: x, y and z of each sensor, or xz or yz where the hand card says so "
     "(measures); of the normal alone nothing is trained"
@@ -205,23 +203,24 @@ def _fingers(
     Such files have one sensor each, are named alike but for one word, and run at the same time.
     The word names a finger; else it is asked where it may be one.
     """
-    names = [re.split(r"[/_ .]+|-(?=[A-Za-z])", one.log.name) for one in samples]
+    names = [re.split(WORD, one.log.name) for one in samples]
     is_apart = any(len(one.names) > 3 for one in samples) or len({*map(len, names)}) > 1
     if answers.fingers or is_apart:
         return [*filter(None, answers.fingers.split(","))]
-    firsts = pd.Series([np.nanmin(one.stamps_s) for one in samples])
-    lasts = pd.Series([np.nanmax(one.stamps_s) for one in samples])
-    for k, words in enumerate(map(dict.fromkeys, zip(*names, strict=True))):
-        trials = np.array([" ".join([*one[:k], *one[k + 1 :]]) for one in names])
-        begins, ends = firsts.groupby(trials), lasts.groupby(trials)
-        both = ends.min() - begins.max()
-        overlap = both > OVERLAP * (ends.max() - begins.min())
-        if len(words) < 2 or (ends.size() != len(words)).any() or not overlap.all():
+    spans_s = pd.DataFrame([one.span_s for one in samples], columns=["first", "last"])
+    for at in range(len(names[0])):
+        trials = [" ".join([*one[:at], *one[at + 1 :]]) for one in names]
+        of_trial = spans_s.groupby(trials)
+        words = [*dict.fromkeys(one[at] for one in names)]
+        at_once = of_trial["first"].max() < of_trial["last"].min()
+        is_whole = (of_trial.size() == len(words)).all() and at_once.all()
+        if len(words) < 2 or not is_whole:
             continue
         if all(map(FILE_OF_A_SENSOR.search, words)):
             return sorted(words, key=lambda word: (finger_order(word), counted(word)))
         # trials that begin at 0 each seem to run at the same time
-        if firsts.min() > CLOCK_S or kind_of([*words], answers) == "unclear":
+        is_clock = spans_s["first"].min() > CLOCK_S
+        if is_clock or kind_of(words, answers) == "unclear":
             each = ",".join(words)
             found.ask(
                 "--fingers",

@@ -115,8 +115,10 @@ class Sample:
         return tuple(name for sensor in self.sensors.value for name in sensor.axes)
 
     @property
-    def stamps_s(self) -> np.ndarray:
-        """[T] on the log's clock."""
-        rows = np.arange(len(self.touched))
+    def span_s(self) -> tuple[float, float]:
+        """The first and the last stamp on the log's clock; rows are seconds without one."""
         time = self.time.value if self.time else TimeColumn(rate_hz=1.0)
-        return self.columns.get(time.column, rows) * (1e-9 * time.unit_ns)
+        stamps = self.columns.get(time.column, np.arange(len(self.touched)))
+        ends = np.nanmin(stamps), np.nanmax(stamps)
+        first_s, last_s = (1e-9 * time.unit_ns * float(end) for end in ends)
+        return first_s, last_s
