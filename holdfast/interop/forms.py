@@ -247,51 +247,40 @@ class Form:
 
         A table is a file beside the logs, or a stream of the log that has no readings. It is that
         of all logs where it names its trials: by what the logs are called by, or by what stands in
-        their column of trials.
+        their column of trials. Tables beside a log each are one, with the labels of all.
         """
         first = self.samples[0]
-        names = [one.log.name for one in self.samples]
         root = self.source if self.source.is_dir() else self.source.parent
         keys = {key for sample in self.samples for key in sample.log.keys}
         if trials.column:
             keys |= set(map(str.casefold, text_cells(first.columns[trials.column])))
-        pairs = paired(names, [log.name for log in self.tables])
-        labels: list[FoundLabels] = []
+        pairs = paired(
+            [one.log.name for one in self.samples], [one.name for one in self.tables]
+        )
+        log_of = {table: log for log, table in pairs.items()}
+        parts: dict[tuple[str, ...], list[pd.DataFrame]] = {}
         for log in [*self.tables, first.log]:
             file = log.path.relative_to(root).as_posix()
-            beside = [one for one, table in pairs.items() if table == log.name]
+            if log.name in log_of:
+                word = other_word(log_of[log.name], log.name)
+                file = f"*{word}*{log.path.suffix}".replace("**", "*")
             for stream in log.streams:
-                columns = stream.columns
-                if stream.t_ns is not None or {*first.names} & columns.keys():
-                    continue
-                found = rules_of_table(columns, keys, file, self.answers.situations)
-                is_paired = bool(beside) or log is first.log
-                if found is None or not (found.rules.trial or is_paired):
-                    shown = f"{log.path.name} (columns {listed([*columns], most=8)})"
-                    if log.path.suffix != SCALARS:
-                        self.found.add("not used", shown)
-                    continue
-                rules = found.rules
-                if not rules.trial:
-                    word = other_word(beside[0], log.name) if beside else ""
-                    pattern = f"*{word}*{log.path.suffix}".replace("**", "*")
-                    rules = changed(rules, file=pattern)
-                rules = timed(rules, columns, first.stamps_s)
+                if stream.t_ns is None and not {*first.names} & stream.columns.keys():
+                    table = pd.DataFrame(stream.columns)
+                    parts.setdefault((file, *table), []).append(table)
+        labels: list[FoundLabels] = []
+        for (file, *names), tables in parts.items():
+            whole = pd.concat(tables)
+            columns = {name: whole[name].to_numpy() for name in names}
+            found = rules_of_table(columns, keys, file, self.answers.situations)
+            is_paired = "*" in file or (root / file) == first.log.path
+            if found and (found.rules.trial or is_paired):
+                spans_s = [one.span_s for one in self.samples]
+                rules = timed(found.rules, columns, spans_s)
                 labels.append(replace(found, rules=rules))
-        return _merged(labels)
-
-
-def _merged(labels: list[FoundLabels]) -> list[FoundLabels]:
-    """Tables of one kind, one beside each log, as one: with the labels of all."""
-    kinds: dict[object, FoundLabels] = {}
-    for found in labels:
-        rules = found.rules
-        key = rules.file, rules.start, rules.end, rules.label
-        before = kinds.get(key, found)
-        both = before.rules.labels | rules.labels
-        unknown = [*dict.fromkeys([*before.unknown, *found.unknown])]
-        kinds[key] = FoundLabels(changed(before.rules, labels=both), unknown)
-    return [*kinds.values()]
+            elif not file.endswith(SCALARS):
+                self.found.add("not used", f"{file} (columns {listed(names)})")
+        return labels
 
 
 def _rank(found: FoundLabels) -> tuple[bool, int, bool]:
