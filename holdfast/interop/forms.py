@@ -258,7 +258,7 @@ class Form:
             [one.log.name for one in self.samples], [one.name for one in self.tables]
         )
         log_of = {table: log for log, table in pairs.items()}
-        parts: dict[tuple[str, ...], list[pd.DataFrame]] = {}
+        parts: dict[tuple[str, str], list[pd.DataFrame]] = {}
         for log in [*self.tables, first.log]:
             file = log.path.relative_to(root).as_posix()
             if log.name in log_of:
@@ -267,19 +267,20 @@ class Form:
             for stream in log.streams:
                 if stream.t_ns is None and not {*first.names} & stream.columns.keys():
                     table = pd.DataFrame(stream.columns)
-                    parts.setdefault((file, *table), []).append(table)
+                    parts.setdefault((file, stream.name), []).append(table)
         labels: list[FoundLabels] = []
-        for (file, *names), tables in parts.items():
-            whole = pd.concat(tables)
-            columns = {name: whole[name].to_numpy() for name in names}
+        for (file, title), tables in parts.items():
+            whole = pd.concat(tables, join="inner")
+            columns = {str(name): cells.to_numpy() for name, cells in whole.items()}
             found = rules_of_table(columns, keys, file, self.answers.situations)
             is_paired = "*" in file or (root / file) == first.log.path
             if found and (found.rules.trial or is_paired):
                 spans_s = [one.span_s for one in self.samples]
                 rules = timed(found.rules, columns, spans_s)
                 labels.append(replace(found, rules=rules))
-            elif not file.endswith(SCALARS):
-                self.found.add("not used", f"{file} (columns {listed(names)})")
+            elif title or not file.endswith(SCALARS):
+                # facts are columns of their log
+                self.found.add("not used", f"{file} (columns {listed([*columns])})")
         return labels
 
 

@@ -218,7 +218,10 @@ def rules_of_table(
     trial = next((name for name in columns if _are_trials(name, columns, keys)), "")
     texts = [name for name in columns if name != trial and is_text(columns[name])]
     numbers = [name for name in columns if name not in (trial, *texts)]
-    words = {name: words_of(name) for name in columns}
+    words = {}
+    for name in columns:
+        # t0 and t1 are words as well
+        words[name] = words_of(name) | {*re.split(r"[\W_]", name.lower())}
     if "column1" in columns:
         words |= zip([*numbers[:2], *texts], TRACK, strict=False)
     start = _named(numbers, words, START_WORDS | ROW_WORDS)

@@ -19,6 +19,7 @@ from holdfast.core.errors import listed
 from holdfast.interop.columns import channels, rise_of, words_of
 from holdfast.interop.evidence import Evidence
 from holdfast.interop.streams import LOG_TIME, Columns, counted, is_text
+from holdfast.interop.tables import pd
 
 FINGERS = (
     "thumb|th|one", "index|fore|pointer|ff|two", "middle|mf|three", "ring|rf|four",
@@ -57,6 +58,8 @@ TOUCHED = 0.2
 FIRST_ROWS = 10
 MORE, ONE_WAY = 1.5, 0.9
 """How much more than the others an axis moves that presses, and in which share of the contact."""
+REPEATED = 0.99
+"""A sensor whose steps are so alike to those of another one is no sensor of its own."""
 SUM = 0.002
 """A resultant is the sum of the others but for rounding, of its largest reading."""
 CLEARLY = 3.0
@@ -184,6 +187,7 @@ def _by_touch(
 def presses(values: FloatArray) -> bool:
     """Whether the same axis of every sensor presses: moves most, and in one direction.
 
+    And whether no sensor repeats another one, as the torques of a load do whose arm stays the same.
     values [T, 3 S]: of the sensors in turn.
     """
     (rest, change), rows = touch(values)
@@ -192,7 +196,11 @@ def presses(values: FloatArray) -> bool:
     normal = (values[rows] - rest)[:, axis::3] * np.sign(change[axis::3])
     others = np.delete(sizes, axis, axis=1).max(axis=1)
     is_one_way = np.nanmean(normal >= 0, axis=0) > ONE_WAY
-    return bool((sizes[:, axis] > MORE * others).all() and is_one_way.all())
+    # pandas leaves nan out, and steps show the noise that each sensor has of its own
+    alike = pd.DataFrame(np.diff(normal, axis=0)).corr().abs().to_numpy()
+    repeats = np.triu(alike, 1).max() > REPEATED
+    is_more = (sizes[:, axis] > MORE * others).all()
+    return bool(is_more and is_one_way.all() and not repeats)
 
 
 def sums_of_others(values: FloatArray) -> list[int]:

@@ -56,7 +56,6 @@ from holdfast.interop.streams import (
     Stream,
     evened,
     first_stream,
-    merged,
     text_cells,
     unwrapped,
 )
@@ -453,11 +452,14 @@ def read_joined(
         named = {f"{word}.{key}": column for key, column in columns.items()}
         streams[number:] = [Stream(named, np.round(t_ns).astype(np.int64), word)]
     for place in places[len(files) :]:
-        facts = merged(read_log(place))
         longest = max(streams, key=lambda one: one.rows)
-        columns = {key: np.repeat(fact, longest.rows) for key, fact in facts.items()}
         at = streams.index(longest)
-        streams[at] = replace(longest, columns=columns | longest.columns)
+        # what has a name is a table of events
+        for one in [one for one in read_log(place).streams if not one.name]:
+            facts = {
+                key: np.repeat(fact, longest.rows) for key, fact in one.columns.items()
+            }
+            streams[at] = replace(longest, columns=facts | longest.columns)
     return replace(log, name=name, streams=tuple(streams))
 
 

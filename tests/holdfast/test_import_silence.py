@@ -376,6 +376,22 @@ def test_columns_without_axes_that_all_press_are_asked(
     assert "of the normal alone nothing is trained" in asked
 
 
+def test_torques_that_follow_the_forces_are_no_sensors_of_their_own(
+    run: Run, tmp_path: Path
+) -> None:
+    one = two_sensors()
+    force, more = one.values[:, :3], one.values[:, 3:]
+    rows = np.column_stack([one.t_s, force, 0.05 * force, more, 0.05 * more])
+    # without a heading: two sensors of six axes, not four of three
+    write_text(tmp_path / "logs/a.csv", [], rows)
+    assert "which are x, y and z of each sensor?" in imported(
+        run, tmp_path, *SLIP, code=2
+    )
+    given = ",".join(f"column{k}" for k in (2, 3, 4, 8, 9, 10))
+    imported(run, tmp_path, *SLIP, "--sensors", given)
+    np.testing.assert_allclose(raw(tmp_path), one.values)
+
+
 # -- fingers
 
 
@@ -619,6 +635,56 @@ def test_an_object_without_a_time_of_the_drop_is_a_trial_in_which_nothing_falls(
         facts = {"subject": f"p{k}", "success": at_s is None, "drop_time_s": at_s}
         (tmp_path / f"logs/rec_{k}.json").write_text(json.dumps(facts))
     assert "2 trials: 1 slip, 1 hold" in imported(run, tmp_path)
+
+
+EVENTS = [
+    {"t": 1.0, "label": "grasp"},
+    {"t": 3.0, "label": "slip"},
+    {"t": 3.5, "label": "grasp"},
+]
+PHASES = [
+    {"t0_s": 1.0, "t1_s": 4.0, "label": "grasp"},
+    {"t0_s": 3.0, "t1_s": 3.5, "label": "slip"},
+]
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        {"subject": "anna", "object": "mug", "events": EVENTS},
+        {
+            "subject": "anna",
+            "object": "mug",
+            "notes": {"by": "video", "phases": PHASES},
+        },
+    ],
+)
+def test_a_list_of_events_in_an_object_beside_a_log_says_when_it_slips(
+    run: Run, tmp_path: Path, value: object
+) -> None:
+    for k in (1, 2):
+        write_log(tmp_path / f"logs/rec_{k}.csv", made(k))
+        (tmp_path / f"logs/rec_{k}.json").write_text(json.dumps(value))
+    assert "labels     *.json: t" in imported(run, tmp_path)
+    for k in (1, 2):
+        path = tmp_path / f"set/anna/mug/slip/trial_{k}.truth.json"
+        phases = json.loads(path.read_text())["phases"]
+        slips = [p for p in phases if p["label"] == "risky_slip"]
+        assert [(slip["t0_s"], slip["t1_s"]) for slip in slips] == [(3.0, 3.5)]
+
+
+def test_a_list_in_an_object_that_holds_no_events_is_named(
+    run: Run, tmp_path: Path
+) -> None:
+    write_log(tmp_path / "logs/cup_1.csv", made(1))
+    value = {
+        "subject": "anna",
+        "steps": [{"nr": 1, "what": "wash"}, {"nr": 2, "what": "dry"}],
+    }
+    (tmp_path / "logs/cup_1.json").write_text(json.dumps(value))
+    asked = imported(run, tmp_path, code=2)
+    assert "not used   *.json (columns nr, what)" in asked
+    assert "what happens in these trials?" in asked
 
 
 @pytest.mark.parametrize(
