@@ -13,7 +13,14 @@ import numpy as np
 from holdfast.core.column_map import NS_OF
 from holdfast.core.contract import IntArray
 from holdfast.core.errors import ColumnError, count_of, listed
-from holdfast.interop.columns import CLOCK_NS, find_time, unit_of_time
+from holdfast.interop.columns import (
+    CLOCK_NS,
+    JUDGED_ROWS,
+    TIME_WORDS,
+    find_time,
+    unit_of_time,
+    words_of,
+)
 from holdfast.interop.streams import (
     LOG_TIME,
     Column,
@@ -32,6 +39,8 @@ KEY = re.compile(
 MOST_KEYS = 100
 MOST_LONG = 9
 """Columns where sensors have rows of their own: time, sensor, x, y, z and a few others."""
+MOSTLY = 0.9
+"""So large a share of the steps of a clock go back where the newest row stands first."""
 NEAR_STEPS = 0.6
 """A value of another clock belongs to a row if it is so many steps away."""
 SHEET = "sheet"
@@ -53,6 +62,17 @@ def whole_stamps(stream: Stream) -> Stream:
                 columns[clocks[0]] = columns[clocks[0]] + part_ns * columns.pop(name)
 
     return replace(stream, columns=columns)
+
+
+def oldest_first(stream: Stream) -> Stream:
+    """A table whose time falls from row to row, turned round."""
+    for name, column in stream.columns.items():
+        is_time = bool(words_of(name) & TIME_WORDS) and not is_text(column)
+        if is_time and np.mean(np.diff(column[:JUDGED_ROWS]) < 0) > MOSTLY:
+            columns = {key: cells[::-1] for key, cells in stream.columns.items()}
+            notes = (*stream.notes, f"{name} falls: the rows were turned round")
+            return replace(stream, columns=columns, notes=notes)
+    return stream
 
 
 def _is_clock(column: Column) -> bool:

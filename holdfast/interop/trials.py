@@ -69,6 +69,10 @@ LONG_GAP_S, LONG_GAP_STEPS = 0.5, 20.0
 """A gap with the open hand ends a trial from so many seconds and so many usual steps on."""
 MOST_ZEROS = 0.3
 """Of a press: a sensor that reads 0 for longer touches nothing."""
+LONGEST_SAME = 20
+"""Rows in which a sensor may read the same, to the last digit of three axes."""
+SELDOM = 0.05
+"""Of the rows of a sensor that changes from row to row, elsewhere."""
 LARGEST = 1e10
 """What is as large is no reading: a count has 32 bits."""
 TIMED = ("pull", "fall", "pass", "put-down")
@@ -330,6 +334,10 @@ class TrialImport:
         Raises NotANumber, TimeError.
         """
         values = values_of(log, rows, plan)
+        for number, n_same in enumerate(lose_repeats(values), 1):
+            if n_same:
+                text = f"sensor {number} repeats a reading in {n_same} rows: lost"
+                self._note(log, text)
         n_zeros = lose_zeros(values)
         if n_zeros:
             self._note(log, f"{count_of(n_zeros, 'zero')} of a sensor in a press: lost")
@@ -377,6 +385,27 @@ def stays_for(values: FloatArray) -> int:
     gaps = np.diff(changes)
     n_rows = int(np.median(gaps)) if len(gaps) > FEWEST_ROWS else 1
     return n_rows if n_rows > 1 and np.mean(gaps % n_rows == 0) > 0.9 else 1
+
+
+def lose_repeats(values: FloatArray) -> list[int]:
+    """How many samples of each sensor repeat one reading, as of a driver that hangs; become nan.
+
+    values [T, C]: changed. A sensor may stay at its rest, and one that often repeats has coarse
+    steps.
+    """
+    n_lost = []
+    for sensor in np.split(values, values.shape[1] // 3, axis=1):
+        same = np.append(False, (np.diff(sensor, axis=0) == 0).all(axis=1))
+        runs = np.split(np.arange(len(same)), np.flatnonzero(~same))
+        hung: list[int] = []
+        for run in runs:
+            is_off_rest = len(run) > 0 and (sensor[run[0]] != sensor[0]).any()
+            hung += run[1:].tolist() if is_off_rest and len(run) > LONGEST_SAME else []
+        if same.sum() - len(hung) >= SELDOM * len(same):
+            hung = []
+        sensor[hung] = np.nan
+        n_lost.append(len(hung))
+    return n_lost
 
 
 def lose_zeros(values: FloatArray) -> int:
