@@ -35,7 +35,7 @@ from holdfast.interop.logs import SCALARS, other_word, paired
 from holdfast.interop.map import NAMES, Facts, ImportMap, TrialRules
 from holdfast.interop.names import names_of_paths
 from holdfast.interop.sensors import normal_axis, oriented
-from holdfast.interop.streams import ForeignLog, first_stream, merged, text_cells
+from holdfast.interop.streams import LOG_TIME, ForeignLog, merged, text_cells
 from holdfast.interop.tables import pd
 from holdfast.interop.understood import Answers, Sample, Understood
 
@@ -86,9 +86,6 @@ class Form:
         wrong = too_many(len(names) // 3)
         if wrong:
             add("note", f"{wrong}: take those out of the map that do not matter")
-        long = first_stream(first.log).long
-        if long:
-            add("layout", f"a row for each {' and '.join(long)}: made columns")
         trials, actions = self._trial_rules()
         labels = self._labels(trials)
         unit, sensors = self._hand(labels)
@@ -104,13 +101,13 @@ class Form:
         if not (labels or answers.whole_action or about or actions):
             self.found.ask("--action", WHAT_HAPPENS)
         used = {
-            *names,
             time.value.column if time else "",
             labels.rules.column if labels else "",
+            *(trials.column, trials.person, trials.object, trials.action),
+            *valid_names(len(names) // 3),
         }
-        used |= {trials.column, trials.person, trials.object, trials.action}
-        used.update(valid_names(len(names) // 3))
-        unused = [name for name in merged(first.log) if name not in used]
+        there = merged(first.log) | first.columns
+        unused = [name for name in there if name not in (*used, LOG_TIME)]
         if unused:
             add("not used", listed(unused, most=12))
         if time is None or not unit:
@@ -265,7 +262,7 @@ class Form:
                 word = other_word(log_of[log.name], log.name)
                 file = f"*{word}*{log.path.suffix}".replace("**", "*")
             for stream in log.streams:
-                if stream.t_ns is None and not {*first.names} & stream.columns.keys():
+                if stream.t_ns is None:
                     table = pd.DataFrame(stream.columns)
                     parts.setdefault((file, stream.name), []).append(table)
         labels: list[FoundLabels] = []

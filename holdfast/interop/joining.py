@@ -87,34 +87,32 @@ def made_wide(stream: Stream, path: Path) -> Stream:
     Which a row is of stands in a column with such a name. Raises ColumnError where no time joins
     the rows of different sensors.
     """
-    kinds = {name: len(pd.unique(cells)) for name, cells in stream.columns.items()}
-    keys = [
-        name for name in kinds if KEY.fullmatch(name) and 1 < kinds[name] <= MOST_KEYS
-    ]
-    is_long = (
-        stream.t_ns is None and len(kinds) <= MOST_LONG and stream.rows > MOST_KEYS
-    )
-    if not keys or not is_long:
+    columns = dict(stream.columns)
+    is_long = stream.rows > MOST_KEYS and len(columns) <= MOST_LONG
+    keys = [name for name in columns if KEY.fullmatch(name)]
+    keys = [key for key in keys if 1 < len(pd.unique(columns[key])) <= MOST_KEYS]
+    if not keys or not is_long or stream.t_ns is not None:
         return stream
-    table = pd.DataFrame(stream.columns, copy=False)
+    table = pd.DataFrame(columns)
     words = table[keys].map(str).agg("_".join, axis=1)
     table = table.drop(columns=keys)
-    time = find_time({name: stream.columns[name] for name in table})
-    at = time.value.column if time else ""
-    times = table.pop(at) if at else words
-    if pd.MultiIndex.from_arrays([times, words]).has_duplicates:
+    time = find_time({name: columns[name] for name in table})
+    try:
+        at = time.value.column if time else keys[0]
+        wide = table.set_index([columns[at], words])
+        wide = wide.drop(columns=at, errors="ignore").unstack()
+    except ValueError:  # a time stands twice for a sensor
         raise ColumnError(
             f"a row for each {listed(keys)}? which rows are of one time is not clear",
             where=path,
             next_step="write the same time into them, or leave that column out",
-        )
-    numbers = table.select_dtypes("number").set_index([times, words]).unstack()
-    texts = table.select_dtypes(exclude="number").groupby(times).first()
-    columns = {at: numbers.index.to_numpy()}
-    columns |= {str(name): cells.to_numpy() for name, cells in texts.items()}
-    for (name, word), cells in numbers.items():
-        columns[f"{word}_{name}"] = cells.to_numpy()
-    return replace(stream, columns=columns, long=tuple(keys))
+        ) from None
+    columns = {at: wide.index.to_numpy()}
+    for (name, word), cells in wide.items():
+        is_word = is_text(cells.to_numpy())
+        columns[f"{word}_{name}"] = (cells.fillna("") if is_word else cells).to_numpy()
+    each = f"a row for each {' and '.join(keys)}: made columns"
+    return replace(stream, columns=columns, notes=(*stream.notes, each))
 
 
 def without_repeats(stream: Stream) -> Stream:

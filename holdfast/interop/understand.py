@@ -34,20 +34,11 @@ from holdfast.interop.sensors import (
     sums_of_others,
     touch,
 )
-from holdfast.interop.streams import (
-    Columns,
-    ForeignLog,
-    counted,
-    first_stream,
-    is_text,
-    merged,
-)
+from holdfast.interop.streams import ForeignLog, counted, first_stream, is_text, merged
 from holdfast.interop.tables import pd
 from holdfast.interop.trials import files_of, read_joined
 from holdfast.interop.understood import Answers, Sample, Understood
 
-KEPT_ROWS = 1000
-"""Of readings, once it is known what a touch does to them."""
 FEWEST_ROWS = 100
 """Of a log without a time: shorter ones are tables of something else."""
 CLOCK_S = 60.0
@@ -176,20 +167,14 @@ def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample 
         return f"columns {listed([*names], most=9)} ({shown} is the sum of the others)"
     effects, touched = touch(values)
     unit = unit_of(names, values, effects, log.about.get("unit") or "")
+    # the readings of all logs would fill the memory
+    columns = {name: cells for name, cells in columns.items() if name not in names}
+    others = [one for one in log.streams if not {*names} & one.columns.keys()]
+    log = replace(log, streams=tuple(others))
     marks = [name for name, column in columns.items() if is_mark(name, column)]
     if time and time.value.column in marks:
         marks.remove(time.value.column)
-    streams = [replace(one, columns=_short(one.columns, names)) for one in log.streams]
-    log, columns = replace(log, streams=tuple(streams)), _short(columns, names)
     return Sample(files, log, columns, time, sensors, marks, effects, touched, unit)
-
-
-def _short(columns: Columns, readings: Sequence[str]) -> Columns:
-    """Columns with the first rows of the readings, so that long logs do not fill the memory."""
-    short = {}
-    for name, cells in columns.items():
-        short[name] = cells[:KEPT_ROWS].copy() if name in readings else cells
-    return short
 
 
 # -- files of one trial

@@ -95,8 +95,9 @@ class Understood:
 class Sample:
     """A log with readings: its columns on one clock, its time and sensors.
 
-    Of the readings only the first rows are kept. marks: columns that may hold labels. effects,
-    touched: what `touch` gives of all rows. unit: what says it, and what is not clear.
+    The readings themselves are not kept. log: its streams without readings. columns: the others of
+    a row. marks: those that may hold labels. effects, touched: what `touch` gives of all rows.
+    unit: what says it, and what is not clear.
     """
 
     files: list[LogPlace]
