@@ -34,7 +34,7 @@ from holdfast.interop.labels import (
 from holdfast.interop.logs import SCALARS, other_word, paired
 from holdfast.interop.map import NAMES, Facts, ImportMap, TrialRules
 from holdfast.interop.names import names_of_paths
-from holdfast.interop.sensors import normal_axis, oriented
+from holdfast.interop.sensors import moved_most, oriented
 from holdfast.interop.streams import LOG_TIME, ForeignLog, merged, text_cells
 from holdfast.interop.tables import pd
 from holdfast.interop.understood import Answers, Sample, Understood
@@ -46,8 +46,6 @@ NAMED = {
     "column": {"trial", "run", "episode", "rep", "repetition", "recording", "sheet"},
 }
 """Words of columns that hold what a trial is called by, or its number."""
-MOST_SENSORS = 0.8
-"""So many of them must say that the normal axis is another one than the names say."""
 HOW_MANY_ROWS = "how many rows a second have the logs? nothing says it: a number in Hz"
 WHAT_HAPPENS = (
     "what happens in these trials? nothing in the logs says it: slip, hold, pull, fall, pass, "
@@ -144,8 +142,7 @@ class Form:
             effects[1:] = 0.0
 
         sensors = first.sensors.value
-        axis, share = normal_axis(effects[1].reshape(-1, 3))
-        axis = axis if share >= MOST_SENSORS else NORMAL_AXIS
+        axis = moved_most(effects[1].reshape(-1, 3))
         if answers.normal:
             axis = AXES.index(answers.normal)
             order = [(axis + 1) % 3, (axis + 2) % 3, axis]
@@ -165,8 +162,7 @@ class Form:
             return "", sensors
 
         self.found.add("unit", f"{unit.value}, {unit}")
-        returns = not any(one.touched[-10:].any() for one in self.samples)
-        signed = oriented(sensors, effects, unit.value, axis, returns=returns)
+        signed = oriented(sensors, effects, unit.value, axis)
         if signed != sensors:
             self.found.add("signs", "turned where a press lowers the normal reading")
         return unit.value, signed

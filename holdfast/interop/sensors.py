@@ -62,8 +62,8 @@ REPEATED = 0.99
 """A sensor whose steps are so alike to those of another one is no sensor of its own."""
 SUM = 0.002
 """A resultant is the sum of the others but for rounding, of its largest reading."""
-CLEARLY = 3.0
-"""How much larger a change is that contradicts the names."""
+CLEARLY, MOST_SENSORS = 3.0, 0.8
+"""How much larger a change is that contradicts the names, and on which share of the sensors."""
 
 
 def find_sensors(
@@ -233,31 +233,26 @@ def _middle(values: FloatArray) -> FloatArray:
     return middles
 
 
-def normal_axis(changes: FloatArray) -> tuple[int, float]:
-    """(the axis that a touch moves most, and clearly in how large a share of the sensors).
+def moved_most(changes: FloatArray) -> int:
+    """The axis that a touch clearly moves most on most sensors; else that of the names.
 
     changes [S, 3]: what a touch changes.
     """
-    change = np.abs(changes)
-    change = change[change.sum(axis=1) > TOUCHED * change.sum(axis=1).max()]
-    clearly = np.sort(change, axis=1)[:, 1:2] * CLEARLY
-    shares = (change > clearly).sum(axis=0) / max(1, len(change))
-    return int(shares.argmax()), float(shares.max())
+    sizes = np.abs(changes)
+    sizes = sizes[sizes.sum(axis=1) > TOUCHED * sizes.sum(axis=1).max()]
+    clearly = (sizes > CLEARLY * sizes[:, NORMAL_AXIS, None]).mean(axis=0)
+    axis = int(clearly.argmax())
+    return axis if clearly[axis] >= MOST_SENSORS else NORMAL_AXIS
 
 
 def oriented(
-    sensors: Sequence[SensorColumns],
-    effects: FloatArray,
-    unit: str,
-    axis: int,
-    *,
-    returns: bool,
+    sensors: Sequence[SensorColumns], effects: FloatArray, unit: str, axis: int
 ) -> list[SensorColumns]:
     """The sensors with signs and zeros such that a press raises their prepared normal.
 
     Preparation turns a sensor round whose normal rests below 0. Where all must be turned, the log
     has its z the other way; where some must be, their magnets are upside down. effects: of a touch.
-    axis: the normal one in them. returns: whether the readings end near their rest.
+    axis: the normal one in them.
     """
     ours, size = UNIT_OF[unit]
     rest, pressed = size * effects[:, axis::3]
@@ -265,9 +260,8 @@ def oriented(
     is_turned_later = is_far & (rest < 0.0)
     touched = np.abs(pressed) > TOUCHED * np.abs(pressed).max()
     wrong = touched & (np.where(is_turned_later, -pressed, pressed) < 0.0)
-    # a press raises a field whatever its sign; counts above 0 hide the sign
-    is_hidden = ours == "count" and bool((rest >= 0).all()) and returns
-    wrong &= (np.abs(rest) < np.abs(pressed)) | is_hidden
+    # a press raises a field whatever its sign, which counts do not show
+    wrong &= (np.abs(rest) < np.abs(pressed)) | (ours == "count")
     turned = list(sensors)
     for k in np.flatnonzero(wrong).tolist():
         axes = list(sensors[k].axes)

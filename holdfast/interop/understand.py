@@ -165,8 +165,12 @@ def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample 
     if sums:
         shown = listed([found[k].z for k in sums])
         return f"columns {listed([*names], most=9)} ({shown} is the sum of the others)"
-    effects, touched = touch(values)
+    effects, _ = touch(values)
     unit = unit_of(names, values, effects, log.about.get("unit") or "")
+    span_s = 0.0, float(longest.rows)
+    if time and time.value.column:
+        stamps_s = columns[time.value.column] * (1e-9 * time.value.unit_ns)
+        span_s = float(np.nanmin(stamps_s)), float(np.nanmax(stamps_s))
     # the readings of all logs would fill the memory
     columns = {name: cells for name, cells in columns.items() if name not in names}
     others = [one for one in log.streams if not {*names} & one.columns.keys()]
@@ -174,7 +178,7 @@ def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample 
     marks = [name for name, column in columns.items() if is_mark(name, column)]
     if time and time.value.column in marks:
         marks.remove(time.value.column)
-    return Sample(files, log, columns, time, sensors, marks, effects, touched, unit)
+    return Sample(files, log, columns, time, sensors, marks, effects, span_s, unit)
 
 
 # -- files of one trial
