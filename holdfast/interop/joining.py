@@ -118,12 +118,10 @@ def made_wide(stream: Stream, path: Path) -> Stream:
 def without_repeats(stream: Stream) -> Stream:
     """A table without rows that stand twice: the same time, and all else the same."""
     same = np.ones(max(0, stream.rows - 1), dtype=np.bool_)
-    for column in () if stream.t_ns is not None else stream.columns.values():
+    for column in stream.columns.values():
         same &= column[1:] == column[:-1]
-        if not same.any():
-            return stream
-    time = find_time(stream.columns)
-    if not len(same) or time is None or not time.value.column:
+    time = find_time(stream.columns) if same.any() else None
+    if stream.t_ns is not None or time is None or not time.value.column:
         return stream
     keep = np.append(True, ~same)
     columns = {name: column[keep] for name, column in stream.columns.items()}
@@ -137,20 +135,22 @@ def united(same: list[Stream]) -> Stream:
     One that began anew goes on; of one that was recorded twice the longer is used; sheets get a
     column with their names.
     """
-    same.sort(key=lambda one: 0 if one.t_ns is None else int(one.t_ns[0]))
-    longest = max(same, key=lambda one: one.rows)
-    stamps = [one.t_ns for one in same if one.t_ns is not None]
-    if any(later[0] <= before[-1] for before, later in pairwise(stamps)):
-        note = f"{longest.name or 'a stream'} is there twice: the longer one is used"
-        return replace(longest, notes=(*longest.notes, note))
     if len(same) == 1:
-        return longest
+        return same[0]
+    longest = max(same, key=lambda one: one.rows)
     tables = [pd.DataFrame(one.columns).assign(**{SHEET: one.name}) for one in same]
-    whole = pd.concat(tables, ignore_index=True)
-    if stamps:
-        whole = whole.drop(columns=SHEET)
+    if longest.t_ns is not None:
+        tables = [pd.DataFrame(one.columns, index=one.t_ns) for one in same]
+        tables.sort(key=lambda table: table.index[0])
+        ends = pairwise(tables)
+        if any(later.index[0] <= before.index[-1] for before, later in ends):
+            note = (
+                f"{longest.name or 'a stream'} is there twice: the longer one is used"
+            )
+            return replace(longest, notes=(*longest.notes, note))
+    whole = pd.concat(tables)
     columns = {str(name): column.to_numpy() for name, column in whole.items()}
-    t_ns = np.concatenate(stamps) if stamps else None
+    t_ns = None if longest.t_ns is None else whole.index.to_numpy()
     return replace(longest, columns=columns, t_ns=t_ns)
 
 

@@ -94,8 +94,8 @@ def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
     root = source if _kind_of(source) is None else source.parent
 
     # of two with one name a text is that of the labels
-    order = sorted(_places(source, root), key=lambda one: one.kind in PROSE)
-    for place in sorted(order, key=lambda one: counted(one.name)):
+    places = sorted(_places(source, root), key=lambda one: one.kind in PROSE)
+    for place in sorted(places, key=lambda one: counted(one.name)):
         wide = _columns_of(place)
         if place.path != source and not wide:
             others.append(place.path.name)
