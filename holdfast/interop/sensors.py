@@ -55,7 +55,7 @@ FEWEST_UNNAMED = 9
 """Of six columns and fewer, three that press may be chance."""
 TOUCHED = 0.2
 """A hand touches something while its readings are so far from rest, of their 95 % quantile."""
-FIRST_ROWS = 10
+FIRST_ROWS, FEW_ROWS = 10, 5000
 MORE, ONE_WAY = 1.5, 0.9
 """How much more than the others an axis moves that presses, and in which share of the contact."""
 REPEATED = 0.99
@@ -205,7 +205,9 @@ def presses(values: FloatArray) -> bool:
 
 def sums_of_others(values: FloatArray) -> list[int]:
     """Which sensors of three and more are the sum of the others; values [T, 3 S]."""
-    sensors = np.nan_to_num(values).reshape(len(values), -1, 3)
+    # a few of the rows of a long log, which is large
+    some = values[:: max(1, len(values) // FEW_ROWS)]
+    sensors = np.nan_to_num(some).reshape(len(some), -1, 3)
     rest = np.abs(sensors.sum(axis=1, keepdims=True) - 2 * sensors).max(axis=(0, 2))
     is_sum = rest < SUM * np.abs(sensors).max(axis=(0, 2))
     return np.flatnonzero(is_sum).tolist() if len(is_sum) > 2 else []
@@ -223,7 +225,7 @@ def touch(values: FloatArray) -> tuple[FloatArray, np.ndarray]:
         load += np.abs(np.nan_to_num(channel - at_rest))
     rows = load > TOUCHED * max(np.quantile(load, 0.95), 1e-300)
     where = np.flatnonzero(rows)
-    pressed = _middle(values[where[:: max(1, len(where) // 5000)]])
+    pressed = _middle(values[where[:: max(1, len(where) // FEW_ROWS)]])
     return np.stack([rest, pressed - rest]), rows
 
 

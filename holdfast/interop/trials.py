@@ -396,11 +396,12 @@ def lose_repeats(values: FloatArray) -> list[int]:
     n_lost = []
     for sensor in np.split(values, values.shape[1] // 3, axis=1):
         same = np.append(False, (np.diff(sensor, axis=0) == 0).all(axis=1))
-        runs = np.split(np.arange(len(same)), np.flatnonzero(~same))
+        firsts = np.flatnonzero(~same)
+        lengths = np.diff(np.append(firsts, len(same)))
         hung: list[int] = []
-        for run in runs:
-            is_off_rest = len(run) > 0 and (sensor[run[0]] != sensor[0]).any()
-            hung += run[1:].tolist() if is_off_rest and len(run) > LONGEST_SAME else []
+        for k in np.flatnonzero(lengths > LONGEST_SAME).tolist():
+            if (sensor[firsts[k]] != sensor[0]).any():
+                hung += range(firsts[k] + 1, firsts[k] + lengths[k])
         if same.sum() - len(hung) >= SELDOM * len(same):
             hung = []
         sensor[hung] = np.nan
