@@ -58,8 +58,9 @@ class Form:
     """Logs of one form, to be understood.
 
     found: where lines and questions are added. source: the folder or the file that was given.
-    samples: the logs, shortened. tables: what lies beside them and holds no readings. fingers: the
-    words of the files of one trial, () where a trial is one file. answers: of the command line.
+    samples: the logs, without their readings. tables: what lies beside them and holds none.
+    fingers: the words of the files of one trial, () where a trial is one file. answers: of the
+    command line.
     """
 
     found: Understood

@@ -242,9 +242,10 @@ def moved_most(changes: FloatArray) -> int:
     """
     sizes = np.abs(changes)
     sizes = sizes[sizes.sum(axis=1) > TOUCHED * sizes.sum(axis=1).max()]
-    clearly = (sizes > CLEARLY * sizes[:, NORMAL_AXIS, None]).mean(axis=0)
-    axis = int(clearly.argmax())
-    return axis if clearly[axis] >= MOST_SENSORS else NORMAL_AXIS
+    n_clearly = (sizes > CLEARLY * sizes[:, NORMAL_AXIS, None]).sum(axis=0)
+    axis = int(n_clearly.argmax())
+    is_clear = n_clearly[axis] > 0 and n_clearly[axis] >= MOST_SENSORS * len(sizes)
+    return axis if is_clear else NORMAL_AXIS
 
 
 def oriented(

@@ -512,6 +512,18 @@ def test_a_column_of_two_values_that_is_a_reading_is_no_label(
     assert "what happens in these trials?" in imported(run, tmp_path, code=2)
 
 
+def test_a_log_that_begins_in_a_grasp_shows_no_sign_of_a_press(
+    run: Run, tmp_path: Path
+) -> None:
+    one = two_sensors()
+    # from the grasp to the open hand: the readings fall with time
+    values, words = one.values[150:], one.words("nothing", "grasp", "slip")[150:]
+    names, rows = ["t", *TWO, "phase"], np.column_stack([one.t_s[150:], values])
+    write_text(tmp_path / "logs/a.csv", names, rows, texts=words)
+    assert "signs" not in imported(run, tmp_path, "--unit", "N")
+    np.testing.assert_allclose(raw(tmp_path), values)
+
+
 def test_an_open_hand_that_presses_is_doubted(run: Run, tmp_path: Path) -> None:
     for k, action in enumerate(("nothing", "slip"), 1):
         write_log(tmp_path / f"logs/p1_{action}_1.csv", made(k))
