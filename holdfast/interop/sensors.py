@@ -242,7 +242,8 @@ def moved_most(changes: FloatArray) -> int:
     """
     sizes = np.abs(changes)
     sizes = sizes[sizes.sum(axis=1) > TOUCHED * sizes.sum(axis=1).max()]
-    n_clearly = (sizes > CLEARLY * sizes[:, NORMAL_AXIS, None]).sum(axis=0)
+    middle = np.sort(sizes, axis=1)[:, 1:2]
+    n_clearly = (sizes > CLEARLY * middle).sum(axis=0)
     axis = int(n_clearly.argmax())
     is_clear = n_clearly[axis] > 0 and n_clearly[axis] >= MOST_SENSORS * len(sizes)
     return axis if is_clear else NORMAL_AXIS
