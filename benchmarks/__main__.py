@@ -96,6 +96,12 @@ def _simulator(args: argparse.Namespace) -> Json:
     }
 
 
+def _import(args: argparse.Namespace) -> Json:
+    from benchmarks.long_import import long_import
+
+    return {**measured_now(), **long_import()}
+
+
 def _hand(args: argparse.Namespace) -> Json:
     from benchmarks.hand import fault_table, scan_costs
 
@@ -125,6 +131,12 @@ MEASURES: dict[str, Measure] = {
         _cost,
     ),
     "hand": Measure("scans by bridge, faults (minutes)", "simulated", _hand),
+    "import": Measure(
+        "time and memory of a log of 2,000,000 rows, over those of pandas",
+        "simulated, time on this machine",
+        _import,
+        alone=True,
+    ),
     "simulator": Measure(
         "error by step, CPU time of every effect",
         "simulated, time on this machine",

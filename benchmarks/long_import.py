@@ -1,6 +1,6 @@
 """How long `holdfast import` takes for a long log, over pandas' read_csv and to_csv of it.
 
-python -m benchmarks.long_import [ROWS]      2,000,000 rows of 18 channels, about 320 MB
+`python -m benchmarks import` measures it: 2,000,000 rows of 18 channels, about 320 MB.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ import tempfile
 import numpy as np
 import pandas as pd
 
-ROWS_A_TRIAL = 10_000
+from holdfast.core.contract import Json
+
+ROWS, ROWS_A_TRIAL = 2_000_000, 10_000
 WRITE = "from benchmarks.long_import import write_log; write_log({log!r}, {rows})"
 PANDAS = "import pandas as pd; pd.read_csv({log!r}).to_csv({out!r}, index=False)"
 IMPORT = "from holdfast.cli.main import main; main({words!r})"
@@ -44,20 +46,23 @@ def measure(code: str) -> tuple[float, float]:
     return used.ru_utime + used.ru_stime, used.ru_maxrss / 1e3
 
 
-def main(rows: int) -> None:
-    """Write a log, and print what both took."""
+def long_import(rows: int = ROWS) -> Json:
+    """What an import and pandas took for one log, and the first over the second."""
     # the time, 18 channels and the number of the trial
     table_mb = rows * 20 * 8 / 1e6
     with tempfile.TemporaryDirectory() as folder:
         log, out = f"{folder}/log.csv", f"{folder}/out"
         measure(WRITE.format(log=log, rows=rows))
         words = ["import", log, "--out", out, "--yes", "--action", "slip"]
-        ours = measure(IMPORT.format(words=words))
-        theirs = measure(PANDAS.format(log=log, out=f"{folder}/o.csv"))
-    sys.stdout.write(f"import: {ours[0]:.0f} s, {ours[1]:.0f} MB\n")
-    sys.stdout.write(f"{ours[0] / theirs[0]:.2f} x of pandas ({theirs[0]:.0f} s)\n")
-    sys.stdout.write(f"{ours[1] / table_mb:.2f} x of the table ({table_mb:.0f} MB)\n")
-
-
-if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 2_000_000)
+        programs = {
+            "import": IMPORT.format(words=words),
+            "pandas": PANDAS.format(log=log, out=f"{folder}/o.csv"),
+        }
+        took = {name: measure(code) for name, code in programs.items()}
+    taken = []
+    for name, (cpu_s, peak_mb) in took.items():
+        over_table = round(peak_mb / table_mb, 2)
+        row = {"cpu_s": round(cpu_s, 1), "peak_mb": round(peak_mb)}
+        taken.append({"program": name, **row, "peak_over_table": over_table})
+    over_pandas = took["import"][0] / took["pandas"][0]
+    return {"rows": rows, "time_over_pandas": round(over_pandas, 2), "taken": taken}

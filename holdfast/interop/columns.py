@@ -53,6 +53,10 @@ SIGNAL_UNITS = {
 """Unit -> its words; G is gauss and g is gram."""
 NO_UNIT = "(?i)|f|force|sensor|finger|tip|pad|taxel|values?|filt(ered)?|cal(ibrated)?|axis|mag|data"
 """Words behind an axis that are no unit."""
+FACTOR = re.compile(
+    r"[\[(]([^\])]*\d\s*[^\W\d_]+|[^\W\d_]+\s*[*/x·×]\s*10*(?:\^-?\d+)?)[\])]"
+)
+"""A unit with a number in brackets: 0.01 N, x10^-2 N, N/100, 10 us."""
 FIELD = re.compile(r"(?i)(?<![a-z])(b[xyz](?![a-z])|mag)")
 PRESS_N = (0.2, 60.0)
 """A press of people, N."""
@@ -114,6 +118,8 @@ def _clock(
 
     is_free: the first one, or one without a name.
     """
+    if FACTOR.search(name):
+        return None
     is_date = column.dtype.kind == "i" and column.max() > CLOCK_NS
     unit_named = unit_of_time(name)
     is_named = bool(unit_named or words_of(name) & TIME_WORDS)
@@ -216,7 +222,13 @@ def unit_of(
 
 
 def _unit_behind(name: str) -> str:
-    """The last word in brackets, else the last one behind the axis of a name; "" for none."""
+    """The last word in brackets, else the last one behind the axis of a name; "" for none.
+
+    Whatever stands in the brackets, where that is a unit and a factor.
+    """
+    factor = FACTOR.search(name)
+    if factor:
+        return factor[1]
     _, *behind = re.split(r"(?i)[xyz](?![a-z])", name)
     behind = re.findall(r"[\[(](.+?)[\])]", name) or behind
     words = re.findall(r"[^\W\d_]+", "".join(behind[-1:]))

@@ -34,8 +34,8 @@ from holdfast.interop.labels import (
 from holdfast.interop.logs import SCALARS, other_word, paired
 from holdfast.interop.map import NAMES, Facts, ImportMap, TrialRules
 from holdfast.interop.names import names_of_paths
-from holdfast.interop.sensors import normal_axis, oriented
-from holdfast.interop.streams import ForeignLog, first_stream, merged, text_cells
+from holdfast.interop.sensors import moved_most, oriented
+from holdfast.interop.streams import LOG_TIME, ForeignLog, merged, text_cells
 from holdfast.interop.tables import pd
 from holdfast.interop.understood import Answers, Sample, Understood
 
@@ -46,8 +46,6 @@ NAMED = {
     "column": {"trial", "run", "episode", "rep", "repetition", "recording", "sheet"},
 }
 """Words of columns that hold what a trial is called by, or its number."""
-MOST_SENSORS = 0.8
-"""So many of them must say that the normal axis is another one than the names say."""
 HOW_MANY_ROWS = "how many rows a second have the logs? nothing says it: a number in Hz"
 WHAT_HAPPENS = (
     "what happens in these trials? nothing in the logs says it: slip, hold, pull, fall, pass, "
@@ -60,8 +58,9 @@ class Form:
     """Logs of one form, to be understood.
 
     found: where lines and questions are added. source: the folder or the file that was given.
-    samples: the logs, shortened. tables: what lies beside them and holds no readings. fingers: the
-    words of the files of one trial, () where a trial is one file. answers: of the command line.
+    samples: the logs, without their readings. tables: what lies beside them and holds none.
+    fingers: the words of the files of one trial, () where a trial is one file. answers: of the
+    command line.
     """
 
     found: Understood
@@ -86,9 +85,6 @@ class Form:
         wrong = too_many(len(names) // 3)
         if wrong:
             add("note", f"{wrong}: take those out of the map that do not matter")
-        long = first_stream(first.log).long
-        if long:
-            add("layout", f"a row for each {' and '.join(long)}: made columns")
         trials, actions = self._trial_rules()
         labels = self._labels(trials)
         unit, sensors = self._hand(labels)
@@ -104,13 +100,13 @@ class Form:
         if not (labels or answers.whole_action or about or actions):
             self.found.ask("--action", WHAT_HAPPENS)
         used = {
-            *names,
             time.value.column if time else "",
             labels.rules.column if labels else "",
+            *(trials.column, trials.person, trials.object, trials.action),
+            *valid_names(len(names) // 3),
         }
-        used |= {trials.column, trials.person, trials.object, trials.action}
-        used.update(valid_names(len(names) // 3))
-        unused = [name for name in merged(first.log) if name not in used]
+        there = merged(first.log) | first.columns
+        unused = [name for name in there if name not in (*used, LOG_TIME)]
         if unused:
             add("not used", listed(unused, most=12))
         if time is None or not unit:
@@ -147,8 +143,7 @@ class Form:
             effects[1:] = 0.0
 
         sensors = first.sensors.value
-        axis, share = normal_axis(effects[1].reshape(-1, 3))
-        axis = axis if share >= MOST_SENSORS else NORMAL_AXIS
+        axis = moved_most(effects[1].reshape(-1, 3))
         if answers.normal:
             axis = AXES.index(answers.normal)
             order = [(axis + 1) % 3, (axis + 2) % 3, axis]
@@ -168,8 +163,7 @@ class Form:
             return "", sensors
 
         self.found.add("unit", f"{unit.value}, {unit}")
-        returns = not any(one.touched[-10:].any() for one in self.samples)
-        signed = oriented(sensors, effects, unit.value, axis, returns=returns)
+        signed = oriented(sensors, effects, unit.value, axis)
         if signed != sensors:
             self.found.add("signs", "turned where a press lowers the normal reading")
         return unit.value, signed
@@ -247,51 +241,41 @@ class Form:
 
         A table is a file beside the logs, or a stream of the log that has no readings. It is that
         of all logs where it names its trials: by what the logs are called by, or by what stands in
-        their column of trials.
+        their column of trials. Tables beside a log each are one, with the labels of all.
         """
         first = self.samples[0]
-        names = [one.log.name for one in self.samples]
         root = self.source if self.source.is_dir() else self.source.parent
         keys = {key for sample in self.samples for key in sample.log.keys}
         if trials.column:
             keys |= set(map(str.casefold, text_cells(first.columns[trials.column])))
-        pairs = paired(names, [log.name for log in self.tables])
-        labels: list[FoundLabels] = []
+        pairs = paired(
+            [one.log.name for one in self.samples], [one.name for one in self.tables]
+        )
+        log_of = {table: log for log, table in pairs.items()}
+        parts: dict[tuple[str, str], list[pd.DataFrame]] = {}
         for log in [*self.tables, first.log]:
             file = log.path.relative_to(root).as_posix()
-            beside = [one for one, table in pairs.items() if table == log.name]
+            if log.name in log_of:
+                word = other_word(log_of[log.name], log.name)
+                file = f"*{word}*{log.path.suffix}".replace("**", "*")
             for stream in log.streams:
-                columns = stream.columns
-                if stream.t_ns is not None or {*first.names} & columns.keys():
-                    continue
-                found = rules_of_table(columns, keys, file, self.answers.situations)
-                is_paired = bool(beside) or log is first.log
-                if found is None or not (found.rules.trial or is_paired):
-                    shown = f"{log.path.name} (columns {listed([*columns], most=8)})"
-                    if log.path.suffix != SCALARS:
-                        self.found.add("not used", shown)
-                    continue
-                rules = found.rules
-                if not rules.trial:
-                    word = other_word(beside[0], log.name) if beside else ""
-                    pattern = f"*{word}*{log.path.suffix}".replace("**", "*")
-                    rules = changed(rules, file=pattern)
-                rules = timed(rules, columns, first.stamps_s)
+                if stream.t_ns is None:
+                    table = pd.DataFrame(stream.columns)
+                    parts.setdefault((file, stream.name), []).append(table)
+        labels: list[FoundLabels] = []
+        for (file, title), tables in parts.items():
+            whole = pd.concat(tables, join="inner")
+            columns = {str(name): cells.to_numpy() for name, cells in whole.items()}
+            found = rules_of_table(columns, keys, file, self.answers.situations)
+            is_paired = "*" in file or (root / file) == first.log.path
+            if found and (found.rules.trial or is_paired):
+                spans_s = [one.span_s for one in self.samples]
+                rules = timed(found.rules, columns, spans_s)
                 labels.append(replace(found, rules=rules))
-        return _merged(labels)
-
-
-def _merged(labels: list[FoundLabels]) -> list[FoundLabels]:
-    """Tables of one kind, one beside each log, as one: with the labels of all."""
-    kinds: dict[object, FoundLabels] = {}
-    for found in labels:
-        rules = found.rules
-        key = rules.file, rules.start, rules.end, rules.label
-        before = kinds.get(key, found)
-        both = before.rules.labels | rules.labels
-        unknown = [*dict.fromkeys([*before.unknown, *found.unknown])]
-        kinds[key] = FoundLabels(changed(before.rules, labels=both), unknown)
-    return [*kinds.values()]
+            elif title or not file.endswith(SCALARS):
+                # facts are columns of their log
+                self.found.add("not used", f"{file} (columns {listed([*columns])})")
+        return labels
 
 
 def _rank(found: FoundLabels) -> tuple[bool, int, bool]:

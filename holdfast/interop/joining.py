@@ -13,7 +13,14 @@ import numpy as np
 from holdfast.core.column_map import NS_OF
 from holdfast.core.contract import IntArray
 from holdfast.core.errors import ColumnError, count_of, listed
-from holdfast.interop.columns import CLOCK_NS, find_time, unit_of_time
+from holdfast.interop.columns import (
+    CLOCK_NS,
+    JUDGED_ROWS,
+    TIME_WORDS,
+    find_time,
+    unit_of_time,
+    words_of,
+)
 from holdfast.interop.streams import (
     LOG_TIME,
     Column,
@@ -32,6 +39,8 @@ KEY = re.compile(
 MOST_KEYS = 100
 MOST_LONG = 9
 """Columns where sensors have rows of their own: time, sensor, x, y, z and a few others."""
+MOSTLY = 0.9
+"""So large a share of the steps of a clock go back where the newest row stands first."""
 NEAR_STEPS = 0.6
 """A value of another clock belongs to a row if it is so many steps away."""
 SHEET = "sheet"
@@ -55,6 +64,17 @@ def whole_stamps(stream: Stream) -> Stream:
     return replace(stream, columns=columns)
 
 
+def oldest_first(stream: Stream) -> Stream:
+    """A table whose time falls from row to row, turned round."""
+    for name, column in stream.columns.items():
+        is_time = bool(words_of(name) & TIME_WORDS) and not is_text(column)
+        if is_time and np.mean(np.diff(column[:JUDGED_ROWS]) < 0) > MOSTLY:
+            columns = {key: cells[::-1] for key, cells in stream.columns.items()}
+            notes = (*stream.notes, f"{name} falls: the rows were turned round")
+            return replace(stream, columns=columns, notes=notes)
+    return stream
+
+
 def _is_clock(column: Column) -> bool:
     """Whether a column holds times of day or dates, in ns, without a part of a second."""
     is_ns = column.dtype.kind == "i" and len(column) and column.max() > CLOCK_NS
@@ -67,45 +87,41 @@ def made_wide(stream: Stream, path: Path) -> Stream:
     Which a row is of stands in a column with such a name. Raises ColumnError where no time joins
     the rows of different sensors.
     """
-    kinds = {name: len(pd.unique(cells)) for name, cells in stream.columns.items()}
-    keys = [
-        name for name in kinds if KEY.fullmatch(name) and 1 < kinds[name] <= MOST_KEYS
-    ]
-    is_long = (
-        stream.t_ns is None and len(kinds) <= MOST_LONG and stream.rows > MOST_KEYS
-    )
-    if not keys or not is_long:
+    columns = dict(stream.columns)
+    is_long = stream.rows > MOST_KEYS and len(columns) <= MOST_LONG
+    keys = [name for name in columns if KEY.fullmatch(name)]
+    keys = [key for key in keys if 1 < len(pd.unique(columns[key])) <= MOST_KEYS]
+    if not keys or not is_long or stream.t_ns is not None:
         return stream
-    table = pd.DataFrame(stream.columns, copy=False)
+    table = pd.DataFrame(columns)
     words = table[keys].map(str).agg("_".join, axis=1)
     table = table.drop(columns=keys)
-    time = find_time({name: stream.columns[name] for name in table})
-    at = time.value.column if time else ""
-    times = table.pop(at) if at else words
-    if pd.MultiIndex.from_arrays([times, words]).has_duplicates:
+    time = find_time({name: columns[name] for name in table})
+    try:
+        at = time.value.column if time else keys[0]
+        wide = table.set_index([columns[at], words])
+        wide = wide.drop(columns=at, errors="ignore").unstack()
+    except ValueError:  # a time stands twice for a sensor
         raise ColumnError(
             f"a row for each {listed(keys)}? which rows are of one time is not clear",
             where=path,
             next_step="write the same time into them, or leave that column out",
-        )
-    numbers = table.select_dtypes("number").set_index([times, words]).unstack()
-    texts = table.select_dtypes(exclude="number").groupby(times).first()
-    columns = {at: numbers.index.to_numpy()}
-    columns |= {str(name): cells.to_numpy() for name, cells in texts.items()}
-    for (name, word), cells in numbers.items():
-        columns[f"{word}_{name}"] = cells.to_numpy()
-    return replace(stream, columns=columns, long=tuple(keys))
+        ) from None
+    columns = {at: wide.index.to_numpy()}
+    for (name, word), cells in wide.items():
+        is_word = is_text(cells.to_numpy())
+        columns[f"{word}_{name}"] = (cells.fillna("") if is_word else cells).to_numpy()
+    each = f"a row for each {' and '.join(keys)}: made columns"
+    return replace(stream, columns=columns, notes=(*stream.notes, each))
 
 
 def without_repeats(stream: Stream) -> Stream:
     """A table without rows that stand twice: the same time, and all else the same."""
     same = np.ones(max(0, stream.rows - 1), dtype=np.bool_)
-    for column in () if stream.t_ns is not None else stream.columns.values():
+    for column in stream.columns.values():
         same &= column[1:] == column[:-1]
-        if not same.any():
-            return stream
-    time = find_time(stream.columns)
-    if not len(same) or time is None or not time.value.column:
+    time = find_time(stream.columns) if same.any() else None
+    if stream.t_ns is not None or time is None or not time.value.column:
         return stream
     keep = np.append(True, ~same)
     columns = {name: column[keep] for name, column in stream.columns.items()}
@@ -119,20 +135,22 @@ def united(same: list[Stream]) -> Stream:
     One that began anew goes on; of one that was recorded twice the longer is used; sheets get a
     column with their names.
     """
-    same.sort(key=lambda one: 0 if one.t_ns is None else int(one.t_ns[0]))
-    longest = max(same, key=lambda one: one.rows)
-    stamps = [one.t_ns for one in same if one.t_ns is not None]
-    if any(later[0] <= before[-1] for before, later in pairwise(stamps)):
-        note = f"{longest.name or 'a stream'} is there twice: the longer one is used"
-        return replace(longest, notes=(*longest.notes, note))
     if len(same) == 1:
-        return longest
+        return same[0]
+    longest = max(same, key=lambda one: one.rows)
     tables = [pd.DataFrame(one.columns).assign(**{SHEET: one.name}) for one in same]
-    whole = pd.concat(tables, ignore_index=True)
-    if stamps:
-        whole = whole.drop(columns=SHEET)
+    if longest.t_ns is not None:
+        tables = [pd.DataFrame(one.columns, index=one.t_ns) for one in same]
+        tables.sort(key=lambda table: table.index[0])
+        ends = pairwise(tables)
+        if any(later.index[0] <= before.index[-1] for before, later in ends):
+            note = (
+                f"{longest.name or 'a stream'} is there twice: the longer one is used"
+            )
+            return replace(longest, notes=(*longest.notes, note))
+    whole = pd.concat(tables)
     columns = {str(name): column.to_numpy() for name, column in whole.items()}
-    t_ns = np.concatenate(stamps) if stamps else None
+    t_ns = None if longest.t_ns is None else whole.index.to_numpy()
     return replace(longest, columns=columns, t_ns=t_ns)
 
 

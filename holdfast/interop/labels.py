@@ -19,7 +19,7 @@ import numpy as np
 from msgspec.structs import replace as changed
 
 from holdfast.core.column_map import NS_OF
-from holdfast.core.contract import FloatArray, IntArray
+from holdfast.core.contract import IntArray
 from holdfast.core.errors import LabelError, listed
 from holdfast.data.datasets.trials import action_of
 from holdfast.interop.columns import TIME_WORDS, unit_of_time, words_of
@@ -32,12 +32,33 @@ ROW = "row"
 ROW_WORDS = {"row", "rows", "index", "frame", "sample"}
 LABEL_WORDS = {
     "label", "labels", "event", "events", "phase", "state", "situation", "marker", "markers",
-    "annotation", "class", "slip", "slipping", "status", "trigger", "what", "type",
+    "annotation", "class", "slip", "slipping", "status", "trigger", "what", "was", "type",
 }  # fmt: skip
 TRIAL_WORDS = {"trial", "file", "log", "run", "recording", "episode", "name"}
-START_WORDS = {"start", "begin", "from", "onset", "t0", "time", "at"}
+START_WORDS = {
+    "start",
+    "begin",
+    "from",
+    "von",
+    "onset",
+    "t0",
+    "at",
+    "first",
+} | TIME_WORDS
 LENGTH_WORDS = {"duration", "length"}
-END_WORDS = {"end", "stop", "to", "until", "offset", "finish", "t1"} | LENGTH_WORDS
+END_WORDS = {
+    "end",
+    "stop",
+    "to",
+    "bis",
+    "until",
+    "offset",
+    "finish",
+    "t1",
+    "last",
+} | LENGTH_WORDS
+TRACK = ({"start"}, {"end"}, {"label"})
+"""What the columns of a track of labels are, which has no heading."""
 OUTCOMES = {
     r"no slip|noslip|non slip|not slip|stable|still|static|steady|held": "grasp",
     r"safe|release|pass|hand ?over|put down|place": "safe_slip",
@@ -188,40 +209,35 @@ def _begins(on: np.ndarray) -> np.ndarray:
 def rules_of_table(
     columns: Columns, keys: set[str], file: str, known: Mapping[str, str]
 ) -> FoundLabels | None:
-    """What the columns of a table of events are; None where it has no start or no label.
+    """What the columns of a table of events are; None where no heading names a start or a label.
 
     A row is an event: when it starts, when it ends or how long it lasts, what it is, and which
     trial it is of. A table without labels is of one kind, by the name of the column or the file.
     keys: what logs are called, in small letters. Unit and zero come later.
     """
     trial = next((name for name in columns if _are_trials(name, columns, keys)), "")
-    names = [name for name in columns if name != trial]
-    numbers = [name for name in names if not is_text(columns[name])]
-    start = _named(numbers, START_WORDS | ROW_WORDS)
-    # what an object says of its trial are few times and many other numbers
-    is_time = words_of(start) & (START_WORDS | ROW_WORDS | TIME_WORDS)
-    if (
-        not start
-        or set(columns[start]) == {0, 1}
-        or not (is_time or len(columns[start]) > 1)
-    ):
+    texts = [name for name in columns if name != trial and is_text(columns[name])]
+    numbers = [name for name in columns if name not in (trial, *texts)]
+    words = {}
+    for name in columns:
+        # t0 and t1 are words as well
+        words[name] = words_of(name) | {*re.split(r"[\W_]", name.lower())}
+    if "column1" in columns:
+        words |= zip([*numbers[:2], *texts], TRACK, strict=False)
+    start = _named(numbers, words, START_WORDS | ROW_WORDS)
+    if not start:
         return None
-    ends = []
-    for name in numbers:
-        is_after = (columns[name] >= columns[start]).all() or words_of(name) & END_WORDS
-        ends += [name] if is_after and name != start else []
-    end = _named(ends, END_WORDS)
-    about = situation_of_word(start)
-    texts = [name for name in names if name not in numbers and not about]
-    label = _named(texts, LABEL_WORDS)
+    end = _named([name for name in numbers if name != start], words, END_WORDS)
+    about = situation_of_word(start) or ""
+    label = "" if about else _named(texts, words, LABEL_WORDS)
     kinds = [*dict.fromkeys(filter(None, text_cells(columns[label])))] if label else []
     labels = _by_words(kinds, known)
     if not label:
         labels = {"": about or situation_of_word(Path(file).stem) or ""}
     unknown = [kind for kind in kinds if kind not in labels]
-    is_known = any(labels.values())
-    # words that say nothing are labels where an end and a trial stand beside them
-    if len(kinds) > MOST_LABELS or not (is_known or (unknown and ends and trial)):
+    # words that say nothing are labels where an end stands beside them
+    is_known = any(labels.values()) or (unknown and end)
+    if not is_known or len(kinds) > MOST_LABELS:
         return None
     rules = EventRules(
         file=file,
@@ -243,26 +259,31 @@ def _are_trials(name: str, columns: Columns, keys: set[str]) -> bool:
     return is_text(columns[name]) and len(found) > 1
 
 
-def _named(names: Sequence[str], words: set[str]) -> str:
-    """The first name with one of the words, else the first one; "" for none."""
-    return next((name for name in names if words_of(name) & words), "".join(names[:1]))
+def _named(
+    names: Sequence[str], words: Mapping[str, set[str]], wanted: set[str]
+) -> str:
+    """The first name that has one of the words; "" for none."""
+    return next((name for name in names if words[name] & wanted), "")
 
 
-def timed(rules: EventRules, columns: Columns, stamps_s: FloatArray) -> EventRules:
+def timed(
+    rules: EventRules, columns: Columns, spans_s: Sequence[tuple[float, float]]
+) -> EventRules:
     """The rules of a table with the unit of its times, and whether they count from a log's begin.
 
-    stamps_s [T]: of the log. The first unit counts with which the last event lies within it.
+    spans_s: of the logs. The first unit counts with which the last event lies within one.
     """
     if words_of(rules.start) & ROW_WORDS:
         return changed(rules, unit=ROW)
     latest = np.nanmax(columns[rules.start].astype(np.float64), initial=0.0)
-    lasts_s = stamps_s[-1] - stamps_s[0]
+    lasts_s = max(last_s - first_s for first_s, last_s in spans_s)
+    begins_s, ends_s = min(spans_s)[0], max(spans_s)[1]
     named = unit_of_time(rules.start)
     for unit in (named,) if named else NS_OF:
         latest_s = latest * NS_OF[unit] * 1e-9
         if 0.02 * lasts_s < latest_s <= 1.1 * lasts_s:
             return changed(rules, unit=unit)
-        if stamps_s[0] < latest_s <= stamps_s[-1] + 0.1 * lasts_s:
+        if begins_s < latest_s <= ends_s + 0.1 * lasts_s:
             return changed(rules, unit=unit, zero="clock")
 
     return changed(rules, unit=named or "s")
@@ -278,13 +299,13 @@ def tables_of(
     if rules is None or not rules.file:
         return {}
     root = source if source.is_dir() else source.parent
-    pattern = rules.file.replace("{name}", "*")
-    if "*" not in pattern:
-        return dict.fromkeys(files, root / pattern)
+    if "*" not in rules.file:
+        return dict.fromkeys(files, root / rules.file)
     tables = {}
     for path in sorted(root.rglob("*")):
-        if fnmatch(path.relative_to(root).as_posix(), pattern):
-            tables[path.relative_to(root).with_suffix("").as_posix()] = path
+        place = path.relative_to(root)
+        if fnmatch(place.as_posix(), rules.file):
+            tables[place.with_suffix("").as_posix()] = path
     # a table that was taken for a log is none; that of a workbook may be its own
     logs = [
         name for name, (one, *_) in files.items() if one.path not in tables.values()

@@ -16,6 +16,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from holdfast.core.column_map import MINUS
 from holdfast.core.errors import ColumnError
 
 SPACES = r"\s+"
@@ -38,7 +39,13 @@ NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE)
 STAMP = re.compile(
     rf"{CLOCK}\s*(?:Z|[AP]M|[+-]\d\d:?\d\d)?|\d\d?[./]\d\d?[./]\d{{4}}[T ]{CLOCK}|\d\d?:\d\d[.,]\d+"
 )
-VECTOR = re.compile(r'"?[\[(]\s*([-+\d.][^\[\]()]*?)\s*[\])]"?')
+_CELL = r"(?:[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?|nan|none|null)"
+GAP = r"[\s,;]+"
+"""Between the numbers of a vector."""
+VECTOR = re.compile(rf'(?i)"?[\[(]\s*({_CELL}(?:{GAP}{_CELL})*)[\s,;]*[\])]"?')
+"""Numbers in brackets, and nothing else: a unit such as (0.01 N) is none."""
+LONG_MINUS = "\N{MINUS SIGN}"
+"""Of programs that write for people; a number begins with the short one."""
 PAIR = re.compile(r"(?<![^\s,;|])([^\W\d][\w.\[\]]*)\s*[:=]\s*(?=\S)")
 FEWEST_PAIRS = 3
 """A name before a cell, as for the plotter of a serial monitor; more than so many in a line."""
@@ -58,8 +65,6 @@ HEAD_UNIT = re.compile(
 """What a line above the names says of the unit of the readings."""
 GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}([,.' ]\d{3})+")
 """A whole number with a sign between its thousands; its fraction may follow."""
-GAP = r"[\s,;]+"
-"""Between the numbers of a vector."""
 MOST_HEADING_ROWS = 3
 """Groups, names and units."""
 Cells = list[str]
@@ -86,6 +91,7 @@ class Form:
     def cells(self, line: str) -> Cells:
         """The cells of a line."""
         mark = self.mark
+        line = line.replace(LONG_MINUS, MINUS)
         line = ARRIVAL.sub(rf"\1\2{mark}", line)
         line = VECTOR.sub(lambda found: mark.join(re.split(GAP, found[1])), line)
         line = PAIR.sub("", line) if self.has_names else line
@@ -161,12 +167,15 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
         )
 
     first = are_data.index(True)
-    odd = (ARRIVAL.match(one) or VECTOR.search(one) for one in data[first:][:20])
+    odd = (
+        ARRIVAL.match(one) or VECTOR.search(one) or LONG_MINUS in one
+        for one in data[first:]
+    )
     is_odd = form.has_names or bool(form.thousands) or any(odd)
     above = [line.lstrip(f" {comment}") for line in lines[:first]]
     names = _heading(above, data[first], form)
     if form.has_names:
-        found = PAIR.findall(data[first])
+        found = PAIR.findall(data[first])[:wide]
         # the time of arrival has none
         names = [""] * (wide - len(found)) + found
     # pandas names columns without names 0, 1, 2, .., and writes nothing above the index

@@ -16,7 +16,13 @@ import numpy as np
 
 from holdfast.core.errors import DataError, DataNotFound, EmptyRecording, NotANumber
 from holdfast.core.trial_layout import LOG_MARKS, LOG_SUFFIXES
-from holdfast.interop.joining import made_wide, united, whole_stamps, without_repeats
+from holdfast.interop.joining import (
+    made_wide,
+    oldest_first,
+    united,
+    whole_stamps,
+    without_repeats,
+)
 from holdfast.interop.streams import ForeignLog, Stream, counted, first_stream
 from holdfast.interop.tables import begin_of
 
@@ -88,8 +94,8 @@ def find_logs(source: Path) -> tuple[list[LogPlace], list[str]]:
     root = source if _kind_of(source) is None else source.parent
 
     # of two with one name a text is that of the labels
-    order = sorted(_places(source, root), key=lambda one: one.kind in PROSE)
-    for place in sorted(order, key=lambda one: counted(one.name)):
+    places = sorted(_places(source, root), key=lambda one: one.kind in PROSE)
+    for place in sorted(places, key=lambda one: counted(one.name)):
         wide = _columns_of(place)
         if place.path != source and not wide:
             others.append(place.path.name)
@@ -153,7 +159,8 @@ def read_log(place: LogPlace) -> ForeignLog:
 
     streams = []
     for stream in filter(lambda one: one.rows, log.streams):
-        streams.append(without_repeats(made_wide(whole_stamps(stream), place.path)))
+        stream = oldest_first(whole_stamps(stream))
+        streams.append(without_repeats(made_wide(stream, place.path)))
     if not streams:
         raise EmptyRecording("no row of data", where=place.path)
     same: dict[tuple[str, ...], list[Stream]] = {}

@@ -106,13 +106,13 @@ def _words(path: str) -> list[str]:
 
     Words with a dash between them are one, unless one is a person, a number or an action.
     """
-    first, *rest = WORD.split(path)
-    words = [first, *rest[:2]]
-    for word, mark in zip(rest[2::2], rest[3::2], strict=True):
-        if words[-1] == "-" and not (_is_name(words[-2]) or _is_name(word)):
-            words[-2:] = [f"{words[-2]}-{word}", mark]
+    words: list[str] = []
+    for part in WORD.split(path):
+        is_dashed = words[-1:] == ["-"] and len(words) > 2
+        if is_dashed and part and not (_is_name(words[-2]) or _is_name(part)):
+            words[-2:] = [f"{words[-2]}-{part}"]
         else:
-            words += [word, mark]
+            words.append(part)
     return words
 
 

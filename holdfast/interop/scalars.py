@@ -1,8 +1,12 @@
-"""What a JSON object beside a log says of its trial, as a table of one row."""
+"""What JSON beside a log says of its trial: facts as one row, lists of events as tables."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -10,20 +14,39 @@ from holdfast.core.column_map import flat_fields
 from holdfast.core.errors import NotANumber
 from holdfast.core.schema import json_of, text_of
 from holdfast.interop.streams import Columns, ForeignLog, Stream, text_column
+from holdfast.interop.tables import streams_of
 
 MOST_FACTS = 60
 """An object with more is no description of a trial."""
+OF_A_LIST = re.compile(r"(^|\.)\d+(\.|$)")
+"""In the name of a leaf that stands in a list."""
 
 
 def read_log(path: Path, name: str) -> ForeignLog:
-    """The numbers and texts of an object; null is nan. Raises NotANumber for other JSON."""
+    """The facts of an object, without a name, then a table for each list of objects, by its name.
+
+    Facts are numbers and texts; null is nan. Raises NotANumber for other JSON.
+    """
     value = json_of(text_of(path))
-    facts = flat_fields(value) if isinstance(value, dict) else {}
-    if not 0 < len(facts) <= MOST_FACTS:
-        raise NotANumber("holds no facts of a trial", where=path)
+    leaves = flat_fields(value)
     columns: Columns = {}
-    for key, fact in facts.items():
+    for key, fact in leaves.items():
+        if not key or OF_A_LIST.search(key):
+            continue
         is_text = isinstance(fact, str | bool)
         number = np.nan if fact is None else fact
         columns[key] = text_column([fact]) if is_text else np.array([number], float)
-    return ForeignLog(path, name, (Stream(columns),))
+    tables = [*_tables(value, "list")]
+    if len(columns) > MOST_FACTS or not (columns or tables):
+        raise NotANumber("holds no facts of a trial", where=path)
+    return ForeignLog(path, name, (Stream(columns), *tables))
+
+
+def _tables(value: Any, name: str) -> Iterator[Stream]:
+    """Each list of objects in a value, as a table without stamps of its own."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _tables(inner, str(key))
+    elif isinstance(value, list) and all(isinstance(one, dict) for one in value):
+        for table in streams_of({"": [(0, one) for one in value]}):
+            yield replace(table, t_ns=None, name=name)

@@ -19,6 +19,7 @@ from holdfast.core.errors import listed
 from holdfast.interop.columns import channels, rise_of, words_of
 from holdfast.interop.evidence import Evidence
 from holdfast.interop.streams import LOG_TIME, Columns, counted, is_text
+from holdfast.interop.tables import pd
 
 FINGERS = (
     "thumb|th|one", "index|fore|pointer|ff|two", "middle|mf|three", "ring|rf|four",
@@ -54,13 +55,15 @@ FEWEST_UNNAMED = 9
 """Of six columns and fewer, three that press may be chance."""
 TOUCHED = 0.2
 """A hand touches something while its readings are so far from rest, of their 95 % quantile."""
-FIRST_ROWS = 10
+FIRST_ROWS, FEW_ROWS = 10, 5000
 MORE, ONE_WAY = 1.5, 0.9
 """How much more than the others an axis moves that presses, and in which share of the contact."""
+REPEATED = 0.99
+"""A sensor whose steps are so alike to those of another one is no sensor of its own."""
 SUM = 0.002
 """A resultant is the sum of the others but for rounding, of its largest reading."""
-CLEARLY = 3.0
-"""How much larger a change is that contradicts the names."""
+CLEARLY, MOST_SENSORS = 3.0, 0.8
+"""How much larger a change is that contradicts the names, and on which share of the sensors."""
 
 
 def find_sensors(
@@ -184,6 +187,7 @@ def _by_touch(
 def presses(values: FloatArray) -> bool:
     """Whether the same axis of every sensor presses: moves most, and in one direction.
 
+    And whether no sensor repeats another one, as the torques of a load do whose arm stays the same.
     values [T, 3 S]: of the sensors in turn.
     """
     (rest, change), rows = touch(values)
@@ -192,12 +196,18 @@ def presses(values: FloatArray) -> bool:
     normal = (values[rows] - rest)[:, axis::3] * np.sign(change[axis::3])
     others = np.delete(sizes, axis, axis=1).max(axis=1)
     is_one_way = np.nanmean(normal >= 0, axis=0) > ONE_WAY
-    return bool((sizes[:, axis] > MORE * others).all() and is_one_way.all())
+    # pandas leaves nan out, and steps show the noise that each sensor has of its own
+    alike = pd.DataFrame(np.diff(normal, axis=0)).corr().abs().to_numpy()
+    repeats = np.triu(alike, 1).max() > REPEATED
+    is_more = (sizes[:, axis] > MORE * others).all()
+    return bool(is_more and is_one_way.all() and not repeats)
 
 
 def sums_of_others(values: FloatArray) -> list[int]:
     """Which sensors of three and more are the sum of the others; values [T, 3 S]."""
-    sensors = np.nan_to_num(values).reshape(len(values), -1, 3)
+    # a few of the rows of a long log, which is large
+    some = values[:: max(1, len(values) // FEW_ROWS)]
+    sensors = np.nan_to_num(some).reshape(len(some), -1, 3)
     rest = np.abs(sensors.sum(axis=1, keepdims=True) - 2 * sensors).max(axis=(0, 2))
     is_sum = rest < SUM * np.abs(sensors).max(axis=(0, 2))
     return np.flatnonzero(is_sum).tolist() if len(is_sum) > 2 else []
@@ -215,7 +225,7 @@ def touch(values: FloatArray) -> tuple[FloatArray, np.ndarray]:
         load += np.abs(np.nan_to_num(channel - at_rest))
     rows = load > TOUCHED * max(np.quantile(load, 0.95), 1e-300)
     where = np.flatnonzero(rows)
-    pressed = _middle(values[where[:: max(1, len(where) // 5000)]])
+    pressed = _middle(values[where[:: max(1, len(where) // FEW_ROWS)]])
     return np.stack([rest, pressed - rest]), rows
 
 
@@ -225,31 +235,28 @@ def _middle(values: FloatArray) -> FloatArray:
     return middles
 
 
-def normal_axis(changes: FloatArray) -> tuple[int, float]:
-    """(the axis that a touch moves most, and clearly in how large a share of the sensors).
+def moved_most(changes: FloatArray) -> int:
+    """The axis that a touch clearly moves most on most sensors; else that of the names.
 
     changes [S, 3]: what a touch changes.
     """
-    change = np.abs(changes)
-    change = change[change.sum(axis=1) > TOUCHED * change.sum(axis=1).max()]
-    clearly = np.sort(change, axis=1)[:, 1:2] * CLEARLY
-    shares = (change > clearly).sum(axis=0) / max(1, len(change))
-    return int(shares.argmax()), float(shares.max())
+    sizes = np.abs(changes)
+    sizes = sizes[sizes.sum(axis=1) > TOUCHED * sizes.sum(axis=1).max()]
+    middle = np.sort(sizes, axis=1)[:, 1:2]
+    n_clearly = (sizes > CLEARLY * middle).sum(axis=0)
+    axis = int(n_clearly.argmax())
+    is_clear = n_clearly[axis] > 0 and n_clearly[axis] >= MOST_SENSORS * len(sizes)
+    return axis if is_clear else NORMAL_AXIS
 
 
 def oriented(
-    sensors: Sequence[SensorColumns],
-    effects: FloatArray,
-    unit: str,
-    axis: int,
-    *,
-    returns: bool,
+    sensors: Sequence[SensorColumns], effects: FloatArray, unit: str, axis: int
 ) -> list[SensorColumns]:
     """The sensors with signs and zeros such that a press raises their prepared normal.
 
     Preparation turns a sensor round whose normal rests below 0. Where all must be turned, the log
     has its z the other way; where some must be, their magnets are upside down. effects: of a touch.
-    axis: the normal one in them. returns: whether the readings end near their rest.
+    axis: the normal one in them.
     """
     ours, size = UNIT_OF[unit]
     rest, pressed = size * effects[:, axis::3]
@@ -257,9 +264,8 @@ def oriented(
     is_turned_later = is_far & (rest < 0.0)
     touched = np.abs(pressed) > TOUCHED * np.abs(pressed).max()
     wrong = touched & (np.where(is_turned_later, -pressed, pressed) < 0.0)
-    # a press raises a field whatever its sign; counts above 0 hide the sign
-    is_hidden = ours == "count" and bool((rest >= 0).all()) and returns
-    wrong &= (np.abs(rest) < np.abs(pressed)) | is_hidden
+    # a press raises a field whatever its sign, which counts do not show
+    wrong &= (np.abs(rest) < np.abs(pressed)) | (ours == "count")
     turned = list(sensors)
     for k in np.flatnonzero(wrong).tolist():
         axes = list(sensors[k].axes)

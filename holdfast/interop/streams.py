@@ -28,15 +28,13 @@ LOG_TIME = "log_time"
 class Stream:
     """Rows of a topic, a sheet or a table. t_ns [T]: the log's own stamps; None without.
 
-    notes: what was left out or changed on reading, a line each. long: the columns whose values
-    each had rows of their own.
+    notes: what was left out or changed on reading, a line each.
     """
 
     columns: Columns
     t_ns: IntArray | None = None
     name: str = ""
     notes: tuple[str, ...] = ()
-    long: tuple[str, ...] = ()
 
     @property
     def rows(self) -> int:

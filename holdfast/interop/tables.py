@@ -42,7 +42,9 @@ with needs_extra("train"):
 HEAD_BYTES, HEAD_LINES = 256 << 10, 240
 """Of the beginning, from which the layout is found."""
 CHUNK_ROWS = 20_000
-DAY_NS = 86_400 * 10**9
+MOST_TORN = 0.2
+"""Lines of another number of cells, of all rows, with which a table is none."""
+HOUR_NS = 3600 * 10**9
 NOON = pd.Timedelta(hours=12)
 EPOCH = pd.Timestamp(0, tz="UTC")
 
@@ -221,6 +223,12 @@ def _numeric(
     notes = [*known]
     if n_torn:
         notes.append(f"{count_of(n_torn, 'line')} of another number of cells left out")
+    if n_torn > MOST_TORN * len(cells[layout.names[0]]):
+        raise ColumnError(
+            f"{n_torn} lines have another number of cells than {len(layout.names)}",
+            cause="a row that goes on in the next line, or several tables in one file",
+            next_step="write each row as one line, and each table as a file",
+        )
     there = np.zeros(len(cells[layout.names[0]]), dtype=np.bool_)
     for name in layout.names:
         column = _typed(cells[name], name, layout.form.decimal, notes)
@@ -275,7 +283,8 @@ def stamps_of(cells: pd.Series) -> Column:
         spans = dates - EPOCH
     else:
         clock = texts.str.extract(r"([\d:.]+)")[0]
-        clock = clock.where(clock.str.count(":") > 1, "0:" + clock)
+        has_hours = clock.str.count(":") > 1
+        clock = clock.where(has_hours, "0:" + clock)
         spans = pd.to_timedelta(clock, errors="coerce")
         if first.endswith("M"):
             spans = spans % NOON + NOON * texts.str.endswith("PM").astype(int)
@@ -283,6 +292,9 @@ def stamps_of(cells: pd.Series) -> Column:
     ns: Column = spans.to_numpy("m8[ns]").astype(np.int64)
     if spans.isna().any():
         ns = np.where(spans.isna(), np.nan, ns)
-    # a step of nearly a day back is midnight
+    if date:
+        return ns
+    # a step of nearly a day back is midnight; minutes and seconds alone begin anew each hour
+    period = HOUR_NS * (24 if has_hours.any() else 1)
     steps = np.nan_to_num(np.diff(ns, prepend=ns[:1]))
-    return ns if date else ns + DAY_NS * np.cumsum(steps < -DAY_NS / 2)
+    return ns + period * np.cumsum(steps < -period / 2)

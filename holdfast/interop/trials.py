@@ -56,7 +56,6 @@ from holdfast.interop.streams import (
     Stream,
     evened,
     first_stream,
-    merged,
     text_cells,
     unwrapped,
 )
@@ -70,6 +69,10 @@ LONG_GAP_S, LONG_GAP_STEPS = 0.5, 20.0
 """A gap with the open hand ends a trial from so many seconds and so many usual steps on."""
 MOST_ZEROS = 0.3
 """Of a press: a sensor that reads 0 for longer touches nothing."""
+LONGEST_SAME = 20
+"""Rows in which a sensor may read the same, to the last digit of three axes."""
+SELDOM = 0.05
+"""Of the rows of a sensor that changes from row to row, elsewhere."""
 LARGEST = 1e10
 """What is as large is no reading: a count has 32 bits."""
 TIMED = ("pull", "fall", "pass", "put-down")
@@ -212,24 +215,15 @@ class TrialImport:
     def _of_readings(
         self, log: ForeignLog, rows: pd.DataFrame, plan: ImportMap
     ) -> pd.DataFrame:
-        """Without the rows of another topic: no reading, between the times of the others."""
+        """Without the rows of another topic, in which no sensor has a reading."""
         has_any = np.zeros(len(rows), dtype=np.bool_)
         for channel in plan.channels:
             # one by one: a long log is large
             has_any |= rows[channel].notna().to_numpy()
-            if has_any.all():
-                return rows
-        name = plan.time.column
-        if not has_any.any() or not name:
+        n_others = len(rows) - int(has_any.sum())
+        if not plan.time.column or n_others in (0, len(rows)):
             return rows
-        times = rows[name].to_numpy(np.float64)
-        longest = 1.5 * usual_step(times[has_any])
-        gaps = (np.diff(one) > longest for one in (times, times[has_any]))
-        if len({int(one.sum()) for one in gaps}) > 1:
-            # all sensors were lost
-            return rows
-        n_others = count_of(int((~has_any).sum()), "row")
-        self._note(log, f"{n_others} of no sensor left out")
+        self._note(log, f"{count_of(n_others, 'row')} of no sensor left out")
         return rows[has_any]
 
     def _cuts(
@@ -340,6 +334,10 @@ class TrialImport:
         Raises NotANumber, TimeError.
         """
         values = values_of(log, rows, plan)
+        for number, n_same in enumerate(lose_repeats(values), 1):
+            if n_same:
+                text = f"sensor {number} repeats a reading in {n_same} rows: lost"
+                self._note(log, text)
         n_zeros = lose_zeros(values)
         if n_zeros:
             self._note(log, f"{count_of(n_zeros, 'zero')} of a sensor in a press: lost")
@@ -387,6 +385,28 @@ def stays_for(values: FloatArray) -> int:
     gaps = np.diff(changes)
     n_rows = int(np.median(gaps)) if len(gaps) > FEWEST_ROWS else 1
     return n_rows if n_rows > 1 and np.mean(gaps % n_rows == 0) > 0.9 else 1
+
+
+def lose_repeats(values: FloatArray) -> list[int]:
+    """How many samples of each sensor repeat one reading, as of a driver that hangs; become nan.
+
+    values [T, C]: changed. A sensor may stay at its rest, and one that often repeats has coarse
+    steps.
+    """
+    n_lost = []
+    for sensor in np.split(values, values.shape[1] // 3, axis=1):
+        same = np.append(False, (np.diff(sensor, axis=0) == 0).all(axis=1))
+        firsts = np.flatnonzero(~same)
+        lengths = np.diff(np.append(firsts, len(same)))
+        hung: list[int] = []
+        for k in np.flatnonzero(lengths > LONGEST_SAME).tolist():
+            if (sensor[firsts[k]] != sensor[0]).any():
+                hung += range(firsts[k] + 1, firsts[k] + lengths[k])
+        if same.sum() - len(hung) >= SELDOM * len(same):
+            hung = []
+        sensor[hung] = np.nan
+        n_lost.append(len(hung))
+    return n_lost
 
 
 def lose_zeros(values: FloatArray) -> int:
@@ -462,11 +482,14 @@ def read_joined(
         named = {f"{word}.{key}": column for key, column in columns.items()}
         streams[number:] = [Stream(named, np.round(t_ns).astype(np.int64), word)]
     for place in places[len(files) :]:
-        facts = merged(read_log(place))
         longest = max(streams, key=lambda one: one.rows)
-        columns = {key: np.repeat(fact, longest.rows) for key, fact in facts.items()}
         at = streams.index(longest)
-        streams[at] = replace(longest, columns=columns | longest.columns)
+        # what has a name is a table of events
+        for one in [one for one in read_log(place).streams if not one.name]:
+            facts = {
+                key: np.repeat(fact, longest.rows) for key, fact in one.columns.items()
+            }
+            streams[at] = replace(longest, columns=facts | longest.columns)
     return replace(log, name=name, streams=tuple(streams))
 
 

@@ -24,7 +24,7 @@ from holdfast.interop.evidence import Evidence
 from holdfast.interop.forms import Form
 from holdfast.interop.joining import table_of
 from holdfast.interop.labels import is_mark
-from holdfast.interop.logs import SCALARS, LogPlace, find_logs, read_log
+from holdfast.interop.logs import SCALARS, WORD, LogPlace, find_logs, read_log
 from holdfast.interop.map import ImportMap
 from holdfast.interop.names import kind_of
 from holdfast.interop.sensors import (
@@ -34,20 +34,11 @@ from holdfast.interop.sensors import (
     sums_of_others,
     touch,
 )
-from holdfast.interop.streams import (
-    Columns,
-    ForeignLog,
-    counted,
-    first_stream,
-    is_text,
-    merged,
-)
+from holdfast.interop.streams import ForeignLog, counted, first_stream, is_text, merged
 from holdfast.interop.tables import pd
 from holdfast.interop.trials import files_of, read_joined
 from holdfast.interop.understood import Answers, Sample, Understood
 
-KEPT_ROWS = 1000
-"""Of readings, once it is known what a touch does to them."""
 FEWEST_ROWS = 100
 """Of a log without a time: shorter ones are tables of something else."""
 CLOCK_S = 60.0
@@ -56,8 +47,6 @@ FILE_OF_A_SENSOR = re.compile(
     rf"(?i){FINGER.pattern}|^(finger|left|right|(sensor|pad|taxel|tip|jaw|ch|f|s)[-_ ]?\d)"
 )
 """A word of a path that names a finger, numbers a sensor, or is a side."""
-OVERLAP = 0.7
-"""Of the spans of files that belong to one trial."""
 NO_SHEAR = (
     "the step needs shear: x, y and z of each sensor, or xz or yz where the hand card says so "
     "(measures); of the normal alone nothing is trained"
@@ -78,7 +67,7 @@ def understand(source: Path, answers: Answers, part: Part = ignored) -> Understo
         # no more than one is in the memory
         found.kept.clear()
         found.kept[place.name] = log = read_log(place)
-        sample = _sample([place], log, answers)
+        sample = "" if place.kind == SCALARS else _sample([place], log, answers)
         samples += _or_asked(sample, log, found)
         tables += [] if isinstance(sample, Sample) else [log]
         part(number / len(places))
@@ -176,22 +165,20 @@ def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample 
     if sums:
         shown = listed([found[k].z for k in sums])
         return f"columns {listed([*names], most=9)} ({shown} is the sum of the others)"
-    effects, touched = touch(values)
+    effects, _ = touch(values)
     unit = unit_of(names, values, effects, log.about.get("unit") or "")
+    span_s = 0.0, float(longest.rows)
+    if time and time.value.column:
+        stamps_s = columns[time.value.column] * (1e-9 * time.value.unit_ns)
+        span_s = float(np.nanmin(stamps_s)), float(np.nanmax(stamps_s))
+    # the readings of all logs would fill the memory
+    columns = {name: cells for name, cells in columns.items() if name not in names}
+    others = [one for one in log.streams if not {*names} & one.columns.keys()]
+    log = replace(log, streams=tuple(others))
     marks = [name for name, column in columns.items() if is_mark(name, column)]
     if time and time.value.column in marks:
         marks.remove(time.value.column)
-    streams = [replace(one, columns=_short(one.columns, names)) for one in log.streams]
-    log, columns = replace(log, streams=tuple(streams)), _short(columns, names)
-    return Sample(files, log, columns, time, sensors, marks, effects, touched, unit)
-
-
-def _short(columns: Columns, readings: Sequence[str]) -> Columns:
-    """Columns with the first rows of the readings, so that long logs do not fill the memory."""
-    short = {}
-    for name, cells in columns.items():
-        short[name] = cells[:KEPT_ROWS].copy() if name in readings else cells
-    return short
+    return Sample(files, log, columns, time, sensors, marks, effects, span_s, unit)
 
 
 # -- files of one trial
@@ -205,23 +192,24 @@ def _fingers(
     Such files have one sensor each, are named alike but for one word, and run at the same time.
     The word names a finger; else it is asked where it may be one.
     """
-    names = [re.split(r"[/_ .]+|-(?=[A-Za-z])", one.log.name) for one in samples]
+    names = [re.split(WORD, one.log.name) for one in samples]
     is_apart = any(len(one.names) > 3 for one in samples) or len({*map(len, names)}) > 1
     if answers.fingers or is_apart:
         return [*filter(None, answers.fingers.split(","))]
-    firsts = pd.Series([np.nanmin(one.stamps_s) for one in samples])
-    lasts = pd.Series([np.nanmax(one.stamps_s) for one in samples])
-    for k, words in enumerate(map(dict.fromkeys, zip(*names, strict=True))):
-        trials = np.array([" ".join([*one[:k], *one[k + 1 :]]) for one in names])
-        begins, ends = firsts.groupby(trials), lasts.groupby(trials)
-        both = ends.min() - begins.max()
-        overlap = both > OVERLAP * (ends.max() - begins.min())
-        if len(words) < 2 or (ends.size() != len(words)).any() or not overlap.all():
+    spans_s = pd.DataFrame([one.span_s for one in samples], columns=["first", "last"])
+    for at in range(len(names[0])):
+        trials = [" ".join([*one[:at], *one[at + 1 :]]) for one in names]
+        of_trial = spans_s.groupby(trials)
+        words = [*dict.fromkeys(one[at] for one in names)]
+        at_once = of_trial["first"].max() < of_trial["last"].min()
+        is_whole = (of_trial.size() == len(words)).all() and at_once.all()
+        if len(words) < 2 or not is_whole:
             continue
         if all(map(FILE_OF_A_SENSOR.search, words)):
             return sorted(words, key=lambda word: (finger_order(word), counted(word)))
         # trials that begin at 0 each seem to run at the same time
-        if firsts.min() > CLOCK_S or kind_of([*words], answers) == "unclear":
+        is_clock = spans_s["first"].min() > CLOCK_S
+        if is_clock or kind_of(words, answers) == "unclear":
             each = ",".join(words)
             found.ask(
                 "--fingers",

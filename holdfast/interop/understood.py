@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from holdfast.core.column_map import SensorColumns, TimeColumn
-from holdfast.core.contract import UNIT_OF, BoolArray, FloatArray
+from holdfast.core.contract import UNIT_OF, FloatArray
 from holdfast.core.errors import UsageError
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
 from holdfast.data.datasets.trials import action_of
@@ -95,8 +93,10 @@ class Understood:
 class Sample:
     """A log with readings: its columns on one clock, its time and sensors.
 
-    Of the readings only the first rows are kept. marks: columns that may hold labels. effects,
-    touched: what `touch` gives of all rows. unit: what says it, and what is not clear.
+    The readings themselves are not kept. log: its streams without readings. columns: the others of
+    a row. marks: those that may hold labels. effects: what `touch` gives of all rows. unit: what
+    says it, and what is not clear. span_s: the first and the last stamp on the log's clock, or the
+    rows.
     """
 
     files: list[LogPlace]
@@ -106,17 +106,10 @@ class Sample:
     sensors: Evidence[list[SensorColumns]]
     marks: list[str]
     effects: FloatArray
-    touched: BoolArray
+    span_s: tuple[float, float]
     unit: Evidence[str] | str
 
     @property
     def names(self) -> tuple[str, ...]:
         """[C] the columns of the axes."""
         return tuple(name for sensor in self.sensors.value for name in sensor.axes)
-
-    @property
-    def stamps_s(self) -> np.ndarray:
-        """[T] on the log's clock."""
-        rows = np.arange(len(self.touched))
-        time = self.time.value if self.time else TimeColumn(rate_hz=1.0)
-        return self.columns.get(time.column, rows) * (1e-9 * time.unit_ns)

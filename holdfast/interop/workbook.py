@@ -1,13 +1,13 @@
 """Sheets of Excel workbooks by openpyxl, which only this module imports.
 
-A sheet may hold several tables: side by side with an empty column between them, or one below the
-other with an empty row. Each is read as the text that it would be, and is a stream of its own.
+A sheet is read as the text that it would be, and is a stream. Of tables side by side with an empty
+column between them the first is read, as of those with an empty row between them.
 """
 
 from __future__ import annotations
 
+import re
 import warnings
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from datetime import date, time
@@ -24,7 +24,7 @@ with needs_extra("xlsx"):
 
 
 def read_log(path: Path, name: str) -> ForeignLog:
-    """A workbook as a log: a stream for each table of its sheets."""
+    """A workbook as a log: a stream for each sheet that is a table."""
     streams = []
     with warnings.catch_warnings():
         # of styles and the like, which no table needs
@@ -32,43 +32,24 @@ def read_log(path: Path, name: str) -> ForeignLog:
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
         for sheet in book.worksheets:
             cells = pd.DataFrame(sheet.values, dtype=object).map(_plain)
-            for number, block in enumerate(_blocks(cells)):
-                lines = block.to_csv(sep=";", header=False, index=False).splitlines(
-                    True
-                )
-                # a block of notes is no table
-                with suppress(DataError):
-                    table = read_table(lines, layout_of(lines[:HEAD_LINES]))
-                    title = f"{sheet.title} ({number})" if number else sheet.title
-                    streams.append(replace(table, name=title))
+            is_empty = cells.isna().all()
+            tables = is_empty.cumsum()[~is_empty]
+            first = tables[tables == tables.min()].index
+            text = cells[first].to_csv(sep=";", header=False, index=False)
+            # an empty row is an empty line
+            lines = re.sub("(?m)^;+$", "", text).splitlines(keepends=True)
+            # a sheet of notes is no table
+            with suppress(DataError):
+                table = read_table(lines, layout_of(lines[:HEAD_LINES]))
+                notes = table.notes
+                if len(first) < len(tables):
+                    beside = f"sheet {sheet.title}: a table beside the first left out"
+                    notes = (*notes, beside)
+                streams.append(replace(table, name=sheet.title, notes=notes))
 
         book.close()
 
     return ForeignLog(path, name, tuple(streams))
-
-
-def _blocks(cells: pd.DataFrame) -> Iterator[pd.DataFrame]:
-    """Blocks between empty columns and empty rows; numbers without names belong to those above."""
-    for columns in _parted(cells.T):
-        block = pd.DataFrame()
-        for rows in _parted(columns.T):
-            if _has_number(block) and not _has_number(rows[:1]):
-                yield block
-                block = rows
-            else:
-                block = pd.concat([block, rows])
-        yield block
-
-
-def _parted(cells: pd.DataFrame) -> list[pd.DataFrame]:
-    """The rows between empty ones."""
-    is_empty = cells.isna().all(axis=1)
-    numbers = is_empty.cumsum()[~is_empty]
-    return [rows for _, rows in cells[~is_empty].groupby(numbers)]
-
-
-def _has_number(cells: pd.DataFrame) -> bool:
-    return bool(cells.apply(pd.to_numeric, errors="coerce").notna().any(axis=None))
 
 
 def _plain(cell: Any) -> Any:

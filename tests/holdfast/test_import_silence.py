@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -376,6 +377,22 @@ def test_columns_without_axes_that_all_press_are_asked(
     assert "of the normal alone nothing is trained" in asked
 
 
+def test_torques_that_follow_the_forces_are_no_sensors_of_their_own(
+    run: Run, tmp_path: Path
+) -> None:
+    one = two_sensors()
+    force, more = one.values[:, :3], one.values[:, 3:]
+    rows = np.column_stack([one.t_s, force, 0.05 * force, more, 0.05 * more])
+    # without a heading: two sensors of six axes, not four of three
+    write_text(tmp_path / "logs/a.csv", [], rows)
+    assert "which are x, y and z of each sensor?" in imported(
+        run, tmp_path, *SLIP, code=2
+    )
+    given = ",".join(f"column{k}" for k in (2, 3, 4, 8, 9, 10))
+    imported(run, tmp_path, *SLIP, "--sensors", given)
+    np.testing.assert_allclose(raw(tmp_path), one.values)
+
+
 # -- fingers
 
 
@@ -495,6 +512,18 @@ def test_a_column_of_two_values_that_is_a_reading_is_no_label(
     assert "what happens in these trials?" in imported(run, tmp_path, code=2)
 
 
+def test_a_log_that_begins_in_a_grasp_shows_no_sign_of_a_press(
+    run: Run, tmp_path: Path
+) -> None:
+    one = two_sensors()
+    # from the grasp to the open hand: the readings fall with time
+    values, words = one.values[150:], one.words("nothing", "grasp", "slip")[150:]
+    names, rows = ["t", *TWO, "phase"], np.column_stack([one.t_s[150:], values])
+    write_text(tmp_path / "logs/a.csv", names, rows, texts=words)
+    assert "signs" not in imported(run, tmp_path, "--unit", "N")
+    np.testing.assert_allclose(raw(tmp_path), values)
+
+
 def test_an_open_hand_that_presses_is_doubted(run: Run, tmp_path: Path) -> None:
     for k, action in enumerate(("nothing", "slip"), 1):
         write_log(tmp_path / f"logs/p1_{action}_1.csv", made(k))
@@ -563,13 +592,49 @@ def opensignals(one: Made) -> str:
     return "\n".join(lines) + "\n"
 
 
+def newest_row_first(one: Made) -> str:
+    """As dashboards and telephones export (ThingSpeak, Grafana)."""
+    rows = np.column_stack([one.t_s, one.values]).tolist()
+    lines = [",".join(f"{cell:.4f}" for cell in row) for row in rows]
+    return "\n".join([",".join(["t", *axes(5)]), *lines[::-1]]) + "\n"
+
+
+def long_minus_signs(one: Made) -> str:
+    """As programs write numbers for people (Mathematica, R's scales)."""
+    rows = np.column_stack([one.t_s, one.values]).tolist()
+    lines = [",".join(f"{cell:.4f}" for cell in row) for row in rows]
+    return "\n".join([",".join(["t", *axes(5)]), *lines]).replace("-", "\N{MINUS SIGN}")
+
+
+def minutes_and_seconds_over_an_hour(one: Made) -> str:
+    """No hours, as a spreadsheet shows a short time."""
+    lines = [",".join(["t", *axes(5)])]
+    for t_s, row in zip(one.t_s, one.values.tolist(), strict=True):
+        minutes, seconds = divmod(round(3598.0 + t_s, 2) % 3600.0, 60.0)
+        first = f"{minutes:02.0f}:{seconds:05.2f}"
+        lines.append(",".join([first, *(f"{cell:.4f}" for cell in row)]))
+    return "\n".join(lines) + "\n"
+
+
+def a_sensor_that_hangs(one: Made) -> str:
+    """A driver that gives its last reading again while a sensor does not answer."""
+    values = one.values.copy()
+    values[200:321, 12:] = values[200, 12:]
+    rows = np.column_stack([one.t_s, values]).tolist()
+    lines = [",".join(f"{cell:.4f}" for cell in row) for row in rows]
+    return "\n".join([",".join(["t", *axes(5)]), *lines]) + "\n"
+
+
 FURTHER = {
     write.__name__: write
     for write in (
         esp_idf_monitor, rostopic_echo, an_empty_line_after_each_row, opensim_storage,
-        lines_that_leave_a_dead_sensor_out, opensignals,
+        lines_that_leave_a_dead_sensor_out, opensignals, newest_row_first, long_minus_signs,
+        minutes_and_seconds_over_an_hour, a_sensor_that_hangs,
     )
 }  # fmt: skip
+LOST = {"lines_that_leave_a_dead_sensor_out": 2, "a_sensor_that_hangs": 120}
+"""Rows in which a sensor's readings are lost; the others are whole."""
 
 
 @pytest.mark.parametrize("form", FURTHER)
@@ -589,10 +654,54 @@ def test_a_form_of_a_public_thread_is_right_or_asked(
     trial = read_trial(tmp_path / "set/object/slip/trial_1.csv")
     assert trial.rate_hz == pytest.approx(100.0, rel=1e-3)
     np.testing.assert_allclose(trial.raw[:200], one.values[:200], atol=1e-4)
-    np.testing.assert_allclose(trial.raw[-200:], one.values[-200:], atol=1e-4)
-    n_lost = 2 if form.startswith("lines_that") else 0
-    assert np.isnan(trial.raw).all(axis=1).sum() == n_lost
+    np.testing.assert_allclose(trial.raw[-150:], one.values[-150:], atol=1e-4)
+    assert np.isnan(trial.raw[:, -1]).sum() == LOST.get(form, 0)
     assert len(trial.raw) == 500
+
+
+def rows_over_two_lines(one: Made) -> str:
+    """As numpy prints an array, without a heading."""
+    lines = []
+    for row in np.column_stack([one.t_s, one.values]).tolist():
+        cells = [f"{cell:.4f}" for cell in row]
+        lines += ["[" + " ".join(cells[:10]), "  " + " ".join(cells[10:]) + "]"]
+    return "\n".join(lines) + "\n"
+
+
+def lines_of_influx(one: Made) -> str:
+    """A row for each finger, a name before each number (InfluxDB's line protocol)."""
+    lines = []
+    for t_s, row in zip(one.t_s, one.values.reshape(-1, 5, 3).tolist(), strict=True):
+        for k, (x, y, z) in enumerate(row):
+            stamp = f"{1_700_000_000 + t_s:.9f}".replace(".", "")
+            lines.append(f"pads,finger=f{k} fx={x:.4f},fy={y:.4f},fz={z:.4f} {stamp}")
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("form", "says"),
+    [
+        (rows_over_two_lines, "lines have another number of cells than"),
+        (lines_of_influx, "a.txt is no table"),
+    ],
+)
+def test_a_form_of_a_public_thread_that_is_no_table_is_refused(
+    run: Run, tmp_path: Path, form: Callable[[Made], str], says: str
+) -> None:
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs/a.txt").write_text(form(made(1)))
+    assert says in imported(run, tmp_path, *SLIP, code=3)
+
+
+@pytest.mark.parametrize("form", ["{} [0.01 N]", "{} (x10^-2 N)", "{} (N/100)"])
+def test_a_unit_with_a_factor_is_asked(run: Run, tmp_path: Path, form: str) -> None:
+    one = two_sensors()
+    names = ["t (s)", *map(form.format, TWO)]
+    write_log(tmp_path / "logs/a.csv", one, 100 * one.values, names)
+    factor = form[4:-1]
+    assert f"the log says {factor}" in imported(run, tmp_path, *SLIP, code=2)
+    write_log(tmp_path / "logs/a.csv", one, names=["t [10 ms]", *TWO])
+    assert "how many rows a second" in imported(run, tmp_path, *SLIP, code=2)
 
 
 # -- facts beside a log, and what is refused
@@ -619,6 +728,56 @@ def test_an_object_without_a_time_of_the_drop_is_a_trial_in_which_nothing_falls(
         facts = {"subject": f"p{k}", "success": at_s is None, "drop_time_s": at_s}
         (tmp_path / f"logs/rec_{k}.json").write_text(json.dumps(facts))
     assert "2 trials: 1 slip, 1 hold" in imported(run, tmp_path)
+
+
+EVENTS = [
+    {"t": 1.0, "label": "grasp"},
+    {"t": 3.0, "label": "slip"},
+    {"t": 3.5, "label": "grasp"},
+]
+PHASES = [
+    {"t0_s": 1.0, "t1_s": 4.0, "label": "grasp"},
+    {"t0_s": 3.0, "t1_s": 3.5, "label": "slip"},
+]
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        {"subject": "anna", "object": "mug", "events": EVENTS},
+        {
+            "subject": "anna",
+            "object": "mug",
+            "notes": {"by": "video", "phases": PHASES},
+        },
+    ],
+)
+def test_a_list_of_events_in_an_object_beside_a_log_says_when_it_slips(
+    run: Run, tmp_path: Path, value: object
+) -> None:
+    for k in (1, 2):
+        write_log(tmp_path / f"logs/rec_{k}.csv", made(k))
+        (tmp_path / f"logs/rec_{k}.json").write_text(json.dumps(value))
+    assert "labels     *.json: t" in imported(run, tmp_path)
+    for k in (1, 2):
+        path = tmp_path / f"set/anna/mug/slip/trial_{k}.truth.json"
+        phases = json.loads(path.read_text())["phases"]
+        slips = [p for p in phases if p["label"] == "risky_slip"]
+        assert [(slip["t0_s"], slip["t1_s"]) for slip in slips] == [(3.0, 3.5)]
+
+
+def test_a_list_in_an_object_that_holds_no_events_is_named(
+    run: Run, tmp_path: Path
+) -> None:
+    write_log(tmp_path / "logs/cup_1.csv", made(1))
+    value = {
+        "subject": "anna",
+        "steps": [{"nr": 1, "what": "wash"}, {"nr": 2, "what": "dry"}],
+    }
+    (tmp_path / "logs/cup_1.json").write_text(json.dumps(value))
+    asked = imported(run, tmp_path, code=2)
+    assert "not used   *.json (columns nr, what)" in asked
+    assert "what happens in these trials?" in asked
 
 
 @pytest.mark.parametrize(
