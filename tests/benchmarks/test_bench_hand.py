@@ -14,7 +14,7 @@ from benchmarks.hand import FAULTS, RATES_HZ, fault_table, scan_costs
 from holdfast.drivers.bus import BRIDGE
 
 ROOT = Path(__file__).resolve().parents[2]
-MODEL = ROOT / "models" / "holdfast-150hz-tiny.onnx"
+MODEL = ROOT / "models" / "holdfast-150hz.onnx"
 STEP_US = 400.0
 
 
