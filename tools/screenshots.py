@@ -21,10 +21,13 @@ HEIGHT_PX = 900
 SITE = Path("build/docs-site")
 FIRST_PAGES = (
     "index.html",
+    "for-clinicians.html",
+    "for-students.html",
+    "for-boards.html",
+    "cheat-sheet.html",
     "how-it-works.html",
     "shared-control.html",
     "what-accuracy-costs.html",
-    "evaluation.html",
     "your-data.html",
 )
 CUT = """[...document.querySelectorAll("table,img,svg[role=img],pre,math")].filter(one => {

@@ -96,12 +96,12 @@ def _begins(picture: StreamPicture) -> int:
 
 
 def _right(picture: StreamPicture) -> str:
-    """What would be right."""
+    """What the model should do."""
     if picture.recording.action not in SLIPS:
-        return "no alarm is right"
+        return "it should give no alarm"
     events = picture.events
     slides_ms = 1e3 * (events["gross_slip_s"] - events["load_onset_s"])
-    return f"an alarm within {slides_ms:.0f} ms, before all fingers slide"
+    return f"it should alarm within {slides_ms:.0f} ms, before all fingers slide"
 
 
 def _outcome(picture: StreamPicture) -> str:

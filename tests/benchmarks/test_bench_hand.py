@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from pathlib import Path
 
+import numpy as np
 import pytest
 from page_tables import filled
 
@@ -14,6 +15,7 @@ from holdfast.drivers.bus import BRIDGE
 
 ROOT = Path(__file__).resolve().parents[2]
 MODEL = ROOT / "models" / "holdfast-150hz.onnx"
+STEP_US = 400.0
 
 
 @pytest.fixture(scope="module")
@@ -38,12 +40,17 @@ def test_every_bridge_has_its_row_and_only_serves_rates_that_leave_it_time(scans
 
 @pytest.fixture(scope="module")
 def faults():
-    """Runs of 2 s, with faults from 0.75 s to 1.25 s: the hand settles within 0.7 s."""
+    """Runs of 2 s, with faults from 0.75 s to 1.25 s: the hand settles within 0.7 s.
+
+    A step takes STEP_US here: how fast this machine is decides nothing.
+    """
     early = {fault.replace("@3", "@0.75"): what for fault, what in FAULTS.items()}
     with pytest.MonkeyPatch.context() as patched:
         times = {"FAULT_AT_S": 0.75, "FAULT_RUN_S": 2.0, "PHASES_FROM_S": 0.75}
         for name, value in {"FAULTS": early, **times}.items():
             patched.setattr(hand, name, value)
+        timed = {"step": np.array([STEP_US])}
+        patched.setattr(hand, "time_in_turns", lambda calls: timed)
         return fault_table(MODEL, phases=2)
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
-import subprocess
+import runpy
 import sys
 from collections.abc import Iterator
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 
 import pytest
@@ -26,9 +28,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         pytest.skip(f"the browser's example needs {', '.join(WASM.programs)}")
     made = tmp_path_factory.mktemp("pages")
     script = str(ROOT / "examples/browser/build.py")
-    build = [sys.executable, script, str(RELEASED), str(made)]
-    done = subprocess.run(build, capture_output=True, text=True, check=True)
-    assert re.fullmatch(r"(\S+\.html: [12]\.\d\d MB\n){2}", done.stdout)
+    with pytest.MonkeyPatch.context() as patched, redirect_stdout(StringIO()) as said:
+        patched.setattr(sys, "argv", [script, str(RELEASED), str(made)])
+        runpy.run_path(script, run_name="__main__")
+    assert re.fullmatch(r"(\S+\.html: [12]\.\d\d MB\n){2}", said.getvalue())
     return made
 
 

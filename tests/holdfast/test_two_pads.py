@@ -84,9 +84,12 @@ def test_a_tug_at_a_gripper_of_two_pads_is_held_by_the_commands(
 
 
 def test_a_run_names_the_gripper_commands_it_and_ends_with_its_scene(
-    run: Run, two_pads: Path, tug: Path
+    run: Run, two_pads: Path, tmp_path: Path
 ) -> None:
-    words = ("--source", scene_url(tug, 102), "--grip", "virtual", "--to", "none")
+    short = TUG.replace("0.8", "0.3").replace("hold_s = 1.5", "hold_s = 0.8")
+    (tmp_path / "tug.toml").write_text(short, "utf-8")
+    url = scene_url(tmp_path / "tug.toml", 102)
+    words = ("--source", url, "--grip", "virtual", "--to", "none")
     code, _, err = run("run", two_pads, *words)
     assert code == 0, err
     assert "hand: two-pad-gripper, 2 sensors" in err
