@@ -18,7 +18,7 @@ from holdfast.drivers.virtual.virtual_hand import FieldSource, noise_of
 
 RELEASED = 0xFF
 NOISE_UT = (15.0, 15.0, 20.0)
-"""Noise of one average, so that 8 have about that of the pads of eflesh_slip (simulation/magnet.py)."""
+"""Noise of one average, so that 8 have about that of the pads in simulation/magnet.py."""
 POWER_ON = (0x0070 | chip.HALL_DEFAULT, 0x0000, 0x0000)
 """Registers after power-up: the largest sensitivity."""
 REGISTER_COUNT = 64
