@@ -209,7 +209,7 @@ class AnswerRules:
     from_p: float = DecisionRules.answer_permille / 1000
     full_p: float = DecisionRules.full_answer_permille / 1000
     rise_n: float = 6.0
-    follow_n: float = 15.0
+    follow_n: float = 6.0
     most_over_n: float = math.inf
     floor: float = DecisionRules.follow_floor_permille / 1000
     above: float = DecisionRules.follow_above_permille / 1000
@@ -232,6 +232,83 @@ class AnswerRules:
         return replace(usual, **others)
 
 
+class FrictionInUse:
+    """The share of friction in use, and what is usual on it in this hold.
+
+    In use is u = T / (2 max(N, LEAST_N)), the force along the skin over the normal force. Usual is
+    its mean, and TIMES its mean deviation. Both are learned in two steps. While the wearer makes
+    the hold, from the contact on for LEARNS_S and until the hand has closed, quickly (QUICK_S),
+    whatever is given: a pick-up is no slip. Afterwards slowly (MEAN_S), while no target is given
+    and the load does not rise.
+    """
+
+    LEARNS_S = 0.6
+    QUICK_S = 0.15
+    MEAN_S = 1.0
+    TIMES = 2.0
+    """A tremor stays below so many times its mean deviation: of a sine the peak is 1.6."""
+    LOAD_S, LONG_S = 0.1, 0.4
+    """Time constants of two low-passes over the load; it rises where one is RISES of the other."""
+    RISES = 1.2
+    LEAST_N = 0.5
+    """Below it the ratio of two noisy numbers means little, N a side."""
+
+    def __init__(self, batch: Batch, rate_hz: float) -> None:
+        self._batch = batch
+        self._slow = 1.0 / (1.0 + self.MEAN_S * rate_hz)
+        self._quick = 1.0 / (1.0 + self.QUICK_S * rate_hz)
+        self._short = 1.0 / (1.0 + self.LOAD_S * rate_hz)
+        self._long = 1.0 / (1.0 + self.LONG_S * rate_hz)
+        self._load_n = batch.zero()
+        self._long_n = batch.zero()
+        self._mean = batch.zero()
+        self._apart = batch.zero()
+        self.used = batch.zero()
+        self.usual = batch.zero()
+        self.makes = batch.false()
+
+    def step(self, sense: GripSense, given_n: Number, wearer: WearersGrip) -> None:
+        """Take one sample: used is of this sample, usual of those before."""
+        batch = self._batch
+        self.used = sense.load_n / (2.0 * batch.most(sense.grip_n, self.LEAST_N))
+        self.usual = self._mean + self.TIMES * self._apart
+        self.makes = wearer.closes | (wearer.held_s < self.LEARNS_S)
+
+        holds = sense.known & batch.no(sense.empty)
+        self._pass_load(sense, holds)
+        grows = self._load_n > self.RISES * self._long_n
+        learns = holds & (self.makes | ((given_n <= 0.0) & batch.no(grows)))
+        self._learn(learns)
+        self._forget(sense.known & sense.empty)
+
+    def _pass_load(self, sense: GripSense, holds: Flag) -> None:
+        """Both low-passes over the load."""
+        batch = self._batch
+        load_n = self._load_n + self._short * (sense.load_n - self._load_n)
+        long_n = self._long_n + self._long * (sense.load_n - self._long_n)
+        self._load_n = batch.choose(holds, load_n, self._load_n)
+        self._long_n = batch.choose(holds, long_n, self._long_n)
+
+    def _learn(self, learns: Flag) -> None:
+        """Mean and deviation of what is in use."""
+        batch = self._batch
+        used = self.used
+        share = batch.choose(self.makes, self._quick, self._slow)
+        apart = batch.most(used - self._mean, self._mean - used)
+        mean = self._mean + share * (used - self._mean)
+        apart = self._apart + share * (apart - self._apart)
+        self._mean = batch.choose(learns, mean, self._mean)
+        self._apart = batch.choose(learns, apart, self._apart)
+
+    def _forget(self, empty: Flag) -> None:
+        """The next hold is another one."""
+        batch = self._batch
+        self._mean = batch.choose(empty, 0.0, self._mean)
+        self._apart = batch.choose(empty, 0.0, self._apart)
+        self._load_n = batch.choose(empty, 0.0, self._load_n)
+        self._long_n = batch.choose(empty, 0.0, self._long_n)
+
+
 class SlipAnswer:
     """Leads the grip by the evidence of a slip.
 
@@ -244,12 +321,21 @@ class SlipAnswer:
     and the grip stays where it is, or where the friction margin wants it. The lead sets the drive's
     speed. The grip itself rises by rise_n over the wearer's, or to what friction is known to need,
     and no further.
+
+    In a young hold a model is most often wrong, and mostly for a sample or two. A slip begins with
+    a rise of friction in use, so up to YOUNG_S from the contact on evidence counts as far as more
+    is in use than usual in this hold: in full from FULL_TIMES the usual on. While what is usual is
+    learned it does not count at all.
     """
 
     FADES_S = 0.06
     """Within it full evidence becomes none: about the drive's lag, in which no grip rises yet."""
     BRAKE_S = 0.02
     """So long after the evidence, in a known state, the target goes back: the drive coasts."""
+    YOUNG_S = 2.0
+    FULL_TIMES = 1.3
+    LEAST_USUAL = 0.02
+    """A smaller share of friction than this is none."""
 
     def __init__(
         self, batch: Batch, rate_hz: float, lead_n: float, rules: AnswerRules
@@ -263,12 +349,19 @@ class SlipAnswer:
         self.fresh = batch.false()
 
     def step(
-        self, sense: GripSense, wearers_n: Number, given_n: Number, needed_n: Number
+        self,
+        sense: GripSense,
+        wearer: WearersGrip,
+        friction: FrictionInUse,
+        given_n: Number,
+        needed_n: Number,
     ) -> Number:
         """The wanted grip, N a side; 0 for none. given_n, needed_n: as Controller.want."""
         batch = self._batch
+        wearers_n = wearer.grip_n
         holds = sense.known & batch.no(sense.empty)
-        now = batch.choose(holds, self._evidence(sense), 0.0)
+        counts = self._counts(wearer, friction)
+        now = batch.choose(holds, counts * self._evidence(sense), 0.0)
         fading = self._last_evidence - self._period_s / self.FADES_S
         evidence = batch.choose(holds, batch.most(now, fading), 0.0)
         rises = evidence > 0.0
@@ -294,6 +387,14 @@ class SlipAnswer:
         share = (sense.p_risky - rules.from_p) / (rules.full_p - rules.from_p)
         return self._batch.within(0.0, share, 1.0)
 
+    def _counts(self, wearer: WearersGrip, friction: FrictionInUse) -> Number:
+        """How far evidence counts, 0 to 1: in a young hold as far as friction in use has risen."""
+        batch = self._batch
+        usual = batch.most(friction.usual, self.LEAST_USUAL)
+        risen = (friction.used - usual) / ((self.FULL_TIMES - 1.0) * usual)
+        risen = batch.choose(friction.makes, 0.0, batch.within(0.0, risen, 1.0))
+        return batch.choose(wearer.held_s < self.YOUNG_S, risen, 1.0)
+
     def _kept_n(
         self, sense: GripSense, wearers_n: Number, given_n: Number, needed_n: Number
     ) -> Number:
@@ -318,100 +419,50 @@ class SlipAnswer:
 class LoadFollower:
     """The grip that keeps the share of friction in use where it was: it rises with the load.
 
-    In use is u = T / (2 max(N, LEAST_N)), the force along the skin over the normal force. The
-    reference is what is usual in this hold: the mean of u, and TIMES its mean deviation; at least
-    the floor. It is learned in two steps. While the wearer makes the hold, from the contact on for
-    LEARNS_S and until the hand has closed, quickly (QUICK_S), whatever is given, and nothing is
-    followed: a pick-up is no slip. Afterwards slowly (MEAN_S), while no target is given and the
-    load does not rise. From `above` times the reference on the grip should be so large that no more
-    than that is in use: T / (2 above reference), but at most MOST_N and MOST_TIMES the wearer's
-    grip over it. So a wearer who closes a touching hand soon grips by more than a target made.
+    The reference is what is usual in this hold (FrictionInUse); at least the floor. From `above`
+    times the reference on the grip should be so large that no more than that is in use:
+    T / (2 above reference), but at most MOST_N and MOST_TIMES the wearer's grip over it. So a
+    wearer who closes a touching hand soon grips by more than a target made. While what is usual is
+    learned, nothing is followed.
     """
 
-    LEARNS_S = 0.6
-    QUICK_S = 0.15
-    MEAN_S = 1.0
-    TIMES = 2.0
-    """A tremor stays below so many times its mean deviation: of a sine the peak is 1.6."""
-    LOAD_S, LONG_S = 0.1, 0.4
-    """Time constants of two low-passes over the load; it rises where one is RISES of the other."""
-    RISES = 1.2
-    LEAST_N = 0.5
-    """Below it the ratio of two noisy numbers means little, N a side."""
     MOST_N, MOST_TIMES = 1.0, 2.0
 
-    def __init__(self, batch: Batch, rate_hz: float, rules: AnswerRules) -> None:
+    def __init__(self, batch: Batch, rules: AnswerRules) -> None:
         self._batch = batch
         self._rules = rules
         # in another unit no rise is known to be large
         self._most_n = self.MOST_N if rules.in_newtons else math.inf
-        self._slow = 1.0 / (1.0 + self.MEAN_S * rate_hz)
-        self._quick = 1.0 / (1.0 + self.QUICK_S * rate_hz)
-        self._short = 1.0 / (1.0 + self.LOAD_S * rate_hz)
-        self._long = 1.0 / (1.0 + self.LONG_S * rate_hz)
-        self._load_n = batch.zero()
-        self._long_n = batch.zero()
-        self._mean = batch.zero()
-        self._apart = batch.zero()
 
-    def step(self, sense: GripSense, given_n: Number, wearer: WearersGrip) -> Number:
+    def step(
+        self, sense: GripSense, wearer: WearersGrip, friction: FrictionInUse
+    ) -> Number:
         """The grip that the load asks for, N a side; 0 where it does not rise."""
         batch = self._batch
-        used = sense.load_n / (2.0 * batch.most(sense.grip_n, self.LEAST_N))
-        usual = self._mean + self.TIMES * self._apart
-        reference = batch.most(usual, self._rules.floor)
         holds = sense.known & batch.no(sense.empty)
-        makes = wearer.closes | (wearer.held_s < self.LEARNS_S)
+        reference = batch.most(friction.usual, self._rules.floor)
         allowed = self._rules.above * reference
-        rises = holds & batch.no(makes) & (used > allowed)
+        rises = holds & batch.no(friction.makes) & (friction.used > allowed)
 
         # another person who takes the object raises the load as well
         taken = sense.p_safe >= self._rules.safe_p
         most_n = batch.choose(taken, self._rules.safe_follow_n, self._rules.follow_n)
         most_n = batch.least(most_n, self._most_n + self.MOST_TIMES * wearer.grip_n)
         asked_n = batch.least(sense.load_n / (2.0 * allowed), wearer.grip_n + most_n)
-
-        self._pass_load(sense, holds)
-        grows = self._load_n > self.RISES * self._long_n
-        learns = holds & (makes | ((given_n <= 0.0) & batch.no(grows)))
-        self._learn(used, makes, learns)
-        self._forget(sense.known & sense.empty)
         return batch.choose(rises & (most_n > 0.0), asked_n, 0.0)
-
-    def _pass_load(self, sense: GripSense, holds: Flag) -> None:
-        """Both low-passes over the load."""
-        batch = self._batch
-        load_n = self._load_n + self._short * (sense.load_n - self._load_n)
-        long_n = self._long_n + self._long * (sense.load_n - self._long_n)
-        self._load_n = batch.choose(holds, load_n, self._load_n)
-        self._long_n = batch.choose(holds, long_n, self._long_n)
-
-    def _forget(self, empty: Flag) -> None:
-        """The next hold is another one."""
-        batch = self._batch
-        self._mean = batch.choose(empty, 0.0, self._mean)
-        self._apart = batch.choose(empty, 0.0, self._apart)
-        self._load_n = batch.choose(empty, 0.0, self._load_n)
-        self._long_n = batch.choose(empty, 0.0, self._long_n)
-
-    def _learn(self, used: Number, makes: Flag, learns: Flag) -> None:
-        """Mean and deviation of what is in use."""
-        batch = self._batch
-        share = batch.choose(makes, self._quick, self._slow)
-        apart = batch.most(used - self._mean, self._mean - used)
-        mean = self._mean + share * (used - self._mean)
-        apart = self._apart + share * (apart - self._apart)
-        self._mean = batch.choose(learns, mean, self._mean)
-        self._apart = batch.choose(learns, apart, self._apart)
 
 
 class Holdfast(Controller):
     """The larger of two answers: to a slip, and to a load that rises. setting: the lead, N.
 
-    What is fast is seen by its slip alone, what is slow by its load before anything slips.
+    What is fast is seen by its slip alone, what is slow by its load before anything slips. Up to
+    EARLY_S from the contact on no target is more than EARLY_N above the wearer's grip: what is read
+    then is mostly the closing hand.
     """
 
     SETTING = 22.0
+    EARLY_S = 1.2
+    EARLY_N = 2.0
 
     def __init__(
         self,
@@ -422,24 +473,31 @@ class Holdfast(Controller):
     ) -> None:
         super().__init__(batch, rate_hz, setting, rules)
         self._slip = SlipAnswer(batch, rate_hz, self._setting, self.rules)
-        self._load = LoadFollower(batch, rate_hz, self.rules)
+        self._load = LoadFollower(batch, self.rules)
+        self._friction = FrictionInUse(batch, rate_hz)
+        # in another unit no target is known to be small
+        self._early_n = self.EARLY_N if self.rules.in_newtons else math.inf
 
     def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
         """The wanted grip, N a side; 0 for none."""
         batch = self._batch
-        wearers_n = self._wearer.step(sense, given_n)
-        wanted_n = self._slip.step(sense, wearers_n, given_n, needed_n)
+        wearer, friction = self._wearer, self._friction
+        wearers_n = wearer.step(sense, given_n)
+        friction.step(sense, given_n, wearer)
+        wanted_n = self._slip.step(sense, wearer, friction, given_n, needed_n)
         self.fresh = self._slip.fresh
         if self.rules.follows:
-            asked_n = self._load.step(sense, given_n, self._wearer)
+            asked_n = self._load.step(sense, wearer, friction)
             self.fresh = self.fresh | (asked_n > 0.0)
             wanted_n = batch.most(wanted_n, asked_n)
 
         # while the hand closes no sensor tells the wearer's grip from ours
-        closes = self._wearer.closes
-        self.fresh = self.fresh & batch.no(closes)
-        wanted_n = batch.choose(closes, 0.0, wanted_n)
-        return batch.least(wanted_n, wearers_n + self.rules.most_over_n)
+        self.fresh = self.fresh & batch.no(wearer.closes)
+        wanted_n = batch.choose(wearer.closes, 0.0, wanted_n)
+
+        most_n = batch.choose(wearer.held_s < self.EARLY_S, self._early_n, math.inf)
+        most_n = batch.least(most_n, self.rules.most_over_n)
+        return batch.least(wanted_n, wearers_n + most_n)
 
 
 CONTROLLERS: dict[str, type[Controller]] = {"none": Controller, "holdfast": Holdfast}

@@ -20,7 +20,7 @@ from studies.shared_control.published import CONTROLLERS
 CARDS = Path(__file__).parent / "cards"
 SHORTER = (("close_at_s", 0.8), ("hold_s", 1.8), ("tail_s", 0.5))
 """Values of shipped cards for this study: the quiet seconds before an action are simulated less."""
-SEED = 7101
+SEED = 7102
 """Of the report: locked (holdfast/core/locked.toml). To choose anything take --seed 100 to 199."""
 UNSEEN = ("p1", "p2", "quick", "slow")
 """Styles of no card that the model was trained on. No choice may see them, at any seed."""
@@ -33,17 +33,18 @@ LATE = f"oracle after {1e3 * LATE_S:g} ms"
 KNOWING_S = (0.0, 0.007, 0.013, 0.027, 0.04)
 """In the part `knowing` an oracle knows so long after load onset: 0, 1, 2, 4 and 6 samples."""
 KNOWING_SETS = ("author", "tugs")
-FRONT_SETS = ("author", "tugs", "everyday", "wide")
-"""On these the settings are chosen; what becomes of their objects is counted together."""
+FRONT_SETS = ("author", "tugs", "everyday", "wide", "sinking", "sudden")
+"""On these the settings are chosen; what becomes of their objects is counted together. The last two
+are styles for choices alone, a slow one and a quick one: they are no rows of the table."""
 FRONT: dict[str, dict[str, object]] = {
     "both": {},
     "detection alone": {"follows": False},
     "following alone": {"detects": False},
-    "floor 0.15": {"floor": 0.15},
-    "floor 0.3": {"floor": 0.3},
-    "followed by 8 N": {"follow_n": 8.0},
-    "followed by 25 N": {"follow_n": 25.0},
-    "slips raise 3 N": {"rise_n": 3.0},
+    "floor 0.2": {"floor": 0.2},
+    "from 1.4 times the usual": {"above": 1.4},
+    "followed by 15 N": {"follow_n": 15.0},
+    "hand-overs by 2 N": {"safe_follow_n": 2.0},
+    "answers from 0.6": {"from_p": 0.6, "full_p": 0.75},
     "slips raise 12 N": {"rise_n": 12.0},
 }
 """Points of the front: rules of the controller that differ from the usual ones."""
@@ -107,6 +108,14 @@ def sets(trials: int, seed: int = SEED) -> dict[str, LoopSet]:
     }
 
 
+def development_sets(trials: int, seed: int) -> dict[str, LoopSet]:
+    """Styles on which rules are chosen, and nothing is reported."""
+    return {
+        name: LoopSet(str(CARDS / f"{name}.toml"), 2 * trials, seed)
+        for name in ("sinking", "sudden")
+    }
+
+
 def rows(trials: int, seed: int = SEED) -> list[Row]:
     """Everything that the study runs."""
     by_name = sets(trials, seed)
@@ -124,10 +133,11 @@ def rows(trials: int, seed: int = SEED) -> list[Row]:
             label = f"oracle after {1e3 * after_s:g} ms"
             late = LoopRequest(ORACLE, knows_after_s=after_s)
             made.append(Row("knowing", name, label, by_name[name], late))
+    chosen_on = by_name | development_sets(trials, seed)
     for name in FRONT_SETS:
         for label, rules in FRONT.items():
             request = replace(OUR_REQUEST, rules=tuple(rules.items()))
-            made.append(Row("front", name, label, by_name[name], request))
+            made.append(Row("front", name, label, chosen_on[name], request))
     for name in LATE_SETS:
         made += _opening_late(name, by_name[name])
     for name in STYLES:

@@ -44,9 +44,9 @@ def step(
 
 
 def held(name: str = "holdfast", **options: Any) -> GripControl:
-    """After half a second of a quiet hold."""
+    """After a quiet hold that is no longer young."""
     control = GripControl(name, RATE_HZ, **options)
-    for _ in range(75):
+    for _ in range(330):
         step(control)
     return control
 

@@ -300,7 +300,7 @@ def test_a_view_without_rich_is_a_plain_line_that_names_the_extra(model, monkeyp
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setitem(sys.modules, "rich.console", None)
     monkeypatch.setattr("holdfast.live.view.PLAIN_S", 0.01)
-    shown, _ = seen_in_a_terminal(model, "finger 3 is lost", b"p(risky slip)")
+    shown, _ = seen_in_a_terminal(model, "finger 3 is lost", b"(risky slip) 0.")
     assert b"finger 3 is lost" in shown
     assert b"pip install 'holdfast[view]'" in shown
     assert b"UNKNOWN, p(risky slip) 0." in shown

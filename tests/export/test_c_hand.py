@@ -221,7 +221,7 @@ def test_a_grip_command_in_c_has_the_bits_of_python_at_every_step(form, hands):
 def test_whatever_is_sensed_a_target_in_c_and_python_is_finite_and_within_the_ceiling(
     form, hands
 ):
-    commands = same_commands(form, hostile_senses(37, 400, hands), hands)
+    commands = same_commands(form, hostile_senses(37, 600, hands), hands)
     target_n = commands["target_n"]
     assert ((target_n >= 0.0) & (target_n <= QUICK.ceiling_n)).all()
     assert all(np.isfinite(commands[name]).all() for name in NUMBERS)

@@ -22,7 +22,7 @@ CONTACT = Phase(300, 600, GRASP)
 
 
 def answered(person: str, alarms: list[int], load_n: float = 0.2) -> ModelOutputs:
-    """Six seconds with one contact, 4 N a side; a sure risky slip at single rows."""
+    """Six seconds with one contact, 4 N a side; at single rows more load, and a sure risky slip."""
     samples = np.zeros((ROWS, 6))
     samples[300:600] = [0.0, load_n, 4.0, 0.0, load_n, 4.0]
     recording = Recording(
@@ -44,6 +44,7 @@ def answered(person: str, alarms: list[int], load_n: float = 0.2) -> ModelOutput
     for row in alarms:
         situation[row] = RISKY_SLIP
         permille[row] = 1000
+        samples[row, 1::3] *= 2.0
         p[row, RISKY_SLIP] = 1.0
     return ModelOutputs(recording, situation, permille, p, situation)
 
@@ -68,7 +69,7 @@ def test_rows_that_are_left_out_are_no_minute_and_bring_no_alarm() -> None:
 
 def test_a_lift_is_squeezed_where_the_target_is_above_the_recorded_grip() -> None:
     quiet = lifts_of([answered("a", [])], RULES, 740).lifts[0]
-    slipping = lifts_of([answered("a", list(range(380, 500)))], RULES, 740).lifts[0]
+    slipping = lifts_of([answered("a", list(range(400, 500)))], RULES, 740).lifts[0]
     assert quiet.over_n < 1.0 < slipping.over_n
     # with all probabilities 0 both are the same hand
     assert slipping.over_without_model_n == quiet.over_without_model_n

@@ -79,17 +79,18 @@ class CForm:
             self.folder / f"{kind}-{Path(main).stem}",
         )
         if not built.exists():
-            self._compile(compiler, *flags, "-c", "-o", built.name, "holdfast.c")
+            self._compile(built, compiler, *flags, "-c", "holdfast.c")
         if not path.exists():
-            self._compile(
-                compiler, *flags, "-I.", "-o", path.name, built.name, main, "-lm"
-            )
+            self._compile(path, compiler, *flags, "-I.", built.name, main, "-lm")
         return path
 
-    def _compile(self, compiler: str, *words: str) -> None:
-        command = [compiler, *STRICT, *words]
+    def _compile(self, made: Path, compiler: str, *words: str) -> None:
+        """Under a name of its own first: another process of the tests may make the same."""
+        own = made.with_name(f"{os.getpid()}-{made.name}")
+        command = [compiler, *STRICT, "-o", own.name, *words]
         done = subprocess.run(command, cwd=self.folder, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr[:2000]
+        own.replace(made)
 
     @property
     def out_type(self) -> np.dtype[Any]:

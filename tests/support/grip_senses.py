@@ -30,8 +30,12 @@ def sense(**changes: Any) -> GripSense:
 
 
 def random_senses(seed: int, samples: int, hands: int) -> list[GripSense]:
-    """Streams of B hands, one a sample; forces from 0 to the largest that a model can answer."""
+    """Streams of B hands, one a sample; forces from 0 to the largest that a model can answer.
+
+    Half of the hands hold their object calmly, because a grip that jumps begins another hold.
+    """
     rng = np.random.default_rng(seed)
+    calm = calm_hands(hands)
     sizes = np.array([0.0, 1e-300, 0.3, 1.0, 5.0, 5.0, 5.0, 3e38])
 
     def forces() -> Any:
@@ -43,17 +47,22 @@ def random_senses(seed: int, samples: int, hands: int) -> list[GripSense]:
 
     return [
         GripSense(
-            grip_n=forces(),
+            grip_n=np.where(calm, 3.0 + 0.2 * rng.random(hands), forces()),
             load_n=forces(),
             p_risky=rng.random(hands),
             p_safe=rng.random(hands),
             known=often(0.9),
-            empty=often(0.05),
+            empty=often(0.05) & ~calm,
             opening=often(0.02),
             overridden=often(0.02),
         )
         for _ in range(samples)
     ]
+
+
+def calm_hands(hands: int) -> Any:
+    """Which of B hands hold their object calmly."""
+    return np.arange(hands) < hands // 2
 
 
 def of_hand(senses: GripSense, hand: int) -> GripSense:
@@ -111,15 +120,17 @@ HOSTILE = np.array([float(number) for number in NUMBERS.split()])
 
 
 def hostile_senses(seed: int, samples: int, hands: int) -> list[GripSense]:
-    """Streams like the random ones, in which half of all numbers are any at all."""
+    """Streams like the random ones; half of all numbers are any at all, but for calm grips."""
     rng = np.random.default_rng(seed)
+    calm = calm_hands(hands)
     senses = random_senses(seed, samples, hands)
     for one in senses:
         for name in ("grip_n", "load_n", "p_risky", "p_safe"):
             usual = getattr(one, name)
-            hostile = np.where(
-                rng.random(hands) < 0.5, rng.choice(HOSTILE, hands), usual
-            )
+            replaced = rng.random(hands) < 0.5
+            if name == "grip_n":
+                replaced = replaced & ~calm
+            hostile = np.where(replaced, rng.choice(HOSTILE, hands), usual)
             setattr(one, name, hostile)
     return senses
 
@@ -133,7 +144,7 @@ def scripted_senses() -> list[GripSense]:
     for k in range(900):
         wave = ((37 * k) % 101) / 101 - 0.5
         grip_n = min(3.0, max(0.0, 0.04 * (k - 60))) + 0.2 * wave
-        load_n = max(0.0, min(4.0, 0.05 * (k - 90)) + 0.3 * wave)
+        load_n = max(0.0, min(2.0, 0.05 * (k - 90)) + 0.3 * wave)
         p_risky = p_safe = 0.0
         if 200 <= k < 320:
             p_risky = min(1.0, (k - 200) / 40) * (1.0 if k % 50 < 45 else 0.6)

@@ -11,6 +11,7 @@ from holdfast.edge_runtime import grip_control as friction
 from holdfast.edge_runtime.grip import (
     LARGEST,
     AnswerRules,
+    FrictionInUse,
     Holdfast,
     LoadFollower,
     SlipAnswer,
@@ -23,16 +24,20 @@ from holdfast.export.c.literals import number
 RULES = AnswerRules()
 REALS = {
     "HF_SAFE_P": RULES.safe_p,
-    "HF_MEAN_S": LoadFollower.MEAN_S,
-    "HF_TIMES_APART": LoadFollower.TIMES,
-    "HF_LEARNS_S": LoadFollower.LEARNS_S,
-    "HF_QUICK_S": LoadFollower.QUICK_S,
-    "HF_LOAD_S": LoadFollower.LOAD_S,
-    "HF_LONG_S": LoadFollower.LONG_S,
-    "HF_LOAD_RISES": LoadFollower.RISES,
-    "HF_LEAST_GRIP_N": LoadFollower.LEAST_N,
+    "HF_MEAN_S": FrictionInUse.MEAN_S,
+    "HF_TIMES_APART": FrictionInUse.TIMES,
+    "HF_LEARNS_S": FrictionInUse.LEARNS_S,
+    "HF_QUICK_S": FrictionInUse.QUICK_S,
+    "HF_LOAD_S": FrictionInUse.LOAD_S,
+    "HF_LONG_S": FrictionInUse.LONG_S,
+    "HF_LOAD_RISES": FrictionInUse.RISES,
+    "HF_LEAST_GRIP_N": FrictionInUse.LEAST_N,
     "HF_FADES_S": SlipAnswer.FADES_S,
     "HF_BRAKE_S": SlipAnswer.BRAKE_S,
+    "HF_YOUNG_S": SlipAnswer.YOUNG_S,
+    "HF_FULL_OVER": SlipAnswer.FULL_TIMES - 1.0,
+    "HF_LEAST_USUAL": SlipAnswer.LEAST_USUAL,
+    "HF_EARLY_S": Holdfast.EARLY_S,
     "HF_OWN_S": WearersGrip.TIME_S,
     "HF_BACK_S": WearersGrip.BACK_S,
     "HF_OURS_N": WearersGrip.OURS_N,
@@ -84,6 +89,7 @@ def constants(card: ModelCard) -> str:
         "HF_FOLLOW_N": answer.follow_n,
         "HF_SAFE_FOLLOW_N": answer.safe_follow_n,
         "HF_MOST_FOLLOW_N": LoadFollower.MOST_N,
+        "HF_EARLY_N": Holdfast.EARLY_N,
     }
     for name, rise_n in rises_n.items():
         # a rise in N says nothing about forces in another unit

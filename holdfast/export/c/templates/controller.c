@@ -26,6 +26,46 @@ static int hf_closes(const holdfast_grip *own) {
     return own->still_s < HF_STILL_S && own->held_s < HF_CLOSES_S;
 }
 
+/* The share of friction in use, and what was usual on it before; makes: the wearer still makes the hold. */
+typedef struct {
+    double used, usual;
+    int makes;
+} hf_friction;
+
+/* Take one sample, and learn from it what is usual. */
+static hf_friction hf_step_use(holdfast_grip *own, const holdfast_sense *sense) {
+    const double used = sense->load_n / (2.0 * hf_high(sense->grip_n, HF_LEAST_GRIP_N));
+    const double usual = own->mean_used + HF_TIMES_APART * own->apart_used;
+    const int makes = hf_closes(own) || own->held_s < HF_LEARNS_S;
+    const double share = 1.0 / (1.0 + (makes ? HF_QUICK_S : HF_MEAN_S) * HOLDFAST_RATE_HZ);
+    const double quick = 1.0 / (1.0 + HF_LOAD_S * HOLDFAST_RATE_HZ);
+    const double slow = 1.0 / (1.0 + HF_LONG_S * HOLDFAST_RATE_HZ);
+    const double apart = hf_high(used - own->mean_used, own->mean_used - used);
+    const hf_friction now = {used, usual, makes};
+    if (!sense->known) return now;
+    if (sense->empty) {
+        own->mean_used = own->apart_used = own->load_n = own->long_n = 0.0;
+        return now;
+    }
+    own->load_n = own->load_n + quick * (sense->load_n - own->load_n);
+    own->long_n = own->long_n + slow * (sense->load_n - own->long_n);
+    if (makes || (own->given_n <= 0.0 && !(own->load_n > HF_LOAD_RISES * own->long_n))) {
+        own->mean_used = own->mean_used + share * (used - own->mean_used);
+        own->apart_used = own->apart_used + share * (apart - own->apart_used);
+    }
+    return now;
+}
+
+/* How far evidence counts, 0 to 1: in a young hold as far as friction in use has risen. */
+static double hf_counts(const holdfast_grip *own, const hf_friction *friction) {
+    const double usual = hf_high(friction->usual, HF_LEAST_USUAL);
+    double risen = (friction->used - usual) / (HF_FULL_OVER * usual);
+    if (!(own->held_s < HF_YOUNG_S)) return 1.0;
+    if (friction->makes) return 0.0;
+    risen = risen > 0.0 ? risen : 0.0;
+    return risen < 1.0 ? risen : 1.0;
+}
+
 /* 0 to 1. */
 static double hf_evidence(const holdfast_sense *sense) {
     double share = (sense->p_risky - HF_FROM_P) / (HF_FULL_P - HF_FROM_P);
@@ -45,9 +85,10 @@ static double hf_kept_n(const holdfast_grip *own, const holdfast_sense *sense) {
 }
 
 /* The answer to a slip, N a side; 0 for none. */
-static double hf_answer_slip(holdfast_grip *own, const holdfast_sense *sense, int *fresh) {
+static double hf_answer_slip(holdfast_grip *own, const holdfast_sense *sense,
+                             const hf_friction *friction, int *fresh) {
     const int holds = sense->known && !sense->empty;
-    const double now = holds ? hf_evidence(sense) : 0.0;
+    const double now = holds ? hf_counts(own, friction) * hf_evidence(sense) : 0.0;
     const double fading = own->last_evidence - HF_PERIOD_S / HF_FADES_S;
     const double evidence = holds ? hf_high(now, fading) : 0.0;
     const double most_n = hf_high(own->own_n + HF_RISE_N, own->needed_n);
@@ -62,50 +103,32 @@ static double hf_answer_slip(holdfast_grip *own, const holdfast_sense *sense, in
     return wanted_n;
 }
 
-/* Mean and deviation of the share of friction in use; makes: the wearer still makes the hold. */
-static void hf_learn_use(holdfast_grip *own, const holdfast_sense *sense, double used, int makes) {
-    const double share = 1.0 / (1.0 + (makes ? HF_QUICK_S : HF_MEAN_S) * HOLDFAST_RATE_HZ);
-    const double quick = 1.0 / (1.0 + HF_LOAD_S * HOLDFAST_RATE_HZ);
-    const double slow = 1.0 / (1.0 + HF_LONG_S * HOLDFAST_RATE_HZ);
-    const double apart = hf_high(used - own->mean_used, own->mean_used - used);
-    if (!sense->known) return;
-    if (sense->empty) {
-        own->mean_used = own->apart_used = own->load_n = own->long_n = 0.0;
-        return;
-    }
-    own->load_n = own->load_n + quick * (sense->load_n - own->load_n);
-    own->long_n = own->long_n + slow * (sense->load_n - own->long_n);
-    if (makes || (own->given_n <= 0.0 && !(own->load_n > HF_LOAD_RISES * own->long_n))) {
-        own->mean_used = own->mean_used + share * (used - own->mean_used);
-        own->apart_used = own->apart_used + share * (apart - own->apart_used);
-    }
-}
-
 /* The grip that a load which rises asks for, N a side; 0 where it does not rise. */
-static double hf_follow_load(holdfast_grip *own, const holdfast_sense *sense) {
-    const double used = sense->load_n / (2.0 * hf_high(sense->grip_n, HF_LEAST_GRIP_N));
-    const double usual = own->mean_used + HF_TIMES_APART * own->apart_used;
-    const double reference = hf_high(usual, HF_FLOOR);
+static double hf_follow_load(const holdfast_grip *own, const holdfast_sense *sense,
+                             const hf_friction *friction) {
+    const double reference = hf_high(friction->usual, HF_FLOOR);
     const double within_n = sense->p_safe >= HF_SAFE_P ? HF_SAFE_FOLLOW_N : HF_FOLLOW_N;
     const double most_n = hf_low(within_n, HF_MOST_FOLLOW_N + HF_MOST_TIMES * own->own_n);
-    const int makes = hf_closes(own) || own->held_s < HF_LEARNS_S;
     const double allowed = HF_ABOVE * reference;
-    const int rises = sense->known && !sense->empty && !makes && used > allowed;
-    hf_learn_use(own, sense, used, makes);
+    const int holds = sense->known && !sense->empty && !friction->makes;
+    const int rises = holds && friction->used > allowed;
     return rises && most_n > 0.0 ? hf_low(sense->load_n / (2.0 * allowed), own->own_n + most_n) : 0.0;
 }
 
 /* The wanted grip, N a side; 0 for none. */
 static double hf_step_controller(holdfast_grip *own, const holdfast_sense *sense, int *fresh) {
-    double wanted_n, asked_n;
+    double wanted_n, asked_n, most_n;
+    hf_friction friction;
     hf_step_own_grip(own, sense);
-    wanted_n = hf_answer_slip(own, sense, fresh);
-    asked_n = hf_follow_load(own, sense);
+    friction = hf_step_use(own, sense);
+    wanted_n = hf_answer_slip(own, sense, &friction, fresh);
+    asked_n = hf_follow_load(own, sense, &friction);
     if (asked_n > 0.0) *fresh = 1;
     /* while the hand closes no sensor tells the wearer's grip from ours */
     if (hf_closes(own)) {
         *fresh = 0;
         return 0.0;
     }
-    return hf_low(hf_high(wanted_n, asked_n), own->own_n + own->options.most_over_n);
+    most_n = hf_low(own->held_s < HF_EARLY_S ? HF_EARLY_N : (double)INFINITY, own->options.most_over_n);
+    return hf_low(hf_high(wanted_n, asked_n), own->own_n + most_n);
 }
