@@ -31,7 +31,7 @@ from holdfast.simulation.scene import Scene
 from holdfast.simulation.scene_file import read_scene_file
 
 CARD = Path(__file__).parent / "demo_grip.toml"
-SEED = 2
+SEED = 6
 NAMES = {"fall": "a bottle let go", "pass": "a quick hand-over"}
 
 

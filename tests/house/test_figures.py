@@ -51,6 +51,8 @@ GIVEN = (
     "the first 0.2 s of a contact",
     "at most 0.5 false alarms",
     "at one false alarm a minute",
+    "0.6 s of the contact",
+    "within 1.2 s by 2 N",
     # what scenes assume and what was varied in them
     "a lag of 50 ms",
     "faster than 50 ms",
