@@ -17,6 +17,7 @@ import numpy as np
 from holdfast.core.contract import Prediction
 from holdfast.drivers.bridges import open_virtual
 from holdfast.drivers.bus import BRIDGE, Reply, Transfer
+from holdfast.drivers.chips import DEFAULT_CHIP, driver_of
 from holdfast.drivers.hand import Hand
 from holdfast.drivers.layout import read_layout
 from holdfast.drivers.virtual.faults import VirtualClock, read_fault
@@ -99,7 +100,7 @@ class Bench:
 
     def __post_init__(self) -> None:
         self.clock = VirtualClock()
-        places = read_layout(self.layout)
+        places = read_layout(self.layout, driver_of(DEFAULT_CHIP).addresses)
         self.virtual = VirtualHand(
             self.clock,
             places=places,

@@ -183,10 +183,30 @@ def effect_rows(figures: Json) -> list[Json]:
     for name, effect in all_effects().items():
         price_ns = prices.get(name)
         row: Json = {"name": name, "stage": effect.stage}
-        row["parameters"] = _quoted(effect.parameters) or ABSENT
-        row["ns"] = None if price_ns is None else grouped(price_ns)
+        row["ns"] = ABSENT if price_ns is None else grouped(price_ns)
         rows.append(row)
     return rows
+
+
+def parameter_rows() -> list[Json]:
+    """Every parameter of every effect: what holds without a value, its range, what it is."""
+    rows = []
+    for effect, entry in all_effects().items():
+        for name, one in entry.parameters.items():
+            limits = f"{one.low:g} to {one.high:g} {one.unit}".rstrip()
+            many = ", a list" if one.many else ""
+            row = {"effect": effect, "name": name, "about": one.about}
+            default = _default_words(one.default)
+            rows.append({**row, "range": limits + many, "default": default})
+    return rows
+
+
+def _default_words(default: Any) -> str:
+    """A constant, a distribution, or that there is none."""
+    if isinstance(default, dict):
+        ((kind, numbers),) = default.items()
+        return f"{kind} [{', '.join(f'{one:g}' for one in numbers)}]"
+    return f"{default:g}" if isinstance(default, float) else ABSENT
 
 
 def _quoted(names: Iterable[str]) -> str:
@@ -205,6 +225,7 @@ FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "deployed": DEPLOYED,
     "action_rows": action_rows,
     "effect_rows": effect_rows,
+    "parameter_rows": parameter_rows,
     "exact": exact,
     "feature_groups": feature_groups,
     "floors": floors,

@@ -84,6 +84,7 @@ def run_scan(args: argparse.Namespace) -> int:
 
 
 def _surveyed(url: str) -> ScannedBus:
+    from holdfast.drivers.chips import driver_of
     from holdfast.drivers.layout import read_layout
     from holdfast.drivers.scan import survey
     from holdfast.live.running import RunClock
@@ -93,9 +94,11 @@ def _surveyed(url: str) -> ScannedBus:
     # The sensors are not started: a scan shall leave everything as it is.
     with closing(open_bus(url, clock)) as bus:
         # The addresses of the fingers in the URL's layout.
-        layout = read_layout(source_url(url).options.layout)
+        options = source_url(url).options
+        chip = driver_of(options.chip)
+        layout = read_layout(options.layout, chip.addresses)
         named = frozenset(finger.address for finger in layout)
-        return survey(url, bus, named, lambda s: clock.spend(round(1e9 * s)))
+        return survey(url, bus, chip, lambda s: clock.spend(round(1e9 * s)), named)
 
 
 # -- bias and calibrate

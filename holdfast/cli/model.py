@@ -42,7 +42,6 @@ if TYPE_CHECKING:
 
 # As holdfast.training has them; repeated here so that --help need not import it.
 WINDOWS = ("balanced", "dense", "thesis", "natural")
-FEATURES = ("fixed", "pooled")
 MODEL_SIZES = ("tiny", "default")
 LEARNERS = ("forest", "network", "committee")
 HELD_OUT_BY: tuple[HoldOut, ...] = ("person", "object", "trial")
@@ -50,6 +49,15 @@ DEFAULT_OUT = Path("build/default")
 
 
 # -- train
+
+
+def _features(word: str) -> str:
+    """One of the plans of holdfast.training, which is loaded when a run needs it."""
+    from holdfast.training.plan import PLANS
+
+    if word not in PLANS:
+        raise argparse.ArgumentTypeError(f"{word!r}: choose {' or '.join(PLANS)}")
+    return word
 
 
 def add_train_arguments(parser: argparse.ArgumentParser) -> None:
@@ -112,7 +120,7 @@ def _choose_learner(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--features",
-        choices=FEATURES,
+        type=_features,
         default="fixed",
         metavar="WHICH",
         help="features of sensors in fixed places (fixed, default), or pooled over the sensors of "

@@ -2,9 +2,7 @@
 
 A reading is valid only if all of this holds: the chip acknowledged, it converted anew within the
 last 20 ms, it kept its power, its own diagnosis found no fault, and no axis is at the end of its
-range. The chip converted anew if its packet differs from the last one: results and SET_COUNT change
-with a conversion and with nothing else. SET_COUNT alone is not enough: it rolls over every 8
-conversions (19.4 ms), so it seems to stand still when the hand is read at 50 Hz.
+range. How a kind of chip tells that is its driver's (drivers/chips.py).
 
 A mux is part of every reading behind it. If a mux write was not acknowledged, the readings behind
 that mux are invalid. For ten seconds after any doubtful reply, each mux is read back after its
@@ -20,10 +18,14 @@ import numpy as np
 from holdfast.core.errors import DeviceError, DeviceNotFound, WrongDevice
 from holdfast.core.source import SourceReading
 from holdfast.drivers.bus import Bus, Reply, Transfer
-from holdfast.drivers.finger import TRY_AGAIN_NS, FingerState, bring_up
+from holdfast.drivers.chips import ChipDriver, Raw
 from holdfast.drivers.layout import Finger, ScanPlanner, is_mux, plain_read
-from holdfast.drivers.tmag5273 import Setup, conversion_s, field_ut, range_mt
 
+TRY_AGAIN_NS = 50_000_000
+"""The pause between two attempts to bring up a finger."""
+NACKS_TO_BRING_UP = 2
+REINIT_REASONS = ("reset", "missing", "stale", "garbage", "diagnosis")
+"""Reasons for a new bring-up, besides missing acknowledges."""
 TRIES_AT_START = 3
 """One flipped bit must not keep a hand from starting."""
 MOST_READS_TO_SETTLE = 8
@@ -35,6 +37,53 @@ Answer = Reply | str
 """Of a finger: its reply, or one word for why there is none."""
 
 
+class FingerState:
+    """One finger of a hand. chip: the driver of its chip."""
+
+    def __init__(self, finger: Finger, chip: ChipDriver) -> None:
+        self.finger = finger
+        self.transfer = chip.read(finger.address)
+        """The transfer that reads the finger."""
+        self.ready = False
+        self.version = 1
+        self.nacks = 0
+        self.tried_ns = -TRY_AGAIN_NS
+        self._readings = chip.readings()
+
+    @property
+    def settled(self) -> bool:
+        """Whether its readings count from now on, or it is not read at all."""
+        return not self.ready or self._readings.converts
+
+    def begin(self, now_ns: int) -> None:
+        """A bring-up begins."""
+        self.tried_ns = now_ns
+        self.ready = False
+        self.nacks = 0
+
+    def brought_up(self, version: int, now_ns: int) -> None:
+        """The chip is ready; its earlier conversions do not count."""
+        self.ready = True
+        self.version = version
+        self._readings.begin(now_ns)
+
+    def needs_bring_up(self, why: str) -> bool:
+        """Whether the reason of an invalid reading calls for a bring-up."""
+        return self.nacks >= NACKS_TO_BRING_UP or why in REINIT_REASONS
+
+    def judge(self, reply: Reply, came_ns: int) -> tuple[Raw | None, str]:
+        """The reply's raw x, y, z, and one word for why they are not valid ("" where they are).
+
+        came_ns: when it came.
+        """
+        if not reply.acked or len(reply.data) != self.transfer.read:
+            self.nacks += 1
+            self._readings.missed()
+            return None, "nack"
+        self.nacks = 0
+        return self._readings.judge(reply.data, came_ns)
+
+
 class Fingers:
     """The fingers of one hand. Methods take the open bus; Hand owns it and its repair.
 
@@ -44,25 +93,25 @@ class Fingers:
     def __init__(
         self,
         fingers: Sequence[Finger],
-        setup: Setup,
+        chip: ChipDriver,
         *,
         now_ns: Callable[[], int],
         pause: Callable[[float], None],
         say: Callable[[str], None],
     ) -> None:
-        self._setup = setup
+        self._chip = chip
         self._now_ns = now_ns
         self._pause = pause
         self._say = say
-        self._states = [FingerState(finger) for finger in fingers]
+        self._states = [FingerState(finger, chip) for finger in fingers]
         self._planner = ScanPlanner(fingers)
         self._doubtful_until_ns = 0
-        self._range_mt = np.array([range_mt(one.version) for one in self._states])
+        self._scale_ut = np.array([chip.scale_ut(one.version) for one in self._states])
 
     def about(self) -> list[dict[str, object]]:
         """What is known of each finger: its place, its chip's variant and whether it is ready.
 
-        serial is None because the chip has no serial number.
+        serial is None because the chips have no serial number.
         """
         facts: list[dict[str, object]] = []
         for k, state in enumerate(self._states, 1):
@@ -74,7 +123,7 @@ class Fingers:
                     "channel": finger.channel,
                     "mux": None if finger.channel is None else f"0x{finger.mux:02x}",
                     "ready": state.ready,
-                    "range_mt": range_mt(state.version).tolist(),
+                    "range_mt": self._chip.range_mt(state.version).tolist(),
                     "version": state.version,
                     "serial": None,
                 }
@@ -124,7 +173,7 @@ class Fingers:
 
     def settle(self, bus: Bus) -> None:
         """Read until each finger has converted: the next reading can then be valid."""
-        conversion = conversion_s(self._setup.averages)
+        conversion = self._chip.conversion_s
         for _ in range(MOST_READS_TO_SETTLE):
             self._pause(conversion)
             self.judge(self._now_ns(), self.scan(bus))
@@ -167,11 +216,13 @@ class Fingers:
         state.begin(self._now_ns())
         try:
             self._switch_to(bus, state.finger)
-            version = bring_up(bus, state.finger, self._setup, self._pause)
+            address = state.finger.address
+            version = self._chip.identify(bus, address, self._pause)
+            self._chip.configure(bus, address)
         except (DeviceNotFound, WrongDevice) as failure:
             return failure
 
-        self._range_mt[k] = range_mt(version)
+        self._scale_ut[k] = self._chip.scale_ut(version)
         state.brought_up(version, self._now_ns())
         return None
 
@@ -228,13 +279,13 @@ class Fingers:
                 why.append(answer)
                 continue
             found, word = state.judge(answer, came_ns)
-            raw.append(NO_READING if found is None else found.raw)
+            raw.append(NO_READING if found is None else found)
             why.append(word)
 
         if not DOUBTS.isdisjoint(why):
             self._doubtful_until_ns = came_ns + DOUBT_NS
         valid = np.array([not word for word in why])
-        values = field_ut(raw, self._range_mt).reshape(-1)
+        values = (np.array(raw) * self._scale_ut).reshape(-1)
         return SourceReading(t_ns, values, valid, tuple(why))
 
 

@@ -24,10 +24,9 @@ from holdfast.core.contract import FloatArray, Unit
 from holdfast.core.errors import BusStuck, DeviceError, TransferFailed
 from holdfast.core.source import SourceReading
 from holdfast.drivers.bus import Bus, freeing
-from holdfast.drivers.finger import TRY_AGAIN_NS
-from holdfast.drivers.fingers import Fingers
-from holdfast.drivers.layout import LAYOUTS, Finger
-from holdfast.drivers.tmag5273 import Setup
+from holdfast.drivers.chips import DEFAULT_CHIP, ChipDriver, driver_of
+from holdfast.drivers.fingers import TRY_AGAIN_NS, Fingers
+from holdfast.drivers.layout import Finger
 
 FAILURES_TO_REOPEN = 3
 
@@ -35,7 +34,8 @@ FAILURES_TO_REOPEN = 3
 class Hand:
     """Fingers behind a bridge that open_bus opens, as a live source.
 
-    now_ns, pause (s): the clock. say: receives one line for each failure and each recovery.
+    chip: the driver of the kind of chip. now_ns, pause (s): the clock. say: receives one line for
+    each failure and each recovery.
     to_force: from a field [S, 3] in uT to a force [S, 3] in N, or None to read the field.
 
     start raises what keeps every finger from being read. After that nothing is raised: each reading
@@ -45,9 +45,9 @@ class Hand:
     def __init__(
         self,
         open_bus: Callable[[], Bus],
-        fingers: Sequence[Finger] = LAYOUTS["mux"],
+        fingers: Sequence[Finger],
         *,
-        setup: Setup | None = None,
+        chip: ChipDriver | None = None,
         now_ns: Callable[[], int],
         pause: Callable[[float], None],
         say: Callable[[str], None] = lambda line: None,
@@ -60,12 +60,12 @@ class Hand:
         """Of a virtual hand: when its scene began."""
         self._to_force = to_force
         self.fingers = tuple(fingers)
-        self.setup = setup or Setup()
+        self.chip = chip or driver_of(DEFAULT_CHIP)
         self._open_bus = open_bus
         self._now_ns = now_ns
         self._say = say
         self._driven = Fingers(
-            self.fingers, self.setup, now_ns=now_ns, pause=pause, say=say
+            self.fingers, self.chip, now_ns=now_ns, pause=pause, say=say
         )
         self._bus: Bus | None = None
         self._failures = 0
@@ -131,8 +131,8 @@ class Hand:
         return {
             "bridge": None if self._bus is None else self._bus.name,
             "firmware": None,
-            "chip": "TMAG5273",
-            "averages": self.setup.averages,
+            "chip": self.chip.name,
+            "averages": self.chip.averages,
             "sensors": self._driven.about(),
         }
 

@@ -1,6 +1,6 @@
 """Where the six fingertips answer, the muxes in front of them, and the transfers of one scan.
 
-The sensor has four addresses only, so mux channels share them.
+A chip has a few addresses only (often four), so mux channels share them.
 
 A layout in a URL is a name (`mux`, or `mux@71` for a mux at 0x71), or a place for each finger:
 
@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from holdfast.core.errors import UsageError
 from holdfast.drivers.bus import Bus, Reply, Transfer
@@ -52,19 +52,14 @@ class Finger:
         return frozenset({(self.mux, self.channel)})
 
 
-SHARED = (
-    Finger(0x35, 0),
-    Finger(0x22, 0),
-    Finger(0x78, 0),
-    Finger(0x44, 0),
-    Finger(0x35, 1),
-    Finger(0x22, 1),
-)
-LAYOUTS: dict[str, tuple[Finger, ...]] = {
-    "mux": SHARED,
-    "mux6": tuple(Finger(0x35, channel) for channel in range(6)),
+LAYOUTS: dict[str, tuple[tuple[int, int], ...]] = {
+    "mux": ((0, 0), (0, 1), (0, 2), (0, 3), (1, 0), (1, 1)),
+    "mux6": tuple((channel, 0) for channel in range(6)),
 }
-""""mux": four fingers on one channel, two on another. "mux6": one a channel."""
+"""Channel, and which of the chip's addresses, for each finger.
+
+"mux": four fingers on one channel, two on another. "mux6": one a channel.
+"""
 MUX = "(?P<mux>7[0-7])"
 NAMED = re.compile(f"(?P<name>{'|'.join(LAYOUTS)})(@{MUX})?")
 PLACE = re.compile(
@@ -74,24 +69,27 @@ PLACE = re.compile(
 """One place of a layout: mux and address are hexadecimal."""
 
 
-def read_layout(text: str) -> tuple[Finger, ...]:
+def read_layout(text: str, addresses: Sequence[int]) -> tuple[Finger, ...]:
     """A layout by name, or a place for each finger (see above). Raises UsageError.
 
-    >>> read_layout("1:35,22,72/0:35")[2]
+    addresses: of the chip, for a layout by name.
+
+    >>> read_layout("1:35,22,72/0:35", ())[2]
     Finger(address=53, channel=0, mux=114)
-    >>> read_layout("mux@71")[5]
+    >>> read_layout("mux@71", (0x35, 0x22, 0x78, 0x44))[5]
     Finger(address=34, channel=1, mux=113)
     """
     if named := NAMED.fullmatch(text):
         mux = _address(named["mux"])
-        return tuple(replace(one, mux=mux) for one in LAYOUTS[named["name"]])
-    places = list(map(PLACE.fullmatch, text.split(",")))
+        places = LAYOUTS[named["name"]]
+        return tuple(Finger(addresses[k], channel, mux) for channel, k in places)
+    written = list(map(PLACE.fullmatch, text.split(",")))
     fingers = []
-    for place in filter(None, places):
+    for place in filter(None, written):
         channel = int(place["channel"]) if place["channel"] else None
         address = int(place["address"], 16)
         fingers.append(Finger(address, channel, _address(place["mux"])))
-    if len(fingers) < len(places):
+    if len(fingers) < len(written):
         raise UsageError(
             f"{text!r} is not a layout",
             next_step=f"choose {', '.join(LAYOUTS)}, a name@71 for a mux at 0x71, "

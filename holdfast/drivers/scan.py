@@ -1,7 +1,7 @@
 """What is on a bus, what is wrong with it, and how fast it can be read: for `holdfast scan`.
 
-The scan reads only. It writes nothing to an address before a TMAG5273 or a mux has identified
-itself there (layout.py, finger.py), and nothing to the general call, which resets
+The scan reads only. It writes nothing to an address before a sensor or a mux has identified
+itself there (layout.py, the drivers of the chips), and nothing to the general call, which resets
 some other chips. A register read sends the register's number, which a chip without registers would
 take for data. So a chip that answers a plain read with equal bytes is identified only at the
 sensor's own addresses and at those that a layout names.
@@ -10,14 +10,14 @@ sensor's own addresses and at those that a layout names.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import median
 from typing import Literal
 
 from holdfast.core.errors import DeviceNotFound, WrongDevice
-from holdfast.drivers.bus import Bus, Transfer, freeing
-from holdfast.drivers.finger import identify
+from holdfast.drivers.bus import Bus, freeing
+from holdfast.drivers.chips import ChipDriver, Pause
 from holdfast.drivers.layout import (
     ADDRESSES,
     CHANNELS,
@@ -30,27 +30,11 @@ from holdfast.drivers.layout import (
     plain_read,
     read_layout,
 )
-from holdfast.drivers.tmag5273 import (
-    FACTORY_ADDRESSES,
-    PACKET_BYTES,
-    RANGES_MT,
-    REGISTERS,
-    RESULTS,
-)
 
-LETTERS = dict(zip(FACTORY_ADDRESSES, "ABCD", strict=True))
-SENSOR_ADDRESSES = frozenset(FACTORY_ADDRESSES)
 NOT_IDENTIFIED = (
     "answers every read with one byte, so it may have no registers; "
     "not identified for its safety"
 )
-STATUS_BITS = (
-    ("CONV_STATUS", "DIAG_STATUS"),
-    ("DEVICE_STATUS", "OSC_ER"),
-    ("DEVICE_STATUS", "OTP_CRC_ER"),
-    ("DEVICE_STATUS", "VCC_UV_ER"),
-)
-"""Register and bit of what a chip reports as wrong."""
 TIMED_SCANS = 20
 
 
@@ -78,27 +62,28 @@ class BusDevice:
 
 
 def look_at(
-    bus: Bus, pause: Callable[[float], None], named: frozenset[int] = frozenset()
+    bus: Bus, chip: ChipDriver, pause: Pause, named: frozenset[int] = frozenset()
 ) -> list[BusDevice]:
     """Everything on the bus and behind each mux channel; a bus that is held low is freed first.
 
-    named: addresses at which the user says that a sensor is. Raises what the bridge raises.
+    chip: the kind of sensor that is looked for. named: addresses at which the user says that a
+    sensor is. Raises what the bridge raises.
     """
-    return freeing(bus, lambda: _look_at(bus, pause, SENSOR_ADDRESSES | named))
+    return freeing(bus, lambda: _look_at(bus, chip, pause, named))
 
 
 def _look_at(
-    bus: Bus, pause: Callable[[float], None], expected: frozenset[int]
+    bus: Bus, chip: ChipDriver, pause: Pause, named: frozenset[int]
 ) -> list[BusDevice]:
     muxes = [one for one in answering(bus, MUX_ADDRESSES) if is_mux(bus, one)]
     found = [BusDevice(address, None, "mux", "mux (TCA9548A)") for address in muxes]
-    found += _chips(bus, set(muxes), expected, pause)
+    found += _chips(bus, set(muxes), chip, pause, named)
     # a chip in front of the muxes answers behind every channel as well
     taken = {one.address for one in found}
     for mux in muxes:
         for channel in CHANNELS:
             bus.scan([enable_channels(mux, 1 << channel)])
-            behind = _chips(bus, taken, expected, pause)
+            behind = _chips(bus, taken, chip, pause, named)
             found += [replace(one, channel=channel, mux=mux) for one in behind]
         # leave no channel enabled: the next mux may have the same addresses behind it
         bus.scan([enable_channels(mux, 0)])
@@ -107,17 +92,21 @@ def _look_at(
 
 
 def _chips(
-    bus: Bus, taken: set[int], expected: frozenset[int], pause: Callable[[float], None]
+    bus: Bus, taken: set[int], chip: ChipDriver, pause: Pause, named: frozenset[int]
 ) -> list[BusDevice]:
     """The chips that answer now, except at the addresses in `taken`."""
-    # 0x78 is a factory address of the sensor; tools that stop at 0x77 never see it
+    # up to 0x7F: tools that stop at 0x77 never see a TMAG5273 at 0x78
     free = [address for address in ADDRESSES if address not in taken]
     found = []
     for address in answering(bus, free):
-        if address in expected or len(set(plain_read(bus, address))) > 1:
-            found.append(_identified(bus, address, pause))
-        else:
+        if address in named or address in chip.addresses:
+            found.append(_identified(bus, chip, address, pause))
+        elif len(set(plain_read(bus, address))) <= 1:
             found.append(_unknown(address, NOT_IDENTIFIED))
+        elif chip.found_anywhere:
+            found.append(_identified(bus, chip, address, pause))
+        else:
+            found.append(_unknown(address, f"not asked: no address of a {chip.name}"))
 
     return found
 
@@ -126,38 +115,21 @@ def _unknown(address: int, trouble: str) -> BusDevice:
     return BusDevice(address, None, "unknown", "unknown", trouble)
 
 
-def _identified(bus: Bus, address: int, pause: Callable[[float], None]) -> BusDevice:
+def _identified(bus: Bus, chip: ChipDriver, address: int, pause: Pause) -> BusDevice:
     try:
-        version = identify(bus, address, pause)
+        version = chip.identify(bus, address, pause)
     except (DeviceNotFound, WrongDevice) as error:
         return _unknown(address, error.what)
-    narrow, wide = RANGES_MT[version]
-    letter = LETTERS.get(address, "?")
-    what = f"TMAG5273 {letter}{version} ({narrow:g}/{wide:g} mT)"
-    trouble = _health(bus, address)
-    return BusDevice(address, None, "sensor", what, trouble)
+    trouble = chip.health(bus, address)
+    return BusDevice(address, None, "sensor", chip.describe(address, version), trouble)
 
 
-def _health(bus: Bus, address: int) -> str:
-    """What the status registers report as wrong."""
-    troubles = []
-    for register, name in STATUS_BITS:
-        one = REGISTERS[register]
-        (reply,) = bus.scan([Transfer(address, bytes([one.address]), 1)])
-        if not reply.acked:
-            return "stopped answering"
-        if one.read(reply.data[0], name):
-            troubles.append(name)
-
-    return ", ".join(troubles)
-
-
-def as_layout(found: list[BusDevice]) -> str:
+def as_layout(found: list[BusDevice], addresses: Sequence[int]) -> str:
     """The sensors as a layout for a URL, such as 0:35,0:22,71/1:35, ordered by mux and channel.
 
-    Behind one channel the order of the factory addresses is that of the fingers in `mux`.
+    addresses: of the chip; behind one channel their order is that of the fingers in `mux`.
     """
-    order = (*FACTORY_ADDRESSES, *ADDRESSES)
+    order = (*addresses, *ADDRESSES)
 
     def rank(one: BusDevice) -> tuple[int, int, int]:
         # what is directly on the bus comes first
@@ -201,23 +173,23 @@ class ScannedBus:
 
 
 def survey(
-    url: str, bus: Bus, named: frozenset[int], sleep: Callable[[float], None]
+    url: str, bus: Bus, chip: ChipDriver, pause: Pause, named: frozenset[int]
 ) -> ScannedBus:
     """Look at an open bus, and time its sensors. named: addresses that a layout names.
 
     Raises a DeviceError.
     """
-    devices = look_at(bus, sleep, named)
-    layout = as_layout(devices)
+    devices = look_at(bus, chip, pause, named)
+    layout = as_layout(devices, chip.addresses)
     if not layout:
         return ScannedBus(url, devices)
-    return ScannedBus(url, devices, layout, median_scan_s(bus, layout))
+    return ScannedBus(url, devices, layout, median_scan_s(bus, chip, layout))
 
 
-def median_scan_s(bus: Bus, layout: str) -> float:
+def median_scan_s(bus: Bus, chip: ChipDriver, layout: str) -> float:
     """The time of one scan of these sensors."""
-    fingers = read_layout(layout)
-    reads = [Transfer(one.address, bytes([RESULTS]), PACKET_BYTES) for one in fingers]
+    fingers = read_layout(layout, chip.addresses)
+    reads = [chip.read(one.address) for one in fingers]
     planner = ScanPlanner(fingers)
     times_s = []
     for _ in range(TIMED_SCANS):

@@ -13,7 +13,8 @@
     replay://PATH, PATH                       a recorded trial, at its own pace
     replay://SET#N, SET#N                     trial N (or its name) of a data set
 
-A hand also has layout=mux (drivers/layout.py), averages=32. Lines also have map=FILE
+A hand also has chip=tmag5273 (drivers/chips.py), layout=mux (drivers/layout.py) and averages=32,
+which are the chip's. Lines also have map=FILE
 (a column map), unit=N and hand=CARD (without a map), rate_hz=150 (else measured); a stream of LSL
 has hand=CARD too. What comes over a network is
 piped: nc -l 9000 | holdfast run --source -
@@ -26,7 +27,7 @@ import stat
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 from urllib.parse import parse_qs, unquote
 
 import msgspec
@@ -40,6 +41,7 @@ from holdfast.core.source import Source, SourceUrl
 from holdfast.drivers.bridges import open_bus as open_bridge
 from holdfast.drivers.bridges import open_virtual
 from holdfast.drivers.bus import BRIDGE
+from holdfast.drivers.chips import DEFAULT_CHIP, driver_of, emulation_of
 from holdfast.drivers.replay import PacedReplay, Replay, open_replay
 from holdfast.live.running import say
 
@@ -72,11 +74,12 @@ class NoOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class HandOptions(NoOptions, frozen=True):
-    """Of a hand on a bus."""
+    """Of a hand on a bus. averages: None for what the chip's driver chooses."""
 
+    chip: str = DEFAULT_CHIP
     layout: str = "mux"
-    # the chip averages 2^0 to 2^5 conversions, and its register has no other values
-    averages: Literal[1, 2, 4, 8, 16, 32] = 32
+    # the driver of the chip knows which numbers it has
+    averages: Count | None = None
     bus_hz: Count = 400_000
     number: Count = 0
 
@@ -289,15 +292,15 @@ def _started(
 ) -> Hand:
     from holdfast.drivers.hand import Hand
     from holdfast.drivers.layout import read_layout
-    from holdfast.drivers.tmag5273 import Setup
 
     options = source.options
+    chip = driver_of(options.chip, options.averages)
     hand = Hand(
         open_bus,
-        read_layout(options.layout),
+        read_layout(options.layout, chip.addresses),
+        chip=chip,
         now_ns=opening.clock.now_ns,
         say=opening.report,
-        setup=Setup(options.averages),
         pause=lambda seconds: opening.clock.spend(round(1e9 * seconds)),
         to_force=to_force,
     )
@@ -311,9 +314,10 @@ def _virtual_hand(source: SourceUrl, opening: _Opening) -> VirtualHand:
     from holdfast.drivers.virtual.virtual_hand import VirtualHand, require_wired
 
     options = source.options
-    places = read_layout(options.layout)
+    emulation = emulation_of(options.chip)
+    places = read_layout(options.layout, emulation.addresses)
     # before the scene is simulated, which takes seconds
-    require_wired(places)
+    require_wired(places, emulation.addresses)
     faults = [read_fault(text) for text in options.fault]
     for fault in faults:
         if (fault.sensor or 0) > len(places):
@@ -330,8 +334,14 @@ def _virtual_hand(source: SourceUrl, opening: _Opening) -> VirtualHand:
             f"the layout has {len(places)} sensors, the scene's hand {track.n_sensors} sensors",
             next_step="name a place for each sensor, such as layout=0:35,0:22 for two",
         )
-    clock, seed = opening.clock, options.seed
-    return VirtualHand(clock, track=track, places=places, seed=seed, faults=faults)
+    return VirtualHand(
+        opening.clock,
+        track=track,
+        places=places,
+        emulation=emulation,
+        seed=options.seed,
+        faults=faults,
+    )
 
 
 def _stream(source: SourceUrl, opening: _Opening) -> Source:

@@ -95,7 +95,11 @@ EFFECTS = {
     ),
     "quantisation": Effect(
         quantisation,
-        {"bits": Parameter(12.0, "", 4, 24, "of the whole range")},
+        {
+            "bits": Parameter(
+                12.0, "", 4, 24, "number of steps of the whole range, as a power of 2"
+            )
+        },
         as_drawn,
         needs=("dipole",),
     ),
@@ -104,5 +108,7 @@ EFFECTS = {
         {"sd_ms": Parameter(0.3, "ms", 0, 20, "standard deviation of a sample's time")},
         late_plan,
         in_scene_unit=True,
+        example={"sd_ms": 1.5},
+        neutral={"sd_ms": 0},
     ),
 }

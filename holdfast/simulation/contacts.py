@@ -348,7 +348,11 @@ EFFECTS = {
                 "centre of mass off the grip, across",
             ),
             "offset_z_mm": Parameter(
-                {"normal": [0, 15]}, "mm", -200, 200, "and along the object's axis"
+                {"normal": [0, 15]},
+                "mm",
+                -200,
+                200,
+                "the same, along the object's axis",
             ),
             "skin_n_m_s": Parameter(
                 0.0, "N m s/rad", 0, 10, "damping of a turn by the skin that grips"
@@ -358,7 +362,7 @@ EFFECTS = {
                 "N m s/rad",
                 0,
                 10,
-                "and by people and box, times their share of the weight",
+                "the same by people and box, times their share of the weight",
             ),
         },
     ),

@@ -22,7 +22,7 @@ import importlib
 import math
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -59,6 +59,7 @@ EFFECT_MODULES = {
     "gain_tilt": "magnet",
     "magnet_reversed": "magnet",
     "thermal_drift": "magnet",
+    "temperature": "magnet",
     "hall_noise": "chip",
     "quantisation": "chip",
     "magnetometer": "magnet",
@@ -77,7 +78,7 @@ class Parameter:
                parameter is then not drawn at all
     unit       "" for a ratio or a count
     low, high  the range, ends included
-    about      what it is, for tables in the documentation
+    about      what it is, as docs/scenes.md prints it
     many       the value is a list of numbers (such as sensors), not one number
     """
 
@@ -226,6 +227,8 @@ class Effect:
     in_scene_unit   it acts on reported samples, so the unit is converted before it
     only_unit       the unit of the scene's samples that it needs; None: any
     by_channel      parameters that are lists with a number for each channel, all given or none
+    example         values with which it does something, where the defaults may not: for its tests
+    neutral         values with which it changes no bit; None: there are none
     """
 
     make: Callable[..., Any]
@@ -240,6 +243,8 @@ class Effect:
     in_scene_unit: bool = False
     only_unit: Unit | None = None
     by_channel: tuple[str, ...] = ()
+    example: Mapping[str, Any] = field(default_factory=dict)
+    neutral: Mapping[str, Any] | None = None
 
     @property
     def stage(self) -> str:

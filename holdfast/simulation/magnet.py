@@ -20,6 +20,7 @@ from holdfast.simulation.effect import (
     PlanRequest,
     Reported,
     Rows,
+    added,
     as_drawn,
     scaled,
 )
@@ -159,16 +160,27 @@ def reversed_plan(request: PlanRequest) -> Plan:
     return {"factor": sign}
 
 
+def warm_degc(request: PlanRequest) -> FloatArray:
+    """[T] by how much the sensors are warmer than at the start: a body of first order."""
+    approach = 1.0 - np.exp(-request.t_s / request["time_s"])
+    warmer: FloatArray = request["warming_degc"] * approach
+    return warmer
+
+
+def offset_plan(request: PlanRequest) -> Plan:
+    """What each axis of each chip reads more for each degree, times the warming, uT."""
+    size = (1, request.sensors, 3)
+    per_degc = request["offset_ut_per_degc"] * request.rng.normal(size=size)
+    return {"added": per_degc * warm_degc(request)[:, None, None]}
+
+
 def warming_plan(request: PlanRequest) -> Plan:
     """The magnets warm by w (1 - exp(-t / tau)) degC and lose 0.12 % of their field per degree.
 
     That is for neodymium. With compensated = 1 the chip's own temperature coefficient corrects for
     it, and a tenth remains.
     """
-    # A body of first order, as a hand in use.
-    approach = 1.0 - np.exp(-request.t_s / request["time_s"])
-    warm = request["warming_degc"] * approach
-
+    warm = warm_degc(request)
     remaining = 0.1 if request["compensated"] else 1.0
     share = 0.0012 * remaining
     return {"factor": (1.0 - share * warm)[:, None, None]}
@@ -212,6 +224,8 @@ def magnetometer(rows: Rows, plan: Plan) -> Rows:
     return replace(rows, values=np.rint(noisy / PAD_STEP_UT) * PAD_STEP_UT)
 
 
+WARMING = Parameter({"uniform": [0, 10]}, "degC", -50, 80, "final warming")
+WARMING_TIME = Parameter(300.0, "s", 1, 1e5, "time constant")
 HEIGHT = Parameter(2.0, "mm", 1.5, 20, "from chip to magnet, unloaded")
 EFFECTS = {
     "dipole": Effect(
@@ -231,6 +245,7 @@ EFFECTS = {
         },
         leak_plan,
         needs=("dipole",),
+        neutral={"height_mm": 0, "axes": 0},
     ),
     "gain_tilt": Effect(
         gain_tilt,
@@ -239,6 +254,7 @@ EFFECTS = {
             "tilt_sd_deg": Parameter(3.0, "deg", 0, 45, "spread of the angles"),
         },
         turn_plan,
+        neutral={"gain_sd": 0, "tilt_sd_deg": 0},
     ),
     "magnet_reversed": Effect(
         scaled,
@@ -248,18 +264,35 @@ EFFECTS = {
         },
         reversed_plan,
         needs=("dipole",),
+        example={"sensors": [2, 5]},
+        neutral={"sensors": []},
     ),
     "thermal_drift": Effect(
         scaled,
         {
-            "warming_degc": Parameter(
-                {"uniform": [0, 10]}, "degC", -50, 80, "final warming"
-            ),
-            "time_s": Parameter(300.0, "s", 1, 1e5, "time constant"),
+            "warming_degc": WARMING,
+            "time_s": WARMING_TIME,
             "compensated": Parameter(1.0, "", 0, 1, "1: the chip compensates"),
         },
         warming_plan,
         needs=("dipole",),
+        example={"warming_degc": 10},
+        neutral={"warming_degc": 0, "compensated": 0},
+    ),
+    "temperature": Effect(
+        added,
+        {
+            "warming_degc": WARMING,
+            "time_s": WARMING_TIME,
+            # Typical of a TMAG5273 (data sheet SLYS045).
+            "offset_ut_per_degc": Parameter(
+                3.0, "uT/degC", 0, 100, "spread of the axes' offset drifts"
+            ),
+        },
+        offset_plan,
+        needs=("dipole",),
+        example={"warming_degc": 10},
+        neutral={"warming_degc": 0},
     ),
     "pad_magnet": Effect(
         pad_magnet,
@@ -298,7 +331,7 @@ EFFECTS = {
     ),
     "magnetometer": Effect(
         magnetometer,
-        {"noise": Parameter(1.0, "", 0, 100, "of the chip's noise")},
+        {"noise": Parameter(1.0, "", 0, 100, "factor of the chip's noise")},
         # White noise of each axis, times a factor.
         lambda one: {"noise_ut": one["noise"] * PAD_NOISE_UT * one.noise()},
         needs=("pad_magnet",),

@@ -153,6 +153,7 @@ EFFECTS = {
             "spread": Parameter(0.05, "", 0, 0.5, "spread of the sensors' gains"),
         },
         gain_plan,
+        neutral={"gain": 1, "spread": 0},
     ),
     "mounting": Effect(
         mounting,
@@ -166,6 +167,7 @@ EFFECTS = {
             "left_share": Parameter(0.5, "", 0, 1, "share of left hands"),
         },
         mounting_plan,
+        neutral={"angle_deg": 0, "spread_deg": 0, "left_share": 0},
     ),
     "hysteresis": Effect(
         hysteresis,
@@ -176,6 +178,8 @@ EFFECTS = {
         },
         as_drawn,
         hysteresis_of_trial,
+        example={"width_n": 0.4},
+        neutral={"width_n": 0},
     ),
     "drift": Effect(
         added,
@@ -189,6 +193,8 @@ EFFECTS = {
         drift_plan,
         in_scene_unit=True,
         only_unit="N",
+        example={"step_n": 0.3, "step_at_s": 0.2},
+        neutral={"rate_n_s": 0, "step_n": 0},
     ),
     "white_noise": Effect(
         added,
@@ -207,5 +213,6 @@ EFFECTS = {
         in_scene_unit=True,
         only_unit="N",
         by_channel=("low_n", "high_n"),
+        neutral={"rms_n": 0},
     ),
 }

@@ -207,11 +207,13 @@ EFFECTS = {
     "tremor": Effect(
         Tremor,
         {
-            "frequency_hz": Parameter(
-                {"uniform": [4, 12]}, "Hz", 1, 30, "of the tremor"
-            ),
+            "frequency_hz": Parameter({"uniform": [4, 12]}, "Hz", 1, 30, "frequency"),
             "amplitude_m_s2": Parameter(
-                {"uniform": [0.1, 1.0]}, "m/s^2", 0, 50, "of the hand's acceleration"
+                {"uniform": [0.1, 1.0]},
+                "m/s^2",
+                0,
+                50,
+                "peak of the hand's acceleration",
             ),
         },
     ),

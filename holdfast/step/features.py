@@ -24,7 +24,7 @@ from holdfast.step.builder import GraphBuilder
 from holdfast.step.detectors import add_bank, add_detectors
 from holdfast.step.guard import GuardOutputs, add_contact, add_guard
 from holdfast.step.history import LAGS_S, History, Triples
-from holdfast.step.pooled import FAMILIES, MEANING
+from holdfast.step.pooled import FAMILIES, Family
 from holdfast.step.pooled_graph import add_pooled
 from holdfast.step.spec import HISTORY_S, WINDOW_S, StepSpec
 
@@ -141,14 +141,13 @@ GROUPS: dict[str, FeatureGroup] = {
 }
 
 
-def _pooled_group(name: str, formula: str, reason: str) -> FeatureGroup:
+def _pooled_group(family: Family) -> FeatureGroup:
     """A family of pooled.py as a group."""
-    count = len(FAMILIES[name])
-    return FeatureGroup(None, lambda s: count, HISTORY_S, formula, reason)
+    count = len(family.features)
+    return FeatureGroup(None, lambda s: count, HISTORY_S, family.formula, family.reason)
 
 
-for _name, (_formula, _reason) in MEANING.items():
-    GROUPS[_name] = _pooled_group(_name, _formula, _reason)
+GROUPS |= {name: _pooled_group(family) for name, family in FAMILIES.items()}
 
 
 def feature_count(spec: StepSpec) -> int:

@@ -266,29 +266,51 @@ def _for_each(
     return tuple(features)
 
 
-FAMILIES: dict[str, tuple[PooledFeature, ...]] = {
-    "pooled_state": tuple(_state()),
-    "pooled_along": _for_each(_along, CHANGES_S),
-    "pooled_shear": _for_each(_shear, CHANGES_S),
-    "pooled_normal": _for_each(_normal, CHANGES_S),
-    "pooled_activity": _for_each(_activity, ACTIVITY_S),
-    "pooled_jump": tuple(_jump()),
-    "pooled_ratio": tuple(_ratio()),
-}
-"""Group -> its features."""
-MEANING: dict[str, tuple[str, str]] = {
-    "pooled_state": ("N, L by side; L / Z by side, largest of fingers", "the hold"),
-    "pooled_along": ("dh along u, by side", "pull along the load, or against it"),
-    "pooled_shear": ("|dh|, of hand and finger", "change of shear in any direction"),
-    "pooled_normal": ("dN by side, |dz| of fingers", "change of the normal force"),
-    "pooled_activity": ("means of |step h|, |step z|", "rubbing and swinging"),
-    "pooled_jump": ("largest |step h|, |step z| in 0.5 s", "one jump, or even noise"),
-    "pooled_ratio": (
+@dataclass(frozen=True)
+class Family:
+    """A group of features. formula, reason: for the table of docs/how-it-works.md."""
+
+    features: tuple[PooledFeature, ...]
+    formula: str
+    reason: str
+
+
+FAMILIES = {
+    "pooled_state": Family(
+        tuple(_state()), "N, L by side; L / Z by side, largest of fingers", "the hold"
+    ),
+    "pooled_along": Family(
+        _for_each(_along, CHANGES_S),
+        "dh along u, by side",
+        "pull along the load, or against it",
+    ),
+    "pooled_shear": Family(
+        _for_each(_shear, CHANGES_S),
+        "|dh|, of hand and finger",
+        "change of shear in any direction",
+    ),
+    "pooled_normal": Family(
+        _for_each(_normal, CHANGES_S),
+        "dN by side, |dz| of fingers",
+        "change of the normal force",
+    ),
+    "pooled_activity": Family(
+        _for_each(_activity, ACTIVITY_S),
+        "means of |step h|, |step z|",
+        "rubbing and swinging",
+    ),
+    "pooled_jump": Family(
+        tuple(_jump()),
+        "largest |step h|, |step z| in 0.5 s",
+        "one jump, or even noise",
+    ),
+    "pooled_ratio": Family(
+        tuple(_ratio()),
         "A / |dh|, dN / |dh|; recent / longer",
         "how sudden, and which way",
     ),
 }
-"""Group -> formula and reason, for the table of docs/how-it-works.md."""
+"""Every group of pooled features by its name."""
 
 
 def side_matrix(spec: StepSpec) -> FloatArray:

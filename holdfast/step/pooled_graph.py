@@ -296,5 +296,5 @@ def add_pooled(history: History, names: list[str]) -> str:
     """Add families that follow each other; returns [B, features] float64."""
     features: list[PooledFeature] = []
     for name in names:
-        features += FAMILIES[name]
+        features += FAMILIES[name].features
     return PooledGraph(history, features, names[0]).add()

@@ -59,14 +59,7 @@ from holdfast.training.judging import (
     learning_curve,
     strictest_hold_out,
 )
-from holdfast.training.plan import (
-    PLANS,
-    POOLED_GROUPS,
-    TASK_HEADS,
-    LearnerKind,
-    TrainingPlan,
-    at_rate,
-)
+from holdfast.training.plan import PLANS, TASK_HEADS, LearnerKind, TrainingPlan, at_rate
 
 if TYPE_CHECKING:
     from holdfast.step.spec import StepSpec
@@ -177,7 +170,7 @@ def train_on_sets(
     not_held_out: list[str] = []
     chosen = [_held_out(data, plan.folds, request, not_held_out) for data in sets]
     # Pooled features are the same numbers for any hand.
-    joined = join(chosen, several_hands=plan.groups == POOLED_GROUPS)
+    joined = join(chosen, several_hands=plan.is_pooled)
     joined = learnable(joined)
     warn_of_scarcity(joined)
 

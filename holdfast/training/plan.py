@@ -16,6 +16,7 @@ from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 from holdfast.core.contract import FloatArray, IntArray, Json
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.step.learner import Forest
+from holdfast.step.pooled import FAMILIES
 
 CLOCK_FREE_GROUPS = (
     "now",
@@ -174,6 +175,11 @@ class TrainingPlan:
     even_classes: bool = False
     set_shares: Mapping[str, float] = field(default_factory=dict)
 
+    @property
+    def is_pooled(self) -> bool:
+        """Whether all features are pooled, so that it fits several hands."""
+        return all(name in FAMILIES for name in self.groups)
+
     def network_for(self, task: str) -> NetworkPlan:
         """The network of a task."""
         return self.prediction_network if task == AHEAD else self.network
@@ -239,7 +245,7 @@ def pooled_plan(size: str, learner: LearnerKind = "committee") -> TrainingPlan:
 
 def at_rate(plan: TrainingPlan, rate_hz: float) -> TrainingPlan:
     """The plan for recordings of a rate; pooled features at a slow one request earlier."""
-    if plan.groups != POOLED_GROUPS or rate_hz >= SLOW_HZ:
+    if not plan.is_pooled or rate_hz >= SLOW_HZ:
         return plan
     decision = replace(plan.decision, min_risky_permille=SLOW_PERMILLE)
     return replace(plan, decision=decision)

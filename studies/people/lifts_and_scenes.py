@@ -179,7 +179,9 @@ def told_apart(lifts: DataSet, scenes: Sequence[DataSet], seed: int = 0) -> Told
 
 def pooled_names() -> list[str]:
     """Names of the pooled features in their order, each with the time that it spans."""
-    return [_spanned(one) for group in POOLED_GROUPS for one in FAMILIES[group]]
+    return [
+        _spanned(one) for group in POOLED_GROUPS for one in FAMILIES[group].features
+    ]
 
 
 def contacts_of(recording: Recording) -> Iterator[tuple[int, int, int]]:

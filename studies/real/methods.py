@@ -16,7 +16,6 @@ from holdfast.data.datasets.human_slip_uskin import MOST_LOADED_TAXELS, SPREAD_T
 from holdfast.data.metrics import HeadFigures
 from holdfast.data.recording import DataSet
 from holdfast.evaluation.jobs import Job, Workers
-from holdfast.step.pooled import FAMILIES
 from holdfast.training.crossval import (
     FloatRows,
     FoldAnswers,
@@ -27,7 +26,7 @@ from holdfast.training.crossval import (
     splits_of,
 )
 from holdfast.training.judging import held_out_figures
-from holdfast.training.plan import ForestPlan, TrainingPlan
+from holdfast.training.plan import POOLED_GROUPS, ForestPlan, TrainingPlan
 from studies.real.clock import clock_features
 from studies.row_names import CLOCK, OURS_18, SPREAD_18
 
@@ -64,7 +63,7 @@ METHODS = {
     CLOCK: Method(CLOCK_PLAN, channels=48),
 }
 """Rows of the table with people held out."""
-POOLED = Method(replace(COMMITTEE, groups=tuple(FAMILIES)))
+POOLED = Method(replace(COMMITTEE, groups=POOLED_GROUPS))
 """Pooled over sensors, all on one side: no feature knows where a sensor lies."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from holdfast.core.errors import (
     RateError,
     UnitError,
 )
+from holdfast.data import datasets
 from holdfast.data.datasets import load
 from holdfast.data.datasets.joining import join
 from holdfast.data.recording import DataSet
@@ -86,6 +88,82 @@ def test_an_eflesh_trial_is_held_or_tugged(tmp_path: Path) -> None:
     blocks = [recording.group for recording in data.recordings[5:7]]
     assert blocks == ["block_00", "block_01"]
     assert data.unit == "uT"
+
+
+NEW_READER = """
+from dataclasses import replace
+
+import numpy as np
+
+from holdfast.core.contract import GRASP, NOTHING, averaged_by
+from holdfast.data.datasets.public_files import PublicSet
+from holdfast.data.datasets.thesis import SetMeta
+from holdfast.data.recording import Recording, finite_sensors
+from holdfast.data.timeline import Phase
+from holdfast.data.windows import TimedTrial
+from holdfast.edge_runtime.preparation import Preparation
+
+
+def is_ours(root):
+    return (root / "jar.npz").is_file()
+
+
+def about(root):
+    meta = SetMeta(name="jar_lids", kind="recorded by others")
+    return PublicSet(meta, (6,), Preparation(), licence="CC0-1.0")
+
+
+def trials(root, rate_hz):
+    every = averaged_by(300.0, rate_hz or 150.0) or 2
+    found = []
+    for k, forces in enumerate(np.load(root / "jar.npz")["forces"]):
+        samples = forces[::every]
+        half, stop = len(samples) // 2, len(samples)
+        phases = (Phase(0, half, NOTHING), Phase(half, stop, GRASP))
+        recording = Recording(
+            f"turn_{k}", f"turn_{k}", samples, finite_sensors(samples), 300 / every, "N",
+            object_name="jar", action="lift", phases=phases, person=f"p{k % 2}",
+        )
+        found.append(TimedTrial(recording, None, timed=True, labels_by="keys"))
+    return found
+"""
+
+
+def test_a_reader_is_one_module_and_its_set_is_had_like_any_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The module is put into the package for this test, as a newcomer would."""
+    package, root = tmp_path / "package", tmp_path / "set"
+    package.mkdir()
+    root.mkdir()
+    (package / "jar_lids.py").write_text(NEW_READER)
+    forces = np.random.default_rng(0).normal(2.0, 0.5, (4, 1800, 6))
+    np.savez(root / "jar.npz", forces=forces)
+    monkeypatch.setattr(datasets, "__path__", [*datasets.__path__, str(package)])
+    name = f"{datasets.__name__}.jar_lids"
+    try:
+        assert "jar_lids" in datasets.public_sets()
+        data = load(root)
+        assert (data.name, data.rate_hz, data.n_sensors) == ("jar_lids", 150.0, 2)
+        assert (data.licence, data.groups()) == ("CC0-1.0", ["p0", "p1"])
+        assert data.tasks["situations"].label.any()
+        assert load(root, rate_hz=50.0).rate_hz == 50.0
+        assert not load(root, windows="none").tasks
+        assert len(load(root, hold_out="trial").groups()) == 4
+        assert "windows_natural" in load(root, windows="thesis", seed=1).notes
+        with pytest.raises(ChannelError, match="of 6 channels, not 18"):
+            load(root, channels=18)
+        with pytest.raises(RateError, match="jar_lids is at 150 Hz, and cannot be"):
+            load(root, rate_hz=1000.0)
+    finally:
+        sys.modules.pop(name, None)
+
+
+def test_a_set_with_a_rate_of_its_own_refuses_another(tmp_path: Path) -> None:
+    write_eflesh(tmp_path)
+    assert load(tmp_path, rate_hz=101.0).rate_hz == 100.0
+    with pytest.raises(RateError, match="eflesh_slip is at 100 Hz, and cannot be"):
+        load(tmp_path, rate_hz=50.0)
 
 
 def test_joined_sets_keep_every_recording_and_window_apart_by_name(

@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from holdfast.drivers.bus import Reply
-from holdfast.drivers.finger import FingerState
+from holdfast.drivers.chips import driver_of
+from holdfast.drivers.fingers import FingerState
 from holdfast.drivers.layout import Finger
-from holdfast.drivers.tmag5273 import LAYOUT, PACKET_BYTES, packet
+from holdfast.drivers.tmag5273.registers import LAYOUT, PACKET_BYTES, packet
 
 ADDRESS = 0x35
 
@@ -19,7 +20,9 @@ ADDRESS = 0x35
 @given(st.binary(min_size=PACKET_BYTES, max_size=PACKET_BYTES))
 def test_a_status_whose_reserved_bits_are_set_is_no_packet_of_the_chip(data):
     spoilt = data[:-1] + bytes([data[-1] | 0x04])
-    judged = FingerState(Finger(ADDRESS)).judge(Reply(spoilt, acked=True), 0)
+    judged = FingerState(Finger(ADDRESS), driver_of("tmag5273")).judge(
+        Reply(spoilt, acked=True), 0
+    )
     assert judged[1] == "garbage"
     assert packet(spoilt).raw == packet(data).raw
 
@@ -33,7 +36,7 @@ def plain(x: int = 5, status: int = 1, count: int = 0) -> Reply:
 
 def lively() -> FingerState:
     """A finger that was brought up at 0 and has converted twice by 1 ms."""
-    state = FingerState(Finger(ADDRESS))
+    state = FingerState(Finger(ADDRESS), driver_of("tmag5273"))
     state.brought_up(1, 0)
     assert [state.judge(plain(count=k), 500_000 * k)[1] for k in (1, 2)] == [
         "settling",

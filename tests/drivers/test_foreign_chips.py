@@ -13,12 +13,13 @@ from hazard_marks import FOREIGN_CHIP, WIRING
 
 from holdfast.cli.main import main
 from holdfast.core.errors import DeviceNotFound, WrongDevice
-from holdfast.drivers.finger import identify
+from holdfast.drivers.chips import driver_of
 from holdfast.drivers.layout import read_layout
 from holdfast.drivers.scan import as_layout, look_at
-from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES
+from holdfast.drivers.tmag5273.registers import FACTORY_ADDRESSES
 from holdfast.drivers.virtual.virtual_hand import Mux
 
+TMAG5273 = driver_of("tmag5273")
 SIX = "0:35,0:22,0:78,0:44,1:35,1:22"
 
 
@@ -28,7 +29,7 @@ def pause(bench: Bench) -> Any:
 
 def scan(bench: Bench) -> list[Any]:
     with closing(bench.open_bus()) as bus:
-        return look_at(bus, pause(bench))
+        return look_at(bus, TMAG5273, pause(bench))
 
 
 def with_chips(*chips: Any, **options: Any) -> tuple[Bench, list[bytes]]:
@@ -45,7 +46,9 @@ def test_a_scan_leaves_an_eeprom_a_pwm_driver_a_converter_and_an_expander_as_the
     bench.virtual.mux.address = 0x71  # the PWM driver answers at 0x70 too
     found = scan(bench)
     assert [chip.state for chip in chips] == before
-    assert as_layout(found) == ",".join(f"71/{place}" for place in SIX.split(","))
+    assert as_layout(found, FACTORY_ADDRESSES) == ",".join(
+        f"71/{place}" for place in SIX.split(",")
+    )
     unknown = {one.address: one.trouble for one in found if one.kind == "unknown"}
     assert set(unknown) == {0x50, 0x40, 0x48, 0x20, 0x70}
     assert "not identified" in unknown[0x20]
@@ -80,7 +83,7 @@ def test_a_chip_with_registers_at_a_sensor_s_own_address_is_only_read(address, m
         closing(bench.open_bus()) as bus,
         pytest.raises(WrongDevice, match="no TMAG5273"),
     ):
-        identify(bus, address, pause(bench))
+        TMAG5273.identify(bus, address, pause(bench))
     assert [chip.state] == before
 
 
@@ -113,13 +116,13 @@ def test_every_mux_is_looked_behind_and_the_layout_names_it():
     second = Mux([[], [bench.virtual.chips[1]]], 0x77)
     bench.virtual.wire.targets[:] = [first, second]
     found = scan(bench)
-    layout = as_layout(found)
+    layout = as_layout(found, FACTORY_ADDRESSES)
     assert layout == "0:35,77/1:22"
     assert [one.address for one in found if one.kind == "mux"] == [0x70, 0x77]
     assert (first.control, second.control) == (0, 0)
     bench.hand = type(bench.hand)(
         bench.open_bus,
-        read_layout(layout),
+        read_layout(layout, FACTORY_ADDRESSES),
         now_ns=bench.clock.now_ns,
         pause=pause(bench),
         say=bench.messages.append,

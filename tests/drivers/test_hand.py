@@ -15,8 +15,9 @@ from hazard_marks import CORRUPT_READING
 
 from holdfast.core.errors import DeviceNotFound, UsageError, WrongDevice
 from holdfast.drivers.bus import Transfer
-from holdfast.drivers.finger import STALE_NS
+from holdfast.drivers.chips import STALE_NS
 from holdfast.drivers.layout import LAYOUTS, MUX_ADDRESSES, ScanPlanner, read_layout
+from holdfast.drivers.tmag5273.registers import FACTORY_ADDRESSES
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.drivers.virtual.virtual_hand import Track
 
@@ -275,7 +276,7 @@ def test_a_plan_knows_the_place_of_every_mux_write_and_every_read(
     layout: str, doubtful: bool
 ) -> None:
     """A mux write that nothing looks at could fail, and the scan would read another finger."""
-    fingers = read_layout(layout)
+    fingers = read_layout(layout, FACTORY_ADDRESSES)
     reads = [Transfer(one.address, bytes([k]), 12) for k, one in enumerate(fingers)]
     plan = ScanPlanner(fingers).plan(reads, doubtful=doubtful)
     to_mux = [k for k, one in enumerate(plan.transfers) if one.address in MUX_ADDRESSES]
@@ -324,7 +325,9 @@ def test_a_layout_has_channels_addresses_and_muxes_within_their_limits(
     text: str, says: str
 ) -> None:
     if not says:
-        assert len(read_layout(text)) == (6 if "mux" in text else text.count(",") + 1)
+        assert len(read_layout(text, FACTORY_ADDRESSES)) == (
+            6 if "mux" in text else text.count(",") + 1
+        )
         return
     with pytest.raises(UsageError, match=says):
-        read_layout(text)
+        read_layout(text, FACTORY_ADDRESSES)

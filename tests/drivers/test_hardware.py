@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from holdfast.core.source import MonotonicClock
+from holdfast.drivers.chips import driver_of
 from holdfast.drivers.scan import look_at
 from holdfast.live.running import RunClock
 from holdfast.live.sources import open_bus, open_live
@@ -20,7 +21,7 @@ URL = os.environ.get("HOLDFAST_HAND", "usb://ft232h")
 
 def test_every_finger_is_found_and_well():
     bus = open_bus(URL, RunClock())
-    found = look_at(bus, time.sleep)
+    found = look_at(bus, driver_of("tmag5273"), time.sleep)
     bus.close()
     sensors = [one for one in found if one.kind == "sensor"]
     assert len(sensors) == 6

@@ -12,6 +12,8 @@ import usb.core
 from holdfast.core.errors import HoldfastError
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.hand import Hand
+from holdfast.drivers.layout import read_layout
+from holdfast.drivers.tmag5273.registers import FACTORY_ADDRESSES
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.drivers.virtual.ft232h import VirtualFt232h
 from holdfast.drivers.virtual.usb_backend import VirtualBackend
@@ -66,6 +68,7 @@ def test_a_hand_on_a_bridge_with_spoilt_answers_starts_or_says_why_and_then_neve
     backend = VirtualBackend(bridge)
     hand = Hand(
         lambda: Ft232h(backend),
+        read_layout("mux", FACTORY_ADDRESSES),
         now_ns=clock.now_ns,
         pause=lambda seconds: clock.spend(round(1e9 * seconds)),
     )

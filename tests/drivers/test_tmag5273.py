@@ -13,14 +13,8 @@ from hypothesis import strategies as st
 from holdfast.core.errors import UsageError
 from holdfast.drivers.bus import Transfer
 from holdfast.drivers.ft232h import Ft232h
-from holdfast.drivers.tmag5273 import (
-    REGISTERS,
-    RESULTS,
-    Setup,
-    conversion_s,
-    field_ut,
-    packet,
-)
+from holdfast.drivers.tmag5273.driver import Driver
+from holdfast.drivers.tmag5273.registers import REGISTERS, RESULTS, conversion_s, packet
 from holdfast.drivers.virtual.virtual_hand import REST_UT
 
 
@@ -54,9 +48,9 @@ def test_a_conversion_takes_as_long_as_table_7_4_says(averages, microseconds):
 
 
 def test_the_field_follows_its_equation():
-    assert field_ut([32767, -32768, 0], 80.0) == pytest.approx(
-        [79997.6, -80000.0, 0.0], abs=0.1
-    )
+    scale_ut = Driver().scale_ut(1)
+    assert 32767 * scale_ut == pytest.approx([39998.8, 39998.8, 79997.6], abs=0.1)
+    assert (-32768 * Driver().scale_ut(2)).tolist() == [-133e3, -133e3, -266e3]
 
 
 @given(
@@ -103,7 +97,7 @@ def test_pyftdi_unmodified_reads_the_sensors_of_the_virtual_bridge(monkeypatch):
     controller.get_port(0x70).write(b"\x01")
     chip = controller.get_port(A)
     assert bytes(chip.read_from(0x0D, 3)) == IDENTITY
-    for register, value in Setup().registers():
+    for register, value in Driver().registers():
         chip.write_to(register, bytes([value]))
     assert bytes(chip.read_from(0x00, 1)) == b"\x34"
     made.wait_s(0.01)

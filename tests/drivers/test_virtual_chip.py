@@ -8,7 +8,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from holdfast.drivers.tmag5273 import (
+from holdfast.drivers.tmag5273.emulation import Chip
+from holdfast.drivers.tmag5273.registers import (
     CONTINUOUS,
     FACTORY_ADDRESSES,
     RANGES_MT,
@@ -16,11 +17,15 @@ from holdfast.drivers.tmag5273 import (
     RESULTS,
     XYZ,
 )
-from holdfast.drivers.virtual.chip import Chip
 from holdfast.drivers.virtual.faults import Fault, Faults, VirtualClock
 from holdfast.drivers.virtual.virtual_hand import Wire
 
 A = FACTORY_ADDRESSES[0]
+
+
+def emulated_version(number: int) -> type[Chip]:
+    """Emulated chips of version 1 or 2."""
+    return type("Version", (Chip,), {"version": number})
 
 
 class ChipOnWire:
@@ -35,15 +40,9 @@ class ChipOnWire:
         seed: int | None = None,
     ) -> None:
         self.clock = VirtualClock(5)
-        self.chip = Chip(
-            number,
-            A,
-            version,
-            field_ut,
-            self.clock,
-            Faults(self.clock, faults),
-            seed=seed,
-        )
+        suffers = Faults(self.clock, faults)
+        emulation = emulated_version(version)
+        self.chip = emulation(number, A, field_ut, self.clock, suffers, seed=seed)
         self.wire = Wire([self.chip])
 
     def write(self, *data: int) -> bool:

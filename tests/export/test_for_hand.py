@@ -118,7 +118,7 @@ def test_twelve_sensors_with_half_the_force_each_read_as_six(
     of_direction = []
     for name, family in FAMILIES.items():
         has_direction = name in ("pooled_along", "pooled_ratio")
-        of_direction += [has_direction] * len(family)
+        of_direction += [has_direction] * len(family.features)
     same = ~np.array(of_direction)
     got, expected = (one["features"][known][:, same] for one in (many, few))
     np.testing.assert_allclose(got, expected, rtol=1e-4, atol=1e-5)

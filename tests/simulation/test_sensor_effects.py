@@ -21,51 +21,8 @@ MU0 = 4e-7 * np.pi
 MOMENT_A_M2 = 1.35 / MU0 * np.pi * 0.75e-3**2 * 0.5e-3
 """Remanence / mu0 * volume, N45, 1.5 x 0.5 mm."""
 SENSOR_EFFECTS = {n: e for n, e in all_effects().items() if e.stage == "sensor"}
+NEUTRAL = {n: e.neutral for n, e in SENSOR_EFFECTS.items() if e.neutral is not None}
 RATE_HZ = 100.0
-CHANGES_NOTHING: dict[str, dict[str, Any]] = {
-    "cross_talk": {"height_mm": 0, "axes": 0},
-    "gain_tilt": {"gain_sd": 0, "tilt_sd_deg": 0},
-    "magnet_reversed": {"sensors": []},
-    "thermal_drift": {"warming_degc": 0, "compensated": 0},
-    "shear_gain": {"gain": 1, "spread": 0},
-    "hysteresis": {"width_n": 0},
-    "mounting": {"angle_deg": 0, "spread_deg": 0, "left_share": 0},
-    "drift": {"rate_n_s": 0, "step_n": 0},
-    "white_noise": {"rms_n": 0},
-    "timing_jitter": {"sd_ms": 0},
-}
-SOMETHING: dict[str, dict[str, Any]] = {
-    "dipole": {},
-    "pad_magnet": {
-        "rest_ut": 8000,
-        "height_mm": 12,
-        "normal_n_per_mm": 2e4,
-        "shear_n_per_mm": 2e4,
-    },
-    "magnetometer": {},
-    "cross_talk": {},
-    "gain_tilt": {},
-    "magnet_reversed": {"sensors": [2, 5]},
-    "thermal_drift": {"warming_degc": 10},
-    "hall_noise": {},
-    "quantisation": {},
-    "shear_gain": {},
-    "hysteresis": {"width_n": 100},
-    "mounting": {},
-    "drift": {},
-    "white_noise": {},
-    "timing_jitter": {},
-}
-RANDOM = (
-    "shear_gain",
-    "mounting",
-    "gain_tilt",
-    "hall_noise",
-    "magnetometer",
-    "drift",
-    "white_noise",
-    "timing_jitter",
-)
 
 
 def signal(values: FloatArray, unit: Unit = "uT") -> Signal:
@@ -124,22 +81,18 @@ def field_ut(z_m: float) -> float:
 # every effect
 
 
-def test_these_tests_know_every_effect_of_the_sensor() -> None:
-    assert set(SOMETHING) == set(SENSOR_EFFECTS)
-
-
-@pytest.mark.parametrize("name", CHANGES_NOTHING)
-def test_an_effect_with_parameters_of_zero_changes_no_bit(name: str) -> None:
+@pytest.mark.parametrize("name", NEUTRAL)
+def test_an_effect_with_its_neutral_values_changes_no_bit(name: str) -> None:
     before = wandering()
-    assert same(apply(name, before, **CHANGES_NOTHING[name]), before)
+    assert same(apply(name, before, **NEUTRAL[name]), before)
 
 
-@pytest.mark.parametrize("name", SOMETHING)
+@pytest.mark.parametrize("name", SENSOR_EFFECTS)
 def test_an_effect_changes_something_but_not_what_it_was_given(name: str) -> None:
     before = wandering()
     for array in (before.t_s, before.values, before.valid):
         array.setflags(write=False)
-    after = apply(name, before, **SOMETHING[name])
+    after = apply(name, before, **SENSOR_EFFECTS[name].example)
     assert same(before, wandering())
     assert not same(after, before)
     assert after.valid.all()
@@ -150,16 +103,21 @@ def test_an_effect_changes_something_but_not_what_it_was_given(name: str) -> Non
     assert after.unit == "uT"
 
 
-@pytest.mark.parametrize("name", SOMETHING)
-def test_only_effects_of_chance_depend_on_the_seed(name: str) -> None:
-    one, other = (apply(name, wandering(), seed, **SOMETHING[name]) for seed in (1, 2))
-    assert same(one, other) == (name not in RANDOM)
+@pytest.mark.parametrize("name", SENSOR_EFFECTS)
+def test_only_effects_that_draw_depend_on_the_seed(name: str) -> None:
+    effect = SENSOR_EFFECTS[name]
+    drawn = effect.draw(effect.example, stream(1, 0, name))
+    rngs = [stream(seed, 0, name) for seed in (1, 2)]
+    one, other = (effect.sense(wandering(), drawn, rng) for rng in rngs)
+    fresh = stream(1, 0, name)
+    drew = rngs[0].bit_generator.state != fresh.bit_generator.state
+    assert same(one, other) == (not drew)
 
 
-@pytest.mark.parametrize("name", SOMETHING)
+@pytest.mark.parametrize("name", SENSOR_EFFECTS)
 def test_no_effect_makes_an_invalid_sample_valid(name: str) -> None:
     bad = replace(wandering(), valid=np.zeros((300, 6), dtype=np.bool_))
-    assert not apply(name, bad, **SOMETHING[name]).valid.any()
+    assert not apply(name, bad, **SENSOR_EFFECTS[name].example).valid.any()
 
 
 # dipole
@@ -323,6 +281,21 @@ def test_a_magnet_warms_as_a_body_of_first_order_and_loses_field_by_the_degree()
     assert share[-1] == pytest.approx(10 * 0.12e-2, rel=1e-9)
     left = 1.0 - share[:20] / share[-1]
     assert left[1:] / left[:-1] == pytest.approx(np.exp(-60.0 / 300.0))
+
+
+def test_the_offset_of_each_axis_drifts_by_the_degree_and_not_the_field() -> None:
+    t_s = 60.0 * np.arange(300.0)
+    drifts = []
+    for before in (steady(), steady(vector=(0.0, 0.0, 0.0))):
+        options = {"warming_degc": 10, "time_s": 300, "offset_ut_per_degc": 3}
+        after = apply("temperature", replace(before, t_s=t_s), **options)
+        drifts.append(after.values - before.values)
+    assert drifts[0] == pytest.approx(drifts[1], abs=1e-9)
+    warm_degc = 10.0 * (1.0 - np.exp(-t_s / 300.0))
+    per_degc = drifts[1][-1] / 10.0
+    assert drifts[1] == pytest.approx(warm_degc[:, None, None] * per_degc, abs=1e-9)
+    assert len(np.unique(per_degc)) == 18
+    assert 1.5 < per_degc.std() < 5.0
 
 
 # chip

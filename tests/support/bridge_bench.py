@@ -11,7 +11,7 @@ from virtual_i2c import VirtualI2cDev
 from holdfast.drivers.bus import Bus, Transfer
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.native_i2c import NativeI2C
-from holdfast.drivers.tmag5273 import (
+from holdfast.drivers.tmag5273.registers import (
     FACTORY_ADDRESSES,
     PACKET_BYTES,
     REGISTERS,

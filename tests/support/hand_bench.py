@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from holdfast.core.source import SourceReading
 from holdfast.drivers.bus import Bus
+from holdfast.drivers.chips import DEFAULT_CHIP, driver_of, emulation_of
 from holdfast.drivers.ft232h import Ft232h
 from holdfast.drivers.hand import Hand
 from holdfast.drivers.layout import read_layout
@@ -26,13 +27,16 @@ class Bench:
     track: Track | None = None
     layout: str = "mux"
     on_wire: str | None = None
+    chip: str = DEFAULT_CHIP
     clock: VirtualClock = field(default_factory=VirtualClock)
 
     def __post_init__(self) -> None:
+        driver = driver_of(self.chip)
         self.virtual = VirtualHand(
             self.clock,
             track=self.track,
-            places=read_layout(self.on_wire or self.layout),
+            places=read_layout(self.on_wire or self.layout, driver.addresses),
+            emulation=emulation_of(self.chip),
             seed=0,
             faults=[read_fault(one) for one in self.faults],
         )
@@ -40,7 +44,8 @@ class Bench:
         self.messages: list[str] = []
         self.hand = Hand(
             self.open_bus,
-            read_layout(self.layout),
+            read_layout(self.layout, driver.addresses),
+            chip=driver,
             now_ns=self.clock.now_ns,
             pause=lambda seconds: self.clock.spend(round(1e9 * seconds)),
             say=self.messages.append,

@@ -1,7 +1,12 @@
 """Data sets by name or folder: `load` finds the folder, recognises its format and reads it.
 
-A format is recognised by the files in the folder, whatever the folder is called. Only the reader of
-that format is imported. joining.py makes one set of several.
+A format is recognised by the files in the folder, whatever the folder is called. joining.py makes
+one set of several.
+
+A reader is a module of this package, and is found there. It has `is_ours(folder)` and, for trials
+with phases, `about(folder)`, a PublicSet, and `trials(folder, rate_hz)`, TimedTrials at that rate;
+`load` makes the windows, as of trials of users. A set that brings windows and rate of its own has
+`load(folder, channels)` in their place. Folders that users fill with trials are LAYOUTS.
 """
 
 from __future__ import annotations
@@ -10,26 +15,23 @@ import os
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import Any
 
-from holdfast.core.errors import ChannelError, DataNotFound, command
+from holdfast.core.contract import RATE_TOLERANCE
+from holdfast.core.errors import ChannelError, DataNotFound, RateError, command
 from holdfast.core.hand_card import read_hand_card
 from holdfast.core.trial_layout import (
     HAND_FILE,
     META,
-    TACTILE,
     has_logs,
     import_command,
     read_json,
 )
-from holdfast.data.datasets.trials import has_thesis_layout, require_offered
+from holdfast.data.datasets.trials import require_offered
 from holdfast.data.recording import DataSet, HoldOut, regrouped
 from holdfast.data.windows import Choice
 
-PUBLIC_SETS = ("human_slip_uskin", "eflesh_slip", "grip_lift_ati")
-"""Sets that `load` finds by name in the data folder."""
-AT_ANY_RATE = ("grip_lift_ati",)
-"""Public sets that are averaged down to a rate, and windowed like the trials of users."""
 LAYOUTS = ("recorded", "thesis")
 """Layouts of folders that users fill with trials of their own."""
 USUAL_CHANNELS = 18
@@ -50,13 +52,14 @@ def load(
 ) -> DataSet:
     """A data set by its name (a folder in HOLDFAST_DATA) or by its path.
 
-    channels: one of the channel counts a set offers, None for its usual 18. rate_hz: folders of
-    trials at a whole multiple of it are averaged down to it. seed: of every random choice. windows:
-    in the thesis' layout those to train on (balanced), the thesis' undersampled ones, every one
-    that is natural, to score on (data/windows.py), or none: recordings alone, which are read
-    sooner. hold_out: what a group is; None for people where there are two.
+    channels: one of the channel counts a set offers, None for its usual one. rate_hz: trials at a
+    whole multiple of it are averaged down to it. seed: of every random choice. windows: those to
+    train on (balanced), the thesis' undersampled ones, every one that is natural, to score on
+    (data/windows.py), or none: recordings alone, which are read sooner; a set with windows of its
+    own gives these. hold_out: what a group is; None for people where there are two.
 
-    Raises DataNotFound, ChannelError, or a DataError of the reader.
+    Raises DataNotFound, ChannelError, RateError for a set that cannot be had at rate_hz, or a
+    DataError of the reader.
     """
     root = find(name_or_path)
     layout = layout_of(root)
@@ -83,14 +86,48 @@ def load(
         from holdfast.data.datasets.public_files import copied_whole
 
         with copied_whole(root):
-            if layout in AT_ANY_RATE:
-                data = reader.load(
-                    root, channels=channels, rate_hz=rate_hz, windows=windows, seed=seed
-                )
+            if hasattr(reader, "trials"):
+                data = _of_trials(reader, root, channels, rate_hz, windows, seed)
             else:
                 # It brings its own windows and rate, and has a usual number of channels.
                 data = reader.load(root, channels=channels or USUAL_CHANNELS)
+                _require_rate(data, rate_hz)
     return data if hold_out is None else regrouped(data, hold_out)
+
+
+def _of_trials(
+    reader: Any,
+    root: Path,
+    channels: int | None,
+    rate_hz: float | None,
+    windows: Choice,
+    seed: int,
+) -> DataSet:
+    """The set of a reader's trials, with what it says of them."""
+    from holdfast.data.datasets.thesis import common_rate, of_trials
+
+    about = reader.about(root)
+    require_offered(root, channels or about.channels[0], about.channels)
+    trials = reader.trials(root, rate_hz)
+    rate = common_rate([trial.recording for trial in trials])
+    data = of_trials(trials, about.meta, rate, windows, seed)
+    _require_rate(data, rate_hz)
+    return replace(
+        data,
+        preparation=about.preparation,
+        hand=read_hand_card(about.hand) if about.hand else None,
+        licence=about.licence,
+        source=about.source,
+    )
+
+
+def _require_rate(data: DataSet, rate_hz: float | None) -> None:
+    """Raise RateError where a set cannot be had at a rate that was asked for."""
+    if rate_hz and abs(data.rate_hz / rate_hz - 1.0) > RATE_TOLERANCE:
+        raise RateError(
+            f"{data.name} is at {data.rate_hz:.4g} Hz, and cannot be had at {rate_hz:.4g} Hz",
+            next_step=f"use a model for {data.rate_hz:.4g} Hz, or another set",
+        )
 
 
 def with_hand(data: DataSet, root: Path) -> DataSet:
@@ -124,7 +161,7 @@ def with_hand(data: DataSet, root: Path) -> DataSet:
 def find(name_or_path: str | Path) -> Path:
     """Folder of a set. Raises DataNotFound with the likely cause."""
     path = Path(name_or_path)
-    is_public = str(name_or_path) in PUBLIC_SETS
+    is_public = _is_public(str(name_or_path))
     # A public name goes first to the data folder, so that a folder of that name here does not hide
     # it.
     public = Path(os.environ.get(FOLDER_VARIABLE) or BESIDE_THE_CHECKOUT, name_or_path)
@@ -140,7 +177,7 @@ def find(name_or_path: str | Path) -> Path:
             cause=f"it is not part of Holdfast: {source}" if source else "",
             next_step=f"set {FOLDER_VARIABLE} to the folder that holds {name_or_path}/",
         )
-    next_step = f"give a folder, or one of {', '.join(PUBLIC_SETS)}"
+    next_step = f"give a folder, or one of {', '.join(public_sets())}"
     if path.is_file() and has_logs(path):
         next_step = f"{next_step}; of a log: {import_command(path)}"
     raise DataNotFound(
@@ -152,20 +189,26 @@ def find(name_or_path: str | Path) -> Path:
 
 
 def layout_of(root: Path) -> str | None:
-    """The name of the reader for a folder: one of PUBLIC_SETS or LAYOUTS, or None."""
-    if (root / "signals.npz").is_file() or (root / "trials.csv").is_file():
-        return "human_slip_uskin"
-    if (root / "eflesh_slip.npz").is_file():
-        return "eflesh_slip"
-    if (root / "lifts.csv").is_file():
-        return "grip_lift_ati"
-    if any(
-        "recorder" in read_json(path.with_name(META)) for path in root.rglob(TACTILE)
-    ):
-        return "recorded"
-    return "thesis" if has_thesis_layout(root) else None
+    """The name of the reader for a folder: one of LAYOUTS or a public set, or None."""
+    # those of users first: most folders are, and no other reader is then loaded
+    for name in LAYOUTS:
+        if reader_of(name).is_ours(root):
+            return name
+    return next((one for one in public_sets() if reader_of(one).is_ours(root)), None)
+
+
+def public_sets() -> list[str]:
+    """The sets that `load` finds by name in the data folder: those with a reader here."""
+    return [one.name for one in iter_modules(__path__) if _is_public(one.name)]
+
+
+def _is_public(name: str) -> bool:
+    """Whether a name is that of a set with a reader in this package."""
+    if name in LAYOUTS or name not in {one.name for one in iter_modules(__path__)}:
+        return False
+    return hasattr(reader_of(name), "is_ours")
 
 
 def reader_of(layout: str) -> Any:
-    """The module that reads a layout: `load`, and for one of LAYOUTS also `readers`."""
+    """The module that reads a layout or a public set; one of LAYOUTS has `readers`."""
     return import_module(f"holdfast.data.datasets.{layout}")

@@ -39,6 +39,11 @@ CAVEAT = (
 )
 
 
+def is_ours(root: Path) -> bool:
+    """Whether its file is there."""
+    return (root / ARRAYS).is_file()
+
+
 def load(root: Path, *, channels: int = 18) -> DataSet:
     """Read the set, 18 channels (six magnetometers) or all 30, unit uT.
 

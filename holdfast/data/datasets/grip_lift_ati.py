@@ -23,12 +23,11 @@ import numpy as np
 from holdfast.core.contract import GRASP, NOTHING, FloatArray, averaged_by
 from holdfast.core.errors import EmptyRecording, RateError
 from holdfast.core.hand_card import fill_unmeasured, read_hand_card
-from holdfast.data.datasets.public_files import read_arrays
-from holdfast.data.datasets.thesis import SetMeta, of_trials
-from holdfast.data.datasets.trials import require_offered
-from holdfast.data.recording import DataSet, Recording, finite_sensors
+from holdfast.data.datasets.public_files import PublicSet, read_arrays
+from holdfast.data.datasets.thesis import SetMeta
+from holdfast.data.recording import Recording, finite_sensors
 from holdfast.data.timeline import Phase, Phases
-from holdfast.data.windows import Choice, TimedTrial
+from holdfast.data.windows import TimedTrial
 from holdfast.edge_runtime.preparation import Preparation
 
 NAME = "grip_lift_ati"
@@ -57,24 +56,25 @@ SOURCE = (
 )
 
 
-def load(
-    root: Path,
-    *,
-    channels: int | None = None,
-    rate_hz: float | None = None,
-    windows: Choice = "balanced",
-    seed: int = 0,
-) -> DataSet:
-    """Read the set: six channels (two sensors), unit N, people as groups.
+def is_ours(root: Path) -> bool:
+    """Whether its table of lifts is there."""
+    return (root / LIFTS).is_file()
 
-    rate_hz: 600 Hz divided by a whole number; None for 150. Task "situations": nothing from from_s
-    to to_s of a lift, grasp while the contact lasts. The masses are not used: all are heavy.
 
-    Raises ChannelError, RateError or EmptyRecording.
+def about(root: Path) -> PublicSet:
+    """Six channels (two sensors), unit N, people as groups."""
+    channels = (len(COLUMN_OF),)
+    return PublicSet(ABOUT, channels, Preparation(), CARD, LICENCE, SOURCE)
+
+
+def trials(root: Path, rate_hz: float | None) -> list[TimedTrial]:
+    """The recordings. rate_hz: 600 Hz divided by a whole number; None for 150.
+
+    Nothing from from_s to to_s of a lift, grasp while the contact lasts. The masses are not used:
+    all are heavy. Raises RateError or EmptyRecording.
     """
     import pandas as pd  # a third of a second, which sets in other formats do not need
 
-    require_offered(root, channels or len(COLUMN_OF), [len(COLUMN_OF)])
     wanted_hz = rate_hz or USUAL_HZ
     averaged = averaged_by(RECORDED_HZ, wanted_hz)
     if averaged == 0:
@@ -86,7 +86,7 @@ def load(
         )
 
     table = pd.read_csv(root / LIFTS)
-    trials = []
+    found = []
     for person, of_person in table.groupby("person"):
         files = sorted(of_person["file"].unique())
         for file, raw in zip(
@@ -94,20 +94,13 @@ def load(
         ):
             lifts = of_person[of_person["file"] == file]
             trial = _trial(str(person), str(file), raw, lifts, averaged)
-            trials.append(replace(trial, averaged=averaged))
-    if not trials:
+            found.append(replace(trial, averaged=averaged))
+    if not found:
         raise EmptyRecording(
             f"no lift in {LIFTS}", where=root, next_step="copy the data set again"
         )
 
-    data = of_trials(trials, ABOUT, RECORDED_HZ / averaged, windows, seed)
-    return replace(
-        data,
-        preparation=Preparation(),
-        hand=read_hand_card(CARD),
-        licence=LICENCE,
-        source=SOURCE,
-    )
+    return found
 
 
 def _trial(

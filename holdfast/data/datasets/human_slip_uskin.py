@@ -99,6 +99,11 @@ CAVEAT = (
 )
 
 
+def is_ours(root: Path) -> bool:
+    """Whether one of its two files is there."""
+    return (root / SIGNALS).is_file() or (root / TRIALS).is_file()
+
+
 def load(
     root: Path, *, channels: int = 18, six: tuple[int, ...] = SPREAD_TAXELS
 ) -> DataSet:

@@ -9,6 +9,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.core.errors import ColumnError, DataNotFound, NotANumber, one_line
+from holdfast.data.datasets.thesis import SetMeta
 from holdfast.data.recording import LabelledRows
+from holdfast.edge_runtime.preparation import Preparation
 
 TrialRows = tuple[npt.NDArray[Any], npt.NDArray[Any]]
 """Last rows [m] of a trial's windows, and their labels [m]."""
@@ -30,6 +33,22 @@ def read_arrays(path: Path, *names: str) -> list[npt.NDArray[Any]]:
     # np.load leaves a file open that it cannot read, so the file is opened here
     with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
         return [archive[name] for name in names]
+
+
+@dataclass(frozen=True)
+class PublicSet:
+    """What a reader says of its set. meta: name, unit and kind, and a caveat for its figures.
+
+    channels: the numbers of channels that it offers, the usual one first. hand: its hand card by
+    name, "" without one. preparation: of its samples, "" for a licence or source that is not known.
+    """
+
+    meta: SetMeta
+    channels: tuple[int, ...]
+    preparation: Preparation
+    hand: str = ""
+    licence: str = ""
+    source: str = ""
 
 
 @contextmanager

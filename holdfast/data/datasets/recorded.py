@@ -49,6 +49,12 @@ CAVEAT = (
 ONE_PERSON = " One person: the figures do not apply to other people."
 
 
+def is_ours(root: Path) -> bool:
+    """Whether the recorder wrote a trial anywhere below."""
+    metas = (path.with_name(META) for path in root.rglob(TACTILE))
+    return any("recorder" in read_json(meta) for meta in metas)
+
+
 def about(root: Path) -> thesis.SetMeta:
     """Name and kind of a folder's kept trials, and what stands with their figures."""
     metas = _kept(root).values()

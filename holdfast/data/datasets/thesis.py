@@ -52,6 +52,7 @@ from holdfast.data.datasets.trials import (
     TrialReader,
     doubts_of,
     hand_beside,
+    has_thesis_layout,
     places,
     refuse,
     require_history,
@@ -128,6 +129,11 @@ def preparation(unit: Unit) -> Preparation:
         flip_beyond=NORMAL_FLOOR[unit],
         turns="sensor",
     )
+
+
+def is_ours(root: Path) -> bool:
+    """Whether there are trials in the thesis' layout."""
+    return has_thesis_layout(root)
 
 
 def about(root: Path) -> SetMeta:

@@ -49,9 +49,9 @@ class VirtualClock:
 
 OF_A_SENSOR = {
     "nack": "acknowledges nothing",
-    "frozen": "stops converting: SET_COUNT and results stay",
+    "frozen": "converts no more",
     "por": "loses its power for an instant, and with it its configuration and address",
-    "sleep": "has fallen asleep, as after a stray write",
+    "sleep": "has fallen asleep or stopped, as after a stray write",
     "wrong": "another chip answers at its address",
     "diag": "reports that its own diagnosis failed",
 }

@@ -7,18 +7,21 @@ counted, because they take time. While SDA is held low, nothing is acknowledged 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import ClassVar, Protocol
 
 import numpy as np
 
 from holdfast.core.contract import FloatArray
 from holdfast.core.errors import UsageError
-from holdfast.drivers.layout import LAYOUTS, Finger
-from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES
-from holdfast.drivers.virtual.chip import Chip, FieldSource
+from holdfast.drivers.chips import DEFAULT_CHIP, emulation_of
+from holdfast.drivers.layout import LAYOUTS, Finger, read_layout
 from holdfast.drivers.virtual.faults import Clock, Fault, Faults
 
+FieldSource = Callable[[float], Sequence[float]]
+"""Time in s -> the field at the chip, [3] in uT."""
 BITS_OF_A_BYTE = 9
 RELEASED = 0xFF
 """What is read where nothing pulls SDA low."""
@@ -31,6 +34,74 @@ FORCE_N_PER_UT = np.diag(
     [5.476783541909617e-4, 5.476783541909616e-4, 9.877272411937602e-4]
 )
 """The calibration of these sensors: the linear map that the simulation's magnet is fitted with."""
+NOISE_ROWS = 4096
+
+
+# -- what is on a wire
+
+
+class Target(Protocol):
+    """Something with an address on a wire."""
+
+    def addressed(self, address: int, *, read: bool) -> bool:
+        """After a START: whether it acknowledges."""
+        ...
+
+    def write(self, byte: int) -> bool:
+        """A byte from the master: whether it acknowledges."""
+        ...
+
+    def read(self) -> int:
+        """The next byte for the master."""
+        ...
+
+    def stop(self) -> None:
+        """A STOP."""
+        ...
+
+
+class EmulatedChip(Target, Protocol):
+    """A chip of some kind in a field that changes with time. addresses: of its kind.
+
+    number: 1 .. 6, its name in faults; seed: of its noise, None for none. It suffers the faults of
+    a sensor (faults.py), each in its own way.
+    """
+
+    addresses: ClassVar[tuple[int, ...]]
+    address: int
+
+    def __init__(
+        self,
+        number: int,
+        address: int,
+        field: FieldSource,
+        clock: Clock,
+        faults: Faults,
+        *,
+        seed: int | None = None,
+    ) -> None: ...
+
+    def power_on(self) -> None:
+        """As after power-up."""
+        ...
+
+
+@lru_cache(maxsize=12)
+def noise_of(
+    seed: int | None, number: int, noise_ut: tuple[float, float, float]
+) -> tuple[tuple[float, ...], ...]:
+    """[rows][3] noise in uT that a chip's conversions use in turn; none without a seed.
+
+    noise_ut: of x, y, z in one conversion. Cached, because hands are opened again and again.
+    """
+    if seed is None:
+        return ((0.0, 0.0, 0.0),)
+    random = np.random.default_rng([seed, number])
+    noise = random.normal(size=(NOISE_ROWS, 3)) * np.array(noise_ut)
+    return tuple(map(tuple, noise.tolist()))
+
+
+# -- the wire
 
 
 class Noise:
@@ -214,14 +285,6 @@ class Mux:
                 self._enabled += channel
 
 
-Target = Chip | Mux
-"""Something with an address on a wire.
-
-`addressed` after a START says whether it acknowledges, `write` whether it acknowledges a byte of
-the master, `read` gives the next byte for the master, and `stop` tells it of a STOP.
-"""
-
-
 @dataclass(frozen=True)
 class Track:
     """A recorded or simulated field: t_s [T] from 0, field_ut [T, S, 3], linear in between.
@@ -264,21 +327,27 @@ def still(field_ut: FloatArray = REST_UT, sensors: int = 6) -> Track:
     return Track(np.array([0.0]), np.broadcast_to(field_ut, (1, sensors, 3)))
 
 
-def require_wired(places: Sequence[Finger]) -> None:
-    """Raise UsageError for a layout on which no virtual hand has its sensors."""
+def require_wired(places: Sequence[Finger], addresses: Sequence[int]) -> None:
+    """Raise UsageError for a layout on which no virtual hand has its sensors.
+
+    addresses: the factory addresses of its chips.
+    """
     for one in places:
         same_mux = one.mux == places[0].mux
-        if one.channel is None or not same_mux or one.address not in FACTORY_ADDRESSES:
+        if one.channel is None or not same_mux or one.address not in addresses:
+            example = f"layout=0:{addresses[0]:02x},0:{addresses[1]:02x}"
             raise UsageError(
                 "a virtual hand has no such layout",
                 cause="its sensors are behind one mux, each at a factory address",
                 next_step=f"layout={' or layout='.join(LAYOUTS)}, or channel:address for "
-                "each sensor, such as layout=0:35,0:22",
+                f"each sensor, such as {example}",
             )
 
 
 class VirtualHand:
     """Chips, mux and wire. places: of the fingers; seed: of the chips' noise, None for none.
+
+    emulation: of the kind of chip.
 
     Raises UsageError for places that are not behind one mux.
     """
@@ -288,12 +357,14 @@ class VirtualHand:
         clock: Clock,
         *,
         track: Track | None = None,
-        places: Sequence[Finger] = LAYOUTS["mux"],
-        version: int = 1,
+        places: Sequence[Finger] | None = None,
+        emulation: type[EmulatedChip] | None = None,
         seed: int | None = None,
         faults: Sequence[Fault] = (),
     ) -> None:
-        require_wired(places)
+        emulation = emulation or emulation_of(DEFAULT_CHIP)
+        places = places or read_layout("mux", emulation.addresses)
+        require_wired(places, emulation.addresses)
         for fault in faults:
             if fault.sensor is not None and fault.sensor > len(places):
                 raise UsageError(
@@ -306,13 +377,11 @@ class VirtualHand:
         """How often its bridge has been unplugged."""
         self._gone = False
         self.track = track or still(sensors=len(places))
-        self.chips: list[Chip] = []
+        self.chips: list[EmulatedChip] = []
         channels: list[list[Target]] = [[] for _ in range(8)]
         for k, place in enumerate(places):
             field = self._field_of(k)
-            chip = Chip(
-                k + 1, place.address, version, field, clock, self.faults, seed=seed
-            )
+            chip = emulation(k + 1, place.address, field, clock, self.faults, seed=seed)
             self.chips.append(chip)
             channels[place.channel or 0].append(chip)
 

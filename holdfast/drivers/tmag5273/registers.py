@@ -1,7 +1,7 @@
 """The TMAG5273, a 3-axis Hall sensor: its registers as data, its numbers as formulas (TI SLYS045A).
 
-The same table is used by the driver and by the virtual chip (drivers/virtual/chip.py). Four factory
-addresses (A1 0x35, B1 0x22, C1 0x78, D1 0x44), so six on one bus need a mux or new addresses.
+The same table is used by the driver and by the emulation. Four factory addresses (A1 0x35, B1 0x22,
+C1 0x78, D1 0x44), so six on one bus need a mux or new addresses.
 Versions 1 and 2 differ in range: 40 / 80 mT and 133 / 266 mT.
 """
 
@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.core.contract import FloatArray
 
@@ -162,43 +161,8 @@ def conversion_s(averages: int, axes: int = 3) -> float:
     return round(25e-6 * (averages * axes + 1), 9)
 
 
-def field_ut(raw: npt.ArrayLike, range_mt: float | FloatArray) -> FloatArray:
-    """Signed 16-bit results -> uT: raw / 32768 of the full scale (equation 10).
-
-    >>> field_ut([16384, -32768], 40.0).tolist()
-    [20000.0, -40000.0]
-    """
-    converted: FloatArray = np.asarray(raw, dtype=np.float64) * (
-        1e3 * range_mt / 32768.0
-    )
-    return converted
-
-
-@dataclass(frozen=True)
-class Setup:
-    """How a chip is configured: it converts all the time, z in its wide range.
-
-    averages: 1 to 32.
-    """
-
-    averages: int = 32
-
-    def registers(self) -> list[tuple[int, int]]:
-        """(address, byte) in the order to write: the operating mode last."""
-        one = REGISTERS
-        averaging = self.averages.bit_length() - 1
-        return [
-            one["INT_CONFIG_1"].setting(MASK_INTB=1),
-            one["SENSOR_CONFIG_1"].setting(MAG_CH_EN=XYZ),
-            one["SENSOR_CONFIG_2"].setting(Z_RANGE=1),
-            one["T_CONFIG"].setting(),
-            one["DEVICE_CONFIG_1"].setting(MAG_TEMPCO=1, CONV_AVG=averaging),
-            one["DEVICE_CONFIG_2"].setting(LP_LN=1, OPERATING_MODE=CONTINUOUS),
-        ]
-
-
 def range_mt(version: int) -> FloatArray:
-    """[3] full scale of x, y, z, as Setup sets it."""
+    """[3] full scale of x, y, z, as the driver sets it."""
     narrow, wide = RANGES_MT[version]
     return np.array([narrow, narrow, wide])
 

@@ -11,14 +11,13 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
-import numpy as np
-
-from holdfast.drivers.tmag5273 import (
+from holdfast.drivers.tmag5273.registers import (
     CONTINUOUS,
+    FACTORY_ADDRESSES,
     RANGES_MT,
     REGISTERS,
     RESULTS,
@@ -28,9 +27,8 @@ from holdfast.drivers.tmag5273 import (
     conversion_s,
 )
 from holdfast.drivers.virtual.faults import Clock, Faults
+from holdfast.drivers.virtual.virtual_hand import FieldSource, noise_of
 
-FieldSource = Callable[[float], Sequence[float]]
-"""Time in s -> the field at the chip, [3] in uT."""
 WAKE_AND_SLEEP = 3
 """DEVICE_CONFIG_2.OPERATING_MODE."""
 ASLEEP = (SLEEP, WAKE_AND_SLEEP)
@@ -46,25 +44,11 @@ IDS = (
 )
 WRONG_ID = 0x00
 AXES = range(3)
-NOISE_UT = np.array([125.0, 125.0, 68.0])
+NOISE_UT = (125.0, 125.0, 68.0)
 """Noise of one conversion (SLYS045A 6.7); averaging divides it by the root of the averages."""
-NOISE_ROWS = 4096
 FULL_SCALE = 32768
 MOST_AVERAGING = 5
 """Of CONV_AVG: 2^5 averages; larger values mean the same."""
-
-
-@lru_cache(maxsize=12)
-def noise_of(seed: int | None, number: int) -> tuple[tuple[float, ...], ...]:
-    """[rows][3] noise in uT that a chip's conversions use in turn; none without a seed.
-
-    Cached, because hands are opened again and again.
-    """
-    if seed is None:
-        return ((0.0, 0.0, 0.0),)
-    random = np.random.default_rng([seed, number])
-    noise = random.normal(size=(NOISE_ROWS, 3)) * NOISE_UT
-    return tuple(map(tuple, noise.tolist()))
 
 
 @dataclass(frozen=True)
@@ -118,16 +102,16 @@ CONFIGURATION_BYTES = REGISTERS["I2C_ADDRESS"].address
 
 
 class Chip:
-    """One chip. number: 1 .. 6, its name in faults; version: 1 or 2.
+    """One chip. number: 1 .. 6, its name in faults; seed: of its noise, None for none."""
 
-    seed: of its noise, None for none.
-    """
+    addresses = FACTORY_ADDRESSES
+    version = 1
+    """1 or 2."""
 
     def __init__(
         self,
         number: int,
         address: int,
-        version: int,
         field: FieldSource,
         clock: Clock,
         faults: Faults,
@@ -136,11 +120,10 @@ class Chip:
     ) -> None:
         self.number = number
         self.address = address
-        self.version = version
         self._field = field
         self._clock = clock
         self._faults = faults
-        self._noise_ut = noise_of(seed, number)
+        self._noise_ut = noise_of(seed, number, NOISE_UT)
         self.power_on()
 
     def power_on(self) -> None:

@@ -1,0 +1,1 @@
+"""The TMAG5273 (Texas Instruments): its registers, its driver, and its emulation."""
