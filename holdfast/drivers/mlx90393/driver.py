@@ -30,7 +30,7 @@ class Driver:
     """It lets a chip convert x, y and z all the time. averages: 4, 8 or 16, default 8."""
 
     name = chip.NAME
-    addresses = chip.ADDRESSES
+    addresses: tuple[int, ...] = chip.ADDRESSES
     # a chip of other makers could take a command for a value
     found_anywhere = False
 
