@@ -2,7 +2,7 @@
 "use strict";
 
 const RATE = 150;
-const [BEGINS_S, GIVES_S, READY_S] = [1.0, 1.6, 2.5];  // try.c closes the hand from 1 s on; then the giver lets go
+const [BEGINS_S, GIVES_S, READY_S] = [1.0, 1.6, 3.5];  // try.c closes the hand from 1 s on; then the giver lets go
 const FRICTION_AT = 42;  // in `setup` of try.c, as is the mass at 0 and gravity at 1
 const G = 9.81;
 const KEYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
