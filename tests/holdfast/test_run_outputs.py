@@ -99,8 +99,9 @@ def test_a_run_writes_each_answer_as_one_row_with_the_target_of_its_command(
     since_ns = [one["t_acquired_ns"] - answers[0]["t_acquired_ns"] for one in answers]
     assert [round(1e9 * float(row[0])) for row in rows] == since_ns
     targets = [float(row[4]) for row in rows if row[4]]
-    # it runs in real time: on a machine that is too busy the answers are late, and nothing is asked
-    if any(one["act"] for one in answers):
+    # it runs in real time: on a machine that is too busy answers are late, the history has a gap,
+    # and the hold is still young when the bottle falls
+    if all(one["why"] not in ("late", "rate", "sensors") for one in answers):
         assert 0 < len(targets) < len(rows)
         assert min(targets) > 0.0
 
