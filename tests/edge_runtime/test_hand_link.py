@@ -73,7 +73,7 @@ def test_a_stalled_reader_never_delays_a_command_and_gets_hold_when_it_reads(rec
             link(to_line(command(k)), k)
             took_s.append(time.monotonic() - began_s)
             time.sleep(0.001)
-        # One that waited for the reader would take the 300 ms after which the link counts as failed.
+        # One that waited for the reader would take 300 ms, after which the link counts as failed.
         # The median, because a busy machine stops any program for a while.
         assert np.median(took_s) < 0.1
         assert "the hand holds its grip" in messages[0]
