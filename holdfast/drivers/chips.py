@@ -88,7 +88,7 @@ class ChipDriver(Protocol):
         ...
 
     def configure(self, bus: Bus, address: int) -> None:
-        """Let an identified chip convert. Raises WrongDevice where it does not do as it is told."""
+        """Let an identified chip convert. Raises WrongDevice where it does not obey."""
         ...
 
     def read(self, address: int) -> Transfer:

@@ -1,7 +1,7 @@
 """Drives an MLX90393 in burst mode: it converts all the time, and one read gives the newest result.
 
 The chip has no register of its own name. It is known by what it does: the same one-byte command
-(NOP) is answered with another mode after it was told to start, and again after it was told to stop.
+(NOP) is answered with another mode after a start, and again after a stop.
 A chip with registers takes each of these commands for a register's number and answers what that
 register holds. Registers are written only after that. To identify a chip stops its burst, so a scan
 disturbs a hand that is being read; that hand sees it, and starts the chip again.
@@ -179,7 +179,7 @@ def _word(bus: Bus, address: int, register: int) -> int:
 class AnswerJudge:
     """Judges the answers of one finger.
 
-    There is no counter. That a result is new is told by the status: burst mode, which a chip leaves
+    There is no counter. The status says that a result is new: burst mode, which a chip leaves
     when it loses its power, without ERROR, which it sets where it has not converted since it was
     last read. The first result after a start does not count: it may be of no conversion.
     """
