@@ -1,6 +1,6 @@
 """The column map (TOML): which columns of a foreign log, or of a live sender, are time and sensors.
 
-    unit = "mN"                  # of all channels: N, mN, gf, kgf, lbf, ozf, uT, mT, G, T or count
+    unit = "mN"    # of all channels: N, mN, cN, dN, kN, gf, kgf, lbf, ozf, uT, mT, G, T or count
     hand = "hand.toml"           # a hand card, where it is not the six fingertips; seen from here
 
     [time]
@@ -56,7 +56,7 @@ MOST_SENSORS = 64
 MOST_FIELDS = 4096
 """Columns of one message."""
 MapUnit = Literal[
-    "N", "mN", "gf", "kgf", "lbf", "ozf", "uT", "mT", "G", "T", "count"
+    "N", "mN", "cN", "dN", "kN", "gf", "kgf", "lbf", "ozf", "uT", "mT", "G", "T", "count"
 ]  # fmt: skip
 Rate = Annotated[float, Meta(ge=1e-3, le=1e6)]
 Name = Annotated[str, Meta(max_length=200)]

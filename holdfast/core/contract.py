@@ -44,6 +44,9 @@ POUND_KG = 0.45359237
 UNIT_OF: dict[str, tuple[Unit, float]] = {
     "N": ("N", 1.0),
     "mN": ("N", 1e-3),
+    "cN": ("N", 1e-2),
+    "dN": ("N", 1e-1),
+    "kN": ("N", 1e3),
     "gf": ("N", 1e-3 * STANDARD_GRAVITY_M_S2),
     "kgf": ("N", STANDARD_GRAVITY_M_S2),
     "lbf": ("N", POUND_KG * STANDARD_GRAVITY_M_S2),

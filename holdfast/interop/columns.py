@@ -41,6 +41,9 @@ ALIKE, ALIKE_NAMED = 0.9, 0.6
 SIGNAL_UNITS = {
     "N": "N|(?i:newtons?)",
     "mN": "(?i:mn|millinewtons?)",
+    "cN": "(?i:cn|centinewtons?)",
+    "dN": "dN|(?i:decinewtons?)",
+    "kN": "(?i:kn|kilonewtons?)",
     "gf": "g|(?i:gf|grams?)",
     "kgf": "(?i:kgf?|kp|kilograms?)",
     "lbf": "(?i:lbf?|lbs|pounds?)",

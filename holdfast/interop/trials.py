@@ -401,18 +401,15 @@ def lose_repeats(values: FloatArray) -> list[int]:
     steps.
     """
     n_lost = []
+    rows = np.arange(len(values))
     for sensor in np.split(values, values.shape[1] // 3, axis=1):
         same = np.append(False, (np.diff(sensor, axis=0) == 0).all(axis=1))
-        firsts = np.flatnonzero(~same)
-        lengths = np.diff(np.append(firsts, len(same)))
-        hung: list[int] = []
-        for k in np.flatnonzero(lengths > LONGEST_SAME).tolist():
-            if (sensor[firsts[k]] != sensor[0]).any():
-                hung += range(firsts[k] + 1, firsts[k] + lengths[k])
-        if same.sum() - len(hung) >= SELDOM * len(same):
-            hung = []
+        begins = np.maximum.accumulate(np.where(same, 0, rows))
+        hung = same & (np.bincount(begins)[begins] > LONGEST_SAME)
+        hung &= (sensor != sensor[0]).any(axis=1)
+        hung &= np.sum(same & ~hung) < SELDOM * len(rows)
         sensor[hung] = np.nan
-        n_lost.append(len(hung))
+        n_lost.append(int(hung.sum()))
     return n_lost
 
 

@@ -32,6 +32,9 @@ def test_each_unit_has_its_factor_to_one_of_ours() -> None:
     assert {
         "N": ("N", 1.0),
         "mN": ("N", 0.001),
+        "cN": ("N", 0.01),
+        "dN": ("N", 0.1),
+        "kN": ("N", 1000.0),
         "gf": ("N", pytest.approx(0.00980665)),
         "kgf": ("N", pytest.approx(9.80665)),
         "lbf": ("N", pytest.approx(4.4482216152605)),

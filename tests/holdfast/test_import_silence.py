@@ -351,7 +351,7 @@ def test_a_unit_that_nobody_knows_is_asked(run: Run, tmp_path: Path, form: str) 
             "what unit have the readings (the log says Volts)",
         ),
         ("# Time units: ms\n", "N, checked: by size"),
-        ("# all forces in cN, time in s\n", "(the log says cN)"),
+        ("# all forces in psi, time in s\n", "(the log says psi)"),
         ("% readings (pounds)\n", "lbf, pounds in names or head"),
     ],
 )
@@ -808,6 +808,10 @@ def test_a_unit_with_a_factor_is_asked(run: Run, tmp_path: Path, form: str) -> N
     write_log(tmp_path / "logs/a.csv", one, 100 * one.values, names)
     factor = form[4:-1]
     assert f"the log says {factor}" in imported(run, tmp_path, *SLIP, code=2)
+    # a hundredth of a newton has a name
+    imported(run, tmp_path, *SLIP, "--unit", "cN", out="centi")
+    centi = read_trial(tmp_path / "centi/object/slip/trial_1.csv").raw
+    np.testing.assert_allclose(centi, one.values, atol=1e-6)
     write_log(tmp_path / "logs/a.csv", one, names=["t [10 ms]", *TWO])
     assert "how many rows a second" in imported(run, tmp_path, *SLIP, code=2)
 
