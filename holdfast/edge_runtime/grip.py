@@ -42,6 +42,9 @@ class GripSense(msgspec.Struct):
     overridden: Flag
 
 
+ASSUMED_GAIN = 0.6
+"""The shear gain where nobody measured it: that of a magnet under a soft dome, by which floors were
+chosen."""
 LARGEST = 1e9
 """No sensor reads more, N or uT."""
 
@@ -159,7 +162,9 @@ class Controller:
     """What every controller has; this one wants nothing: the hand keeps the wearer's grip.
 
     setting: the parameter that studies vary, None for its default. rules: those that come with a
-    model, None for the usual ones. fresh: whether it has evidence at the last sample.
+    model, None for the usual ones. shear_gain: ratio of shear and normal force as the sensors read
+    it, over the true one; None where nobody measured it. fresh: whether it has evidence at the last
+    sample.
     """
 
     SETTING = 0.0
@@ -171,9 +176,11 @@ class Controller:
         rate_hz: float,
         setting: float | None = None,
         rules: AnswerRules | None = None,
+        shear_gain: float | None = None,
     ) -> None:
         self._batch = batch
         self._rate_hz = rate_hz
+        self.shear_gain = shear_gain
         self._setting = self.SETTING if setting is None else setting
         self._period_s = 1.0 / rate_hz
         self.rules = rules or AnswerRules()
@@ -202,8 +209,9 @@ class AnswerRules:
     load is followed by so much over the wearer's, and by safe_follow_n where p(safe slip) is safe_p
     or more, because another person may take it; 0: not at all. most_over_n: no target of either is
     further above it; for fragile work. floor: share of friction in use up to which no load is
-    followed; above: from so many times what is usual on one is. detects,
-    follows: whether slips, and loads, are answered; studies leave one out. in_newtons: forces are.
+    followed, as read by sensors that read ASSUMED_GAIN of the shear; above: from so many times what
+    is usual on one is. detects, follows: whether slips, and loads, are answered; studies leave one
+    out. in_newtons: forces are.
     """
 
     from_p: float = DecisionRules.answer_permille / 1000
@@ -423,14 +431,18 @@ class LoadFollower:
     times the reference on the grip should be so large that no more than that is in use:
     T / (2 above reference), but at most MOST_N and MOST_TIMES the wearer's grip over it. So a
     wearer who closes a touching hand soon grips by more than a target made. While what is usual is
-    learned, nothing is followed.
+    learned, nothing is followed. shear_gain: as Controller; the floor is a share of friction, so it
+    is higher in the readings of a sensor that reads more of the shear.
     """
 
     MOST_N, MOST_TIMES = 1.0, 2.0
 
-    def __init__(self, batch: Batch, rules: AnswerRules) -> None:
+    def __init__(
+        self, batch: Batch, rules: AnswerRules, shear_gain: float | None = None
+    ) -> None:
         self._batch = batch
         self._rules = rules
+        self._floor = rules.floor * ((shear_gain or ASSUMED_GAIN) / ASSUMED_GAIN)
         # in another unit no rise is known to be large
         self._most_n = self.MOST_N if rules.in_newtons else math.inf
 
@@ -440,7 +452,7 @@ class LoadFollower:
         """The grip that the load asks for, N a side; 0 where it does not rise."""
         batch = self._batch
         holds = sense.known & batch.no(sense.empty)
-        reference = batch.most(friction.usual, self._rules.floor)
+        reference = batch.most(friction.usual, self._floor)
         allowed = self._rules.above * reference
         rises = holds & batch.no(friction.makes) & (friction.used > allowed)
 
@@ -470,10 +482,11 @@ class Holdfast(Controller):
         rate_hz: float,
         setting: float | None = None,
         rules: AnswerRules | None = None,
+        shear_gain: float | None = None,
     ) -> None:
-        super().__init__(batch, rate_hz, setting, rules)
+        super().__init__(batch, rate_hz, setting, rules, shear_gain)
         self._slip = SlipAnswer(batch, rate_hz, self._setting, self.rules)
-        self._load = LoadFollower(batch, self.rules)
+        self._load = LoadFollower(batch, self.rules, shear_gain)
         self._friction = FrictionInUse(batch, rate_hz)
         # in another unit no target is known to be small
         self._early_n = self.EARLY_N if self.rules.in_newtons else math.inf

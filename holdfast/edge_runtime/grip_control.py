@@ -153,11 +153,11 @@ class GripLoop:
         rate_hz: float,
         controller: Controller,
         limits: Limits | None = None,
-        shear_gain: float = 1.0,
     ) -> None:
         self._batch = batch
         self.controller = controller
-        self.margin = FrictionMargin(batch, rate_hz, shear_gain)
+        # without a measured gain the margin takes the larger load: the grip may be too firm
+        self.margin = FrictionMargin(batch, rate_hz, controller.shear_gain or 1.0)
         self.supervisor = Supervisor(batch, rate_hz, limits)
 
     def step(self, sense: GripSense) -> Number:
@@ -192,7 +192,7 @@ class GripControl:
         unit: Unit = "N",
         n_fingers: int = 6,
         limits: Limits | None = None,
-        shear_gain: float = 1.0,
+        shear_gain: float | None = None,
         thumb: tuple[bool, ...] | None = None,
         rules: AnswerRules | None = None,
     ) -> None:
@@ -219,9 +219,9 @@ class GripControl:
                 most_over_n=math.inf,
                 in_newtons=False,
             )
-        controller = CONTROLLERS[name](ONE_HAND, rate_hz, setting, self.rules)
-
-        self._loop = GripLoop(ONE_HAND, rate_hz, controller, within, shear_gain)
+        kind = CONTROLLERS[name]
+        controller = kind(ONE_HAND, rate_hz, setting, self.rules, shear_gain)
+        self._loop = GripLoop(ONE_HAND, rate_hz, controller, within)
 
     def step(
         self, prediction: Prediction, forces: FloatArray, valid: BoolArray

@@ -40,12 +40,12 @@ def controller_for(
     *,
     ceiling_n: float | None = None,
     most_over_n: float | None = None,
-    shear_gain: float = 1.0,
+    shear_gain: float | None = None,
 ) -> GripControl:
     """A controller that fits a model. ceiling_n: largest grip of the hand, None for the usual one.
 
     most_over_n: no target is further above the wearer's grip, None for no such end.
-    shear_gain: read over true, of the hand's calibration.
+    shear_gain: read over true, of the hand's calibration; None where it was not measured.
     report: gets one line where it runs in reduced mode. Raises UsageError, ChannelError.
     """
     n_sensors = card.n_channels // 3

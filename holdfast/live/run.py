@@ -63,7 +63,8 @@ if TYPE_CHECKING:
     from holdfast.live.view import View
 
 NO_SHEAR_GAIN = (
-    "the shear gain of these sensors is not known, so the friction estimate takes 1; "
+    "the shear gain of these sensors is not known: the friction estimate takes 1, and a load is "
+    "followed as if it were 0.6; "
     "holdfast calibrate measures it from loads with shear"
 )
 STDERR = "stderr"
@@ -360,19 +361,19 @@ class OpenRun:
         options, card = self.options, self.card
         # only the grip needs friction, and raw fields have no newtons to correct
         # read over true; None where it was never measured
-        gain: float | None = 1.0
+        gain: float | None = None
         if card.unit == "N":
             gain = shear_gain_of(options.source, options.calibration)
-        # a calibration file may be older than its gain, and a bare hand has no calibration at all
-        if gain is None:
-            self.report(NO_SHEAR_GAIN)
+            # a calibration file may be older than its gain, a bare hand has no calibration at all
+            if gain is None:
+                self.report(NO_SHEAR_GAIN)
         controller = controller_for(
             options.controller,
             card,
             self.report,
             ceiling_n=options.ceiling_n,
             most_over_n=options.most_over_wearers_n,
-            shear_gain=gain or 1.0,
+            shear_gain=gain,
         )
         source, clock = options.source, self.clock
         return open_grip(url, controller, card.rate_hz, source, clock, self.report)

@@ -31,9 +31,13 @@ SOON = AnswerRules(floor=0.13, above=1.25, safe_follow_n=3.0)
 """As a file may have them."""
 
 
-def after_a_hold(setting: float = 8.0, rules: AnswerRules | None = None) -> Controller:
+def after_a_hold(
+    setting: float = 8.0,
+    rules: AnswerRules | None = None,
+    shear_gain: float | None = None,
+) -> Controller:
     """The controller after a quiet hold at 3 N that is no longer young; the wearer set 3 N."""
-    controller = Holdfast(ONE_HAND, RATE_HZ, setting, rules)
+    controller = Holdfast(ONE_HAND, RATE_HZ, setting, rules, shear_gain)
     for _ in range(int(2.5 * RATE_HZ)):
         controller.want(sense(), 0.0, 0.0)
     return controller
@@ -203,6 +207,19 @@ def test_the_grip_follows_a_load_so_that_no_more_of_friction_is_in_use() -> None
     assert followed([3.0], AnswerRules(floor=0.4)) == pytest.approx([3.0 / 0.92])
     rules = AnswerRules(floor=0.2, above=1.4)
     assert followed([1.6, 3.0], rules) == pytest.approx([0.0, 3.0 / 0.56])
+
+
+def test_the_floor_is_a_share_of_friction_whatever_a_sensor_reads() -> None:
+    """3 N of 6 N press along the skin, which is within 1.25 times the floor; then 6 N do."""
+    for gain in (0.3, 0.6, 1.0, 1.5):
+        rules = AnswerRules(floor=0.3, above=1.25)
+        controller = after_a_hold(rules=rules, shear_gain=gain)
+        assert controller.want(sense(load_n=3.0 * gain), 0.0, 0.0) == 0.0
+        # 0.3 as read at 0.6 are 0.5 of friction, and 1.25 times it may be in use
+        wanted_n = controller.want(sense(load_n=6.0 * gain), 0.0, 0.0)
+        assert wanted_n == pytest.approx(6.0 / (2.0 * 1.25 * 0.5))
+    unknown = after_a_hold(rules=AnswerRules(floor=0.3, above=1.25))
+    assert unknown.want(sense(load_n=3.6), 0.0, 0.0) == pytest.approx(3.6 / 0.75)
 
 
 def test_a_load_that_stays_becomes_usual_and_is_not_followed() -> None:
@@ -441,8 +458,8 @@ def test_a_whole_stream_is_answered_by_the_formulas(
 ) -> None:
     """The sum of all targets of the scripted senses, and every 70th from the 130th on."""
     limits = Limits(20.0, most_rise_s=0.1, give_back_s=0.2, give_back_n_s=5.0)
-    controller = Holdfast(ONE_HAND, RATE_HZ, rules=rules)
-    loop = GripLoop(ONE_HAND, RATE_HZ, controller, limits, shear_gain=1.1)
+    controller = Holdfast(ONE_HAND, RATE_HZ, rules=rules, shear_gain=1.1)
+    loop = GripLoop(ONE_HAND, RATE_HZ, controller, limits)
     targets_n = [loop.step(one) for one in scripted_senses()]
     assert sum(targets_n) == pytest.approx(total_n, abs=1e-4)
     each = [float(one) for one in each_n.split()]

@@ -130,7 +130,7 @@ TARGETS_N = {
 
 @pytest.mark.parametrize("name", TARGETS_N)
 def test_each_controller_answers_a_whole_stream_by_its_formulas(name: str) -> None:
-    controller = CONTROLLERS[name](ONE_HAND, RATE_HZ)
-    loop = GripLoop(ONE_HAND, RATE_HZ, controller, shear_gain=1.1)
+    controller = CONTROLLERS[name](ONE_HAND, RATE_HZ, shear_gain=1.1)
+    loop = GripLoop(ONE_HAND, RATE_HZ, controller)
     targets_n = [loop.step(one) for one in scripted_senses()]
     assert sum(targets_n) == pytest.approx(TARGETS_N[name], abs=1e-4)

@@ -80,10 +80,11 @@ def of_hands(senses: GripSense, hands: slice) -> GripSense:
 
 
 def loop_of(
-    batch: Batch, kind: type[Controller] = Holdfast, gain: float = 1.0
+    batch: Batch, kind: type[Controller] = Holdfast, gain: float | None = None
 ) -> GripLoop:
     """A controller with margin and supervisor, under quick limits."""
-    return GripLoop(batch, RATE_HZ, kind(batch, RATE_HZ), QUICK, gain)
+    controller = kind(batch, RATE_HZ, shear_gain=gain)
+    return GripLoop(batch, RATE_HZ, controller, QUICK)
 
 
 def numbers_of(loop: GripLoop) -> list[Any]:

@@ -9,6 +9,7 @@ import math
 
 from holdfast.edge_runtime import grip_control as friction
 from holdfast.edge_runtime.grip import (
+    ASSUMED_GAIN,
     LARGEST,
     AnswerRules,
     FrictionInUse,
@@ -58,8 +59,8 @@ REALS = {
     "HF_LARGEST": LARGEST,
 }
 """Name in C -> a number that C keeps as double."""
-SHEAR_GAIN = 1.0
-"""A file knows no sensors: who links it sets that of the calibration."""
+SHEAR_GAIN = 0.0
+"""Not measured: a file knows no sensors, and who links it sets that of the calibration."""
 RULE_ORDER = (
     "arm_samples",
     "act_samples",
@@ -79,6 +80,7 @@ def constants(card: ModelCard) -> str:
         "HF_FULL_P": answer.full_p,
         "HF_FLOOR": answer.floor,
         "HF_ABOVE": answer.above,
+        "HF_ASSUMED_GAIN": ASSUMED_GAIN,
         **REALS,
     }
     rises_n = {

@@ -106,7 +106,8 @@ static double hf_answer_slip(holdfast_grip *own, const holdfast_sense *sense,
 /* The grip that a load which rises asks for, N a side; 0 where it does not rise. */
 static double hf_follow_load(const holdfast_grip *own, const holdfast_sense *sense,
                              const hf_friction *friction) {
-    const double reference = hf_high(friction->usual, HF_FLOOR);
+    const double floor = HF_FLOOR * (hf_gain(own, HF_ASSUMED_GAIN) / HF_ASSUMED_GAIN);
+    const double reference = hf_high(friction->usual, floor);
     const double within_n = sense->p_safe >= HF_SAFE_P ? HF_SAFE_FOLLOW_N : HF_FOLLOW_N;
     const double most_n = hf_low(within_n, HF_MOST_FOLLOW_N + HF_MOST_TIMES * own->own_n);
     const double allowed = HF_ABOVE * reference;

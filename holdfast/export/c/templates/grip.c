@@ -10,7 +10,7 @@ static int hf_options_possible(const holdfast_grip_options *options) {
     for (size_t k = 0; k < sizeof all / sizeof *all; ++k) {
         if (!(all[k] >= 0.0)) return 0;
     }
-    return options->shear_gain > 0.0 && options->shear_gain < HF_LARGEST;
+    return options->shear_gain >= 0.0 && options->shear_gain < HF_LARGEST;
 }
 
 int holdfast_grip_init(holdfast_grip *grip, const holdfast_grip_options *options) {

@@ -160,7 +160,7 @@ int holdfast_risky_permille(const holdfast_out *out);
    The others are the supervisor's: the target stays below ceiling_n; it rises only for rise_s after evidence, and not for longer than
    most_rise_s an answer; after give_back_s without evidence it falls by give_back_n_s. slew_n_s is
    passed on to the drive. shear_gain: shear over normal force as the sensors read it, over the true
-   ratio; 1 by default, else from the calibration file. */
+   ratio, from the calibration file; 0 where nobody measured it, which is the default. */
 typedef struct {
     double lead_n, most_over_n, ceiling_n, slew_n_s, rise_s, most_rise_s, give_back_s, give_back_n_s;
     double shear_gain;
