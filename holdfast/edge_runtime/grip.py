@@ -83,9 +83,10 @@ class WearersGrip:
 
     closes: the hand still closes on its object. It does from the contact on until the grip has not
     risen for STILL_S, and again where it rises within CLOSES_S of the contact. held_s: time since
-    the contact, up to MOST_S. A grip that grows by AGAIN_SHARE of itself and AGAIN_N at once makes
-    another hold, as if the contact began, unless a slip is likely (SLIP_P): fingers that rest on an
-    object before they lift it, or after they have set it down, are not known to be empty.
+    the contact, up to MOST_S; seen_s: as much of it as the state was known. A grip that grows by
+    AGAIN_SHARE of itself and AGAIN_N at once makes another hold, as if the contact began, unless a
+    slip is likely (SLIP_P): fingers that rest on an object before they lift it, or after they have
+    set it down, are not known to be empty.
     """
 
     TIME_S = 0.1
@@ -118,6 +119,7 @@ class WearersGrip:
         self._still_s = batch.zero()
         self.grip_n = batch.zero()
         self.held_s = batch.zero()
+        self.seen_s = batch.zero()
         self.closes = batch.false()
 
     def step(self, sense: GripSense, given_n: Number) -> Number:
@@ -141,9 +143,13 @@ class WearersGrip:
         later_s = batch.least(self._still_s + self._period_s, self.MOST_S)
         still_s = batch.choose(measures & rises, 0.0, later_s)
         self._still_s = batch.choose(sense.known, still_s, self._still_s)
+        # a hold goes on where nobody sees it
+        another = measures & again
         later_s = batch.least(self.held_s + self._period_s, self.MOST_S)
-        held_s = batch.choose(measures & again, 0.0, later_s)
-        self.held_s = batch.choose(sense.known, held_s, self.held_s)
+        self.held_s = batch.choose(another, 0.0, later_s)
+        later_s = batch.least(self.seen_s + self._period_s, self.MOST_S)
+        later_s = batch.choose(sense.known, later_s, self.seen_s)
+        self.seen_s = batch.choose(another, 0.0, later_s)
         self._let_go(sense.known & sense.empty)
         early = self.held_s < self.CLOSES_S
         self.closes = (self._still_s < self.STILL_S) & early
@@ -156,6 +162,7 @@ class WearersGrip:
         self._ours_n = batch.choose(empty, 0.0, self._ours_n)
         self._still_s = batch.choose(empty, 0.0, self._still_s)
         self.held_s = batch.choose(empty, 0.0, self.held_s)
+        self.seen_s = batch.choose(empty, 0.0, self.seen_s)
 
 
 class Controller:
@@ -280,7 +287,7 @@ class FrictionInUse:
         batch = self._batch
         self.used = sense.load_n / (2.0 * batch.most(sense.grip_n, self.LEAST_N))
         self.usual = self._mean + self.TIMES * self._apart
-        self.makes = wearer.closes | (wearer.held_s < self.LEARNS_S)
+        self.makes = wearer.closes | (wearer.seen_s < self.LEARNS_S)
 
         holds = sense.known & batch.no(sense.empty)
         self._pass_load(sense, holds)

@@ -14,11 +14,13 @@ static void hf_step_own_grip(holdfast_grip *own, const holdfast_sense *sense) {
     own->ours_n = hf_high(own->given_n, own->ours_n + back * (own->given_n - own->ours_n));
     is_ours = own->ours_n > HF_OURS_N &&
               sense->grip_n < HF_OURS_TIMES * own->ours_n + HF_OURS_N;
+    own->held_s = hf_low(own->held_s + HF_PERIOD_S, HF_MOST_S); /* a hold goes on where nobody sees it */
     if (!sense->known) return;
+    own->seen_s = hf_low(own->seen_s + HF_PERIOD_S, HF_MOST_S);
+    if (again && !is_ours) own->held_s = own->seen_s = 0.0;
     own->still_s = rises && !is_ours ? 0.0 : hf_low(own->still_s + HF_PERIOD_S, HF_MOST_S);
-    own->held_s = again && !is_ours ? 0.0 : hf_low(own->held_s + HF_PERIOD_S, HF_MOST_S);
     if (!is_ours) own->own_n = own->own_n + share * rise_n;
-    if (sense->empty) own->own_n = own->ours_n = own->still_s = own->held_s = 0.0;
+    if (sense->empty) own->own_n = own->ours_n = own->still_s = own->held_s = own->seen_s = 0.0;
 }
 
 /* Whether the wearer's hand still closes on its object. */
@@ -36,7 +38,7 @@ typedef struct {
 static hf_friction hf_step_use(holdfast_grip *own, const holdfast_sense *sense) {
     const double used = sense->load_n / (2.0 * hf_high(sense->grip_n, HF_LEAST_GRIP_N));
     const double usual = own->mean_used + HF_TIMES_APART * own->apart_used;
-    const int makes = hf_closes(own) || own->held_s < HF_LEARNS_S;
+    const int makes = hf_closes(own) || own->seen_s < HF_LEARNS_S;
     const double share = 1.0 / (1.0 + (makes ? HF_QUICK_S : HF_MEAN_S) * HOLDFAST_RATE_HZ);
     const double quick = 1.0 / (1.0 + HF_LOAD_S * HOLDFAST_RATE_HZ);
     const double slow = 1.0 / (1.0 + HF_LONG_S * HOLDFAST_RATE_HZ);
