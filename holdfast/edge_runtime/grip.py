@@ -42,6 +42,19 @@ class GripSense(msgspec.Struct):
     overridden: Flag
 
 
+class Want(msgspec.Struct):
+    """What a controller wants at one sample.
+
+    target_n: the grip of either side, 0 for none. fresh: it has evidence for it at this sample, so
+    a target may rise. holds_n: where nothing is known any more the target is given back slowly, and
+    not below this.
+    """
+
+    target_n: Number
+    fresh: Flag
+    holds_n: Number
+
+
 ASSUMED_GAIN = 0.6
 """The shear gain where nobody measured it: that of a magnet under a soft dome, by which floors were
 chosen."""
@@ -163,8 +176,7 @@ class Controller:
 
     setting: the parameter that studies vary, None for its default. rules: those that come with a
     model, None for the usual ones. shear_gain: ratio of shear and normal force as the sensors read
-    it, over the true one; None where nobody measured it. fresh: whether it has evidence at the last
-    sample.
+    it, over the true one; None where nobody measured it.
     """
 
     SETTING = 0.0
@@ -185,19 +197,21 @@ class Controller:
         self._period_s = 1.0 / rate_hz
         self.rules = rules or AnswerRules()
         self._wearer = WearersGrip(batch, rate_hz, self.rules.in_newtons)
-        self.fresh = batch.false()
 
     @property
     def wearers_n(self) -> Number:
         """The grip that the wearer set, as measured, N a side."""
         return self._wearer.grip_n
 
-    def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
-        """The wanted grip, N a side; 0 for none.
+    def want(
+        self, sense: GripSense, given_n: Number, needed_n: Number, holds_n: Number
+    ) -> Want:
+        """What is wanted at one sample.
 
-        given_n: what the supervisor gave last. needed_n: by the friction margin, 0 if unknown.
+        given_n: what the supervisor gave last. By the friction margin, N a side: needed_n, 0 if
+        unknown; holds_n, the grip that is known to hold the load.
         """
-        return self._batch.zero()
+        return Want(self._batch.zero(), self._batch.false(), holds_n)
 
 
 @dataclass(frozen=True)
@@ -354,7 +368,6 @@ class SlipAnswer:
         self._rules = rules
         self._quiet_s = batch.zero()
         self._last_evidence = batch.zero()
-        self.fresh = batch.false()
 
     def step(
         self,
@@ -363,8 +376,11 @@ class SlipAnswer:
         friction: FrictionInUse,
         given_n: Number,
         needed_n: Number,
-    ) -> Number:
-        """The wanted grip, N a side; 0 for none. given_n, needed_n: as Controller.want."""
+    ) -> tuple[Number, Flag]:
+        """(the wanted grip, N a side, 0 for none; whether there is evidence).
+
+        given_n, needed_n: as Controller.want.
+        """
         batch = self._batch
         wearers_n = wearer.grip_n
         holds = sense.known & batch.no(sense.empty)
@@ -384,8 +400,7 @@ class SlipAnswer:
         later_s = batch.least(self._quiet_s + self._period_s, 1.0)
         quiet_s = batch.choose(rises, 0.0, later_s)
         self._quiet_s = batch.choose(sense.known, quiet_s, self._quiet_s)
-        self.fresh = rises
-        return batch.choose(rises, ahead_n, kept_n)
+        return batch.choose(rises, ahead_n, kept_n), rises
 
     def _evidence(self, sense: GripSense) -> Number:
         """0 to 1."""
@@ -491,26 +506,27 @@ class Holdfast(Controller):
         # in another unit no target is known to be small
         self._early_n = self.EARLY_N if self.rules.in_newtons else math.inf
 
-    def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
-        """The wanted grip, N a side; 0 for none."""
+    def want(
+        self, sense: GripSense, given_n: Number, needed_n: Number, holds_n: Number
+    ) -> Want:
+        """As Controller.want."""
         batch = self._batch
         wearer, friction = self._wearer, self._friction
         wearers_n = wearer.step(sense, given_n)
         friction.step(sense, given_n, wearer)
-        wanted_n = self._slip.step(sense, wearer, friction, given_n, needed_n)
-        self.fresh = self._slip.fresh
+        wanted_n, fresh = self._slip.step(sense, wearer, friction, given_n, needed_n)
         if self.rules.follows:
             asked_n = self._load.step(sense, wearer, friction)
-            self.fresh = self.fresh | (asked_n > 0.0)
+            fresh = fresh | (asked_n > 0.0)
             wanted_n = batch.most(wanted_n, asked_n)
 
         # while the hand closes no sensor tells the wearer's grip from ours
-        self.fresh = self.fresh & batch.no(wearer.closes)
+        fresh = fresh & batch.no(wearer.closes)
         wanted_n = batch.choose(wearer.closes, 0.0, wanted_n)
 
         most_n = batch.choose(wearer.held_s < self.EARLY_S, self._early_n, math.inf)
         most_n = batch.least(most_n, self.rules.most_over_n)
-        return batch.least(wanted_n, wearers_n + most_n)
+        return Want(batch.least(wanted_n, wearers_n + most_n), fresh, holds_n)
 
 
 CONTROLLERS: dict[str, type[Controller]] = {"none": Controller, "holdfast": Holdfast}

@@ -167,10 +167,8 @@ class GripLoop:
         # what was given, not what was wanted: a controller must not wind up
         margin = self.margin
         given_n = self.supervisor.given_n
-        wanted_n = self.controller.want(sense, given_n, margin.needed_n)
-        return self.supervisor.step(
-            sense, wanted_n, self.controller.fresh, margin.holds_n
-        )
+        want = self.controller.want(sense, given_n, margin.needed_n, margin.holds_n)
+        return self.supervisor.step(sense, want)
 
 
 class GripControl:

@@ -37,7 +37,7 @@ from holdfast.core.contract import Mode
 from holdfast.edge_runtime.batch import Batch, Flag, Number
 
 if TYPE_CHECKING:
-    from holdfast.edge_runtime.grip import GripSense
+    from holdfast.edge_runtime.grip import GripSense, Want
 
 MODES: tuple[Mode, ...] = ("idle", "hold", "tighten", "relax", "yield")
 """Modes by index, as the supervisor of many hands keeps them in arrays of numbers."""
@@ -101,21 +101,15 @@ class Supervisor:
         self.since_s: Number = batch.zero() + self.limits.give_back_s
         self.mode: Number = batch.zero() + HOLD
 
-    def step(
-        self, sense: GripSense, wanted_n: Number, fresh: Flag, holds_n: Number
-    ) -> Number:
-        """The target after one sample; sets `mode`.
-
-        wanted_n: by the controller, N a side, 0 for none. fresh: it has evidence at this sample.
-        holds_n: the grip that is known to hold the load.
-        """
+    def step(self, sense: GripSense, want: Want) -> Number:
+        """The target after one sample; sets `mode`."""
         batch = self._batch
         unknown = batch.no(sense.known)
         # an empty hand counts only where it is known to be empty
         ends = sense.opening | sense.overridden | (sense.known & sense.empty)
 
-        self._pass_time(sense.known, fresh)
-        target_n = self._given_back(self._followed(wanted_n), holds_n)
+        self._pass_time(sense.known, want.fresh)
+        target_n = self._given_back(self._followed(want.target_n), want.holds_n)
 
         # In an unknown state the samples are no reason to tighten or to relax, so the target stays.
         target_n = batch.choose(unknown, self.given_n, target_n)
