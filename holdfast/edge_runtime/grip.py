@@ -14,11 +14,12 @@ The published controllers that ours is compared with are in studies/shared_contr
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import msgspec
 
+from holdfast.core.schema import ranged
 from holdfast.edge_runtime.batch import Batch, Flag, Number
 from holdfast.edge_runtime.decision import DecisionRules
 
@@ -218,25 +219,46 @@ class Controller:
 class AnswerRules:
     """Parameters of the holdfast controller.
 
-    from_p, full_p: p(risky) at which an answer to a slip begins, and at which it is a full one.
-    rise_n: it raises the grip by so much over the wearer's and not further, N a side. follow_n: a
-    load is followed by so much over the wearer's, and by safe_follow_n where p(safe slip) is safe_p
-    or more, because another person may take it; 0: not at all. most_over_n: no target of either is
-    further above it; for fragile work. floor: share of friction in use up to which no load is
-    followed, as read by sensors that read ASSUMED_GAIN of the shear; above: from so many times what
-    is usual on one is. detects, follows: whether slips, and loads, are answered; studies leave one
-    out. in_newtons: forces are.
+    Each number says its range and what it is: the table [rules] of holdfast.toml and the options in
+    C are made from them. What ends in _n is N a side, and has no end in another unit. detects,
+    follows: whether slips, and loads, are answered; studies leave one out. in_newtons: forces are.
     """
 
-    from_p: float = DecisionRules.answer_permille / 1000
-    full_p: float = DecisionRules.full_answer_permille / 1000
-    rise_n: float = 6.0
-    follow_n: float = 6.0
-    most_over_n: float = math.inf
-    floor: float = DecisionRules.follow_floor_permille / 1000
-    above: float = DecisionRules.follow_above_permille / 1000
-    safe_p: float = 0.5
-    safe_follow_n: float = DecisionRules.safe_follow_mn / 1000
+    from_p: float = ranged(
+        DecisionRules.answer_permille / 1000,
+        "p(risky slip) that begins an answer",
+        ge=0.001,
+        le=0.998,
+    )
+    full_p: float = ranged(
+        DecisionRules.full_answer_permille / 1000,
+        "p(risky slip) of a full answer; above from_p",
+        ge=0.002,
+        le=0.999,
+    )
+    rise_n: float = ranged(6.0, "most that a slip adds to the wearer's grip")
+    follow_n: float = ranged(6.0, "most that a load adds to the wearer's grip")
+    most_over_n: float = ranged(
+        math.inf, "most that any target is above the wearer's grip"
+    )
+    # as read by sensors that read ASSUMED_GAIN of the shear
+    floor: float = ranged(
+        DecisionRules.follow_floor_permille / 1000,
+        "share of friction in use up to which no load is followed",
+        ge=0.001,
+        le=1.0,
+    )
+    above: float = ranged(
+        DecisionRules.follow_above_permille / 1000,
+        "a load is followed from so many times the usual share on",
+        ge=1.001,
+        le=10.0,
+    )
+    # another person may take the object
+    safe_p: float = ranged(0.5, "p(safe slip) from which safe_follow_n counts", le=1.0)
+    safe_follow_n: float = ranged(
+        DecisionRules.safe_follow_mn / 1000, "follow_n during a safe slip; 0: none"
+    )
     detects: bool = True
     follows: bool = True
     in_newtons: bool = True
@@ -252,6 +274,14 @@ class AnswerRules:
             safe_follow_n=decision.safe_follow_mn / 1000,
         )
         return replace(usual, **others)
+
+    def without_newtons(self) -> AnswerRules:
+        """For forces in another unit, of which no rise is known to be large; none stays none."""
+        rises = [name for name in asdict(self) if name.endswith("_n")]
+        endless: dict[str, Any] = {
+            name: math.inf for name in rises if getattr(self, name)
+        }
+        return replace(self, in_newtons=False, **endless)
 
 
 class FrictionInUse:

@@ -34,6 +34,7 @@ from typing import TYPE_CHECKING
 
 from holdfast.core.contract import GripCommand as GripCommand
 from holdfast.core.contract import Mode
+from holdfast.core.schema import ranged
 from holdfast.edge_runtime.batch import Batch, Flag, Number
 
 if TYPE_CHECKING:
@@ -64,19 +65,14 @@ def last_line(sequence: int, t_ns: int, reason: str) -> str:
 
 @dataclass(frozen=True)
 class Limits:
-    """What a hand allows.
+    """What a hand allows. Raises ValueError for one that is no number from 0 on."""
 
-    ceiling_n: largest target, N a side. slew_n_s: fastest change. rise_s: a target rises for so
-    long after evidence, and for most_rise_s in all. give_back_s: it is given back so long after the
-    last evidence, at give_back_n_s. Raises ValueError for one that is no number from 0 on.
-    """
-
-    ceiling_n: float = 70.0
-    slew_n_s: float = 400.0
-    rise_s: float = 0.2
-    most_rise_s: float = 2.0
-    give_back_s: float = 1.0
-    give_back_n_s: float = 10.0
+    ceiling_n: float = ranged(70.0, "largest target")
+    slew_n_s: float = ranged(400.0, "fastest change, passed on to the drive")
+    rise_s: float = ranged(0.2, "a target rises for so long after evidence")
+    most_rise_s: float = ranged(2.0, "and for so long in one answer")
+    give_back_s: float = ranged(1.0, "so long after evidence a target is given back")
+    give_back_n_s: float = ranged(10.0, "at this speed")
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
