@@ -167,10 +167,8 @@ class GripLoop:
         # what was given, not what was wanted: a controller must not wind up
         margin = self.margin
         given_n = self.supervisor.given_n
-        wanted_n = self.controller.want(sense, given_n, margin.needed_n)
-        return self.supervisor.step(
-            sense, wanted_n, self.controller.fresh, margin.holds_n
-        )
+        want = self.controller.want(sense, given_n, margin.needed_n, margin.holds_n)
+        return self.supervisor.step(sense, want)
 
 
 class GripControl:
@@ -209,16 +207,9 @@ class GripControl:
         self.limits = limits or Limits()
         within = self.limits
         if self.reduced:
-            # a ceiling in N says nothing about numbers in another unit, and neither does a rise
+            # a ceiling in N says nothing about numbers in another unit
             within = replace(within, ceiling_n=math.inf)
-            self.rules = replace(
-                self.rules,
-                rise_n=math.inf,
-                follow_n=math.inf,
-                safe_follow_n=math.inf if self.rules.safe_follow_n else 0.0,
-                most_over_n=math.inf,
-                in_newtons=False,
-            )
+            self.rules = self.rules.without_newtons()
         kind = CONTROLLERS[name]
         controller = kind(ONE_HAND, rate_hz, setting, self.rules, shear_gain)
         self._loop = GripLoop(ONE_HAND, rate_hz, controller, within)

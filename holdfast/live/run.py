@@ -78,7 +78,8 @@ class RunOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     model: a shipped one or a file; hand: the hand card of recordings; library: its C form;
     ceiling_n: largest grip of the hand, N of either side; most_over_wearers_n: no target is further
-    above the wearer's grip, N of either side; feedback: where cues go; cues: their table.
+    above the wearer's grip, N of either side; feedback: where cues go; cues: their table; rules:
+    other numbers of the grip's answers, by name (AnswerRules).
     """
 
     source: Text = ""
@@ -96,6 +97,12 @@ class RunOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     most_over_wearers_n: Annotated[float, msgspec.Meta(gt=0.0, le=1e4)] | None = None
     feedback: Text = ""
     cues: Text = ""
+    rules: dict[str, Any] = {}
+
+    def __post_init__(self) -> None:
+        if self.most_over_wearers_n and "most_over_n" in self.rules:
+            what = "most_over_wearers_n and most_over_n of [rules] are the same number"
+            raise ValueError(f"{what}; allowed: one of them")
 
     @property
     def moves_scene(self) -> bool:
@@ -374,6 +381,7 @@ class OpenRun:
             ceiling_n=options.ceiling_n,
             most_over_n=options.most_over_wearers_n,
             shear_gain=gain,
+            rules=options.rules,
         )
         source, clock = options.source, self.clock
         return open_grip(url, controller, card.rate_hz, source, clock, self.report)

@@ -155,15 +155,10 @@ int holdfast_risky_permille(const holdfast_out *out);
 
 /* ---- the grip: from answers to one command a sample, by the controller "holdfast" ---- */
 
-/* lead_n: the largest lead of the target over the grip, N a side, while the grip itself has risen by
-   less than HF_RISE_N over the wearer's. most_over_n: no target is further above the wearer's grip.
-   The others are the supervisor's: the target stays below ceiling_n; it rises only for rise_s after evidence, and not for longer than
-   most_rise_s an answer; after give_back_s without evidence it falls by give_back_n_s. slew_n_s is
-   passed on to the drive. shear_gain: shear over normal force as the sensors read it, over the true
-   ratio, from the calibration file; 0 where nobody measured it, which is the default. */
+/* What may differ from the model's own: copy holdfast_own_options, and change that. _n: N a side. The
+   table [rules] of holdfast.toml has the same names. */
 typedef struct {
-    double lead_n, most_over_n, ceiling_n, slew_n_s, rise_s, most_rise_s, give_back_s, give_back_n_s;
-    double shear_gain;
+@OPTION_FIELDS@
 } holdfast_grip_options;
 
 /* The defaults; forces that are not in N have no ceiling and no target. */
@@ -203,7 +198,7 @@ typedef struct {
     double mu_hat, needed_n, holds_n, margin;
 } holdfast_grip;
 
-/* options: NULL for the defaults. -1 for options that are no numbers from 0 on: then the defaults are
+/* options: NULL for the defaults. -1 for one that is no number within its range: then the defaults are
    taken. 0 else. */
 int holdfast_grip_init(holdfast_grip *grip, const holdfast_grip_options *options);
 
