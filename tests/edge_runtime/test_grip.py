@@ -276,13 +276,13 @@ def test_a_pick_up_is_no_slip(rules: AnswerRules) -> None:
 def test_a_hold_grows_older_while_its_state_is_unknown() -> None:
     """Half a second of it is unknown, as after lost samples; then the object begins to slide."""
     controller = Holdfast(ONE_HAND, RATE_HZ)
-    controller.want(sense(empty=True), 0.0, 0.0)
+    target_of(controller, sense(empty=True))
     for seconds, known in ((0.7, True), (0.5, False), (0.2, True)):
         for _ in range(round(seconds * RATE_HZ)):
             hold = sense(grip_n=3.0, load_n=1.0, known=known)
-            assert controller.want(hold, 0.0, 0.0) == 0.0
+            assert target_of(controller, hold) == 0.0
     slides = sense(grip_n=3.0, load_n=2.0, p_risky=1.0)
-    assert controller.want(slides, 0.0, 0.0) > 3.0 + controller.EARLY_N
+    assert target_of(controller, slides) > 3.0 + controller.EARLY_N
 
 
 def test_a_pick_up_by_fingers_that_rested_on_the_object_is_no_slip() -> None:
