@@ -4,6 +4,8 @@
 PYTHON ?= python3
 UV     := .tools/bin/uv
 BIN    := .venv/bin
+# Compiled once, on all cores: the processes of the tests start together, and each would compile them for itself.
+LARGE  := hypothesis numpy onnx pandas scipy skl2onnx sklearn
 LOCKS  := requirements/live.lock requirements/dev.lock requirements/build.lock
 DEMO_LOCKS := requirements/demo.lock requirements/build.lock
 RATE   ?= 150
@@ -124,6 +126,7 @@ dist: setup .venv-dist/.stamp  ## the wheel and the source archive, checked, int
 	@test -x $(BIN)/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" .venv
 	$(UV) pip sync --quiet --python $(BIN)/python --only-binary :all: --require-hashes $(LOCKS)
 	$(UV) pip install --quiet --python $(BIN)/python --no-build-isolation --no-deps --editable .
+	@$(BIN)/python -m compileall -q -j 0 -x /tests/ $(addprefix .venv/lib/python3*/site-packages/,$(LARGE))
 	@touch $@
 
 # A part of what .stamp installs: `make demo` leaves what `make test` has installed, and `make test` after it adds the rest.

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -44,6 +45,10 @@ pytest_plugins = [
 # fixed seeds, no clock: what passed passes again
 settings.register_profile("fixed", derandomize=True, deadline=None)
 settings.load_profile("fixed")
+# compiled modules are kept, as `make test` does: else each process of a test compiles numpy
+# and our own package anew, which takes three times as long
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 # under nohup a hangup is ignored, and so it would be in every process that a test starts
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 # and so is Ctrl-C where the tests run in the background of a shell

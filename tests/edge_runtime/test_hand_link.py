@@ -210,6 +210,7 @@ def test_what_stands_in_the_way_of_a_command_is_told_and_that_none_left(what, tm
     make(path)
     with opened(f"unix://{path}", messages.append) as link:
         send(link, 1)
+        until(lambda: messages)
         assert says in messages[0]
         assert link.carried_none
 
@@ -240,6 +241,7 @@ def test_a_receiver_that_is_not_there_yet_or_starts_again_is_found(tmp_path):
     messages, path = list[str](), str(tmp_path / "grip")
     with opened(f"unix://{path}", messages.append) as link:
         send(link, 1)
+        until(lambda: messages)
         assert "No such file or directory" in messages[0]
         first = UnixReceiver(path)
         assert first.until("link was lost")["sequence"] == 1
@@ -251,6 +253,6 @@ def test_a_receiver_that_is_not_there_yet_or_starts_again_is_found(tmp_path):
         until(lambda: link.works)
         send(link, 3)
         assert second.next()["sequence"] == 3
-        assert len(messages) == 4
+        until(lambda: len(messages) == 4)
     assert second.until("stopped")["sequence"] == 4
     second.close()

@@ -84,7 +84,7 @@ def fed(
 def stuck_hand(period: int) -> np.ndarray:
     """A live hand for 200 samples, then its last `period` readings over and over."""
     live = noise(200)
-    return np.concatenate([live, np.resize(live[-period:], (1100, 18))])
+    return np.concatenate([live, np.resize(live[-period:], (260, 18))])
 
 
 def test_a_hand_that_is_held_still_is_not_stuck(model: Model) -> None:
@@ -305,7 +305,7 @@ def test_a_stamp_that_no_clock_gives_is_refused_and_the_stream_goes_on(
 ) -> None:
     monitor = GripMonitor(model, None)
     answers = []
-    for k, values in enumerate(noise(400)):
+    for k, values in enumerate(noise(160)):
         if (t_ns or sequence) and k % 7 == 3:
             with pytest.raises(TimeError):
                 monitor.feed(Sample(t_ns or k, values, ALL, sequence))

@@ -252,9 +252,8 @@ def test_readings_of_any_form_are_the_same_trials_and_the_action_is_asked(
     code, out, _ = run("check", tmp_path / "set")
     assert code == 0, out
     # what was imported holds the map for the next time and for live runs
-    words = ("import", tmp_path / "logs", "--map", tmp_path / "set/import.toml")
-    code, out, err = run(*words, "--out", tmp_path / "again")
-    assert "2 trials: 2 slip" in out, err
+    kept = ("--map", tmp_path / "set/import.toml")
+    assert "2 trials: 2 slip" in imported(run, tmp_path, *kept, out="again")
 
 
 # -- what marks the slip

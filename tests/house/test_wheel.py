@@ -116,11 +116,15 @@ def test_the_readmes_program_prints_what_it_says_where_only_the_live_path_is(
 ) -> None:
     readme = (ROOT / "README.md").read_text("utf-8")
     (program,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
-    done = python(installed, tmp_path, "-c", f"{program}print(answer.why)")
+    fed = "answer = monitor.feed(sample)"
+    assert program.count(fed) == 1
+    program = program.replace(fed, f"{fed}; whys.append(answer.why)")
+    kept = f"whys = []\n{program}print(sample.sequence + 1 - len(whys), *whys[150:])"
+    done = python(installed, tmp_path, "-c", kept)
     assert done.returncode == 0, done.stderr
-    state, why = done.stdout.splitlines()[-2:]
-    # it runs in real time: on a machine that is too busy the answers are late, and so unknown
-    if why not in ("late", "rate", "settling", "sensors"):
+    state, troubles = done.stdout.splitlines()[-2:]
+    # it runs in real time: a machine that is too busy loses samples, or answers too late
+    if troubles.split() == ["0"]:
         assert f"# {state}\n" in program
 
 
