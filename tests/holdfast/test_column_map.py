@@ -140,7 +140,7 @@ def test_a_file_has_no_times_of_arrival_and_a_sender_does() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "what"),
     [
-        ('unit = "mN"', 'unit = "kg"', "unit = 'kg'; next: allowed: N or mN or gf"),
+        ('unit = "mN"', 'unit = "kg"', "unit = 'kg'; next: allowed: N or mN or cN"),
         ('unit = "ms"', 'unit = "min"', "time.unit = 'min'"),
         ('z = "-a.z"', "z = 3", r"sensors\[0\].z = 3"),
         ('z = "-a.z"', "", r"sensors\[0\]: z is missing"),

@@ -818,7 +818,7 @@ def test_a_unit_that_sizes_do_not_tell_is_asked(
     out = imported(run, tmp_path, *SLIP, code=2)
     assert "what unit have the readings" in out
     out = imported(run, tmp_path, *SLIP, "--unit", "kg", code=2)
-    assert "error: UsageError: --unit kg; next: one of N, mN, gf" in out
+    assert "error: UsageError: --unit kg; next: one of N, mN, cN" in out
     imported(run, tmp_path, *SLIP, "--unit", unit)
 
 
