@@ -21,9 +21,8 @@ MODULES = {
 """By name without the first word, which all of them share."""
 
 
-def code_lines(path: Path, node: ast.FunctionDef) -> int:
-    """Lines of a function without its docstring, comments and blank lines."""
-    text = path.read_text("utf-8").splitlines()
+def code_lines(text: list[str], node: ast.FunctionDef) -> int:
+    """Lines of a function without its docstring, comments and blank lines; text: of its file."""
     docstring: set[int] = set()
     if ast.get_docstring(node) is not None:
         first = node.body[0]
@@ -40,10 +39,11 @@ def function_lines() -> dict[str, int]:
     """Lines of code of every function, its signature counted."""
     lines = {}
     for path in FILES:
+        text = path.read_text("utf-8").splitlines()
         for node in nodes_of(path):
             if isinstance(node, ast.FunctionDef):
                 name = f"{path.relative_to(ROOT)}:{node.name}"
-                lines[name] = code_lines(path, node)
+                lines[name] = code_lines(text, node)
     return lines
 
 
