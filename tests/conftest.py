@@ -45,7 +45,7 @@ pytest_plugins = [
 # fixed seeds, no clock: what passed passes again
 settings.register_profile("fixed", derandomize=True, deadline=None)
 settings.load_profile("fixed")
-# compiled modules are kept, as `make test` does: else each process that a test starts compiles numpy
+# compiled modules are kept, as `make test` does: else each process of a test compiles numpy
 # and our own package anew, which takes three times as long
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False

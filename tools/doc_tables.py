@@ -33,7 +33,7 @@ EVALUATED = "docs/measured/evaluated.json"
 SOURCES: dict[str, dict[str, str]] = {
     "README.md": {
         "cost": "docs/measured/cost.json",
-        "distortions": "docs/measured/distortions-080828f74eb1.json",
+        "distortions": "docs/measured/distortions-f3e2f3d27698.json",
         "wide": "docs/measured/wide-080828f74eb1.json",
         "loop": "docs/measured/loop-2026-11-28.json",
         "world": "docs/measured/world-f3e2f3d27698.json",
@@ -53,12 +53,12 @@ SOURCES: dict[str, dict[str, str]] = {
         "lifts": "docs/measured/people-2026-11-28.json",
     },
     "docs/hard-cases.md": {
-        "distortions": "docs/measured/distortions-080828f74eb1.json"
+        "distortions": "docs/measured/distortions-f3e2f3d27698.json"
     },
     "docs/how-it-works.md": {},
     "docs/limits.md": {
         "cost": "docs/measured/cost.json",
-        "distortions": "docs/measured/distortions-080828f74eb1.json",
+        "distortions": "docs/measured/distortions-f3e2f3d27698.json",
         "evaluated": EVALUATED,
         "lifts": "docs/measured/people-2026-11-28.json",
         "nested": "docs/measured/nested-choice-2026-11-28.json",
@@ -67,7 +67,7 @@ SOURCES: dict[str, dict[str, str]] = {
     "docs/on-a-hand.md": {"hand": "docs/measured/hand.json"},
     "docs/recording-and-study.md": {"adapt": "docs/measured/adapt-2026-11-28.json"},
     "docs/results.md": {
-        "distortions": "docs/measured/distortions-080828f74eb1.json",
+        "distortions": "docs/measured/distortions-f3e2f3d27698.json",
         "evaluated": EVALUATED,
         "nested": "docs/measured/nested-choice-2026-11-28.json",
         "real": "docs/measured/people-pinching.json",

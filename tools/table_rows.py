@@ -8,8 +8,10 @@ from typing import Any
 
 from benchmarks.cost.point import README_POINTS
 from holdfast.core.contract import NORMAL_FLOOR, Json
+from holdfast.core.schema import ranges
 from holdfast.core.trial_layout import SITUATION_OF_ACTION
 from holdfast.data.metrics import ABSENT, over
+from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.evaluation.formats import DEPLOYED, markdown
 from holdfast.simulation import SCENES, shipped_scenes
 from holdfast.simulation.actions import ACTION_MODULES, COMMON, parameters_of
@@ -201,6 +203,17 @@ def parameter_rows() -> list[Json]:
     return rows
 
 
+def rule_rows() -> list[Json]:
+    """Every number of the grip's answers: its usual value, its range, what it is."""
+    rows = []
+    for name, one in ranges(AnswerRules).items():
+        usual = getattr(AnswerRules, name)
+        ends = f"from {one.ge:g}" if one.le is None else f"{one.ge:g} to {one.le:g}"
+        row = {"name": name, "range": ends, "about": one.description}
+        rows.append({**row, "usual": f"{usual:g}" if usual < math.inf else ABSENT})
+    return rows
+
+
 def _default_words(default: Any) -> str:
     """A constant, a distribution, or that there is none."""
     if isinstance(default, dict):
@@ -240,6 +253,7 @@ FUNCTIONS: dict[str, Callable[..., Any] | object] = {
     "published_learners": LEARNERS,
     "published_percent": ACCURACY_PERCENT,
     "readme_points": readme_points,
+    "rule_rows": rule_rows,
     "scene_titles": scene_titles,
     "shown": shown,
     "table": table,

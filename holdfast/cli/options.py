@@ -238,6 +238,11 @@ def read_settings(path: Path | None) -> dict[str, Any]:
             next_step="check the path after --config",
         ) from None
 
+    if settings.rules:
+        from holdfast.live.grip import checked_rules
+
+        checked_rules(settings.rules, f"{path} [rules]")
+
     given = {}
     usual = RunOptions()
     for name in RunOptions.__struct_fields__:

@@ -13,6 +13,7 @@ read. Here is also where the shipped models are.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import re
@@ -226,6 +227,21 @@ def checked(
         raise error(what, where=where, next_step=step) from None
 
 
+def ranged(default: float, about: str, ge: float = 0.0, le: float | None = None) -> Any:
+    """A field of a dataclass that is a number, with what it is and its ends (see ranges)."""
+    meta = msgspec.Meta(ge=ge, le=le, description=about)
+    return dataclasses.field(default=default, metadata={"range": meta})
+
+
+def ranges(kind: type) -> dict[str, msgspec.Meta]:
+    """Field -> what it is and its ends, of all fields of a dataclass that are ranged."""
+    return {
+        one.name: one.metadata["range"]
+        for one in dataclasses.fields(kind)
+        if "range" in one.metadata
+    }
+
+
 # -- what msgspec leaves out: the key of a dictionary, the value, the fields that are known
 
 
@@ -299,6 +315,8 @@ def _allowed(kind: Any) -> str:
     info = msgspec.inspect.type_info(kind)
     # A kind or None is a union, of which None has no bounds.
     for one in getattr(info, "types", [info]):
+        # a kind with a description is wrapped once more
+        one = getattr(one, "type", one)
         for bound, word in BOUNDS.items():
             end = getattr(one, bound, None)
             if end is not None:

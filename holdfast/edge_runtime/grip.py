@@ -14,11 +14,12 @@ The published controllers that ours is compared with are in studies/shared_contr
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import msgspec
 
+from holdfast.core.schema import ranged
 from holdfast.edge_runtime.batch import Batch, Flag, Number
 from holdfast.edge_runtime.decision import DecisionRules
 
@@ -42,6 +43,22 @@ class GripSense(msgspec.Struct):
     overridden: Flag
 
 
+class Want(msgspec.Struct):
+    """What a controller wants at one sample.
+
+    target_n: the grip of either side, 0 for none. fresh: it has evidence for it at this sample, so
+    a target may rise. holds_n: where nothing is known any more the target is given back slowly, and
+    not below this.
+    """
+
+    target_n: Number
+    fresh: Flag
+    holds_n: Number
+
+
+ASSUMED_GAIN = 0.6
+"""The shear gain where nobody measured it: that of a magnet under a soft dome, by which floors were
+chosen."""
 LARGEST = 1e9
 """No sensor reads more, N or uT."""
 
@@ -80,9 +97,10 @@ class WearersGrip:
 
     closes: the hand still closes on its object. It does from the contact on until the grip has not
     risen for STILL_S, and again where it rises within CLOSES_S of the contact. held_s: time since
-    the contact, up to MOST_S. A grip that grows by AGAIN_SHARE of itself and AGAIN_N at once makes
-    another hold, as if the contact began, unless a slip is likely (SLIP_P): fingers that rest on an
-    object before they lift it, or after they have set it down, are not known to be empty.
+    the contact, up to MOST_S; seen_s: as much of it as the state was known. A grip that grows by
+    AGAIN_SHARE of itself and AGAIN_N at once makes another hold, as if the contact began, unless a
+    slip is likely (SLIP_P): fingers that rest on an object before they lift it, or after they have
+    set it down, are not known to be empty.
     """
 
     TIME_S = 0.1
@@ -115,6 +133,7 @@ class WearersGrip:
         self._still_s = batch.zero()
         self.grip_n = batch.zero()
         self.held_s = batch.zero()
+        self.seen_s = batch.zero()
         self.closes = batch.false()
 
     def step(self, sense: GripSense, given_n: Number) -> Number:
@@ -138,9 +157,13 @@ class WearersGrip:
         later_s = batch.least(self._still_s + self._period_s, self.MOST_S)
         still_s = batch.choose(measures & rises, 0.0, later_s)
         self._still_s = batch.choose(sense.known, still_s, self._still_s)
+        # a hold goes on where nobody sees it
+        another = measures & again
         later_s = batch.least(self.held_s + self._period_s, self.MOST_S)
-        held_s = batch.choose(measures & again, 0.0, later_s)
-        self.held_s = batch.choose(sense.known, held_s, self.held_s)
+        self.held_s = batch.choose(another, 0.0, later_s)
+        later_s = batch.least(self.seen_s + self._period_s, self.MOST_S)
+        later_s = batch.choose(sense.known, later_s, self.seen_s)
+        self.seen_s = batch.choose(another, 0.0, later_s)
         self._let_go(sense.known & sense.empty)
         early = self.held_s < self.CLOSES_S
         self.closes = (self._still_s < self.STILL_S) & early
@@ -153,13 +176,15 @@ class WearersGrip:
         self._ours_n = batch.choose(empty, 0.0, self._ours_n)
         self._still_s = batch.choose(empty, 0.0, self._still_s)
         self.held_s = batch.choose(empty, 0.0, self.held_s)
+        self.seen_s = batch.choose(empty, 0.0, self.seen_s)
 
 
 class Controller:
     """What every controller has; this one wants nothing: the hand keeps the wearer's grip.
 
     setting: the parameter that studies vary, None for its default. rules: those that come with a
-    model, None for the usual ones. fresh: whether it has evidence at the last sample.
+    model, None for the usual ones. shear_gain: ratio of shear and normal force as the sensors read
+    it, over the true one; None where nobody measured it.
     """
 
     SETTING = 0.0
@@ -171,50 +196,76 @@ class Controller:
         rate_hz: float,
         setting: float | None = None,
         rules: AnswerRules | None = None,
+        shear_gain: float | None = None,
     ) -> None:
         self._batch = batch
         self._rate_hz = rate_hz
+        self.shear_gain = shear_gain
         self._setting = self.SETTING if setting is None else setting
         self._period_s = 1.0 / rate_hz
         self.rules = rules or AnswerRules()
         self._wearer = WearersGrip(batch, rate_hz, self.rules.in_newtons)
-        self.fresh = batch.false()
 
     @property
     def wearers_n(self) -> Number:
         """The grip that the wearer set, as measured, N a side."""
         return self._wearer.grip_n
 
-    def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
-        """The wanted grip, N a side; 0 for none.
+    def want(
+        self, sense: GripSense, given_n: Number, needed_n: Number, holds_n: Number
+    ) -> Want:
+        """What is wanted at one sample.
 
-        given_n: what the supervisor gave last. needed_n: by the friction margin, 0 if unknown.
+        given_n: what the supervisor gave last. By the friction margin, N a side: needed_n, 0 if
+        unknown; holds_n, the grip that is known to hold the load.
         """
-        return self._batch.zero()
+        return Want(self._batch.zero(), self._batch.false(), holds_n)
 
 
 @dataclass(frozen=True)
 class AnswerRules:
     """Parameters of the holdfast controller.
 
-    from_p, full_p: p(risky) at which an answer to a slip begins, and at which it is a full one.
-    rise_n: it raises the grip by so much over the wearer's and not further, N a side. follow_n: a
-    load is followed by so much over the wearer's, and by safe_follow_n where p(safe slip) is safe_p
-    or more, because another person may take it; 0: not at all. most_over_n: no target of either is
-    further above it; for fragile work. floor: share of friction in use up to which no load is
-    followed; above: from so many times what is usual on one is. detects,
+    Each number says its range and what it is: the table [rules] of holdfast.toml and the options in
+    C are made from them. What ends in _n is N a side, and has no end in another unit. detects,
     follows: whether slips, and loads, are answered; studies leave one out. in_newtons: forces are.
     """
 
-    from_p: float = DecisionRules.answer_permille / 1000
-    full_p: float = DecisionRules.full_answer_permille / 1000
-    rise_n: float = 6.0
-    follow_n: float = 6.0
-    most_over_n: float = math.inf
-    floor: float = DecisionRules.follow_floor_permille / 1000
-    above: float = DecisionRules.follow_above_permille / 1000
-    safe_p: float = 0.5
-    safe_follow_n: float = DecisionRules.safe_follow_mn / 1000
+    from_p: float = ranged(
+        DecisionRules.answer_permille / 1000,
+        "p(risky slip) that begins an answer",
+        ge=0.001,
+        le=0.998,
+    )
+    full_p: float = ranged(
+        DecisionRules.full_answer_permille / 1000,
+        "p(risky slip) of a full answer; above from_p",
+        ge=0.002,
+        le=0.999,
+    )
+    rise_n: float = ranged(6.0, "most that a slip adds to the wearer's grip")
+    follow_n: float = ranged(6.0, "most that a load adds to the wearer's grip")
+    most_over_n: float = ranged(
+        math.inf, "most that any target is above the wearer's grip"
+    )
+    # as read by sensors that read ASSUMED_GAIN of the shear
+    floor: float = ranged(
+        DecisionRules.follow_floor_permille / 1000,
+        "share of friction in use up to which no load is followed",
+        ge=0.001,
+        le=1.0,
+    )
+    above: float = ranged(
+        DecisionRules.follow_above_permille / 1000,
+        "a load is followed from so many times the usual share on",
+        ge=1.001,
+        le=10.0,
+    )
+    # another person may take the object
+    safe_p: float = ranged(0.5, "p(safe slip) from which safe_follow_n counts", le=1.0)
+    safe_follow_n: float = ranged(
+        DecisionRules.safe_follow_mn / 1000, "follow_n during a safe slip; 0: none"
+    )
     detects: bool = True
     follows: bool = True
     in_newtons: bool = True
@@ -230,6 +281,14 @@ class AnswerRules:
             safe_follow_n=decision.safe_follow_mn / 1000,
         )
         return replace(usual, **others)
+
+    def without_newtons(self) -> AnswerRules:
+        """For forces in another unit, of which no rise is known to be large; none stays none."""
+        rises = [name for name in asdict(self) if name.endswith("_n")]
+        endless: dict[str, Any] = {
+            name: math.inf for name in rises if getattr(self, name)
+        }
+        return replace(self, in_newtons=False, **endless)
 
 
 class FrictionInUse:
@@ -272,7 +331,7 @@ class FrictionInUse:
         batch = self._batch
         self.used = sense.load_n / (2.0 * batch.most(sense.grip_n, self.LEAST_N))
         self.usual = self._mean + self.TIMES * self._apart
-        self.makes = wearer.closes | (wearer.held_s < self.LEARNS_S)
+        self.makes = wearer.closes | (wearer.seen_s < self.LEARNS_S)
 
         holds = sense.known & batch.no(sense.empty)
         self._pass_load(sense, holds)
@@ -346,7 +405,6 @@ class SlipAnswer:
         self._rules = rules
         self._quiet_s = batch.zero()
         self._last_evidence = batch.zero()
-        self.fresh = batch.false()
 
     def step(
         self,
@@ -355,8 +413,11 @@ class SlipAnswer:
         friction: FrictionInUse,
         given_n: Number,
         needed_n: Number,
-    ) -> Number:
-        """The wanted grip, N a side; 0 for none. given_n, needed_n: as Controller.want."""
+    ) -> tuple[Number, Flag]:
+        """(the wanted grip, N a side, 0 for none; whether there is evidence).
+
+        given_n, needed_n: as Controller.want.
+        """
         batch = self._batch
         wearers_n = wearer.grip_n
         holds = sense.known & batch.no(sense.empty)
@@ -376,8 +437,7 @@ class SlipAnswer:
         later_s = batch.least(self._quiet_s + self._period_s, 1.0)
         quiet_s = batch.choose(rises, 0.0, later_s)
         self._quiet_s = batch.choose(sense.known, quiet_s, self._quiet_s)
-        self.fresh = rises
-        return batch.choose(rises, ahead_n, kept_n)
+        return batch.choose(rises, ahead_n, kept_n), rises
 
     def _evidence(self, sense: GripSense) -> Number:
         """0 to 1."""
@@ -423,14 +483,18 @@ class LoadFollower:
     times the reference on the grip should be so large that no more than that is in use:
     T / (2 above reference), but at most MOST_N and MOST_TIMES the wearer's grip over it. So a
     wearer who closes a touching hand soon grips by more than a target made. While what is usual is
-    learned, nothing is followed.
+    learned, nothing is followed. shear_gain: as Controller; the floor is a share of friction, so it
+    is higher in the readings of a sensor that reads more of the shear.
     """
 
     MOST_N, MOST_TIMES = 1.0, 2.0
 
-    def __init__(self, batch: Batch, rules: AnswerRules) -> None:
+    def __init__(
+        self, batch: Batch, rules: AnswerRules, shear_gain: float | None = None
+    ) -> None:
         self._batch = batch
         self._rules = rules
+        self._floor = rules.floor * ((shear_gain or ASSUMED_GAIN) / ASSUMED_GAIN)
         # in another unit no rise is known to be large
         self._most_n = self.MOST_N if rules.in_newtons else math.inf
 
@@ -440,7 +504,7 @@ class LoadFollower:
         """The grip that the load asks for, N a side; 0 where it does not rise."""
         batch = self._batch
         holds = sense.known & batch.no(sense.empty)
-        reference = batch.most(friction.usual, self._rules.floor)
+        reference = batch.most(friction.usual, self._floor)
         allowed = self._rules.above * reference
         rises = holds & batch.no(friction.makes) & (friction.used > allowed)
 
@@ -470,34 +534,36 @@ class Holdfast(Controller):
         rate_hz: float,
         setting: float | None = None,
         rules: AnswerRules | None = None,
+        shear_gain: float | None = None,
     ) -> None:
-        super().__init__(batch, rate_hz, setting, rules)
+        super().__init__(batch, rate_hz, setting, rules, shear_gain)
         self._slip = SlipAnswer(batch, rate_hz, self._setting, self.rules)
-        self._load = LoadFollower(batch, self.rules)
+        self._load = LoadFollower(batch, self.rules, shear_gain)
         self._friction = FrictionInUse(batch, rate_hz)
         # in another unit no target is known to be small
         self._early_n = self.EARLY_N if self.rules.in_newtons else math.inf
 
-    def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
-        """The wanted grip, N a side; 0 for none."""
+    def want(
+        self, sense: GripSense, given_n: Number, needed_n: Number, holds_n: Number
+    ) -> Want:
+        """As Controller.want."""
         batch = self._batch
         wearer, friction = self._wearer, self._friction
         wearers_n = wearer.step(sense, given_n)
         friction.step(sense, given_n, wearer)
-        wanted_n = self._slip.step(sense, wearer, friction, given_n, needed_n)
-        self.fresh = self._slip.fresh
+        wanted_n, fresh = self._slip.step(sense, wearer, friction, given_n, needed_n)
         if self.rules.follows:
             asked_n = self._load.step(sense, wearer, friction)
-            self.fresh = self.fresh | (asked_n > 0.0)
+            fresh = fresh | (asked_n > 0.0)
             wanted_n = batch.most(wanted_n, asked_n)
 
         # while the hand closes no sensor tells the wearer's grip from ours
-        self.fresh = self.fresh & batch.no(wearer.closes)
+        fresh = fresh & batch.no(wearer.closes)
         wanted_n = batch.choose(wearer.closes, 0.0, wanted_n)
 
         most_n = batch.choose(wearer.held_s < self.EARLY_S, self._early_n, math.inf)
         most_n = batch.least(most_n, self.rules.most_over_n)
-        return batch.least(wanted_n, wearers_n + most_n)
+        return Want(batch.least(wanted_n, wearers_n + most_n), fresh, holds_n)
 
 
 CONTROLLERS: dict[str, type[Controller]] = {"none": Controller, "holdfast": Holdfast}

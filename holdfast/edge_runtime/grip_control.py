@@ -153,11 +153,11 @@ class GripLoop:
         rate_hz: float,
         controller: Controller,
         limits: Limits | None = None,
-        shear_gain: float = 1.0,
     ) -> None:
         self._batch = batch
         self.controller = controller
-        self.margin = FrictionMargin(batch, rate_hz, shear_gain)
+        # without a measured gain the margin takes the larger load: the grip may be too firm
+        self.margin = FrictionMargin(batch, rate_hz, controller.shear_gain or 1.0)
         self.supervisor = Supervisor(batch, rate_hz, limits)
 
     def step(self, sense: GripSense) -> Number:
@@ -167,10 +167,8 @@ class GripLoop:
         # what was given, not what was wanted: a controller must not wind up
         margin = self.margin
         given_n = self.supervisor.given_n
-        wanted_n = self.controller.want(sense, given_n, margin.needed_n)
-        return self.supervisor.step(
-            sense, wanted_n, self.controller.fresh, margin.holds_n
-        )
+        want = self.controller.want(sense, given_n, margin.needed_n, margin.holds_n)
+        return self.supervisor.step(sense, want)
 
 
 class GripControl:
@@ -192,7 +190,7 @@ class GripControl:
         unit: Unit = "N",
         n_fingers: int = 6,
         limits: Limits | None = None,
-        shear_gain: float = 1.0,
+        shear_gain: float | None = None,
         thumb: tuple[bool, ...] | None = None,
         rules: AnswerRules | None = None,
     ) -> None:
@@ -209,19 +207,12 @@ class GripControl:
         self.limits = limits or Limits()
         within = self.limits
         if self.reduced:
-            # a ceiling in N says nothing about numbers in another unit, and neither does a rise
+            # a ceiling in N says nothing about numbers in another unit
             within = replace(within, ceiling_n=math.inf)
-            self.rules = replace(
-                self.rules,
-                rise_n=math.inf,
-                follow_n=math.inf,
-                safe_follow_n=math.inf if self.rules.safe_follow_n else 0.0,
-                most_over_n=math.inf,
-                in_newtons=False,
-            )
-        controller = CONTROLLERS[name](ONE_HAND, rate_hz, setting, self.rules)
-
-        self._loop = GripLoop(ONE_HAND, rate_hz, controller, within, shear_gain)
+            self.rules = self.rules.without_newtons()
+        kind = CONTROLLERS[name]
+        controller = kind(ONE_HAND, rate_hz, setting, self.rules, shear_gain)
+        self._loop = GripLoop(ONE_HAND, rate_hz, controller, within)
 
     def step(
         self, prediction: Prediction, forces: FloatArray, valid: BoolArray

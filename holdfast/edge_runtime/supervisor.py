@@ -34,10 +34,11 @@ from typing import TYPE_CHECKING
 
 from holdfast.core.contract import GripCommand as GripCommand
 from holdfast.core.contract import Mode
+from holdfast.core.schema import ranged
 from holdfast.edge_runtime.batch import Batch, Flag, Number
 
 if TYPE_CHECKING:
-    from holdfast.edge_runtime.grip import GripSense
+    from holdfast.edge_runtime.grip import GripSense, Want
 
 MODES: tuple[Mode, ...] = ("idle", "hold", "tighten", "relax", "yield")
 """Modes by index, as the supervisor of many hands keeps them in arrays of numbers."""
@@ -64,19 +65,14 @@ def last_line(sequence: int, t_ns: int, reason: str) -> str:
 
 @dataclass(frozen=True)
 class Limits:
-    """What a hand allows.
+    """What a hand allows. Raises ValueError for one that is no number from 0 on."""
 
-    ceiling_n: largest target, N a side. slew_n_s: fastest change. rise_s: a target rises for so
-    long after evidence, and for most_rise_s in all. give_back_s: it is given back so long after the
-    last evidence, at give_back_n_s. Raises ValueError for one that is no number from 0 on.
-    """
-
-    ceiling_n: float = 70.0
-    slew_n_s: float = 400.0
-    rise_s: float = 0.2
-    most_rise_s: float = 2.0
-    give_back_s: float = 1.0
-    give_back_n_s: float = 10.0
+    ceiling_n: float = ranged(70.0, "largest target")
+    slew_n_s: float = ranged(400.0, "fastest change, passed on to the drive")
+    rise_s: float = ranged(0.2, "a target rises for so long after evidence")
+    most_rise_s: float = ranged(2.0, "and for so long in one answer")
+    give_back_s: float = ranged(1.0, "so long after evidence a target is given back")
+    give_back_n_s: float = ranged(10.0, "at this speed")
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
@@ -101,21 +97,15 @@ class Supervisor:
         self.since_s: Number = batch.zero() + self.limits.give_back_s
         self.mode: Number = batch.zero() + HOLD
 
-    def step(
-        self, sense: GripSense, wanted_n: Number, fresh: Flag, holds_n: Number
-    ) -> Number:
-        """The target after one sample; sets `mode`.
-
-        wanted_n: by the controller, N a side, 0 for none. fresh: it has evidence at this sample.
-        holds_n: the grip that is known to hold the load.
-        """
+    def step(self, sense: GripSense, want: Want) -> Number:
+        """The target after one sample; sets `mode`."""
         batch = self._batch
         unknown = batch.no(sense.known)
         # an empty hand counts only where it is known to be empty
         ends = sense.opening | sense.overridden | (sense.known & sense.empty)
 
-        self._pass_time(sense.known, fresh)
-        target_n = self._given_back(self._followed(wanted_n), holds_n)
+        self._pass_time(sense.known, want.fresh)
+        target_n = self._given_back(self._followed(want.target_n), want.holds_n)
 
         # In an unknown state the samples are no reason to tighten or to relax, so the target stays.
         target_n = batch.choose(unknown, self.given_n, target_n)

@@ -18,7 +18,8 @@ from holdfast.interop.evidence import Evidence, best
 from holdfast.interop.streams import LOG_TIME, Column, Columns, is_text
 
 TIME_WORDS = {
-    "time", "timestamp", "stamp", "t", "clock", "elapsed", "when", "date", "datetime"
+    "time", "timestamp", "stamp", "t", "clock", "elapsed", "when", "date", "datetime", "zeit",
+    "temps", "tiempo", "tempo",
 }  # fmt: skip
 TIME_UNITS = {
     "s": "s|secs?|seconds?",
@@ -93,14 +94,12 @@ def find_time(
     """
     found: list[Evidence[TimeColumn] | None] = []
     counter = ""
-    for at, (name, column) in enumerate(columns.items()):
+    for name, column in columns.items():
         step, alike, counts = rise_of(column)
-        # another quantity may rise evenly, too
-        is_free = not at or name.startswith("column")
         if counts and not unit_of_time(name):
             counter = counter or name
         elif step:
-            found.append(_clock(name, column, step, alike, is_free))
+            found.append(_clock(name, column, step, alike))
     if LOG_TIME in columns:
         found.insert(0, Evidence(TimeColumn(LOG_TIME, "ns"), "stamps of the log"))
     for hz, why in ((given_hz, "as given"), (head_hz, "by the head of the log")):
@@ -112,23 +111,24 @@ def find_time(
 
 
 def _clock(
-    name: str, column: Column, step: float, alike: float, is_free: bool
+    name: str, column: Column, step: float, alike: float
 ) -> Evidence[TimeColumn] | None:
     """A column that rises by a step as a clock; None where it is none, or its unit not clear.
 
-    is_free: the first one, or one without a name.
+    One that is called so, or has no name: another quantity may rise evenly, too.
     """
-    if FACTOR.search(name):
-        return None
     is_date = column.dtype.kind == "i" and column.max() > CLOCK_NS
     unit_named = unit_of_time(name)
     is_named = bool(unit_named or words_of(name) & TIME_WORDS)
+    is_known = is_named or is_date or name.startswith("column")
+    if FACTOR.search(name) or not is_known:
+        return None
     column = column[:JUDGED_ROWS]
     kinds = len(np.unique(column))
     is_few = kinds < FEWEST_STAMPS and not (is_date and is_named)
     # an unnamed one has a value for each row
     is_other = not (is_named or is_date)
-    is_few |= is_other and (kinds < 0.9 * len(column) or not is_free)
+    is_few |= is_other and kinds < 0.9 * len(column)
     if is_few or alike < (ALIKE_NAMED if is_named else ALIKE):
         return None
     units = [unit_named] if unit_named else ["ns"] if is_date else [*NS_OF]
@@ -190,11 +190,18 @@ def unit_of(
     """The unit of channels [T, C] by their names, such as `x [mN]`; else what is not clear of it.
 
     By the size of a press, where no unit is written and a press of people fits one unit only.
-    effects [2, C]: of a touch. head: the word for it in the head of the log.
+    effects [2, C]: of a touch. head: words for it in the head of the log.
     """
-    written = {_unit_behind(name) or head for name in names}
+    said = [one for one in head.split() if not unit_of_time(one)] or [""]
+    written = set()
+    for behind in map(_unit_behind, names):
+        written |= {behind} if behind else {*said}
     known = {_unit_in([word], SIGNAL_UNITS) for word in written}
-    if known != {None} or (len(written) == 1 and written != {""}):
+    if (
+        known != {None}
+        or {""} != written <= {*said}
+        or (len(written) == 1 and written != {""})
+    ):
         unit = known.pop() if len(known) == 1 else None
         words = ", ".join(sorted(written))
         return (
@@ -238,6 +245,19 @@ def _unit_behind(name: str) -> str:
 def channels(columns: Mapping[str, Column], names: Sequence[str]) -> FloatArray:
     """[T, C] columns as numbers."""
     return np.stack([np.asarray(columns[name], float) for name in names], axis=1)
+
+
+def without_codes(values: FloatArray) -> FloatArray:
+    """Readings [T, C]; what is the same on all axes of a sensor and larger than all else is nan.
+
+    As -9999 is, for a missing reading.
+    """
+    for sensor in np.split(values, values.shape[1] // 3, axis=1):
+        same = (sensor == sensor[:, :1]).all(axis=1)
+        if same.any() and not same.all():
+            largest = np.nanmax(np.abs(sensor[~same]), initial=0.0)
+            sensor[same & (np.abs(sensor[:, 0]) > largest)] = np.nan
+    return values
 
 
 def without_jumps(values: FloatArray, size: float = 1.0) -> FloatArray:

@@ -32,7 +32,7 @@ from holdfast.interop.labels import (
     timed,
 )
 from holdfast.interop.logs import SCALARS, other_word, paired
-from holdfast.interop.map import NAMES, Facts, ImportMap, TrialRules
+from holdfast.interop.map import NAMES, EventRules, Facts, ImportMap, TrialRules
 from holdfast.interop.names import names_of_paths
 from holdfast.interop.sensors import moved_most, oriented
 from holdfast.interop.streams import LOG_TIME, ForeignLog, merged, text_cells
@@ -99,9 +99,10 @@ class Form:
         about = all(one.log.about.get("action") for one in self.samples)
         if not (labels or answers.whole_action or about or actions):
             self.found.ask("--action", WHAT_HAPPENS)
+        rules = labels.rules if labels else EventRules(column=LOG_TIME)
         used = {
             time.value.column if time else "",
-            labels.rules.column if labels else "",
+            *(rules.column, rules.start, rules.end, rules.label, rules.trial),
             *(trials.column, trials.person, trials.object, trials.action),
             *valid_names(len(names) // 3),
         }

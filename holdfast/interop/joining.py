@@ -6,18 +6,18 @@ import re
 from collections.abc import Collection
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
 from holdfast.core.column_map import NS_OF
 from holdfast.core.contract import IntArray
-from holdfast.core.errors import ColumnError, count_of, listed
+from holdfast.core.errors import count_of
 from holdfast.interop.columns import (
     CLOCK_NS,
     JUDGED_ROWS,
     TIME_WORDS,
     find_time,
+    rise_of,
     unit_of_time,
     words_of,
 )
@@ -28,15 +28,14 @@ from holdfast.interop.streams import (
     ForeignLog,
     Stream,
     is_text,
+    text_cells,
 )
 from holdfast.interop.tables import pd
 
-KEY = re.compile(
-    r"(?i)(sensor|channel|chan|ch|finger(tip)?|side|jaw|taxel|pad|tip|axis|component|variable"
-    r"|signal|device|node|addr(ess)?|id)s?[-_ .]*(id|nr|no|name|number|index|idx)?"
-)
-"""A column that says which sensor or axis a row is of."""
 MOST_KEYS = 100
+"""Sensors or axes that rows are of."""
+OFTEN, ALIKE = 0.1, 0.5
+"""So often a column changes that says which one a row is of, and so alike its values are many."""
 MOST_LONG = 9
 """Columns where sensors have rows of their own: time, sensor, x, y, z and a few others."""
 MOSTLY = 0.9
@@ -68,7 +67,8 @@ def oldest_first(stream: Stream) -> Stream:
     """A table whose time falls from row to row, turned round."""
     for name, column in stream.columns.items():
         is_time = bool(words_of(name) & TIME_WORDS) and not is_text(column)
-        if is_time and np.mean(np.diff(column[:JUDGED_ROWS]) < 0) > MOSTLY:
+        steps = np.diff(column[:JUDGED_ROWS]) if is_time else np.zeros(1)
+        if np.count_nonzero(steps < 0) > MOSTLY * len(steps):
             columns = {key: cells[::-1] for key, cells in stream.columns.items()}
             notes = (*stream.notes, f"{name} falls: the rows were turned round")
             return replace(stream, columns=columns, notes=notes)
@@ -81,37 +81,47 @@ def _is_clock(column: Column) -> bool:
     return bool(is_ns) and len(np.unique(column)) > 1 and not (column % 10**9).any()
 
 
-def made_wide(stream: Stream, path: Path) -> Stream:
+def in_turn(columns: Columns) -> list[str]:
+    """The columns of few values that come in turn, such as the sensor that a row is of."""
+    keys = []
+    for name, column in columns.items():
+        cells = column[:JUDGED_ROWS]
+        kinds, codes, counts = np.unique(
+            text_cells(cells), return_inverse=True, return_counts=True
+        )
+        is_few = 1 < len(kinds) <= MOST_KEYS
+        # of one column of values all rows of a sensor may stand together
+        changes = len(columns) == 3 or np.mean(np.diff(codes) != 0) > OFTEN
+        are_alike = counts.min() > ALIKE * counts.max()
+        if is_few and changes and are_alike and not rise_of(column)[0]:
+            keys.append(name)
+    return keys
+
+
+def made_wide(stream: Stream) -> Stream:
     """A table with a row for each sensor or axis at each time as one with a column for each.
 
-    Which a row is of stands in a column with such a name. Raises ColumnError where no time joins
-    the rows of different sensors.
+    Checked: each time has a row for each. What no time joins stays as it is.
     """
     columns = dict(stream.columns)
     is_long = stream.rows > MOST_KEYS and len(columns) <= MOST_LONG
-    keys = [name for name in columns if KEY.fullmatch(name)]
-    keys = [key for key in keys if 1 < len(pd.unique(columns[key])) <= MOST_KEYS]
-    if not keys or not is_long or stream.t_ns is not None:
+    time = find_time(columns) if is_long and stream.t_ns is None else None
+    at = time.value.column if time else ""
+    is_shared = at and not pd.Index(columns[at]).is_unique
+    keys = in_turn(columns) if is_shared else []
+    if not keys:
         return stream
     table = pd.DataFrame(columns)
     words = table[keys].map(str).agg("_".join, axis=1)
-    table = table.drop(columns=keys)
-    time = find_time({name: columns[name] for name in table})
     try:
-        at = time.value.column if time else keys[0]
-        wide = table.set_index([columns[at], words])
-        wide = wide.drop(columns=at, errors="ignore").unstack()
+        wide = table.drop(columns=[at, *keys]).set_index([columns[at], words]).unstack()
     except ValueError:  # a time stands twice for a sensor
-        raise ColumnError(
-            f"a row for each {listed(keys)}? which rows are of one time is not clear",
-            where=path,
-            next_step="write the same time into them, or leave that column out",
-        ) from None
+        return stream
     columns = {at: wide.index.to_numpy()}
     for (name, word), cells in wide.items():
         is_word = is_text(cells.to_numpy())
         columns[f"{word}_{name}"] = (cells.fillna("") if is_word else cells).to_numpy()
-    each = f"a row for each {' and '.join(keys)}: made columns"
+    each = f"a row for each {' and '.join(keys)}: made columns, checked: each time has them all"
     return replace(stream, columns=columns, notes=(*stream.notes, each))
 
 

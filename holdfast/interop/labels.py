@@ -29,7 +29,7 @@ from holdfast.interop.streams import Column, Columns, is_text, text_cells
 from holdfast.interop.tables import pd
 
 ROW = "row"
-ROW_WORDS = {"row", "rows", "index", "frame", "sample"}
+ROW_WORDS = {"row", "rows", "index", "sample"}
 LABEL_WORDS = {
     "label", "labels", "event", "events", "phase", "state", "situation", "marker", "markers",
     "annotation", "class", "slip", "slipping", "status", "trigger", "what", "was", "type",
@@ -59,28 +59,30 @@ END_WORDS = {
 } | LENGTH_WORDS
 TRACK = ({"start"}, {"end"}, {"label"})
 """What the columns of a track of labels are, which has no heading."""
+HELD = "no slip|noslip|non slip|not slip|stable|still|steady|held"
 OUTCOMES = {
-    r"no slip|noslip|non slip|not slip|stable|still|static|steady|held": "grasp",
-    r"safe|release|pass|hand ?over|put down|place": "safe_slip",
-    r"risky|slip|slid|slide|sliding|drop|fall|fallen|fell|fail|failure|lost|tug|pull|torn": (
-        "risky_slip"
-    ),
+    "grasp": HELD,
+    "safe_slip": "safe slip|safe|release|pass|hand ?over|put down|place",
+    "risky_slip": "risky|slip|slid|slide|sliding|drop|fall|fallen|fell|tug|pull|torn",
 }
-"""Words that also name a whole trial."""
+"""Situation -> its words, which also name a whole trial."""
 SITUATION_WORDS = {
-    r"unlabel|unknown|none|ignore": "",
-    r"nothing|no contact|open|empty|idle|rest|free|no touch": "nothing",
     **OUTCOMES,
-    r"grasp|hold|grip|contact|lift|carry|touch|success": "grasp",
+    "": "unlabel|unknown|none|ignore",
+    "nothing": "nothing|no contact|open|empty|idle|rest|free|no touch",
+    "grasp": f"{HELD}|grasp|hold|grip|contact|lift|carry|touch",
 }
-"""Words in labels -> what they mean; the first that fits counts."""
+"""Situation -> words in labels that mean it."""
+FILLERS = START_WORDS | {
+    "is", "has", "the", "a", "object", "hand", "phase", "state", "label", "labels", "event",
+    "class", "flag", "gt", "truth", "data", "gross",
+}  # fmt: skip
+"""Words beside them that change nothing."""
 ENDINGS = "(?:s|es|d|[a-z]?ed|[a-z]?ing)?"
 """Of a word in another form: slips, slipped, slipping."""
 ENDS = {"end", "stop", "finish", "off", "offset"}
 OFF = {"", "0", "no", "false", "off", "n", "f", ".", "-", "none", "nein", "non"}
 """What stands where a mark is not."""
-NEGATION = re.compile("(?i)(?<![a-z])(no|not|non|un)[-_ ]?slip|slip[-_ ]?free")
-"""In the name of a column whose 0 marks the slip."""
 MOST_CODE = 1000
 """Numbers that mark a situation are smaller; those of a clock are not."""
 ACTION_OF_SITUATION = {"grasp": "hold", "risky_slip": "slip", "safe_slip": "pass"}
@@ -91,25 +93,32 @@ NO_EVENTS = pd.DataFrame(columns=[*EVENT], dtype=object)
 
 
 def situation_of_word(label: str) -> str | None:
-    """The situation that a label means by its words, "" for none; None where they say nothing."""
+    """The situation that a label means by all its words, "" for none; else None.
+
+    >>> [situation_of_word(one) for one in ("GraspStable", "slip end", "slip prevented")]
+    ['grasp', '', None]
+    """
     parted = re.sub(r"([a-z])([A-Z])", r"\1 \2", label).lower()
     words = re.findall(r"[a-z]+", parted)
     if len(words) > 1 and ENDS & {words[0], words[-1]}:
         return ""
-    for beginnings, situation in SITUATION_WORDS.items():
-        if re.search(rf"\b({beginnings}){ENDINGS}\b", " ".join(words)):
-            return situation
-
-    return None
+    told = [one for one in words if one not in FILLERS and not unit_of_time(one)]
+    return _meaning(" ".join(told), SITUATION_WORDS)
 
 
 def action_of_word(word: str) -> str | None:
     """The action that a whole word of a path or a column means; None where it says nothing."""
     plain = re.sub(r"[^a-z]+", " ", word.lower()).strip()
-    for words, situation in OUTCOMES.items():
-        if re.fullmatch(f"({words}){ENDINGS}", plain):
-            return action_of(word) or ACTION_OF_SITUATION[situation]
-    return action_of(word)
+    situation = _meaning(plain, OUTCOMES)
+    return action_of(word) or ACTION_OF_SITUATION.get(situation or "")
+
+
+def _meaning(words: str, meanings: Mapping[str, str]) -> str | None:
+    """The situation that all of some words mean; None where they do not mean one."""
+    for situation, known in meanings.items():
+        if re.fullmatch(rf"(?:(?:{known}){ENDINGS} ?)+", words):
+            return situation
+    return None
 
 
 def action_of_sentence(text: str) -> str | None:
@@ -170,10 +179,11 @@ def labels_of(
     marked = every != usual
     hold = not labels.get(usual) and bool(0 < marked.sum() <= 2 * _begins(marked).sum())
     off = [kind for kind in kinds if kind.lower() in OFF]
-    if "slip" in name.lower() and len({*kinds, ""}) <= 3 and (off or kinds == ["1"]):
+    about = situation_of_word(name) if "slip" in name.lower() else None
+    if about and len({*kinds, ""}) <= 3 and (off or kinds == ["1"]):
         mark = next((kind for kind in kinds if kind not in off), "1")
         no = "".join(off) or "0"
-        on, no = (no, mark) if NEGATION.search(name) else (mark, no)
+        on, no = (no, mark) if about == "grasp" else (mark, no)
         labels = {no: "", on: "risky_slip"}
     # what says no says that nothing happens
     labels = {kind: "" for kind in off if kind} | labels

@@ -59,10 +59,10 @@ RATE = re.compile(
 PERIOD = re.compile(r"(?im)^delta_x\s+(\d*[.,]?\d+(?:e-?\d+)?)")
 """What LabVIEW says of the time between two rows, in s."""
 HEAD_UNIT = re.compile(
-    r"(?im)^\W*(?:(?:force|data|signal|y)s?[ _])?units?(?:[ _]label)?[ \t]*[:=,;\t]"
-    r"[\W_]*([^\W\d_]+)"
+    r"(?im)(?:(?<![a-z])units?(?:[ _]label)?[ \t]*[:=,;\t][\W_]*|\bin\s+|^[#%!/].*?[\[(])"
+    r"([^\W\d_]+)"
 )
-"""What a line above the names says of the unit of the readings."""
+"""Words of units in the lines above the names; also those of other quantities."""
 GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}([,.' ]\d{3})+")
 """A whole number with a sign between its thousands; its fraction may follow."""
 MOST_HEADING_ROWS = 3
@@ -124,7 +124,7 @@ class TableLayout:
     """names: of the columns. first_row: index of the first line of numbers.
 
     numeric: the columns that hold numbers in the first lines. comment: what begins a comment.
-    rate_hz, unit: as the lines above the names say; None and "" where they say nothing.
+    rate_hz: as the lines above the names say, None where they say nothing. unit: words of theirs.
     """
 
     form: Form
@@ -195,7 +195,6 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
         period_s = float(period.replace(",", "."))
         rates |= {1.0 / period_s} if period_s else set()
     rate_hz = float(rates.pop()) if len(rates) == 1 else None
-    unit = HEAD_UNIT.search(head)
     return TableLayout(
         form,
         tuple(names),
@@ -203,7 +202,7 @@ def layout_of(lines: Sequence[str]) -> TableLayout:
         tuple(numeric),
         comment,
         rate_hz,
-        unit[1] if unit else "",
+        " ".join(HEAD_UNIT.findall(head)),
     )
 
 

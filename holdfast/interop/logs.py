@@ -160,7 +160,7 @@ def read_log(place: LogPlace) -> ForeignLog:
     streams = []
     for stream in filter(lambda one: one.rows, log.streams):
         stream = oldest_first(whole_stamps(stream))
-        streams.append(without_repeats(made_wide(stream, place.path)))
+        streams.append(without_repeats(made_wide(stream)))
     if not streams:
         raise EmptyRecording("no row of data", where=place.path)
     same: dict[tuple[str, ...], list[Stream]] = {}

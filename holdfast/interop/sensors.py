@@ -58,6 +58,8 @@ TOUCHED = 0.2
 FIRST_ROWS, FEW_ROWS = 10, 5000
 MORE, ONE_WAY = 1.5, 0.9
 """How much more than the others an axis moves that presses, and in which share of the contact."""
+MUCH_MORE = 4.0
+"""How much more a force is than its torque, or the other way round."""
 REPEATED = 0.99
 """A sensor whose steps are so alike to those of another one is no sensor of its own."""
 SUM = 0.002
@@ -139,7 +141,8 @@ def _of_one_kind(
         )
     )
     hands = {bool(found[1]) for found in map(HAND.search, keys) if found}
-    if len(hands) > 1 and any(map(FINGER.search, keys)) and not is_given:
+    # two sensors are the jaws of a gripper
+    if len(hands) > 1 and len(keys) > 2 and not (is_given or fingers):
         return "left and right are two hands: which one?"
     if len(chosen) != 1 and not is_given:
         return f"columns {listed(kinds, most=6)}: which are the readings?"
@@ -195,12 +198,19 @@ def presses(values: FloatArray) -> bool:
     axis = int(sizes[0].argmax())
     normal = (values[rows] - rest)[:, axis::3] * np.sign(change[axis::3])
     others = np.delete(sizes, axis, axis=1).max(axis=1)
-    is_one_way = np.nanmean(normal >= 0, axis=0) > ONE_WAY
+    one_way = np.nanmean((values[rows] - rest) * np.sign(change) >= 0, axis=0) > ONE_WAY
+    # where all columns press, each is a sensor of its own
+    each_presses = (one_way & (np.sign(change) == np.sign(change[axis]))).all()
+    # of forces and torques in turn all the ones are larger
+    pairs = sizes[: len(sizes) // 2 * 2, axis].reshape(-1, 2)
+    turns = MUCH_MORE * pairs < pairs[:, ::-1]
+    in_pairs = len(sizes) % 2 == 0 and turns.all(axis=0).any()
     # pandas leaves nan out, and steps show the noise that each sensor has of its own
     alike = pd.DataFrame(np.diff(normal, axis=0)).corr().abs().to_numpy()
     repeats = np.triu(alike, 1).max() > REPEATED
     is_more = (sizes[:, axis] > MORE * others).all()
-    return bool(is_more and is_one_way.all() and not repeats)
+    presses = is_more and one_way[axis::3].all()
+    return bool(presses and not (repeats or each_presses or in_pairs))
 
 
 def sums_of_others(values: FloatArray) -> list[int]:
@@ -208,8 +218,11 @@ def sums_of_others(values: FloatArray) -> list[int]:
     # a few of the rows of a long log, which is large
     some = values[:: max(1, len(values) // FEW_ROWS)]
     sensors = np.nan_to_num(some).reshape(len(some), -1, 3)
-    rest = np.abs(sensors.sum(axis=1, keepdims=True) - 2 * sensors).max(axis=(0, 2))
-    is_sum = rest < SUM * np.abs(sensors).max(axis=(0, 2))
+    whole = sensors.sum(axis=1, keepdims=True)
+    is_sum = np.zeros(sensors.shape[1], dtype=np.bool_)
+    # the sum of the others, or what balances it
+    for rest in (whole - 2 * sensors, whole + 0 * sensors):
+        is_sum |= np.abs(rest).max(axis=(0, 2)) < SUM * np.abs(sensors).max(axis=(0, 2))
     return np.flatnonzero(is_sum).tolist() if len(is_sum) > 2 else []
 
 

@@ -35,6 +35,7 @@ from holdfast.interop.columns import (
     JUMP,
     find_time,
     usual_step,
+    without_codes,
     without_jumps,
 )
 from holdfast.interop.joining import table_of
@@ -73,6 +74,8 @@ LONGEST_SAME = 20
 """Rows in which a sensor may read the same, to the last digit of three axes."""
 SELDOM = 0.05
 """Of the rows of a sensor that changes from row to row, elsewhere."""
+MORE_REPEATS = 0.2
+"""Of the rows: by so much more than another a sensor repeats its reading that is slower."""
 LARGEST = 1e10
 """What is as large is no reading: a count has 32 bits."""
 TIMED = ("pull", "fall", "pass", "put-down")
@@ -205,10 +208,14 @@ class TrialImport:
             self._note(log, f"each value stands in {n_rows} rows: one of them is kept")
             changes = (np.diff(first, axis=0) != 0).any(axis=1)
             timed = timed[int(changes.argmax() + 1) % n_rows :: n_rows]
-        for number, n_more in enumerate(rows_a_value, 1):
-            if n_more > n_rows:
-                text = f"sensor {number} sends a value for {n_more} rows: it is slower"
-                self._note(log, text)
+        same = (np.diff(first.reshape(len(first), -1, 3), axis=0) == 0).all(axis=2)
+        shares = same.mean(axis=0)
+        for number, share in enumerate(shares.tolist(), 1):
+            if share > shares.min() + MORE_REPEATS:
+                text = (
+                    f"repeats its reading in {share:.0%} of the rows: slower, or dead"
+                )
+                self._note(log, f"sensor {number} {text}")
         self.rows += len(timed)
         return timed
 
@@ -376,7 +383,7 @@ def values_of(log: ForeignLog, rows: pd.DataFrame, plan: ImportMap) -> FloatArra
     values[~(np.abs(values) < LARGEST)] = np.nan
     if plan.unwrap:
         values = without_jumps(values, UNIT_OF[plan.unit][1])
-    return values
+    return without_codes(values)
 
 
 def stays_for(values: FloatArray) -> int:
@@ -410,21 +417,21 @@ def lose_repeats(values: FloatArray) -> list[int]:
 
 
 def lose_zeros(values: FloatArray) -> int:
-    """How many samples of a sensor are 0 in all axes while it presses; they become nan.
+    """How many samples of a sensor are 0 while it presses; they become nan.
 
-    values [T, C]: changed. A sensor that is 0 elsewhere too is at rest.
+    values [T, C]: changed. A sensor that is 0 before and behind the press too is at rest.
     """
     n_lost = 0
+    _, rows = touch(values)
+    first, last = np.flatnonzero(rows)[[0, -1]] if rows.any() else (0, 0)
+    span = slice(first, last + 1)
     for sensor in np.split(values, values.shape[1] // 3, axis=1):
-        is_zero = (sensor == 0).all(axis=1)
-        rows = touch(values)[1] if is_zero.any() else is_zero
-        if (
-            rows.any()
-            and 0 < is_zero[rows].mean() < MOST_ZEROS
-            and not is_zero[~rows].any()
-        ):
-            sensor[is_zero] = np.nan
-            n_lost += int(is_zero.sum())
+        # where all sensors are 0, nothing seems to be touched: rows are not enough
+        within = (sensor == 0).all(axis=1)
+        n_outside = within.sum() - within[span].sum()
+        if within[span].mean() < MOST_ZEROS and not n_outside:
+            sensor[within] = np.nan
+            n_lost += int(within.sum())
     return n_lost
 
 

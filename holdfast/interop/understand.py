@@ -19,16 +19,23 @@ import numpy as np
 
 from holdfast.core.errors import ColumnError, listed
 from holdfast.core.progress import Part, ignored
-from holdfast.interop.columns import channels, find_time, unit_of, without_jumps
+from holdfast.interop.columns import (
+    channels,
+    find_time,
+    unit_of,
+    without_codes,
+    without_jumps,
+)
 from holdfast.interop.evidence import Evidence
 from holdfast.interop.forms import Form
-from holdfast.interop.joining import table_of
+from holdfast.interop.joining import in_turn, table_of
 from holdfast.interop.labels import is_mark
 from holdfast.interop.logs import SCALARS, WORD, LogPlace, find_logs, read_log
 from holdfast.interop.map import ImportMap
 from holdfast.interop.names import kind_of
 from holdfast.interop.sensors import (
     FINGER,
+    HAND,
     find_sensors,
     finger_order,
     sums_of_others,
@@ -151,7 +158,7 @@ def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample 
     if isinstance(sensors, str):
         return sensors if longest.rows >= FEWEST_ROWS else ""
     values = channels(columns, names)
-    values = without_jumps(values) if answers.unwrap else values
+    values = without_codes(without_jumps(values) if answers.unwrap else values)
     there = np.isfinite(values)
     if not there[:, there.any(axis=0)].all(axis=1).any():
         raise ColumnError(
@@ -165,6 +172,9 @@ def _sample(files: list[LogPlace], log: ForeignLog, answers: Answers) -> Sample 
     if sums:
         shown = listed([found[k].z for k in sums])
         return f"columns {listed([*names], most=9)} ({shown} is the sum of the others)"
+    keys = in_turn(columns) if is_judged and len(found) == 1 else []
+    if keys:
+        return f"columns {listed([*names])}, and {listed(keys)} that comes in turn,"
     effects, _ = touch(values)
     unit = unit_of(names, values, effects, log.about.get("unit") or "")
     span_s = 0.0, float(longest.rows)
@@ -193,8 +203,8 @@ def _fingers(
     The word names a finger; else it is asked where it may be one.
     """
     names = [re.split(WORD, one.log.name) for one in samples]
-    is_apart = any(len(one.names) > 3 for one in samples) or len({*map(len, names)}) > 1
-    if answers.fingers or is_apart:
+    wide = {len(one.names) for one in samples}
+    if answers.fingers or len(wide) > 1 or len({*map(len, names)}) > 1:
         return [*filter(None, answers.fingers.split(","))]
     spans_s = pd.DataFrame([one.span_s for one in samples], columns=["first", "last"])
     for at in range(len(names[0])):
@@ -205,11 +215,12 @@ def _fingers(
         is_whole = (of_trial.size() == len(words)).all() and at_once.all()
         if len(words) < 2 or not is_whole:
             continue
-        if all(map(FILE_OF_A_SENSOR.search, words)):
+        if wide == {3} and all(map(FILE_OF_A_SENSOR.search, words)):
             return sorted(words, key=lambda word: (finger_order(word), counted(word)))
         # trials that begin at 0 each seem to run at the same time
         is_clock = spans_s["first"].min() > CLOCK_S
-        if is_clock or kind_of(words, answers) == "unclear":
+        is_unclear = wide == {3} and (is_clock or kind_of(words, answers) == "unclear")
+        if is_unclear or all(map(HAND.search, words)):
             each = ",".join(words)
             found.ask(
                 "--fingers",

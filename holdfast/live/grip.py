@@ -7,13 +7,17 @@ the run goes on and reports it (holdfast/live/hand_link.py).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import msgspec
 
 from holdfast.core.contract import GripCommand, Prediction, Sample
-from holdfast.core.errors import ChannelError
+from holdfast.core.errors import ChannelError, UsageError
+from holdfast.core.schema import checked, ranges
 from holdfast.core.source import Source
 from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.edge_runtime.grip_control import GripControl
@@ -33,6 +37,20 @@ VIRTUAL = "virtual"
 Report = Callable[[str], None]
 
 
+def checked_rules(
+    given: Mapping[str, Any], where: Path | str = "rules"
+) -> dict[str, float]:
+    """The table [rules] of a file of settings: numbers of AnswerRules. Raises CardError."""
+    kinds = {
+        name: Annotated[float, one] | None for name, one in ranges(AnswerRules).items()
+    }
+    table = msgspec.defstruct(
+        "Rules", [(*one, None) for one in kinds.items()], forbid_unknown_fields=True
+    )
+    read = msgspec.structs.asdict(checked(given, table, where))
+    return {name: value for name, value in read.items() if value is not None}
+
+
 def controller_for(
     name: str,
     card: ModelCard,
@@ -40,13 +58,15 @@ def controller_for(
     *,
     ceiling_n: float | None = None,
     most_over_n: float | None = None,
-    shear_gain: float = 1.0,
+    shear_gain: float | None = None,
+    rules: Mapping[str, Any] | None = None,
 ) -> GripControl:
     """A controller that fits a model. ceiling_n: largest grip of the hand, None for the usual one.
 
     most_over_n: no target is further above the wearer's grip, None for no such end.
-    shear_gain: read over true, of the hand's calibration.
-    report: gets one line where it runs in reduced mode. Raises UsageError, ChannelError.
+    shear_gain: read over true, of the hand's calibration; None where it was not measured.
+    rules: numbers of AnswerRules that take the place of the model's.
+    report: gets one line where it runs in reduced mode. Raises UsageError, ChannelError, CardError.
     """
     n_sensors = card.n_channels // 3
     if card.thumb is None:
@@ -57,6 +77,14 @@ def controller_for(
             "or run without --grip",
         )
 
+    others = {"most_over_n": most_over_n or math.inf, **checked_rules(rules or {})}
+    answers = AnswerRules.of(card.decision, **others)
+    if answers.from_p >= answers.full_p:
+        raise UsageError(
+            f"from_p = {answers.from_p:g} is not below full_p = {answers.full_p:g}",
+            where="rules",
+            next_step="give both: an answer begins at from_p and is a full one at full_p",
+        )
     control = GripControl(
         name,
         card.rate_hz,
@@ -65,7 +93,7 @@ def controller_for(
         limits=Limits(ceiling_n=ceiling_n or Limits.ceiling_n),
         shear_gain=shear_gain,
         thumb=card.thumb,
-        rules=AnswerRules.of(card.decision, most_over_n=most_over_n or math.inf),
+        rules=answers,
     )
     # a raw field gives no force in N, so there is no target to command
     if control.reduced:

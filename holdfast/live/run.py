@@ -63,7 +63,8 @@ if TYPE_CHECKING:
     from holdfast.live.view import View
 
 NO_SHEAR_GAIN = (
-    "the shear gain of these sensors is not known, so the friction estimate takes 1; "
+    "the shear gain of these sensors is not known: the friction estimate takes 1, and a load is "
+    "followed as if it were 0.6; "
     "holdfast calibrate measures it from loads with shear"
 )
 STDERR = "stderr"
@@ -77,7 +78,8 @@ class RunOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     model: a shipped one or a file; hand: the hand card of recordings; library: its C form;
     ceiling_n: largest grip of the hand, N of either side; most_over_wearers_n: no target is further
-    above the wearer's grip, N of either side; feedback: where cues go; cues: their table.
+    above the wearer's grip, N of either side; feedback: where cues go; cues: their table; rules:
+    other numbers of the grip's answers, by name (AnswerRules).
     """
 
     source: Text = ""
@@ -95,6 +97,12 @@ class RunOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     most_over_wearers_n: Annotated[float, msgspec.Meta(gt=0.0, le=1e4)] | None = None
     feedback: Text = ""
     cues: Text = ""
+    rules: dict[str, Any] = {}
+
+    def __post_init__(self) -> None:
+        if self.most_over_wearers_n and "most_over_n" in self.rules:
+            what = "most_over_wearers_n and most_over_n of [rules] are the same number"
+            raise ValueError(f"{what}; allowed: one of them")
 
     @property
     def moves_scene(self) -> bool:
@@ -360,19 +368,20 @@ class OpenRun:
         options, card = self.options, self.card
         # only the grip needs friction, and raw fields have no newtons to correct
         # read over true; None where it was never measured
-        gain: float | None = 1.0
+        gain: float | None = None
         if card.unit == "N":
             gain = shear_gain_of(options.source, options.calibration)
-        # a calibration file may be older than its gain, and a bare hand has no calibration at all
-        if gain is None:
-            self.report(NO_SHEAR_GAIN)
+            # a calibration file may be older than its gain, a bare hand has no calibration at all
+            if gain is None:
+                self.report(NO_SHEAR_GAIN)
         controller = controller_for(
             options.controller,
             card,
             self.report,
             ceiling_n=options.ceiling_n,
             most_over_n=options.most_over_wearers_n,
-            shear_gain=gain or 1.0,
+            shear_gain=gain,
+            rules=options.rules,
         )
         source, clock = options.source, self.clock
         return open_grip(url, controller, card.rate_hz, source, clock, self.report)

@@ -510,8 +510,7 @@ def managed(
 
     def make(trials: Trials, rate_hz: float) -> Managed:
         batch: Batch = ManyHands(len(trials))
-        controller = kind(batch, rate_hz, setting, rules)
-        grip = GripLoop(batch, rate_hz, controller, limits, gain)
-        return Managed(grip, len(trials))
+        controller = kind(batch, rate_hz, setting, rules, gain)
+        return Managed(GripLoop(batch, rate_hz, controller, limits), len(trials))
 
     return make

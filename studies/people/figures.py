@@ -35,6 +35,10 @@ SQUEEZED_N = 1.0
 """A target this far above the recorded grip squeezes, N a side."""
 
 
+GAIN = 1.0
+"""Force transducers read all of the shear."""
+
+
 @dataclass(frozen=True)
 class LiftFigures:
     """One lift. Alarms by when they begin: in the first 0.2 s of contact, in the hold, in the last
@@ -150,7 +154,7 @@ def targets_of(
     longest = max(len(one.situation) for one in outputs)
     rate_hz = outputs[0].recording.rate_hz
     batch = ManyHands(len(outputs))
-    loop = GripLoop(batch, rate_hz, Holdfast(batch, rate_hz, None, rules))
+    loop = GripLoop(batch, rate_hz, Holdfast(batch, rate_hz, None, rules, GAIN))
     columns = _senses(outputs, longest, with_model)
     given = np.zeros((longest, len(outputs)))
     no = batch.false()

@@ -17,7 +17,7 @@ from typing import Any
 
 from holdfast.edge_runtime.batch import Flag, Number
 from holdfast.edge_runtime.grip import CONTROLLERS as SHIPPED
-from holdfast.edge_runtime.grip import Controller, GripSense
+from holdfast.edge_runtime.grip import Controller, GripSense, Want
 
 SLIP_P = 0.5
 """p(risky slip) above which they see a slip."""
@@ -40,8 +40,10 @@ class PdShear(Controller):
         super().__init__(*given, **more)
         self._load_n = self._batch.zero()
 
-    def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
-        """The wanted grip, N a side; 0 for none."""
+    def want(
+        self, sense: GripSense, given_n: Number, needed_n: Number, holds_n: Number
+    ) -> Want:
+        """As Controller.want."""
         batch = self._batch
         wearers_n = self._wearer.step(sense, given_n)
 
@@ -51,10 +53,10 @@ class PdShear(Controller):
         self._load_n = load_n
 
         above_n = load_n - self.THRESHOLD_N + self.RATE_S * rate_n_s
-        self.fresh = (load_n > self.THRESHOLD_N) & batch.no(sense.empty)
+        fresh = (load_n > self.THRESHOLD_N) & batch.no(sense.empty)
         wanted_n = wearers_n + self._setting * batch.most(above_n, 0.0)
 
-        return batch.choose(self.fresh, wanted_n, 0.0)
+        return Want(batch.choose(fresh, wanted_n, 0.0), fresh, holds_n)
 
 
 class SlidingMode(Controller):
@@ -72,21 +74,23 @@ class SlidingMode(Controller):
         self._held_s = self._batch.zero()
         self._reference_n = self._batch.zero()
 
-    def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
-        """The wanted grip, N a side; 0 for none."""
+    def want(
+        self, sense: GripSense, given_n: Number, needed_n: Number, holds_n: Number
+    ) -> Want:
+        """As Controller.want."""
         batch = self._batch
         # its reference counts as given: from then on it regulates the grip itself
         wearers_n = self._wearer.step(sense, self._reference_n)
         self._held_s = batch.choose(sense.empty, 0.0, self._held_s + self._period_s)
-        self.fresh = self._held_s >= self.SETTLED_S
+        fresh = self._held_s >= self.SETTLED_S
         kept_n = batch.choose(self._reference_n > 0.0, self._reference_n, wearers_n)
-        self._reference_n = batch.choose(self.fresh, kept_n, 0.0)
+        self._reference_n = batch.choose(fresh, kept_n, 0.0)
 
         error = (self._reference_n - sense.grip_n) / self.BOUNDARY_N
         saturated = batch.within(-1.0, error, 1.0)
         pushed_n = self._reference_n + self._setting * saturated
 
-        return batch.choose(self.fresh, batch.most(pushed_n, 0.0), 0.0)
+        return Want(batch.choose(fresh, batch.most(pushed_n, 0.0), 0.0), fresh, holds_n)
 
 
 def _slips(sense: GripSense) -> Flag:
@@ -103,16 +107,18 @@ class SlipSteps(Controller):
         super().__init__(*given, **more)
         self._slipped = self._batch.false()
 
-    def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
-        """The wanted grip, N a side; 0 for none."""
+    def want(
+        self, sense: GripSense, given_n: Number, needed_n: Number, holds_n: Number
+    ) -> Want:
+        """As Controller.want."""
         batch = self._batch
         wearers_n = self._wearer.step(sense, given_n)
         slips = _slips(sense)
         # an event is the first sample of a slip
-        self.fresh = slips & batch.no(self._slipped)
+        fresh = slips & batch.no(self._slipped)
         self._slipped = batch.choose(sense.known, slips, self._slipped)
         raised_n = batch.most(given_n, wearers_n) + self._setting
-        return batch.choose(self.fresh, raised_n, given_n)
+        return Want(batch.choose(fresh, raised_n, given_n), fresh, holds_n)
 
 
 class SlipIntegral(Controller):
@@ -120,14 +126,16 @@ class SlipIntegral(Controller):
 
     SETTING = 200.0
 
-    def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
-        """The wanted grip, N a side; 0 for none."""
+    def want(
+        self, sense: GripSense, given_n: Number, needed_n: Number, holds_n: Number
+    ) -> Want:
+        """As Controller.want."""
         batch = self._batch
         wearers_n = self._wearer.step(sense, given_n)
-        self.fresh = _slips(sense)
+        fresh = _slips(sense)
         rise_n = self._setting / self._rate_hz
         raised_n = batch.most(given_n, wearers_n) + rise_n
-        return batch.choose(self.fresh, raised_n, given_n)
+        return Want(batch.choose(fresh, raised_n, given_n), fresh, holds_n)
 
 
 CONTROLLERS: dict[str, type[Controller]] = {

@@ -18,7 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from holdfast.edge_runtime.batch import ONE_HAND
-from holdfast.edge_runtime.grip import CONTROLLERS, Controller, GripSense
+from holdfast.edge_runtime.grip import CONTROLLERS, Controller, GripSense, Want
 from holdfast.edge_runtime.supervisor import (
     HOLD,
     IDLE,
@@ -57,9 +57,8 @@ class Wish(NamedTuple):
     def to(self, one: Supervisor) -> float:
         """The target that a supervisor makes of it."""
         flags = {name: getattr(self, name) for name in self._fields[3:]}
-        target_n: float = one.step(
-            sense(**flags), self.wanted_n, self.fresh, self.holds_n
-        )
+        want = Want(self.wanted_n, self.fresh, self.holds_n)
+        target_n: float = one.step(sense(**flags), want)
         return target_n
 
 
@@ -267,7 +266,7 @@ def test_an_answer_that_the_wearer_ended_begins_again_with_fresh_evidence() -> N
 def test_a_target_that_is_given_back_ends_at_zero_and_not_below(holds_n: float) -> None:
     one = Supervisor(ONE_HAND, RATE_HZ)
     one.given_n = 0.1
-    targets = [one.step(sense(), 9.0, False, holds_n) for _ in range(3)]
+    targets = [one.step(sense(), Want(9.0, False, holds_n)) for _ in range(3)]
     assert targets == [pytest.approx(0.1 - 10.0 / RATE_HZ), 0.0, 0.0]
     assert one.mode == IDLE
 
@@ -301,16 +300,16 @@ def test_whatever_is_sensed_every_controller_s_target_is_finite_and_within_the_c
 
 
 @IMPOSSIBLE_SENSE.mark
-@given(st.lists(st.tuples(ANY, st.booleans(), ANY), max_size=30))
+@given(st.lists(st.builds(Want, ANY, st.booleans(), ANY), max_size=30))
 def test_whatever_is_wanted_a_target_is_finite_and_within_the_ceiling(
-    wants: list[tuple[float, bool, float]],
+    wants: list[Want],
 ) -> None:
     supervisor = Supervisor(ONE_HAND, RATE_HZ, QUICK)
-    for wanted_n, fresh, holds_n in wants:
+    for want in wants:
         before_n = supervisor.given_n
-        target_n = supervisor.step(sense(), wanted_n, fresh, holds_n)
+        target_n = supervisor.step(sense(), want)
         assert 0.0 <= target_n <= QUICK.ceiling_n
-        if math.isnan(wanted_n):
+        if math.isnan(want.target_n):
             assert target_n <= before_n
 
 

@@ -16,6 +16,7 @@ from hazard_marks import IMPOSSIBLE_SENSE
 from made_once import made_once
 from small_model import artifact, graph_of, spec
 
+from holdfast.core.schema import ranges
 from holdfast.edge_runtime.batch import ManyHands
 from holdfast.edge_runtime.decision import LIMITS, DecisionRules, DecisionState, decide
 from holdfast.edge_runtime.grip import AnswerRules, GripSense, Holdfast, possible
@@ -23,6 +24,7 @@ from holdfast.edge_runtime.grip_control import GripLoop
 from holdfast.edge_runtime.supervisor import Limits
 from holdfast.export.c.constants import RULE_ORDER
 from holdfast.export.c.graph import read_graph
+from holdfast.export.c.grip_options import RANGES
 from holdfast.export.exporting import model_card, seal
 
 RATE_HZ = 50.0
@@ -49,7 +51,8 @@ COMMAND = np.dtype([("mode", "i4"), *((name, "f8") for name in NUMBERS)], align=
 STREAM = 500
 FRAGILE_N = 4.0
 """Every other hand does fragile work: no target is further above its wearer's grip."""
-GAIN = 0.6
+GAIN = 0.8
+"""Of sensors that were calibrated; None where nobody measured it."""
 """Of shear, as the sensors of the scenes read it."""
 Array = npt.NDArray[Any]
 
@@ -140,19 +143,20 @@ def most_over(hands: int) -> Array:
     return np.where(np.arange(hands) % 2, FRAGILE_N, np.inf)
 
 
-def records_of(senses: list[GripSense], hands: int) -> Array:
+def records_of(senses: list[GripSense], hands: int, gain: float | None = GAIN) -> Array:
     """Records of the harness, one hand after another."""
-    limits = (QUICK.ceiling_n, QUICK.slew_n_s, QUICK.rise_s, QUICK.most_rise_s)
     kind = [
-        ("options", "f8", 9),
+        ("options", [(name, "f8") for name in RANGES]),
         ("fresh", "u1"),
         ("numbers", "f8", 4),
         ("flags", "u1", 4),
     ]
     given = np.zeros((hands, len(senses)), np.dtype(kind))
-    back = (QUICK.give_back_s, QUICK.give_back_n_s, GAIN)
-    for hand, most_over_n in enumerate(most_over(hands).tolist()):
-        given["options"][hand] = (Holdfast.SETTING, most_over_n, *limits, *back)
+    own = {"lead_n": Holdfast.SETTING, **vars(AnswerRules.of(ANSWER)), **vars(QUICK)}
+    own |= {"shear_gain": gain or 0.0}
+    for name in RANGES:
+        given["options"][name] = own[name]
+    given["options"]["most_over_n"] = most_over(hands)[:, None]
     given["fresh"][:, 0] = 1
     for at, one in enumerate(senses):
         numbers = (one.grip_n, one.load_n, one.p_risky, one.p_safe)
@@ -162,12 +166,17 @@ def records_of(senses: list[GripSense], hands: int) -> Array:
     return given
 
 
-def commanded(senses: list[GripSense], hands: int) -> Array:
+def commanded(
+    senses: list[GripSense],
+    hands: int,
+    gain: float | None = GAIN,
+    others: dict[str, float] | None = None,
+) -> Array:
     """[hands, samples] what Python commands, on many hands at once."""
     batch = ManyHands(hands)
-    rules = AnswerRules.of(ANSWER, most_over_n=most_over(hands))
-    controller = Holdfast(batch, RATE_HZ, rules=rules)
-    loop = GripLoop(batch, RATE_HZ, controller, QUICK, GAIN)
+    rules = AnswerRules.of(ANSWER, most_over_n=most_over(hands), **others or {})
+    controller = Holdfast(batch, RATE_HZ, rules=rules, shear_gain=gain)
+    loop = GripLoop(batch, RATE_HZ, controller, QUICK)
     commands = np.zeros((hands, len(senses)), COMMAND)
     for at, one in enumerate(senses):
         commands["target_n"][:, at] = loop.step(one)
@@ -194,11 +203,19 @@ def slides(senses: list[GripSense], hands: int, seed: int) -> list[GripSense]:
     return senses
 
 
-def same_commands(form: Any, senses: list[GripSense], hands: int) -> Array:
+def same_commands(
+    form: Any,
+    senses: list[GripSense],
+    hands: int,
+    gain: float | None = GAIN,
+    rules: dict[str, float] | None = None,
+) -> Array:
     """[hands, samples] what Python commands; what C commands has its bits at every step."""
-    given = records_of(senses, hands)
+    given = records_of(senses, hands, gain)
+    for name, value in (rules or {}).items():
+        given["options"][name] = value
     with np.errstate(all="raise", under="ignore"):
-        wanted = commanded(senses, hands)
+        wanted = commanded(senses, hands, gain, rules)
     got = run(form.program("gcc", "-O2"), "grip", given, COMMAND).reshape(wanted.shape)
     assert (got["mode"] == wanted["mode"]).all()
     for name in NUMBERS:
@@ -213,7 +230,14 @@ def test_a_grip_command_in_c_has_the_bits_of_python_at_every_step(form, hands):
     senses = slides(random_senses(hands, 400, hands), hands, seed=1)
     commands = same_commands(form, senses, hands)
     assert set(np.unique(commands["mode"])) == {0, 1, 2, 3, 4}
+
     assert (commands["mu_hat"] > 0.0).mean() > 0.05
+
+
+def test_sensors_whose_shear_gain_is_unknown_have_the_bits_of_python_too(form):
+    senses = slides(random_senses(50, 200, 50), 50, seed=2)
+    unknown = same_commands(form, senses, 50, gain=None)
+    assert (unknown["target_n"] != commanded(senses, 50)["target_n"]).any()
 
 
 @IMPOSSIBLE_SENSE.mark
@@ -228,22 +252,35 @@ def test_whatever_is_sensed_a_target_in_c_and_python_is_finite_and_within_the_ce
     assert (target_n > 0.0).mean() > 0.1
 
 
+def test_rules_that_are_given_have_the_bits_of_python_in_c(form):
+    senses = slides(random_senses(60, 200, 40), 40, seed=3)
+    usual = same_commands(form, senses, 40)
+    rules = {"from_p": 0.3, "full_p": 0.95, "rise_n": 0.0, "follow_n": 3.0}
+    rules |= {"floor": 1.0, "above": 1.4, "safe_p": 0.2, "safe_follow_n": 1.0}
+    assert rules.keys() | {"most_over_n"} == ranges(AnswerRules).keys()
+    for name, value in rules.items():
+        one = {name: value}
+        others = same_commands(form, senses, 40, rules=one)
+        assert others.tobytes() != usual.tobytes(), name
+    same_commands(form, senses, 40, rules=rules)
+
+
 IMPOSSIBLE = (float("nan"), -1.0)
 
 
 @pytest.mark.parametrize("wrong", IMPOSSIBLE)
-@pytest.mark.parametrize("at", range(9))
+@pytest.mark.parametrize("name", RANGES)
 def test_an_option_that_is_no_number_from_zero_on_leaves_the_defaults_in_c(
-    form, at, wrong
+    form, name, wrong
 ):
     """Python refuses such limits; C has no exception, and says -1."""
     senses = random_senses(5, 60, 5)
     given = records_of(senses, 5)
-    own = Limits()
-    lead_n = (Holdfast.SETTING, AnswerRules.most_over_n)
-    limits = (own.ceiling_n, own.slew_n_s, own.rise_s, own.most_rise_s)
-    given["options"] = (*lead_n, *limits, own.give_back_s, own.give_back_n_s, 1.0)
+    for limit, value in vars(Limits()).items():
+        given["options"][limit] = value
+    given["options"]["most_over_n"] = AnswerRules.most_over_n
+    given["options"]["shear_gain"] = 0.0
     program = form.program("gcc", "-O2")
     usual = run(program, "grip", given, COMMAND)
-    given["options"][..., at] = wrong
+    given["options"][name] = wrong
     assert run(program, "grip", given, COMMAND).tobytes() == usual.tobytes()

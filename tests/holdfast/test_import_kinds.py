@@ -568,15 +568,13 @@ def test_normals_alone_are_no_sensors_of_three_axes(
     assert "the step needs shear" in out
 
 
-def test_rows_of_sensors_that_no_time_joins_are_an_error(
-    run: Run, tmp_path: Path
-) -> None:
+def test_rows_of_sensors_that_no_time_joins_are_asked(run: Run, tmp_path: Path) -> None:
     one = made(1, sensors=1)
     sensors = np.random.default_rng(0).integers(1, 6, len(one.t_s))
     names = ["t", *"xyz", "sensor"]
     write_log(tmp_path / "logs/a.csv", one, names=names, texts=list(map(str, sensors)))
-    out = imported(run, tmp_path, *SLIP, code=3)
-    assert "no row has all sensors" in out
+    asked = imported(run, tmp_path, *SLIP, code=2)
+    assert "sensor that comes in turn" in asked
 
 
 def test_names_again_within_a_file_are_one_note(run: Run, tmp_path: Path) -> None:

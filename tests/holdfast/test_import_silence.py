@@ -12,7 +12,11 @@ from command_line import Run, imported
 from foreign_logs import Made, axes, made, write_log, write_text
 
 from holdfast.core.trial_file import read_trial
-from holdfast.interop.labels import action_of_sentence, action_of_word
+from holdfast.interop.labels import (
+    action_of_sentence,
+    action_of_word,
+    situation_of_word,
+)
 from holdfast.interop.logs import paired
 
 SLIP = ("--action", "slip")
@@ -73,6 +77,14 @@ def test_a_table_that_pairs_with_no_log_is_named_and_a_log_without_one_is_refuse
     assert "not used   trial_3_events.csv (columns start, end, label)" in out
 
 
+def test_rows_of_another_clock_are_no_times(run: Run, tmp_path: Path) -> None:
+    write_log(tmp_path / "logs/t1.csv", made(1))
+    # of a camera, which has 30 a second
+    (tmp_path / "logs/t1_events.csv").write_text("frame,event\n30,grasp\n90,slip\n")
+    asked = imported(run, tmp_path, code=2)
+    assert "events*.csv (columns frame, event)" in asked
+
+
 def test_pairs_are_alike_but_for_one_word() -> None:
     assert paired(["a_1", "a_2"], ["a_1_events", "a_2_events"]) == {
         "a_1": "a_1_events",
@@ -107,6 +119,15 @@ def test_the_rate_that_is_given_wins_over_any_column(
     assert trial.t_s[-1] == pytest.approx(lasts_s - 1 / 150, abs=0.01)
 
 
+def test_another_quantity_that_stands_first_is_no_clock(
+    run: Run, tmp_path: Path
+) -> None:
+    one = made(1)
+    rows = np.column_stack([0.05 * np.arange(500), one.values])
+    write_text(tmp_path / "logs/a.csv", ["motor_deg", *axes(5)], rows)
+    assert "how many rows a second" in imported(run, tmp_path, *SLIP, code=2)
+
+
 # -- rows
 
 
@@ -128,14 +149,20 @@ def test_a_row_for_each_message_of_any_topic_is_refused(
     assert "no row has all sensors" in imported(run, tmp_path, *SLIP, code=3)
 
 
-def test_a_row_for_each_sensor_at_its_own_time_is_refused(
-    run: Run, tmp_path: Path
+@pytest.mark.parametrize("own_ms", [0.0, 1.0])
+def test_a_row_for_each_sensor_is_checked_by_its_times_or_asked(
+    run: Run, tmp_path: Path, own_ms: float
 ) -> None:
     one = made(1)
-    times = 1e3 * np.repeat(one.t_s, 5) + np.tile(range(5), len(one.t_s))
+    times = 1e3 * np.repeat(one.t_s, 5) + own_ms * np.tile(range(5), len(one.t_s))
     rows = np.column_stack([times, np.tile(range(5), 500), one.values.reshape(-1, 3)])
-    write_text(tmp_path / "logs/a.csv", ["ms", "sensor_id", *"xyz"], rows)
-    assert "no row has all sensors" in imported(run, tmp_path, *SLIP, code=3)
+    write_text(tmp_path / "logs/a.csv", ["ms", "module", *"xyz"], rows)
+    out = imported(run, tmp_path, *SLIP, code=2 if own_ms else 0)
+    if own_ms:
+        assert "module that comes in turn, of a: which are x, y and z" in out
+    else:
+        assert "a row for each module: made columns, checked: each time has" in out
+        np.testing.assert_allclose(raw(tmp_path), one.values)
 
 
 def test_rows_of_another_topic_alone_are_no_samples(run: Run, tmp_path: Path) -> None:
@@ -173,12 +200,51 @@ def test_of_values_that_stay_for_several_rows_one_is_kept(
     assert trial.rate_hz == pytest.approx(100.0)
 
 
-def test_zeros_of_a_sensor_in_a_press_are_lost(run: Run, tmp_path: Path) -> None:
+@pytest.mark.parametrize("first", [3, 0])
+def test_zeros_of_a_sensor_in_a_press_are_lost(
+    run: Run, tmp_path: Path, first: int
+) -> None:
     one = two_sensors()
-    one.values[200:220, 3:] = 0.0
+    one.values[200:220, first:] = 0.0
     write_log(tmp_path / "logs/a.csv", one, names=["t", *TWO])
-    assert "20 zeros of a sensor in a press: lost" in imported(run, tmp_path, *SLIP)
+    n_lost = 20 if first else 40
+    assert f"{n_lost} zeros of a sensor in a press: lost" in imported(
+        run, tmp_path, *SLIP
+    )
+    assert np.isnan(raw(tmp_path)[200:220, first:]).all()
+
+
+@pytest.mark.parametrize("code", [-9999.0, 999.99])
+def test_one_large_value_on_all_axes_stands_for_none(
+    run: Run, tmp_path: Path, code: float
+) -> None:
+    one = two_sensors()
+    one.values[200:220, 3:] = code
+    write_log(tmp_path / "logs/a.csv", one, names=["t", *TWO])
+    assert "missing    samples of P1_FX: 20" in imported(run, tmp_path, *SLIP)
     assert np.isnan(raw(tmp_path)[200:220, 3:]).all()
+
+
+@pytest.mark.parametrize("rows_a_value", [2.5, 500.0])
+def test_a_sensor_that_repeats_its_reading_more_than_another_is_named(
+    run: Run, tmp_path: Path, rows_a_value: float
+) -> None:
+    one = two_sensors()
+    rows = (np.arange(500) // rows_a_value * rows_a_value).astype(int)
+    one.values[:, 3:] = one.values[rows, 3:]
+    write_log(tmp_path / "logs/a.csv", one, names=["t", *TWO])
+    assert "sensor 2 repeats its reading in" in imported(run, tmp_path, *SLIP)
+
+
+def test_a_sensor_that_was_tared_in_a_press_is_doubted(
+    run: Run, tmp_path: Path
+) -> None:
+    one = two_sensors()
+    one.values[200:, 2] -= 3.0
+    write_log(tmp_path / "logs/a.csv", one, names=["t", *TWO])
+    doubt = "sensor 1 reads as far below zero as a press is above it"
+    assert doubt in imported(run, tmp_path, *SLIP)
+    assert "sensor 2" not in run("check", tmp_path / "set")[1]
 
 
 def test_an_empty_cell_of_a_column_of_numbers_never_stops_an_import(
@@ -285,6 +351,8 @@ def test_a_unit_that_nobody_knows_is_asked(run: Run, tmp_path: Path, form: str) 
             "what unit have the readings (the log says Volts)",
         ),
         ("# Time units: ms\n", "N, checked: by size"),
+        ("# all forces in cN, time in s\n", "(the log says cN)"),
+        ("% readings (pounds)\n", "lbf, pounds in names or head"),
     ],
 )
 def test_a_unit_in_the_head_is_that_of_the_readings_or_asked(
@@ -293,7 +361,7 @@ def test_a_unit_in_the_head_is_that_of_the_readings_or_asked(
     one = two_sensors()
     path = write_log(tmp_path / "logs/a.csv", one, names=["t", *TWO])
     path.write_text(head + path.read_text())
-    code = 2 if "what" in says else 0
+    code = 2 if "says" in says else 0
     assert says in imported(run, tmp_path, *SLIP, code=code)
 
 
@@ -351,13 +419,14 @@ def test_kinds_of_which_none_is_a_force_are_asked_and_chosen(
     np.testing.assert_allclose(raw(tmp_path), one.values)
 
 
+@pytest.mark.parametrize("sign", [1, -1])
 def test_a_sensor_that_is_the_sum_of_the_others_is_asked(
-    run: Run, tmp_path: Path
+    run: Run, tmp_path: Path, sign: int
 ) -> None:
     one = two_sensors()
     whole = one.values[:, :3] + one.values[:, 3:]
     names = ["t", *TWO, "P2_FX", "P2_FY", "P2_FZ"]
-    values = np.hstack([one.values, whole])
+    values = np.hstack([one.values, sign * whole])
     write_log(tmp_path / "logs/a.csv", one, values, names)
     asked = imported(run, tmp_path, *SLIP, code=2)
     assert "P2_FZ is the sum of the others" in asked
@@ -365,24 +434,25 @@ def test_a_sensor_that_is_the_sum_of_the_others_is_asked(
     np.testing.assert_allclose(raw(tmp_path), one.values)
 
 
-@pytest.mark.parametrize("n_columns", [6, 15])
+@pytest.mark.parametrize("sizes", [[1.0] * 6, [1.0] * 15, [0.4, 1.0, 0.3] * 3])
 def test_columns_without_axes_that_all_press_are_asked(
-    run: Run, tmp_path: Path, n_columns: int
+    run: Run, tmp_path: Path, sizes: list[float]
 ) -> None:
-    one = made(1, sensors=n_columns)
-    names = ["t", *(f"hall{k}" for k in range(n_columns))]
-    write_log(tmp_path / "logs/a.csv", one, one.values[:, 2::3], names)
+    one = made(1, sensors=len(sizes))
+    names = ["t", *(f"hall{k}" for k in range(len(sizes)))]
+    write_log(tmp_path / "logs/a.csv", one, one.values[:, 2::3] * sizes, names)
     asked = imported(run, tmp_path, *SLIP, code=2)
     assert "which are x, y and z of each sensor?" in asked
     assert "of the normal alone nothing is trained" in asked
 
 
+@pytest.mark.parametrize(("size", "seed"), [(0.05, 1), (1.0, 1), (0.05, 2), (50.0, 2)])
 def test_torques_that_follow_the_forces_are_no_sensors_of_their_own(
-    run: Run, tmp_path: Path
+    run: Run, tmp_path: Path, size: float, seed: int
 ) -> None:
-    one = two_sensors()
+    one, beside = two_sensors(), size * two_sensors(seed).values
     force, more = one.values[:, :3], one.values[:, 3:]
-    rows = np.column_stack([one.t_s, force, 0.05 * force, more, 0.05 * more])
+    rows = np.column_stack([one.t_s, force, beside[:, :3], more, beside[:, 3:]])
     # without a heading: two sensors of six axes, not four of three
     write_text(tmp_path / "logs/a.csv", [], rows)
     assert "which are x, y and z of each sensor?" in imported(
@@ -454,15 +524,28 @@ def test_numbered_fingers_and_a_thumb_are_one_hand(run: Run, tmp_path: Path) -> 
     np.testing.assert_allclose(values, np.roll(one.values, 3, axis=1))
 
 
-def test_two_hands_are_asked(run: Run, tmp_path: Path) -> None:
-    hands = [
-        f"{hand}_{word}" for hand in ("left", "right") for word in ("thumb", "index")
-    ]
+@pytest.mark.parametrize(
+    ("sides", "words"),
+    [(("left", "right"), ("_thumb", "_index")), (("LH", "RH"), ("1", "2"))],
+)
+def test_two_hands_are_asked(
+    run: Run, tmp_path: Path, sides: tuple[str, str], words: tuple[str, str]
+) -> None:
+    hands = [f"{hand}{word}" for hand in sides for word in words]
     names = ["t", *(f"{hand}_{a}" for hand in hands for a in "xyz")]
     write_log(tmp_path / "logs/a.csv", made(1, sensors=4), names=names)
     assert "left and right are two hands" in imported(run, tmp_path, *SLIP, code=2)
-    imported(run, tmp_path, *SLIP, "--sensors", "left_*")
+    imported(run, tmp_path, *SLIP, "--sensors", f"{sides[0]}*")
     assert raw(tmp_path).shape[1] == 6
+
+
+def test_two_hands_in_files_are_asked(run: Run, tmp_path: Path) -> None:
+    for k, hand in enumerate(("left", "right"), 1):
+        write_log(tmp_path / f"logs/t1_{hand}.csv", made(k))
+    asked = imported(run, tmp_path, *SLIP, code=2)
+    assert "are left,right fingers of one trial? nothing says it" in asked
+    imported(run, tmp_path, *SLIP, "--fingers", "left,right")
+    assert raw(tmp_path).shape == (500, 30)
 
 
 # -- words
@@ -501,6 +584,31 @@ def test_a_label_that_is_the_same_in_every_row_says_what_the_trial_is(
         write_log(tmp_path / f"logs/{k}.csv", one, names=names, texts=[word] * 500)
     assert "2 trials: 1 slip, 1 hold" in imported(run, tmp_path)
     assert not (tmp_path / "set/object/slip/trial_1.truth.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("label", "situation"),
+    [
+        ("GraspStable", "grasp"), ("slip detected", None), ("slip prevented", None),
+        ("pre-slip", None), ("success", None), ("pick up the empty cup", None),
+        ("open hand", "nothing"), ("slip_end", ""),
+    ],
+)  # fmt: skip
+def test_a_label_means_what_all_of_its_words_mean(
+    label: str, situation: str | None
+) -> None:
+    assert situation_of_word(label) == situation
+
+
+@pytest.mark.parametrize("name", ["slip_count", "slip_enabled"])
+def test_a_column_about_slips_that_is_no_mark_of_them_is_asked(
+    run: Run, tmp_path: Path, name: str
+) -> None:
+    one = made(1)
+    names = ["t", *axes(5), name]
+    texts = one.words("0", "1", "1")
+    write_log(tmp_path / "logs/a.csv", one, names=names, texts=texts)
+    assert f"what is '1' in column {name}" in imported(run, tmp_path, code=2)
 
 
 def test_a_column_of_two_values_that_is_a_reading_is_no_label(

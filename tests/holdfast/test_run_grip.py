@@ -8,6 +8,7 @@ import signal
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 from unittest.mock import Mock
 
@@ -20,10 +21,11 @@ from live_bench import ROOT, RUN, closing_output, run_on
 from packages import loaded_by
 
 from holdfast.core.contract import GripCommand
-from holdfast.core.errors import ChannelError, UsageError
+from holdfast.core.errors import CardError, ChannelError, UsageError
 from holdfast.drivers.calibration import Calibration, write_calibration
 from holdfast.drivers.virtual.faults import VirtualClock
 from holdfast.edge_runtime import grip_control
+from holdfast.edge_runtime.grip import AnswerRules
 from holdfast.edge_runtime.model import Model
 from holdfast.live.grip import WHO_LETS_GO, GripOutput, controller_for, open_grip
 from holdfast.live.hand_files import shear_gain_of
@@ -309,3 +311,15 @@ def test_a_run_that_moves_a_real_hand_loads_no_simulation():
         loaded & {"simulation", "training", "export", "evaluation", "scipy", "sklearn"}
         == set()
     )
+
+
+def test_rules_take_the_place_of_the_model_s_and_an_answer_begins_before_it_is_full(
+    model,
+):
+    control = controller_for("holdfast", model.card, print, rules={"from_p": 0.2})
+    usual = AnswerRules.of(model.card.decision)
+    assert control.rules == replace(usual, from_p=0.2)
+    with pytest.raises(UsageError, match=r"from_p = 0\.9 is not below full_p = 0\.8"):
+        controller_for("holdfast", model.card, print, rules={"from_p": 0.9})
+    with pytest.raises(CardError, match="lead is not known; next: allowed: from_p"):
+        controller_for("holdfast", model.card, print, rules={"lead": 1.0})

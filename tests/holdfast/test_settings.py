@@ -62,6 +62,14 @@ def test_outputs_are_of_a_run_and_typed_ones_stand_in_their_place(
         ("source = 3", "source = 3"),
         ('ceiling_n = "x"', "ceiling_n = 'x'"),
         ("source = ", "not valid TOML"),
+        ("[rules]\nfrom = 0.5", "from_p, full_p, rise_n, follow_n, most_over_n, floor"),
+        ("[rules]\nfrom_p = 1.5", "from_p = 1.5; next: allowed: a number from 0.001"),
+        ('[rules]\nrise_n = "6"', "rise_n = '6'"),
+        ("rules = 3", "rules = 3"),
+        (
+            "most_over_wearers_n = 5\n[rules]\nmost_over_n = 5",
+            "most_over_wearers_n and most_over_n of [rules] are the same",
+        ),
     ],
 )
 def test_a_wrong_setting_is_named_with_its_file(
@@ -70,6 +78,14 @@ def test_a_wrong_setting_is_named_with_its_file(
     here.write_text(text)
     fails(run, 3, "CardError", "bias", "--out", "b.json", says=says)
     assert "holdfast.toml" in run("bias")[2]
+
+
+def test_the_rules_of_the_settings_are_those_of_the_grip(run: Run, here: Path) -> None:
+    here.write_text(
+        'source = "virtual://ft232h?scene=falling-bottle"\n[rules]\nfrom_p = 0.9'
+    )
+    words = ("run", "--grip", "virtual")
+    fails(run, 2, "UsageError", *words, says="from_p = 0.9 is not below full_p")
 
 
 def test_settings_that_are_not_there_are_an_error_only_if_they_are_named(

@@ -15,10 +15,11 @@ from grip_senses import (
     random_senses,
     scripted_senses,
     sense,
+    target_of,
 )
 
 from holdfast.edge_runtime.batch import ONE_HAND, ManyHands
-from holdfast.edge_runtime.grip import Controller
+from holdfast.edge_runtime.grip import Controller, Want
 from holdfast.edge_runtime.grip_control import GripLoop
 from studies.shared_control.published import (
     CONTROLLERS,
@@ -35,7 +36,7 @@ def after_a_hold(kind: type[Controller], setting: float | None = None) -> Contro
     """A controller after two seconds of a quiet hold at 3 N; the wearer set 3 N."""
     controller = kind(ONE_HAND, RATE_HZ, setting)
     for _ in range(int(2 * RATE_HZ)):
-        controller.want(sense(), 0.0, 0.0)
+        target_of(controller, sense())
     return controller
 
 
@@ -44,7 +45,7 @@ def answers_of(controller: Controller, *each: dict[str, Any]) -> list[float]:
     wanted = []
     given_n = 0.0
     for changes in each:
-        given_n = controller.want(sense(**changes), given_n, 0.0)
+        given_n = target_of(controller, sense(**changes), given_n)
         wanted.append(given_n)
     return wanted
 
@@ -63,8 +64,8 @@ def test_one_hand_has_the_bits_of_many(kind: type[Controller]) -> None:
 
 def test_pd_shear_adds_the_load_above_its_threshold_and_its_rate() -> None:
     controller, kp, kd = after_a_hold(PdShear, 2.0), 2.0, 2.0 * PdShear.RATE_S
-    first = controller.want(sense(load_n=2.0), 0.0, 0.0)
-    second = controller.want(sense(load_n=2.0), first, 0.0)
+    first = target_of(controller, sense(load_n=2.0))
+    second = target_of(controller, sense(load_n=2.0), first)
     assert first == pytest.approx(3.0 + kp * (2.0 - 1.0) + kd * 1.5 * RATE_HZ)
     assert second == pytest.approx(3.0 + kp * (2.0 - 1.0))
 
@@ -76,7 +77,7 @@ def test_pd_shear_wants_nothing_under_its_threshold_or_with_an_empty_hand() -> N
 
 def test_sliding_mode_pushes_back_to_the_wearers_grip_and_saturates() -> None:
     controller = after_a_hold(SlidingMode, 2.0)
-    wanted = [controller.want(sense(grip_n=n), 3.0, 0.0) for n in (3.0, 2.5, 0.5, 6.0)]
+    wanted = [target_of(controller, sense(grip_n=n), 3.0) for n in (3.0, 2.5, 0.5, 6.0)]
     wearers_n = wanted[2] - 2.0  # saturated
     assert wearers_n == pytest.approx(
         3.0, rel=0.01
@@ -89,10 +90,10 @@ def test_sliding_mode_pushes_back_to_the_wearers_grip_and_saturates() -> None:
 def test_sliding_mode_knows_no_slip_and_waits_for_half_a_second_of_contact() -> None:
     controller = SlidingMode(ONE_HAND, RATE_HZ)
     waits = int(0.5 * RATE_HZ) - 1
-    wanted = [controller.want(sense(p_risky=1.0), 0.0, 0.0) for _ in range(waits)]
+    wanted = [target_of(controller, sense(p_risky=1.0)) for _ in range(waits)]
     assert not any(wanted)
-    controller.want(sense(), 0.0, 0.0)
-    assert controller.want(sense(), 0.0, 0.0) > 0.0
+    target_of(controller, sense())
+    assert target_of(controller, sense()) > 0.0
 
 
 def test_smsp_adds_one_step_for_every_slip_event_however_long_it_lasts() -> None:
@@ -114,8 +115,8 @@ def test_no_slip_is_answered_in_an_unknown_state_or_without_a_firm_grip(
     kind: type[Controller], other: dict[str, Any]
 ) -> None:
     controller = after_a_hold(kind)
-    assert answers_of(controller, {"p_risky": 1.0} | other) == [0.0]
-    assert not controller.fresh
+    want = controller.want(sense(**({"p_risky": 1.0} | other)), 0.0, 0.0, 2.0)
+    assert want == Want(0.0, False, 2.0)
 
 
 TARGETS_N = {
@@ -130,7 +131,7 @@ TARGETS_N = {
 
 @pytest.mark.parametrize("name", TARGETS_N)
 def test_each_controller_answers_a_whole_stream_by_its_formulas(name: str) -> None:
-    controller = CONTROLLERS[name](ONE_HAND, RATE_HZ)
-    loop = GripLoop(ONE_HAND, RATE_HZ, controller, shear_gain=1.1)
+    controller = CONTROLLERS[name](ONE_HAND, RATE_HZ, shear_gain=1.1)
+    loop = GripLoop(ONE_HAND, RATE_HZ, controller)
     targets_n = [loop.step(one) for one in scripted_senses()]
     assert sum(targets_n) == pytest.approx(TARGETS_N[name], abs=1e-4)

@@ -57,18 +57,17 @@ static int decide(void) {
 }
 
 static int grip(void) {
-    double options[9], numbers[4];
+    double numbers[4];
     uint8_t fresh, flags[4];
     holdfast_grip own;
+    holdfast_grip_options options;
     holdfast_command command;
     memset(&command, 0, sizeof command);
-    while (take(options, sizeof options) && take(&fresh, 1) && take(numbers, sizeof numbers) &&
+    while (take(&options, sizeof options) && take(&fresh, 1) && take(numbers, sizeof numbers) &&
            take(flags, sizeof flags)) {
         const holdfast_sense sense = {numbers[0], numbers[1], numbers[2], numbers[3],
                                       flags[0],   flags[1],   flags[2],   flags[3]};
-        holdfast_grip_options given;
-        memcpy(&given, options, sizeof given);
-        if (fresh) holdfast_grip_init(&own, &given);
+        if (fresh) holdfast_grip_init(&own, &options);
         holdfast_grip_step(&own, &sense, &command);
         give(&command, sizeof command);
     }

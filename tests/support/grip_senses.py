@@ -79,11 +79,23 @@ def of_hands(senses: GripSense, hands: slice) -> GripSense:
     )
 
 
+def target_of(
+    controller: Controller,
+    sensed: GripSense,
+    given_n: float = 0.0,
+    needed_n: float = 0.0,
+) -> float:
+    """The grip that a controller of one hand wants at a sample, N a side."""
+    target_n: float = controller.want(sensed, given_n, needed_n, 0.0).target_n
+    return target_n
+
+
 def loop_of(
-    batch: Batch, kind: type[Controller] = Holdfast, gain: float = 1.0
+    batch: Batch, kind: type[Controller] = Holdfast, gain: float | None = None
 ) -> GripLoop:
     """A controller with margin and supervisor, under quick limits."""
-    return GripLoop(batch, RATE_HZ, kind(batch, RATE_HZ), QUICK, gain)
+    controller = kind(batch, RATE_HZ, shear_gain=gain)
+    return GripLoop(batch, RATE_HZ, controller, QUICK)
 
 
 def numbers_of(loop: GripLoop) -> list[Any]:

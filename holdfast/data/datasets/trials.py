@@ -72,6 +72,8 @@ PRESSED_FLOORS, PRESSED_S = 2.0, 0.1
 """A sensor is pressed where its normal reading exceeds so many touches for so long."""
 MOSTLY = 9
 """A sensor reads below zero on a press where so many of its rows do for one that does not."""
+DEEP = 0.5
+"""Of its largest reading: a sensor that reads so far below zero was tared in a press."""
 TORN = "the file was cut off, or rows were removed from it"
 One = TypeVar("One")
 Fault = Callable[[DataError], None]
@@ -380,6 +382,7 @@ def by_kind(found: Iterable[One], kind: Callable[[One], str]) -> dict[str, list[
 def _turned(trials: Sequence[TimedTrial]) -> Iterator[Missing]:
     """Sensors whose normal reading is negative on every press, in every trial."""
     n_sensors = trials[0].recording.n_sensors
+    tared: list[Missing] = []
     # trials in which a sensor is pressed, and those in which it then reads below zero
     pressed, negative = np.zeros((2, n_sensors), dtype=np.int64)
     for trial in trials:
@@ -392,12 +395,21 @@ def _turned(trials: Sequence[TimedTrial]) -> Iterator[Missing]:
         if recording.n_sensors == n_sensors:
             pressed += above + below >= enough
             negative += below >= np.maximum(enough, MOSTLY * above)
+        deep = (normal < -DEEP * np.abs(normal).max(axis=0)).sum(axis=0)
+        is_tared = (recording.unit == "N") & (np.minimum(above, deep) >= enough)
+        for sensor in np.flatnonzero(is_tared).tolist():
+            what = f"sensor {sensor + 1} reads as far below zero as a press is above it"
+            step = (
+                "record it again where it was tared in a press, or leave the trial out"
+            )
+            tared.append(Missing("doubt", recording.trial_id, what, step))
 
     for sensor in np.flatnonzero((pressed > 0) & (negative == pressed)).tolist():
         trial_count = count_of(int(pressed[sensor]), "trial")
         what = f"sensor {sensor + 1} reads below zero on every press, in {trial_count}"
         step = f"multiply Z{sensor + 1} by -1, or take the zero of an open hand"
         yield Missing("doubt", trials[0].recording.trial_id, what, step)
+    yield from tared
 
 
 def _far_labels(trial: TimedTrial) -> Iterator[Missing]:
@@ -420,7 +432,8 @@ def _far_labels(trial: TimedTrial) -> Iterator[Missing]:
             # a hand that closes feels at least twice what it felt before
             if load[around.start : row + 1].min() > 0.5 * load[row : around.stop].max():
                 far.append(row)
-        nothing_felt = size[around].max() < NORMAL_FLOOR[recording.unit]
+        within = size[phase.first : phase.stop]
+        nothing_felt = within.max(initial=0.0) < NORMAL_FLOOR[recording.unit]
         if phase.situation == RISKY_SLIP and nothing_felt:
             slips_of_nothing.append(row)
         was_empty = is_empty
@@ -430,6 +443,9 @@ def _far_labels(trial: TimedTrial) -> Iterator[Missing]:
     far += slips_of_nothing
     if far and trial.timed:
         at_s = far[0] / recording.rate_hz
-        what = f"a label begins at {at_s:.2f} s, {FAR_S:g} s and more from any change of load"
+        far_s = (
+            f"{FAR_S:g} s and more from any change of load, or no load is felt in it"
+        )
+        what = f"a label begins at {at_s:.2f} s, {far_s}"
         step = "correct the times of its truth file, or move the trial out of the set"
         yield Missing("doubt", recording.trial_id, what, step)

@@ -9,8 +9,8 @@ import math
 
 from holdfast.edge_runtime import grip_control as friction
 from holdfast.edge_runtime.grip import (
+    ASSUMED_GAIN,
     LARGEST,
-    AnswerRules,
     FrictionInUse,
     Holdfast,
     LoadFollower,
@@ -18,12 +18,9 @@ from holdfast.edge_runtime.grip import (
     WearersGrip,
 )
 from holdfast.edge_runtime.model_file import ModelCard
-from holdfast.edge_runtime.supervisor import Limits
 from holdfast.export.c.literals import number
 
-RULES = AnswerRules()
 REALS = {
-    "HF_SAFE_P": RULES.safe_p,
     "HF_MEAN_S": FrictionInUse.MEAN_S,
     "HF_TIMES_APART": FrictionInUse.TIMES,
     "HF_LEARNS_S": FrictionInUse.LEARNS_S,
@@ -56,10 +53,9 @@ REALS = {
     "HF_LEAST_MU": friction.LEAST_MU,
     "HF_QUIET_S": friction.QUIET_S,
     "HF_LARGEST": LARGEST,
+    "HF_ASSUMED_GAIN": ASSUMED_GAIN,
 }
 """Name in C -> a number that C keeps as double."""
-SHEAR_GAIN = 1.0
-"""A file knows no sensors: who links it sets that of the calibration."""
 RULE_ORDER = (
     "arm_samples",
     "act_samples",
@@ -72,28 +68,18 @@ RULE_ORDER = (
 
 
 def constants(card: ModelCard) -> str:
-    """`#define` lines for the controller and what it needs; those of the answer are the model's."""
-    answer = AnswerRules.of(card.decision)
-    reals = {
-        "HF_FROM_P": answer.from_p,
-        "HF_FULL_P": answer.full_p,
-        "HF_FLOOR": answer.floor,
-        "HF_ABOVE": answer.above,
-        **REALS,
-    }
+    """`#define` lines for the controller and what it needs, but for its options."""
+    reals = dict(REALS)
     rises_n = {
         "HF_RISES_N": WearersGrip.RISES_N,
         "HF_AGAIN_N": WearersGrip.AGAIN_N,
         "HF_OURS_TIMES": WearersGrip.OURS_TIMES,
-        "HF_RISE_N": answer.rise_n,
-        "HF_FOLLOW_N": answer.follow_n,
-        "HF_SAFE_FOLLOW_N": answer.safe_follow_n,
         "HF_MOST_FOLLOW_N": LoadFollower.MOST_N,
         "HF_EARLY_N": Holdfast.EARLY_N,
     }
     for name, rise_n in rises_n.items():
         # a rise in N says nothing about forces in another unit
-        reals[name] = rise_n if card.unit == "N" or not rise_n else math.inf
+        reals[name] = rise_n if card.unit == "N" else math.inf
     lines = []
     for name, value in reals.items():
         lines.append(f"#define {name} {number(value, 'double')}\n")
@@ -112,22 +98,3 @@ def rules_of(card: ModelCard) -> str:
     """The decision's rules, as an initialiser."""
     rules = card.decision.to_json()
     return ", ".join(str(rules[name]) for name in RULE_ORDER)
-
-
-def options_of(card: ModelCard) -> str:
-    """Lead and limits, as an initialiser; forces that are not in N have no ceiling."""
-    limits = Limits()
-    in_newtons = card.unit == "N"
-    # in the order of the fields of holdfast_grip_options (templates/header.h)
-    values = [
-        Holdfast.SETTING,
-        RULES.most_over_n,
-        limits.ceiling_n if in_newtons else math.inf,
-        limits.slew_n_s,
-        limits.rise_s,
-        limits.most_rise_s,
-        limits.give_back_s,
-        limits.give_back_n_s,
-        SHEAR_GAIN,
-    ]
-    return ", ".join(number(value, "double") for value in values)

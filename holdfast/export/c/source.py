@@ -16,8 +16,9 @@ from holdfast.edge_runtime.grip_control import SAMPLES
 from holdfast.edge_runtime.model import AMPLITUDE, golden_length, golden_to_json
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.export.c.compiled import StepCode
-from holdfast.export.c.constants import constants, options_of, rules_of, thumb_of
+from holdfast.export.c.constants import constants, rules_of, thumb_of
 from holdfast.export.c.graph import Graph
+from holdfast.export.c.grip_options import option_fields, options_of, options_possible
 from holdfast.export.c.literals import (
     OUT_TYPES,
     Words,
@@ -120,6 +121,8 @@ def _words(graph: Graph, compiled: StepCode) -> dict[str, object]:
         "OUTPUTS": _struct(graph),
         "RULES": rules_of(card),
         "OPTIONS": options_of(card),
+        "OPTION_FIELDS": option_fields(),
+        "POSSIBLE": options_possible(),
         "THUMB": thumb_of(card),
         "RATIOS": SAMPLES - 1,
         "BIAS_ROWS": preparation.bias_rows,

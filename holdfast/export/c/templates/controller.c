@@ -14,11 +14,13 @@ static void hf_step_own_grip(holdfast_grip *own, const holdfast_sense *sense) {
     own->ours_n = hf_high(own->given_n, own->ours_n + back * (own->given_n - own->ours_n));
     is_ours = own->ours_n > HF_OURS_N &&
               sense->grip_n < HF_OURS_TIMES * own->ours_n + HF_OURS_N;
+    own->held_s = hf_low(own->held_s + HF_PERIOD_S, HF_MOST_S); /* a hold goes on where nobody sees it */
     if (!sense->known) return;
+    own->seen_s = hf_low(own->seen_s + HF_PERIOD_S, HF_MOST_S);
+    if (again && !is_ours) own->held_s = own->seen_s = 0.0;
     own->still_s = rises && !is_ours ? 0.0 : hf_low(own->still_s + HF_PERIOD_S, HF_MOST_S);
-    own->held_s = again && !is_ours ? 0.0 : hf_low(own->held_s + HF_PERIOD_S, HF_MOST_S);
     if (!is_ours) own->own_n = own->own_n + share * rise_n;
-    if (sense->empty) own->own_n = own->ours_n = own->still_s = own->held_s = 0.0;
+    if (sense->empty) own->own_n = own->ours_n = own->still_s = own->held_s = own->seen_s = 0.0;
 }
 
 /* Whether the wearer's hand still closes on its object. */
@@ -36,7 +38,7 @@ typedef struct {
 static hf_friction hf_step_use(holdfast_grip *own, const holdfast_sense *sense) {
     const double used = sense->load_n / (2.0 * hf_high(sense->grip_n, HF_LEAST_GRIP_N));
     const double usual = own->mean_used + HF_TIMES_APART * own->apart_used;
-    const int makes = hf_closes(own) || own->held_s < HF_LEARNS_S;
+    const int makes = hf_closes(own) || own->seen_s < HF_LEARNS_S;
     const double share = 1.0 / (1.0 + (makes ? HF_QUICK_S : HF_MEAN_S) * HOLDFAST_RATE_HZ);
     const double quick = 1.0 / (1.0 + HF_LOAD_S * HOLDFAST_RATE_HZ);
     const double slow = 1.0 / (1.0 + HF_LONG_S * HOLDFAST_RATE_HZ);
@@ -67,8 +69,9 @@ static double hf_counts(const holdfast_grip *own, const hf_friction *friction) {
 }
 
 /* 0 to 1. */
-static double hf_evidence(const holdfast_sense *sense) {
-    double share = (sense->p_risky - HF_FROM_P) / (HF_FULL_P - HF_FROM_P);
+static double hf_evidence(const holdfast_grip *own, const holdfast_sense *sense) {
+    const double from_p = own->options.from_p, full_p = own->options.full_p;
+    double share = (sense->p_risky - from_p) / (full_p - from_p);
     share = share > 0.0 ? share : 0.0;
     return share < 1.0 ? share : 1.0;
 }
@@ -88,10 +91,10 @@ static double hf_kept_n(const holdfast_grip *own, const holdfast_sense *sense) {
 static double hf_answer_slip(holdfast_grip *own, const holdfast_sense *sense,
                              const hf_friction *friction, int *fresh) {
     const int holds = sense->known && !sense->empty;
-    const double now = holds ? hf_counts(own, friction) * hf_evidence(sense) : 0.0;
+    const double now = holds ? hf_counts(own, friction) * hf_evidence(own, sense) : 0.0;
     const double fading = own->last_evidence - HF_PERIOD_S / HF_FADES_S;
     const double evidence = holds ? hf_high(now, fading) : 0.0;
-    const double most_n = hf_high(own->own_n + HF_RISE_N, own->needed_n);
+    const double most_n = hf_high(own->own_n + own->options.rise_n, own->needed_n);
     double wanted_n = hf_high(sense->grip_n, own->own_n) + own->options.lead_n * evidence;
     *fresh = evidence > 0.0;
     if (!(sense->grip_n < most_n)) wanted_n = most_n;
@@ -106,10 +109,12 @@ static double hf_answer_slip(holdfast_grip *own, const holdfast_sense *sense,
 /* The grip that a load which rises asks for, N a side; 0 where it does not rise. */
 static double hf_follow_load(const holdfast_grip *own, const holdfast_sense *sense,
                              const hf_friction *friction) {
-    const double reference = hf_high(friction->usual, HF_FLOOR);
-    const double within_n = sense->p_safe >= HF_SAFE_P ? HF_SAFE_FOLLOW_N : HF_FOLLOW_N;
+    const holdfast_grip_options *const rules = &own->options;
+    const double floor = rules->floor * (hf_gain(own, HF_ASSUMED_GAIN) / HF_ASSUMED_GAIN);
+    const double reference = hf_high(friction->usual, floor);
+    const double within_n = sense->p_safe >= rules->safe_p ? rules->safe_follow_n : rules->follow_n;
     const double most_n = hf_low(within_n, HF_MOST_FOLLOW_N + HF_MOST_TIMES * own->own_n);
-    const double allowed = HF_ABOVE * reference;
+    const double allowed = rules->above * reference;
     const int holds = sense->known && !sense->empty && !friction->makes;
     const int rises = holds && friction->used > allowed;
     return rises && most_n > 0.0 ? hf_low(sense->load_n / (2.0 * allowed), own->own_n + most_n) : 0.0;

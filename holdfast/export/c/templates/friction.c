@@ -38,9 +38,14 @@ static void hf_conclude(holdfast_grip *own, const holdfast_sense *sense, double 
     own->margin = sure && firm ? 1.0 - slides_n / hf_high(sense->grip_n, HF_FIRM_N) : 0.0;
 }
 
+/* The gain in the options, or what to take where nobody measured it. */
+static double hf_gain(const holdfast_grip *own, double unknown) {
+    return own->options.shear_gain > 0.0 ? own->options.shear_gain : unknown;
+}
+
 static void hf_step_friction(holdfast_grip *own, const holdfast_sense *sense) {
     const int firm = sense->grip_n > HF_FIRM_N && sense->known;
-    const double load_n = sense->load_n / own->options.shear_gain;
+    const double load_n = sense->load_n / hf_gain(own, 1.0);
     const double ratio = firm ? load_n / (2.0 * hf_high(sense->grip_n, HF_FIRM_N)) : 0.0;
     hf_take_ratio(own, sense, ratio);
     hf_hold_ratio(own, sense, ratio, firm);

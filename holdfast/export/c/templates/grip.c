@@ -2,15 +2,9 @@
 
 const holdfast_grip_options holdfast_own_options = {@OPTIONS@};
 
-/* Whether every option is a number from 0 on; NaN fails the comparison. */
+/* Whether every option is within its range; NaN fails the comparison. */
 static int hf_options_possible(const holdfast_grip_options *options) {
-    const double all[] = {options->lead_n, options->most_over_n, options->ceiling_n,
-                          options->slew_n_s, options->rise_s, options->most_rise_s,
-                          options->give_back_s, options->give_back_n_s};
-    for (size_t k = 0; k < sizeof all / sizeof *all; ++k) {
-        if (!(all[k] >= 0.0)) return 0;
-    }
-    return options->shear_gain > 0.0 && options->shear_gain < HF_LARGEST;
+    return @POSSIBLE@;
 }
 
 int holdfast_grip_init(holdfast_grip *grip, const holdfast_grip_options *options) {
@@ -86,7 +80,7 @@ void holdfast_grip_step(holdfast_grip *grip, const holdfast_sense *given, holdfa
     command->mode = hf_supervise(grip, sense, wanted_n, fresh);
     command->target_n = HOLDFAST_UNIT_IS_N ? grip->given_n : 0.0;
     command->slew_n_s = grip->options.slew_n_s;
-    command->feedback = sense->known && sense->p_risky >= HF_FROM_P ? sense->p_risky : 0.0;
+    command->feedback = sense->known && sense->p_risky >= grip->options.from_p ? sense->p_risky : 0.0;
     command->mu_hat = grip->mu_hat;
     command->margin = grip->margin;
     command->needed_n = HOLDFAST_UNIT_IS_N ? grip->needed_n : 0.0;

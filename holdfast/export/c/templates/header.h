@@ -155,15 +155,10 @@ int holdfast_risky_permille(const holdfast_out *out);
 
 /* ---- the grip: from answers to one command a sample, by the controller "holdfast" ---- */
 
-/* lead_n: the largest lead of the target over the grip, N a side, while the grip itself has risen by
-   less than HF_RISE_N over the wearer's. most_over_n: no target is further above the wearer's grip.
-   The others are the supervisor's: the target stays below ceiling_n; it rises only for rise_s after evidence, and not for longer than
-   most_rise_s an answer; after give_back_s without evidence it falls by give_back_n_s. slew_n_s is
-   passed on to the drive. shear_gain: shear over normal force as the sensors read it, over the true
-   ratio; 1 by default, else from the calibration file. */
+/* What may differ from the model's own: copy holdfast_own_options, and change that. _n: N a side. The
+   table [rules] of holdfast.toml has the same names. */
 typedef struct {
-    double lead_n, most_over_n, ceiling_n, slew_n_s, rise_s, most_rise_s, give_back_s, give_back_n_s;
-    double shear_gain;
+@OPTION_FIELDS@
 } holdfast_grip_options;
 
 /* The defaults; forces that are not in N have no ceiling and no target. */
@@ -197,13 +192,13 @@ typedef struct {
 /* The memory of controller, friction margin and supervisor; its content is private. */
 typedef struct {
     holdfast_grip_options options;
-    double own_n, ours_n, still_s, held_s, quiet_s, last_evidence, mean_used, apart_used, load_n, long_n;
-    double given_n, risen_s, since_s;
+    double own_n, ours_n, still_s, held_s, seen_s, quiet_s, last_evidence;
+    double mean_used, apart_used, load_n, long_n, given_n, risen_s, since_s;
     double last_ratios[@RATIOS@], slid, quiet_ratio, held_ratio;
     double mu_hat, needed_n, holds_n, margin;
 } holdfast_grip;
 
-/* options: NULL for the defaults. -1 for options that are no numbers from 0 on: then the defaults are
+/* options: NULL for the defaults. -1 for one that is no number within its range: then the defaults are
    taken. 0 else. */
 int holdfast_grip_init(holdfast_grip *grip, const holdfast_grip_options *options);
 
