@@ -57,8 +57,8 @@ class Want(msgspec.Struct):
 
 
 ASSUMED_GAIN = 0.6
-"""The shear gain where nobody measured it: that of a magnet under a soft dome, by which floors were
-chosen."""
+"""The shear gain of sensors whose own was not measured: that of a magnet under a soft dome, by
+which floors were chosen."""
 LARGEST = 1e9
 """No sensor reads more, N or uT."""
 
@@ -157,7 +157,7 @@ class WearersGrip:
         later_s = batch.least(self._still_s + self._period_s, self.MOST_S)
         still_s = batch.choose(measures & rises, 0.0, later_s)
         self._still_s = batch.choose(sense.known, still_s, self._still_s)
-        # a hold goes on where nobody sees it
+        # a hold goes on while its state is unknown
         another = measures & again
         later_s = batch.least(self.held_s + self._period_s, self.MOST_S)
         self.held_s = batch.choose(another, 0.0, later_s)
@@ -184,7 +184,7 @@ class Controller:
 
     setting: the parameter that studies vary, None for its default. rules: those that come with a
     model, None for the usual ones. shear_gain: ratio of shear and normal force as the sensors read
-    it, over the true one; None where nobody measured it.
+    it, over the true one; None where it was not measured.
     """
 
     SETTING = 0.0

@@ -195,14 +195,14 @@ def unit_of(
     By the size of a press, where no unit is written and a press of people fits one unit only.
     effects [2, C]: of a touch. head: words for it in the head of the log.
     """
-    said = [one for one in head.split() if not unit_of_time(one)] or [""]
+    in_head = [word for word in head.split() if not unit_of_time(word)] or [""]
     written = set()
     for behind in map(_unit_behind, names):
-        written |= {behind} if behind else {*said}
+        written |= {behind} if behind else {*in_head}
     known = {_unit_in([word], SIGNAL_UNITS) for word in written}
     if (
         known != {None}
-        or {""} != written <= {*said}
+        or {""} != written <= {*in_head}
         or (len(written) == 1 and written != {""})
     ):
         unit = known.pop() if len(known) == 1 else None

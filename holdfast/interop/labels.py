@@ -102,8 +102,8 @@ def situation_of_word(label: str) -> str | None:
     words = re.findall(r"[a-z]+", parted)
     if len(words) > 1 and ENDS & {words[0], words[-1]}:
         return ""
-    told = [one for one in words if one not in FILLERS and not unit_of_time(one)]
-    return _meaning(" ".join(told), SITUATION_WORDS)
+    kept = [word for word in words if word not in FILLERS and not unit_of_time(word)]
+    return _meaning(" ".join(kept), SITUATION_WORDS)
 
 
 def action_of_word(word: str) -> str | None:

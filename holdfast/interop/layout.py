@@ -15,6 +15,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from holdfast.core.column_map import MINUS
 from holdfast.core.errors import ColumnError
@@ -136,11 +137,13 @@ class TableLayout:
     unit: str = ""
 
 
-def layout_of(lines: Sequence[str]) -> TableLayout:
+@lru_cache(maxsize=32)
+def layout_of(lines: tuple[str, ...]) -> TableLayout:
     """The layout of a text table by its first lines. Raises ColumnError for what is none.
 
     Each separator is tried with each decimal sign. The pair is taken that makes most cells of the
-    last of these lines numbers, and of equal ones that with the most columns.
+    last of these lines numbers, and of equal ones that with the most columns. Kept for the newest
+    tables: an import looks at each several times.
     """
     comment = next((one for one in COMMENTS if _begins(lines, one)), "")
     data = ["" if comment and _begins([line], comment) else line for line in lines]

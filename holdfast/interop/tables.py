@@ -65,7 +65,7 @@ def begin_of(path: Path) -> tuple[TableLayout, str, bool]:
     if len(head) == HEAD_BYTES:
         # the last one may be cut
         lines.pop()
-    return layout_of(lines[:HEAD_LINES]), encoding, is_cut
+    return layout_of(tuple(lines[:HEAD_LINES])), encoding, is_cut
 
 
 def read_log(path: Path, name: str) -> ForeignLog:

@@ -40,7 +40,7 @@ def read_log(path: Path, name: str) -> ForeignLog:
             lines = re.sub("(?m)^;+$", "", text).splitlines(keepends=True)
             # a sheet of notes is no table
             with suppress(DataError):
-                table = read_table(lines, layout_of(lines[:HEAD_LINES]))
+                table = read_table(lines, layout_of(tuple(lines[:HEAD_LINES])))
                 notes = table.notes
                 if len(first) < len(tables):
                     beside = f"sheet {sheet.title}: a table beside the first left out"

@@ -19,7 +19,7 @@ from holdfast.core.contract import GripCommand, Prediction, Sample
 from holdfast.core.errors import ChannelError, UsageError
 from holdfast.core.schema import checked, ranges
 from holdfast.core.source import Source
-from holdfast.edge_runtime.grip import AnswerRules
+from holdfast.edge_runtime.grip import ASSUMED_GAIN, AnswerRules
 from holdfast.edge_runtime.grip_control import GripControl
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.supervisor import Limits, last_line, to_line
@@ -32,6 +32,10 @@ if TYPE_CHECKING:
 
 WHO_LETS_GO = "the hand obeys its wearer's opening (rule of the receiver)"
 """The link is one-way: a run states the rule, and cannot test it."""
+NO_SHEAR_GAIN = (
+    "the shear gain of these sensors is not known: the friction estimate takes 1, and a load is "
+    f"followed as if it were {ASSUMED_GAIN:g}; holdfast calibrate measures it from loads with shear"
+)
 VIRTUAL = "virtual"
 """The grip of the hand in the scene of the source."""
 Report = Callable[[str], None]

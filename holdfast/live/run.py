@@ -62,11 +62,6 @@ if TYPE_CHECKING:
     from holdfast.live.scene import LiveScene
     from holdfast.live.view import View
 
-NO_SHEAR_GAIN = (
-    "the shear gain of these sensors is not known: the friction estimate takes 1, and a load is "
-    "followed as if it were 0.6; "
-    "holdfast calibrate measures it from loads with shear"
-)
 STDERR = "stderr"
 READER_GONE = (errno.EPIPE, errno.EIO, errno.EBADF)
 """Errors of a standard stream that its reader closed on purpose: `| head`, a closed terminal."""
@@ -363,7 +358,7 @@ class OpenRun:
         return moving
 
     def _open_grip(self, url: str) -> GripOutput:
-        from holdfast.live.grip import controller_for, open_grip
+        from holdfast.live.grip import NO_SHEAR_GAIN, controller_for, open_grip
 
         options, card = self.options, self.card
         # only the grip needs friction, and raw fields have no newtons to correct

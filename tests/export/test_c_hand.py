@@ -52,7 +52,7 @@ STREAM = 500
 FRAGILE_N = 4.0
 """Every other hand does fragile work: no target is further above its wearer's grip."""
 GAIN = 0.8
-"""Of sensors that were calibrated; None where nobody measured it."""
+"""Of sensors that were calibrated; None where it was not measured."""
 """Of shear, as the sensors of the scenes read it."""
 Array = npt.NDArray[Any]
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from holdfast.cli import importing
 from holdfast.cli.main import main
-from holdfast.interop import layout, tables
 from studies.__main__ import PROGRAMS
 from tools.harness import start
 
@@ -64,20 +63,12 @@ def imported(
 ) -> str:
     """What `holdfast import logs --out set --yes` prints; code: that it must end with.
 
-    Without its picture, which takes half of the time and which a test of its own draws, and with
-    each layout found once: a set is read anew in each step of a test.
+    Without its picture, which takes half of the time and which a test of its own draws.
     """
     command = ("import", tmp_path / "logs", "--out", tmp_path / out, "--yes")
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(importing, "_picture", lambda args: [])
-        patched.setattr(tables, "layout_of", lambda lines: known_layout(tuple(lines)))
         found, printed, errors = run(*command, *words)
     assert found == code, printed + errors
     assert (tmp_path / out).exists() == (code == 0)
     return printed + errors
-
-
-@lru_cache(maxsize=32)
-def known_layout(lines: tuple[str, ...]) -> layout.TableLayout:
-    """The layout of a table by its first lines, of the newest tables without a second look."""
-    return layout.layout_of(lines)

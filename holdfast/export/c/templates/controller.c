@@ -14,7 +14,7 @@ static void hf_step_own_grip(holdfast_grip *own, const holdfast_sense *sense) {
     own->ours_n = hf_high(own->given_n, own->ours_n + back * (own->given_n - own->ours_n));
     is_ours = own->ours_n > HF_OURS_N &&
               sense->grip_n < HF_OURS_TIMES * own->ours_n + HF_OURS_N;
-    own->held_s = hf_low(own->held_s + HF_PERIOD_S, HF_MOST_S); /* a hold goes on where nobody sees it */
+    own->held_s = hf_low(own->held_s + HF_PERIOD_S, HF_MOST_S); /* also while the state is unknown */
     if (!sense->known) return;
     own->seen_s = hf_low(own->seen_s + HF_PERIOD_S, HF_MOST_S);
     if (again && !is_ours) own->held_s = own->seen_s = 0.0;

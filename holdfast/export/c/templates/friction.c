@@ -38,7 +38,7 @@ static void hf_conclude(holdfast_grip *own, const holdfast_sense *sense, double 
     own->margin = sure && firm ? 1.0 - slides_n / hf_high(sense->grip_n, HF_FIRM_N) : 0.0;
 }
 
-/* The gain in the options, or what to take where nobody measured it. */
+/* The gain in the options, or `unknown` where it was not measured. */
 static double hf_gain(const holdfast_grip *own, double unknown) {
     return own->options.shear_gain > 0.0 ? own->options.shear_gain : unknown;
 }
