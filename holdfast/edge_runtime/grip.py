@@ -257,7 +257,7 @@ class AnswerRules:
     )
     above: float = ranged(
         DecisionRules.follow_above_permille / 1000,
-        "a load is followed from so many times the usual share on",
+        "a load that is followed leaves so many times the usual share in use",
         ge=1.001,
         le=10.0,
     )
@@ -479,21 +479,34 @@ class SlipAnswer:
 class LoadFollower:
     """The grip that keeps the share of friction in use where it was: it rises with the load.
 
-    The reference is what is usual in this hold (FrictionInUse); at least the floor. From `above`
-    times the reference on the grip should be so large that no more than that is in use:
-    T / (2 above reference), but at most MOST_N and MOST_TIMES the wearer's grip over it. So a
-    wearer who closes a touching hand soon grips by more than a target made. While what is usual is
-    learned, nothing is followed. shear_gain: as Controller; the floor is a share of friction, so it
-    is higher in the readings of a sensor that reads more of the shear.
+    The reference is what is usual in this hold (FrictionInUse); at least the floor. A load is
+    followed while STARTS times more is in use than `above` times the reference. The grip should
+    then be so large that no more than `above` times the reference is in use by the load that comes:
+    T / (2 above reference), where T is the load AHEAD_S later if it rises on as it does. A drive
+    needs that long: where a support sinks away, a grip for the load of now is always late. The grip
+    asked for is at most MOST_N and MOST_TIMES the wearer's grip over it. So a wearer who closes a
+    touching hand soon grips by more than a target made. While what is usual is learned, nothing is
+    followed. shear_gain: as Controller; the floor is a share of friction, so it is higher in the
+    readings of a sensor that reads more of the shear.
     """
 
+    STARTS = 1.2
+    AHEAD_S = 0.12
+    RATE_S = 0.03
+    """Time constant of a low-pass over the load, which is so much behind a steady rise."""
     MOST_N, MOST_TIMES = 1.0, 2.0
 
     def __init__(
-        self, batch: Batch, rules: AnswerRules, shear_gain: float | None = None
+        self,
+        batch: Batch,
+        rate_hz: float,
+        rules: AnswerRules,
+        shear_gain: float | None = None,
     ) -> None:
         self._batch = batch
         self._rules = rules
+        self._share = 1.0 / (1.0 + self.RATE_S * rate_hz)
+        self._behind_n = batch.zero()
         self._floor = rules.floor * ((shear_gain or ASSUMED_GAIN) / ASSUMED_GAIN)
         # in another unit no rise is known to be large
         self._most_n = self.MOST_N if rules.in_newtons else math.inf
@@ -503,16 +516,22 @@ class LoadFollower:
     ) -> Number:
         """The grip that the load asks for, N a side; 0 where it does not rise."""
         batch = self._batch
+        behind_n = self._behind_n + self._share * (sense.load_n - self._behind_n)
+        self._behind_n = batch.choose(sense.known, behind_n, self._behind_n)
+        rise_n = batch.most(sense.load_n - behind_n, 0.0)
+        ahead_n = sense.load_n + (self.AHEAD_S / self.RATE_S) * rise_n
+
         holds = sense.known & batch.no(sense.empty)
         reference = batch.most(friction.usual, self._floor)
         allowed = self._rules.above * reference
-        rises = holds & batch.no(friction.makes) & (friction.used > allowed)
+        rises = friction.used > self.STARTS * allowed
+        rises = rises & holds & batch.no(friction.makes)
 
         # another person who takes the object raises the load as well
         taken = sense.p_safe >= self._rules.safe_p
         most_n = batch.choose(taken, self._rules.safe_follow_n, self._rules.follow_n)
         most_n = batch.least(most_n, self._most_n + self.MOST_TIMES * wearer.grip_n)
-        asked_n = batch.least(sense.load_n / (2.0 * allowed), wearer.grip_n + most_n)
+        asked_n = batch.least(ahead_n / (2.0 * allowed), wearer.grip_n + most_n)
         return batch.choose(rises & (most_n > 0.0), asked_n, 0.0)
 
 
@@ -538,7 +557,7 @@ class Holdfast(Controller):
     ) -> None:
         super().__init__(batch, rate_hz, setting, rules, shear_gain)
         self._slip = SlipAnswer(batch, rate_hz, self._setting, self.rules)
-        self._load = LoadFollower(batch, self.rules, shear_gain)
+        self._load = LoadFollower(batch, rate_hz, self.rules, shear_gain)
         self._friction = FrictionInUse(batch, rate_hz)
         # in another unit no target is known to be small
         self._early_n = self.EARLY_N if self.rules.in_newtons else math.inf

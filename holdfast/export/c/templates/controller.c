@@ -107,7 +107,7 @@ static double hf_answer_slip(holdfast_grip *own, const holdfast_sense *sense,
 }
 
 /* The grip that a load which rises asks for, N a side; 0 where it does not rise. */
-static double hf_follow_load(const holdfast_grip *own, const holdfast_sense *sense,
+static double hf_follow_load(holdfast_grip *own, const holdfast_sense *sense,
                              const hf_friction *friction) {
     const holdfast_grip_options *const rules = &own->options;
     const double floor = rules->floor * (hf_gain(own, HF_ASSUMED_GAIN) / HF_ASSUMED_GAIN);
@@ -116,8 +116,12 @@ static double hf_follow_load(const holdfast_grip *own, const holdfast_sense *sen
     const double most_n = hf_low(within_n, HF_MOST_FOLLOW_N + HF_MOST_TIMES * own->own_n);
     const double allowed = rules->above * reference;
     const int holds = sense->known && !sense->empty && !friction->makes;
-    const int rises = holds && friction->used > allowed;
-    return rises && most_n > 0.0 ? hf_low(sense->load_n / (2.0 * allowed), own->own_n + most_n) : 0.0;
+    const int rises = holds && friction->used > HF_FOLLOW_STARTS * allowed;
+    const double share = 1.0 / (1.0 + HF_RATE_S * HOLDFAST_RATE_HZ);
+    const double behind_n = own->behind_n + share * (sense->load_n - own->behind_n);
+    const double ahead_n = sense->load_n + HF_AHEAD_TIMES * hf_high(sense->load_n - behind_n, 0.0);
+    if (sense->known) own->behind_n = behind_n;
+    return rises && most_n > 0.0 ? hf_low(ahead_n / (2.0 * allowed), own->own_n + most_n) : 0.0;
 }
 
 /* The wanted grip, N a side; 0 for none. */

@@ -193,7 +193,7 @@ typedef struct {
 typedef struct {
     holdfast_grip_options options;
     double own_n, ours_n, still_s, held_s, seen_s, quiet_s, last_evidence;
-    double mean_used, apart_used, load_n, long_n, given_n, risen_s, since_s;
+    double mean_used, apart_used, load_n, long_n, behind_n, given_n, risen_s, since_s;
     double last_ratios[@RATIOS@], slid, quiet_ratio, held_ratio;
     double mu_hat, needed_n, holds_n, margin;
 } holdfast_grip;
