@@ -115,11 +115,10 @@ def test_raw_fields_have_ratios_and_no_newtons_and_every_reason_says_so() -> Non
     control, sliding = held(unit="uT"), 1000.0 * np.tile([0.5, 0.0, 1.0], 6)
     commands = [step(control, sliding, **RISKY) for _ in range(6)]
     assert commands[0].mode == "tighten"
-    assert commands[-1].mode == "hold"
     assert {(one.target_n, one.needed_n) for one in commands} == {(None, None)}
     assert commands[-1].mu_hat == pytest.approx(0.5)
     assert commands[0].reason == "risky slip (reduced: no N)"
-    assert commands[-1].reason == "risky_slip (reduced: no N)"
+    assert all(one.reason.endswith(" (reduced: no N)") for one in commands)
 
 
 def test_a_rise_in_newtons_does_not_end_an_answer_on_raw_fields() -> None:

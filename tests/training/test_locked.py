@@ -40,7 +40,16 @@ def test_other_seeds_are_open(tmp_path: Path, seed: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("seed", "day"), [(7001, 23), (7101, 28), (7102, 28), (8001, 23), (8102, 28)]
+    ("seed", "day"),
+    [
+        (7001, 23),
+        (7101, 28),
+        (7102, 28),
+        (7103, 29),
+        (8001, 23),
+        (8102, 28),
+        (8103, 29),
+    ],
 )
 def test_a_locked_seed_tells_since_when(tmp_path: Path, seed: int, day: int) -> None:
     """Of two entries that have it, the later one is about it."""
