@@ -28,7 +28,12 @@ from studies.people.figures import Lifts, lifts_of, parts_of, summary
 from studies.people.folds import fold_files, for_hand, read_study, scenes_file
 from studies.people.lifts_and_scenes import force_rows, told_apart
 from studies.people.rotations import read_rotations, rotations_found
-from studies.people.slips_found import SLIP_TRIALS, slips_for_lifts, slips_found
+from studies.people.slips_found import (
+    SLIP_TRIALS,
+    slips_for_lifts,
+    slips_found,
+    two_pads_found,
+)
 from tools.harness import measured_now, write_figures
 
 COLUMNS = {
@@ -42,6 +47,8 @@ COLUMNS = {
     "lifts_squeezed_without_model": "share of lifts squeezed, all probabilities 0",
 }
 """Figure -> its line."""
+BOTH = ("with_lifts", "scenes_alone")
+"""Files that learned from lifts too, and the one that did not."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -103,6 +110,10 @@ def run(args: argparse.Namespace) -> int:
     slips = slips_for_lifts(args.sets or args.out, args.rate, trials)
     scenes = scenes_file(study, args.out, say)
     deafness = slips_found(files, scenes, study.streams, slips, args.seed)
+    say("slips in two-pad scenes")
+    pads_found = two_pads_found(
+        files[0].path, scenes, args.sets or args.out, args.rate, trials
+    )
     say("rotations of an object that people pinch")
     pinched = read_rotations(args.rate, quick=args.quick)
     paths = [file.path for file in files]
@@ -121,6 +132,7 @@ def run(args: argparse.Namespace) -> int:
         "cpu_minutes": _cpu_minutes(),
         "rows": {name: summary(lifts, args.seed) for name, lifts in rows.items()},
         "slips_in_lifts": deafness,
+        "slips_in_two_pad_scenes": pads_found,
         "rotations_in_pinches": rotations,
         "forces": [asdict(row) for row in lacking],
         "told_apart": asdict(told_apart(study.streams, pads[:-1], args.seed)),
@@ -166,4 +178,37 @@ def _lines(figures: Json) -> list[str]:
         for key, words in COLUMNS.items():
             value, ends = row[key]["value"], row[key]["ci"]
             lines.append(f"  {words}: {number(value)} ({interval(ends)})")
+    return [*lines, *_found_lines(figures), *_force_lines(figures)]
+
+
+def _found_lines(figures: Json) -> list[str]:
+    """Of slips in real lifts and in two-pad scenes: found with lifts, and by scenes alone."""
+    lifts = figures["slips_in_lifts"]
+    rows = {"slips put into lifts": {name: lifts[name]["recall"] for name in BOTH}}
+    rows |= lifts["recall_by_person"]
+    # a run of an older version does not have them
+    for scene, found in figures.get("slips_in_two_pad_scenes", {}).items():
+        rows[f"two-pad {scene}"] = {name: found[name]["recall"] for name in BOTH}
+    lines = ["found: with lifts, scenes alone"]
+    for name, found in rows.items():
+        shares = ", ".join(number(found[which]) for which in BOTH)
+        lines.append(f"  {name}: {shares}")
+    return lines
+
+
+def _force_lines(figures: Json) -> list[str]:
+    """The median forces of each person and scene, and what tells their quiet holds apart."""
+    # actions of a scene are in the JSON alone
+    rows = [row for row in figures["forces"] if row["kind"] != "action"]
+    lines = [f"median of: {', '.join(rows[0]['measures'])}"]
+    for row in rows:
+        medians = [number(one["median"]) for one in row["measures"].values()]
+        lines.append(
+            f"  {row['name']}, {row['contacts']} contacts: {', '.join(medians)}"
+        )
+    apart = figures["told_apart"]
+    features = ", ".join(name for name, _ in apart["strongest"])
+    lines.append(
+        f"quiet holds of lifts and scenes are told apart (AUC {number(apart['auc'])}) by {features}"
+    )
     return lines

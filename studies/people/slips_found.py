@@ -1,6 +1,7 @@
-"""How many slips put into real holds are found: by files with lifts, and by one of scenes alone.
+"""How many slips are found by files that learned from lifts too, and by one of scenes alone.
 
-Both at the same alarms a minute on the untouched lifts, so that neither is quiet by being deaf.
+In real holds both at the same alarms a minute on the untouched lifts, so that neither is quiet by
+being deaf; in two-pad scenes both at the same confidence.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.core.contract import Json
+from holdfast.data.datasets import load
 from holdfast.data.recording import DataSet
 from holdfast.edge_runtime.decision import DecisionRules
 from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
@@ -25,12 +27,13 @@ from holdfast.evaluation.alarms import (
 from holdfast.evaluation.model_outputs import ModelOutputs, run_model
 from studies.people.deafness import SimulatedSlip, by_speed, simulated_slips, with_slips
 from studies.people.folds import FoldFile
-from studies.people.two_pads import write_two_pad_scene
+from studies.people.two_pads import two_pad_name, write_two_pad_scene
+from tools.harness import SimulatedSet, simulate_sets
 
 SLIP_SCENES = ("thesis", "wide")
-SLIP_SEED = 110
+SLIP_SEED, PAD_SEED = 110, 111
 SLIP_TRIALS = 120
-"""Of each scene; no set that a file learns from has this seed."""
+"""Of each scene; no set that a file learns from has these seeds."""
 
 
 def slips_for_lifts(
@@ -91,6 +94,31 @@ def slips_found(
             for person in lifts.people()
         },
     }
+
+
+def two_pads_found(
+    file: Path, scenes: Path, folder: Path, rate_hz: float, trials: int = SLIP_TRIALS
+) -> Json:
+    """By scene: recall in its two-pad form by both, at the confidence of the file with lifts.
+
+    The sets are made in a folder where they are missing. trials: of each scene.
+    """
+    with_lifts, alone = _opened(file), _opened(scenes)
+    permille = with_lifts.card.decision.min_risky_permille
+    found: Json = {}
+    for scene in SLIP_SCENES:
+        card = write_two_pad_scene(scene, rate_hz, folder)
+        one = SimulatedSet(
+            f"{two_pad_name(scene)}-{PAD_SEED}", str(card), trials, PAD_SEED, rate_hz
+        )
+        if not (folder / one.folder).is_dir():
+            simulate_sets([one], folder)
+        data = load(str(folder / one.folder), rate_hz=rate_hz, seed=0)
+        found[scene] = {
+            name: asdict(event_scores(_matched(model, data, permille)))
+            for name, model in (("with_lifts", with_lifts), ("scenes_alone", alone))
+        }
+    return found
 
 
 def _opened(path: Path) -> OpenedModel:
