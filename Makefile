@@ -53,7 +53,7 @@ distortions: setup  ## one set of trials with one nuisance at a time, into build
 evaluate: setup  ## the default model on unseen simulated sets, with baselines, into build/evaluate
 real distortions evaluate:
 	$(BIN)/python -m studies $@ $(if $(filter evaluate,$@),--model $(MODEL)) $(ARGS)
-	$(if $(filter real,$@),$(BIN)/python -m studies people --kept docs/measured/people-2026-11-28.json)
+	$(if $(filter real,$@),$(BIN)/python -m studies people --kept docs/measured/people-2026-11-29.json)
 
 study: setup  ## one study: make study NAME=adapt; without NAME the list
 	$(BIN)/python -m studies $(NAME) $(ARGS)

@@ -35,11 +35,11 @@ SOURCES: dict[str, dict[str, str]] = {
         "cost": "docs/measured/cost.json",
         "distortions": "docs/measured/distortions-f3e2f3d27698.json",
         "wide": "docs/measured/wide-080828f74eb1.json",
-        "loop": "docs/measured/loop-2026-11-28.json",
+        "loop": "docs/measured/loop-2026-11-29.json",
         "world": "docs/measured/world-f3e2f3d27698.json",
         "latency": "docs/measured/latency-150hz.json",
         "evaluated": EVALUATED,
-        "lifts": "docs/measured/people-2026-11-28.json",
+        "lifts": "docs/measured/people-2026-11-29.json",
     },
     "docs/any-runtime.md": {
         "here": "docs/measured/runtimes.json",
@@ -50,7 +50,7 @@ SOURCES: dict[str, dict[str, str]] = {
     "docs/for-clinicians.md": {
         "cost": "docs/measured/cost.json",
         "evaluated": EVALUATED,
-        "lifts": "docs/measured/people-2026-11-28.json",
+        "lifts": "docs/measured/people-2026-11-29.json",
     },
     "docs/hard-cases.md": {
         "distortions": "docs/measured/distortions-f3e2f3d27698.json"
@@ -60,7 +60,7 @@ SOURCES: dict[str, dict[str, str]] = {
         "cost": "docs/measured/cost.json",
         "distortions": "docs/measured/distortions-f3e2f3d27698.json",
         "evaluated": EVALUATED,
-        "lifts": "docs/measured/people-2026-11-28.json",
+        "lifts": "docs/measured/people-2026-11-29.json",
         "nested": "docs/measured/nested-choice-2026-11-28.json",
         "real": "docs/measured/people-pinching.json",
     },
@@ -74,7 +74,7 @@ SOURCES: dict[str, dict[str, str]] = {
         "world": "docs/measured/world-f3e2f3d27698.json",
         "openings": "docs/measured/world-openings-e2feeff75e0a.json",
         "wide": "docs/measured/wide-080828f74eb1.json",
-        "lifts": "docs/measured/people-2026-11-28.json",
+        "lifts": "docs/measured/people-2026-11-29.json",
         "cost": "docs/measured/cost.json",
         "tiny": "docs/measured/wide-9d282ae40fef.json",
         "slower": "docs/measured/wide-2ff3bcf27669.json",
@@ -86,7 +86,7 @@ SOURCES: dict[str, dict[str, str]] = {
         "openings": "docs/measured/world-openings-e2feeff75e0a.json"
     },
     "docs/shared-control-figures.md": {
-        "loop": "docs/measured/loop-2026-11-28.json",
+        "loop": "docs/measured/loop-2026-11-29.json",
         "front": "docs/measured/loop-front-2026-11-28.json",
     },
     "docs/thesis.md": {"preliminary": "docs/measured/preliminary.json"},
