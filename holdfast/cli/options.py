@@ -238,11 +238,6 @@ def read_settings(path: Path | None) -> dict[str, Any]:
             next_step="check the path after --config",
         ) from None
 
-    if settings.rules:
-        from holdfast.live.grip import checked_rules
-
-        checked_rules(settings.rules, f"{path} [rules]")
-
     given = {}
     usual = RunOptions()
     for name in RunOptions.__struct_fields__:
@@ -255,6 +250,11 @@ def read_settings(path: Path | None) -> dict[str, Any]:
             value = str(path.parent / value)
         if value != getattr(usual, name):
             given[name] = value
+
+    if settings.rules:
+        from holdfast.live.grip import checked_rules
+
+        given["rules"] = checked_rules(settings.rules, f"{path} [rules]")
     return given
 
 
